@@ -159,7 +159,7 @@ std::optional<Reply> Pages::answer_without_body(const Request& request) {
 
 Reply Pages::get(const Request& request) {
     const std::string_view path = request.path;
-    for (const SiteFile& known : site_files()) {
+    for (const EmbeddedFile& known : site_files()) {
         if (path == known.path || (path == "/" && known.path == "/index.html"))
             return file(std::string(known.type), std::string(known.text));
     }

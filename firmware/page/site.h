@@ -1,14 +1,10 @@
-// The files of firmware/page/site, inside the program: generated at build time by firmware/page/embed.cmake.
+// The files of firmware/page/site, inside the program: generated at build time by cmake/HordEmbed.cmake.
 #pragma once
 
-#include <span>
-#include <string_view>
+#include "common/embedded_file.h"
 
 namespace hord::firmware::page {
 
-struct SiteFile {
-    std::string_view path, type, text;
-};
-std::span<const SiteFile> site_files();
+std::span<const EmbeddedFile> site_files();
 
 }  // namespace hord::firmware::page

@@ -31,7 +31,7 @@ struct CellOptions {
     RejectorOptions rejector;
     std::vector<FaultRule> faults;
 
-    // What a station on this line is told: from the arrival edge to the part centred before camera and ejector.
+    // The delays for a station's configuration: from the arrival edge to the part centred before camera and ejector.
     [[nodiscard]] hal::Duration camera_delay() const { return travel(geometry.camera_mm); }
     [[nodiscard]] hal::Duration ejector_delay() const { return travel(geometry.ejector_mm); }
     [[nodiscard]] hal::Duration travel(double mm) const {
@@ -41,11 +41,11 @@ struct CellOptions {
 
 class SimulatedCell {
   public:
-    // `loop` and `frames` outlive the cell. Fails with invalid_argument, every impossible option named.
+    // `loop` and `frames` outlive the cell. Fails with invalid_argument, naming every impossible option.
     static Result<std::unique_ptr<SimulatedCell>> make(hal::EventLoop& loop, FrameSource& frames,
                                                        const CellOptions& options);
 
-    // The belt moves from now on; a station that is to see the first part is armed before.
+    // Starts the belt. Arm the station first if it is to see the first part.
     void start() { world_.start(); }
     [[nodiscard]] bool finished() const { return world_.finished(); }
 
@@ -53,16 +53,16 @@ class SimulatedCell {
     void unplug_part_sensor(hal::Duration gone_for) { part_sensor_.unplug(gone_for); }
     [[nodiscard]] SimStrobe& strobe() { return strobe_; }
     [[nodiscard]] SimSensor& sensor() { return sensor_; }
-    [[nodiscard]] SimRejector& rejector() { return rejector_; }  // or a real one that tells world().set_ejector()
+    [[nodiscard]] SimRejector& rejector() { return rejector_; }  // or use a real one that calls world().set_ejector()
 
     [[nodiscard]] World& world() { return world_; }
     [[nodiscard]] FaultPlan& faults() { return faults_; }
 
-    // Every part, with its fate, as it is decided: kept when asked for, else only counted in world().totals().
+    // Whether finished parts are kept in history(). They are always counted in world().totals().
     void keep_history(bool keep) { keep_history_ = keep; }
     [[nodiscard]] const std::vector<PartRecord>& history() const { return history_; }
 
-    // In addition to what the cell itself watches.
+    // Observers in addition to the cell's own.
     void watch(World::Watchers watchers) { watchers_ = std::move(watchers); }
 
   private:

@@ -34,7 +34,7 @@ Vec3 place_inside(Draws& draws, double within_mm) {
 }
 
 SceneDefect draw_defect(PartClass made_as, const DoubleConvexLens& lens, Draws& draws) {
-    // Away from the rim: what is found there is another question (docs/architecture.md, rim mask).
+    // Away from the rim, where the rim mask hides defects (docs/architecture.md).
     const Vec3 at = place_inside(draws, 0.65 * lens.aperture_radius_mm);
     switch (made_as) {
         case PartClass::bubble: return AirBubble{{at.x, at.y, draws.between(-0.5, 0.5)}, draws.between(0.3, 0.6)};

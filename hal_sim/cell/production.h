@@ -19,12 +19,12 @@ struct ProductionOptions {
     std::uint64_t seed = 1;
     int good_parts = 6;       // different good parts in the pool (they lie a little differently)
     int of_each_defect = 4;   // different parts of each defect kind
-    double good_share = 0.7;  // of all parts that come, 0..1
+    double good_share = 0.7;  // of all parts, 0..1
     double wobble_mm = 0.1;   // parts lie within this of the field's centre
 };
 
-// The different parts that may come, ready for RenderedFrames and for the world's schedule: kinds[k] looks like
-// scenes[k] and is named after its class. Good parts together have `good_share` of all.
+// The pool of parts, for RenderedFrames and for the world's schedule: kinds[k] looks like scenes[k] and is named after
+// its class. The good parts together have the share `good_share`.
 struct Production {
     std::vector<Scene> scenes;
     std::vector<PartKind> kinds;

@@ -16,7 +16,7 @@ bool same_camera(const Camera& a, const Camera& b) {
     return a.extents == b.extents && a.bits == b.bits && a.field_mm == b.field_mm && a.bin_pitch_rad == b.bin_pitch_rad;
 }
 
-// Over words of 8 bytes, the last one filled with zeros: finds a file that was cut or damaged.
+// FNV-1a over 8 bytes at a time (the last ones padded with zeros), to detect a truncated or damaged file.
 struct Sum {
     common::Fnv1a64 hash;
     void add(const void* bytes, std::size_t size) {
@@ -28,8 +28,8 @@ struct Sum {
     }
 };
 
-// Another program renders otherwise, and so do other scenes: both are in the name, the program by its file's size and
-// date. The places of parts and defects are drawn from the seed; the scenes' names and poses tell draws apart.
+// The name depends on the program (size and date of its file) and on the scenes, since both change the frames. Scenes
+// count by name and pose: the seed decides the places of parts and defects.
 std::filesystem::path cache_file(const std::filesystem::path& folder, const std::vector<Scene>& scenes,
                                  const RenderedFramesOptions& options) {
     std::error_code error;
@@ -78,7 +78,7 @@ Result<std::unique_ptr<RenderedFrames>> RenderedFrames::make(std::vector<Scene> 
     frames->scenes_ = std::move(scenes);
     const std::filesystem::path cached =
         options.cache.empty() ? "" : cache_file(options.cache, frames->scenes_, options);
-    if (!cached.empty() && frames->take_from(cached, options.exposures)) return frames;
+    if (!cached.empty() && frames->load_cache(cached, options.exposures)) return frames;
     const auto count = static_cast<double>(frames->scenes_.size());
     for (std::size_t kind = 0; kind < frames->scenes_.size(); ++kind) {
         const Scene& scene = frames->scenes_[kind];
@@ -97,13 +97,13 @@ Result<std::unique_ptr<RenderedFrames>> RenderedFrames::make(std::vector<Scene> 
         }
         frames->fields_.push_back(std::move(*field));
     }
-    if (!cached.empty()) frames->keep_in(cached);
+    if (!cached.empty()) frames->save_cache(cached);
     return frames;
 }
 
 // -- the cache: light fields and exposures, one after the other, then a sum of them all
 
-bool RenderedFrames::take_from(const std::filesystem::path& file, int exposures) {
+bool RenderedFrames::load_cache(const std::filesystem::path& file, int exposures) {
     std::ifstream in(file, std::ios::binary);
     Sum sum;
     const auto read = [&](void* to, std::size_t size) {
@@ -132,8 +132,8 @@ bool RenderedFrames::take_from(const std::filesystem::path& file, int exposures)
     return false;
 }
 
-// What cannot be kept is rendered again: no error.
-void RenderedFrames::keep_in(const std::filesystem::path& file) const {
+// Failing to write the cache is no error: the next start renders again.
+void RenderedFrames::save_cache(const std::filesystem::path& file) const {
     const std::filesystem::path beside = file.string() + ".new";
     {
         std::ofstream out(beside, std::ios::binary | std::ios::trunc);
@@ -163,7 +163,7 @@ FrameSource::Format RenderedFrames::format() const {
     return {camera.extents.width_px(), camera.extents.height_px(), camera.bits};
 }
 
-// The part moves along m, whole lenslets; what comes into view is the empty field.
+// Shifts the part along m by whole lenslets; the empty field comes into view.
 LightField RenderedFrames::shifted(const LightField& field, int lenslets) const {
     LightField out = fields_.back();
     const algo::Extents& e = field.extents;

@@ -1,8 +1,7 @@
-// Frames with optics: one rendered light field a kind of part, exposed under the light that was really given.
+// Rendered frames: one light field for each kind of part, exposed under the light that it really got.
 //
-// Rendering and noise take their time once, in make(): a few exposures of each kind are taken ahead at nominal light
-// and then lent as they are, so that delivering a frame costs the loop nothing. Another light, or a part that is not
-// centred, is exposed when it happens.
+// make() renders, and takes a few exposures of each kind at nominal light. These are lent unchanged, so delivering a
+// frame takes no time on the loop. Another light, or a part that is not centred, is exposed on demand.
 #pragma once
 
 #include <filesystem>
@@ -18,7 +17,7 @@
 namespace hord::sim {
 
 struct RenderedFramesOptions {
-    int exposures = 4;            // of each kind, taken ahead; each with noise of its own
+    int exposures = 4;            // of each kind at nominal light, each with its own noise
     double nominal_share = 0.02;  // light within this of 1 counts as nominal
     std::uint64_t seed = 1;
     std::function<void(double done)> progress;  // 0..1, from the calling thread; may be empty
@@ -40,8 +39,8 @@ class RenderedFrames final : public FrameSource {
 
   private:
     RenderedFrames() = default;
-    [[nodiscard]] bool take_from(const std::filesystem::path& file, int exposures);
-    void keep_in(const std::filesystem::path& file) const;
+    [[nodiscard]] bool load_cache(const std::filesystem::path& file, int exposures);
+    void save_cache(const std::filesystem::path& file) const;
     [[nodiscard]] LightField shifted(const LightField& field, int lenslets) const;
 
     std::vector<Scene> scenes_;  // by kind; the last is the empty field

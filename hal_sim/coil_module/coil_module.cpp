@@ -28,7 +28,7 @@ using namespace std::chrono_literals;
 using Bytes = std::vector<std::uint8_t>;
 
 constexpr std::size_t kMbapBytes = 7, kMaxAdu = 260;
-constexpr auto kSilence = 20ms;  // on a serial line, begins a new request
+constexpr auto kSilence = 20ms;  // serial: a request begins after this silence
 
 std::uint16_t crc_of(std::span<const std::uint8_t> bytes) {
     unsigned crc = 0xFFFF;
@@ -39,7 +39,7 @@ std::uint16_t crc_of(std::span<const std::uint8_t> bytes) {
     return static_cast<std::uint16_t>(crc);
 }
 
-// Of a request on a serial line, with its CRC; 0: not known yet or not at all.
+// Bytes of a request on a serial line, with its CRC; 0: not known yet, or unknown function.
 std::size_t request_size(std::span<const std::uint8_t> frame) {
     if (frame.size() < 2) return 0;
     if (frame[1] == 43) return 7;
@@ -53,11 +53,11 @@ struct CoilModule::Module {
     const CoilModuleOptions options;
     int port = 0;
     int listener = -1, wake = -1;
-    int line = -1,
-        line_kept_open = -1;  // serial: our end; the other, so that ours does not hang up between two drivers
+    int line = -1;            // serial: the module's end
+    int line_kept_open = -1;  // the driver's end, held open so that the module's does not hang up between two drivers
     std::string device;
-    std::vector<int> clients;  // module's thread; or anyone while it is off
-    Bytes heard;               // serial: of a request that is not complete
+    std::vector<int> clients;  // owned by the module's thread; by the caller while it is off
+    Bytes heard;               // serial: of an incomplete request
     hal::TimePoint heard_at;
     std::thread thread;
     std::function<void(int, bool, hal::TimePoint)> on_coil;
@@ -129,7 +129,7 @@ struct CoilModule::Module {
     }
 
     Result<void> open_line() {
-        if (line >= 0) {  // what was sent while it was off was heard by nobody
+        if (line >= 0) {  // discards what was sent while it was off
             std::array<std::uint8_t, kMaxAdu> bytes{};
             while (read(line, bytes.data(), bytes.size()) > 0) continue;
             heard.clear();
@@ -168,7 +168,7 @@ struct CoilModule::Module {
         [[maybe_unused]] const auto bytes = write(wake, &one, sizeof one);
     }
 
-    // Until stopped: requests, and what happens in the module by itself.
+    // Until stopped: serves requests, and lets pulses end and the watchdog expire.
     void serve() {
         for (;;) {
             std::vector<pollfd> fds = {{wake, POLLIN, 0}, {options.serial ? line : listener, POLLIN, 0}};
@@ -201,7 +201,7 @@ struct CoilModule::Module {
         image.power_off(clock.now());
     }
 
-    // What was asked of it from outside; false: to stop.
+    // Carries out the orders of other threads; false: stop.
     bool wake_up() {
         std::uint64_t count = 0;
         [[maybe_unused]] const auto bytes = read(wake, &count, sizeof count);
@@ -245,13 +245,13 @@ struct CoilModule::Module {
         return fault;
     }
 
-    // Waits, but not longer than the module runs.
+    // Waits, but no longer than until the module stops.
     void wait(hal::Duration duration) {
         std::unique_lock lock(mutex);
         woken.wait_for(lock, duration, [this] { return stopping; });
     }
 
-    // One request of a client; false when the connection is over.
+    // Serves one request of a client; false when the connection ended.
     bool answer_client(int client) {
         std::array<std::uint8_t, kMaxAdu> frame{};
         if (recv(client, frame.data(), kMbapBytes, MSG_WAITALL) != static_cast<ssize_t>(kMbapBytes)) return false;
@@ -267,7 +267,7 @@ struct CoilModule::Module {
         });
     }
 
-    // Bytes of the serial line. What does not make a whole request before a silence was none.
+    // Reads from the serial line. Bytes before a silence that are not a whole request are discarded.
     void hear() {
         std::array<std::uint8_t, kMaxAdu> bytes{};
         const ssize_t count = read(line, bytes.data(), bytes.size());
@@ -292,7 +292,7 @@ struct CoilModule::Module {
         });
     }
 
-    // Carries a request out, well or badly; `framed` gives where its answer goes, and as what. False: hang up.
+    // Carries a request out, with its fault if there is one; `framed` gives the reply's frame. False: hang up.
     template <class Framed>
     bool answer(std::span<const std::uint8_t> pdu, Framed framed) {
         const bool is_write = pdu[0] == 5 || pdu[0] == 6;

@@ -1,6 +1,6 @@
-// A Modbus module as the rejector drives one: a peer of its own, in its own thread, over real sockets (Modbus TCP on
-// loopback) or a pseudo-terminal (Modbus RTU). Its framing is its own, so that a bug in the driver's library shows.
-// Plays each kind of module that has a profile. Remembers when which output moved, and misbehaves when told to.
+// A simulated Modbus module for the rejector's driver, in its own thread, over real sockets (Modbus TCP on loopback) or
+// a pseudo-terminal (Modbus RTU). It has its own framing, independent of the driver's library, to reveal bugs there.
+// Simulates each kind of module that has a profile. Records when which output moved, and misbehaves on demand.
 //
 //     auto module = sim::CoilModule::open(clock, {.port = 0});
 //     (*module)->on_coil([&](int coil, bool on, hal::TimePoint at) {                        // module's thread
@@ -24,11 +24,11 @@ struct CoilModuleOptions {
     int coils = 16;
     ModuleKind kind = ModuleKind::plain;
     bool serial = false;                                  // Modbus RTU on a pseudo-terminal instead of TCP: device()
-    int unit = 1;                                         // serial: the one it answers to
-    hal::Duration pulse = std::chrono::milliseconds(10);  // moxa: what a pulse coil gives
+    int unit = 1;                                         // serial: its address
+    hal::Duration pulse = std::chrono::milliseconds(10);  // moxa: width of a pulse coil's pulse
     hal::Duration watchdog{};                             // moxa: its own watchdog; zero: none
-    // SCHED_FIFO with this priority, as a module is a machine of its own, which answers in time however busy this one
-    // is; 0, or where it is refused: the caller's policy.
+    // SCHED_FIFO priority of its thread: a real module answers in time even when this machine is busy. 0, or if it is
+    // refused: the caller's policy.
     int realtime = 0;
 };
 
@@ -53,22 +53,22 @@ class CoilModule {
         hal::TimePoint at;
     };
 
-    // Listens on 127.0.0.1 (answers on its pseudo-terminal) when it returns. `clock` is asked on the module's thread
-    // and outlives it. Fails with busy (the port), io.
+    // Listens on 127.0.0.1, or answers on its pseudo-terminal, when this returns. `clock` is read on the module's
+    // thread and outlives it. Fails with busy (the port) or io.
     static Result<std::unique_ptr<CoilModule>> open(const hal::Clock& clock, const CoilModuleOptions& options = {});
     ~CoilModule();
 
-    // Any thread, all of them.
+    // All functions are thread-safe.
     [[nodiscard]] int port() const;
     [[nodiscard]] std::string device() const;  // serial: the end that a driver opens
     [[nodiscard]] bool coil(int number) const;
-    [[nodiscard]] std::vector<Move> history() const;  // of the newest 10,000 or more
+    [[nodiscard]] std::vector<Move> history() const;  // the newest 10,000 moves or more
     [[nodiscard]] int connections() const;            // accepted since open()
 
-    // The next `writes` write requests misbehave (-1: all); reading requests do so only with `reads`, too.
+    // The fault applies to the next `writes` write requests (-1: all), and with `reads` to read requests, too.
     void misbehave(CoilFault fault, int writes = -1, hal::Duration delay = {}, bool reads = false);
     void misbehave_at_reads(CoilFault fault, int reads,
-                            hal::Duration delay = {});  // the next so many reading requests alone
+                            hal::Duration delay = {});  // the next `reads` read requests only
     [[nodiscard]] int misbehaved() const;               // requests, since open()
 
     void set_input(int number, bool on);  // a discrete input; as a sensor wired to it

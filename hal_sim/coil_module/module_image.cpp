@@ -164,7 +164,7 @@ Bytes ModuleImage::write_coil(std::span<const std::uint8_t> pdu, TimePoint now) 
     if (pulse) address -= kMoxaPulse;
     if (kind_ == ModuleKind::wago && address >= kWagoReadBack) address -= kWagoReadBack;
     if (address >= outputs || (kind_ == ModuleKind::moxa && address >= 16)) return exception(pdu[0], kIllegalAddress);
-    if (expired_) return exception(pdu[0], kDeviceFailure);  // the watchdog has not been dealt with
+    if (expired_) return exception(pdu[0], kDeviceFailure);  // until the expired watchdog is reset
     if (pulse) pulse_ends_[static_cast<std::size_t>(address)] = on ? now + pulse_ : TimePoint::max();
     move(address, on, now);
     return echo;

@@ -1,6 +1,5 @@
-// What a Modbus module holds and how it answers: coils, inputs, registers, and what happens in it by itself. Pure:
-// requests and times in, replies out. Written from the vendors' manuals and independently of the driver, so that a
-// wrong address shows.
+// The state of a Modbus module: coils, inputs, registers, pulses and watchdog. Pure: requests and times in, replies
+// out. Written from the vendors' manuals, independently of the driver, to reveal a wrong address.
 #pragma once
 
 #include <array>
@@ -22,7 +21,7 @@ enum class ModuleKind : std::uint8_t {
 
 class ModuleImage {
   public:
-    // `pulse`: what a pulse coil gives (moxa). `watchdog`: moxa's own one, from the first request on; zero: none.
+    // `pulse`: width of a pulse coil's pulse (moxa). `watchdog`: moxa's own, from the first request on; zero: none.
     ModuleImage(ModuleKind kind, int coils, hal::Duration pulse, hal::Duration watchdog);
 
     // Called whenever an output moves.
@@ -31,13 +30,13 @@ class ModuleImage {
     // The reply to one request (function code and data); an exception where the module refuses.
     std::vector<std::uint8_t> answer(std::span<const std::uint8_t> pdu, hal::TimePoint now);
 
-    // What is due by `now` happens: pulses end, the watchdog expires.
+    // Carries out what is due by `now`: pulses end, the watchdog expires.
     void advance(hal::TimePoint now);
     [[nodiscard]] hal::TimePoint next() const;  // when advance() has something to do; max: nothing
 
     void set_input(int number, bool on) { inputs_.at(static_cast<std::size_t>(number)) = on; }
     void move(int coil, bool on, hal::TimePoint at);
-    void power_off(hal::TimePoint at);  // outputs fall, all it was told is forgotten
+    void power_off(hal::TimePoint at);  // outputs fall, registers are reset
     [[nodiscard]] bool coil(int number) const { return coils_.at(static_cast<std::size_t>(number)); }
     [[nodiscard]] bool watchdog_expired() const { return expired_; }
     [[nodiscard]] int triggers() const { return triggers_; }  // of the watchdog, since the start

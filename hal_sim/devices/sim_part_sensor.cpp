@@ -72,7 +72,7 @@ void SimPartSensor::part_edge(bool arrives, TimePoint at) {
     if (ghost_after) emit(Kind::arrives, at + *ghost_after);
 }
 
-// The latency is the same for all, so edges come in the order in which they happened and are numbered as they come.
+// All edges have the same latency, so they are delivered in order and numbered on delivery.
 void SimPartSensor::emit(Kind kind, TimePoint at) {
     auto free = std::find_if(pending_.begin(), pending_.end(), [](const Pending& p) { return !p.used; });
     if (free == pending_.end()) free = pending_.insert(pending_.end(), Pending{});

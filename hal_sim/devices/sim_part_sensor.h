@@ -1,4 +1,4 @@
-// The simulated light barrier, with an encoder where there is one.
+// The simulated light barrier, with an optional encoder.
 #pragma once
 
 #include <vector>
@@ -22,10 +22,10 @@ class SimPartSensor final : public hal::PartSensor {
         : loop_(loop), world_(world), faults_(faults), options_(options) {}
     ~SimPartSensor() override { stop(); }
 
-    // From the world: a part's front (arrives) or back edge crosses the sensor.
+    // Called by the world: a part's front (arrives) or back edge crosses the sensor.
     void part_edge(bool arrives, hal::TimePoint at);
 
-    // The device goes now, as if pulled out; start() fails for so long.
+    // The device is unplugged now; start() fails for this long.
     void unplug(hal::Duration gone_for) {
         if (listener_ != nullptr) lose(gone_for);
     }

@@ -9,7 +9,7 @@ using hal::TimePoint;
 using Outcome = hal::RejectReport::Outcome;
 
 SimRejector::~SimRejector() {
-    listener_ = nullptr;  // may be gone already
+    listener_ = nullptr;  // it may be destroyed already: no report to it
     stop();
 }
 
@@ -75,7 +75,7 @@ void SimRejector::carry_out(const hal::RejectCommand& command, std::size_t ledge
     }
     if (!up_ || down_for || lost) return answer(Outcome::failed, from + options_.give_up_after);
     const TimePoint acknowledged = from + latency_.next();
-    if (from >= until) return answer(Outcome::late, acknowledged);  // acting now would hit a neighbour
+    if (from >= until) return answer(Outcome::late, acknowledged);  // a pulse now would hit a neighbour
     if (late_by) from += *late_by;
     if (!stuck) plan_pulse(from, from + (until - asked));
     if (again_after) plan_pulse(until + *again_after, until + *again_after + command.width);
@@ -93,7 +93,7 @@ void SimRejector::report_at(TimePoint due, std::optional<std::size_t> ledger_slo
 
 void SimRejector::settle(std::size_t number) {
     jobs_[number].used = false;
-    const Job job = jobs_[number];  // the listener may add others
+    const Job job = jobs_[number];  // a copy: the listener may add jobs
     std::uint32_t owed = job.ledger_slot ? ledger_.settle(*job.ledger_slot, job.report) : 1;
     for (; owed > 0 && listener_ != nullptr; --owed) listener_->on_reject(job.report);
 }

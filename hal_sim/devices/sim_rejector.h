@@ -1,4 +1,5 @@
-// The simulated rejector: an ejector that acts on the part really before it, and an acknowledgement on its own way.
+// The simulated rejector: an ejector that acts on the part that is really in front of it, and acknowledgements that
+// arrive independently.
 #pragma once
 
 #include <optional>
@@ -27,17 +28,17 @@ class SimRejector final : public hal::Rejector {
         : loop_(loop), world_(world), faults_(faults), options_(options), latency_(options.write, seed, 0x4E7E) {}
     ~SimRejector() override;
 
-    [[nodiscard]] bool run_permit() const { return permit_; }  // the coil as the module has it
+    [[nodiscard]] bool run_permit() const { return permit_; }  // the module's coil
 
-    // The link goes now, for so long.
+    // The link goes down now, for this long.
     void unplug(hal::Duration gone_for) {
         if (up_) link_goes_down(gone_for);
     }
 
   private:
-    struct Job {  // a report that is owed
+    struct Job {  // a report to be sent
         hal::RejectReport report;
-        std::optional<std::size_t> ledger_slot;  // none: of a command repeated after it was settled
+        std::optional<std::size_t> ledger_slot;  // empty: a command repeated after its report
         bool used = false;
         hal::EventLoop::TimerId timer{};
     };
@@ -55,7 +56,7 @@ class SimRejector final : public hal::Rejector {
     void report_at(hal::TimePoint due, std::optional<std::size_t> ledger_slot, const hal::RejectReport& report);
     void settle(std::size_t job);
     void plan_pulse(hal::TimePoint from, hal::TimePoint until);
-    void step(std::size_t pulse);  // opens it, then closes it
+    void step(std::size_t pulse);  // opens the valve, then closes it
     void valve(bool open, hal::TimePoint at);
     void link_goes_up();
     void link_goes_down(hal::Duration gone_for);
@@ -68,7 +69,7 @@ class SimRejector final : public hal::Rejector {
     Latency latency_;
     Listener* listener_ = nullptr;
     bool up_ = false, permit_ = false;
-    int open_ = 0;  // pulses that overlap hold the valve open together
+    int open_ = 0;  // overlapping pulses; the valve is open while above 0
     hal::EventLoop::TimerId link_timer_{}, down_timer_{};
     hal::RejectLedger ledger_;
     std::vector<Job> jobs_;

@@ -53,7 +53,7 @@ Result<void> SimSensor::do_trigger(const hal::ExposureRequest& request) {
                     "give frames back sooner, or set more buffers");
     if (const auto amount = faults_.fires(Fault::sensor_lost)) {
         lose(*amount);
-        return {};  // accepted; the loss shows itself afterwards
+        return {};  // accepted; the loss is reported later
     }
     slot->state.store(State::exposing, std::memory_order_relaxed);
     slot->info = {.sequence = ++sequence_,
@@ -65,7 +65,7 @@ Result<void> SimSensor::do_trigger(const hal::ExposureRequest& request) {
     return {};
 }
 
-// The shutter closes: what the sensor holds now is what was there, whatever happens to it on its way.
+// The shutter closes: the frame holds the part that is in view now, whatever faults its delivery has.
 void SimSensor::exposed(std::uint32_t number) {
     Slot& slot = slots_[number];
     const bool dark = faults_.fires(Fault::frame_dark).has_value(),
@@ -95,7 +95,7 @@ void SimSensor::exposed(std::uint32_t number) {
         std::vector<std::byte> fresh(slot.view.data, slot.view.data + last_samples_.size());
         hal::FrameInfo info = slot.info;
         const std::uint64_t fresh_part = part;
-        if (stale) {  // before the first frame there is only an old, dark one
+        if (stale) {  // before the first frame the old one is dark
             std::copy(last_samples_.begin(), last_samples_.end(), slot.samples.begin());
             slot.view.data = slot.samples.data();
             slot.info.exposure_start =

@@ -1,5 +1,4 @@
-// The simulated lenslet sensor: an exposure holds the part that was really before the camera when the light really
-// fell.
+// The simulated lenslet sensor: an exposure shows the part that was really in view when the light really fell.
 #pragma once
 
 #include <array>
@@ -29,13 +28,13 @@ class SimSensor final : public hal::Sensor {
               const SensorOptions& options, std::uint64_t seed);
     ~SimSensor() override { stop(); }
 
-    // The world's number of the part in a frame, by the frame's sequence; 0: none, dark, or longer ago than 64 frames.
+    // The world's number of the part in a frame, by the frame's sequence. 0: no part, dark, or older than 64 frames.
     [[nodiscard]] std::uint64_t true_part_of(std::uint32_t sequence) const {
         const Seen& seen = seen_[sequence % seen_.size()];
         return seen.sequence == sequence ? seen.part : 0;
     }
 
-    // The device goes now, as if pulled out; start() fails for so long.
+    // The device is unplugged now; start() fails for this long.
     void unplug(hal::Duration gone_for) {
         if (listener_ != nullptr) lose(gone_for);
     }
@@ -89,7 +88,7 @@ class SimSensor final : public hal::Sensor {
     std::uint64_t exposures_ = 0;
     std::array<Seen, 64> seen_{};
 
-    // The frame before this one, kept only where a plan names stale frames.
+    // The frame before this one, kept only if the plan has stale frames.
     std::vector<std::byte> last_samples_;
     hal::FrameInfo last_info_;
     std::uint64_t last_part_ = 0;

@@ -9,7 +9,7 @@ using hal::TimePoint;
 using namespace std::chrono_literals;
 
 SimStrobe::~SimStrobe() {
-    listener_ = nullptr;  // may be gone already
+    listener_ = nullptr;  // it may be destroyed already: no report to it
     stop();
 }
 
@@ -86,7 +86,7 @@ void SimStrobe::lose(Duration gone_for) {
     back_at_ = loop_.now() + gone_for;
     dark_from(loop_.now());
     lost_timer_ = loop_.call_after({}, [this] {
-        // What was accepted is still reported, as not lit, before the loss.
+        // Accepted pulses are reported as not lit before the loss.
         for (std::size_t slot = 0; slot < pending_.size(); ++slot) {
             if (!pending_[slot].used) continue;
             loop_.cancel(pending_[slot].timer);

@@ -1,4 +1,4 @@
-// The simulated collimator LEDs. Begins and ends at the times asked for, to the nanosecond, when asked in time.
+// The simulated collimator LEDs. A pulse that is commanded in time begins and ends exactly as commanded.
 #pragma once
 
 #include <deque>
@@ -23,18 +23,18 @@ class SimStrobe final : public hal::Strobe {
         : loop_(loop), faults_(faults), options_(options), latency_(options.report, seed, 0x57B0) {}
     ~SimStrobe() override;
 
-    // The light that truly fell in [from, until): 1 for a nominal pulse wholly inside, and when it began.
+    // The light in [from, until): 1 for a nominal pulse wholly inside; and when it fell.
     struct Light {
         double amount = 0;
         hal::TimePoint at;  // middle of the first pulse's part inside; meaningless without light
     };
     [[nodiscard]] Light light_between(hal::TimePoint from, hal::TimePoint until) const;
 
-    // What the observer checks: the longest the light was ever on, and the shortest rest between pulses asked for.
+    // For checks: the longest time the light was on, and the shortest rest between commanded pulses.
     [[nodiscard]] hal::Duration longest_on() const { return longest_on_; }
     [[nodiscard]] std::uint64_t pulses() const { return pulses_; }
 
-    // The device goes now, as if pulled out; start() fails for so long.
+    // The device is unplugged now; start() fails for this long.
     void unplug(hal::Duration gone_for) {
         if (listener_ != nullptr) lose(gone_for);
     }

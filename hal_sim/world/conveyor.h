@@ -1,7 +1,7 @@
-// The belt: where it is at a time, and when it will be at a place.
+// The belt: its position at a time, and the time at which it reaches a position.
 //
-// Its motion is a chain of stretches of constant speed, drawn ahead from the seed as far as somebody asks. So both
-// questions are functions of the seed, not of how often anybody looks; halt() and resume() rewrite only the future.
+// The motion is a sequence of stretches of constant speed, drawn from the seed as far as needed. So both answers depend
+// on the seed alone, not on earlier calls. halt() and resume() change only the future.
 #pragma once
 
 #include <cstdint>
@@ -14,8 +14,8 @@ namespace hord::sim {
 
 struct ConveyorOptions {
     double speed_mm_s = 500;
-    double jitter = 0;                                           // share of the speed, uniform: 0.01 is +-1 %
-    hal::Duration jitter_every = std::chrono::milliseconds(20);  // how long one speed lasts
+    double jitter = 0;                                           // uniform, relative: 0.01 is +-1 % of the speed
+    hal::Duration jitter_every = std::chrono::milliseconds(20);  // duration of each speed
     struct Stop {
         hal::Duration after{};  // since start
         hal::Duration length{};
@@ -28,17 +28,17 @@ class Conveyor {
     // The belt is at 0 mm at `start` and runs.
     Conveyor(const ConveyorOptions& options, std::uint64_t seed, hal::TimePoint start);
 
-    // Belt travel since start, mm. `at` not before what forget_before() was told.
+    // Belt travel since start, mm. `at` is not before the time given to forget_before().
     [[nodiscard]] double position_mm(hal::TimePoint at);
 
-    // When the belt reaches a place, rounded up to a whole nanosecond; TimePoint::max() while halted before it.
+    // When the belt reaches a position, rounded up to a whole nanosecond; TimePoint::max() while halted before it.
     [[nodiscard]] hal::TimePoint time_at(double place_mm);
 
     void halt(hal::TimePoint at);
     void resume(hal::TimePoint at);
     [[nodiscard]] bool halted() const { return halted_; }
 
-    // The past before `at` will not be asked for again.
+    // Frees what is known of the time before `at`.
     void forget_before(hal::TimePoint at);
 
   private:
@@ -56,7 +56,7 @@ class Conveyor {
     std::uint64_t seed_;
     hal::TimePoint start_;
     std::deque<Stretch> stretches_;
-    hal::TimePoint drawn_to_;  // stretches_ hold until here
+    hal::TimePoint drawn_to_;  // end of stretches_
     double drawn_to_mm_ = 0;
     std::uint64_t drawn_ = 0;  // speeds drawn so far
     std::size_t next_stop_ = 0;

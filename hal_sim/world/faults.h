@@ -1,4 +1,5 @@
-// What goes wrong in the simulated cell: data, seeded, and counted, because a fault that never fired proves nothing.
+// Faults of the simulated cell: seeded data. The plan counts how often each fires, since a fault that never fired
+// proves nothing.
 #pragma once
 
 #include <array>
@@ -12,7 +13,7 @@
 
 namespace hord::sim {
 
-// The opportunity of a fault is what its second column says; `amount` means what the third says.
+// Second column: the opportunity at which the fault may fire. Third: its effect, with the default `amount` in brackets.
 enum class Fault : std::uint8_t {
     frame_drop,             // each exposure       never delivered; the device's count shows a gap
     frame_duplicate,        // each exposure       delivered twice, same sequence
@@ -77,28 +78,27 @@ struct FaultRule {
     double probability = 1;           // of each opportunity in [first, last]
     std::uint64_t first = 0;          // opportunities count from 0
     std::uint64_t last = UINT64_MAX;  // inclusive
-    hal::Duration amount{};           // 0: the fault's own, above
+    hal::Duration amount{};           // 0: the fault's default
 };
 
 class FaultPlan {
   public:
     FaultPlan(std::uint64_t seed, std::vector<FaultRule> rules);
 
-    // Counts an opportunity. The first rule that fires: the amount; else none.
-    // Depends on seed, fault and number of the opportunity only, so that removing a rule leaves the others as they
-    // were.
+    // Counts an opportunity. Returns the amount of the first rule that fires, if any. Depends only on the seed, the
+    // fault and the number of the opportunity, so removing a rule does not change the others.
     std::optional<hal::Duration> fires(Fault fault);
 
-    // Told of every fault at the moment it fires.
+    // The callback runs whenever a fault fires.
     void watch(std::function<void(Fault, hal::Duration amount)> watcher) { watcher_ = std::move(watcher); }
 
-    // The next opportunity fires, once, whatever the rules say. amount 0: the fault's own.
+    // The next opportunity fires once, regardless of the rules. amount 0: the default.
     void fire_next(Fault fault, hal::Duration amount = {});
 
     [[nodiscard]] bool names(Fault fault) const { return !tracks_[index(fault)].rules.empty(); }
     [[nodiscard]] std::uint64_t opportunities(Fault fault) const { return tracks_[index(fault)].opportunities; }
     [[nodiscard]] std::uint64_t fired(Fault fault) const { return tracks_[index(fault)].fired; }
-    [[nodiscard]] std::vector<Fault> never_fired() const;  // named by a rule, and not seen
+    [[nodiscard]] std::vector<Fault> never_fired() const;  // named by a rule
 
   private:
     static std::size_t index(Fault fault) { return static_cast<std::size_t>(fault); }

@@ -1,4 +1,4 @@
-// What the simulated sensor sees: a frame for the part that is really there, under the light that was really given.
+// The frames of the simulated sensor, for the part that is really in view and the light that it really got.
 #pragma once
 
 #include <cstddef>
@@ -30,13 +30,13 @@ class FrameSource {
     };
     [[nodiscard]] virtual Format format() const = 0;
 
-    // Loop thread. Either fills `scratch` (rows unpadded, as large as the format needs) and returns a view of it,
-    // or returns a view of samples of its own that stay as they are for its whole life.
+    // Loop thread. Either fills `scratch` (rows unpadded, as large as the format needs) and returns a view of it, or
+    // returns a view of samples of its own, which stay unchanged as long as the source lives.
     virtual FrameView expose(const Exposure& exposure, std::span<std::byte> scratch) = 0;
 };
 
-// Frames without optics, for tests and for millions of parts: the first samples say which part was in front of the
-// camera, the rest is a constant. What a stand-in inspector judges by.
+// Frames without optics, for tests and for millions of parts: the first samples encode the part in front of the camera,
+// the others are constant. A stand-in inspector judges by them.
 class TokenFrames final : public FrameSource {
   public:
     // At least 16 samples. A dark frame (light below a half) is all zero, a saturated one (light above 4) all full
@@ -50,7 +50,7 @@ class TokenFrames final : public FrameSource {
         std::size_t kind = Exposure::kNoPart;
         bool bad = false;
     };
-    // None: the frame is dark, saturated or not one of these.
+    // Empty when the frame is dark, saturated or not such a frame.
     static std::optional<Token> read(const FrameView& frame);
 
   private:

@@ -1,4 +1,4 @@
-// How long a simulated device takes: a base and a uniform spread, drawn from the seed.
+// Latency of a simulated device: a base and a uniform spread, drawn from the seed.
 #pragma once
 
 #include "drivers/hal/clock.h"

@@ -1,5 +1,5 @@
-// Random numbers as a function of (seed, stream, index): no state, so that asking for one never shifts another,
-// and no libm, so that the same seed gives the same bits on every machine.
+// Random numbers as a function of (seed, stream, index). No state: drawing one never shifts another. No libm: the same
+// seed gives the same bits on every machine.
 #pragma once
 
 #include <cstdint>

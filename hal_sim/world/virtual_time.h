@@ -1,11 +1,9 @@
 // Virtual time: an event loop whose clock jumps from one due time to the next. A day of production takes seconds.
 //
-// The order is a function of the calls made, never of the machine: timers run by due time, then in the order in which
-// they were made. A timer due in the past runs at now(). What post() brings counts as a timer made, with due time
-// now(), when the running callback returns; from another thread that moment is the other thread's, so a
-// reproducible run posts from the loop's thread only.
-// Nothing is allocated once the number of pending timers has reached its largest value, as long as a callback's
-// captures fit into std::function (two pointers).
+// The order depends only on the calls, never on the machine: timers run by due time, then in the order of their
+// creation. A timer due in the past runs at now(). post() creates a timer due at now() when the running callback
+// returns; if another thread posts, that moment is not reproducible. Nothing is allocated once the number of pending
+// timers has reached its maximum, if the captures of the callbacks fit into std::function (two pointers).
 #pragma once
 
 #include <atomic>
@@ -21,7 +19,7 @@ namespace hord::sim {
 
 class VirtualTime final : public hal::EventLoop {
   public:
-    // Time starts at one second, so that a TimePoint nobody set is seen to be in the past.
+    // Time starts at one second, so that an unset TimePoint lies in the past.
     static constexpr hal::TimePoint kStart{std::chrono::seconds(1)};
     explicit VirtualTime(hal::TimePoint start = kStart) : now_(start) {}
 
@@ -29,15 +27,15 @@ class VirtualTime final : public hal::EventLoop {
     void run_until(hal::TimePoint end);
     void run_for(hal::Duration duration) { run_until(now_ + duration); }
 
-    // Runs callbacks until `done` says so, asked before the first and after each of them; false when nothing due up to
-    // and including `limit` is left to run. now() is the time of the last callback.
+    // Runs callbacks until `done` returns true; it is called before the first and after each of them. False when
+    // nothing due up to and including `limit` is left to run. now() is the time of the last callback.
     bool run_until(const std::function<bool()>& done, hal::TimePoint limit);
 
     // Runs until no timer is left; false when timers due after `limit` remain (a periodic timer never ends).
     bool run_until_idle(hal::TimePoint limit);
 
-    // The process does not get to run for so long: what falls due meanwhile comes late. Loop thread, inside a callback
-    // too.
+    // The process is not scheduled for this long: callbacks due meanwhile run late. Loop thread, also inside a
+    // callback.
     void stall(hal::Duration amount) { now_ += amount; }
 
     // Runs the next callback only; false when there is none.

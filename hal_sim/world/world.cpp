@@ -15,7 +15,7 @@ constexpr std::uint64_t kPitchStream = 0x9175;
 constexpr std::uint64_t kKindStream = 0x6B1D;
 constexpr std::uint64_t kGapStream = 0x6A9;
 
-// A part gone is kept for this long: a valve's edge or a frame may still be reported with a time in the past.
+// A part is kept for this long after it is gone: the valve's motion or a frame may be reported with a time in the past.
 constexpr hal::Duration kMemory = std::chrono::seconds(2);
 
 }  // namespace
@@ -97,12 +97,12 @@ void World::act() {
         edge->touches_ahead = edge->touches_ahead && ahead != nullptr && ahead->fate == PartRecord::Fate::on_line;
     } else if (what == Next::departure) {
         edge = with_index(next_departure_++);
-        if (edge->fate == PartRecord::Fate::removed) edge = nullptr;  // it left when it was taken off
+        if (edge->fate == PartRecord::Fate::removed) edge = nullptr;  // its edge left with it
     } else {
         PartRecord& part = *with_index(next_exit_++);
         if (part.fate == PartRecord::Fate::on_line && ejector_open_since_) eject_between(*ejector_open_since_, at);
         if (part.fate == PartRecord::Fate::on_line) settle(part, PartRecord::Fate::left, at);
-        // Only what is settled, past every cursor and old enough is forgotten.
+        // Forgets a part only if its fate is decided, every cursor is past it, and it is old enough.
         while (first_index_ < next_exit_ && first_index_ < next_departure_ && line_.front().gone + kMemory < at) {
             line_.pop_front();
             ++first_index_;
@@ -111,14 +111,14 @@ void World::act() {
     }
     plan();
     if (edge != nullptr) {
-        const PartRecord seen = *edge;  // what follows may move the line
+        const PartRecord seen = *edge;  // a copy: the callback may change the line
         if (watchers_.part_edge) watchers_.part_edge(seen, what == Next::arrival, at);
-        if (what == Next::arrival) meddle(seen);
+        if (what == Next::arrival) apply_arrival_faults(seen);
     }
     if (what != Next::arrival && finished() && watchers_.over) watchers_.over();
 }
 
-void World::meddle(const PartRecord& arrived) {
+void World::apply_arrival_faults(const PartRecord& arrived) {
     if (const auto after = faults_.fires(Fault::part_removed)) {
         meddling_.push_back(loop_.call_after(*after, [this, number = arrived.number] {
             take_off([number](const PartRecord& part) { return part.number == number; });
@@ -164,8 +164,8 @@ void World::feed(bool on) {
         if (next != nullptr) next->touches_ahead = false;
         if (ahead != nullptr) ahead->touched_behind = false;
     } else {
-        // It was held before the sensor. In real time a part may have been due there already when a busy machine came
-        // to stop the feed.
+        // The part was held before the sensor. In real time it may already have been due there, if the feed was stopped
+        // late.
         const double stood = at_mm - *std::exchange(unfed_since_mm_, std::nullopt);
         const double shift = next == nullptr ? stood : std::max(stood, at_mm - next->front_mm);
         if (next != nullptr) next->front_mm += shift;

@@ -1,8 +1,8 @@
-// The cell itself, and the only one who knows the truth: belt, parts, light, ejector.
+// The ground truth of the cell: belt, parts, light, ejector.
 //
-// Places are belt travel since the part's front edge crossed the part sensor, in mm. The world acts on timers of the
-// event loop it is given, and reckons with the times at which things are due, not with those at which the loop got to
-// them: on a real-time loop an edge has its true time even when the callback comes late.
+// Positions are belt travel since the part's front edge crossed the part sensor, in mm. The world acts on timers of its
+// event loop and computes with the times at which events are due, not with those of the callbacks: on a real-time loop
+// an edge has its true time even when its callback is late.
 #pragma once
 
 #include <cstdint>
@@ -41,7 +41,7 @@ struct GeometryOptions {
     double exit_mm = 500;         // it has left the line
 };
 
-// What truly became of a part.
+// What really happened to a part.
 struct PartRecord {
     enum class Fate : std::uint8_t { on_line, ejected, left, removed };  // removed: taken off by hand
     std::uint64_t number = 0;                                            // from 1, in the order of arrival
@@ -62,12 +62,12 @@ struct WorldTotals {
 
 class World {
   public:
-    // What looks at the world: called on the loop's thread, any may be empty.
+    // Observers, called on the loop's thread; any may be empty.
     struct Watchers {
         std::function<void(const PartRecord&, bool arrives, hal::TimePoint at)> part_edge{};  // front, then back edge
-        std::function<void(const PartRecord&)> part_gone{};                                   // its fate is decided
-        std::function<void(bool open, hal::TimePoint at)> ejector{};                          // the valve moved
-        std::function<void()> over{};  // finished(): nothing more will come
+        std::function<void(const PartRecord&)> part_gone{};           // called when its fate is decided
+        std::function<void(bool open, hal::TimePoint at)> ejector{};  // the valve moved
+        std::function<void()> over{};                                 // finished(): nothing more will come
     };
 
     World(hal::EventLoop& loop, FaultPlan& faults, const ConveyorOptions& conveyor, const ScheduleOptions& schedule,
@@ -78,27 +78,27 @@ class World {
 
     void watch(Watchers watchers) { watchers_ = std::move(watchers); }
 
-    // The belt starts to move, at the loop's present time; once.
+    // Starts the belt at the loop's now(). Call once.
     void start();
 
-    // Line stop and go.
+    // Stops and starts the belt: the run permit.
     void halt();
     void resume();
 
-    // Whether parts are put on the belt. Those that have not yet reached the part sensor when this ends come after it
-    // begins again, as far apart as they were.
+    // Whether parts are put on the belt. When it ends, parts that have not reached the part sensor wait, and come with
+    // the same spacing once it begins again.
     void feed(bool on);
 
     [[nodiscard]] bool stands() const { return !conveyor_ || conveyor_->halted(); }
 
-    // A person takes parts off the belt: those for which `takes` says so, of all that are between part sensor and exit.
+    // A person takes parts off the belt: those between part sensor and exit for which `takes` returns true.
     void take_off(const std::function<bool(const PartRecord&)>& takes);
 
-    // The ejector's valve opens or closes. Whatever is before it in between is ejected. `at` may lie a little in the
-    // past.
+    // The ejector's valve opens or closes. Parts in front of it while it is open are ejected. `at` may lie a little in
+    // the past.
     void set_ejector(bool open, hal::TimePoint at);
 
-    // The part whose centre is nearest to the camera's, if any is in view, and how far it is past the centre, mm.
+    // The part in view whose centre is nearest to the camera's, if any, and its distance past the centre, mm.
     struct InView {
         PartRecord* part = nullptr;
         double offset_mm = 0;
@@ -117,12 +117,12 @@ class World {
 
   private:
     void draw_part();
-    void plan();  // one timer, for whatever comes next
+    void plan();  // one timer, for the next event
     void act();
     void eject_between(hal::TimePoint from, hal::TimePoint until);
     void settle(PartRecord& part, PartRecord::Fate fate, hal::TimePoint at);
-    void meddle(const PartRecord& arrived);
-    void move();  // or stand: the permit and belt_stop agree on it
+    void apply_arrival_faults(const PartRecord& arrived);
+    void move();  // starts or stops the belt, by permit and belt_stop
     PartRecord* with_index(std::uint64_t index) {
         return index < first_index_ || index >= first_index_ + line_.size() ? nullptr : &line_[index - first_index_];
     }
@@ -135,9 +135,9 @@ class World {
     std::uint64_t seed_;
     Watchers watchers_;
     std::optional<Conveyor> conveyor_;
-    bool may_move_ = true;  // the permit's say
+    bool may_move_ = true;  // the run permit
     std::optional<double> unfed_since_mm_;
-    std::uint32_t stopped_ = 0;  // belt_stop faults under way
+    std::uint32_t stopped_ = 0;  // active belt_stop faults
 
     // Parts in order; line_[0] has index first_index_. All three cursors are indices.
     std::deque<PartRecord> line_;

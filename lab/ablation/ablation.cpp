@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <ctime>
 
 #include <fmt/format.h>
 
@@ -13,19 +12,21 @@
 #include "lab/experiment/inspected_maps.h"
 #include "lab/experiment/result_cache.h"
 #include "lab/experiment/scenes.h"
+#include "lab/report/cpu_time.h"
 #include "lab/report/tables.h"
+#include "lab/report/template.h"
 
 namespace hord::lab {
 namespace {
 
-constexpr double kMatters = 0.1;  // a change of a contrast, relative, or of a clean part's score
-constexpr double kPlain = 10;     // a contrast of that much is plain to see: more does not help
+constexpr double kMatters = 0.1;  // relative change of a contrast, or change of a clean part's score
+constexpr double kPlain = 10;     // contrasts above this count as this: the defect is plain
 constexpr const char* kNothing = "nothing";
 constexpr std::array<const char*, 3> kFeatures = {"EMD", "Frobenius", "transmission"};
 
 // -- scenes
 
-// A plausible cell with every effect that a scene can name; each is then looked at alone.
+// A plausible cell with every effect that a scene can name.
 sim::Scene with_everything(sim::Scene scene, std::uint64_t seed) {
     scene.seed = seed;
     scene.camera.bits = 12;
@@ -82,13 +83,7 @@ std::string describe_effects() {
            "PRNU 1 %, full well 10,500, pedestal 16 DN.";
 }
 
-// -- what is measured
-
-double process_seconds() {
-    timespec now{};
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
-}
+// -- measurement
 
 sim::Scene clean_of(sim::Scene scene) {
     scene.defects.clear();
@@ -100,42 +95,42 @@ struct Lights {
     double seconds = 0;  // processor time of both
 };
 Result<Lights> lights_of(const sim::Scene& scene, int threads) {
-    const double begin = process_seconds();
+    const double begin_ms = process_cpu_ms();
     auto clean = sim::render(clean_of(scene), {threads, {}});
     if (!clean) return tl::unexpected(clean.error());
     auto defect = sim::render(scene, {threads, {}});
     if (!defect) return tl::unexpected(defect.error());
-    return Lights{std::move(*clean), std::move(*defect), process_seconds() - begin};
+    return Lights{std::move(*clean), std::move(*defect), 1e-3 * (process_cpu_ms() - begin_ms)};
 }
 
-struct Judged {
-    InspectedMaps sight;
+struct InspectedPart {
+    InspectedMaps maps;
     algo::Verdict verdict;
     double score;
 };
-Result<Judged> judge(const sim::LightField& light, const sim::Scene& scene) {
+Result<InspectedPart> inspect_part(const sim::LightField& light, const sim::Scene& scene) {
     const Frame frame = sim::expose(light, scene, scene.seed);
-    auto sight = inspect_frame(frame, scene.camera.extents, 1);
-    if (!sight) return tl::unexpected(sight.error());
+    auto maps = inspect_frame(frame, scene.camera.extents, 1);
+    if (!maps) return tl::unexpected(maps.error());
     auto pipeline = algo::Pipeline::create(scene.camera.extents, frame.bits(), {}, 1);
     if (!pipeline) return tl::unexpected(pipeline.error());
     const auto found = pipeline->inspect(frame.view());
     if (!found) return tl::unexpected(found.error());
-    return Judged{std::move(*sight), found->verdict, static_cast<double>(found->score)};
+    return InspectedPart{std::move(*maps), found->verdict, static_cast<double>(found->score)};
 }
 
-// {"contrast": one a feature, "clean": {"verdict", "score"}, "defect": the same, "seconds": of rendering, where it was
+// {"contrast": one a feature, "clean": {"verdict", "score"}, "defect": the same, "seconds": rendering time, if
 // rendered}
 Result<Json> measure(const Lights& lights, const sim::Scene& scene, const sim::TruthDefect& where) {
-    const auto clean = judge(lights.clean, scene), defect = judge(lights.defect, scene);
+    const auto clean = inspect_part(lights.clean, scene), defect = inspect_part(lights.defect, scene);
     if (!clean) return tl::unexpected(clean.error());
     if (!defect) return tl::unexpected(defect.error());
-    const auto missing = [](const InspectedMaps& sight) {
+    const auto missing = [](const InspectedMaps& maps) {
         std::vector<float> out;
-        for (const float t : sight.transmission) out.push_back(std::abs(1 - t));
+        for (const float t : maps.transmission) out.push_back(std::abs(1 - t));
         return out;
     };
-    std::vector<std::uint8_t> light_mask = clean->sight.mask, defect_light_mask = defect->sight.mask;
+    std::vector<std::uint8_t> light_mask = clean->maps.mask, defect_light_mask = defect->maps.mask;
     for (auto* mask : {&light_mask, &defect_light_mask}) {
         for (std::uint8_t& bits : *mask)
             bits &= algo::kNotJudged | algo::kSaturated;  // a dark lenslet has a transmission
@@ -146,9 +141,9 @@ Result<Json> measure(const Lights& lights, const sim::Scene& scene, const sim::T
             .ratio;
     };
     Json found{{"contrast",
-                {contrast(clean->sight.emd, clean->sight.mask, defect->sight.emd, defect->sight.mask, 0),
-                 contrast(clean->sight.frobenius, clean->sight.mask, defect->sight.frobenius, defect->sight.mask, 0),
-                 contrast(missing(clean->sight), light_mask, missing(defect->sight), defect_light_mask, 0.01)}}};
+                {contrast(clean->maps.emd, clean->maps.mask, defect->maps.emd, defect->maps.mask, 0),
+                 contrast(clean->maps.frobenius, clean->maps.mask, defect->maps.frobenius, defect->maps.mask, 0),
+                 contrast(missing(clean->maps), light_mask, missing(defect->maps), defect_light_mask, 0.01)}}};
     for (const auto& [name, one] : {std::pair("clean", &*clean), std::pair("defect", &*defect)})
         found[name] = {{"verdict", name_of(one->verdict)}, {"score", one->score}};
     return found;
@@ -156,7 +151,7 @@ Result<Json> measure(const Lights& lights, const sim::Scene& scene, const sim::T
 
 // -- the grid
 
-// The scene with nothing but this effect; ghosts are made of what Fresnel's losses take, and keep them.
+// The scene with this effect alone. Ghosts keep the Fresnel losses, which they are made of.
 sim::Scene with_only(sim::Scene scene, sim::Effect effect) {
     for (std::size_t k = 0; k < sim::kEffects; ++k) {
         const auto other = static_cast<sim::Effect>(k);
@@ -172,7 +167,7 @@ sim::Scene with_nothing(sim::Scene scene) {
 
 struct Ablated {
     std::string scene;
-    std::vector<std::pair<std::string, Json>> rows;  // nothing, then each effect alone
+    std::vector<std::pair<std::string, Json>> rows;  // without effects, then each effect alone
 
     [[nodiscard]] const Json& nothing() const { return rows.front().second; }
     [[nodiscard]] const Json* with(std::string_view effect) const {
@@ -188,7 +183,7 @@ Result<Ablated> ablate(const sim::Scene& scene, const ExperimentOptions& options
         return fail(ErrorCode::internal, "scene " + scene.name + " has no defect in sight", "report this");
     const sim::TruthDefect& where = truth.defects[0];
     const sim::Scene plain = with_nothing(scene);
-    std::optional<Lights> plain_lights;  // rendered when first needed: effects of the sensor share it
+    std::optional<Lights> plain_lights;  // rendered on first use; shared by effects of the sensor
     Ablated ablated{scene.name, {}};
     const auto add = [&](const std::string& name, const sim::Scene& changed, bool of_light) -> Result<void> {
         starting(name);
@@ -222,8 +217,7 @@ double contrast_of(const Json& row, std::size_t feature) { return row["contrast"
 std::string verdict_of(const Json& row, const char* part) { return row[part]["verdict"].get<std::string>(); }
 double score_of(const Json& row, const char* part) { return row[part]["score"].get<double>(); }
 
-// What a row changes against nothing: the largest relative change of a contrast that is seen in either, and not plain
-// in both.
+// Largest relative change of a contrast that is visible in either row, with contrasts limited to kPlain.
 double change_of(const Json& nothing, const Json& row) {
     double most = 0;
     for (std::size_t f = 0; f < kFeatures.size(); ++f) {
@@ -261,7 +255,7 @@ Table table_of(const Ablated& scene) {
 struct Summary {
     std::string effect;
     double most = 0;   // largest change of a contrast
-    double costs = 0;  // rendering time, times that without any effect, largest
+    double costs = 0;  // largest ratio of the rendering times with it and without effects
     std::string matters_in, verdict_in;
 };
 std::vector<Summary> summaries_of(const std::vector<Ablated>& scenes) {
@@ -292,9 +286,9 @@ std::vector<Claim> claims_of(const std::vector<Ablated>& scenes, const std::vect
     const auto most = [&](sim::Effect effect) {
         return fmt::format("largest change of a contrast {:.1f} %", 100 * summary(effect).most);
     };
-    const bool several =
-        scenes.size() > 1;  // the quick form has the bubble alone, which losses do not change; in the full one they
-                            // change the stria, the scratch is not found at this pitch, and a clean vial is rejected
+    // The quick form has the bubble alone, which losses do not change. In the full one losses change the stria, the
+    // scratch is not found at this pitch, and a clean vial is rejected.
+    const bool several = scenes.size() > 1;
     std::vector<Claim> claims;
     claims.push_back(
         {"Fresnel losses and ghosts matter in no scene",
@@ -359,26 +353,24 @@ Result<ExperimentReport> run_ablation(const ExperimentOptions& options) {
     report.files.push_back(options.out / "ablation.csv");
 
     const algo::Extents& e = scenes.front().camera.extents;
-    report.opening = fmt::format(
-        "# What each physical effect does to detection\n\n"
-        "Made by `hord-lab experiment ablation --out DIR{} --seed {}`.\n\n"
-        "Each scene is rendered clean and with its defect, {}x{} lenslets, 12 bit: without any effect, and with one "
-        "alone of those that a scene can name (docs/scene.md). The effects are\n"
-        "those of a plausible cell: {}\n\n"
-        "Contrast: the defect's peak over the 99th percentile of the clean part's interior, as in paper.md. An effect "
-        "*matters* in a scene if it changes a contrast that is seen (from {:g}) by more than {:.0f} %\n"
-        "(contrasts above {:g} are plain and count as that), or the clean part's score (1 rejects) by more than {:g}, "
-        "or a verdict of the default recipe. Effects that add up, or hide one another, are not seen this way.\n"
-        "Crosstalk between lenslets is not tried: it takes eight times the rendering time.\n",
-        options.quick ? " --quick" : "", options.seed, e.m, e.n, describe_effects(), kVisible, 100 * kMatters, kPlain,
-        kMatters);
-    report.text = "## Over all scenes\n\n" + to_markdown(summary) +
-        fmt::format("\n**The basis of the defaults.** Every effect is off unless a scene names it, for an effect that "
-                    "is off costs nothing. These scenes need: {}. They can do without: {}.\n",
-                    needed.empty() ? "none" : needed, not_needed.empty() ? "none" : not_needed) +
-        "\nRendering time is processor time of the clean and the defective part, the largest ratio of all scenes; a "
-        "tenth more or less is chance.\n";
-    for (const Ablated& scene : ablated) report.text += "\n## " + scene.scene + "\n\n" + to_markdown(table_of(scene));
+    std::string scene_tables;
+    for (const Ablated& scene : ablated)
+        scene_tables += (scene_tables.empty() ? "## " : "\n## ") + scene.scene + "\n\n" + to_markdown(table_of(scene));
+    report.text = fill_report("ablation",
+                              {{"quick", options.quick ? "yes" : ""},
+                               {"seed", std::to_string(options.seed)},
+                               {"m", std::to_string(e.m)},
+                               {"n", std::to_string(e.n)},
+                               {"effects", describe_effects()},
+                               {"visible", fmt::format("{:g}", kVisible)},
+                               {"matters_percent", fmt::format("{:.0f}", 100 * kMatters)},
+                               {"plain", fmt::format("{:g}", kPlain)},
+                               {"matters", fmt::format("{:g}", kMatters)},
+                               {"claims", describe(report.claims)},
+                               {"summary", to_markdown(summary)},
+                               {"needed", needed.empty() ? "none" : needed},
+                               {"not_needed", not_needed.empty() ? "none" : not_needed},
+                               {"scenes", scene_tables}});
     return report;
 }
 

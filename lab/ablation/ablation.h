@@ -1,5 +1,4 @@
-// What each physical effect of a scene does to detection, and what it costs: the basis for naming it in a scene, or
-// not.
+// Ablation: what each physical effect of a scene changes in detection, and what it costs to render.
 #pragma once
 
 #include "lab/experiment/experiment.h"

@@ -16,7 +16,7 @@
 namespace hord::lab {
 namespace {
 
-constexpr int kChunk = 100;  // parts of a cell that is kept
+constexpr int kChunk = 100;  // parts of a cached cell
 constexpr double kLedLoss = 0.7;
 constexpr int kTuneExposures = 2;  // of every traced part
 constexpr double kHazeRadius = 1.2, kSpeckRadius = 1;
@@ -26,15 +26,15 @@ struct Sizes {
 };
 constexpr Sizes kFull{32, 4000, 2000, 200, 1000, 2, 500, 4, 100, 20}, kQuick{12, 24, 30, 15, 20, 1, 10, 2, 8, 3};
 
-// Where a figure's parts come from.
+// A figure: its parts and their flaw.
 struct Figure {
     std::string name;
     Flaw flaw = Flaw::none;
     double size = 0, wobble = 1, led = 1;
     int parts = 0;
     Stream stream = Stream::test;
-    int poses = 0;      // so many are traced, and each exposed again every so many parts; 0: every part is traced
-    int exposures = 1;  // that follow one another, of every traced part, where there are no poses
+    int poses = 0;      // traced poses, exposed in turn; 0: every part has its own
+    int exposures = 1;  // consecutive exposures of every traced part, if poses is 0
     [[nodiscard]] int pose_of(int number) const { return poses > 0 ? number % poses : number / exposures; }
 };
 
@@ -47,7 +47,7 @@ class Production {
         recipe_.cluster_score *= static_cast<float>(factor);
     }
 
-    // Parts first .. first+count-1 of a figure, shared out over threads; what comes out does not depend on how.
+    // Judges parts first .. first + count - 1 of a figure on several threads; the result does not depend on them.
     Result<Json> judge(const Figure& figure, int first, int count, int threads);
 
   private:
@@ -72,7 +72,7 @@ Result<JudgedPart> Production::judge_one(algo::Pipeline& pipeline, const Figure&
                                          std::optional<ProductionPart>& traced, int& traced_number) {
     const int pose = f.pose_of(number);
     const bool painted = f.flaw == Flaw::speck || f.flaw == Flaw::haze;
-    const bool often = f.poses > 1 && f.stream == Stream::test;  // by several figures
+    const bool often = f.poses > 1 && f.stream == Stream::test;  // several figures use this pose
     if (!traced || traced_number != pose) {
         const std::lock_guard lock(traced_mutex_);
         const auto kept = traced_.find(pose);
@@ -150,8 +150,7 @@ Result<Json> Production::judge(const Figure& figure, int first, int count, int t
     return all;
 }
 
-// The limits' factor at which a share kGoodShare of good parts would be rejected, by the tail of the tuning parts'
-// scores.
+// The factor on the limits at which a share kGoodShare of good parts is rejected, by the tail of the tuning scores.
 double factor_for(const std::vector<JudgedPart>& tuning) {
     std::vector<double> scores;
     for (const JudgedPart& p : tuning) {
@@ -168,6 +167,11 @@ class Run {
 
   private:
     Result<void> judge(Production& production, const Figure& figure);
+    // The round part at every light level, with the same limits and one reference: a camera of 16 bits.
+    Result<void> judge_light_levels();
+    Result<void> judge_strips();
+    // Flaws that are traced part by part, which takes longest. In turns, so that an interrupted run has some of each.
+    Result<void> judge_traced(Production& production);
     Result<void> judge_chunk(Production& production, const Figure& figure, int first);
     Result<std::shared_ptr<const algo::Reference>> learn(const sim::Scene& scene, const std::string& what);
     Result<Json> value(const std::string& key, const std::function<Result<Json>()>& compute);
@@ -176,7 +180,7 @@ class Run {
     const ExperimentOptions& options_;
     ResultCache& cells_;
     Sizes sizes_;
-    bool only_finished_;  // nothing is computed: what no cell has is missing in the results
+    bool only_finished_;  // computes nothing: cells that are not cached stay out of the results
     DetectionResults results_;
     double done_ = 0, total_ = 1;
 };
@@ -210,6 +214,89 @@ Result<std::shared_ptr<const algo::Reference>> Run::learn(const sim::Scene& scen
     note(what);
     if (only_finished_) return std::shared_ptr<const algo::Reference>();
     return learn_production(scene, sizes_.learn, 1, options_.seed);
+}
+
+Result<void> Run::judge_light_levels() {
+    sim::Scene deep = round_part();
+    deep.camera.bits = 16;
+    auto learned = learn(deep, "learning for the light levels");
+    if (!learned) return tl::unexpected(learned.error());
+    Production levels(deep, *learned, results_.factor, options_.seed);
+    for (const double electrons : kLightLevels) {
+        const double led = electrons / kProductionElectrons;
+        if (auto done = judge(levels,
+                              {.name = fmt::format("{:g} electrons good", electrons),
+                               .led = led,
+                               .parts = sizes_.good,
+                               .poses = sizes_.poses});
+            !done)
+            return done;
+        if (auto done = judge(levels,
+                              {.name = fmt::format("{:g} electrons haze", electrons),
+                               .flaw = Flaw::haze,
+                               .size = kHazeRadius,
+                               .led = led,
+                               .parts = sizes_.good,
+                               .poses = sizes_.poses});
+            !done) {
+            return done;
+        }
+    }
+    return {};
+}
+
+Result<void> Run::judge_strips() {
+    for (const double slope : results_.slopes) {
+        const sim::Scene scene = strip(slope);
+        auto learned = learn(scene, fmt::format("learning slope {:g}", slope));
+        if (!learned) return tl::unexpected(learned.error());
+        Production strips(scene, *learned, results_.factor, options_.seed);
+        const int parts = sizes_.slope_poses * sizes_.slope_exposures;
+        if (auto done = judge(
+                strips, {.name = fmt::format("slope {:g} good", slope), .parts = parts, .poses = sizes_.slope_poses});
+            !done)
+            return done;
+        // Other poses than the good ones: the tuning stream's are not used for strips.
+        if (auto done = judge(strips,
+                              {.name = fmt::format("slope {:g} haze", slope),
+                               .flaw = Flaw::haze,
+                               .size = kHazeRadius,
+                               .parts = parts,
+                               .stream = Stream::tune,
+                               .poses = sizes_.slope_poses});
+            !done) {
+            return done;
+        }
+    }
+    return {};
+}
+
+Result<void> Run::judge_traced(Production& production) {
+    const Figure traced[] = {
+        {.name = "bubble",
+         .flaw = Flaw::bubble,
+         .parts = sizes_.bubbles * sizes_.bubble_exposures,
+         .exposures = sizes_.bubble_exposures},
+        {.name = "dimple",
+         .flaw = Flaw::dimple,
+         .size = 1.5,
+         .parts = sizes_.flaws * sizes_.flaw_exposures,
+         .exposures = sizes_.flaw_exposures},
+        {.name = "scratch",
+         .flaw = Flaw::scratch,
+         .size = 4,
+         .parts = sizes_.flaws * sizes_.flaw_exposures,
+         .exposures = sizes_.flaw_exposures},
+    };
+    for (int first = 0, left = 1; left > 0; first += kChunk) {
+        left = 0;
+        for (const Figure& figure : traced) {
+            if (first >= figure.parts) continue;
+            if (auto done = judge_chunk(production, figure, first); !done) return done;
+            ++left;
+        }
+    }
+    return {};
 }
 
 Result<DetectionResults> Run::run() {
@@ -249,56 +336,8 @@ Result<DetectionResults> Run::run() {
     for (const Figure& figure : figures) {
         if (auto done = judge(production, figure); !done) return tl::unexpected(done.error());
     }
-    // The same limits and one reference at every light: a camera of 16 bits, whose range holds it.
-    {
-        sim::Scene deep = round;
-        deep.camera.bits = 16;
-        auto learned = learn(deep, "learning for the light levels");
-        if (!learned) return tl::unexpected(learned.error());
-        Production levels(deep, *learned, results_.factor, options_.seed);
-        for (const double electrons : kLightLevels) {
-            const double led = electrons / kProductionElectrons;
-            if (auto done = judge(levels,
-                                  {.name = fmt::format("{:g} electrons good", electrons),
-                                   .led = led,
-                                   .parts = s.good,
-                                   .poses = s.poses});
-                !done)
-                return tl::unexpected(done.error());
-            if (auto done = judge(levels,
-                                  {.name = fmt::format("{:g} electrons haze", electrons),
-                                   .flaw = Flaw::haze,
-                                   .size = kHazeRadius,
-                                   .led = led,
-                                   .parts = s.good,
-                                   .poses = s.poses});
-                !done) {
-                return tl::unexpected(done.error());
-            }
-        }
-    }
-    for (const double slope : results_.slopes) {
-        const sim::Scene scene = strip(slope);
-        auto learned = learn(scene, fmt::format("learning slope {:g}", slope));
-        if (!learned) return tl::unexpected(learned.error());
-        Production strips(scene, *learned, results_.factor, options_.seed);
-        const int parts = s.slope_poses * s.slope_exposures;
-        if (auto done =
-                judge(strips, {.name = fmt::format("slope {:g} good", slope), .parts = parts, .poses = s.slope_poses});
-            !done)
-            return tl::unexpected(done.error());
-        // Other poses than the good ones: the tuning stream's are not used for strips.
-        if (auto done = judge(strips,
-                              {.name = fmt::format("slope {:g} haze", slope),
-                               .flaw = Flaw::haze,
-                               .size = kHazeRadius,
-                               .parts = parts,
-                               .stream = Stream::tune,
-                               .poses = s.slope_poses});
-            !done) {
-            return tl::unexpected(done.error());
-        }
-    }
+    if (auto done = judge_light_levels(); !done) return tl::unexpected(done.error());
+    if (auto done = judge_strips(); !done) return tl::unexpected(done.error());
     note("contrast on the paper's scenes");
     auto contrast = value("contrast", [&] { return measure_contrast(options_); });
     if (!contrast) return tl::unexpected(contrast.error());
@@ -307,38 +346,10 @@ Result<DetectionResults> Run::run() {
     auto times = value("times", [&] { return measure_times(options_); });
     if (!times) return tl::unexpected(times.error());
     results_.times = *times;
-    // What is traced part by part takes longest; in turns, so that an interrupted run has some of each.
-    const Figure traced[] = {
-        {.name = "bubble",
-         .flaw = Flaw::bubble,
-         .parts = s.bubbles * s.bubble_exposures,
-         .exposures = s.bubble_exposures},
-        {.name = "dimple",
-         .flaw = Flaw::dimple,
-         .size = 1.5,
-         .parts = s.flaws * s.flaw_exposures,
-         .exposures = s.flaw_exposures},
-        {.name = "scratch",
-         .flaw = Flaw::scratch,
-         .size = 4,
-         .parts = s.flaws * s.flaw_exposures,
-         .exposures = s.flaw_exposures},
-    };
-    for (int first = 0, left = 1; left > 0; first += kChunk) {
-        left = 0;
-        for (const Figure& figure : traced) {
-            if (first >= figure.parts) continue;
-            if (auto done = judge_chunk(production, figure, first); !done) return tl::unexpected(done.error());
-            ++left;
-        }
-    }
+    if (auto done = judge_traced(production); !done) return tl::unexpected(done.error());
     options_.progress(1, "");
     return std::move(results_);
 }
-
-}  // namespace
-
-namespace {
 
 Result<ExperimentReport> run_or_report(const ExperimentOptions& options, bool only_finished) {
     auto cells =

@@ -1,5 +1,5 @@
-// Does judging against a reference keep its promises on simulated production? False rejects, probability of detection,
-// kinds, contrast, time.
+// Detection against a reference on simulated production: false rejects, probability of detection, kinds, contrast,
+// time.
 #pragma once
 
 #include <map>
@@ -13,18 +13,18 @@
 namespace hord::lab {
 
 Result<ExperimentReport> run_detection(const ExperimentOptions& options);
-// What an interrupted run has finished, and nothing more: figures that have too few parts say so.
+// Reports the finished part of an interrupted run; figures with too few parts are marked.
 Result<ExperimentReport> report_finished_detection(const ExperimentOptions& options);
 
-inline constexpr double kGoodShare = 3e-4;  // of good parts that the limits, fitted on the tuning parts, are to reject
+inline constexpr double kGoodShare = 3e-4;                    // share of good parts that the tuned limits should reject
 inline constexpr double kLightLevels[] = {200, 2000, 20000};  // electrons a lenslet
 
-// One part as it was judged: its score (1 and above rejects), whether a defect was found where the flaw is, the kind of
-// it.
+// A judged part.
 struct JudgedPart {
-    double score = 0;
-    bool unfit = false, hit = false;
-    int kind = -1;        // algo::DefectKind; -1: nothing was found there
+    double score = 0;  // 1 and above: rejected
+    bool unfit = false;
+    bool hit = false;     // a defect was found at the flaw
+    int kind = -1;        // algo::DefectKind of that defect; -1: none was found
     double size = 0;      // of its flaw
     double from_rim = 0;  // lenslets
     int defects = 0;
@@ -34,9 +34,9 @@ struct DetectionResults {
     double factor = 1;  // on the recipe's default limits, from the tuning parts
     int tuned_on = 0;
     std::map<std::string, std::vector<JudgedPart>> parts;  // by figure
-    std::map<std::string, std::size_t> wanted;             // so many parts a figure has when it is finished
-    int poses = 0, slope_poses = 0;  // part k of a figure that is exposed again and again lies like part k % poses
-    int bubble_exposures = 1, flaw_exposures = 1;  // that follow one another, of one traced part
+    std::map<std::string, std::size_t> wanted;             // parts of a finished figure
+    int poses = 0, slope_poses = 0;                        // part k of a figure has pose k % poses
+    int bubble_exposures = 1, flaw_exposures = 1;          // consecutive exposures of one traced part
     std::vector<double> slopes;
     Json contrast, times;  // null while they are not finished
     std::uint64_t seed = 1;

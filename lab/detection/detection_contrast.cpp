@@ -16,12 +16,13 @@
 #include "lab/detection/detection_parts.h"
 #include "lab/experiment/inspected_maps.h"
 #include "lab/experiment/scenes.h"
+#include "lab/report/cpu_time.h"
 
 namespace hord::lab {
 namespace {
 
 constexpr double kElectrons = 2000, kSourceArea = 1.169;  // bins
-constexpr double kFloor = 1e-3;                           // of a map's contrast, where the clean part shows nothing
+constexpr double kFloor = 1e-3;                           // smallest sigma of a map, times 3
 
 // The paper's lens as this camera sees it: 12 bits, noise, a little wobble.
 sim::Scene paper_lens(int lenslets) {
@@ -56,28 +57,27 @@ Result<sim::LightField> light_of(const sim::Scene& scene, const ExperimentOption
     return sim::render(scene, {options.threads, {}});
 }
 
-// A frame's maps, and where each has a value: a dark lenslet has no gradient, unless it is taken as evenly lit, but its
-// missing light is judged.
-struct Seen {
+// The maps of a frame, with masks of the lenslets that have no value. A dark lenslet has no gradient, unless it is
+// taken as evenly lit, but it has a z-score.
+struct PartMaps {
     std::vector<float> emd, even, z_score;
     std::vector<float> deviance;  // deviance_of(), where z_score has a value
-    std::vector<std::uint8_t> emd_mask, even_mask, surprise_mask;
+    std::vector<std::uint8_t> emd_mask, even_mask, z_score_mask;
 };
-struct MapOfSeen {
+struct NamedMap {
     const char* name;
-    std::vector<float> Seen::*map;
-    std::vector<std::uint8_t> Seen::*mask;
+    std::vector<float> PartMaps::*map;
+    std::vector<std::uint8_t> PartMaps::*mask;
 };
-constexpr MapOfSeen kMaps[] = {{"emd", &Seen::emd, &Seen::emd_mask},
-                               {"even", &Seen::even, &Seen::even_mask},
-                               {"surprise", &Seen::z_score, &Seen::surprise_mask}};
+constexpr NamedMap kMaps[] = {{"emd", &PartMaps::emd, &PartMaps::emd_mask},
+                              {"even", &PartMaps::even, &PartMaps::even_mask},
+                              {"surprise", &PartMaps::z_score, &PartMaps::z_score_mask}};
 
-// What nobody can be surer than. Of every lenslet twice the logarithm of how much likelier its bins are if exactly they
-// were expected than if the good part was, with the good part known exactly (what the reference expects there) and no
-// noise but that of photons and readings: Poisson's where light is missing, a normal number's where there is more. Who
-// looks for exactly this flaw can have no better test (Neyman and Pearson), and by noise alone that ratio is R or more
-// at most once in R times: a score that good parts exceed as rarely as a normal number is at most about the root of
-// this, less what noise alone has.
+// The deviance of each lenslet, an upper bound for any score: twice the log likelihood ratio of its bins as measured
+// and as the reference expects them. Noise is that of photons and readings alone: Poisson where light is missing,
+// normal where there is more. By Neyman and Pearson no test for exactly this flaw is better, and under noise alone the
+// ratio is R or more with a probability of at most 1 / R. So a score that good parts exceed as rarely as a normal
+// number is at most about the root of the deviance, less its mean under noise.
 std::vector<float> deviance_of(const Frame& frame, const algo::Extents& e, const algo::Reference& reference,
                                const algo::ReferenceSampler& reference_hord, const algo::Registered& at,
                                std::span<const std::uint8_t> mask) {
@@ -91,16 +91,16 @@ std::vector<float> deviance_of(const Frame& frame, const algo::Extents& e, const
             if ((mask[k] & (algo::kOutside | algo::kSaturated)) != 0) continue;
             std::ranges::fill(bins, 0.0F);
             const auto place = pose.to_reference(m, n);
-            const auto wanted = reference_hord.read(place.m, place.n, at.light, bins.data());
-            if (!wanted.has_hord) continue;
+            const auto at_place = reference_hord.read(place.m, place.n, at.light, bins.data());
+            if (!at_place.has_hord) continue;
             double sum = 0;
             for (int b = 0; b < e.bins(); ++b) {
                 const auto sample = static_cast<double>(frame.view().sample(m * e.i + b % e.i, n * e.j + b / e.i));
-                const double seen = std::max(0.0, sample - static_cast<double>(reference.levels.dark)),
-                             expected = wanted.light * static_cast<double>(bins[reference.place(b % e.i, b / e.i)]);
-                const double more = seen - expected;
+                const double measured = std::max(0.0, sample - static_cast<double>(reference.levels.dark)),
+                             expected = at_place.light * static_cast<double>(bins[reference.place(b % e.i, b / e.i)]);
+                const double more = measured - expected;
                 if (more > 0) sum += more * more / (expected / gain + read * read + 1.0 / 12);
-                else sum += 2 * gain * ((seen > 0 ? seen * std::log(seen / expected) : 0) - more);
+                else sum += 2 * gain * ((measured > 0 ? measured * std::log(measured / expected) : 0) - more);
             }
             deviance[k] = static_cast<float>(sum);
         }
@@ -108,7 +108,7 @@ std::vector<float> deviance_of(const Frame& frame, const algo::Extents& e, const
     return deviance;
 }
 
-// The roots of what a map of deviances has more than noise alone, which is `by_noise` of every lenslet.
+// The roots of the deviances above `by_noise`, the mean deviance under noise alone.
 std::vector<float> roots_of(const std::vector<float>& deviance, double by_noise) {
     std::vector<float> roots;
     for (const float d : deviance)
@@ -116,35 +116,36 @@ std::vector<float> roots_of(const std::vector<float>& deviance, double by_noise)
     return roots;
 }
 
-Result<std::optional<Seen>> look(algo::Pipeline& against, algo::Pipeline& alone, const algo::Reference& reference,
-                                 const algo::ReferenceSampler& reference_hord, const Frame& frame,
-                                 const algo::Extents& e) {
-    const auto found = against.inspect(frame.view());
+Result<std::optional<PartMaps>> inspect_part(algo::Pipeline& with_reference, algo::Pipeline& without_reference,
+                                             const algo::Reference& reference,
+                                             const algo::ReferenceSampler& reference_hord, const Frame& frame,
+                                             const algo::Extents& e) {
+    const auto found = with_reference.inspect(frame.view());
     if (!found) return tl::unexpected(found.error());
-    if (found->z_score.empty()) return std::optional<Seen>();
-    Seen seen;
-    seen.emd.assign(found->emd.begin(), found->emd.end());
-    seen.z_score.assign(found->z_score.begin(), found->z_score.end());
-    seen.emd_mask.assign(found->mask.begin(), found->mask.end());
-    seen.surprise_mask = seen.emd_mask;
-    for (std::uint8_t& bits : seen.surprise_mask) bits &= static_cast<std::uint8_t>(~(algo::kDark | algo::kBorder));
-    seen.deviance = deviance_of(frame, e, reference, reference_hord, found->registered, seen.surprise_mask);
-    const Frame filled = with_dark_as_uniform(frame, InspectedMaps{e, seen.emd, {}, {}, seen.emd_mask});
-    const auto even = alone.inspect(filled.view());
+    if (found->z_score.empty()) return std::optional<PartMaps>();
+    PartMaps maps;
+    maps.emd.assign(found->emd.begin(), found->emd.end());
+    maps.z_score.assign(found->z_score.begin(), found->z_score.end());
+    maps.emd_mask.assign(found->mask.begin(), found->mask.end());
+    maps.z_score_mask = maps.emd_mask;
+    for (std::uint8_t& bits : maps.z_score_mask) bits &= static_cast<std::uint8_t>(~(algo::kDark | algo::kBorder));
+    maps.deviance = deviance_of(frame, e, reference, reference_hord, found->registered, maps.z_score_mask);
+    const Frame filled = with_dark_as_uniform(frame, InspectedMaps{e, maps.emd, {}, {}, maps.emd_mask});
+    const auto even = without_reference.inspect(filled.view());
     if (!even) return tl::unexpected(even.error());
-    seen.even.assign(even->emd.begin(), even->emd.end());
-    seen.even_mask.assign(even->mask.begin(), even->mask.end());
-    return std::optional(std::move(seen));
+    maps.even.assign(even->emd.begin(), even->emd.end());
+    maps.even_mask.assign(even->mask.begin(), even->mask.end());
+    return std::optional(std::move(maps));
 }
 
-// Contrast to noise when the map is first averaged over a disc as large as the defect and 1.5 lenslets around it: what
-// the disc at the defect has, less the mean of discs all over the clean interior, over their standard deviation.
+// Contrast to noise of the map averaged over a disc of the defect and 1.5 lenslets around it: the average at the defect
+// less the mean of such averages over the clean interior, over their standard deviation.
 double averaged_contrast(const std::vector<float>& flawed, const std::vector<std::uint8_t>& flawed_mask,
                          const std::vector<float>& clean, const std::vector<std::uint8_t>& interior,
                          const algo::Extents& e, const sim::TruthDefect& defect) {
     const double radius = defect.radius_lenslets + 1.5;
     const int reach = static_cast<int>(std::ceil(radius));
-    // Nothing where the disc leaves the field, or, if all of it must have a value, where one has none.
+    // Empty where the disc leaves the field, or, with `all`, where a lenslet in it has no value.
     const auto mean_at = [&](const std::vector<float>& map, const std::vector<std::uint8_t>& mask, double at_m,
                              double at_n, std::uint8_t none, bool all) -> std::optional<double> {
         double sum = 0, count = 0;
@@ -173,11 +174,7 @@ double averaged_contrast(const std::vector<float>& flawed, const std::vector<std
     return (*there - mean) / std::max(sigma, kFloor / 3);
 }
 
-std::int64_t cpu_ns() {
-    timespec t{};
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-    return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
-}
+std::int64_t cpu_ns() { return thread_cpu_time().count(); }
 
 double median(std::vector<double> values) { return quantile(std::move(values), 0.5); }
 
@@ -198,15 +195,16 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
     auto reference = learn_lens(nominal, frames.size(), [&](std::size_t k) -> Result<Frame> { return frames[k]; });
     if (!reference) return tl::unexpected(reference.error());
     algo::Recipe recipe = production_recipe();
-    auto alone = algo::Pipeline::create(e, nominal.camera.bits, recipe);
+    auto without_reference = algo::Pipeline::create(e, nominal.camera.bits, recipe);
     recipe.reference = *reference;
-    auto against = algo::Pipeline::create(e, nominal.camera.bits, recipe);
-    if (!alone || !against) return tl::unexpected(alone ? against.error() : alone.error());
+    auto with_reference = algo::Pipeline::create(e, nominal.camera.bits, recipe);
+    if (!without_reference || !with_reference)
+        return tl::unexpected(without_reference ? with_reference.error() : without_reference.error());
 
     const algo::ReferenceSampler reference_hord(**reference, algo::best_isa());
 
-    // The cut and the bubble, and hollows where the cut is and as wide, but shallower: they deflection_shift the light
-    // at their rim by so many bins, and none leaves the bins.
+    // The cut, the bubble, and hollows as wide as the cut but shallower: they deflect the light at their rim by so many
+    // bins, so that none leaves the bins.
     struct Flawed {
         std::string name;
         sim::SceneDefect defect;
@@ -215,14 +213,14 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
     for (const double bins : {1.0, 0.3, 0.15}) {
         constexpr double kHalfWidthMm = 0.66;
         const sim::DoubleConvexLens lens;
-        // What a hollow changes is the sum of its own curvature and the lens's, which it takes away.
+        // A hollow changes the curvature by its own plus the lens's, which it replaces.
         const double curved = bins * nominal.camera.bin_pitch_rad / ((lens.refractive_index - 1) * kHalfWidthMm);
         flawed.push_back(
             {fmt::format("hollow, {:g} bin", bins),
              cut_of_lens(kHalfWidthMm * kHalfWidthMm * curved / 2, 1 / (curved - 1 / lens.radius_of_curvature_mm))});
     }
     std::uint64_t exposure = 0xC100'0000U;
-    // What a flawed part shows over a clean one that lies alike, exposed so many times.
+    // Contrasts of a flawed part over a clean one in the same pose, for each of `times` exposures.
     const auto compare = [&](const std::string& name, const sim::Scene& clean, const sim::LightField& clean_light,
                              const sim::Scene& scene, const sim::TruthDefect& truth, int times) -> Result<Json> {
         auto light = light_of(scene, options);
@@ -230,23 +228,22 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
         std::map<std::string, std::vector<double>> each, averaged;
         int refused = 0;
         for (int k = 0; k < times; ++k) {
-            const auto good = look(*against, *alone, **reference, reference_hord,
-                                   expose_part(clean_light, clean, options.seed, exposure++), e);
-            const auto bad = look(*against, *alone, **reference, reference_hord,
-                                  expose_part(*light, scene, options.seed, exposure++), e);
+            const auto good = inspect_part(*with_reference, *without_reference, **reference, reference_hord,
+                                           expose_part(clean_light, clean, options.seed, exposure++), e);
+            const auto bad = inspect_part(*with_reference, *without_reference, **reference, reference_hord,
+                                          expose_part(*light, scene, options.seed, exposure++), e);
             if (!good || !bad) return tl::unexpected(good ? bad.error() : good.error());
             if (!*good || !*bad) {
                 ++refused;
                 continue;
             }
-            // In the unit of the scores here: their clean standard deviation. Nothing is taken off for what the clean
-            // part shows.
+            // In units of the scores' clean standard deviation; the clean mean is not subtracted.
             const Interior scores = interior_of((**good).z_score, (**good).emd_mask);
             const std::vector<float> surest =
                 roots_of((**bad).deviance, interior_of((**good).deviance, (**good).emd_mask).mean);
             each["surest"].push_back(
-                contrast_of(surest, (**bad).surprise_mask, e, truth, {.sigma = scores.sigma}, kFloor).to_noise);
-            for (const MapOfSeen& map : kMaps) {
+                contrast_of(surest, (**bad).z_score_mask, e, truth, {.sigma = scores.sigma}, kFloor).to_noise);
+            for (const NamedMap& map : kMaps) {
                 const Interior interior = interior_of((**good).*map.map, (**good).emd_mask);
                 each[map.name].push_back(
                     contrast_of((**bad).*map.map, (**bad).*map.mask, e, truth, interior, kFloor).to_noise);
@@ -267,15 +264,15 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
         sim::Scene scene = clean;
         scene.name = flaw.name;
         scene.defects.push_back(flaw.defect);
-        // The hollows lie where the cut does.
+        // The hollows are at the cut's place.
         const sim::TruthDefect truth = flaw.name.starts_with("hollow") ? *cut : sim::truth_of(scene).defects.front();
         if (!cut) cut = truth;
         auto compared = compare(flaw.name, clean, *clean_light, scene, truth, shots);
         if (!compared) return tl::unexpected(compared.error());
         scenes.push_back(*compared);
     }
-    // How the cut lies between the lenslets decides how much of its light is seen: its middle on a lenslet's, and a
-    // quarter, half, three quarters of a lenslet beside, along either axis.
+    // The light of the cut depends on its place between the lenslets: its middle at a lenslet's, and a quarter, half
+    // and three quarters of a lenslet beside it along either axis.
     const int sides = options.quick ? 1 : 4;
     const double pitch_mm = nominal.camera.field_mm / e.m;
     for (int place = 0; place < sides * sides; ++place) {
@@ -286,7 +283,7 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
         const sim::TruthDefect middle = sim::truth_of(scene).defects.front();
         const auto to = [](double from, double beside) {
             return beside - from - std::round(beside - from);
-        };  // the nearest such place
+        };  // to the nearest such place
         scene.pose.x_mm += pitch_mm * to(middle.m, beside_m);
         scene.pose.y_mm += pitch_mm * to(middle.n, beside_n);
         sim::Scene good = scene;
@@ -301,9 +298,9 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
     return scenes;
 }
 
-// CPU time of one thread, of the features, without and with a reference; taken in turns, for other programs slow both
-// alike. At the paper's size: one traced lens, exposed again and again, is learned from and inspected. The quick form
-// measures a smaller lens.
+// CPU time of one thread, of the features, without and with a reference in turns, so that other load disturbs both
+// alike. One traced lens of the paper's size (the quick form: smaller) is exposed repeatedly, learned from and
+// inspected.
 Result<Json> measure_times(const ExperimentOptions& options) {
     const int lenslets = options.quick ? 111 : 555, repeats = options.quick ? 9 : 31;
     const sim::Scene scene = paper_lens(lenslets);
@@ -319,18 +316,19 @@ Result<Json> measure_times(const ExperimentOptions& options) {
     if (!reference) return tl::unexpected(reference.error());
     frames.clear();
     algo::Recipe recipe = production_recipe();
-    auto alone = algo::Pipeline::create(e, scene.camera.bits, recipe);
+    auto without_reference = algo::Pipeline::create(e, scene.camera.bits, recipe);
     recipe.reference = *reference;
-    auto against = algo::Pipeline::create(e, scene.camera.bits, recipe);
-    if (!alone || !against) return tl::unexpected(alone ? against.error() : alone.error());
+    auto with_reference = algo::Pipeline::create(e, scene.camera.bits, recipe);
+    if (!without_reference || !with_reference)
+        return tl::unexpected(without_reference ? with_reference.error() : without_reference.error());
     const Frame frame = shoot(0);
     std::vector<double> features, without, with, added;
     for (int k = 0; k < repeats; ++k) {
-        const auto a = alone->inspect(frame.view(), cpu_ns);
+        const auto a = without_reference->inspect(frame.view(), cpu_ns);
         if (!a) return tl::unexpected(a.error());
         features.push_back(static_cast<double>(a->times.feature_ns + a->times.decode_ns + a->times.hord_ns) / 1e6);
         without.push_back(static_cast<double>(a->times.total_ns) / 1e6);
-        const auto b = against->inspect(frame.view(), cpu_ns);
+        const auto b = with_reference->inspect(frame.view(), cpu_ns);
         if (!b) return tl::unexpected(b.error());
         if (!b->registered.found())
             return fail(ErrorCode::internal, "the timed part was not registered",

@@ -33,7 +33,7 @@ double face_mm(const sim::DoubleConvexLens& lens, double x, double y) {
     return lens.edge_thickness_mm / 2 + std::sqrt(r * r - x * x - y * y) - std::sqrt(r * r - a * a);
 }
 
-// Of a lenslet's area the share within `radius` of (m, n), by 8x8 points.
+// The share of a lenslet's area within `radius` of (m, n), by 8x8 points.
 double covered(int at_m, int at_n, const PlacedFlaw& flaw) {
     int inside = 0;
     for (int k = 0; k < 64; ++k) {
@@ -166,10 +166,9 @@ Frame expose_part(const sim::LightField& light, const sim::Scene& scene, std::ui
 algo::Recipe production_recipe() {
     algo::Recipe recipe;
     recipe.name = "production";
-    recipe.dark_dn = 4;  // twice the read noise: what scatters faintly is to be seen
+    recipe.dark_dn = 4;  // twice the read noise, to see faint scattering
     recipe.min_sum_dn = 60;
-    // Against a reference they are judged less what a good part shows; steep strips are far above the defaults'
-    // absolute limits.
+    // Gradients are judged relative to the reference: steep strips are far above the defaults' absolute limits.
     recipe.lenslet_mm = static_cast<float>(kPitchMm);
     recipe.bin_rad = static_cast<float>(kBinRad);
     return recipe;

@@ -4,11 +4,11 @@
 // The round part is a double-convex lens of 9.5 lenslets radius in a field of 27x27 lenslets of 0.2 mm, free light
 // around it, its mean deflection changing by 0.2 bin over two lenslets. The strip is a cylinder lens that fills a field
 // of 10x24 lenslets, of any slope. 9x9 bins of 15 mrad, 2,000 electrons a lenslet, 12 bits, one electron a DN, read
-// noise 2 electrons. The wobble is +-0.5 lenslet and +-1 degree.
+// noise 2 electrons. The pose wobble is +-0.5 lenslet and +-1 degree.
 //
 // Bubbles, dimples (a shallow spherical hollow, radius of curvature 20 mm) and scratches (a groove of 0.03 mm radius)
 // are traced. Specks let half of the light through, and haze spreads a tenth of the light by a Gaussian of one bin, in
-// a disc: both are made of the traced light of a good part, for the optics do not scatter.
+// a disc. Both are applied to the traced light of a good part: the optics do not scatter.
 #pragma once
 
 #include <cstdint>
@@ -35,7 +35,7 @@ struct ProductionPart {
     PlacedFlaw flaw;
 };
 
-// Disjoint streams of one seed: what is learned and tuned from is never tested on.
+// Disjoint streams of one seed for learning, tuning and testing.
 enum class Stream : std::uint32_t { learn = 0x1EA2, tune = 0x7E57, test = 0xD37E };
 
 sim::Scene round_part();
@@ -45,7 +45,7 @@ sim::Scene strip(double slope);  // bins over two lenslets
 // lenslets.
 Result<ProductionPart> make_part(const sim::Scene& scene, Flaw flaw, double size, double wobble, std::uint64_t seed,
                                  Stream stream, std::uint32_t number);
-// A speck or haze at a place of its own in a good part's light.
+// Adds a speck or haze at a random place to a good part's light.
 void add_flaw(ProductionPart& part, Flaw flaw, double size, std::uint64_t seed, Stream stream, std::uint32_t number);
 
 Frame expose_part(const sim::LightField& light, const sim::Scene& scene, std::uint64_t seed, std::uint64_t exposure,

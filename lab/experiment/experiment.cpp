@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <fstream>
 
-#include <fmt/format.h>
+#include "lab/report/tables.h"
 
 namespace hord::lab {
 
@@ -12,23 +12,19 @@ bool ExperimentReport::as_expected() const {
 }
 
 std::string describe(std::span<const Claim> claims) {
-    std::string text = "| claim | outcome | evidence |\n|---|---|---|\n";
+    if (claims.empty()) return {};
+    Table table{{"claim", "outcome", "evidence"}, {}};
     for (const Claim& claim : claims) {
-        const char* outcome = !claim.holds ? "**undecided**" : *claim.holds ? "holds" : "does not hold";
-        text += fmt::format("| {} | {}{} | {} |\n", claim.text, outcome,
-                            claim.as_expected() ? "" : " (**not as expected**)", claim.evidence);
+        const std::string outcome = !claim.holds ? "**undecided**" : *claim.holds ? "holds" : "does not hold";
+        table.rows.push_back(
+            {claim.text, outcome + (claim.as_expected() ? "" : " (**not as expected**)"), claim.evidence});
     }
-    return text;
-}
-
-std::string to_markdown(const ExperimentReport& report) {
-    const std::string claims = report.claims.empty() ? "" : "## Claims\n\n" + describe(report.claims) + "\n";
-    return report.opening.empty() ? report.text + "\n" + claims : report.opening + "\n" + claims + report.text;
+    return to_markdown(table);
 }
 
 Result<void> write_report(const std::filesystem::path& file, const ExperimentReport& report) {
     std::ofstream stream(file);
-    stream << to_markdown(report);
+    stream << report.text;
     if (!stream.flush())
         return fail(ErrorCode::io, file.string() + " cannot be written",
                     "check that the folder may be written to and has space");

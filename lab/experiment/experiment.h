@@ -1,5 +1,5 @@
-// The experiments of `hord-lab experiment`: a question each, asked of the simulated cell and of algo/, and answered
-// with files, a report for people, and claims that hold or do not.
+// The experiments of `hord-lab experiment`. Each answers one question with the simulated cell and algo/, by files, a
+// report and claims that hold or do not.
 //
 // To add one: a folder of its own beside this one with a run function, and a row in lab/hord_lab/experiments.cpp.
 #pragma once
@@ -18,25 +18,24 @@
 namespace hord::lab {
 
 struct ExperimentOptions {
-    std::filesystem::path out;  // exists; what is in it already may be taken up again (result_cache.h)
+    std::filesystem::path out;  // exists; finished cells in it are used again (result_cache.h)
     bool quick = false;         // under a minute: fewer or smaller cells, the same claims
     std::uint64_t seed = 1;
     int threads = 0;  // 0: one a core; results do not depend on it (times measured do)
     std::function<void(double done, const std::string& note)> progress = [](double, const std::string&) {};  // 0..1
 };
 
-// Something that is said of the method, and what was found.
+// A statement about the method, and the result.
 struct Claim {
-    std::string text;           // a sentence that is true or false
-    std::optional<bool> holds;  // nothing: it could not be decided, `evidence` says why
+    std::string text;           // a statement that is true or false
+    std::optional<bool> holds;  // empty: undecided, `evidence` says why
     std::string evidence;       // the numbers
-    bool expected = true;  // how it came out when docs/results was written; false: a claim that is known not to hold
+    bool expected = true;       // the outcome in docs/results; false: the claim is known not to hold
     [[nodiscard]] bool as_expected() const { return holds == expected; }
 };
 
 struct ExperimentReport {
-    std::string opening;  // for people, Markdown: title and what was done, before the claims
-    std::string text;     // the rest, after them; without an opening, all of it, and the claims follow
+    std::string text;  // the whole report, Markdown
     std::vector<Claim> claims;
     std::vector<std::filesystem::path> files;  // written
     [[nodiscard]] bool as_expected() const;    // every claim was decided and came out as expected
@@ -49,11 +48,9 @@ struct Experiment {
     Result<ExperimentReport> (*run)(const ExperimentOptions& options);
 };
 
-// The claims as a Markdown table; all on one line each: holds / does not hold / undecided.
+// The claims as a Markdown table, with the outcome of each: holds, does not hold, or undecided. Empty for no claims.
 std::string describe(std::span<const Claim> claims);
 
-// The whole report, Markdown.
-std::string to_markdown(const ExperimentReport& report);
 // Fails with io.
 Result<void> write_report(const std::filesystem::path& file, const ExperimentReport& report);
 

@@ -14,7 +14,7 @@
 namespace hord::lab {
 namespace {
 
-// Calls use(k, distance) for every lenslet within `reach` of the defect's centre.
+// Calls use(k) for every lenslet within `reach` of the defect's centre.
 template <class Use>
 void around(const algo::Extents& e, const sim::TruthDefect& defect, double reach, const Use& use) {
     const int m0 = std::max(0, static_cast<int>(std::floor(defect.m - reach))),
@@ -28,7 +28,7 @@ void around(const algo::Extents& e, const sim::TruthDefect& defect, double reach
     }
 }
 
-// Lenslets of a window that are `in`, or that cannot be reached from the window's outermost ones without crossing such.
+// Number of lenslets of a window that are `in`, or that such lenslets enclose.
 std::size_t filled_area(std::vector<std::uint8_t> in, int width, int height) {
     constexpr std::uint8_t kReached = 2;
     std::vector<int> queue;
@@ -63,13 +63,13 @@ Result<InspectedMaps> inspect_frame(const Frame& frame, const algo::Extents& ext
                          {found->mask.begin(), found->mask.end()}};
 }
 
-Frame with_dark_as_uniform(const Frame& frame, const InspectedMaps& sight) {
+Frame with_dark_as_uniform(const Frame& frame, const InspectedMaps& maps) {
     Frame filled = frame;
-    const algo::Extents& e = sight.extents;
+    const algo::Extents& e = maps.extents;
     const std::uint32_t even = frame.view().full_scale() / 8;
     for (int n = 0; n < e.n; ++n) {
         for (int m = 0; m < e.m; ++m) {
-            if ((sight.mask[static_cast<std::size_t>(n * e.m + m)] & algo::kDark) == 0) continue;
+            if ((maps.mask[static_cast<std::size_t>(n * e.m + m)] & algo::kDark) == 0) continue;
             for (int k = 0; k < e.bins(); ++k) filled.set(m * e.i + k % e.i, n * e.j + k / e.i, even);
         }
     }

@@ -1,5 +1,4 @@
-// What is seen of a part: the maps of its frame and the conventional picture, and how clearly a known defect stands out
-// in them.
+// The maps of a part's frame, and how clearly a known defect stands out in them.
 #pragma once
 
 #include <cstdint>
@@ -22,11 +21,10 @@ struct InspectedMaps {
 };
 Result<InspectedMaps> inspect_frame(const Frame& frame, const algo::Extents& extents, int threads);
 
-// The frame with every lenslet that `sight` found dark filled evenly: what a dark lenslet's HORD would be if it had to
-// have one.
-Frame with_dark_as_uniform(const Frame& frame, const InspectedMaps& sight);
+// The frame with every lenslet that is dark in `maps` filled evenly, as a substitute for its missing HORD.
+Frame with_dark_as_uniform(const Frame& frame, const InspectedMaps& maps);
 
-// What the interior of a clean part shows: the lenslets that are judged (mask kValid).
+// Statistics of a signal over the interior of a clean part: the lenslets with mask kValid.
 struct Interior {
     double p50 = 0, p99 = 0, mean = 0, sigma = 0;
 };
@@ -37,17 +35,17 @@ Interior interior_of(std::span<const float> signal, std::span<const std::uint8_t
 struct Contrast {
     double peak = 0;   // largest signal within three lenslets of the defect
     double ratio = 0;  // peak over the clean interior's 99th percentile, or `floor` where that is larger
-    double to_noise =
-        0;  // (mean over the defect and 1.5 lenslets around it - the clean mean) over the clean sigma, or floor / 3
-    double blob_radius =
-        0;  // lenslets: of a disc with the area where the signal is as large as `seen` asks for, holes filled
+    // (Mean over the defect and 1.5 lenslets around it - the clean mean) over the clean sigma, or floor / 3.
+    double to_noise = 0;
+    // Lenslets: radius of a disc with the area of the visible signal, holes filled.
+    double blob_radius = 0;
     bool seen = false;  // ratio is at least kVisible
 };
 constexpr double kVisible = 2;
 Contrast contrast_of(std::span<const float> signal, std::span<const std::uint8_t> mask, const algo::Extents& extents,
                      const sim::TruthDefect& defect, const Interior& clean, double floor);
 
-// FNV-1a, 64 bits, of the bytes: to tell whether two runs gave the same bits.
+// FNV-1a, 64 bits, to check that two runs gave the same bits.
 std::string hash_of(std::span<const std::byte> bytes);
 std::string hash_of(std::span<const float> values);
 

@@ -1,7 +1,7 @@
-// The finished cells of an experiment's grid, kept in a file, so that an interrupted run continues where it was.
+// The finished cells of an experiment's grid in a file, so that an interrupted run can continue.
 //
-// The file holds one JSON object a line: first the parameters it was made with, then a cell a line, each written and
-// flushed when it is finished. A last line that was cut off by an interrupt is dropped.
+// The file holds one JSON object a line: the parameters of the run, then one finished cell a line, flushed at once. An
+// incomplete last line is dropped.
 #pragma once
 
 #include <cstddef>
@@ -19,16 +19,16 @@ using Json = nlohmann::ordered_json;
 
 class ResultCache {
   public:
-    // Takes up `file`, or begins it. Fails with invalid_argument when it was made with other parameters or is not such
-    // a file, with io when it cannot be read or written.
+    // Continues `file`, or creates it. Fails with invalid_argument when it has other parameters or is not such a file,
+    // with io when it cannot be read or written.
     static Result<ResultCache> open(const std::filesystem::path& file, const Json& parameters);
 
-    // The cell's values; null while it is not finished.
+    // The cell's values; null if it is not finished.
     [[nodiscard]] const Json* find(const std::string& key) const;
-    // Keeps a finished cell. Fails with io.
+    // Appends a finished cell. Fails with io.
     Result<void> add(const std::string& key, Json values);
 
-    // The cell's values, computed by `compute` (-> Result<Json>) unless they are kept already.
+    // The cell's values; `compute` (-> Result<Json>) is called if it is not finished.
     template <class Compute>
     Result<Json> value(const std::string& key, const Compute& compute) {
         if (const Json* kept = find(key)) return *kept;

@@ -31,7 +31,7 @@ sim::SphericalCut cut_of_lens(double depth_mm, double radius_mm) {
 sim::AirBubble bubble_of_lens(double radius_mm) { return {{0, 0, 0}, radius_mm}; }
 sim::AbsorbingSpeck absorber_of_lens(double transmission) { return {kAbsorberAt, 0.4, transmission}; }
 
-sim::Scene compact(const sim::Scene& scene, double x_mm, double y_mm, int lenslets) {
+sim::Scene close_up(const sim::Scene& scene, double x_mm, double y_mm, int lenslets) {
     sim::Scene near = scene;
     near.camera.field_mm = scene.camera.field_mm * lenslets / scene.camera.extents.m;
     near.camera.extents.m = near.camera.extents.n = lenslets;

@@ -9,13 +9,13 @@ namespace hord::lab {
 // index 1.5; 24 mm field, 9x9 bins of 15 mrad, source of 0.61 bin radius, 8 bit, no noise), seen by `lenslets` squared
 // lenslets.
 sim::Scene lens_scene(int lenslets);
-// Its defects. The cut is a sphere that bites `depth_mm` deep into the face towards the camera, in the upper left
-// quarter.
+// Its defects. The cut: a sphere `depth_mm` deep in the face towards the camera, in the upper left quarter.
 sim::SphericalCut cut_of_lens(double depth_mm, double radius_mm = 1.5);
 sim::AirBubble bubble_of_lens(double radius_mm);
 sim::AbsorbingSpeck absorber_of_lens(double transmission);
 
-// The same part seen by a `lenslets` wide square about the point (x, y) of it, at the same pitch, by both cameras.
-sim::Scene compact(const sim::Scene& scene, double x_mm, double y_mm, int lenslets);
+// A close-up of the scene for both cameras: a square of `lenslets` about the point (x, y) of the part, at the same
+// pitch.
+sim::Scene close_up(const sim::Scene& scene, double x_mm, double y_mm, int lenslets);
 
 }  // namespace hord::lab

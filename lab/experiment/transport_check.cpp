@@ -20,7 +20,7 @@ std::vector<int> lit(const Masses& h) {
 
 std::int64_t total(const Masses& h) { return std::accumulate(h.begin(), h.end(), std::int64_t{0}); }
 
-// Rows supply, columns demand. Flow goes along shortest paths in the residual graph until all is delivered.
+// Rows supply, columns demand. Sends flow along shortest paths of the residual graph until all is delivered.
 class ShortestPaths {
   public:
     ShortestPaths(const Masses& a, const Masses& b, const algo::GroundDistance& ground)
@@ -47,7 +47,7 @@ class ShortestPaths {
     }
 
   private:
-    // False when nothing is left to deliver.
+    // False when all is delivered.
     bool deliver_once() {
         const std::size_t nodes = rows_ + cols_;
         std::vector<double> far(nodes, kFar);

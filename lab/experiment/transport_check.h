@@ -1,4 +1,4 @@
-// Two solvers that share nothing with algo/, to check the earth mover's distance with.
+// Two solvers of the earth mover's distance that are independent of algo/, as oracles.
 #pragma once
 
 #include <cstdint>

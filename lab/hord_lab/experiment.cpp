@@ -1,4 +1,4 @@
-// hord-lab experiment: questions asked of the simulated cell, answered with files, a report and claims.
+// hord-lab experiment: runs an experiment on the simulated cell and writes its report.
 #include <memory>
 
 #include <fmt/format.h>
@@ -34,7 +34,7 @@ Exit run_experiment(const Experiment& experiment, const ExperimentArguments& arg
     if (!report) return complain(report.error());
     const auto file = std::filesystem::path(arguments.out) / (std::string(experiment.name) + ".md");
     if (auto done = write_report(file, *report); !done) return complain(done.error());
-    fmt::print("{}\n{}\n", to_markdown(*report), file.string());
+    fmt::print("{}\n{}\n", report->text, file.string());
     for (const auto& written : report->files) fmt::print("{}\n", written.string());
     return report->as_expected() ? Exit::good : Exit::rejected;
 }

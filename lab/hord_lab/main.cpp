@@ -1,4 +1,4 @@
-// hord-lab: what is asked of the simulated cell.
+// hord-lab: experiments, soak and scenes of the simulated cell.
 #include "lab/hord_lab/commands.h"
 
 int main(int argc, char** argv) {

@@ -11,8 +11,11 @@
 #include "lab/paper/paper_vary.h"
 #include "lab/paper/paper_views.h"
 #include "lab/report/tables.h"
+#include "lab/report/template.h"
 
 namespace hord::lab {
+
+using namespace firmware;
 namespace {
 
 constexpr double kAbsorberTransmission = 0.5;
@@ -34,7 +37,7 @@ std::array<sim::Scene, kScenes> scenes_of_figure(int lenslets, std::uint64_t see
     return scenes;
 }
 
-// Of 360 directions from the centre, the share in which the map is bright within four lenslets of the lens' edge.
+// The share of 360 directions from the centre in which the map is bright within four lenslets of the lens' edge.
 double bright_share_of_rim(const SceneViews& clean, View view, const Interior& interior) {
     const algo::Extents& e = clean.scene.camera.extents;
     const double radius = sim::DoubleConvexLens{}.aperture_radius_mm / clean.scene.camera.field_mm * e.m;
@@ -57,7 +60,7 @@ double bright_share_of_rim(const SceneViews& clean, View view, const Interior& i
 struct Figure {
     std::vector<SceneViews> scenes;
     std::array<Interior, kViews> interior;
-    std::array<std::array<Contrast, kViews>, kScenes> contrast;  // of kClean: nothing
+    std::array<std::array<Contrast, kViews>, kScenes> contrast;  // kClean: unused
 
     [[nodiscard]] const Contrast& of(SceneNumber scene, View view) const {
         return contrast[scene][static_cast<std::size_t>(view)];
@@ -68,7 +71,8 @@ struct Figure {
     }
 };
 
-Result<Figure> see_figure(const ExperimentOptions& options, int lenslets, ResultCache& cells, double share_of_work) {
+Result<Figure> inspect_figure(const ExperimentOptions& options, int lenslets, ResultCache& cells,
+                              double share_of_work) {
     Figure figure;
     const auto scenes = scenes_of_figure(lenslets, options.seed);
     for (std::size_t s = 0; s < kScenes; ++s) {
@@ -76,7 +80,7 @@ Result<Figure> see_figure(const ExperimentOptions& options, int lenslets, Result
             options.progress(share_of_work * (static_cast<double>(s) + done) / static_cast<double>(scenes.size()),
                              "rendering " + scenes[s].name);
         };
-        auto views = see(scenes[s], options.out, options.threads, cells, progress);
+        auto views = inspect_scene(scenes[s], options.out, options.threads, cells, progress);
         if (!views) return tl::unexpected(views.error());
         figure.scenes.push_back(std::move(*views));
     }
@@ -149,7 +153,7 @@ Table contrast_table(const Figure& figure) {
     return table;
 }
 
-// How far off a blob's size is, as a factor of at least 1. Closer means: by more than a twentieth.
+// The ratio of a blob's size and the true one, at least 1. One size counts as closer if its ratio is smaller by 5 %.
 double size_error(double blob, double truth) { return blob > 0 ? std::max(blob / truth, truth / blob) : 1e9; }
 constexpr double kCloser = 1.05;
 
@@ -207,8 +211,8 @@ std::vector<Claim> claims_of(const Figure& f, bool quick) {
 std::string hashes_of(const Figure& figure) {
     Table table{{"scene", "frame", "EMD", "Frobenius", "transmission", "telecentric"}, {}};
     for (const SceneViews& seen : figure.scenes) {
-        table.rows.push_back({seen.scene.name, seen.frame_hash, hash_of(seen.sight.emd), hash_of(seen.sight.frobenius),
-                              hash_of(seen.sight.transmission), hash_of(seen.telecentric)});
+        table.rows.push_back({seen.scene.name, seen.frame_hash, hash_of(seen.maps.emd), hash_of(seen.maps.frobenius),
+                              hash_of(seen.maps.transmission), hash_of(seen.telecentric)});
     }
     return to_markdown(table);
 }
@@ -222,7 +226,7 @@ Result<ExperimentReport> run_paper(const ExperimentOptions& options) {
                           {{"experiment", "paper"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 1}});
     if (!cells) return tl::unexpected(cells.error());
     constexpr double kShareOfFigure = 0.6;
-    const auto figure = see_figure(options, lenslets, *cells, kShareOfFigure);
+    const auto figure = inspect_figure(options, lenslets, *cells, kShareOfFigure);
     if (!figure) return tl::unexpected(figure.error());
 
     ExperimentReport report;
@@ -243,36 +247,19 @@ Result<ExperimentReport> run_paper(const ExperimentOptions& options) {
     report.files.insert(report.files.end(), varied->files.begin(), varied->files.end());
 
     const sim::Scene& scene = figure->scenes[kClean].scene;
-    report.opening = fmt::format(
-        "# The paper's figure, from the simulated cell\n\n"
-        "Made by `hord-lab experiment paper --out DIR{} --seed {}`.\n\n"
-        "A double-convex lens (R 190 mm, aperture radius 10 mm, index 1.5) in a field of {} mm, {}x{} lenslets of "
-        "{:.1f} um, 9x9 bins of 15 mrad, a source of {} bin\n"
-        "radius, 8 bit, no noise. Cut: a sphere of 1.5 mm radius that bites 1 mm deep into the face towards the "
-        "camera. Bubble: air, radius 0.5 mm, in the middle.\n"
-        "Absorber: a disc of 0.4 mm radius that lets half of the light through. Telecentric camera: {}x{} pixels over "
-        "the same field, an area light of 60 mm half width at\n"
-        "40 mm. *The paper gives neither the sizes of its defects nor its area light*: what depends on them is varied "
-        "below.\n",
-        options.quick ? " --quick" : "", options.seed, scene.camera.field_mm, lenslets, lenslets,
-        1000 * scene.camera.field_mm / lenslets, scene.light.source_radius_bins, lenslets, lenslets);
-    report.text = fmt::format(
-        "## The pictures\n\n"
-        "![clean lens, cut, bubble and absorber by EMD gradient, Frobenius norm, transmission and telecentric "
-        "camera](paper.png)\n\n"
-        "Grey: no HORD (dark lenslets) and the field's edge. Colours end at six times the clean interior's 99th "
-        "percentile. Close up, with a fifth column in which dark\n"
-        "lenslets are taken as evenly lit, since the paper leaves open what a dark lenslet's histogram is:\n\n"
-        "![the same, close up](paper-close.png)\n\n"
-        "## How clearly the defects stand out\n\n"
-        "Peak: the largest value within three lenslets of the defect (of missing or surplus light, for transmission "
-        "and telecentric camera). Seen: at least {} times the clean\n"
-        "interior's 99th percentile, which counts as at least 1 % for light. Contrast to noise: (mean at the defect - "
-        "clean mean) over the clean standard deviation, where the\n"
-        "noise is the clean lens' own texture. Blob: where the value is that large, holes filled; its radius is that "
-        "of a disc of the same area.\n\n{}\n{}"
-        "## The same bits every time\n\nFNV-1a of the frame's samples and the maps' floats:\n\n{}",
-        kVisible, to_markdown(table), varied->text, hashes_of(*figure));
+    report.text = fill_report("paper",
+                              {{"quick", options.quick ? "yes" : ""},
+                               {"seed", std::to_string(options.seed)},
+                               {"field_mm", fmt::format("{}", scene.camera.field_mm)},
+                               {"lenslets", std::to_string(lenslets)},
+                               {"pitch_um", fmt::format("{:.1f}", 1000 * scene.camera.field_mm / lenslets)},
+                               {"source_radius_bins", fmt::format("{}", scene.light.source_radius_bins)},
+                               {"claims", describe(report.claims)},
+                               {"visible", fmt::format("{}", kVisible)},
+                               {"contrasts", to_markdown(table)},
+                               {"panel_distance_mm", fmt::format("{:g}", scene.telecentric.panel_distance_mm)},
+                               {"varied", varied->text},
+                               {"hashes", hashes_of(*figure)}});
     options.progress(1, "");
     return report;
 }

@@ -27,11 +27,11 @@ std::vector<Defect> defects_of(const sim::Scene& lens, bool quick) {
     const double pitch = lens.camera.field_mm / lens.camera.extents.m;
     const auto add = [&](Defect::Kind kind, const std::string& name, const sim::SceneDefect& defect, double at,
                          double reach) {
-        sim::Scene scene = compact(lens, at, at, 2 * static_cast<int>(std::ceil(reach / pitch)) + 31);
+        sim::Scene scene = close_up(lens, at, at, 2 * static_cast<int>(std::ceil(reach / pitch)) + 31);
         scene.name = name;
         scene.defects = {defect};
-        scene.telecentric.rays_per_side =
-            kind == Defect::Kind::cut || quick ? 6 : 32;  // fine enough for a bubble of a twentieth of a pixel
+        // 32: fine enough for a bubble of a twentieth of a pixel.
+        scene.telecentric.rays_per_side = kind == Defect::Kind::cut || quick ? 6 : 32;
         defects.push_back({"vary " + name, name, scene, kind});
     };
     for (const double depth : {1.0, 0.1, 0.01, 0.001}) {
@@ -56,8 +56,7 @@ std::vector<double> panels(bool quick) {
     return quick ? std::vector<double>{60, 30, 8} : std::vector<double>{240, 120, 60, 30, 15, 8, 4};
 }
 
-// Missing or surplus light of every lenslet, from the frame's samples: un-normalised, as the station's transmission,
-// but usual is the median of the close-up, in which nothing but the part is.
+// Relative deviation of the light of every lenslet from the median of the close-up, which shows nothing but the part.
 std::vector<float> light_signal(std::vector<float> light) {
     std::vector<float> sorted = light;
     std::ranges::sort(sorted);
@@ -81,8 +80,8 @@ Json to_json(const Contrast& c) {
     return {{"ratio", c.ratio}, {"to_noise", c.to_noise}, {"blob", c.blob_radius}, {"seen", c.seen}};
 }
 
-Result<Json> look_closely(const Defect& defect, const std::vector<double>& panel_halves, const Interior& emd,
-                          const Interior& frobenius, int threads) {
+Result<Json> measure_defect(const Defect& defect, const std::vector<double>& panel_halves, const Interior& emd,
+                            const Interior& frobenius, int threads) {
     const algo::Extents& e = defect.scene.camera.extents;
     const auto truth = sim::truth_of(defect.scene);
     if (truth.defects.empty()) return fail(ErrorCode::internal, defect.name + " is not in sight", "report this");
@@ -90,17 +89,17 @@ Result<Json> look_closely(const Defect& defect, const std::vector<double>& panel
     const auto light = sim::render(defect.scene, {threads, {}});
     if (!light) return tl::unexpected(light.error());
     const Frame frame = sim::expose(*light, defect.scene, defect.scene.seed);
-    const auto sight = inspect_frame(frame, e, 1);
-    if (!sight) return tl::unexpected(sight.error());
-    const auto even = inspect_frame(with_dark_as_uniform(frame, *sight), e, 1);
+    const auto maps = inspect_frame(frame, e, 1);
+    if (!maps) return tl::unexpected(maps.error());
+    const auto even = inspect_frame(with_dark_as_uniform(frame, *maps), e, 1);
     if (!even) return tl::unexpected(even.error());
     const std::vector<std::uint8_t> all_valid(e.lenslets(), algo::kValid);
-    const Interior flat{};  // the light of a clean part is flat: only the floor counts
+    const Interior flat{};  // the light of a clean part is uniform: only the floor counts
     Json found{
         {"radius", where.radius_lenslets},
-        {"emd", to_json(contrast_of(sight->emd, sight->mask, e, where, emd, 0))},
+        {"emd", to_json(contrast_of(maps->emd, maps->mask, e, where, emd, 0))},
         {"emd-even", to_json(contrast_of(even->emd, even->mask, e, where, emd, 0))},
-        {"frobenius", to_json(contrast_of(sight->frobenius, sight->mask, e, where, frobenius, 0))},
+        {"frobenius", to_json(contrast_of(maps->frobenius, maps->mask, e, where, frobenius, 0))},
         {"transmission", to_json(contrast_of(light_signal(sums_of(frame, e)), all_valid, e, where, flat, kFloor))}};
     for (const double half : panel_halves) {
         sim::Scene scene = defect.scene;
@@ -129,7 +128,7 @@ Result<ExperimentReport> vary_paper(const ExperimentOptions& options, const sim:
     for (std::size_t k = 0; k < defects.size(); ++k) {
         options.progress(static_cast<double>(k) / static_cast<double>(defects.size()), defects[k].name);
         auto cell = cells.value(
-            defects[k].key, [&] { return look_closely(defects[k], panel_halves, emd, frobenius, options.threads); });
+            defects[k].key, [&] { return measure_defect(defects[k], panel_halves, emd, frobenius, options.threads); });
         if (!cell) return tl::unexpected(cell.error());
         found.push_back(std::move(*cell));
     }
@@ -151,7 +150,7 @@ Result<ExperimentReport> vary_paper(const ExperimentOptions& options, const sim:
     if (auto done = write_csv(options.out / "vary.csv", table); !done) return tl::unexpected(done.error());
     report.files.push_back(options.out / "vary.csv");
 
-    // Where a cut is seen by the telecentric camera, and the other defect by EMD alone.
+    // The lights by which the telecentric camera sees a cut but not the other defect, which EMD sees.
     const auto matches = [&](Defect::Kind kind) {
         std::string text;
         for (const double half : panel_halves) {
@@ -181,19 +180,7 @@ Result<ExperimentReport> vary_paper(const ExperimentOptions& options, const sim:
          !by_bubbles.empty(), by_bubbles.empty() ? nowhere : by_bubbles, false});
     report.claims.push_back({"The same with an inclusion of index 1.52 in place of the air bubble",
                              !by_inclusions.empty(), by_inclusions.empty() ? nowhere : by_inclusions});
-    report.text = fmt::format(
-        "## Where the paper's picture comes out\n\n"
-        "Peak over what counts as nothing (the clean interior's 99th percentile, at least 1 % for light), in **bold** "
-        "where the defect is seen; bubbles in the middle of the\n"
-        "lens, named by radius; the telecentric camera with area lights of several half widths, {:g} mm behind the "
-        "measurement plane (and the angle they reach).\n\n{}\n"
-        "No area light hides an air bubble in glass: light that its flank turns by more than the critical angle (42 "
-        "degrees) cannot leave the lens, so that a dark ring\n"
-        "stays. What hides it is size: a bubble darkens its pixel by about its share of the pixel's area, and below 2 "
-        "% that is not seen. A defect that turns light by\n"
-        "less than the light reaches, such as a sphere of nearly the lens' own index, is hidden; a cut that turns it "
-        "by more is not.\n\n",
-        lens.telecentric.panel_distance_mm, to_markdown(table));
+    report.text = to_markdown(table);
     return report;
 }
 

@@ -8,7 +8,7 @@
 
 namespace hord::lab {
 
-// `lens`: the clean scene at the figure's pitch; `emd`, `frobenius`: what its interior shows.
+// `lens`: the clean scene at the figure's pitch; `emd`, `frobenius`: of its interior. The report's text is the table.
 Result<ExperimentReport> vary_paper(const ExperimentOptions& options, const sim::Scene& lens, const Interior& emd,
                                     const Interior& frobenius, ResultCache& cells);
 

@@ -7,9 +7,11 @@
 #include "drivers/files/frame_file.h"
 
 namespace hord::lab {
+
+using namespace firmware;
 namespace {
 
-// A frame of the scene, from the folder if the cells vouch for it.
+// The scene's frame: read from the folder if its hash is in the cells, else rendered.
 Result<Frame> frame_of(const sim::Scene& scene, const std::filesystem::path& folder, int threads, ResultCache& cells,
                        const std::function<void(double)>& progress, std::string& hash) {
     const auto file = folder / ("frame_" + scene.name + ".png");
@@ -51,19 +53,19 @@ double floor_of(View view) { return view == View::transmission || view == View::
 
 std::span<const float> SceneViews::map(View view) const {
     switch (view) {
-        case View::emd: return sight.emd;
-        case View::frobenius: return sight.frobenius;
-        case View::transmission: return sight.transmission;
+        case View::emd: return maps.emd;
+        case View::frobenius: return maps.frobenius;
+        case View::transmission: return maps.transmission;
         case View::telecentric: return telecentric;
-        case View::emd_even: return even.emd;
-        case View::frobenius_even: return even.frobenius;
+        case View::emd_even: return maps_even.emd;
+        case View::frobenius_even: return maps_even.frobenius;
     }
     return {};
 }
 
 std::span<const std::uint8_t> SceneViews::mask(View view) const {
-    if (view == View::emd || view == View::frobenius) return sight.mask;
-    if (view == View::emd_even || view == View::frobenius_even) return even.mask;
+    if (view == View::emd || view == View::frobenius) return maps.mask;
+    if (view == View::emd_even || view == View::frobenius_even) return maps_even.mask;
     return everywhere_valid;
 }
 
@@ -76,31 +78,32 @@ std::vector<float> SceneViews::signal(View view) const {
     return out;
 }
 
-Result<SceneViews> see(const sim::Scene& scene, const std::filesystem::path& folder, int threads, ResultCache& cells,
-                       const std::function<void(double)>& progress) {
+Result<SceneViews> inspect_scene(const sim::Scene& scene, const std::filesystem::path& folder, int threads,
+                                 ResultCache& cells, const std::function<void(double)>& progress) {
     SceneViews views;
     views.scene = scene;
     views.truth = sim::truth_of(scene);
     const algo::Extents& e = scene.camera.extents;
     const auto frame = frame_of(scene, folder, threads, cells, progress, views.frame_hash);
     if (!frame) return tl::unexpected(frame.error());
-    auto sight = inspect_frame(*frame, e, 1);
-    if (!sight) return tl::unexpected(sight.error());
-    auto even = inspect_frame(with_dark_as_uniform(*frame, *sight), e, 1);
-    if (!even) return tl::unexpected(even.error());
+    auto maps = inspect_frame(*frame, e, 1);
+    if (!maps) return tl::unexpected(maps.error());
+    auto maps_even = inspect_frame(with_dark_as_uniform(*frame, *maps), e, 1);
+    if (!maps_even) return tl::unexpected(maps_even.error());
     auto picture = sim::render_telecentric(scene, {threads, {}});
     if (!picture) return tl::unexpected(picture.error());
-    views.sight = std::move(*sight);
-    views.even = std::move(*even);
+    views.maps = std::move(*maps);
+    views.maps_even = std::move(*maps_even);
     views.telecentric = std::move(picture->light);
-    views.everywhere_valid = views.sight.mask;
+    views.everywhere_valid = views.maps.mask;
     for (std::uint8_t& bits : views.everywhere_valid) bits &= algo::kNotJudged;
     return views;
 }
 
 Picture picture_of(const SceneViews& views, View view, const std::string& title, float high) {
     std::vector<std::uint8_t> mask(views.mask(view).begin(), views.mask(view).end());
-    for (std::uint8_t& bits : mask) bits &= static_cast<std::uint8_t>(~algo::kNotJudged);  // the rim in full colour
+    for (std::uint8_t& bits : mask)
+        bits &= static_cast<std::uint8_t>(~algo::kNotJudged);  // draw the rim in colour, too
     const bool is_light = floor_of(view) > 0;
     const std::string unit = is_light                 ? "of usual"
         : view == View::emd || view == View::emd_even ? "bins"

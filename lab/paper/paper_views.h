@@ -1,4 +1,4 @@
-// One scene of the paper's figure, seen by every instrument; and its pictures.
+// One scene of the paper's figure in every view, and its pictures.
 #pragma once
 
 #include <filesystem>
@@ -12,10 +12,8 @@
 
 namespace hord::lab {
 
-using namespace firmware;
-
-// The instruments, in the order of the figure. The `even` forms give a dark lenslet an evenly filled HORD; the paper
-// leaves it open.
+// The views, in the order of the figure. The `even` forms give a dark lenslet an evenly filled HORD, since the paper
+// does not define its HORD.
 enum class View : std::uint8_t { emd, frobenius, transmission, telecentric, emd_even, frobenius_even };
 constexpr std::size_t kViews = 6, kViewsOfFigure = 4;
 std::string_view name_of(View view);
@@ -25,30 +23,27 @@ struct SceneViews {
     sim::Scene scene;
     sim::Truth truth;
     std::string frame_hash;
-    InspectedMaps sight, even;
-    std::vector<float> telecentric;  // one value a lenslet: as many pixels, over the same field
-    std::vector<std::uint8_t>
-        everywhere_valid;  // the telecentric picture's mask, and the transmission's: kValid inside the rim
+    InspectedMaps maps, maps_even;
+    std::vector<float> telecentric;              // one value a lenslet: as many pixels, over the same field
+    std::vector<std::uint8_t> everywhere_valid;  // mask of the telecentric picture and the transmission: only the rim
 
-    [[nodiscard]] std::span<const float> map(View view) const;          // what is drawn
+    [[nodiscard]] std::span<const float> map(View view) const;          // as drawn
     [[nodiscard]] std::span<const std::uint8_t> mask(View view) const;  // with its rim and outside
-    [[nodiscard]] std::vector<float> signal(
-        View view) const;  // what is told apart: the map, or how far the light is from usual
+    // 0 for a good part: the map, or the deviation of the light from its usual value.
+    [[nodiscard]] std::vector<float> signal(View view) const;
 };
 
-// Signals below this are nothing, whatever the clean part shows: one percent of the light, the photon noise of 10,000
-// electrons.
+// Signals below this do not count: one percent of the light, the photon noise of 10,000 electrons.
 double floor_of(View view);
 
-// Renders and looks. A frame kept in `folder` by an earlier run is taken up if it has the bits that run noted in
+// Renders and inspects the scene. Uses the frame that an earlier run left in `folder` if its hash is the one in
 // `cells`.
-Result<SceneViews> see(const sim::Scene& scene, const std::filesystem::path& folder, int threads, ResultCache& cells,
-                       const std::function<void(double)>& progress);
+Result<SceneViews> inspect_scene(const sim::Scene& scene, const std::filesystem::path& folder, int threads,
+                                 ResultCache& cells, const std::function<void(double)>& progress);
 
-// The map in the figure's colours: the same scale for a view of all scenes. `around` > 0: only so many lenslets about
-// (m, n).
-Picture picture_of(const SceneViews& views, View view, const std::string& title, float high);
-Picture close_picture_of(const SceneViews& views, View view, const std::string& title, float high, double m, double n,
-                         int lenslets);
+// The map in the figure's colours up to `high`; the close-up shows `lenslets` squared lenslets about (m, n).
+firmware::Picture picture_of(const SceneViews& views, View view, const std::string& title, float high);
+firmware::Picture close_picture_of(const SceneViews& views, View view, const std::string& title, float high, double m,
+                                   double n, int lenslets);
 
 }  // namespace hord::lab

@@ -1,4 +1,4 @@
-// A scatter plot of named points whose names do not cover one another, for gnuplot.
+// A scatter plot for gnuplot, with labels that do not overlap.
 #pragma once
 
 #include <cmath>
@@ -20,10 +20,10 @@ class Scatter {
     };
     Scatter(const Axis& x, const Axis& y) : x_(x), y_(y) {}
 
-    // `kind` is the third column of the point's line: for whoever draws kinds differently.
+    // `kind` is the third column of the point's line, to draw kinds differently.
     void add(double x, double y, const std::string& name, int kind) { points_.push_back({x, y, name, kind}); }
 
-    // Data block $points, ranges and labels, before what `plot` should draw of them.
+    // Data block $points, ranges and labels; a `plot` command follows.
     [[nodiscard]] std::string script() const;
 
   private:

@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::uint32_t kBootstrap = 0xB007;  // purpose of these random numbers
 
-// Scores from the highest down, and what a draw of parts makes of them.
+// Scores in descending order, and the statistics of a draw of parts.
 class RocCurve {
   public:
     explicit RocCurve(std::span<const Scored> scores) : scores_(scores.begin(), scores.end()) {
@@ -24,7 +24,7 @@ class RocCurve {
         double auc = 0, tpr = 0;
         float threshold = 0;
     };
-    // times[part]: how often the part was drawn. Nothing when no good, or no bad, place was.
+    // times[part]: how often the part was drawn. Empty if no good or no bad place was drawn.
     [[nodiscard]] std::optional<Point> measure(std::span<const int> times, double fpr) const {
         double good = 0, bad = 0;
         for (const Scored& s : scores_) (s.bad ? bad : good) += times[s.part];

@@ -1,4 +1,4 @@
-// How well a score tells bad from good, and how sure that is.
+// Statistics of detection: ROC, probability of detection, limits, with confidence intervals.
 #pragma once
 
 #include <cstdint>
@@ -10,12 +10,12 @@
 
 namespace hord::lab {
 
-// A number with the interval that holds it with 95 % confidence.
+// A number with its 95 % confidence interval.
 struct Estimate {
     double value = 0, low = 0, high = 0;
 };
 
-// A scored place. Places of one part are not independent of each other: parts are what is drawn again.
+// A scored place. Places of one part are not independent, so bootstraps draw parts.
 struct Scored {
     float score = 0;
     std::uint32_t part = 0;
@@ -23,7 +23,7 @@ struct Scored {
 };
 
 struct Detection {
-    Estimate auc;         // area under the ROC curve: 0.5 guesses, 1 never errs, below 0.5 the sign is wrong
+    Estimate auc;         // area under the ROC curve: 0.5 is chance, 1 is perfect
     Estimate tpr;         // true positives at the largest threshold that keeps the false positives at or below `fpr`
     float threshold = 0;  // that threshold: a score above it counts
 };
@@ -32,19 +32,17 @@ struct Detection {
 // threshold never cuts through them. Needs at least one good and one bad score; else everything is 0.
 Detection detection_of(std::span<const Scored> scores, double fpr, int repeats, std::uint64_t seed);
 
-// How much larger the area under the curve is by the scores `a` than by `b`: of the same places in the same order,
-// drawn again together, so that what both find hard is no difference.
+// AUC by the scores `a` less AUC by `b`: paired, of the same places in the same order, drawn together.
 Estimate auc_difference(std::span<const Scored> a, std::span<const Scored> b, int repeats, std::uint64_t seed);
 
-// The score that a share of good parts exceeds, if their scores are Gumbel's (each the largest of many); fitted by
-// moments, and never below the largest of them. 0 for none. Two numbers are all that some tens of parts can say of a
-// tail; with hundreds, see tail_limit().
+// The score that a share of good parts exceeds if their scores follow a Gumbel distribution (each is the largest of
+// many), fitted by moments; at least the largest score. 0 for none. For tens of parts; for hundreds use tail_limit().
 double gumbel_limit(std::span<const double> good, double share);
 
 // Probability of detection by size: logistic in the logarithm of the size, POD = 1 / (1 + exp(-(b0 + b1 ln a))), fitted
 // with Firth's penalty (Biometrika 80 (1993) 27), which stays finite where hits and misses are separated. a90: the size
-// found with 90 % probability; a90_95: the size of which that is 95 % sure (Wald bound of the curve, as in
-// MIL-HDBK-1823A). Nothing where the curve does not rise through 0.9, or the bound never does.
+// found with 90 % probability; a90_95: the same with 95 % confidence (Wald bound of the curve, MIL-HDBK-1823A). Empty
+// if the curve, or its bound, does not reach 0.9.
 struct Tried {
     double size = 0;  // > 0
     bool found = false;
@@ -61,7 +59,7 @@ using common::quantile;
 // The value that a share `above` of all parts exceed, where `values` are those of some of them: peaks over a threshold.
 // The largest tenth of the values (ten at least), less the smallest of them, are taken as generalised Pareto, fitted by
 // probability-weighted moments (Hosking & Wallis, Technometrics 29 (1987) 339). A tail that ends (a negative shape) is
-// taken as exponential: it is not believed. Never below the largest value. 0 for none.
+// taken as exponential. Never below the largest value. 0 for none.
 double tail_limit(std::vector<double> values, double above);
 
 }  // namespace hord::lab

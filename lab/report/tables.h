@@ -17,9 +17,9 @@ std::string to_markdown(const Table& table);
 // Fails with io.
 Result<void> write_csv(const std::filesystem::path& file, const Table& table);
 
-// Keeps `script` as NAME.gp in `folder` and has gnuplot draw it to NAME.svg and NAME.png there; returns the two
-// pictures. The script sets no terminal and no output, and names data files relative to the folder. Fails with
-// not_found when there is no gnuplot (the script and the data stay), with internal when it refuses the script.
+// Writes `script` to NAME.gp in `folder` and lets gnuplot draw NAME.svg and NAME.png there; returns the two pictures.
+// The script sets no terminal and no output, and names data files relative to the folder. Fails with not_found when
+// there is no gnuplot (the script and the data stay), with internal when it refuses the script.
 Result<std::vector<std::filesystem::path>> plot(const std::filesystem::path& folder, const std::string& name,
                                                 const std::string& script, int width_px = 900, int height_px = 540);
 

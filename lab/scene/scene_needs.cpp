@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <ctime>
 
 #include <fmt/format.h>
 
@@ -10,16 +9,10 @@
 #include "algo/recipe/recipe.h"
 #include "common/statistics.h"
 #include "hal_sim/optics/camera/render.h"
+#include "lab/report/cpu_time.h"
 
 namespace hord::lab {
 namespace {
-
-// Processor time of all threads: what else the machine does hardly changes it.
-double processor_ms() {
-    timespec now{};
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-    return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
-}
 
 struct Features {
     std::vector<float> emd, jacobian, light;
@@ -90,9 +83,9 @@ class SceneComparison {
 
     // Without noise, at 16 bits.
     Result<Features> light(const sim::Scene& scene, double& ms, sim::LightField* keep = nullptr) const {
-        const double start = processor_ms();
+        const double start = process_cpu_ms();
         auto field = sim::render(scene, {threads_, {}});
-        ms = processor_ms() - start;
+        ms = process_cpu_ms() - start;
         if (!field) return tl::unexpected(field.error());
         sim::Scene quiet = scene;
         quiet.noise = {};
@@ -102,11 +95,11 @@ class SceneComparison {
         if (keep) *keep = std::move(*field);
         return features;
     }
-    // As the sensor has it, judged like a station does.
+    // The sensor's frame with the station's light levels.
     Result<Features> sensor(const sim::Scene& scene, const sim::LightField& field, double& ms) const {
-        const double start = processor_ms();
+        const double start = process_cpu_ms();
         const Frame frame = sim::expose(field, scene, scene.seed);
-        ms = processor_ms() - start;
+        ms = process_cpu_ms() - start;
         return features_of(frame, scene.camera.extents, algo::light_levels({}, scene.camera.bits));
     }
 
@@ -148,21 +141,21 @@ Result<SceneNeeds> needs_of(const sim::Scene& scene, const NeedsOptions& options
         if (options.progress) options.progress(std::min(1.0, ++done / steps));
     };
     sim::LightField field;
-    // A first frame is rendered for nothing: the next one's time is then that of warm caches, like all others'.
+    // Renders a first frame to warm the caches, so that the next time is comparable with the others.
     if (auto first = sim::render(scene, {options.threads, {}}); !first) return tl::unexpected(first.error());
     step();
-    const SceneComparison bench(scene, options.threads);
-    needs.lenslets = static_cast<int>(std::count(bench.judged().begin(), bench.judged().end(), 1));
-    const auto whole_light = bench.light(scene, needs.render_ms, &field);
+    const SceneComparison comparison(scene, options.threads);
+    needs.lenslets = static_cast<int>(std::count(comparison.judged().begin(), comparison.judged().end(), 1));
+    const auto whole_light = comparison.light(scene, needs.render_ms, &field);
     if (!whole_light) return tl::unexpected(whole_light.error());
-    const auto whole_sensor = bench.sensor(scene, field, needs.expose_ms);
+    const auto whole_sensor = comparison.sensor(scene, field, needs.expose_ms);
     if (!whole_sensor) return tl::unexpected(whole_sensor.error());
     step();
 
     const auto without = [&](const sim::Scene& less, bool of_sensor, double& ms) -> Result<FeatureChange> {
-        const auto features = of_sensor ? bench.sensor(less, field, ms) : bench.light(less, ms);
+        const auto features = of_sensor ? comparison.sensor(less, field, ms) : comparison.light(less, ms);
         if (!features) return tl::unexpected(features.error());
-        return change(of_sensor ? *whole_sensor : *whole_light, *features, bench.judged());
+        return change(of_sensor ? *whole_sensor : *whole_light, *features, comparison.judged());
     };
     for (const sim::Effect effect : named) {
         EffectNeed need{effect, {}, 0, true};
@@ -194,7 +187,7 @@ Result<SceneNeeds> needs_of(const sim::Scene& scene, const NeedsOptions& options
             needs.left_out = larger(needs.left_out, *changed);
             least = less;
         }
-        // Without fresnel there are no ghosts, whatever became of them before.
+        // Without fresnel there are no ghosts.
         for (EffectNeed& need : needs.effects) {
             if (sim::is_of_sensor(need.effect) == of_sensor && !sim::names(least, need.effect)) need.required = false;
         }

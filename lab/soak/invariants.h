@@ -1,8 +1,8 @@
-// The omniscient observer: knows what truly became of every part, and what the station said of it, and compares.
+// The omniscient observer: it knows what really happened to each part and compares that with the station's reports.
 //
-// It is told by the world (parts, faults), by the gates (everything that passes between station and devices) and by the
-// station (steps, results), and checks at each of them. docs/reliability.md lists the promises; each is one `Promise`
-// here. A fault that no station can see excuses the very part that it hit, and no other.
+// The world reports parts and faults, the device proxies each call between station and devices, the station its steps
+// and results; each report is checked at once. Each promise of docs/reliability.md is one `Promise` here. A fault that
+// no station can detect excuses exactly the part that it hit.
 #pragma once
 
 #include <array>
@@ -21,19 +21,19 @@ namespace hord::lab {
 using namespace firmware;
 
 enum class Promise : std::uint8_t {
-    one_verdict,         // each part gets exactly one, results are numbered one by one
-    no_bad_part_passes,  // a part leaves only if it was passed; a bad one is passed only by detection's miss
-    own_data,            // passed only by its own frame, whole, in its own light, judged good, before the deadline
-    own_rejection,       // a part is ejected only by its own command, once; a confirmed rejection has ejected it
+    one_verdict,         // each part gets exactly one verdict, and results are numbered without gaps
+    no_bad_part_passes,  // a part leaves only if it was passed; a bad one is passed only where detection missed it
+    own_data,            // passed only with its own complete frame, in its own light, judged good, in time
+    own_rejection,       // ejected only by its own command, once; after a confirmed rejection it is ejected
     unconfirmed_stops,   // an unconfirmed rejection stops the line
     light_limits,        // lights stay within their limits
     counters_agree,      // the counters are the sums of what was reported
-    lawful_states,       // states change as the table says; the run permit only when the line may run
-    true_reasons,        // an unfit part's reason names something that really happened
-    undisturbed_parts,   // with nothing wrong, good parts pass, bad ones are ejected, and the line runs
-    ready_again,         // after the faults the station runs again within its stated time
+    lawful_states,       // states change as in the transition table; run permit only when the line may run
+    true_reasons,        // an unfit part's reason has a real cause
+    undisturbed_parts,   // without faults, good parts pass, bad ones are ejected, and the line runs
+    ready_again,         // after a fault the station runs again within kReadyWithin
     bounded,             // queues and memory stay within their bounds
-    one_story,           // registers and records tell what the station reported
+    one_story,           // registers and records agree with what the station reported
     commands_once,       // a PLC's command is carried out exactly once
 };
 inline constexpr std::size_t kPromises = static_cast<std::size_t>(Promise::commands_once) + 1;
@@ -41,15 +41,15 @@ std::string_view name_of(Promise promise);  // "one-verdict"
 
 class Invariants {
   public:
-    // After the last fault's effect has ended, and after a person's reset, the line runs again within this.
+    // The line runs again within this time after the last fault's effect has ended and a person has reset.
     static constexpr Duration kReadyWithin = milliseconds(5000);
 
-    // The station takes fewer steps than this at one moment.
+    // The station takes fewer steps than this at one instant; otherwise virtual time would not advance.
     static constexpr int kMaxStepsAtOnce = 5000;
     [[nodiscard]] bool time_stands_still() const { return steps_at_once_ > kMaxStepsAtOnce; }
 
     struct Rules {
-        bool perfect_detection = true;  // a passed bad part is the control's fault, not the inspection's
+        bool perfect_detection = true;  // a bad part that passes is the controller's error, not the inspection's
         CoreConfig core;
         std::uint32_t most_on_line = 64;
     };
@@ -57,16 +57,16 @@ class Invariants {
     Invariants(const Rules& rules, sim::SimulatedCell& cell, const hal::Clock& clock)
         : rules_(rules), cell_(cell), clock_(clock) {}
 
-    // From the world.
+    // Called by the world.
     void part_arrives(const sim::PartRecord& part);
     void part_is_gone(const sim::PartRecord& part);
     void fault(sim::Fault fault, Duration amount);
 
-    // The process: a new core knows nothing of the line; `line_unknown`, and says so.
+    // A new process has a new core, which does not know what is on the line.
     void process_starts(const Core& core, const CoreConfig& config);
     void process_ends();
 
-    // From the gates and the inspector. `true_part`: the one that was truly in the frame; 0: none.
+    // Called by the device proxies and the inspector. `true_part`: the part that was really in the frame; 0: none.
     void part_sensor_up(bool up) { part_sensor_up_ = up; }
     void edge_delivered(const hal::PartEdge& edge);
     void lit(const hal::StrobePulse& pulse);
@@ -76,11 +76,11 @@ class Invariants {
     void rejecting(const hal::RejectCommand& command);
     void rejecting_done(bool accepted);
 
-    // From the station.
+    // Called by the station.
     void stepped(State before);
     void result(const PartResult& result);
 
-    // From whatever else is held to a promise (registers, records, a PLC's commands).
+    // Called by other checks (registers, records, a PLC's commands): counts a violation.
     void broken(Promise promise, const std::string& what, std::uint64_t part = 0);
 
     // When the line is empty.
@@ -91,55 +91,52 @@ class Invariants {
         return broken_[static_cast<std::size_t>(promise)];
     }
     [[nodiscard]] const std::vector<std::string>& first_violations() const { return texts_; }
-    [[nodiscard]] std::uint64_t parts_to_violation() const {
-        return newest_at_violation_;
-    }  // that had come by the first one
+    // Parts that had arrived by the first violation.
+    [[nodiscard]] std::uint64_t parts_to_violation() const { return newest_at_violation_; }
     [[nodiscard]] std::uint64_t results() const { return results_; }
-    [[nodiscard]] std::uint64_t undisturbed() const { return undisturbed_; }  // parts held to the strictest promise
-    [[nodiscard]] std::uint64_t passed_bad() const {
-        return passed_bad_;
-    }                                                                 // detection's misses, where it is not perfect
-    [[nodiscard]] std::uint64_t excused() const { return excused_; }  // parts hit by a fault that no station can see
+    [[nodiscard]] std::uint64_t undisturbed() const { return undisturbed_; }  // parts checked for undisturbed_parts
+    [[nodiscard]] std::uint64_t passed_bad() const { return passed_bad_; }    // bad parts that the inspection missed
+    [[nodiscard]] std::uint64_t excused() const { return excused_; }          // hit by a fault no station can detect
     [[nodiscard]] std::uint64_t of(PartReason reason) const {
         return reasons_[static_cast<std::size_t>(reason) % reasons_.size()];
     }
     [[nodiscard]] std::uint64_t fingerprint() const { return fingerprint_.value(); }  // of every result in order
 
   private:
-    struct Known {
+    struct PartHistory {
         std::uint64_t number = 0;
         std::int64_t arrived_ns = 0;
-        double front_mm = 0;    // belt position at which it came
-        double slipped_mm = 0;  // the encoder has lost so much since it came
+        double front_mm = 0;    // belt position at its arrival
+        double slipped_mm = 0;  // lost by the encoder since its arrival
         bool bad = false;
-        bool invisible = false;  // its edge was lost without a trace
-        bool delivered = false;  // the station was told of it
-        bool commanded = false;  // its rejection was
+        bool invisible = false;  // the sensor gave no edge for it
+        bool delivered = false;  // the station received its edge
+        bool commanded = false;  // the station commanded its rejection
         bool stuck = false;      // the valve acknowledged and did not move
         bool taken_by_hand = false, ejected = false, gone = false;
-        bool process_ended = false;  // while it was on its way
+        bool process_ended = false;  // while it was on the line
         bool has_result = false;
         PartResult result;
     };
-    struct OwnData {  // by station part
+    struct Evidence {  // what the station may base a pass on, by station part
         std::uint32_t part = 0;
-        bool lit_right = false, submitted = false, frame_right = false, judged_good = false;
+        bool light_correct = false, submitted = false, frame_correct = false, judged_good = false;
         std::uint64_t true_part = 0;
         hal::StrobePulse pulse;
     };
-    static constexpr std::size_t kMemory = 512;  // parts; far more than are ever on the line
+    static constexpr std::size_t kMemory = 512;  // parts; far more than fit on the line
 
-    [[nodiscard]] Known* arrived_at(std::int64_t ns);
-    [[nodiscard]] Known* known_as(std::uint32_t station_part);  // null: a ghost
-    [[nodiscard]] OwnData& data_of(std::uint32_t station_part);
+    [[nodiscard]] PartHistory* arrived_at(std::int64_t ns);
+    [[nodiscard]] PartHistory* history_of(std::uint32_t station_part);  // null: there is no such part
+    [[nodiscard]] Evidence& evidence_of(std::uint32_t station_part);
     [[nodiscard]] bool belt_stands() const { return cell_.world().stands(); }
-    [[nodiscard]] bool by_itself(TimePoint at) const;  // a pulse that the ejector made by itself
-    [[nodiscard]] bool any_felt(std::uint64_t faults, TimePoint since) const;
-    void forget(const Known& known);
-    void check_exit(Known& known);
-    void check_ejected(Known& known);
-    void check_passed(const PartResult& result, Known* known);
-    void check_undisturbed(const PartResult& result, const Known& known);
+    [[nodiscard]] bool pulsed_by_fault(TimePoint at) const;  // a fault made the ejector pulse
+    [[nodiscard]] bool any_in_effect(std::uint64_t faults, TimePoint since) const;
+    void check_finished(const PartHistory& history);
+    void check_exit(PartHistory& history);
+    void check_ejected(PartHistory& history);
+    void check_passed(const PartResult& result, PartHistory* history);
+    void check_undisturbed(const PartResult& result, const PartHistory& history);
     void check_reason(const PartResult& result);
     void check_counters();
 
@@ -148,36 +145,36 @@ class Invariants {
     const hal::Clock& clock_;
     const Core* core_ = nullptr;  // of the process that runs
 
-    std::array<Known, kMemory> parts_{};
-    std::array<OwnData, kMemory> data_{};
+    std::array<PartHistory, kMemory> parts_{};
+    std::array<Evidence, kMemory> evidence_{};
     std::uint64_t newest_ = 0;
     bool part_sensor_up_ = false;
 
-    std::array<TimePoint, sim::kFaults> felt_until_{};  // by fault: it fired, and its amount is over then; zero: never
-    TimePoint faults_until_{};                          // the effects of those that fired last until then
-    TimePoint disturbed_until_{};                       // that, and stops and resets
-    TimePoint last_close_ = TimePoint::min();           // parts followed each other closely
+    std::array<TimePoint, sim::kFaults> effect_until_{};  // by fault: end of its effect; zero: it never fired
+    TimePoint faults_until_{};                            // end of the effects of all faults that fired
+    TimePoint disturbed_until_{};                         // the same, including stops and resets
+    TimePoint last_close_ = TimePoint::min();             // a part followed the one ahead too closely
     TimePoint stepped_at_{};
     int steps_at_once_ = 0;
     TimePoint slipped_at_{}, encoder_silent_until_{};
-    double slipped_mm_ = 0;      // by the last slip
-    TimePoint stalled_until_{};  // the process does not run
-    bool told_not_ready_ = false;
+    double slipped_mm_ = 0;      // in the last slip
+    TimePoint stalled_until_{};  // the process is not scheduled until then
+    bool not_ready_reported_ = false;
     TimePoint last_line_stop_ = TimePoint::min();
-    std::int64_t left_in_outage_at_ = -1;  // a part left while no process could stop the line
+    std::int64_t left_in_outage_at_ = -1;  // ns; a part left while no process could stop the line; -1: none
     struct Pulse {
         TimePoint from, until;
     };
-    std::array<Pulse, 8> own_accord_{};  // pulses that a fault made, newest overwrite oldest
-    std::size_t next_own_accord_ = 0;
-    hal::RejectCommand rejecting_;
+    std::array<Pulse, 8> fault_pulses_{};  // made by faults; the newest overwrites the oldest
+    std::size_t next_fault_pulse_ = 0;
+    hal::RejectCommand last_reject_;
     TimePoint light_until_ = TimePoint::min();
     bool ever_lit_ = false;
 
-    Counters counted_;  // when they were checked last
-    std::uint32_t counted_results_ = 0;
-    Counters told_;  // summed from the results of this process
-    std::uint32_t told_inspected_ = 0, results_in_process_ = 0;
+    Counters checked_counters_;  // at the last check
+    std::uint32_t checked_results_ = 0;
+    Counters reported_;  // sums over the results of this process
+    std::uint32_t reported_inspected_ = 0, results_in_process_ = 0;
     std::uint64_t results_ = 0, violations_ = 0, passed_bad_ = 0, excused_ = 0, undisturbed_ = 0,
                   newest_at_violation_ = 0;
     common::Fnv1a64 fingerprint_;

@@ -1,4 +1,4 @@
-// What the station says: its steps, its results and its counters.
+// What the station reports: its steps, its results and its counters.
 #include <algorithm>
 
 #include "lab/soak/invariants.h"
@@ -15,49 +15,52 @@ constexpr std::uint64_t any_of(Faults... faults) {
 }
 static_assert(sim::kFaults <= 64);
 
-// What can be the truth behind a reason. Reasons that are not here may follow from any stop or neighbour.
-struct Behind {
+// The faults that can cause a reason. A reason that is not listed may follow from any stop or any neighbour.
+struct PossibleCauses {
     PartReason reason;
     std::uint64_t faults;
 };
-constexpr std::array kBehind{
-    Behind{PartReason::verdict_late,
-           any_of(Fault::inspector_slow, Fault::process_stalled, Fault::frame_late, Fault::encoder_silent,
-                  Fault::encoder_slip, Fault::belt_stop, Fault::part_sensor_lost, Fault::rejector_down,
-                  Fault::device_unplugged, Fault::inspector_hangs)},
-    Behind{PartReason::frame_lost,
-           any_of(Fault::frame_drop, Fault::frame_stale, Fault::frame_late, Fault::sensor_lost, Fault::inspector_slow,
-                  Fault::process_stalled, Fault::process_crash, Fault::device_unplugged, Fault::inspector_hangs)},
-    Behind{PartReason::frame_stale,
-           any_of(Fault::frame_stale, Fault::frame_late, Fault::process_stalled, Fault::sensor_lost,
-                  Fault::device_unplugged)},
-    Behind{PartReason::frame_duplicate, any_of(Fault::frame_duplicate, Fault::frame_late)},
-    Behind{PartReason::frame_short, any_of(Fault::frame_short)},
-    Behind{PartReason::frame_corrupt, any_of(Fault::frame_corrupt)},
-    Behind{PartReason::strobe_failed,
-           any_of(Fault::strobe_refused, Fault::strobe_late, Fault::strobe_lost, Fault::process_stalled,
-                  Fault::edge_bounce, Fault::edge_ghost, Fault::part_close, Fault::encoder_slip, Fault::encoder_silent,
-                  Fault::belt_stop, Fault::part_sensor_lost, Fault::sensor_lost, Fault::device_unplugged)},
-    Behind{PartReason::inspector_failed,
-           any_of(Fault::inspector_failed, Fault::inspector_slow, Fault::inspector_hangs)},
-    Behind{PartReason::edge_lost,
-           any_of(Fault::edge_lost, Fault::edge_missed, Fault::edge_bounce, Fault::edge_ghost, Fault::process_stalled,
-                  Fault::encoder_silent, Fault::encoder_slip, Fault::belt_stop, Fault::part_touching)},
-    Behind{PartReason::parts_too_close,
-           any_of(Fault::edge_bounce, Fault::edge_ghost, Fault::part_close, Fault::part_touching, Fault::encoder_slip,
-                  Fault::belt_stop, Fault::process_stalled, Fault::edge_missed, Fault::part_sensor_lost,
-                  Fault::encoder_silent, Fault::restart_ordered, Fault::process_crash, Fault::plc_commands,
-                  Fault::device_unplugged, Fault::plc_walks)},
-    Behind{PartReason::plc_lost,
-           any_of(Fault::plc_silent, Fault::process_stalled, Fault::process_crash, Fault::restart_ordered,
-                  Fault::plc_walks)},
-    Behind{PartReason::too_dark,
-           any_of(Fault::frame_dark, Fault::strobe_dead, Fault::strobe_weak, Fault::strobe_late, Fault::frame_stale,
-                  Fault::strobe_lost, Fault::device_unplugged)},
-    Behind{PartReason::saturated, any_of(Fault::frame_saturated, Fault::frame_stale)},
+constexpr std::array kPossibleCauses{
+    PossibleCauses{PartReason::verdict_late,
+                   any_of(Fault::inspector_slow, Fault::process_stalled, Fault::frame_late, Fault::encoder_silent,
+                          Fault::encoder_slip, Fault::belt_stop, Fault::part_sensor_lost, Fault::rejector_down,
+                          Fault::device_unplugged, Fault::inspector_hangs)},
+    PossibleCauses{
+        PartReason::frame_lost,
+        any_of(Fault::frame_drop, Fault::frame_stale, Fault::frame_late, Fault::sensor_lost, Fault::inspector_slow,
+               Fault::process_stalled, Fault::process_crash, Fault::device_unplugged, Fault::inspector_hangs)},
+    PossibleCauses{PartReason::frame_stale,
+                   any_of(Fault::frame_stale, Fault::frame_late, Fault::process_stalled, Fault::sensor_lost,
+                          Fault::device_unplugged)},
+    PossibleCauses{PartReason::frame_duplicate, any_of(Fault::frame_duplicate, Fault::frame_late)},
+    PossibleCauses{PartReason::frame_short, any_of(Fault::frame_short)},
+    PossibleCauses{PartReason::frame_corrupt, any_of(Fault::frame_corrupt)},
+    PossibleCauses{
+        PartReason::strobe_failed,
+        any_of(Fault::strobe_refused, Fault::strobe_late, Fault::strobe_lost, Fault::process_stalled,
+               Fault::edge_bounce, Fault::edge_ghost, Fault::part_close, Fault::encoder_slip, Fault::encoder_silent,
+               Fault::belt_stop, Fault::part_sensor_lost, Fault::sensor_lost, Fault::device_unplugged)},
+    PossibleCauses{PartReason::inspector_failed,
+                   any_of(Fault::inspector_failed, Fault::inspector_slow, Fault::inspector_hangs)},
+    PossibleCauses{
+        PartReason::edge_lost,
+        any_of(Fault::edge_lost, Fault::edge_missed, Fault::edge_bounce, Fault::edge_ghost, Fault::process_stalled,
+               Fault::encoder_silent, Fault::encoder_slip, Fault::belt_stop, Fault::part_touching)},
+    PossibleCauses{PartReason::parts_too_close,
+                   any_of(Fault::edge_bounce, Fault::edge_ghost, Fault::part_close, Fault::part_touching,
+                          Fault::encoder_slip, Fault::belt_stop, Fault::process_stalled, Fault::edge_missed,
+                          Fault::part_sensor_lost, Fault::encoder_silent, Fault::restart_ordered, Fault::process_crash,
+                          Fault::plc_commands, Fault::device_unplugged, Fault::plc_walks)},
+    PossibleCauses{PartReason::plc_lost,
+                   any_of(Fault::plc_silent, Fault::process_stalled, Fault::process_crash, Fault::restart_ordered,
+                          Fault::plc_walks)},
+    PossibleCauses{PartReason::too_dark,
+                   any_of(Fault::frame_dark, Fault::strobe_dead, Fault::strobe_weak, Fault::strobe_late,
+                          Fault::frame_stale, Fault::strobe_lost, Fault::device_unplugged)},
+    PossibleCauses{PartReason::saturated, any_of(Fault::frame_saturated, Fault::frame_stale)},
 };
-// What a fault does to a part shows while the part is on its way, 0.8 s from part sensor to ejector; a PLC's silence
-// ends with its next cycle. Counted from the end of the fault's effect to the moment of the verdict.
+// Longest time from the end of a fault's effect to the verdict that it causes: a part is on the line for 0.8 s, and a
+// PLC's silence ends with its next cycle.
 constexpr Duration kCauseLag = milliseconds(1000);
 
 }  // namespace
@@ -107,8 +110,8 @@ void Invariants::stepped(State before) {
     }
     if (now.state != State::continuous_execution || now.line_stop) {
         disturbed_until_ = std::max(disturbed_until_, time + milliseconds(1000));
-        if (time > faults_until_ + kReadyWithin && !told_not_ready_) {
-            told_not_ready_ = true;
+        if (time > faults_until_ + kReadyWithin && !not_ready_reported_) {
+            not_ready_reported_ = true;
             broken(Promise::ready_again, "the station is still in " + std::string(name_of(now.state)));
         }
     }
@@ -130,18 +133,18 @@ void Invariants::result(const PartResult& r) {
         broken(Promise::one_verdict, "verdict and rejection disagree", r.part);
 
     switch (r.verdict) {
-        case PartVerdict::pass: ++told_.pass; break;
-        case PartVerdict::reject: ++told_.reject; break;
-        case PartVerdict::unfit: ++told_.unfit; break;
+        case PartVerdict::pass: ++reported_.pass; break;
+        case PartVerdict::reject: ++reported_.reject; break;
+        case PartVerdict::unfit: ++reported_.unfit; break;
     }
     switch (r.reject) {
-        case RejectState::confirmed: ++told_.reject_confirmed; break;
-        case RejectState::failed: ++told_.reject_failed; break;
-        case RejectState::late: ++told_.reject_late; break;
+        case RejectState::confirmed: ++reported_.reject_confirmed; break;
+        case RejectState::failed: ++reported_.reject_failed; break;
+        case RejectState::late: ++reported_.reject_late; break;
         case RejectState::not_needed:
         case RejectState::commanded: break;
     }
-    told_inspected_ += r.reason <= PartReason::not_registered ? 1U : 0U;
+    reported_inspected_ += r.reason <= PartReason::not_registered ? 1U : 0U;
     const bool unconfirmed = r.reject == RejectState::failed || r.reject == RejectState::late;
     if (core_->line_stop()) last_line_stop_ = clock_.now();
     if (unconfirmed && (last_line_stop_ - TimePoint{}).count() < r.arrived_ns) {
@@ -149,105 +152,107 @@ void Invariants::result(const PartResult& r) {
     }
     check_reason(r);
 
-    Known* known = arrived_at(r.arrived_ns);
-    if (r.verdict == PartVerdict::pass) check_passed(r, known);
-    if (known == nullptr) return;  // a ghost edge: no part was there
-    if (known->has_result) broken(Promise::one_verdict, "has two verdicts", known->number);
-    known->has_result = true;
-    known->result = r;
-    check_undisturbed(r, *known);
+    PartHistory* history = arrived_at(r.arrived_ns);
+    if (r.verdict == PartVerdict::pass) check_passed(r, history);
+    if (history == nullptr) return;  // an edge without a part
+    if (history->has_result) broken(Promise::one_verdict, "has two verdicts", history->number);
+    history->has_result = true;
+    history->result = r;
+    check_undisturbed(r, *history);
 }
 
-void Invariants::check_passed(const PartResult& r, Known* known) {
-    const OwnData& data = data_of(r.part);
-    if (known == nullptr)
+void Invariants::check_passed(const PartResult& r, PartHistory* history) {
+    const Evidence& evidence = evidence_of(r.part);
+    if (history == nullptr)
         return broken(Promise::own_data,
                       "station part " + std::to_string(r.part) + " was passed, and there is no such part");
-    // A part that a person has taken off is followed to its exposure all the same, and a clear empty field is good in
-    // the eyes of a real inspection: then nothing was passed by.
-    const bool nothing_there = !rules_.perfect_detection && data.true_part == 0 && known->taken_by_hand;
-    if (!data.submitted || (data.true_part != known->number && !nothing_there)) {
-        broken(Promise::own_data, "was passed by the frame of part " + std::to_string(data.true_part), known->number);
+    // The station still exposes a part that a person has removed, and the real inspection passes a clear empty field.
+    // Then no part was passed.
+    const bool nothing_there = !rules_.perfect_detection && evidence.true_part == 0 && history->taken_by_hand;
+    if (!evidence.submitted || (evidence.true_part != history->number && !nothing_there)) {
+        broken(Promise::own_data, "was passed by the frame of part " + std::to_string(evidence.true_part),
+               history->number);
     }
-    if (!data.frame_right)
-        broken(Promise::own_data, "was passed by a frame that is stale, short or corrupt", known->number);
-    if (!data.lit_right) broken(Promise::own_data, "was passed, and its light was not right", known->number);
-    if (!data.judged_good) broken(Promise::own_data, "was passed, and not judged good", known->number);
+    if (!evidence.frame_correct)
+        broken(Promise::own_data, "was passed by a frame that is stale, short or corrupt", history->number);
+    if (!evidence.light_correct) broken(Promise::own_data, "was passed, and its light was not right", history->number);
+    if (!evidence.judged_good) broken(Promise::own_data, "was passed, and not judged good", history->number);
     const CoreConfig& core = rules_.core;
     const std::int64_t now_ns = (clock_.now() - TimePoint{}).count();
     if (!core.by_encoder &&
-        now_ns > known->arrived_ns + (core.transport - core.reject_early - core.reject_lead).count()) {
-        broken(Promise::own_data, "was passed after its verdict was due", known->number);
+        now_ns > history->arrived_ns + (core.transport - core.reject_early - core.reject_lead).count()) {
+        broken(Promise::own_data, "was passed after its verdict was due", history->number);
     }
-    const double left_mm = known->front_mm + cell_.world().geometry().ejector_mm - cell_.world().belt_mm(clock_.now());
+    const double left_mm =
+        history->front_mm + cell_.world().geometry().ejector_mm - cell_.world().belt_mm(clock_.now());
     const double lead_mm =
         cell_.world().nominal_speed_mm_s() * 1e-9 * static_cast<double>((core.reject_early + core.reject_lead).count());
-    if (core.by_encoder && left_mm + known->slipped_mm < 0.9 * lead_mm - 1 && !belt_stands()) {
-        broken(Promise::own_data, "was passed after its verdict was due", known->number);
+    if (core.by_encoder && left_mm + history->slipped_mm < 0.9 * lead_mm - 1 && !belt_stands()) {
+        broken(Promise::own_data, "was passed after its verdict was due", history->number);
     }
-    if (known->gone && !known->taken_by_hand)
-        broken(Promise::own_data, "was passed when it was gone already", known->number);
-    if (!known->bad) return;
+    if (history->gone && !history->taken_by_hand)
+        broken(Promise::own_data, "was passed when it was gone already", history->number);
+    if (!history->bad) return;
     ++passed_bad_;
-    if (rules_.perfect_detection) broken(Promise::no_bad_part_passes, "is bad, and was passed", known->number);
+    if (rules_.perfect_detection) broken(Promise::no_bad_part_passes, "is bad, and was passed", history->number);
 }
 
 void Invariants::check_reason(const PartResult& r) {
     const TimePoint decided(Duration(r.arrived_ns) + microseconds(r.latency_us) + microseconds(1));
     const bool close = last_close_ != TimePoint::min() && decided - last_close_ <= kCauseLag;
     if (close && (r.reason == PartReason::parts_too_close || r.reason == PartReason::strobe_failed)) return;
-    for (const Behind& cause : kBehind) {
-        if (cause.reason == r.reason && rules_.perfect_detection && !any_felt(cause.faults, decided - kCauseLag)) {
+    for (const PossibleCauses& cause : kPossibleCauses) {
+        if (cause.reason == r.reason && rules_.perfect_detection && !any_in_effect(cause.faults, decided - kCauseLag)) {
             broken(Promise::true_reasons,
                    "is unfit (" + std::string(name_of(r.reason)) + "), and nothing of the kind happened", r.part);
         }
     }
 }
 
-// Nothing was wrong from a second before it came until now.
-void Invariants::check_undisturbed(const PartResult& r, const Known& known) {
-    if (!rules_.perfect_detection || TimePoint(Duration(known.arrived_ns)) <= disturbed_until_) return;
+// Applies to a part if nothing was wrong from a second before its arrival until now.
+void Invariants::check_undisturbed(const PartResult& r, const PartHistory& history) {
+    if (!rules_.perfect_detection || TimePoint(Duration(history.arrived_ns)) <= disturbed_until_) return;
     ++undisturbed_;
-    if (!known.bad && r.verdict != PartVerdict::pass) {
+    if (!history.bad && r.verdict != PartVerdict::pass) {
         broken(Promise::undisturbed_parts,
                "is good, nothing was wrong, and it was not passed (" + std::string(name_of(r.reason)) + ")",
-               known.number);
+               history.number);
     }
-    if (known.bad &&
-        (r.verdict != PartVerdict::reject ||
-         r.reject != RejectState::confirmed)) {  // whether it was is seen at the exit
-        broken(Promise::undisturbed_parts, "is bad, nothing was wrong, and it was not rejected for sure", known.number);
+    // check_exit() sees whether it was really ejected.
+    if (history.bad && (r.verdict != PartVerdict::reject || r.reject != RejectState::confirmed)) {
+        broken(Promise::undisturbed_parts, "is bad, nothing was wrong, and it was not rejected for sure",
+               history.number);
     }
 }
 
-// Whenever a counter or what was reported has changed.
+// Compares only after a counter or the number of results has changed.
 void Invariants::check_counters() {
     const Counters& c = core_->counters();
-    if (results_in_process_ == counted_results_ && c == counted_) return;
-    counted_results_ = results_in_process_;
-    counted_ = c;
-    Counters here;  // decided, and not told yet
+    if (results_in_process_ == checked_results_ && c == checked_counters_) return;
+    checked_results_ = results_in_process_;
+    checked_counters_ = c;
+    Counters pending;  // parts that are decided but not reported yet
     std::uint32_t waiting = 0, inspected = 0;
     const Line& line = core_->line();
     for (std::uint32_t k = 0; k < line.size(); ++k) {
         const Part& p = line[k];
         if (p.phase == Part::Phase::waiting) ++waiting;
         if (p.phase != Part::Phase::decided && p.phase != Part::Phase::commanded) continue;
-        (p.result.verdict == PartVerdict::reject ? here.reject : here.unfit) += 1;
-        here.reject_commanded += p.phase == Part::Phase::commanded ? 1U : 0U;
+        (p.result.verdict == PartVerdict::reject ? pending.reject : pending.unfit) += 1;
+        pending.reject_commanded += p.phase == Part::Phase::commanded ? 1U : 0U;
         inspected += p.result.reason <= PartReason::not_registered ? 1U : 0U;
     }
-    const bool agree = c.pass == told_.pass && c.reject == told_.reject + here.reject &&
-        c.unfit == told_.unfit + here.unfit && c.reject_confirmed == told_.reject_confirmed &&
-        c.reject_failed == told_.reject_failed && c.reject_late == told_.reject_late &&
-        c.reject_commanded == told_.reject + told_.unfit + here.reject_commanded &&
-        c.inspected == told_inspected_ + inspected && c.seen == c.pass + c.reject + c.unfit + waiting;
+    const bool agree = c.pass == reported_.pass && c.reject == reported_.reject + pending.reject &&
+        c.unfit == reported_.unfit + pending.unfit && c.reject_confirmed == reported_.reject_confirmed &&
+        c.reject_failed == reported_.reject_failed && c.reject_late == reported_.reject_late &&
+        c.reject_commanded == reported_.reject + reported_.unfit + pending.reject_commanded &&
+        c.inspected == reported_inspected_ + inspected && c.seen == c.pass + c.reject + c.unfit + waiting;
     if (!agree) broken(Promise::counters_agree, "the counters are not what was reported");
 }
 
 void Invariants::end() {
-    for (const Known& known : parts_) {
-        if (known.number != 0) forget(known);
+    for (const PartHistory& history : parts_) {
+        if (history.number != 0) check_finished(history);
     }
     if (cell_.strobe().longest_on() > cell_.strobe().limits().max_on)
         broken(Promise::light_limits, "a light was on longer than its limit");

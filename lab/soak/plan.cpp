@@ -15,12 +15,12 @@ using namespace std::chrono_literals;
 
 constexpr std::uint64_t kPlanStream = 0x50A7;
 
-// What a fault's opportunities are, as a share of the parts: only rejected parts are commanded, one in ten, or fewer.
+// A fault's opportunities in so many parts. Rejections have fewer: at most one part in ten is rejected.
 std::uint64_t opportunities(Fault fault, std::uint64_t parts) {
     return fault >= Fault::reject_lost && fault <= Fault::rejector_down ? parts / 12 : parts * 9 / 10;
 }
 
-// How often a fault may strike: what stops the line for a second or kills the process would else leave no line to test.
+// Faults that may strike only rarely: they stop the line for a second or kill the process.
 bool rare(Fault fault) {
     return fault == Fault::sensor_lost || fault == Fault::strobe_lost || fault == Fault::part_sensor_lost ||
         fault == Fault::encoder_silent || fault == Fault::inspector_hangs || fault == Fault::device_unplugged ||
@@ -28,7 +28,7 @@ bool rare(Fault fault) {
         fault == Fault::plc_commands || fault == Fault::restart_ordered || fault == Fault::rejector_down;
 }
 
-// Amounts besides the fault's own, each from harmless to fatal. Zero: the fault's own.
+// An amount, from harmless to fatal. Zero: the fault's default.
 hal::Duration draw_amount(Fault fault, std::uint64_t bits) {
     const auto one_of = [&](std::initializer_list<hal::Duration> choices) {
         return choices.begin()[bits % choices.size()];
@@ -46,8 +46,8 @@ hal::Duration draw_amount(Fault fault, std::uint64_t bits) {
         case Fault::part_removed: return one_of({40ms, 150ms, 300ms, 700ms});
         case Fault::belt_stop: return one_of({30ms, 300ms, 1500ms});
         case Fault::inspector_slow:
-            return one_of(
-                {300ms, 530ms, 552ms, 556ms, 560ms, 564ms, 568ms, 1000ms});  // the verdict is due 550 ms later
+            // Around 550 ms: then the verdict is due.
+            return one_of({300ms, 530ms, 552ms, 556ms, 560ms, 564ms, 568ms, 1000ms});
         case Fault::process_stalled: return one_of({10ms, 40ms, 120ms, 400ms});
         case Fault::sensor_lost:
         case Fault::strobe_lost:
@@ -56,7 +56,8 @@ hal::Duration draw_amount(Fault fault, std::uint64_t bits) {
         case Fault::process_crash: return one_of({150ms, 400ms, 2000ms});
         case Fault::store_error:
         case Fault::store_in_doubt: return one_of({50ms, 1000ms, 4000ms});
-        case Fault::store_slow: return one_of({200ms, 2000ms, 4000ms});  // some lose results: 24 may wait
+        case Fault::store_slow:
+            return one_of({200ms, 2000ms, 4000ms});  // long enough that the queue of 24 overflows in some
         case Fault::disk_full: return one_of({1000ms, 3000ms, 5000ms});
         case Fault::inspector_hangs: return one_of({400ms, 700ms, 1500ms});
         case Fault::device_unplugged: return one_of({100ms, 300ms, 700ms});

@@ -1,4 +1,4 @@
-// What goes wrong in an episode: data, drawn from a seed, and as text that can be given back.
+// An episode: its line, its parts and its faults, drawn from a seed. Faults have a text form for the command line.
 #pragma once
 
 #include <string>
@@ -19,20 +19,21 @@ struct EpisodePlan {
     LineProfile line = LineProfile::timed;
     bool real = false;  // rendered frames and the real pipeline; else tokens and a stand-in
     std::vector<sim::FaultRule> faults;
-    // And from the seed: what the station does when the PLC is lost, and all that is random.
+    // The seed also decides the policy for a lost PLC and everything random.
 };
 
-// One to four faults. Each fires surely once, early in the episode and near the others, and then now and then until
-// nine tenths of it; in the last tenth the line must find back. One episode in fifty shows real parts.
+// One to four faults. Each fires at least once, early in the episode and near the others, and then at random until nine
+// tenths of it; in the last tenth the line must recover. One episode in fifty shows real parts.
 EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts);
 // The same with these faults.
 EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts, const std::vector<sim::Fault>& faults);
 
-// Faults that cannot happen on a line of this profile: without an encoder none can slip, and nothing tells of a belt
-// that stops by itself (such a line must be wired to stop by its permit only).
+// Whether the fault can happen on a line of this profile. A line without an encoder has no encoder faults, and does not
+// notice a belt that stops by itself (such a line must be wired to stop by its permit only).
 bool possible(sim::Fault fault, LineProfile line);
 
-// "frame-drop@5", "frame-late@6-900:0.01+200ms": opportunities, probability, amount; several with commas.
+// "frame-drop@5", "frame-late@6-900:0.01+200ms": opportunities, probability, amount; several with commas. faults_of()
+// fails with invalid_argument.
 std::string text_of(const std::vector<sim::FaultRule>& faults);
 Result<std::vector<sim::FaultRule>> faults_of(std::string_view text);
 

@@ -10,15 +10,15 @@ namespace {
 constexpr modbus::Origin kPlc{"192.0.2.7:50123"};
 
 std::uint16_t at(BlockId block, std::string_view name) { return find_register(block, name)->address; }
-// From the table once: these never move.
-struct Places {
+// Looked up in the register table once.
+struct Addresses {
     std::uint16_t boot_id = at(BlockId::ident, "boot_id"), state = at(BlockId::status, "state"),
                   newest = at(BlockId::status, "last_sequence"), seen = at(BlockId::counters, "seen"),
                   token = at(BlockId::command, "token"), beat = at(BlockId::plc, "heartbeat"),
                   staged = at(BlockId::recipe, "staged_number");
 };
-const Places& places() {
-    static const Places all;
+const Addresses& addresses() {
+    static const Addresses all;
     return all;
 }
 
@@ -28,7 +28,7 @@ std::uint32_t double_word(const std::vector<std::uint16_t>& words, std::size_t k
 std::uint16_t high(std::uint32_t value) { return static_cast<std::uint16_t>(value >> 16U); }
 std::uint16_t low(std::uint32_t value) { return static_cast<std::uint16_t>(value); }
 
-// The first command of a shortest way from one state to another; none when it is there, or no command leads on.
+// The first command on a shortest path from one state to another; none if it is there already, or there is no path.
 std::optional<Command> first_command(State from, State to) {
     if (from == to) return std::nullopt;
     struct Reached {
@@ -55,20 +55,20 @@ std::optional<Command> first_command(State from, State to) {
 
 }  // namespace
 
-// -- the station's half
+// -- the station's side
 
 PlcEndpoint::PlcEndpoint(hal::EventLoop& loop, const CoreConfig& config, std::uint32_t boot_id)
-    : handler_(loop), desk_(loop, handler_, PlcOptions{config.plc_policy, PlcSimulator::kTimeout, boot_id}),
-      registers_(StationIdentity{.boot_id = boot_id}, &desk_) {}
+    : handler_(loop), plc_(loop, handler_, PlcOptions{config.plc_policy, PlcSimulator::kTimeout, boot_id}),
+      registers_(StationIdentity{.boot_id = boot_id}, &plc_) {}
 
 void PlcEndpoint::open(Station& station, Inspector& inspector, ResultSink& recorder) {
     station_ = &station;
-    handler_.operations.begin({.station = station,
-                               .inspector = inspector,
-                               .plc_interface = desk_,
-                               .recorder = &recorder,
-                               .publish = [this] { publish(); }},
-                              {});
+    handler_.commands.begin({.station = station,
+                             .inspector = inspector,
+                             .plc_interface = plc_,
+                             .recorder = &recorder,
+                             .publish = [this] { publish(); }},
+                            {});
 }
 
 void PlcEndpoint::publish() {
@@ -76,75 +76,76 @@ void PlcEndpoint::publish() {
     unpublished_.clear();
 }
 
-CommandOutcome PlcEndpoint::Counting::on_command(const modbus::Origin& origin, const CommandRequest& request) {
+CommandOutcome PlcEndpoint::CountingHandler::on_command(const modbus::Origin& origin, const CommandRequest& request) {
     count(request.token);
-    return operations.on_command(origin, request);
+    return commands.on_command(origin, request);
 }
-CommandOutcome PlcEndpoint::Counting::on_recipe(const modbus::Origin& origin, const CommandRequest& request,
-                                                const StagedRecipe& staged) {
+CommandOutcome PlcEndpoint::CountingHandler::on_recipe(const modbus::Origin& origin, const CommandRequest& request,
+                                                       const StagedRecipe& staged) {
     count(request.token);
-    return operations.on_recipe(origin, request, staged);
+    return commands.on_recipe(origin, request, staged);
 }
-int PlcEndpoint::Counting::executed(std::uint32_t token) const {
+int PlcEndpoint::CountingHandler::executed(std::uint32_t token) const {
     return static_cast<int>(std::count(tokens_.begin(), tokens_.end(), token));
 }
 
-// -- the PLC's
+// -- the PLC
 
 PlcSimulator::Words PlcSimulator::read(std::uint16_t address, std::uint16_t count) {
     Words words(count);
-    if (doors_ == nullptr || doors_->registers().read_registers(address, words) != modbus::Exception::none)
+    if (endpoint_ == nullptr || endpoint_->registers().read_registers(address, words) != modbus::Exception::none)
         words.clear();
     return words;
 }
 
 modbus::Exception PlcSimulator::write(std::uint16_t address, const Words& words) {
-    return doors_ == nullptr ? modbus::Exception::busy : doors_->registers().write_registers(kPlc, address, words);
+    return endpoint_ == nullptr ? modbus::Exception::busy
+                                : endpoint_->registers().write_registers(kPlc, address, words);
 }
 
 void PlcSimulator::cycle() {
-    if (doors_ == nullptr) return;
-    doors_->check_plc_heartbeat();
-    doors_->publish();
+    if (endpoint_ == nullptr) return;
+    endpoint_->check_plc_heartbeat();
+    endpoint_->publish();
     if (loop_.now() < silent_until_) return;
-    const Words ident = read(places().boot_id, 2);
+    const Words ident = read(addresses().boot_id, 2);
     if (const std::uint32_t boot = double_word(ident, 0); boot != boot_id_) {
         boot_id_ = boot;
-        read_ = asked_ = taken_ = 0;
+        read_ = to_acknowledge_ = acknowledged_ = 0;
     }
-    if (write(places().beat, {++beat_}) != modbus::Exception::none)
+    if (write(addresses().beat, {++beat_}) != modbus::Exception::none)
         invariants_.broken(Promise::one_story, "a heartbeat was refused");
     check_status();
-    books_.check(doors_->station().snapshot());
+    store_observer_.check(endpoint_->station().snapshot());
     check_results();
-    if (loop_.now() < restless_until_) return try_anything();
-    if (loop_.now() >= leave_alone_until_) bring_back();
+    if (loop_.now() < restless_until_) return send_random_command();
+    if (loop_.now() >= idle_until_) recover_station();
 }
 
 void PlcSimulator::check_status() {
-    const Snapshot now = doors_->station().snapshot();
-    const Words status = read(places().state, 2), counters = read(places().seen, 20);
+    const Snapshot now = endpoint_->station().snapshot();
+    const Words status = read(addresses().state, 2), counters = read(addresses().seen, 20);
     const bool executes = executing(now.state);
     const unsigned bits = (executes ? 1U : 0U) | (now.run_permit ? 2U : 0U) | (now.line_stop ? 4U : 0U);
     if (status[0] != static_cast<std::uint16_t>(now.state) || (status[1] & 7U) != bits) {
         invariants_.broken(Promise::one_story, "the registers show another state than the station is in");
     }
     const Counters& c = now.counters;
-    const std::array told{
+    const std::array expected{
         c.seen,          c.inspected,  c.pass, c.reject, c.unfit, c.missed, c.reject_commanded, c.reject_confirmed,
         c.reject_failed, c.reject_late};
-    for (std::size_t k = 0; k < told.size(); ++k) {
-        if (double_word(counters, 2 * k) != told[k])
+    for (std::size_t k = 0; k < expected.size(); ++k) {
+        if (double_word(counters, 2 * k) != expected[k])
             return invariants_.broken(Promise::one_story, "the registers show other counters than the station's");
     }
 }
 
 void PlcSimulator::check_results() {
-    const std::uint32_t newest = double_word(read(places().newest, 2), 0);
+    const std::uint32_t newest = double_word(read(addresses().newest, 2), 0);
     if (newest > read_ + kRingSlots) read_ = newest - kRingSlots;
     for (std::uint32_t sequence = read_ + 1; sequence <= newest; ++sequence) {
         const Words slot = read(address_of_result(sequence), kResultWords);
-        const PartResult& r = told_[sequence % told_.size()];
+        const PartResult& r = expected_results_[sequence % expected_results_.size()];
         const bool same = r.sequence == sequence && double_word(slot, 0) == sequence &&
             double_word(slot, 22) == sequence && double_word(slot, 2) == r.part &&
             double_word(slot, 4) == r.arrived_ns / 1'000'000'000 &&
@@ -156,47 +157,47 @@ void PlcSimulator::check_results() {
                                r.part);
     }
     read_ = std::max(read_, newest);
-    if (asked_ <= taken_) asked_ = read_;  // what was refused is asked for again first
-    if (asked_ == taken_) return;
-    switch (write(static_cast<std::uint16_t>(places().beat + 1), {high(asked_), low(asked_)})) {
-        case modbus::Exception::none: taken_ = asked_; return;
+    if (to_acknowledge_ <= acknowledged_) to_acknowledge_ = read_;  // a refused acknowledgement is repeated first
+    if (to_acknowledge_ == acknowledged_) return;
+    switch (write(static_cast<std::uint16_t>(addresses().beat + 1), {high(to_acknowledge_), low(to_acknowledge_)})) {
+        case modbus::Exception::none: acknowledged_ = to_acknowledge_; return;
         case modbus::Exception::busy:                    // not on the disk yet,
-        case modbus::Exception::device_failure: return;  // or it cannot be: the books know whether that is so
+        case modbus::Exception::device_failure: return;  // or the disk fails; StoreObserver checks whether it does
         default: invariants_.broken(Promise::one_story, "an acknowledgement of what can be read was refused");
     }
 }
 
-// What a PLC does with a station that somebody has stopped.
-void PlcSimulator::bring_back() {
-    const Snapshot now = doors_->station().snapshot();
+// The commands that start a stopped station again.
+void PlcSimulator::recover_station() {
+    const Snapshot now = endpoint_->station().snapshot();
     switch (now.state) {
         case State::preoperational: return command(Command::initialise);
         case State::halted:
             if (now.line_stop) take_parts_off_();
             return command(Command::reset);
         case State::initialized:  // arm is refused while a device is down; reset looks for it again
-            return command(doors_->station().core().all_devices_up() ? Command::arm : Command::reset);
+            return command(endpoint_->station().core().all_devices_up() ? Command::arm : Command::reset);
         case State::ready: return command(Command::start_continuous);
-        case State::error:  // a person's business
+        case State::error:  // a person resets it
         case State::single_execution:
         case State::continuous_execution: return;
     }
 }
 
 void PlcSimulator::command(Command code, bool meant_for_this_boot) {
-    if (doors_ == nullptr || boot_id_ == 0) return;  // it has not asked yet whom it speaks to
-    const bool to_this_boot = meant_for_this_boot && double_word(read(places().boot_id, 2), 0) == boot_id_;
+    if (endpoint_ == nullptr || boot_id_ == 0) return;  // the boot id is not known yet
+    const bool to_this_boot = meant_for_this_boot && double_word(read(addresses().boot_id, 2), 0) == boot_id_;
     const std::uint32_t token = ++token_;
-    const std::uint32_t other_boot = double_word(read(places().boot_id, 2), 0) ^ 0x5A5AU;  // whichever it remembers
+    const std::uint32_t other_boot = double_word(read(addresses().boot_id, 2), 0) ^ 0x5A5AU;
     const std::uint16_t boot = low(meant_for_this_boot ? boot_id_ : other_boot);
     const Words words{high(token), low(token), boot, static_cast<std::uint16_t>(code)};
     for (int copies = 1 + std::exchange(repeats_, 0); copies > 0; --copies) {
-        PlcEndpoint* before = doors_;
+        PlcEndpoint* before = endpoint_;
         if (before == nullptr) return;
-        books_.command_comes();
-        const auto answer = write(places().token, words);
-        if (doors_ != before) return;  // the process died of it
-        const int executed = doors_->executed(token),
+        store_observer_.before_command();
+        const auto answer = write(addresses().token, words);
+        if (endpoint_ != before) return;  // the process died during the command
+        const int executed = endpoint_->executed(token),
                   wanted = answer == modbus::Exception::none && to_this_boot ? 1 : 0;
         if (executed != wanted) {
             invariants_.broken(
@@ -208,18 +209,18 @@ void PlcSimulator::command(Command code, bool meant_for_this_boot) {
 
 // -- misbehaviour
 
-// Any registers but a whole command and the PLC's own; half a command, too.
+// Random words to random registers, also parts of a command, but never to a whole command or the PLC's own registers.
 void PlcSimulator::write_nonsense() {
     for (int k = 0; k < 5; ++k) {
         Words words(1 + draw() % 20);
         for (auto& word : words) word = static_cast<std::uint16_t>(draw());
         auto address = static_cast<std::uint16_t>(draw() % 9000);
-        if (k == 0) address = static_cast<std::uint16_t>(places().token + 1 + draw() % 10);
-        if (k == 1) address = static_cast<std::uint16_t>(places().staged + draw() % 8);
-        if (k > 1 && address + words.size() > places().token && address < places().staged) address = 0;
+        if (k == 0) address = static_cast<std::uint16_t>(addresses().token + 1 + draw() % 10);
+        if (k == 1) address = static_cast<std::uint16_t>(addresses().staged + draw() % 8);
+        if (k > 1 && address + words.size() > addresses().token && address < addresses().staged) address = 0;
         (void)write(address, words);
     }
-    command(Command::start_continuous, false);  // meant for the boot before
+    command(Command::start_continuous, false);  // with the id of an earlier boot
     command(static_cast<Command>(100 + draw() % 1000));
 }
 
@@ -228,41 +229,42 @@ void PlcSimulator::read_everything() {
         (void)read(static_cast<std::uint16_t>(draw() % 9000), static_cast<std::uint16_t>(1 + draw() % kMaxRead));
 }
 
-// The answer is lost, and lost again: the same command comes four times.
+// Sends the same command four times, as after three lost answers.
 void PlcSimulator::repeat_a_command() {
     repeats_ = 3;
     command(Command::start_continuous);
 }
 
-// Any command, in any state; half a second later it sees what it has done.
-void PlcSimulator::command_something() {
-    leave_alone_until_ = loop_.now() + milliseconds(500);
-    try_anything();
+// A random command in any state. The PLC recovers the station half a second later at the earliest.
+void PlcSimulator::misuse_commands() {
+    idle_until_ = loop_.now() + milliseconds(500);
+    send_random_command();
 }
 
-void PlcSimulator::try_anything() { command_with_care(static_cast<Command>(1 + draw() % 9)); }
+void PlcSimulator::send_random_command() { command_with_care(static_cast<Command>(1 + draw() % 9)); }
 
-// Who resets after line stop takes the parts off first.
+// Before a reset after line stop the parts are taken off.
 void PlcSimulator::command_with_care(Command code) {
-    if (code == Command::reset && doors_ != nullptr && doors_->station().snapshot().line_stop) take_parts_off_();
+    if (code == Command::reset && endpoint_ != nullptr && endpoint_->station().snapshot().line_stop)
+        take_parts_off_();
     command(code);
 }
 
-// To any state that commands lead to. There it waits, or is silent for longer than the station bears, or cannot keep
-// its fingers still.
-void PlcSimulator::walk(Duration amount) {
+// Commands the station to a random state. There the PLC waits, or stays silent beyond its timeout, or sends random
+// commands.
+void PlcSimulator::walk_states(Duration amount) {
     constexpr std::array kTargets{State::preoperational, State::halted, State::initialized, State::ready,
                                   State::single_execution};
     const State target = kTargets[draw() % kTargets.size()];
-    const std::uint64_t mood = draw() % 3;
-    leave_alone_until_ = loop_.now() + amount;
-    for (int k = 0; k < 6 && doors_ != nullptr; ++k) {
-        const auto next = first_command(doors_->station().core().state(), target);
+    const std::uint64_t behaviour = draw() % 3;
+    idle_until_ = loop_.now() + amount;
+    for (int k = 0; k < 6 && endpoint_ != nullptr; ++k) {
+        const auto next = first_command(endpoint_->station().core().state(), target);
         if (!next) break;
         command_with_care(*next);
     }
-    if (mood == 1) be_silent(amount);
-    if (mood == 2) restless_until_ = leave_alone_until_;
+    if (behaviour == 1) be_silent(amount);
+    if (behaviour == 2) restless_until_ = idle_until_;
 }
 
 }  // namespace hord::lab

@@ -1,9 +1,9 @@
-// The PLC and SCADA at the line: what they read must be what the station reported, what they command is done once.
+// A simulated PLC at the station's registers. It checks that they show what the station reported, and that each command
+// is carried out exactly once.
 //
-// PlcEndpoint is the station's half: registers and desk, put up as the service does it, one set a process. PlcSimulator
-// is the other half: a PLC that beats, acknowledges, brings a station that was stopped back to work, and sometimes
-// misbehaves. It speaks in whole register requests; a request may be lost, and so may its answer, and then it is sent
-// again.
+// PlcEndpoint is the station's side: registers and PlcInterface, assembled as in the service, one for each process.
+// PlcSimulator is the PLC: it sends heartbeats, acknowledges results, restarts a stopped station, and sometimes
+// misbehaves. It reads and writes whole register requests; it repeats a request whose answer was lost.
 #pragma once
 
 #include <array>
@@ -24,40 +24,40 @@ using namespace firmware;
 class PlcEndpoint {
   public:
     PlcEndpoint(hal::EventLoop& loop, const CoreConfig& config, std::uint32_t boot_id);
-    void open(Station& station, Inspector& inspector, ResultSink& recorder);  // all outlive the doors
+    void open(Station& station, Inspector& inspector, ResultSink& recorder);  // all outlive this
 
-    void take(const PartResult& result) { unpublished_.push_back(result); }
+    void add_result(const PartResult& result) { unpublished_.push_back(result); }
     void publish();
-    void check_plc_heartbeat() { desk_.check_plc_heartbeat(); }
+    void check_plc_heartbeat() { plc_.check_plc_heartbeat(); }
 
     [[nodiscard]] RegisterServerModel& registers() { return registers_; }
     [[nodiscard]] const Station& station() const { return *station_; }
-    // How often the command with this token was carried out, of the last ones.
+    // How often the command with this token was carried out, among the last 64 commands.
     [[nodiscard]] int executed(std::uint32_t token) const { return handler_.executed(token); }
 
   private:
-    // Counts what reaches the station.
-    class Counting final : public PlcHandler {
+    // Counts the commands that reach the station.
+    class CountingHandler final : public PlcHandler {
       public:
-        explicit Counting(hal::EventLoop& loop) : operations(loop) {}
+        explicit CountingHandler(hal::EventLoop& loop) : commands(loop) {}
         CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) override;
         CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request,
                                  const StagedRecipe& staged) override;
         modbus::Exception on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) override {
-            return operations.on_acknowledged(origin, sequence);
+            return commands.on_acknowledged(origin, sequence);
         }
-        void on_plc_lost(PlcPolicy policy) override { operations.on_plc_lost(policy); }
-        void on_plc_back() override { operations.on_plc_back(); }
+        void on_plc_lost(PlcPolicy policy) override { commands.on_plc_lost(policy); }
+        void on_plc_back() override { commands.on_plc_back(); }
         [[nodiscard]] int executed(std::uint32_t token) const;
-        CommandHandler operations;
+        CommandHandler commands;
 
       private:
         void count(std::uint32_t token) { tokens_[next_++ % tokens_.size()] = token; }
         std::array<std::uint32_t, 64> tokens_{};
         std::size_t next_ = 0;
     };
-    Counting handler_;
-    PlcInterface desk_;
+    CountingHandler handler_;
+    PlcInterface plc_;
     RegisterServerModel registers_;
     Station* station_ = nullptr;
     std::vector<PartResult> unpublished_;
@@ -65,27 +65,29 @@ class PlcEndpoint {
 
 class PlcSimulator {
   public:
-    static constexpr Duration kEvery = milliseconds(250);     // the PLC's cycle
-    static constexpr Duration kTimeout = milliseconds(1000);  // without a beat for so long it counts as lost
+    static constexpr Duration kCycle = milliseconds(250);     // the PLC's cycle
+    static constexpr Duration kTimeout = milliseconds(1000);  // without a heartbeat for this long it counts as lost
 
-    PlcSimulator(hal::EventLoop& loop, Invariants& invariants, StoreObserver& books, std::uint64_t seed)
-        : loop_(loop), invariants_(invariants), books_(books), seed_(seed) {}
+    PlcSimulator(hal::EventLoop& loop, Invariants& invariants, StoreObserver& store_observer, std::uint64_t seed)
+        : loop_(loop), invariants_(invariants), store_observer_(store_observer), seed_(seed) {}
 
-    // Null while no process answers.
-    void connect(PlcEndpoint* doors) { doors_ = doors; }
-    // A person who resets takes the parts off the belt first: so does who resets by the PLC.
+    // Null while no process runs.
+    void connect(PlcEndpoint* endpoint) { endpoint_ = endpoint; }
+    // Called before a reset after line stop, by which a person takes all parts off the belt.
     void clear_with(std::function<void()> take_parts_off) { take_parts_off_ = std::move(take_parts_off); }
 
-    void told(const PartResult& result) { told_[result.sequence % told_.size()] = result; }
-    void cycle();  // every kEvery
+    void expect_result(const PartResult& result) {
+        expected_results_[result.sequence % expected_results_.size()] = result;
+    }
+    void cycle();  // every kCycle
 
-    // Misbehaviour, as faults name it.
+    // Misbehaviour, one function for each fault.
     void be_silent(Duration amount) { silent_until_ = std::max(silent_until_, loop_.now() + amount); }
     void repeat_a_command();
     void write_nonsense();
     void read_everything();
-    void command_something();
-    void walk(Duration amount);
+    void misuse_commands();
+    void walk_states(Duration amount);
 
   private:
     using Words = std::vector<std::uint16_t>;
@@ -93,24 +95,25 @@ class PlcSimulator {
     [[nodiscard]] Words read(std::uint16_t address, std::uint16_t count);
     modbus::Exception write(std::uint16_t address, const Words& words);
     void command(Command code, bool meant_for_this_boot = true);
-    void bring_back();
-    void try_anything();
+    void recover_station();
+    void send_random_command();
     void command_with_care(Command code);
     void check_status();
     void check_results();
 
     hal::EventLoop& loop_;
     Invariants& invariants_;
-    StoreObserver& books_;
+    StoreObserver& store_observer_;
     std::uint64_t seed_, drawn_ = 0;
-    PlcEndpoint* doors_ = nullptr;
+    PlcEndpoint* endpoint_ = nullptr;
     std::function<void()> take_parts_off_;
-    hal::TimePoint silent_until_{}, leave_alone_until_{}, restless_until_{};
+    hal::TimePoint silent_until_{}, idle_until_{}, restless_until_{};
     int repeats_ = 0;
     std::uint16_t beat_ = 0;
     std::uint32_t boot_id_ = 0, token_ = 0;
-    std::uint32_t read_ = 0, asked_ = 0, taken_ = 0;  // results: looked at, to be acknowledged, acknowledged
-    std::array<PartResult, kRingSlots> told_{};
+    std::uint32_t read_ = 0, to_acknowledge_ = 0,
+                  acknowledged_ = 0;  // sequences of results: checked, to be acknowledged, acknowledged
+    std::array<PartResult, kRingSlots> expected_results_{};
 };
 
 }  // namespace hord::lab

@@ -49,7 +49,7 @@ Result<Pool> render_pool() {
 
 Result<void> show_real_parts(LineOptions& line) {
     static std::mutex mutex;
-    static std::unique_ptr<Pool> pool;  // lent to every line; nothing of it changes
+    static std::unique_ptr<Pool> pool;  // shared by all lines; constant once it is rendered
     {
         const std::lock_guard lock(mutex);
         if (pool == nullptr) {

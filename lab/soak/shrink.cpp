@@ -11,8 +11,8 @@ using sim::FaultRule;
 
 class Shrinker {
   public:
-    Shrinker(const EpisodePlan& plan, const Try& attempt, std::uint64_t most_runs)
-        : best_(plan), attempt_(attempt), most_runs_(most_runs) {}
+    Shrinker(const EpisodePlan& plan, const Try& attempt, std::uint64_t max_runs)
+        : best_(plan), attempt_(attempt), max_runs_(max_runs) {}
 
     Result<Shrunk> run() {
         const auto first = attempt_(best_);
@@ -23,7 +23,7 @@ class Shrinker {
                         "shrink one that breaks a promise");
         promise_ = first->promise;
         cut_parts(first->parts);
-        for (bool better = true; better && runs_ < most_runs_;) {
+        for (bool better = true; better && runs_ < max_runs_;) {
             better = drop_rules();
             better = pin_rules() || better;
         }
@@ -32,9 +32,9 @@ class Shrinker {
     }
 
   private:
-    // True, and kept, when the same promise is still broken.
-    bool holds(const EpisodePlan& plan) {
-        if (runs_ >= most_runs_) return false;
+    // Whether the plan still breaks the same promise; then it becomes the best one.
+    bool still_breaks(const EpisodePlan& plan) {
+        if (runs_ >= max_runs_) return false;
         ++runs_;
         const auto outcome = attempt_(plan);
         if (!outcome || outcome->promise != promise_) return false;
@@ -43,14 +43,14 @@ class Shrinker {
         return true;
     }
 
-    // The parts that come later cannot matter, but for those that must follow until it shows.
+    // Cuts the parts after the violation, except a few that may be needed for it to be noticed.
     void cut_parts(std::uint64_t needed) {
         parts_needed_ = needed;
         for (const std::uint64_t more : {std::uint64_t{0}, std::uint64_t{2}, std::uint64_t{10}, std::uint64_t{50}}) {
             EpisodePlan plan = best_;
             plan.parts = std::max<std::uint64_t>(1, needed + more);
             if (plan.parts >= best_.parts) return;
-            if (holds(plan)) return;
+            if (still_breaks(plan)) return;
         }
     }
 
@@ -59,7 +59,7 @@ class Shrinker {
         for (std::size_t k = best_.faults.size(); k-- > 0;) {
             EpisodePlan plan = best_;
             plan.faults.erase(plan.faults.begin() + static_cast<std::ptrdiff_t>(k));
-            any = holds(plan) || any;
+            any = still_breaks(plan) || any;
         }
         return any;
     }
@@ -79,7 +79,7 @@ class Shrinker {
                     plan.faults[k].first = from;
                     plan.faults[k].last = to;
                     if (from == to) plan.faults[k].probability = 1;
-                    if (!holds(plan)) continue;
+                    if (!still_breaks(plan)) continue;
                     halved = any = true;
                     break;
                 }
@@ -90,14 +90,14 @@ class Shrinker {
 
     EpisodePlan best_;
     const Try& attempt_;
-    std::uint64_t most_runs_, runs_ = 0, parts_needed_ = 0;
+    std::uint64_t max_runs_, runs_ = 0, parts_needed_ = 0;
     std::string promise_;
 };
 
 }  // namespace
 
-Result<Shrunk> shrink(const EpisodePlan& plan, const Try& attempt, std::uint64_t most_runs) {
-    return Shrinker(plan, attempt, most_runs).run();
+Result<Shrunk> shrink(const EpisodePlan& plan, const Try& attempt, std::uint64_t max_runs) {
+    return Shrinker(plan, attempt, max_runs).run();
 }
 
 Result<Breakage> try_episode(const EpisodePlan& plan) {

@@ -1,4 +1,4 @@
-// From an episode that breaks a promise to the smallest one that still does.
+// Reduces an episode that breaks a promise to a small one that still breaks it.
 #pragma once
 
 #include <cstdint>
@@ -11,21 +11,21 @@ namespace hord::lab {
 
 struct Shrunk {
     EpisodePlan plan;
-    std::string promise;     // which is broken, "own-data"
+    std::string promise;     // the broken one, for example "own-data"
     std::uint64_t runs = 0;  // episodes tried
 };
 
-// What an episode breaks first: the promise's name and the parts that had come; empty: nothing.
+// The promise that an episode breaks first, and how many parts had arrived by then. Empty: it breaks none.
 struct Breakage {
     std::string promise;
     std::uint64_t parts = 0;
 };
 using Try = std::function<Result<Breakage>(const EpisodePlan&)>;
 
-// Removes rules, pins each that is left to the opportunities at which it has to fire, and cuts the parts, as long as
-// the same promise is broken. Deterministic. At most `most_runs` episodes. Fails with invalid_argument when `plan`
-// breaks nothing.
-Result<Shrunk> shrink(const EpisodePlan& plan, const Try& attempt, std::uint64_t most_runs = 400);
+// Removes rules, narrows the others to the opportunities at which they must fire, and cuts parts, as long as the same
+// promise is broken. Deterministic. Runs at most `max_runs` episodes. Fails with invalid_argument when `plan` breaks
+// nothing.
+Result<Shrunk> shrink(const EpisodePlan& plan, const Try& attempt, std::uint64_t max_runs = 400);
 
 // Runs the episode (soak.h).
 Result<Breakage> try_episode(const EpisodePlan& plan);

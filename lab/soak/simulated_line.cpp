@@ -24,11 +24,11 @@ LineOptions timed_line(std::uint64_t seed, std::uint64_t parts) {
     cell.schedule.kinds = {{"good", false, 9}, {"bad", true, 1}};
     cell.rejector.permit_moves_belt = true;
     cell.geometry.ejector_reach_mm =
-        2;  // 4 ms to either side: less than the pulse, or a pulse that began too late would hit all the same
+        2;  // 4 ms to either side: less than the pulse, else a pulse that began too late would still hit
     cell.part_sensor.latency = 200us;
     cell.strobe.report = {20us, 50us};
     cell.strobe.limits.min_rest =
-        64ms;  // a little more than min_gap leaves: the light says no to some parts that are close
+        64ms;  // a little more than min_gap allows: the light refuses some parts that are close
     cell.sensor.readout = {3ms, 2ms};
     cell.rejector.write = {300us, 2ms};
 
@@ -38,7 +38,7 @@ LineOptions timed_line(std::uint64_t seed, std::uint64_t parts) {
     core.exposure_delay = cell.camera_delay() - core.strobe_delay - core.strobe / 2;
     core.transport = cell.ejector_delay();
     core.frame_timeout = 50ms;
-    core.min_gap = 60ms;   // 30 mm: more than the camera and the ejector can confuse
+    core.min_gap = 60ms;   // 30 mm: beyond what the camera and the ejector could confuse
     core.max_part = 60ms;  // a part is 20 mm long
     core.frame_window = 2ms;
     return line;
@@ -50,7 +50,7 @@ LineOptions encoder_line(std::uint64_t seed, std::uint64_t parts) {
     line.cell.part_sensor.encoder_counts_per_mm = kCountsPerMm;
     line.cell.part_sensor.encoder_every = 5ms;
     line.cell.conveyor.jitter = 0.02;
-    line.cell.geometry.ejector_reach_mm = 6;  // its place between two readings is reckoned
+    line.cell.geometry.ejector_reach_mm = 6;  // between two readings the position is extrapolated
     line.core.by_encoder = true;
     const auto counts = [&](double mm) { return static_cast<std::int64_t>(mm * kCountsPerMm); };
     line.core.exposure_counts = counts(line.cell.geometry.camera_mm);
@@ -60,10 +60,10 @@ LineOptions encoder_line(std::uint64_t seed, std::uint64_t parts) {
     return line;
 }
 
-// Sees every frame on its way to the inspector, and every judgement on its way back.
-class SimulatedLine::Witness final : public Inspector, Inspector::Listener {
+// Reports each frame that goes to the inspector and each judgement that comes back to the invariants.
+class SimulatedLine::ObservedInspector final : public Inspector, Inspector::Listener {
   public:
-    Witness(std::unique_ptr<Inspector> inner, SimulatedLine& line) : inner_(std::move(inner)), line_(line) {}
+    ObservedInspector(std::unique_ptr<Inspector> inner, SimulatedLine& line) : inner_(std::move(inner)), line_(line) {}
 
   private:
     void do_start(Inspector::Listener& listener) override {
@@ -72,8 +72,7 @@ class SimulatedLine::Witness final : public Inspector, Inspector::Listener {
     }
     Result<void> do_submit(std::uint32_t part, hal::FrameLease frame) override {
         const hal::FrameInfo info = frame.info();
-        const bool wanted = line_.alive();
-        if (wanted) line_.invariants_->submitted(part, info, line_.cell_->sensor().true_part_of(info.sequence));
+        if (line_.alive()) line_.invariants_->submitted(part, info, line_.cell_->sensor().true_part_of(info.sequence));
         return inner_->submit(part, std::move(frame));
     }
     void do_stop() override { inner_->stop(); }
@@ -94,7 +93,7 @@ Result<std::unique_ptr<SimulatedLine>> SimulatedLine::make(const LineOptions& op
 }
 
 SimulatedLine::~SimulatedLine() {
-    if (alive()) process_->gates->cut();
+    if (alive()) process_->proxies->cut();
 }
 
 Result<void> SimulatedLine::assemble() {
@@ -106,21 +105,21 @@ Result<void> SimulatedLine::assemble() {
     invariants_ =
         std::make_unique<Invariants>(Invariants::Rules{options_.frames == nullptr, options_.core, 64}, *cell_, loop_);
     cell_->faults().watch([this](Fault fault, Duration amount) { invariants_->fault(fault, amount); });
-    books_.emplace(loop_, *invariants_);
+    store_observer_.emplace(loop_, *invariants_);
     cell_->watch({.part_edge =
                       [this](const sim::PartRecord& part, bool arrives, hal::TimePoint) {
-                          if (arrives) part_comes(part);
+                          if (arrives) part_arrives(part);
                       },
                   .part_gone = [this](const sim::PartRecord& part) { invariants_->part_is_gone(part); },
                   .ejector = {}});
-    plc_.emplace(loop_, *invariants_, *books_, options_.cell.seed);
+    plc_.emplace(loop_, *invariants_, *store_observer_, options_.cell.seed);
     plc_->clear_with([this] { take_parts_off(); });
-    loop_.call_after(PlcSimulator::kEvery, [this] { plc_cycle(); });
+    loop_.call_after(PlcSimulator::kCycle, [this] { plc_cycle(); });
     return start_process(false);
 }
 
 void SimulatedLine::plc_cycle() {
-    loop_.call_after(PlcSimulator::kEvery, [this] { plc_cycle(); });
+    loop_.call_after(PlcSimulator::kCycle, [this] { plc_cycle(); });
     plc_->cycle();
 }
 
@@ -128,99 +127,101 @@ void SimulatedLine::take_parts_off() {
     cell_->world().take_off([](const sim::PartRecord&) { return true; });
 }
 
-// -- processes: born, killed, buried
+// -- processes
 
 Result<void> SimulatedLine::start_process(bool line_unknown) {
     auto judging = make_stand_in_inspector(
         loop_, options_.queue, [this](std::uint32_t part, const hal::FrameLease& frame) { return judge(part, frame); });
     ++processes_;
-    Process& process = process_.emplace();  // the one before is buried
-    process.gates = std::make_unique<DeviceProxies>(*cell_, *invariants_);
-    process.inspector = std::make_unique<Witness>(std::move(judging), *this);
-    DeviceProxies& gates = *process.gates;
+    Process& process = process_.emplace();  // destroys the one before
+    process.proxies = std::make_unique<DeviceProxies>(*cell_, *invariants_);
+    process.inspector = std::make_unique<ObservedInspector>(std::move(judging), *this);
+    DeviceProxies& proxies = *process.proxies;
     process.station = std::make_unique<Station>(
         options_.core,
-        Cell{loop_, gates.part_sensor(), gates.strobe(), gates.sensor(), gates.rejector(), *process.inspector}, this);
+        Cell{loop_, proxies.part_sensor(), proxies.strobe(), proxies.sensor(), proxies.rejector(), *process.inspector},
+        this);
     const auto boot = static_cast<std::uint32_t>(0x10001U + processes_);
-    books_->open(boot, *process.station, [this](std::uint32_t faults) {
+    store_observer_->open(boot, *process.station, [this](std::uint32_t faults) {
         process_->station->outside_faults(faults);
-        process_->doors->publish();
+        process_->plc_endpoint->publish();
     });
-    process.doors = std::make_unique<PlcEndpoint>(loop_, options_.core, boot);
-    process.doors->open(*process.station, *process.inspector, *books_);
-    plc_->connect(process.doors.get());
+    process.plc_endpoint = std::make_unique<PlcEndpoint>(loop_, options_.core, boot);
+    process.plc_endpoint->open(*process.station, *process.inspector, *store_observer_);
+    plc_->connect(process.plc_endpoint.get());
     invariants_->process_starts(process.station->core(), options_.core);
     if (line_unknown) process.station->line_unknown();
     process.station->run();
     return {};
 }
 
-// Nothing that it does reaches anybody from now on. Its remains are buried when nobody is inside it any more.
-void SimulatedLine::process_dies(Duration down_for, bool line_unknown) {
+// From now on nothing that the process does has an effect. Its objects are destroyed later, when no call is active in
+// them.
+void SimulatedLine::end_process(Duration down_for, bool line_unknown) {
     if (!alive()) return;
     process_->alive = false;
-    process_->gates->cut();
-    books_->die();
+    process_->proxies->cut();
+    store_observer_->detach();
     plc_->connect(nullptr);
     invariants_->process_ends();
     was_stopped_ = false;
     loop_.call_after({}, [this] {
-        process_->doors.reset();
-        books_->bury();
+        process_->plc_endpoint.reset();
+        store_observer_->destroy_recorder();
         process_->station.reset();
         process_->inspector.reset();
     });
-    loop_.call_after(options_.module_watchdog, [this] { process_->gates->close_rejector(); });
+    loop_.call_after(options_.module_watchdog, [this] { process_->proxies->close_rejector(); });
     loop_.call_after(std::max(down_for, 2 * options_.module_watchdog),
                      [this, line_unknown] { (void)start_process(line_unknown); });
 }
 
-// As somebody who changes the configuration does: halt, and start again. What a clean end leaves behind says whether
-// parts are on the line.
-void SimulatedLine::restart_in_order() {
+// Halt and start again, as after a change of the configuration. A clean end leaves a note whether parts are on the
+// line.
+void SimulatedLine::restart_cleanly() {
     if (!alive()) return;
     (void)process_->station->command(Command::halt);
     const bool empty = process_->station->core().line().size() == 0 && !snapshot().line_stop;
     options_.core.reject_pulse = processes_ % 2 == 1 ? milliseconds(14) : milliseconds(15);
     options_.core.frame_timeout = processes_ % 2 == 1 ? milliseconds(55) : milliseconds(50);
-    books_->close();
-    process_dies(milliseconds(200), !empty);
+    store_observer_->close();
+    end_process(milliseconds(200), !empty);
 }
 
-// -- what happens as parts come
+// -- faults by part
 
-void SimulatedLine::part_comes(const sim::PartRecord& part) {
+void SimulatedLine::part_arrives(const sim::PartRecord& part) {
     invariants_->part_arrives(part);
     sim::FaultPlan& faults = cell_->faults();
     if (const auto amount = faults.fires(Fault::process_stalled)) loop_.stall(*amount);
     if (const auto amount = faults.fires(Fault::process_crash)) {
         const std::uint64_t moment = sim::random_bits(options_.cell.seed, kMomentStream, drawn_++);
-        const auto dies = [this, down_for = *amount] { process_dies(down_for, true); };
+        const auto dies = [this, down_for = *amount] { end_process(down_for, true); };
         if (moment % 2 == 0 && alive())
-            process_->gates->after_calls(static_cast<int>(moment / 2 % 6), dies);  // in the middle of a step
+            process_->proxies->after_calls(static_cast<int>(moment / 2 % 6), dies);  // during a step
         else loop_.call_after(Duration(static_cast<Duration::rep>(moment % 100'000'000)), dies);
     }
-    if (faults.fires(Fault::restart_ordered)) loop_.call_after({}, [this] { restart_in_order(); });
+    if (faults.fires(Fault::restart_ordered)) loop_.call_after({}, [this] { restart_cleanly(); });
     if (const auto amount = faults.fires(Fault::plc_silent)) plc_->be_silent(*amount);
     if (faults.fires(Fault::plc_repeats)) loop_.call_after({}, [this] { plc_->repeat_a_command(); });
-    if (faults.fires(Fault::plc_commands)) loop_.call_after({}, [this] { plc_->command_something(); });
+    if (faults.fires(Fault::plc_commands)) loop_.call_after({}, [this] { plc_->misuse_commands(); });
     if (const auto amount = faults.fires(Fault::plc_walks))
-        loop_.call_after({}, [this, stays = *amount] { plc_->walk(stays); });
+        loop_.call_after({}, [this, stays = *amount] { plc_->walk_states(stays); });
     if (const auto amount = faults.fires(Fault::device_unplugged)) unplug_something(*amount);
     if (faults.fires(Fault::plc_nonsense)) loop_.call_after({}, [this] { plc_->write_nonsense(); });
     if (faults.fires(Fault::scada_floods)) plc_->read_everything();
     for (const Fault fault :
          {Fault::store_error, Fault::store_in_doubt, Fault::store_slow, Fault::disk_full, Fault::clock_set}) {
-        if (const auto amount = faults.fires(fault)) books_->strike(fault, *amount);
+        if (const auto amount = faults.fires(fault)) store_observer_->apply_fault(fault, *amount);
     }
 }
 
-// At a moment of its own: also while it has nothing to do.
+// At a random time, also while the device is idle.
 void SimulatedLine::unplug_something(Duration amount) {
     const std::uint64_t draw = sim::random_bits(options_.cell.seed, kMomentStream, drawn_++);
     loop_.call_after(Duration(static_cast<Duration::rep>(draw % 1'500'000'000)),
                      [this, amount, device = static_cast<Device>(draw >> 32U & 3U)] {
-                         invariants_->fault(Fault::device_unplugged, amount);  // from now
+                         invariants_->fault(Fault::device_unplugged, amount);
                          switch (device) {
                              case Device::part_sensor: return cell_->unplug_part_sensor(amount);
                              case Device::strobe: return cell_->strobe().unplug(amount);
@@ -266,22 +267,22 @@ bool SimulatedLine::run() {
         },
         limit);
     if (invariants_->time_stands_still()) return false;
-    loop_.run_until(std::max(loop_.now() + 2s, books_->calm_from()));  // a last reset, and what waits for the disk
-    if (alive()) books_->end(snapshot());
+    loop_.run_until(
+        std::max(loop_.now() + 2s, store_observer_->calm_from()));  // for a last reset, and for the queue to be written
+    if (alive()) store_observer_->end(snapshot());
     invariants_->end();
     return over;
 }
 
-// -- the person
+// -- the person who resets
 
-void SimulatedLine::person_comes() {
-    if (!std::exchange(person_is_coming_, true))
-        loop_.call_after(options_.reset_after, [this] { look_after_the_line(); });
+void SimulatedLine::schedule_reset() {
+    if (!std::exchange(reset_scheduled_, true)) loop_.call_after(options_.reset_after, [this] { reset_line(); });
 }
 
-// Looks at a station that has stopped, takes the parts off where line stop says so, and resets it.
-void SimulatedLine::look_after_the_line() {
-    person_is_coming_ = false;
+// Resets a station that has stopped; after line stop takes the parts off first.
+void SimulatedLine::reset_line() {
+    reset_scheduled_ = false;
     if (!alive()) return;
     const State state = process_->station->core().state();
     if (state != State::error && state != State::initialized) return;
@@ -289,7 +290,7 @@ void SimulatedLine::look_after_the_line() {
     ++resets_;
     if (process_->station->core().line_stop()) take_parts_off();
     (void)process_->station->command(Command::reset);
-    if (alive() && !executing(process_->station->core().state())) person_comes();
+    if (alive() && !executing(process_->station->core().state())) schedule_reset();
 }
 
 void SimulatedLine::watch_line_stop() {
@@ -301,27 +302,27 @@ void SimulatedLine::watch_line_stop() {
 void SimulatedLine::on_result(const PartResult& result) {
     if (!alive()) return;
     invariants_->result(result);
-    books_->on_result(result);
-    plc_->told(result);
-    process_->doors->take(result);
+    store_observer_->on_result(result);
+    plc_->expect_result(result);
+    process_->plc_endpoint->add_result(result);
     publish_soon();
-    if (keep_) kept_.push_back(result);
+    if (keep_results_) results_.push_back(result);
 }
 
-// When the core has finished its step, as the service does it.
+// After the core has finished its step, as in the service.
 void SimulatedLine::publish_soon() {
     loop_.post([this, process = processes_] {
-        if (alive() && process == processes_) process_->doors->publish();
+        if (alive() && process == processes_) process_->plc_endpoint->publish();
     });
 }
 
 void SimulatedLine::on_state(State from, State to) {
     if (!alive()) return;
-    books_->state(from, to, snapshot().faults_active);
+    store_observer_->state(from, to, snapshot().faults_active);
     publish_soon();
     if (to == State::continuous_execution && !std::exchange(line_started_, true)) cell_->start();
     watch_line_stop();
-    if (to == State::error) person_comes();
+    if (to == State::error) schedule_reset();
 }
 
 void SimulatedLine::on_step(State before, const Event& event) {

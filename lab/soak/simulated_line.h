@@ -1,7 +1,7 @@
 // A whole line in virtual time: the real station, the simulated cell, a person who resets, and the omniscient observer.
 //
-// The station's process may die at any point and is started again, as systemd does it; then it does not know what is on
-// the line. The person who resets after line stop takes every part off the belt.
+// The station's process may die at any point. It is started again, as by systemd, and then does not know what is on the
+// line. The person who resets after line stop takes every part off the belt.
 #pragma once
 
 #include <functional>
@@ -30,11 +30,12 @@ struct LineOptions {
     Duration inspection = milliseconds(20);
     int queue = 4;
 
-    Duration reset_after = milliseconds(500);  // a person resets the station so long after an error
-    Duration module_watchdog =
-        milliseconds(50);  // after the process died the rejector's module drops permit and outputs
+    Duration reset_after = milliseconds(500);  // from an error until a person resets the station
+    // From the death of the process until the rejector's module drops permit and outputs.
+    Duration module_watchdog = milliseconds(50);
 
-    // In place of tokens: a frame source, which outlives the line, and what judges its frames. Its misses are its own.
+    // Optional, in place of tokens: a frame source, which outlives the line, and the function that judges its frames. A
+    // bad part that this function passes is no violation.
     sim::FrameSource* frames = nullptr;
     InspectFunction judge;
 };
@@ -42,14 +43,15 @@ struct LineOptions {
 // A line of 10 parts a second on a belt of 500 mm/s, camera 100 mm and ejector 400 mm behind the part sensor. The belt
 // stops when the run permit drops. One part in ten is bad.
 LineOptions timed_line(std::uint64_t seed, std::uint64_t parts);
-LineOptions encoder_line(std::uint64_t seed, std::uint64_t parts);  // followed by an encoder; the belt jitters
+LineOptions encoder_line(std::uint64_t seed, std::uint64_t parts);  // with an encoder; the belt speed jitters
 
 class SimulatedLine final : public StationObserver {
   public:
     static Result<std::unique_ptr<SimulatedLine>> make(const LineOptions& options);
     ~SimulatedLine() override;
 
-    // Until every part is gone and the line is empty; false when that takes longer than twenty times the belt's time.
+    // Runs until every part is gone and the line is empty. False when that takes longer than twenty times the belt's
+    // time.
     bool run();
 
     [[nodiscard]] Invariants& invariants() { return *invariants_; }
@@ -58,36 +60,36 @@ class SimulatedLine final : public StationObserver {
     [[nodiscard]] sim::SimulatedCell& cell() { return *cell_; }
     [[nodiscard]] sim::VirtualTime& loop() { return loop_; }
     [[nodiscard]] Station& station() { return *process_->station; }  // while a process runs
-    [[nodiscard]] const StoreObserver& books() const { return *books_; }
+    [[nodiscard]] const StoreObserver& store_observer() const { return *store_observer_; }
     [[nodiscard]] std::uint64_t resets() const { return resets_; }
     [[nodiscard]] std::uint64_t line_stops() const { return line_stops_; }
     [[nodiscard]] std::uint64_t processes() const { return processes_; }
-    [[nodiscard]] const std::vector<PartResult>& kept() const { return kept_; }
-    void keep_results(bool keep) { keep_ = keep; }
+    [[nodiscard]] const std::vector<PartResult>& results() const { return results_; }
+    void keep_results(bool keep) { keep_results_ = keep; }
 
   private:
-    class Witness;
-    struct Process {  // what dies together; destroyed in reverse order
-        std::unique_ptr<DeviceProxies> gates;
+    class ObservedInspector;
+    struct Process {  // destroyed in reverse order
+        std::unique_ptr<DeviceProxies> proxies;
         std::unique_ptr<Inspector> inspector;
         std::unique_ptr<Station> station;
-        std::unique_ptr<PlcEndpoint> doors;
-        bool alive = true;  // false: cut off, to be buried
+        std::unique_ptr<PlcEndpoint> plc_endpoint;
+        bool alive = true;  // false: cut off, to be destroyed
     };
     explicit SimulatedLine(const LineOptions& options) : options_(options) {}
     Result<void> assemble();
     Result<void> start_process(bool line_unknown);
-    void process_dies(Duration down_for, bool line_unknown);
-    void restart_in_order();
+    void end_process(Duration down_for, bool line_unknown);
+    void restart_cleanly();
     void plc_cycle();
     void take_parts_off();
     void publish_soon();
     void unplug_something(Duration amount);
-    void part_comes(const sim::PartRecord& part);
+    void part_arrives(const sim::PartRecord& part);
     [[nodiscard]] StandInAnswer judge(std::uint32_t part, const hal::FrameLease& frame);
     [[nodiscard]] Judged judge_by_token(const hal::FrameLease& frame) const;
-    void person_comes();
-    void look_after_the_line();
+    void schedule_reset();
+    void reset_line();
     void watch_line_stop();
     void on_result(const PartResult& result) override;
     void on_state(State from, State to) override;
@@ -100,16 +102,16 @@ class SimulatedLine final : public StationObserver {
     Coverage coverage_;
     std::unique_ptr<sim::SimulatedCell> cell_;
     std::unique_ptr<Invariants> invariants_;
-    std::optional<StoreObserver> books_;
+    std::optional<StoreObserver> store_observer_;
     std::optional<PlcSimulator> plc_;
     std::optional<Process> process_;
     bool line_started_ = false;
-    bool person_is_coming_ = false;
+    bool reset_scheduled_ = false;
     bool was_stopped_ = false;
-    bool keep_ = false;
+    bool keep_results_ = false;
     hal::TimePoint hangs_until_{};
     std::uint64_t resets_ = 0, line_stops_ = 0, processes_ = 0, drawn_ = 0;
-    std::vector<PartResult> kept_;
+    std::vector<PartResult> results_;
 };
 
 }  // namespace hord::lab

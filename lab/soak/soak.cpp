@@ -22,18 +22,18 @@ constexpr std::size_t kWalks = 24;  // episodes for each fault
 constexpr std::size_t kViolationsShown = 20;
 
 void add_episode(SoakReport& report, SimulatedLine& line, bool over, const std::string& label) {
-    const Invariants& seen = line.invariants();
+    const Invariants& invariants = line.invariants();
     const auto violation = [&](const std::string& text) {
         if (report.violations++ == 0) report.parts_to_violation = report.parts + line.cell().world().totals().arrived;
         if (report.first_violations.size() < kViolationsShown)
             report.first_violations.push_back(text + "\n    " + label);
     };
-    report.results += seen.results();
-    if (report.violations == 0 && seen.violations() > 0)
-        report.parts_to_violation = report.parts + seen.parts_to_violation();
-    report.violations += seen.violations();
-    for (std::size_t k = 0; k < kPromises; ++k) report.broken[k] += seen.violations_of(static_cast<Promise>(k));
-    for (const std::string& text : seen.first_violations()) {
+    report.results += invariants.results();
+    if (report.violations == 0 && invariants.violations() > 0)
+        report.parts_to_violation = report.parts + invariants.parts_to_violation();
+    report.violations += invariants.violations();
+    for (std::size_t k = 0; k < kPromises; ++k) report.broken[k] += invariants.violations_of(static_cast<Promise>(k));
+    for (const std::string& text : invariants.first_violations()) {
         if (report.first_violations.size() < kViolationsShown)
             report.first_violations.push_back(text + "\n    " + label);
     }
@@ -43,15 +43,16 @@ void add_episode(SoakReport& report, SimulatedLine& line, bool over, const std::
         violation("ended in " + std::string(name_of(last.state)));
     report.line_stops += line.line_stops();
     report.resets += line.resets();
-    report.excused += seen.excused();
+    report.excused += invariants.excused();
     report.virtual_s += static_cast<std::uint64_t>(
         std::chrono::duration_cast<std::chrono::seconds>(line.loop().now().time_since_epoch()).count());
-    for (std::size_t k = 0; k < report.reasons.size(); ++k) report.reasons[k] += seen.of(static_cast<PartReason>(k));
+    for (std::size_t k = 0; k < report.reasons.size(); ++k)
+        report.reasons[k] += invariants.of(static_cast<PartReason>(k));
     report.coverage.merge(line.coverage());
-    report.undisturbed += seen.undisturbed();
+    report.undisturbed += invariants.undisturbed();
     report.processes += line.processes();
-    report.stored += line.books().stored();
-    report.lost += line.books().lost();
+    report.stored += line.store_observer().stored();
+    report.lost += line.store_observer().lost();
     const sim::FaultPlan& faults = line.cell().faults();
     for (std::size_t a = 0; a < sim::kFaults; ++a) {
         const auto fired = faults.fired(static_cast<Fault>(a));
@@ -64,7 +65,7 @@ void add_episode(SoakReport& report, SimulatedLine& line, bool over, const std::
     }
     for (const Fault fault : faults.never_fired())
         report.never_fired.push_back(label + ": " + std::string(sim::name_of(fault)));
-    report.fingerprint = sim::mix64(report.fingerprint ^ seen.fingerprint());
+    report.fingerprint = sim::mix64(report.fingerprint ^ invariants.fingerprint());
 }
 
 }  // namespace
@@ -75,7 +76,7 @@ Result<LineOptions> line_of(const EpisodePlan& plan) {
     line.cell.faults = plan.faults;
     line.core.plc_policy = static_cast<PlcPolicy>(sim::random_bits(plan.seed, kEpisodeStream, 0) % 3);
     if (sim::random_bits(plan.seed, kEpisodeStream, 1) % 2 == 0)
-        line.cell.sensor.buffers = 2 * line.queue;  // who is full first, the sensor or the inspector
+        line.cell.sensor.buffers = 2 * line.queue;  // decides whether the sensor or the inspector is full first
     if (plan.real) {
         if (auto shown = show_real_parts(line); !shown) return tl::unexpected(shown.error());
     }
@@ -138,9 +139,9 @@ namespace {
 
 // The episodes of a soak by number: first the pairs of faults, and walks through the states with each fault, then
 // random ones.
-class Plans {
+class EpisodePlans {
   public:
-    explicit Plans(const SoakOptions& options) : options_(options) {
+    explicit EpisodePlans(const SoakOptions& options) : options_(options) {
         for (std::size_t a = 0; options.all_pairs && a < sim::kFaults; ++a) {
             for (std::size_t b = 0; b < a; ++b) pairs_.push_back({static_cast<Fault>(a), static_cast<Fault>(b)});
         }
@@ -174,16 +175,16 @@ class Plans {
     std::uint64_t count_ = 0;
 };
 
-// Episodes are run by several threads and added up in their order.
-class Crew {
+// Runs episodes on several threads and adds their reports in the order of the episodes.
+class EpisodeRunner {
   public:
-    Crew(const SoakOptions& options, const Plans& plans) : options_(options), plans_(plans) {}
+    EpisodeRunner(const SoakOptions& options, const EpisodePlans& plans) : options_(options), plans_(plans) {}
 
     Result<SoakReport> run() {
-        std::vector<std::thread> helpers;
-        for (int k = 1; k < options_.threads; ++k) helpers.emplace_back([this] { work(); });
+        std::vector<std::thread> threads;
+        for (int k = 1; k < options_.threads; ++k) threads.emplace_back([this] { work(); });
         work();
-        for (std::thread& helper : helpers) helper.join();
+        for (std::thread& thread : threads) thread.join();
         if (error_) return tl::unexpected(*error_);
         return std::move(report_);
     }
@@ -198,10 +199,10 @@ class Crew {
             const auto done = run_episode(plans_[number], episode);
             lock.lock();
             if (!done) error_ = done.error();
-            done_.emplace(number, std::move(episode));
-            while (!over() && !done_.empty() && done_.begin()->first == added_) {
-                report_.add(done_.begin()->second);
-                done_.erase(done_.begin());
+            finished_.emplace(number, std::move(episode));
+            while (!over() && !finished_.empty() && finished_.begin()->first == added_) {
+                report_.add(finished_.begin()->second);
+                finished_.erase(finished_.begin());
                 ++added_;
                 if (options_.progress)
                     options_.progress(static_cast<double>(added_) / static_cast<double>(plans_.count()));
@@ -211,10 +212,10 @@ class Crew {
     [[nodiscard]] bool over() const { return error_ || (options_.until_violation && report_.violations > 0); }
 
     const SoakOptions& options_;
-    const Plans& plans_;
+    const EpisodePlans& plans_;
     std::mutex mutex_;  // guards the rest
     std::uint64_t next_ = 0, added_ = 0;
-    std::map<std::uint64_t, SoakReport> done_;
+    std::map<std::uint64_t, SoakReport> finished_;
     SoakReport report_;
     std::optional<Error> error_;
 };
@@ -229,8 +230,8 @@ Result<SoakReport> soak(const SoakOptions& options) {
                         std::to_string(options.threads) + " threads",
                     "use at least 1 part, 200 an episode, and 1 thread");
     }
-    const Plans plans(options);
-    return Crew(options, plans).run();
+    const EpisodePlans plans(options);
+    return EpisodeRunner(options, plans).run();
 }
 
 std::string describe(const SoakReport& r) {

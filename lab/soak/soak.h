@@ -1,7 +1,7 @@
-// Production in virtual time, with faults: many parts, seeded, every promise checked by an omniscient observer.
+// Production in virtual time with random faults; an omniscient observer checks every promise.
 //
-// The parts are run in episodes of their own. Each draws its line (timed or with encoder) and its faults from the seed
-// and its number, so any episode can be run again alone, bit for bit.
+// The parts are split into episodes. Each draws its line (timed or with encoder) and its faults from the seed and its
+// number, so any episode can be run again alone, bit for bit.
 #pragma once
 
 #include <array>
@@ -24,31 +24,31 @@ struct SoakOptions {
     std::uint64_t parts_an_episode = 5'000;
     bool all_pairs = false;  // first an episode for each pair of faults, and walks through all states with each fault
     bool until_violation = false;  // ends with the first episode that breaks a promise
-    bool real_parts =
-        true;         // one episode in fifty shows rendered frames to the real pipeline; rendering takes some seconds
-    int threads = 1;  // episodes at the same time; the report is the same for every number
+    // One episode in fifty shows rendered frames to the real pipeline; rendering takes some seconds.
+    bool real_parts = true;
+    int threads = 1;                            // episodes at the same time; the report is the same for every number
     std::function<void(double done)> progress;  // 0..1; may be empty
 };
 
 struct SoakReport {
     std::uint64_t parts = 0, episodes = 0, results = 0;
     std::uint64_t violations = 0;
-    std::array<std::uint64_t, kPromises> broken{};  // how often which promise was
-    std::vector<std::string> first_violations;      // each with the command that shows it again
-    std::optional<EpisodePlan> first_broken;        // the first episode that broke one: what to shrink
-    std::uint64_t parts_to_violation = 0;           // that had come when the first promise was broken; 0: none was
+    std::array<std::uint64_t, kPromises> broken{};  // violations by Promise
+    std::vector<std::string> first_violations;      // each with the command that reproduces it
+    std::optional<EpisodePlan> first_broken;        // the first episode that broke a promise, for shrink()
+    std::uint64_t parts_to_violation = 0;           // arrived before the first violation; 0: there is none
     std::uint64_t line_stops = 0, resets = 0, excused = 0;
-    std::uint64_t stored = 0, lost = 0;  // results on disks, and those that the stores say they do not have
+    std::uint64_t stored = 0, lost = 0;  // results on disks; results that the stores report as lost
     std::uint64_t virtual_s = 0;
     std::array<std::uint64_t, 32> reasons{};            // by PartReason
     std::array<std::uint64_t, sim::kFaults> planned{};  // episodes whose plan names the fault
     std::array<std::uint64_t, sim::kFaults> fired{};    // times
-    std::uint64_t real_parts = 0, passed_bad = 0;       // seen through optics, and of those the pipeline's misses
-    std::uint64_t undisturbed = 0;                      // parts that came with nothing wrong, and were held to that
-    std::uint64_t processes = 0;                        // more than episodes: those that died
+    std::uint64_t real_parts = 0, passed_bad = 0;  // rendered parts, and bad ones of these that the pipeline passed
+    std::uint64_t undisturbed = 0;                 // parts checked for Promise::undisturbed_parts
+    std::uint64_t processes = 0;                   // those beyond the number of episodes died or were restarted
     Coverage coverage;
-    std::vector<std::string> never_fired;  // planned in an episode and not seen there
-    std::uint64_t fingerprint = 0;         // of every result: equal for equal options
+    std::vector<std::string> never_fired;  // planned faults that did not fire in their episode
+    std::uint64_t fingerprint = 0;         // over all results; equal for equal options
 
     void add(const SoakReport& later);  // the fingerprint depends on the order
 
@@ -64,7 +64,7 @@ Result<void> run_episode(const EpisodePlan& plan, SoakReport& report);
 // Fails with invalid_argument when the options are impossible.
 Result<SoakReport> soak(const SoakOptions& options);
 
-// The report for people, some lines.
+// The report as text of some lines.
 std::string describe(const SoakReport& report);
 
 }  // namespace hord::lab

@@ -87,7 +87,6 @@ Result<ExperimentReport> run_stability(const ExperimentOptions& options) {
     const StabilityTable table = check_stability(wanted);
 
     ExperimentReport report;
-    report.text = fmt::format("# Stability at the extremes\n\nSeed {}.\n\n```{}```\n", options.seed, as_text(table));
     for (const StabilityRow& row : table.rows()) {
         auto claim = std::ranges::find(report.claims, row.group, &Claim::text);
         if (claim == report.claims.end()) claim = report.claims.insert(claim, {row.group, true, ""});
@@ -101,6 +100,8 @@ Result<ExperimentReport> run_stability(const ExperimentOptions& options) {
             claim.evidence =
                 fmt::format("{} cases, all right", std::ranges::count(table.rows(), claim.text, &StabilityRow::group));
     }
+    report.text = fmt::format("# Stability at the extremes\n\nSeed {}.\n\n```{}```\n\n## Claims\n\n{}\n", options.seed,
+                              as_text(table), describe(report.claims));
     report.files = {options.out / "stability.csv", options.out / "stability.txt"};
     if (auto done = write(report.files[0], as_csv(table)); !done) return tl::unexpected(done.error());
     if (auto done = write(report.files[1], as_text(table)); !done) return tl::unexpected(done.error());

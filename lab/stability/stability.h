@@ -1,8 +1,7 @@
-// hord-lab experiment stability: do the features keep their promises at the extremes?
+// hord-lab experiment stability: are the features correct at the extremes of their input?
 //
-// A table of cases: what is expected (a closed form, an independent solver, a property), what came out, and whether
-// that is right. Expected values are derived in the cases' own code, never taken from algo. The same cases are tests
-// (tests/lab/stability/stability_test.cpp).
+// A table of cases with expected value (closed form, independent solver or property), result and verdict. Expected
+// values are derived here, never taken from algo. The same cases are tests (tests/lab/stability/stability_test.cpp).
 #pragma once
 
 #include <cstdint>
@@ -46,7 +45,7 @@ struct StabilityOptions {
     std::function<void(double done)> progress = [](double) {};  // 0..1
 };
 
-// Every case.
+// Runs every case.
 StabilityTable check_stability(const StabilityOptions& options);
 
 // Its parts: pairs of HORDs, transport problems (against the solver in transport_check.h), and whole frames.
@@ -54,7 +53,7 @@ void check_hords(const StabilityOptions& options, StabilityTable& table);
 void check_transport(const StabilityOptions& options, StabilityTable& table);
 void check_frames(const StabilityOptions& options, StabilityTable& table);
 
-// For people and for spreadsheets.
+// As text and as CSV.
 std::string as_text(const StabilityTable& table);
 std::string as_csv(const StabilityTable& table);
 

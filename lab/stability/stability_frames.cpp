@@ -1,4 +1,4 @@
-// Whole frames at the extremes: what the pipeline's maps and masks must say.
+// Whole frames at the extremes: the pipeline's maps and masks.
 #include <algorithm>
 #include <cmath>
 #include <random>
@@ -18,7 +18,7 @@ using algo::Inspection;
 using algo::Pipeline;
 using algo::Recipe;
 
-constexpr double kMap = 1e-5;  // maps are floats: 2^-24 of values up to 20, and what their doubles may differ by
+constexpr double kMap = 1e-5;  // maps are floats: 2^-24 of values up to 20, plus the error of their doubles
 
 // Light falls off linearly over 2 bins around a place, measured from the centre of the bins: the mean of its samples is
 // that place.
@@ -69,7 +69,7 @@ Frame mirrored(const Frame& frame) {
     return result;
 }
 
-// A copy of what an inspection says.
+// A copy of an inspection.
 struct Seen {
     algo::Verdict verdict = algo::Verdict::pass;
     algo::Reason reason = algo::Reason::none;
@@ -150,7 +150,7 @@ void thin_fields(StabilityTable& table) {
                     "refused, with a cure", refused ? "accepted" : refused.error().message(),
                     !refused && !refused.error().cure.empty());
     }
-    // The thinnest that can be: one row with neighbours above and below, of the largest width.
+    // The thinnest frame: one row with neighbours above and below, of the largest width.
     for (const Extents& e : {Extents{2048, 3, 3, 3}, Extents{3, 2048, 3, 3}}) {
         const auto flat = [](int, int) { return Spot{}; };
         const Seen seen = inspected(e, drawn(e, 8, 200, flat));
@@ -158,7 +158,7 @@ void thin_fields(StabilityTable& table) {
                    static_cast<std::int64_t>(e.lenslets()) - seen.count(algo::kBorder));
         table.near("largest gradient of equal lenslets", 0, *std::ranges::max_element(seen.emd), 0);
     }
-    // Light in one row only: nothing to compare with above and below.
+    // Light in one row only: no neighbours above and below.
     const Extents e{13, 9, 9, 9};
     const Seen row = inspected(e, drawn(e, 8, 240, [](int m, int n) { return n == 4 ? ramp(m, n) : Spot{0, 0, 0}; }));
     table.same("one lit row: lit lenslets, all flagged as border", 13,
@@ -224,7 +224,7 @@ void pedestals(StabilityTable& table) {
     table.same("700 DN under every sample, subtracted: maps of the EMD gradient that differ", 0,
                clean.emd == raised.emd ? 0 : 1);
     table.same("maps of the Frobenius norm that differ", 0, clean.frobenius == raised.frobenius ? 0 : 1);
-    // Not subtracted it does what it must: 1 DN in each of 81 bins beside 1000 DN, 3 bins off the centre.
+    // Not subtracted, it shifts the mean: 1 DN in each of 81 bins beside 1000 DN, 3 bins off the centre.
     const auto moved = [](double pedestal, int x) {
         algo::Hord h;
         static std::vector<std::uint16_t> masses[2];
@@ -251,7 +251,7 @@ void invariances(StabilityTable& table) {
     Recipe recipe;
     recipe.dark_dn = 1;
     recipe.min_sum_dn = 16;
-    // Samples that can be divided by 16, so that every exposure is exact; the dark level of 1 DN is added, and
+    // Samples are multiples of 16, so that every exposure is exact; the dark level of 1 DN is added, and
     // subtracted again.
     const auto exposed = [&](double times) {
         Frame frame = drawn(e, 16, 900, scene);

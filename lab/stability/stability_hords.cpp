@@ -49,7 +49,7 @@ Masses spot(int bins_i, int bins_j, int i, int j, std::uint16_t mass) {
     return h;
 }
 
-// What each distance must say of all light moved by (x, y) bins, supports disjoint.
+// The expected distance when all light moves by (x, y) bins and the supports are disjoint.
 double of_moved_spot(Feature feature, double x, double y) {
     const double length = std::hypot(x, y);
     switch (feature) {
@@ -75,7 +75,7 @@ Masses random_hord(Random& random, int bins, int lit, int most) {
     return h;
 }
 
-// Sparse, dense, one photon, full scale, all bins equal: a mixture that random tests draw from.
+// A random histogram: sparse, dense, one photon, full scale, or all bins equal.
 Masses any_hord(Random& random, int bins) {
     switch (random() % 6) {
         case 0: return random_hord(random, bins, 1, 1);
@@ -315,7 +315,7 @@ void properties(const StabilityOptions& options, StabilityTable& table) {
     for (int n = 0; n < options.random_pairs; ++n) {
         const Masses a = any_hord(random, 81), b = any_hord(random, 81), c = any_hord(random, 81);
         Masses dim = a, bright, at(81), bt(81), am(81), bm(81);
-        for (auto& mass : dim) mass = static_cast<std::uint16_t>(mass / 16 * 4);  // and four times dimmer or brighter
+        for (auto& mass : dim) mass = static_cast<std::uint16_t>(mass / 16 * 4);  // also a quarter as bright
         Masses quarter = dim, four = dim;
         for (std::size_t k = 0; k < 81; ++k) {
             quarter[k] = static_cast<std::uint16_t>(dim[k] / 4);

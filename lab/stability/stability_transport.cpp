@@ -20,7 +20,7 @@ using algo::GroundNorm;
 using Random = std::mt19937_64;
 
 constexpr double kExact = 1e-9;    // bin pitches, for costs up to 20; in proportion above (algo/emd/emd_solver.h)
-constexpr int kPivotsANode = 200;  // what algo/emd/transport_simplex.h promises
+constexpr int kPivotsANode = 200;  // the bound of algo/emd/transport_simplex.h
 
 algo::Hord hord(const Masses& h) { return {h.data(), std::accumulate(h.begin(), h.end(), std::uint32_t{0})}; }
 
@@ -99,7 +99,7 @@ void direction_maps(const StabilityOptions& options, StabilityTable& table) {
     for (std::size_t k = 1; k < pairs_apart.size(); k += 2) pairs_apart[k] = pairs_apart[k - 1];
     auto one_far = drawn(1);
     one_far[12] = {GroundDistance::kMaxDirection, -GroundDistance::kMaxDirection};
-    std::vector<Direction> nearly_regular(25);  // costs that differ by less than a float tells apart
+    std::vector<Direction> nearly_regular(25);  // costs that are equal as floats
     for (std::size_t k = 0; k < 25; ++k)
         nearly_regular[k] = {static_cast<double>(k % 5) + 1e-6 * unit(random),
                              static_cast<double>(k / 5) + 1e-6 * unit(random)};
@@ -146,7 +146,7 @@ void direction_maps(const StabilityOptions& options, StabilityTable& table) {
     refused("a direction beyond 1e6 bins", {1.1e6, 0});
 }
 
-// Sinkhorn's answer counts only where its plan's marginals are right; then theory brackets the exact distance with it.
+// Sinkhorn's result counts only where the marginals of its plan are accurate; then it bounds the exact distance.
 void entropic(const StabilityOptions& options, StabilityTable& table) {
     table.begin("entropic cross-check (Sinkhorn, log domain)");
     Random random(options.seed + 5);

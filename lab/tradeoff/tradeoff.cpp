@@ -11,7 +11,7 @@ namespace {
 
 constexpr TradeoffPoint kCentre{};
 
-// In the order of the parts they need: bins, slope and stride; points that need the same follow one another.
+// Ordered so that points with the same parts (bins, slope and stride) follow one another.
 std::vector<TradeoffPoint> points(bool quick) {
     if (quick) return {kCentre, {9, 0.15, 200, 1, 1}, {9, 1.0, 2000, 1, 1}};
     std::vector<TradeoffPoint> all;

@@ -1,4 +1,4 @@
-// Speed against accuracy, measured: every feature over bins, light, slopes of the part, strides and averaged frames.
+// Speed against accuracy of every feature, over bins, light, slopes of the part, strides and averaged frames.
 #pragma once
 
 #include "lab/experiment/experiment.h"
@@ -9,7 +9,7 @@ namespace hord::lab {
 
 Result<ExperimentReport> run_tradeoff(const ExperimentOptions& options);
 
-// What was measured at each point, as tradeoff_scores.h and tradeoff_times.h give it.
+// The measurements at each point (tradeoff_scores.h, tradeoff_times.h).
 struct TradeoffResults {
     struct Cell {
         TradeoffPoint point;
@@ -21,7 +21,7 @@ struct TradeoffResults {
     int good_patches = 0, defects_of_a_family = 0;
 
     [[nodiscard]] const Json* scores_at(const TradeoffPoint& point) const;
-    [[nodiscard]] const Json* times_at(TradeoffPoint point) const;  // whatever its slope and frames
+    [[nodiscard]] const Json* times_at(TradeoffPoint point) const;  // independent of slope and frames
 };
 
 // The report, its tables and plots (tradeoff_report.cpp).

@@ -1,4 +1,4 @@
-// The trade-off drawn: time and detection, probability of detection by size, error and time, and what changes it.
+// Plots of the trade-off: detection against time, probability of detection by size, error against time, and its axes.
 #pragma once
 
 #include <filesystem>
@@ -8,7 +8,7 @@
 
 namespace hord::lab {
 
-// tradeoff-pareto, -pod, -error and -axes as SVG and PNG; returns them. Fails as plot() does.
+// Draws tradeoff-pareto, -pod, -error and -axes; returns the files. Fails as plot().
 Result<std::vector<std::filesystem::path>> plot_tradeoff(const TradeoffResults& results,
                                                          const std::filesystem::path& folder);
 

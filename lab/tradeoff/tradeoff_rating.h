@@ -1,4 +1,4 @@
-// The features at one point of the trade-off, beside one another: which is worth its time.
+// Compares the features at one point of the trade-off.
 #pragma once
 
 #include <array>
@@ -14,7 +14,7 @@ namespace hord::lab {
 
 constexpr TradeoffPoint kCentre{};
 
-// What a feature compares with: features of one kind need the same.
+// What a feature compares a lenslet with: its neighbours, a reference, or nothing (the light alone).
 enum class Kind : std::uint8_t { light, neighbours, reference };
 constexpr std::string_view kKindNames[] = {"the light alone", "over neighbours", "against a reference"};
 
@@ -28,7 +28,7 @@ struct Rated {
     double error_of_threshold = 0;  // error over threshold
     double flips = 0;
 
-    // Over the families, and half of its interval.
+    // Mean over the families, and half of its interval.
     [[nodiscard]] double mean_tpr() const {
         double sum = 0;
         for (const Estimate& t : tpr) sum += t.value;
@@ -41,19 +41,19 @@ struct Rated {
     }
 };
 
-// All features at a point, times 0 where it was not timed; none where it was not scored.
+// All features at a point; their times are 0 if it was not timed. Empty if it was not scored.
 std::vector<Rated> rated_at(const TradeoffResults& results, const TradeoffPoint& point);
 
-// Those that tables over many points and plots show.
+// The features shown in plots and in tables over many points.
 constexpr const char* kShown[] = {"emd",          "bhattacharyya", "chi2",           "jacobian-frobenius",
                                   "transmission", "reference-emd", "reference-chi2", "reference-centroid"};
 const Rated& named(const std::vector<Rated>& all, std::string_view name);  // must be among them
 
 // Not slower, finds no less of any family, and is clearly better in one of these.
 bool dominates(const Rated& a, const Rated& b);
-// The one that dominates it and finds most, among all or those of its own kind; nothing when none does.
+// The feature that dominates it and finds most, among all or those of its own kind; null when none does.
 const Rated* dominator(const std::vector<Rated>& all, const Rated& one, bool of_its_kind);
-// The one of a kind that finds most; and the fastest of that kind that finds as much, within the best's interval.
+// The feature of a kind that finds most; and the fastest of that kind within the best's interval.
 const Rated* best_of(const std::vector<Rated>& all, Kind kind);
 const Rated* fastest_as_good(const std::vector<Rated>& all, const Rated& best);
 

@@ -1,5 +1,6 @@
-// The trade-off in words, tables and plots: what to choose, when, at what price.
+// The trade-off's report: tables, claims and the fields of docs/results/templates/tradeoff.md.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <string>
@@ -7,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "lab/report/tables.h"
+#include "lab/report/template.h"
 #include "lab/tradeoff/tradeoff.h"
 #include "lab/tradeoff/tradeoff_plots.h"
 #include "lab/tradeoff/tradeoff_rating.h"
@@ -77,7 +79,7 @@ Table centre_table(const std::vector<Rated>& all) {
     return table;
 }
 
-// Which feature finds most at each slope and light, and which fast one finds as much.
+// The feature that finds most at each slope and light, and the fastest that finds as much.
 Table choice_table(const TradeoffResults& results) {
     Table table{{"slope", "photons", "the light alone"}, {}};
     for (const Kind kind : {Kind::neighbours, Kind::reference}) {
@@ -104,7 +106,7 @@ Table choice_table(const TradeoffResults& results) {
     return table;
 }
 
-// Which fast one is as good as the best most often, over the points of the choice table.
+// The features that are the fastest as good as the best, with how often, over the points of the choice table.
 std::string in_short(const TradeoffResults& results) {
     std::map<Kind, std::map<std::string, int>> times;
     int points = 0;
@@ -130,7 +132,7 @@ std::string in_short(const TradeoffResults& results) {
     return text;
 }
 
-// How much is found by the features of kShown over points along one axis.
+// Detection by the features of kShown at points along one axis.
 Table axis_table(const TradeoffResults& results, const std::string& axis,
                  const std::vector<std::pair<std::string, TradeoffPoint>>& along) {
     Table table{{axis}, {}};
@@ -157,6 +159,79 @@ std::vector<std::pair<std::string, TradeoffPoint>> along_of(
         if (is_on(cell.point)) along.emplace_back(label(cell.point), cell.point);
     }
     return along;
+}
+
+// A table for each axis on which more than one point was measured; empty in the quick form.
+std::string axes_text(const TradeoffResults& results) {
+    const auto is_axis = [](auto member) {
+        return [member](const TradeoffPoint& p) {
+            TradeoffPoint c = kCentre;
+            c.*member = p.*member;
+            return p == c;
+        };
+    };
+    std::string axes;
+    const auto add_axis =
+        [&](const std::string& title, const std::string& axis, const std::function<bool(const TradeoffPoint&)>& is_on,
+            const std::function<std::string(const TradeoffPoint&)>& label, const std::string& note = {}) {
+            const auto along = along_of(results, is_on, label);
+            if (along.size() < 2) return;
+            axes += (axes.empty() ? "### " : "\n### ") + title + "\n\n" + note +
+                to_markdown(axis_table(results, axis, along));
+        };
+    add_axis("Slope of the part", "slope", is_axis(&TradeoffPoint::slope),
+             [](const TradeoffPoint& p) { return fmt::format("{:g}", p.slope); });
+    add_axis("Light", "photons", is_axis(&TradeoffPoint::photons),
+             [](const TradeoffPoint& p) { return std::to_string(p.photons); });
+    add_axis(
+        "Bins", "bins",
+        [](const TradeoffPoint& p) {
+            return p.slope == kCentre.slope && p.frames == 1 && p.stride == 1 &&
+                (p.photons == 200 || p.photons == 2000 || p.photons == 20000);
+        },
+        [](const TradeoffPoint& p) { return fmt::format("{}, {} photons", p.bins, p.photons); },
+        "The strips lie where the mean deflection is about zero. With 3 and 5 bins the source then stays inside the "
+        "middle bin nearly everywhere on a good part, which is the kindest case: where it\n"
+        "lies on an edge between bins, few bins do worse than this. Do not choose few bins from this table alone.\n\n");
+    add_axis(
+        "Frames averaged", "frames",
+        [](const TradeoffPoint& p) {
+            return p.slope == kCentre.slope && p.bins == 9 && p.stride == 1 && (p.frames > 1 || p.photons <= 2000);
+        },
+        [](const TradeoffPoint& p) { return fmt::format("{} of {} photons", p.frames, p.photons); });
+    add_axis("Stride", "stride", is_axis(&TradeoffPoint::stride),
+             [](const TradeoffPoint& p) { return std::to_string(p.stride); });
+
+    return axes;
+}
+
+// What is modelled: counts and sizes.
+void add_model(TemplateFields& fields, const TradeoffResults& results) {
+    fields["good"] = std::to_string(results.counts.good);
+    fields["pose_lenslets"] = "0.1";
+    fields["good_patches"] = std::to_string(results.good_patches);
+    fields["defects_of_a_family"] = std::to_string(results.defects_of_a_family);
+    constexpr std::array families = {"bubble", "inclusion", "haze"};
+    for (std::size_t f = 0; f < families.size(); ++f) {
+        fields[std::string(families[f]) + "_smallest"] = fmt::format("{:g}", kSmallest[f]);
+        fields[std::string(families[f]) + "_largest"] = fmt::format("{:g}", kLargest[f]);
+    }
+}
+
+void add_approximations(TemplateFields& fields, const TradeoffResults& results) {
+    Table errors{{"feature", "mean", "p99"}, {}};
+    for (const auto& [name, error] : results.approximations.items()) {
+        errors.rows.push_back({name, fmt::format("{:.4f}", error["mean"].get<double>()),
+                               fmt::format("{:.4f}", error["p99"].get<double>())});
+    }
+    fields["approximations"] = to_markdown(errors);
+    fields["sinkhorn_pairs"] = "";
+    if (const auto entropic = results.approximations.find("sinkhorn"); entropic != results.approximations.end()) {
+        fields["sinkhorn_pairs"] = fmt::format("{}", (*entropic)["pairs"].get<int>());
+        fields["sinkhorn_rounds"] = fmt::format("{:.0f}", (*entropic)["rounds"].get<double>());
+        fields["sinkhorn_pair_us"] = fmt::format("{:.0f}", (*entropic)["pair_us"].get<double>());
+        fields["exact_pair_us"] = fmt::format("{:.1f}", (*entropic)["exact_us"].get<double>());
+    }
 }
 
 // -- claims
@@ -211,111 +286,26 @@ std::vector<Claim> claims_of(const TradeoffResults& results) {
 
 Result<ExperimentReport> report_tradeoff(const TradeoffResults& results, const ExperimentOptions& options) {
     ExperimentReport report;
-    const auto centre = rated_at(results, kCentre);
     if (auto done = write_csv(options.out / "tradeoff.csv", everything(results)); !done)
         return tl::unexpected(done.error());
     report.files.push_back(options.out / "tradeoff.csv");
     report.claims = claims_of(results);
 
-    const auto is_axis = [](auto member) {
-        return [member](const TradeoffPoint& p) {
-            TradeoffPoint c = kCentre;
-            c.*member = p.*member;
-            return p == c;
-        };
-    };
-    std::string axes;
-    const auto add_axis =
-        [&](const std::string& title, const std::string& axis, const std::function<bool(const TradeoffPoint&)>& is_on,
-            const std::function<std::string(const TradeoffPoint&)>& label, const std::string& note = {}) {
-            const auto along = along_of(results, is_on, label);
-            if (along.size() < 2) return;  // the quick form
-            axes += "### " + title + "\n\n" + note + to_markdown(axis_table(results, axis, along)) + "\n";
-        };
-    add_axis("Slope of the part", "slope", is_axis(&TradeoffPoint::slope),
-             [](const TradeoffPoint& p) { return fmt::format("{:g}", p.slope); });
-    add_axis("Light", "photons", is_axis(&TradeoffPoint::photons),
-             [](const TradeoffPoint& p) { return std::to_string(p.photons); });
-    add_axis(
-        "Bins", "bins",
-        [](const TradeoffPoint& p) {
-            return p.slope == kCentre.slope && p.frames == 1 && p.stride == 1 &&
-                (p.photons == 200 || p.photons == 2000 || p.photons == 20000);
-        },
-        [](const TradeoffPoint& p) { return fmt::format("{}, {} photons", p.bins, p.photons); },
-        "The strips lie where the mean deflection is about zero. With 3 and 5 bins the source then stays inside the "
-        "middle bin nearly everywhere on a good part, which is the kindest case: where it\n"
-        "lies on an edge between bins, few bins do worse than this. Do not choose few bins from this table alone.\n\n");
-    add_axis(
-        "Frames averaged", "frames",
-        [](const TradeoffPoint& p) {
-            return p.slope == kCentre.slope && p.bins == 9 && p.stride == 1 && (p.frames > 1 || p.photons <= 2000);
-        },
-        [](const TradeoffPoint& p) { return fmt::format("{} of {} photons", p.frames, p.photons); });
-    add_axis("Stride", "stride", is_axis(&TradeoffPoint::stride),
-             [](const TradeoffPoint& p) { return std::to_string(p.stride); });
-
-    std::string approximations;
-    for (const auto& [name, error] : results.approximations.items()) {
-        approximations +=
-            fmt::format("| {} | {:.4f} | {:.4f} |\n", name, error["mean"].get<double>(), error["p99"].get<double>());
-    }
-    if (const auto entropic = results.approximations.find("sinkhorn"); entropic != results.approximations.end()) {
-        approximations += fmt::format(
-            "\nsinkhorn: entropic transport in the log domain, epsilon 0.05 bin pitches, until the plan's marginals "
-            "are right to 1e-4; {} pairs two lenslets apart, {:.0f} rounds\n"
-            "and {:.0f} us a pair, where the exact distance takes {:.1f} us one pair at a time. It is an oracle of the "
-            "tests and a row here; no station uses it.\n",
-            (*entropic)["pairs"].get<int>(), (*entropic)["rounds"].get<double>(), (*entropic)["pair_us"].get<double>(),
-            (*entropic)["exact_us"].get<double>());
-    }
+    TemplateFields fields;
+    add_model(fields, results);
+    add_approximations(fields, results);
     const auto drawn = plot_tradeoff(results, options.out);
     if (!drawn) return tl::unexpected(drawn.error());
     report.files.insert(report.files.end(), drawn->begin(), drawn->end());
 
-    report.opening = fmt::format(
-        "# Speed against accuracy\n\n"
-        "Made by `hord-lab experiment tradeoff --out DIR{} --seed {}`; every number of every cell is in "
-        "DIR/tradeoff.csv.\n\n"
-        "## What is modelled\n\n"
-        "Parts: strips of 8x32 lenslets of 0.1 mm inside cylinder lenses, ray-traced (docs/scene.md), whose mean "
-        "deflection changes by the *slope* over two lenslets. Slopes are in\n"
-        "bins of the nine-bin camera, 15 mrad; cameras with other bins divide the same 135 mrad. {} good parts, each "
-        "lying a little differently ({:g} lenslet), exposed\n"
-        "repeatedly: {} patches of 3x3 lenslets. Three families of {} defects: air bubbles of {:g} to {:g} lenslets "
-        "radius and inclusions of index 1.52 in glass of 1.5, {:g} to {:g}\n"
-        "lenslets, log-uniform, at any place; and haze, which the optics do not trace: in a disc of 1.2 lenslets "
-        "radius, {:g} to {:g} of the light spread by a Gaussian of 15 mrad. Sensor: 16 bit, one electron a DN, photon "
-        "noise, read noise 2 electrons, dark level three times that. A reference is the mean of 16\n"
-        "exposures of the nominal part. Good and bad parts come from disjoint streams of the seed.\n\n"
-        "A patch scores the largest value in it; a defect is *found* where its score is above the threshold that one "
-        "good patch in a thousand exceeds. AUC: area under the ROC\n"
-        "curve. Intervals: 95 %, bootstrap over parts. 90 % from: the size (radius in lenslets; of haze, share of the "
-        "light) where a logistic POD curve reaches 0.9, and in brackets the size of which that is 95 % sure.\n"
-        "Error: RMS difference from the same feature of noise-free light, over the threshold. Flips: defects whose "
-        "verdict at that threshold is another with noise-free light.\n"
-        "Time: processor time of one thread with decoding, on a lens of 111x111 lenslets with a bubble, given for "
-        "555x555 (25 times); features taking turns; p99 is that of 25 runs (5 in the quick form).\n"
-        "*Not modelled*: dirt, a part that is not smooth, calibration errors, the lenslets' own blur, and the time of "
-        "averaging frames, which costs exposures instead.\n",
-        options.quick ? " --quick" : "", options.seed, results.counts.good, 0.1, results.good_patches,
-        results.defects_of_a_family, kSmallest[0], kLargest[0], kSmallest[1], kLargest[1], kSmallest[2], kLargest[2]);
-    report.text =
-        "## What to choose\n\nFound: bubbles / inclusions / haze, %, at 1e-3 false positives. As good: of the same "
-        "kind, within the interval of the best.\n\n" +
-        in_short(results) + "\n" + to_markdown(choice_table(results)) +
-        "\n## At the centre: 9 bins, slope 0.15, 2000 photons\n\n"
-        "Dominated by: a feature of the same kind (over neighbours, against a reference) that is not slower, finds no "
-        "less of any family, and is clearly better in one of these;\n"
-        "in brackets, one of any kind. Sorted by the mean of what is found.\n\n" +
-        to_markdown(centre_table(centre)) +
-        "\n![time and detection](tradeoff-pareto.png)\n\n![probability of detection by "
-        "size](tradeoff-pod.png)\n\n![error and time](tradeoff-error.png)\n\n"
-        "## What changes it\n\nFound: bubbles / inclusions / haze, %, and ms a frame where that was measured.\n\n" +
-        axes + "![slope, light, bins and stride](tradeoff-axes.png)\n\n" +
-        "## Cheaper stand-ins for the exact EMD gradient\n\nHow far they are from it on the frame that is timed (bin "
-        "pitches):\n\n| feature | mean | p99 |\n|---|---|---|\n" +
-        approximations;
+    fields["quick"] = options.quick ? "yes" : "";
+    fields["seed"] = std::to_string(options.seed);
+    fields["claims"] = describe(report.claims);
+    fields["fastest_as_good"] = in_short(results);
+    fields["choice"] = to_markdown(choice_table(results));
+    fields["centre"] = to_markdown(centre_table(rated_at(results, kCentre)));
+    fields["axes"] = axes_text(results);
+    report.text = fill_report("tradeoff", fields);
     return report;
 }
 

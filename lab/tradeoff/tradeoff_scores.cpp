@@ -20,7 +20,7 @@ enum Stream : std::uint64_t {
     kReference = 0x3'0000'0000
 };  // of exposures
 
-// Frames of all parts at one point, exposed once for all features.
+// The frames of all parts at one point, shared by all features.
 struct Exposures {
     struct Shot {
         Frame frame;
@@ -133,7 +133,7 @@ float defect_score(std::span<const float> values, const PlacedDefect& defect) {
                        std::clamp(static_cast<int>(std::lround(defect.n)), 2, kRows - 3));
 }
 
-// What a feature makes of all frames.
+// The scores of one feature over all frames.
 struct Seen {
     std::vector<Scored> good;                          // patches
     std::array<std::vector<Scored>, kFamilies> bad;    // defects, by family
@@ -241,7 +241,7 @@ std::vector<algo::FeatureChoice> every_choice() {
 Result<Json> score_features(const TradeoffParts& parts, const TradeoffPoint& point, const ScoreOptions& options) {
     const Exposures shots = expose_all(parts, point, options), exact = expose_all_exactly(parts);
     const algo::Extents& extents = parts.nominal.front().extents;
-    // Features are independent of one another: whoever scores them, they come out the same.
+    // Features are independent, so the result does not depend on the threads.
     const auto choices = every_choice();
     std::vector<Result<Json>> scored(choices.size());
     std::atomic<std::size_t> next = 0;

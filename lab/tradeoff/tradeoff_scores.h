@@ -1,4 +1,4 @@
-// How well one feature tells good patches from defects at one point of the trade-off.
+// How well each feature separates defects from good patches at one point of the trade-off.
 #pragma once
 
 #include <vector>
@@ -21,15 +21,14 @@ struct ScoreOptions {
 };
 constexpr double kFalsePositives = 1e-3;
 
-// A place is a patch of 3x3 used lenslets, its score the largest value in it: of the lenslets around a defect's, or of
-// one of twenty disjoint patches of a good part. Lenslets without a value count 0. For the transmission, a value is how
-// far it is from 1.
+// Scores are the largest values in patches of 3x3 used lenslets: around each defect, and in twenty disjoint patches of
+// each good part. Lenslets without a value count 0. The value of the transmission is its distance from 1.
 //
 // One object a feature in the answer, by name:
 //   {"bubble": {"auc", "tpr": [value, low, high], "a50", "a90", "a90_95": size or null, "b0", "b1"}, "inclusion" and
 //   "haze": the same,
 //    "threshold", "error": root mean square difference from the value of the noise-free light over good patches'
-//    lenslets, "flips": share of defects whose verdict at the threshold is another than with noise-free light}
+//    lenslets, "flips": share of defects whose verdict at the threshold differs from that with noise-free light}
 Result<Json> score_features(const TradeoffParts& parts, const TradeoffPoint& point, const ScoreOptions& options);
 
 }  // namespace hord::lab

@@ -66,12 +66,12 @@ Result<Timed> frames_at(const TradeoffPoint& point, std::uint64_t seed, int thre
                  every(expose_part(parts, *light, point, seed, 2), e, point.stride)};
 }
 
-// Measures all of them in turn, round after round, so that whatever else the machine does falls on each alike.
+// Measures all in turn, round after round, so that other load disturbs all alike.
 class Stopwatch {
   public:
     void add(const std::string& name, std::function<void()> work) { works_.push_back({name, std::move(work), {}}); }
     Json measure(int rounds) {
-        for (int round = -1; round < rounds; ++round) {  // the first warms up
+        for (int round = -1; round < rounds; ++round) {  // round -1 warms up
             for (Work& work : works_) {
                 const double begin = processor_ms();
                 work.run();
@@ -123,7 +123,7 @@ class LightMeter {
 // Entropic transport beside the exact distance, on the horizontal pairs of every 11th lenslet of every 11th row.
 Result<Json> sinkhorn_beside_emd(const Timed& timed, const algo::LightLevels& levels) {
     constexpr int kEvery = 11, kMaxRounds = 2000;
-    constexpr double kEpsilon = 0.05, kResidual = 1e-4;  // bin pitches; L1 of what the plan lacks
+    constexpr double kEpsilon = 0.05, kResidual = 1e-4;  // bin pitches; L1 error of the plan's marginals
     const algo::Extents& e = timed.extents;
     const auto ground = algo::GroundDistance::between_bins(e.i, e.j);
     if (!ground) return tl::unexpected(ground.error());

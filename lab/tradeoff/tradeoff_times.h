@@ -1,4 +1,4 @@
-// What a feature costs: processor time of one thread for a frame, decoding included.
+// The processor time of each feature for a frame, on one thread, with decoding.
 #pragma once
 
 #include "lab/experiment/result_cache.h"
@@ -10,12 +10,12 @@ namespace hord::lab {
 // with the point's bins and light; given for 555x555, 25 times as many: rows are streamed, so time grows with their
 // number. By feature's name:
 //   {"median_ms", "p99_ms", "runs"}
-// Features take turns, so that what else the machine does falls on each alike.
-// Also "sum the bytes": reading the frame once, the least that anything can cost.
+// Features take turns, so that other load disturbs all alike.
+// Also "sum the bytes": reading the frame once, a lower bound.
 Result<Json> time_features(const TradeoffPoint& point, std::uint64_t seed, int threads, bool quick);
 
-// How far the cheaper distances are from the exact one they stand for, on the same frame: mean and 99th percentile of
-// |value - emd| over judged lenslets, bin pitches; by name. And "sinkhorn": entropic transport (transport_check.h,
+// Errors of the cheaper distances against the exact one, on the same frame: mean and 99th percentile of |value - emd|
+// over judged lenslets, bin pitches; by name. And "sinkhorn": entropic transport (transport_check.h,
 // which no station uses) against the exact distance of single pairs, with "pairs", "rounds", and "pair_us", "exact_us"
 // of processor time a pair.
 Result<Json> approximations_of_emd(const TradeoffPoint& point, std::uint64_t seed, int threads);

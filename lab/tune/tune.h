@@ -1,23 +1,22 @@
-// Which features should judge these parts: measured on frames of good and of bad ones, on this machine.
+// Tuning: which set of features should judge these parts, measured on frames of good and of bad parts on this machine.
 //
-// A rung is a choice of features as a recipe makes it (docs/adr/0004-rungs.md). Each is measured on every frame, a
-// frame a part:
-//   score      of a part without a reference: the worst lenslet's value over the limit, over the rung's features, as
-//   algo/inspection/defects.h has it; against a
-//              reference what algo/inspection/reference_defects.h says, with the base recipe's limits
-//   limits     from the good frames alone: what a share `false_rejects` of good parts exceed if their worst values are
-//   Gumbel's
-//              (gumbel_limit in experiment/statistics.h), at least kMargin above the highest of them; rounded up to
-//              three digits. Each feature's own; of a rung with a reference one factor for all limits of the base
-//              recipe
-//   detection  area under the ROC curve (AUC), 95 % interval by bootstrap over the frames
-//   time       of judging a frame, median; rungs take turns, so that what else the machine does falls on each alike.
-//   Reading a file, and decoding
-//              it through a calibration, is the same for all of them and not counted
+// A feature set is a choice of features as a recipe makes it (docs/adr/0004-rungs.md). Each set is measured on every
+// frame; each frame shows one part:
+//   score      Without a reference: the worst value of a lenslet over its limit (algo/inspection/defects.h), the
+//   largest
+//              of the set's features. With a reference: as in algo/inspection/reference_defects.h, with the base
+//              recipe's limits.
+//   limits     From the good frames alone: the value that a share `false_rejects` of good parts exceeds if their worst
+//              values follow a Gumbel distribution (gumbel_limit() of lab/report/statistics.h), at least kMargin above
+//              the highest value, rounded up to three digits. A feature each; with a reference one factor for all
+//              limits of the base recipe.
+//   detection  Area under the ROC curve (AUC), with a 95 % interval by bootstrap over the frames.
+//   time       Of judging a frame, median. The sets take turns, so other load disturbs all alike. Reading a file and
+//              decoding it through a calibration are not counted: they are the same for all sets.
 //
-// Chosen is the fastest rung whose AUC is within kAsGood of the best, among those that fit the budget; of those that
-// are as fast (kAsFast), the one with the fewest features. Nothing is random but the bootstrap, whose seed is fixed:
-// the same frames give the same answer, apart from the times.
+// Chosen is the fastest set within the budget whose AUC is within kAsGood of the best; among sets as fast as that
+// (kAsFast) the one with the fewest features. The bootstrap's seed is fixed: the same frames give the same answer,
+// apart from the times.
 #pragma once
 
 #include <filesystem>
@@ -34,14 +33,12 @@
 
 namespace hord::lab {
 
-using namespace firmware;
-
-constexpr double kAsGood = 0.005;  // of the area under the curve
-constexpr double kAsFast = 0.05;   // of the time: more than medians of the same work differ
-constexpr double kMargin = 0.01;   // of a limit over the highest good value
+constexpr double kAsGood = 0.005;  // difference of the areas under the curve
+constexpr double kAsFast = 0.05;   // relative difference of times: above that of two medians of the same work
+constexpr double kMargin = 0.01;   // relative distance of a limit above the highest good value
 constexpr std::size_t kMinGood = 8, kMinBad = 4;
 
-struct Rung {
+struct FeatureSet {
     std::optional<algo::Feature> gradient;
     bool slopes = false, light = false, reference = false;
     [[nodiscard]] std::string name() const;
@@ -49,33 +46,32 @@ struct Rung {
         return (gradient ? 1 : 0) + (slopes ? 1 : 0) + (light ? 1 : 0) + (reference ? 1 : 0);
     }
 };
-// Those that are measured; with a reference those, too, that need one.
-std::vector<Rung> rungs(bool with_reference);
+// The sets that are measured. `with_reference` adds those that need a reference.
+std::vector<FeatureSet> feature_sets(bool with_reference);
 
 struct TuneOptions {
     double budget_ms = 0;
     int threads = 1;
     double false_rejects = 1e-3;
-    // Light levels, zones, rim, smallest area, reference and the limits that go with it; its features and their limits
-    // are what is tuned.
-    NumberedRecipe base;
+    // Gives light levels, zones, rim, smallest area, reference and its limits. Its features and their limits are tuned.
+    firmware::NumberedRecipe base;
     std::pair<int, int> bins{9, 9};
     std::function<Result<Frame>(const std::string& file)> read;
     std::function<void(double done, const std::string& note)> progress = [](double, const std::string&) {};
 };
 
-struct RungMeasured {
-    Rung rung;
-    NumberedRecipe recipe = {};  // with its limits
-    std::string no_limit = {};   // why no limit can be given; empty: there is one
+struct MeasuredFeatureSet {
+    FeatureSet set;
+    firmware::NumberedRecipe recipe = {};  // with its limits
+    std::string no_limit = {};             // why the set cannot have a limit; empty: it has one
     Estimate auc = {};
-    Estimate behind = {};  // by how much its AUC is below the best's of those that fit
-    int found = 0,
-        rejected =
-            0;  // bad and good frames at its limits, by their scores; of the chosen rung as its recipe judges them
+    Estimate behind = {};  // how much its AUC is below that of the best set
+    // Bad and good frames that are rejected at its limits: by their scores, for the chosen set by its recipe.
+    int found = 0, rejected = 0;
     double wall_ms = 0, processor_ms = 0;
-    bool fits = false;                                           // the budget, and has a limit
-    [[nodiscard]] bool apart() const { return behind.low > 0; }  // the frames tell it from the best
+    bool fits = false;  // within the budget, and has a limit
+    // Whether the frames show a difference from the best set.
+    [[nodiscard]] bool is_clearly_worse() const { return behind.low > 0; }
 };
 
 struct LeftOut {
@@ -87,15 +83,15 @@ struct Tuned {
     int bits = 8;
     int threads = 1;
     std::size_t good = 0, bad = 0;  // frames measured
-    std::size_t unregistered = 0;   // good ones that the reference does not find
+    std::size_t unregistered = 0;   // good frames in which the reference was not found
     double budget_ms = 0, false_rejects = 0;
     std::vector<LeftOut> left_out;
-    std::vector<RungMeasured> rungs;
-    std::optional<std::size_t> best, chosen;  // among those that fit; none: none fits
+    std::vector<MeasuredFeatureSet> feature_sets;
+    std::optional<std::size_t> best, chosen;  // among those that fit; empty: no set fits
 };
 
-// Fails with invalid_argument (too few frames, of different sizes or depths, what the recipe says of itself), and as
-// `read` does. An unfit frame is left out and named. That no rung fits is no failure.
+// Fails with invalid_argument (too few frames, frames of different sizes or depths, an impossible recipe), and as
+// `options.read` does. Unfit frames are left out and listed. It is no error if no set fits.
 Result<Tuned> tune(const std::vector<std::string>& good, const std::vector<std::string>& bad,
                    const TuneOptions& options);
 

@@ -6,28 +6,32 @@
 #include <fmt/format.h>
 
 #include "lab/report/scatter.h"
+#include "lab/report/template.h"
 
 namespace hord::lab {
+
+using namespace firmware;
+
 namespace {
 
 using Json = nlohmann::ordered_json;
 
-std::vector<const RungMeasured*> by_time(const Tuned& tuned) {
-    std::vector<const RungMeasured*> all;
-    for (const RungMeasured& measured : tuned.rungs) all.push_back(&measured);
-    std::ranges::stable_sort(all, {}, [](const RungMeasured* m) { return m->wall_ms; });
+std::vector<const MeasuredFeatureSet*> by_time(const Tuned& tuned) {
+    std::vector<const MeasuredFeatureSet*> all;
+    for (const MeasuredFeatureSet& measured : tuned.feature_sets) all.push_back(&measured);
+    std::ranges::stable_sort(all, {}, [](const MeasuredFeatureSet* m) { return m->wall_ms; });
     return all;
 }
 
-bool is(const Tuned& tuned, const std::optional<std::size_t>& which, const RungMeasured* measured) {
-    return which && &tuned.rungs[*which] == measured;
+bool is(const Tuned& tuned, const std::optional<std::size_t>& which, const MeasuredFeatureSet* measured) {
+    return which && &tuned.feature_sets[*which] == measured;
 }
 
 std::string with_interval(const Estimate& e, int digits = 3) {
     return fmt::format("{:.{}f} [{:.{}f}, {:.{}f}]", e.value, digits, e.low, digits, e.high, digits);
 }
 
-// Its limits, as a recipe has them.
+// The limits as text, with the names of the features.
 std::string limits_of(const algo::Recipe& r) {
     std::string text;
     const auto add = [&](const std::string& limit) { text += (text.empty() ? "" : ", ") + limit; };
@@ -38,7 +42,7 @@ std::string limits_of(const algo::Recipe& r) {
     return text;
 }
 
-std::string note_of(const Tuned& tuned, const RungMeasured* m) {
+std::string note_of(const Tuned& tuned, const MeasuredFeatureSet* m) {
     if (!m->no_limit.empty()) return "no limit";
     if (!m->fits) return "over budget";
     std::string note = is(tuned, tuned.chosen, m) ? "chosen" : "";
@@ -46,15 +50,61 @@ std::string note_of(const Tuned& tuned, const RungMeasured* m) {
     return note;
 }
 
-// The rung that waited longest for a processor, beside what it needs of one; nothing on a quiet machine.
-const RungMeasured* most_disturbed(const Tuned& tuned) {
-    const auto waited = [](const RungMeasured& m) { return m.wall_ms / m.processor_ms; };
-    const RungMeasured& most = *std::ranges::max_element(tuned.rungs, {}, waited);
+// The feature set that waited longest for a processor, relative to its processor time. Null on a quiet machine.
+const MeasuredFeatureSet* most_disturbed(const Tuned& tuned) {
+    const auto waited = [](const MeasuredFeatureSet& m) { return m.wall_ms / m.processor_ms; };
+    const MeasuredFeatureSet& most = *std::ranges::max_element(tuned.feature_sets, {}, waited);
     return tuned.threads == 1 && waited(most) > 1.2 ? &most : nullptr;
 }
 
-// The share of good parts that may be rejected though none of so many was, 95 % sure.
+// The largest share of good parts that may be rejected although none of `good` parts was, with 95 % confidence.
 double most_unseen(std::size_t good) { return 1 - std::pow(0.05, 1.0 / static_cast<double>(good)); }
+
+void add_choice(TemplateFields& fields, const Tuned& tuned) {
+    const MeasuredFeatureSet &chosen = tuned.feature_sets[*tuned.chosen], &best = tuned.feature_sets[*tuned.best];
+    const auto yes = [](bool is) { return std::string(is ? "yes" : ""); };
+    fields["chosen"] = chosen.set.name();
+    fields["chosen_auc"] = with_interval(chosen.auc);
+    fields["chosen_ms"] = fmt::format("{:.3g}", chosen.wall_ms);
+    fields["budget_ms"] = fmt::format("{:g}", tuned.budget_ms);
+    fields["as_good"] = fmt::format("{}", kAsGood);
+    fields["as_fast"] = fmt::format("{:g}", 100 * kAsFast);
+    fields["best"] = &chosen != &best ? best.set.name() : "";
+    fields["best_auc"] = with_interval(best.auc);
+    fields["behind"] = with_interval(chosen.behind);
+    fields["apart"] = yes(chosen.is_clearly_worse());
+    std::size_t alike = 0;
+    std::string& not_considered = fields["not_considered"];
+    for (const MeasuredFeatureSet& m : tuned.feature_sets) {
+        alike += m.fits && &m != &best && !m.is_clearly_worse() ? 1U : 0U;
+        if (!m.fits && m.no_limit.empty() && m.auc.value > best.auc.value + kAsGood) {
+            not_considered += fmt::format("Over the budget and better: {}, AUC {}, {:.3g} ms.\n", m.set.name(),
+                                          with_interval(m.auc), m.wall_ms);
+        }
+        if (!m.no_limit.empty())
+            not_considered += fmt::format("Without a limit, and not considered: {}: {}.\n", m.set.name(), m.no_limit);
+    }
+    fields["alike"] = alike == 0 ? ""
+        : alike == 1             ? "1 other rung that fits is"
+                                 : fmt::format("{} other rungs that fit are", alike);
+    fields["separates"] = yes(best.auc.low >= 1);
+    fields["limits"] = limits_of(chosen.recipe.recipe);
+    fields["false_rejects"] = fmt::format("{:g}", 100 * tuned.false_rejects);
+    fields["margin"] = fmt::format("{:g}", 100 * kMargin);
+    fields["found"] = std::to_string(chosen.found);
+    fields["rejected"] = chosen.rejected == 0 ? "none" : std::to_string(chosen.rejected);
+    fields["one_rejected"] = yes(chosen.rejected == 1);
+    fields["most_unseen"] = fmt::format("{:.2g}", 100 * most_unseen(tuned.good));
+    fields["reference"] = yes(chosen.set.reference);
+    fields["unregistered"] = tuned.unregistered == 0 ? ""
+        : tuned.unregistered == 1                    ? "1 good frame is"
+                                                     : fmt::format("{} good frames are", tuned.unregistered);
+    fields["one_unregistered"] = yes(tuned.unregistered == 1);
+    const MeasuredFeatureSet* disturbed = most_disturbed(tuned);
+    fields["disturbed"] = disturbed != nullptr ? disturbed->set.name() : "";
+    fields["disturbed_wall_ms"] = disturbed != nullptr ? fmt::format("{:.3g}", disturbed->wall_ms) : "";
+    fields["disturbed_processor_ms"] = disturbed != nullptr ? fmt::format("{:.3g}", disturbed->processor_ms) : "";
+}
 
 }  // namespace
 
@@ -62,9 +112,9 @@ Table table_of(const Tuned& tuned) {
     Table table{{"rung", "AUC (95 %)", "below the best (95 %)", "bad found", "good rejected", "ms a frame",
                  "ms of processor", ""},
                 {}};
-    for (const RungMeasured* m : by_time(tuned)) {
+    for (const MeasuredFeatureSet* m : by_time(tuned)) {
         const bool limit = m->no_limit.empty();
-        table.rows.push_back({m->rung.name(), with_interval(m->auc), tuned.best ? with_interval(m->behind) : "-",
+        table.rows.push_back({m->set.name(), with_interval(m->auc), tuned.best ? with_interval(m->behind) : "-",
                               limit ? fmt::format("{} of {}", m->found, tuned.bad) : "-",
                               limit ? fmt::format("{} of {}", m->rejected, tuned.good) : "-",
                               fmt::format("{:.3g}", m->wall_ms), fmt::format("{:.3g}", m->processor_ms),
@@ -77,9 +127,9 @@ Table numbers_of(const Tuned& tuned) {
     Table table{{"rung", "auc", "auc_low", "auc_high", "behind", "behind_low", "behind_high", "bad_found", "bad",
                  "good_rejected", "good", "wall_ms", "processor_ms", "fits", "chosen", "limits"},
                 {}};
-    for (const RungMeasured* m : by_time(tuned)) {
+    for (const MeasuredFeatureSet* m : by_time(tuned)) {
         const auto number = [](double v) { return fmt::format("{:.6g}", v); };
-        table.rows.push_back({m->rung.name(), number(m->auc.value), number(m->auc.low), number(m->auc.high),
+        table.rows.push_back({m->set.name(), number(m->auc.value), number(m->auc.low), number(m->auc.high),
                               number(m->behind.value), number(m->behind.low), number(m->behind.high),
                               std::to_string(m->found), std::to_string(tuned.bad), std::to_string(m->rejected),
                               std::to_string(tuned.good), number(m->wall_ms), number(m->processor_ms),
@@ -92,9 +142,9 @@ Table numbers_of(const Tuned& tuned) {
 Json to_json(const Tuned& tuned) {
     const algo::Extents& e = tuned.extents;
     const auto estimate = [](const Estimate& v) { return Json{{"value", v.value}, {"low", v.low}, {"high", v.high}}; };
-    Json rungs = Json::array(), left_out = Json::array();
-    for (const RungMeasured* m : by_time(tuned)) {
-        Json one{{"rung", m->rung.name()},
+    Json sets = Json::array(), left_out = Json::array();
+    for (const MeasuredFeatureSet* m : by_time(tuned)) {
+        Json one{{"rung", m->set.name()},
                  {"auc", estimate(m->auc)},
                  {"behind_best", estimate(m->behind)},
                  {"ms", {{"wall", m->wall_ms}, {"processor", m->processor_ms}}},
@@ -103,7 +153,7 @@ Json to_json(const Tuned& tuned) {
             one.update(
                 Json{{"bad_found", m->found}, {"good_rejected", m->rejected}, {"limits", limits_of(m->recipe.recipe)}});
         else one["no_limit"] = m->no_limit;
-        rungs.push_back(std::move(one));
+        sets.push_back(std::move(one));
     }
     for (const LeftOut& out : tuned.left_out) left_out.push_back({{"file", out.file}, {"why", out.why}});
     return {{"grid", {{"m", e.m}, {"n", e.n}, {"i", e.i}, {"j", e.j}}},
@@ -112,95 +162,48 @@ Json to_json(const Tuned& tuned) {
             {"good", tuned.good},
             {"bad", tuned.bad},
             {"budget_ms", tuned.budget_ms},
-            {"best", tuned.best ? Json(tuned.rungs[*tuned.best].rung.name()) : Json()},
-            {"chosen", tuned.chosen ? Json(tuned.rungs[*tuned.chosen].rung.name()) : Json()},
-            {"rungs", rungs},
+            {"best", tuned.best ? Json(tuned.feature_sets[*tuned.best].set.name()) : Json()},
+            {"chosen", tuned.chosen ? Json(tuned.feature_sets[*tuned.chosen].set.name()) : Json()},
+            {"rungs", sets},
             {"left_out", left_out}};
 }
 
 std::string describe(const Tuned& tuned) {
     const algo::Extents& e = tuned.extents;
-    std::string text;
-    const auto say = [&](const std::string& line) { text += line + "\n"; };
-    say(fmt::format(
-        "{} good and {} bad frames of {}x{} lenslets of {}x{} bins, {} bits; judged by {} thread{}, median of 25 "
-        "times.",
-        tuned.good, tuned.bad, e.m, e.n, e.i, e.j, tuned.bits, tuned.threads, tuned.threads == 1 ? "" : "s"));
-    if (!tuned.chosen) return text;
-    const RungMeasured &chosen = tuned.rungs[*tuned.chosen], &best = tuned.rungs[*tuned.best];
-    say(fmt::format(
-        "Chosen: {}, AUC {}, {:.3g} ms of the {:g} ms allowed: the fastest within {} of the best (of those within {:g} "
-        "% of its time, the simplest).",
-        chosen.rung.name(), with_interval(chosen.auc), chosen.wall_ms, tuned.budget_ms, kAsGood, 100 * kAsFast));
-    if (&chosen != &best) {
-        say(fmt::format("The best that fits is {}, AUC {}. The chosen one is {} below it: these frames {}.",
-                        best.rung.name(), with_interval(best.auc), with_interval(chosen.behind),
-                        chosen.apart() ? "tell the two apart" : "do not tell the two apart"));
-    }
-    std::size_t alike = 0;
-    for (const RungMeasured& m : tuned.rungs) alike += m.fits && &m != &best && !m.apart() ? 1U : 0U;
-    if (alike > 0) {
-        say(
-            fmt::format("{} other rung{} that fit{} {} within the interval of the best: which of them is best, these "
-                        "frames do not say. More frames, above all of bad parts that are hard to see, would.",
-                        alike, alike == 1 ? "" : "s", alike == 1 ? "s" : "", alike == 1 ? "is" : "are"));
-    }
-    if (best.auc.low >= 1)
-        say("No good frame scores as high as any bad one does, by the best rung. The interval, drawn from these "
-            "frames, knows nothing of harder parts.");
-    for (const RungMeasured& m : tuned.rungs) {
-        if (!m.fits && m.no_limit.empty() && m.auc.value > best.auc.value + kAsGood) {
-            say(fmt::format("Over the budget and better: {}, AUC {}, {:.3g} ms.", m.rung.name(), with_interval(m.auc),
-                            m.wall_ms));
-        }
-        if (!m.no_limit.empty())
-            say(fmt::format("Without a limit, and not considered: {}: {}.", m.rung.name(), m.no_limit));
-    }
-    say(
-        fmt::format("The limits ({}) rest on {} good frames: what {:g} % of good parts exceed if their worst values "
-                    "follow a Gumbel distribution, at least {:g} % above the highest seen. At them {} of {} bad "
-                    "frames are found. That {} of {} good ones {} rejected shows only that at most {:.2g} % are (95 % "
-                    "sure); the rest is the fit's.",
-                    limits_of(chosen.recipe.recipe), tuned.good, 100 * tuned.false_rejects, 100 * kMargin, chosen.found,
-                    tuned.bad, chosen.rejected == 0 ? "none" : std::to_string(chosen.rejected), tuned.good,
-                    chosen.rejected == 1 ? "is" : "are", 100 * most_unseen(tuned.good)));
-    if (chosen.rung.reference)
-        say("The reference should come from other good parts than those measured here: parts that it was learned from "
-            "look better than new ones will.");
-    if (tuned.unregistered > 0)
-        say(fmt::format("{} good frame{} not found by the reference: a station would reject {}.", tuned.unregistered,
-                        tuned.unregistered == 1 ? " is" : "s are", tuned.unregistered == 1 ? "it" : "them"));
-    if (const RungMeasured* m = most_disturbed(tuned)) {
-        say(
-            fmt::format("The machine was busy with other things: {} took {:.3g} ms, of which it worked {:.3g}. Measure "
-                        "again on a quiet one before you trust the times.",
-                        m->rung.name(), m->wall_ms, m->processor_ms));
-    }
-    return text;
+    TemplateFields fields{{"good", std::to_string(tuned.good)},
+                          {"bad", std::to_string(tuned.bad)},
+                          {"m", std::to_string(e.m)},
+                          {"n", std::to_string(e.n)},
+                          {"i", std::to_string(e.i)},
+                          {"j", std::to_string(e.j)},
+                          {"bits", std::to_string(tuned.bits)},
+                          {"threads", fmt::format("{} thread{}", tuned.threads, tuned.threads == 1 ? "" : "s")},
+                          {"chosen", ""}};
+    if (tuned.chosen) add_choice(fields, tuned);
+    return fill_report("tune", fields);
 }
 
 std::string recipe_text(const Tuned& tuned, const std::string& made) {
     std::string comment;
-    const std::string told =
+    const std::string lines =
         made + "\n" + describe(tuned) + "The same frames give the same recipe again, apart from the times measured.";
-    for (std::size_t from = 0; from < told.size();) {  // no line that is not a comment, whatever a folder is called
-        const std::size_t end = std::min(told.find('\n', from), told.size());
+    for (std::size_t from = 0;
+         from < lines.size();) {  // every line becomes a comment, also with a newline in a folder's name
+        const std::size_t end = std::min(lines.find('\n', from), lines.size());
         comment += "# ";
-        for (const char c : told.substr(from, end - from))
-            comment += static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) >= 0x7F
-                ? '?'
-                : c;  // and none that is not UTF-8
+        for (const char c : lines.substr(from, end - from))
+            comment += static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) >= 0x7F ? '?' : c;
         comment += '\n';
         from = end + 1;
     }
-    return comment + "\n" + format_recipe(tuned.rungs[*tuned.chosen].recipe);
+    return comment + "\n" + format_recipe(tuned.feature_sets[*tuned.chosen].recipe);
 }
 
 Result<std::vector<std::filesystem::path>> plot_tuned(const Tuned& tuned, const std::filesystem::path& folder,
                                                       const std::string& name) {
     const auto all = by_time(tuned);
     double least = 1;
-    for (const RungMeasured* m : all) least = std::min(least, m->auc.value);
+    for (const MeasuredFeatureSet* m : all) least = std::min(least, m->auc.value);
     const double shortest = std::min(all.front()->wall_ms, tuned.budget_ms),
                  longest = std::max(all.back()->wall_ms, tuned.budget_ms);
     const Scatter::Axis times{0.7 * shortest, 1.6 * longest, true},
@@ -208,9 +211,9 @@ Result<std::vector<std::filesystem::path>> plot_tuned(const Tuned& tuned, const 
     Scatter scatter(times, areas);
     std::string front, intervals;
     double most = areas.low;
-    for (const RungMeasured* m : all) {
-        const int kind = is(tuned, tuned.chosen, m) ? 2 : m->rung.reference ? 1 : 0;
-        scatter.add(m->wall_ms, m->auc.value, m->rung.name(), kind);
+    for (const MeasuredFeatureSet* m : all) {
+        const int kind = is(tuned, tuned.chosen, m) ? 2 : m->set.reference ? 1 : 0;
+        scatter.add(m->wall_ms, m->auc.value, m->set.name(), kind);
         intervals += fmt::format("{} {} {} {}\n", m->wall_ms, m->auc.value, m->auc.low, m->auc.high);
         if (m->auc.value <= most) continue;
         front += fmt::format("{} {}\n{} {}\n", m->wall_ms, most, m->wall_ms, m->auc.value);

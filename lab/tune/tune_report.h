@@ -1,4 +1,4 @@
-// What tuning found, for people and programs; and the recipe that it leads to.
+// The result of tuning as tables, text, JSON and plot, and the recipe of the chosen feature set.
 #pragma once
 
 #include <filesystem>
@@ -11,20 +11,20 @@
 
 namespace hord::lab {
 
-// A rung a row, from the fastest to the slowest.
+// One row a feature set, from the fastest to the slowest.
 Table table_of(const Tuned& tuned);
 // The same with every number that was measured.
 Table numbers_of(const Tuned& tuned);
 nlohmann::ordered_json to_json(const Tuned& tuned);
 
-// What was measured, on what, how sure that is, which rung was chosen and why: a sentence a line.
+// docs/results/templates/tune.md, filled: what was measured, how certain it is, which set was chosen and why. One
+// sentence a line.
 std::string describe(const Tuned& tuned);
 
-// The recipe of the chosen rung, with how it came about. `made`: one line, say, on what date and from which folders.
+// The recipe of the chosen set, with describe() as comments. `made`: one line, such as the date and the folders.
 std::string recipe_text(const Tuned& tuned, const std::string& made);
 
-// Detection against time: every rung, those that nothing beats in both, the budget, and the chosen one. Fails as plot()
-// does.
+// Plots detection against time: every set, the Pareto front, the budget and the chosen set. Fails as plot().
 Result<std::vector<std::filesystem::path>> plot_tuned(const Tuned& tuned, const std::filesystem::path& folder,
                                                       const std::string& name);
 

@@ -18,7 +18,7 @@
 namespace hord::bench {
 namespace {
 
-using namespace firmware;
+using namespace lab;
 
 // A good part, its reference learned from others of its kind, and what the pipeline found on the way to comparing it.
 struct Compared {

@@ -127,7 +127,7 @@ Result<std::vector<fs::path>> write_all(Tuned& tuned, const TuneArguments& argum
         written.insert(written.end(), drawn->begin(), drawn->end());
     else fmt::print(stderr, "hordctl: the plot is not drawn: {}\n", drawn.error().message());
     // A reference beside the recipe is named as such, so that both can be moved.
-    fs::path& reference = tuned.rungs[*tuned.chosen].recipe.reference_file;
+    fs::path& reference = tuned.feature_sets[*tuned.chosen].recipe.reference_file;
     std::error_code error;
     if (!reference.empty() && fs::equivalent(reference.parent_path(), near.folder, error))
         reference = reference.filename();
@@ -181,7 +181,8 @@ Exit run_tune(const TuneArguments& arguments) {
         print_table(table_of(*tuned));
         fmt::print("\n{}", describe(*tuned));
     }
-    if (tuned->chosen && !options.base.recipe.tolerances.empty() && !tuned->rungs[*tuned->chosen].rung.reference) {
+    if (tuned->chosen && !options.base.recipe.tolerances.empty() &&
+        !tuned->feature_sets[*tuned->chosen].set.reference) {
         fmt::print(stderr,
                    "hordctl: the tolerances of {} need a reference, which this rung does without: they are left out\n",
                    arguments.recipe);
@@ -200,14 +201,14 @@ Exit run_tune(const TuneArguments& arguments) {
     if (arguments.json) fmt::print("{}\n", store::to_text(json));
     if (tuned->chosen) return Exit::good;
     const auto fastest = std::ranges::min_element(
-        tuned->rungs, {}, [](const RungMeasured& m) { return m.no_limit.empty() ? m.wall_ms : 1e300; });
+        tuned->feature_sets, {}, [](const MeasuredFeatureSet& m) { return m.no_limit.empty() ? m.wall_ms : 1e300; });
     if (!fastest->no_limit.empty())
         return complain({ErrorCode::refused,
                          "no feature has a limit that lets these good parts pass: " + fastest->no_limit,
                          "see that the frames are of good parts"});
     return complain({ErrorCode::refused,
                      fmt::format("no rung fits {:g} ms: the fastest, {}, takes {:.3g} ms", arguments.budget_ms,
-                                 fastest->rung.name(), fastest->wall_ms),
+                                 fastest->set.name(), fastest->wall_ms),
                      "allow more (--budget), use more threads (--threads), or a smaller part of the field"});
 }
 

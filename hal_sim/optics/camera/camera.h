@@ -1,4 +1,4 @@
-// The light-field camera's view of the part: which ray belongs to which lenslet and bin.
+// The light-field camera's geometry: which ray belongs to which lenslet and bin.
 //
 // A 4f relay with the source at infinity maps equal slopes to equal offsets behind every lenslet (the paper's Fig. 2),
 // so bin (i,j) of lenslet (m,n) is a cell of a regular grid in four dimensions: position on the measurement plane,
@@ -37,19 +37,19 @@ class CameraGeometry {
     [[nodiscard]] double left_of(int i) const { return i - 0.5 * extents_.i; }
     [[nodiscard]] double top_of(int j) const { return j - 0.5 * extents_.j; }
 
-    // To the part's frame, and the slope of the light back from it.
+    // Converts to the part's frame, and the slope of the light back to the camera's.
     [[nodiscard]] CameraRay to_part(double x_mm, double y_mm, double u_bins, double v_bins) const {
         const double x = x_mm - shift_x_, y = y_mm - shift_y_, u = (u_bins - offset(x_mm)) * bin_rad_,
                      v = (v_bins - offset(y_mm)) * bin_rad_;
         return {cosine_ * x + sine_ * y, cosine_ * y - sine_ * x, cosine_ * u + sine_ * v, cosine_ * v - sine_ * u};
     }
-    // Of undeflected light behind a lenslet at this place, bins; 0 everywhere in the 4f camera.
+    // Offset of undeflected light behind a lenslet at this position, bins; 0 in the 4f camera.
     [[nodiscard]] double offset(double place_mm) const { return offset_a_mm_ * place_mm; }
     void position_to_camera(double x, double y, double& x_mm, double& y_mm) const {
         x_mm = cosine_ * x - sine_ * y + shift_x_;
         y_mm = cosine_ * y + sine_ * x + shift_y_;
     }
-    // A position of the part's frame in lenslets: whole numbers are lenslets' centres.
+    // A position of the part's frame, in lenslets: integers are lenslets' centres.
     void to_lenslets(double x, double y, double& m, double& n) const {
         double x_mm = 0, y_mm = 0;
         position_to_camera(x, y, x_mm, y_mm);
@@ -61,7 +61,7 @@ class CameraGeometry {
             m = at.x, n = at.y;
         }
     }
-    // How far from the axis the array's lenslets reach on the measurement plane, mm.
+    // Largest distance of the array's lenslets from the axis on the measurement plane, mm.
     [[nodiscard]] ArrayGeometry::Point reach_mm() const;
     void to_camera(double u, double v, double& u_bins, double& v_bins) const {
         u_bins = (cosine_ * u - sine_ * v) / bin_rad_;

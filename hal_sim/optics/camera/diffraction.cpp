@@ -17,7 +17,7 @@ double sinc_squared(double x) {
     return sine * sine / (kPi * kPi * x * x);
 }
 
-// Gauss and Legendre's five points over [a, b].
+// Five-point Gauss-Legendre quadrature over [a, b].
 template <class F>
 double five_points(double a, double b, const F& f) {
     constexpr double at[] = {0.90617984593866399, 0.53846931010568309},

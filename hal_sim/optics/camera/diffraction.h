@@ -13,13 +13,13 @@ namespace hord::sim {
 
 class Diffraction {
   public:
-    static constexpr double kFinest = 1.0 / 3;  // bins: light is taken to be even over this much before it is blurred
+    static constexpr double kFinest = 1.0 / 3;  // bins: light is uniform over such a cell before it is blurred
 
-    // `first_zero`: from the pattern's middle, in bin pitches. `step` and the most cells a side of the grids to be
-    // blurred.
+    // `first_zero`: from the pattern's middle, in bin pitches. `step` and the maximum cells a side of the grids that
+    // blur() takes.
     Diffraction(double first_zero, double step, int most_cells);
 
-    // The cells that light must be collected in, and how many of them make one of `grid`.
+    // The finer grid that light is collected in for `grid`.
     [[nodiscard]] SlopeGrid fine(const SlopeGrid& grid) const;
 
     // Adds the light in the cells of fine(grid), blurred, to those of `grid`. What leaves the grid is lost.

@@ -1,18 +1,17 @@
-// The light in the bins of one lenslet: rays where the part is smooth, ever smaller cells where it is not.
+// The light in the bins of one lenslet, by adaptive subdivision of its positions and slopes into cells.
 //
-// A cell is a rectangle of positions in the lenslet and a box of slopes. Nine rays, its centre and half of its sixteen
-// corners (the two-level design 2^(4-1), resolution IV), say what the part does to it:
-//   - every ray of one path, bent alike: the source's disc, mapped back linearly, is cut by the bins exactly
-//   (source_area.h);
-//   - slopes that no path brings near the source are dark, and the box shrinks to the rest;
-//   - rays of different paths (an edge runs through the cell), or bent too differently: the cell is halved where they
-//   differ,
-//     and when it holds only a small share of a bin, sampled evenly.
-// Cells that may hold a defect smaller than themselves are halved whatever the nine rays say (Feature::resolution), and
-// so are cells through which the edge of an obstacle runs.
+// A cell is a rectangle of positions in the lenslet times a box of slopes (lenslet_cell.h). Nine rays, at its centre
+// and at half of its sixteen corners, decide what happens to it:
+//   - All rays take one path with a nearly linear deflection: the source's disc, mapped back linearly, is intersected
+//     with the bins exactly (source_area.h).
+//   - Slopes that no path brings near the source are dark: the box shrinks to the rest.
+//   - The paths differ (an edge runs through the cell), or the deflection is not linear: the cell is halved where the
+//     rays differ; a cell with only a small share of a bin is sampled instead.
+// Cells that may hold a defect smaller than themselves (Feature::resolution), and cells at the edge of an obstacle, are
+// halved in any case.
 //
-// The light is a sum over passes, each a source at one wavelength, a place of the moving part, and a way of the light:
-// the refracted one, or a ghost. A scene that names no such effect has one pass.
+// The light is a sum over passes: a source at one wavelength, a place of the moving part, and a path of the light, the
+// refracted one or a ghost. A scene without such effects has one pass (lenslet_passes.cpp).
 #pragma once
 
 #include <memory>
@@ -27,12 +26,12 @@ namespace hord::sim {
 
 class LensletLight {
   public:
-    // `grid`: the step and the size of the grids to be filled.
+    // `grid`: step and size of the grids that collect() fills.
     LensletLight(const Scene& scene, const SlopeGrid& grid);
     explicit LensletLight(const Scene& scene) : LensletLight(scene, SlopeGrid::of(scene.camera.extents)) {}
 
-    // Fills cells[l * grid.i + k] with the light of slopes within `range`, 1 for a full bin's area of light. Any
-    // thread.
+    // Fills cells[l * grid.i + k] with the light of slopes within `range`, 1 for a full bin's area of light.
+    // Thread-safe.
     void collect(const CameraGeometry::Place& lenslet, const SlopeGrid& grid, const SlopeBox& range,
                  double* cells) const;
 
@@ -45,7 +44,7 @@ class LensletLight {
     struct Optics {
         double wavelength_nm;
         Body body, clean;
-        std::unique_ptr<Diffraction> diffraction;  // or none
+        std::unique_ptr<Diffraction> diffraction;  // null without diffraction
     };
     struct Pass {
         const Optics* optics;
@@ -59,7 +58,7 @@ class LensletLight {
     Obstacles obstacles_;
     double bin_rad_;
     std::vector<std::unique_ptr<Optics>> optics_;
-    std::vector<Pass> passes_;  // those of one wavelength together
+    std::vector<Pass> passes_;  // sorted by wavelength
 };
 
 }  // namespace hord::sim

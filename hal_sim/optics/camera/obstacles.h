@@ -1,7 +1,7 @@
-// What stands in the light's way inside the camera: the Fourier stop, the lenses' rims, dust.
+// Obstacles in the camera: the Fourier stop, the lenses' rims, dust.
 //
 // In the 4f camera the place where a ray meets any of its surfaces is linear in the ray's place x and slope u on the
-// measurement plane (paraxial, as lenses are there to be): lens 1 at x + f1 u, the stop at f1 u, lens 2 at f1 u - x
+// measurement plane (paraxial): lens 1 at x + f1 u, the stop at f1 u, lens 2 at f1 u - x
 // f2/f1, the lenslets at x f2/f1, upright as the frame shows it. So an obstacle is a disc in such a plane, with one
 // transmission inside and another outside.
 #pragma once
@@ -19,10 +19,10 @@ class Obstacles {
 
     [[nodiscard]] bool empty() const { return discs_.empty(); }
 
-    // Share of the light that passes, of a ray through (x, y) with slopes in bin pitches, in the camera's frame.
+    // Transmission of a ray through (x, y) with slopes in bin pitches, in the camera's frame.
     [[nodiscard]] double transmission(double x_mm, double y_mm, double u_bins, double v_bins) const;
 
-    // The same for every ray of a rectangle of places and a box of slopes; -1 where an edge runs through them.
+    // The same for all rays of a rectangle of positions and a box of slopes; -1 if an edge runs through them.
     [[nodiscard]] double transmission(double x_mm, double y_mm, double half_x_mm, double half_y_mm,
                                       const SlopeBox& box) const;
 

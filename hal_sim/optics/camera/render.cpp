@@ -19,7 +19,8 @@ Result<void> check(const Scene& scene) {
     return fail(ErrorCode::invalid_argument, "scene \"" + scene.name + "\": " + all, "correct the scene");
 }
 
-// Rows are independent of one another: whoever does them, they come out the same. Progress from the calling thread.
+// Renders rows on several threads. Rows are independent, so the result does not depend on the threads. The calling
+// thread reports progress.
 template <class DoRow>
 void share_out_rows(int rows, const RenderOptions& options, const DoRow& do_row) {
     std::atomic<int> next_row = 0, rows_done = 0;
@@ -39,8 +40,8 @@ void share_out_rows(int rows, const RenderOptions& options, const DoRow& do_row)
     if (options.progress) options.progress(1.0);
 }
 
-// Light for samples that other rows write waits until all rows are done, and is added in their order: sums do not
-// depend on threads.
+// Light for the samples of other rows is added after all rows are done, in their order, so that sums do not depend on
+// the threads.
 class Strays {
   public:
     explicit Strays(int rows) : rows_(static_cast<std::size_t>(rows)) {}
@@ -68,8 +69,7 @@ Result<LightField> render(const Scene& scene, const RenderOptions& options) {
     const algo::Extents& e = scene.camera.extents;
     LightField field{e, std::vector<float>(e.lenslets() * static_cast<std::size_t>(e.bins()))};
     const CameraGeometry camera(scene);
-    // Only of an aligned square array with square lenslets of bins are a lenslet's neighbours' bins where its own would
-    // go on.
+    // Only in an aligned square array do a lenslet's bins continue in those of its neighbours.
     const int around = scene.effects.crosstalk && camera.array().is_plain() && e.i == e.j ? 1 : 0;
     const SlopeGrid grid = SlopeGrid::of(e, around);
     const LensletLight light(scene, grid);

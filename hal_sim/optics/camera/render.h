@@ -17,7 +17,7 @@ struct LightField {
     std::vector<float> bins;
 };
 
-// Where the defects truly are, in lenslets.
+// The true positions of the defects, in lenslets.
 struct TruthDefect {
     double m = 0, n = 0;  // centre
     double radius_lenslets = 0;
@@ -44,11 +44,11 @@ struct Picture {
     std::vector<float> light;
 };
 
-// What the scene's sensor sees behind its lenslet array: 1 for a pixel filled by the source. render() is what a perfect
-// decode of that gives: the light of the same lenslets, wherever they are, in bins centred on each.
+// The picture on the scene's sensor behind its lenslet array: 1 for a pixel filled by the source. A perfect decode of
+// it gives render(): the light of the same lenslets, in bins centred on each.
 Result<Picture> render_raw(const Scene& scene, const RenderOptions& options = {});
 
-// What the scene's telecentric camera sees: 1 where all light comes from the panel.
+// The picture of the scene's telecentric camera: 1 where all light comes from the panel.
 Result<Picture> render_telecentric(const Scene& scene, const RenderOptions& options = {});
 
 Truth truth_of(const Scene& scene);

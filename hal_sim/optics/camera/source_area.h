@@ -1,4 +1,4 @@
-// How much of a bin the source fills, exactly: the area of the source's disc inside every bin's cell.
+// The exact area of the source's disc inside each bin.
 //
 // Within a small cell of positions and slopes the part maps slopes linearly to the source, s = s0 + B (u - u0). The
 // bins' edges become a lattice of parallelograms over the disc |s| <= r, and every parallelogram's share of the disc is
@@ -24,8 +24,7 @@ struct SlopeMap {
     [[nodiscard]] double determinant() const { return s_u * t_v - s_v * t_u; }
 };
 
-// What one lenslet's light falls on: cells of slope, cell (k,l) from left + k step to left + (k + 1) step, and likewise
-// down.
+// The grid of slopes of one lenslet: cell (k,l) reaches from left + k step to left + (k + 1) step, and likewise down.
 struct SlopeGrid {
     static constexpr int kMaxCells = 400;  // a side
     double left = 0, top = 0, step = 1;    // bin pitches

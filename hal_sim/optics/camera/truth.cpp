@@ -1,4 +1,4 @@
-// Where the defects truly are: found by sending the light forwards through the part as it would be without them.
+// The true positions of the defects, by tracing light forwards through the part without them.
 #include <algorithm>
 #include <cmath>
 
@@ -10,7 +10,7 @@ namespace {
 
 enum Seen : std::uint8_t { kFree = 1, kThroughPart = 2, kOddWay = 4 };
 
-// What the light does that a defect would meet.
+// The light that would meet a defect.
 bool meets(const RayPolyline& way, const Vec3& centre, double radius, bool only_in_part) {
     for (int k = 1; k < way.count; ++k) {
         if (only_in_part && !way.in_part[k]) continue;
@@ -56,8 +56,8 @@ bool meets(const RayPolyline& way, const Thread& d) {
 
 struct Around {
     Vec3 centre;
-    double reach;   // everything of it lies this close
-    double detail;  // its smallest measure
+    double reach;   // all of it lies within this distance
+    double detail;  // its smallest dimension
 };
 template <class Ball>
 requires requires(const Ball& d) { d.centre_mm; }
@@ -74,7 +74,8 @@ class Labels {
         : extents_(scene.camera.extents), camera_(scene), clean_(clean), seen_(extents_.lenslets()),
           balance_(extents_.lenslets()), touched_(extents_.lenslets()) {}
 
-    // Sends light through the whole field, `per_side` squared rays a lenslet, and notes how each lenslet is reached.
+    // Traces `per_side` squared rays a lenslet through the whole field, and counts by which path each lenslet is
+    // reached.
     void survey(int per_side) {
         const double pitch = camera_.pitch_mm() / per_side;
         const int margin = per_side * (2 + extents_.m / 16);  // light may come in from beyond the field
@@ -99,7 +100,7 @@ class Labels {
                 else through.push_back({at, landing.path}), paths.push_back(landing.path);
             }
         }
-        // The way most light takes is the part's; others (its side walls) are odd.
+        // The path of most of the light is that through the part; other paths are those of side walls.
         std::sort(paths.begin(), paths.end());
         std::uint64_t usual = 0;
         std::size_t most = 0;
@@ -112,7 +113,7 @@ class Labels {
         for (const Ray& ray : through) seen_[ray.lenslet] |= ray.path == usual ? kThroughPart : kOddWay;
     }
 
-    // Sends light closely around one defect. Area 0 when none meets it.
+    // Traces dense rays around one defect. Area 0 when none meets it.
     template <class Defect>
     TruthDefect look_at(const Defect& defect) {
         const auto [centre, reach, detail] = around(defect);
@@ -177,7 +178,7 @@ class Labels {
     }
 
   private:
-    // Where to send light to that passes `place`, bent by what lies before it: three steps of a fixed-point search.
+    // Where a ray must start to pass `place` in spite of its deflection: three fixed-point iterations.
     [[nodiscard]] Vec3 aim_at(const Vec3& place) const {
         Vec3 aim = place;
         for (int step = 0; step < 3; ++step) {
@@ -218,7 +219,7 @@ class Labels {
 Truth truth_of(const Scene& scene) {
     Body clean = body_of(scene, false);
     const Body whole = body_of(scene, true);
-    clean.low = whole.low, clean.high = whole.high;  // the light's way is followed as far as any defect lies
+    clean.low = whole.low, clean.high = whole.high;  // so that paths are followed as far as any defect lies
     Truth truth;
     Labels labels(scene, clean);
     if (!clean.empty) labels.survey(scene.camera.extents.m < 200 ? 4 : 2);

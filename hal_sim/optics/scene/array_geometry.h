@@ -1,7 +1,7 @@
-// Where the lenslets are: on the sensor, and on the measurement plane that the relay images onto them.
+// The positions of the lenslets on the sensor, and on the measurement plane that the relay images onto them.
 //
 // An aligned lattice about the array's middle is foreshortened by the tilts, turned, moved and distorted, in this
-// order; what comes out is the place of a lenslet's centre on the sensor. The place on the measurement plane is the
+// order; the result is the position of a lenslet's centre on the sensor. The place on the measurement plane is the
 // same, seen through the relay: the camera of a scene with a turned, distorted array samples the part at turned,
 // distorted places. A lenslet of a hexagonal array collects light from a rectangle of its cell's area, pitch by
 // sqrt(3)/2 pitch.
@@ -22,12 +22,12 @@ class ArrayGeometry {
     struct Point {
         double x = 0, y = 0;
     };
-    // Of lenslet (m, n)'s centre. Pixel (0, 0) is the centre of the top left pixel.
+    // The centre of lenslet (m, n). (0, 0) is the centre of the top left pixel.
     [[nodiscard]] Point centre_px(int m, int n) const;
     // Pixels a bin behind lenslet (m, n).
     [[nodiscard]] double bin_px(int m, int n) const;
 
-    // The centre on the measurement plane, and half the sides of what the lenslet collects from there.
+    // The centre on the measurement plane, and half sides of the area that the lenslet collects from.
     [[nodiscard]] Point place_mm(int m, int n) const;
     [[nodiscard]] double half_x_mm() const { return 0.5 * pitch_mm_; }
     [[nodiscard]] double half_y_mm() const { return 0.5 * pitch_mm_ * row_; }

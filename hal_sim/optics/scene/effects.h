@@ -1,7 +1,7 @@
-// The physical effects that a scene names: which they are, and the same scene without one of them.
+// The optional physical effects of a scene.
 //
-// An effect is named by its parameters (docs/scene.md); what is not named is not computed. Quantisation and saturation
-// at the last DN belong to the sensor and are always there; defects are not effects.
+// A scene names an effect by its parameters (docs/scene.md); others are not computed. Quantisation and saturation at
+// the last DN are always computed, and defects are no effects.
 #pragma once
 
 #include <array>
@@ -35,7 +35,7 @@ inline constexpr std::size_t kEffects = 16;
 [[nodiscard]] std::string_view name_of(Effect effect);
 [[nodiscard]] bool is_of_sensor(Effect effect);  // changes the exposure, not the light
 [[nodiscard]] bool names(const Scene& scene, Effect effect);
-[[nodiscard]] std::vector<Effect> effects_of(const Scene& scene);  // those that it names
+[[nodiscard]] std::vector<Effect> effects_of(const Scene& scene);  // those that the scene names
 [[nodiscard]] Scene without(Scene scene, Effect effect);           // names(without(scene, e), e) is false
 
 }  // namespace hord::sim

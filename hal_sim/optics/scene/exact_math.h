@@ -1,5 +1,5 @@
-// Elementary functions made of +, -, *, / and sqrt only, which IEEE 754 rounds in one way: the same bits on every
-// machine, where libm's own differ in the last place from one library to the next. (Compiled without contraction.)
+// Elementary functions of +, -, *, / and sqrt only, whose rounding IEEE 754 defines: the same bits on every machine.
+// (libm differs in the last place between libraries. Compiled without contraction.)
 //
 // Accuracy, against libm, tested: relative 4e-16 for log away from 1 and exp, absolute 3e-16 for atan, sin, cos.
 #pragma once

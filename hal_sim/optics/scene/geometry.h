@@ -1,9 +1,9 @@
-// Rays and surfaces in double precision, and where they meet.
+// Intersections of rays and surfaces, in double precision.
 //
-// A ray knows on which side of every surface it is, and which surface it stands on; both come from the crossings it
-// has made, never from a point a little further on. So there is no offset to choose: on the surface a ray has just
-// crossed or been reflected from, the root t = 0 is known exactly and divided out, and elsewhere a crossing is as good
-// as crossing_error() says. Lengths in millimetres, but nothing depends on the unit.
+// A ray carries the side of every surface that it is on, and the surface that it starts on. Both follow from its
+// earlier crossings, never from a point moved by an offset: for the surface that a ray has just crossed or been
+// reflected from, the root t = 0 is known exactly and divided out. The error of other crossings is crossing_error().
+// Lengths are in mm, but nothing depends on the unit.
 #pragma once
 
 #include <algorithm>
@@ -33,7 +33,7 @@ constexpr double kNever = std::numeric_limits<double>::infinity();
 
 // A rotation and a shift: turned about x, then y, then z, then moved.
 struct Rigid {
-    Vec3 x{1, 0, 0}, y{0, 1, 0}, z{0, 0, 1};  // where the axes go
+    Vec3 x{1, 0, 0}, y{0, 1, 0}, z{0, 0, 1};  // the images of the axes
     Vec3 shift;
     [[nodiscard]] Vec3 turn(const Vec3& v) const { return v.x * x + v.y * y + v.z * z; }
     [[nodiscard]] Vec3 operator()(const Vec3& p) const { return turn(p) + shift; }
@@ -50,7 +50,7 @@ struct Asphere {
     std::vector<double> coefficients;   // of r^4, r^6, ... mm^-3, mm^-5, ...
     double rim = 0;                     // w
     double reach = kNever;              // from the vertex; crossings further off are not looked for
-    double steepest = 0, sharpest = 0;  // bounds on |s'| and |s''|; by done()
+    double steepest = 0, sharpest = 0;  // bounds on |s'| and |s''|, set by done()
     void done();
     struct At {
         double height, slope;  // s, ds/dw
@@ -92,10 +92,10 @@ inline double next_crossing(const Surface& surface, const Ray& ray, bool inside,
 // Newton's.
 double next_crossing_of_others(const Surface& surface, const Ray& ray, bool inside, bool on_surface);
 
-// How far off that may be, for the ray as given (first-order bound): |t - true t| <= this.
+// First-order error bound of next_crossing(): |t - true t| for the given ray.
 double crossing_error(const Surface& surface, const Ray& ray, double t);
 
-// Where a computed crossing belongs: the point of the surface nearest to it, and the outward unit normal there.
+// The point of the surface nearest to a computed crossing, and the outward unit normal there.
 struct Foot {
     Vec3 point, normal;
 };

@@ -1,4 +1,4 @@
-// Random numbers that are a function of (seed, place, turn): no state, no order, the same bits on every machine.
+// Random numbers as a function of (seed, place, turn): no state, no order, the same bits on every machine.
 #pragma once
 
 #include <cstdint>

@@ -8,7 +8,7 @@ namespace hord::sim {
 namespace {
 
 constexpr double kAir = 1.0;
-constexpr double kOpaque = 1e9;  // per mm: no light is left behind a crossing's error
+constexpr double kOpaque = 1e9;  // per mm: opaque within the error of a crossing
 
 int add_sphere(Body& body, const Vec3& centre, double radius) {
     return body.add({Surface::Shape::sphere, centre, {0, 0, 1}, radius});
@@ -116,7 +116,7 @@ void build(Body& body, const Vial& vial) {
     bound(body, {vial.outer_radius_mm, vial.half_height_mm, vial.outer_radius_mm});
 }
 
-// What a defect needs to know of the part around it.
+// The part around a defect.
 struct Around {
     double index, wavelength_nm, absorption;
 };

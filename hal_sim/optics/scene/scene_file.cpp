@@ -12,7 +12,7 @@ namespace {
 using common::TomlProblems;
 using common::TomlTable;
 
-// Ranges are checked once, for files and programs alike, by problems(); here a number only has to be one.
+// Here any number is accepted: problems() checks the ranges, for files and programs alike.
 constexpr double kAny = 1e300;
 void number(TomlTable& table, std::string_view key, double& value) { table.number(key, value, -kAny, kAny); }
 

@@ -1,5 +1,4 @@
-// A scene's own solid: shapes and their unions, intersections and differences, each with its place, as surfaces of a
-// body.
+// Converts a scene's shapes, and their unions, intersections and differences, to surfaces of a body.
 #include "hal_sim/optics/scene/shapes.h"
 
 #include <algorithm>
@@ -8,7 +7,7 @@
 namespace hord::sim {
 namespace {
 
-constexpr double kSmallPiece = 2;  // mm: what is cut away and is smaller is looked at closely
+constexpr double kSmallPiece = 2;  // mm: smaller cuts become features, which are sampled densely
 
 struct Builder {
     Body& body;

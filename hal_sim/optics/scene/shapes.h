@@ -1,14 +1,14 @@
-// The solids that a scene builds from shapes of its own (Shape, scene.h).
+// Solids of scenes that describe their own shapes (Shape, scene.h).
 #pragma once
 
 #include "hal_sim/optics/scene/solid.h"
 
 namespace hord::sim {
 
-[[nodiscard]] bool is_operation(Shape::Kind kind);  // union, intersection, difference: of others
-[[nodiscard]] int surfaces_of(const Shape& shape);  // how many of a body's it takes
+[[nodiscard]] bool is_operation(Shape::Kind kind);  // union, intersection, difference
+[[nodiscard]] int surfaces_of(const Shape& shape);  // its number of surfaces
 
-// Infinite where nothing bounds the shape: a half-space or an asphere that nothing closes.
+// Infinite where the shape has no bound, as a half-space.
 struct Bounds {
     Vec3 low{-kNever, -kNever, -kNever}, high{kNever, kNever, kNever};
 };

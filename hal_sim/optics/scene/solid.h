@@ -1,4 +1,4 @@
-// What light meets: solids built from surfaces by union, intersection and difference, filled with media.
+// Solids built from surfaces by union, intersection and difference, filled with media.
 #pragma once
 
 #include <cstdint>
@@ -29,17 +29,17 @@ class Solid {
     std::vector<Solid> of_;
 };
 
-// A thin disc, normal to the light, that lets a share of it through.
+// A thin partly transparent disc, normal to the light.
 struct Disc {
     Vec3 centre;
     double radius = 0;
     double transmission = 0;
 };
 
-// Where light may change its way within a short distance: rendering looks closely near it.
+// A small structure that may deflect light: rendering samples densely near it.
 struct Feature {
     Vec3 from, to;          // a segment; a point where they are equal
-    double reach = 0;       // everything of it lies within this distance of the segment
+    double reach = 0;       // all of it lies within this distance of the segment
     double resolution = 0;  // cells larger than this may overlook it
 };
 
@@ -53,22 +53,22 @@ struct Body {
     Vec3 low, high;   // everything lies in this box
     double size = 0;  // its diagonal, or the largest radius where that is larger
     bool empty = true;
-    bool convex = false;  // the part without its defects: light that has left it never meets it again
+    bool convex = false;  // the part without its defects: a ray leaves it only once
 
-    bool fresnel = false;  // light is lost by reflection
-    bool absorbs = false;  // and within some medium
+    bool fresnel = false;  // reflection losses
+    bool absorbs = false;  // absorption in some medium
     [[nodiscard]] bool has_losses() const { return fresnel || absorbs; }
 
     // Adds a surface and gives its number; -1 when there are kMaxSurfaces already.
     int add(const Surface& surface);
-    // What fills a place: air outside `part`; inside, the last filling that contains the place, else the part itself.
+    // Sets the media: air outside `part`; inside, the last filling that contains the place, else the part's glass.
     void fill(Solid part, double index);
     void tint(double absorption);  // the part
     void fill_more(Solid defect, double index, double absorption = 0);
     void move(const Rigid& by);  // all of it; discs stay across the light
-    void done();                 // after the last of these
+    void done();                 // call last
 
-    // 0: outside the part; 1: the part; from 2 on, its defects, be they hollow.
+    // 0: outside the part; 1: the part; from 2 on, its defects, hollow ones, too.
     [[nodiscard]] std::uint8_t medium(std::uint64_t state) const {
         return table_.empty() ? work_out(state) : table_[static_cast<std::size_t>(state)];
     }

@@ -41,7 +41,7 @@ TEST(PageRequests, the_page_comes_whole_and_with_a_policy_that_lets_nothing_else
 }
 
 TEST(PageRequests, the_site_names_no_outside_address_and_needs_no_inline_script) {
-    for (const SiteFile& file : site_files()) {
+    for (const EmbeddedFile& file : site_files()) {
         std::string text(file.text);
         for (std::size_t at; (at = text.find("http://www.w3.org/")) != std::string::npos;)
             text.erase(at, 18);  // names of formats, never fetched

@@ -27,8 +27,8 @@ TEST(DiskAndClock, a_disk_in_trouble_costs_no_part_and_no_result) {
                                    always(fault, 150, 151, milliseconds(300))};
             const auto line = run_undisturbed(options);
             ASSERT_NE(line, nullptr);
-            EXPECT_EQ(line->books().stored(), 300U) << sim::name_of(fault);
-            EXPECT_EQ(line->books().lost(), 0U);
+            EXPECT_EQ(line->store_observer().stored(), 300U) << sim::name_of(fault);
+            EXPECT_EQ(line->store_observer().lost(), 0U);
         }
     }
 }
@@ -38,8 +38,8 @@ TEST(DiskAndClock, what_memory_could_not_hold_is_named_in_the_store) {
     options.cell.faults = {always(sim::Fault::disk_full, 50, 50, milliseconds(6000))};
     const auto line = run_undisturbed(options);
     ASSERT_NE(line, nullptr);
-    EXPECT_GT(line->books().lost(), 10U);
-    EXPECT_EQ(line->books().stored() + line->books().lost(), 300U);
+    EXPECT_GT(line->store_observer().lost(), 10U);
+    EXPECT_EQ(line->store_observer().stored() + line->store_observer().lost(), 300U);
 }
 
 TEST(DiskAndClock, a_clock_that_is_set_shows_in_the_records_and_nowhere_else) {
@@ -49,7 +49,7 @@ TEST(DiskAndClock, a_clock_that_is_set_shows_in_the_records_and_nowhere_else) {
                                always(sim::Fault::clock_set, 140, 160, milliseconds(3))};
         const auto line = run_undisturbed(options);
         ASSERT_NE(line, nullptr);
-        EXPECT_EQ(line->books().stored(), 300U);
+        EXPECT_EQ(line->store_observer().stored(), 300U);
     }
 }
 

@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "firmware/monitoring/optics_monitor.h"
-#include "hal_sim/cell/ageing_frames.h"
 #include "lab/soak/real_parts.h"
+#include "tests/system/scenario/optics-age/ageing_frames.h"
 
 namespace hord::lab {
 namespace {

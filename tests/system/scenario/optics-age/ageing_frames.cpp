@@ -1,4 +1,4 @@
-#include "hal_sim/cell/ageing_frames.h"
+#include "tests/system/scenario/optics-age/ageing_frames.h"
 
 #include <algorithm>
 #include <cmath>
