@@ -53,7 +53,7 @@ struct Tolerance {
 struct Reference;  // algo/reference/reference.h
 
 // The distances between neighbours that can judge a part, the most expensive first. Why only these:
-// docs/adr/0004-rungs.md.
+// docs/adr/0004-feature-sets.md.
 inline constexpr std::array kJudgedGradients = {Feature::emd, Feature::marginal, Feature::hellinger, Feature::chi2};
 constexpr bool is_judged_gradient(Feature feature) {
     return std::ranges::find(kJudgedGradients, feature) != kJudgedGradients.end();

@@ -1,9 +1,9 @@
 #include "algo/reference/spread_estimate.h"
 
-#include "common/statistics.h"
-
 #include <algorithm>
 #include <cmath>
+
+#include "common/statistics.h"
 
 namespace hord::algo {
 namespace {
@@ -102,8 +102,8 @@ void SpreadEstimate::finish(double parts, Reference& reference) const {
                         tails.push_back(static_cast<double>(tail[k]));
                     }
                 }
-                spread[static_cast<std::size_t>(n * extents_.m + m)] =
-                    std::max(kMinSpread[w], static_cast<float>(number > 0 ? std::max(sum / number, median_or_0(tails)) : 0));
+                spread[static_cast<std::size_t>(n * extents_.m + m)] = std::max(
+                    kMinSpread[w], static_cast<float>(number > 0 ? std::max(sum / number, median_or_0(tails)) : 0));
             }
         }
     }

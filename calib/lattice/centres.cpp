@@ -7,8 +7,8 @@
 #include <fmt/format.h>
 
 #include "algo/simd/multiversion.h"
-#include "common/statistics.h"
 #include "calib/lattice/centre_weights.h"
+#include "common/statistics.h"
 
 namespace hord::calib {
 namespace {

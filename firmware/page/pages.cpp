@@ -312,9 +312,9 @@ Reply Pages::answer_command(const Request& request) {
     }
     if (deps_.log)
         deps_.log(fmt::format("{} for {} from {}: {}", name_of(*command), *who, request.peer,
-                               completed  ? "done"
-                                   : done ? done->error_name
-                                          : done.error().message()));
+                              completed  ? "done"
+                                  : done ? done->error_name
+                                         : done.error().message()));
     if (!done)
         return counted(
             refusal(done.error().code == ErrorCode::refused ? 403 : 503, done.error().what, done.error().cure));

@@ -61,10 +61,10 @@ std::vector<FeatureView> views_of(const algo::Inspection& found, const algo::Rec
 std::optional<FeatureView> chosen(const std::vector<FeatureView>& views, const std::string& feature,
                                   algo::Reason reason) {
     const auto named = [&](std::string_view name) { return std::ranges::find(views, name, &FeatureView::name); };
-    auto found = named(!feature.empty()                         ? std::string_view(feature)
-                           : reason == algo::Reason::deflection_gradient      ? "slope"
-                           : reason == algo::Reason::absorption ? "transmission"
-                                                                : "");
+    auto found = named(!feature.empty()                                  ? std::string_view(feature)
+                           : reason == algo::Reason::deflection_gradient ? "slope"
+                           : reason == algo::Reason::absorption          ? "transmission"
+                                                                         : "");
     if (found == views.end() && feature.empty()) found = views.begin();
     if (found == views.end()) return std::nullopt;
     return *found;

@@ -245,8 +245,7 @@ void PlcSimulator::send_random_command() { command_with_care(static_cast<Command
 
 // Before a reset after line stop the parts are taken off.
 void PlcSimulator::command_with_care(Command code) {
-    if (code == Command::reset && endpoint_ != nullptr && endpoint_->station().snapshot().line_stop)
-        take_parts_off_();
+    if (code == Command::reset && endpoint_ != nullptr && endpoint_->station().snapshot().line_stop) take_parts_off_();
     command(code);
 }
 

@@ -1,7 +1,7 @@
 // Tuning: which set of features should judge these parts, measured on frames of good and of bad parts on this machine.
 //
-// A feature set is a choice of features as a recipe makes it (docs/adr/0004-rungs.md). Each set is measured on every
-// frame; each frame shows one part:
+// A feature set is a choice of features as a recipe makes it (docs/adr/0004-feature-sets.md). Each set is measured on
+// every frame; each frame shows one part:
 //   score      Without a reference: the worst value of a lenslet over its limit (algo/inspection/defects.h), the
 //   largest
 //              of the set's features. With a reference: as in algo/inspection/reference_defects.h, with the base

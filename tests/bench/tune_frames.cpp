@@ -26,15 +26,14 @@ bool write(const fs::path& folder, const std::string& name, const Frame& frame) 
 // with a bubble of 0.1 to 1.5 lenslets, 12 with a speck; 16 other good ones to learn from.
 bool production(const fs::path& folder) {
     const sim::Scene scene = lab::round_part();
-    const auto part = [&](const char* kind, const std::string& name, lab::Flaw flaw, double size,
-                          lab::Stream stream, std::uint32_t number) {
+    const auto part = [&](const char* kind, const std::string& name, lab::Flaw flaw, double size, lab::Stream stream,
+                          std::uint32_t number) {
         const bool painted = flaw == lab::Flaw::haze || flaw == lab::Flaw::speck;
         auto made = lab::make_part(scene, painted ? lab::Flaw::none : flaw, size, 1, kSeed, stream, number);
         if (!made) return std::fprintf(stderr, "%s\n", made.error().message().c_str()), false;
         if (painted) lab::add_flaw(*made, flaw, size, kSeed, stream, number);
-        return write(
-            folder / kind, name + std::to_string(100 + number % 100),
-            lab::expose_part(made->light, scene, kSeed, number + 1000 * static_cast<std::uint64_t>(stream)));
+        return write(folder / kind, name + std::to_string(100 + number % 100),
+                     lab::expose_part(made->light, scene, kSeed, number + 1000 * static_cast<std::uint64_t>(stream)));
     };
     bool fine = true;
     for (std::uint32_t k = 0; k < 16; ++k)

@@ -137,8 +137,8 @@ std::uint64_t of_comparison(const Reference& r, const FrameView& frame, Isa isa)
             sum.add(std::uint64_t{d.has_light} + 2 * std::uint64_t{d.has_hord});
             const Scores scores = scores_of(d, r);
             sum.add(std::span<const float>(scores));
-            const float all[] = {d.light,      d.light_variance, d.x,    d.y,       d.x_variance, d.y_variance,
-                                 d.scattering, d.scattering_variance,  d.chi2, d.degrees, d.sum};
+            const float all[] = {d.light,      d.light_variance,      d.x,    d.y,       d.x_variance, d.y_variance,
+                                 d.scattering, d.scattering_variance, d.chi2, d.degrees, d.sum};
             sum.add(std::span<const float>(all));
         }
     }
