@@ -225,8 +225,8 @@ void Pipeline::Workspace::compare_row(EmdRows& rows, int n) {
         const RowWindow::Neighbours next = window.neighbours(m, n);
         mask[k] = next.mask;
         if ((next.mask & kNoGradient) == 0) {
-            submit_emd_gradient(rows.solver, next.across, window.closed(next.left, n), window.closed(next.right, n),
-                                next.down, window.closed(m, next.above), window.closed(m, next.below), submitted);
+            submit_emd_gradient(rows.solver, next.across, window.sparse(next.left, n), window.sparse(next.right, n),
+                                next.down, window.sparse(m, next.above), window.sparse(m, next.below), submitted);
             jacobian = jacobian_of(next.across, rows.deflection(next.left, n), rows.deflection(next.right, n),
                                    next.down, rows.deflection(m, next.above), rows.deflection(m, next.below));
         }

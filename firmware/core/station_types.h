@@ -47,8 +47,8 @@ constexpr std::string_view name_of(PartVerdict verdict) {
 // judged; such a part is rejected.
 enum class PartReason : std::uint16_t {
     none = static_cast<std::uint16_t>(algo::Reason::none),
-    deflection = static_cast<std::uint16_t>(algo::Reason::deflection),
-    slope = static_cast<std::uint16_t>(algo::Reason::slope),
+    deflection = static_cast<std::uint16_t>(algo::Reason::neighbours_disagree),
+    slope = static_cast<std::uint16_t>(algo::Reason::deflection_gradient),
     absorption = static_cast<std::uint16_t>(algo::Reason::absorption),
     too_dark = static_cast<std::uint16_t>(algo::Reason::too_dark),
     saturated = static_cast<std::uint16_t>(algo::Reason::saturated),
