@@ -3,7 +3,7 @@
 // A pair goes down this ladder until a solver covers it and proves its plan optimal:
 //
 //   solver               covers                                                      solved together
-//   knapsack_batch.h     sparse pairs with <= kMaxKnapsackBins lit bins              kBatchLanes
+//   knapsack_batch.h     sparse pairs, <= kMaxKnapsackBins bins lit in either HORD   kBatchLanes
 //   transport_batch.h    other sparse pairs (<= kMaxSparseBins lit bins), and        kBatchLanes of one shape
 //                        residuals with <= kMaxBatchSide bins on either side
 //   transport_simplex.h  everything; starts from transport_batch.h's plan, if any    1

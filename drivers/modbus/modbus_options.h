@@ -51,12 +51,13 @@ struct ModuleMap {
     bool operator==(const ModuleMap&) const = default;
 };
 
-// Three times limit a rejection, each inside the next:
-//   response_timeout  a Modbus request and its answer;
-//   confirm_within    from the end of the pulse until the confirm sensor sees the ejected part; then the driver reports
-//                     the rejection as failed;
-//   confirm_timeout   (CoreConfig) from the end of the pulse until the driver reports success or failure; then the
-//                     station counts the rejection as failed. Longer than the other two together.
+// A rejection has three time-outs:
+//   response_timeout  one Modbus request: the longest wait for its answer, also for the coil that is read back.
+//   confirm_within    the confirm sensor: the longest time from the end of the pulse until it sees the ejected part.
+//                     After it the driver reports the rejection as failed.
+//   confirm_timeout   the station (CoreConfig, firmware/core/core_config.h): the longest time from the end of the pulse
+//                     until the driver has reported. After it the rejection counts as failed. It must be longer than
+//                     the other two together.
 // A failed rejection stops the line.
 //
 // start() checks the ranges again: hordctl latency opens the driver without a configuration.

@@ -32,7 +32,7 @@ enum FaultBit : std::uint32_t {
     kFaultDarkDrift = 1U << 14,
     kFaultLightUneven = 1U << 15,
     kFaultDust = 1U << 16,
-    kFaultsEnd,  // the last bit + 1
+    kFaultsEnd,  // one more than the value above; kFaultCount is made from it
 };
 inline constexpr std::size_t kFaultCount = std::bit_width(static_cast<std::uint32_t>(kFaultsEnd) - 1U);
 
