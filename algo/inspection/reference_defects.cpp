@@ -10,7 +10,7 @@ namespace hord::algo {
 namespace {
 
 // Shares of a region's squared scores that decide its kind.
-constexpr double kMostShare = 0.6, kMuchShare = 0.25;
+constexpr double kDominantShare = 0.6, kMuchShare = 0.25;
 // The EMD gradient that photon noise alone makes, in bins times the root of the electrons.
 constexpr float kEmdOfNoise = 10;
 
@@ -150,9 +150,9 @@ Defect ReferenceDefects::describe(const Region& r, Reason& reason) const {
     d.width = static_cast<float>(side(middle - half));
     const double all = r.missing_light + r.added_light + r.shift + r.scattering + r.shape;
     const double shift_and_shape = r.shift + r.shape;
-    const bool absorbs = r.missing_light >= kMostShare * all,
+    const bool absorbs = r.missing_light >= kDominantShare * all,
                scatters = r.scattering >= kMuchShare * all && r.scattering >= shift_and_shape,
-               shifts = shift_and_shape > r.scattering && shift_and_shape + r.scattering >= kMostShare * all;
+               shifts = shift_and_shape > r.scattering && shift_and_shape + r.scattering >= kDominantShare * all;
     const double length = static_cast<double>(d.length), width = static_cast<double>(d.width);
     if (length >= kScratchLength && length >= kScratchRatio * width) d.kind = DefectKind::scratch;
     else if (all <= 0 || r.gradient > all) d.kind = DefectKind::unknown;
