@@ -48,7 +48,7 @@ std::string problems_of(const CellOptions& o, const FrameSource::Format& format)
     need(o.sensor.buffers >= 1, "sensor.buffers must be at least 1");
     need(format.width_px > 0 && format.height_px > 0 && format.bits >= 8 && format.bits <= 16,
          "the frame source's format is impossible");
-    for (const FaultRule& rule : o.faults) {
+    for (const InjectionRule& rule : o.faults) {
         need(rule.probability >= 0 && rule.probability <= 1 && rule.first <= rule.last && rule.amount >= 0ns,
              "faults need a probability in [0, 1], first <= last and no negative amount");
     }

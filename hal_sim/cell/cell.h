@@ -14,7 +14,7 @@
 #include "hal_sim/devices/sim_rejector.h"
 #include "hal_sim/devices/sim_sensor.h"
 #include "hal_sim/devices/sim_strobe.h"
-#include "hal_sim/world/faults.h"
+#include "hal_sim/world/fault_injection.h"
 #include "hal_sim/world/frame_source.h"
 #include "hal_sim/world/world.h"
 
@@ -29,7 +29,7 @@ struct CellOptions {
     StrobeOptions strobe;
     SensorOptions sensor;
     RejectorOptions rejector;
-    std::vector<FaultRule> faults;
+    std::vector<InjectionRule> faults;
 
     // The delays for a station's configuration: from the arrival edge to the part centred before camera and ejector.
     [[nodiscard]] hal::Duration camera_delay() const { return travel(geometry.camera_mm); }
@@ -56,7 +56,7 @@ class SimulatedCell {
     [[nodiscard]] SimRejector& rejector() { return rejector_; }  // or use a real one that calls world().set_ejector()
 
     [[nodiscard]] World& world() { return world_; }
-    [[nodiscard]] FaultPlan& faults() { return faults_; }
+    [[nodiscard]] InjectionPlan& faults() { return faults_; }
 
     // Whether finished parts are kept in history(). They are always counted in world().totals().
     void keep_history(bool keep) { keep_history_ = keep; }
@@ -68,7 +68,7 @@ class SimulatedCell {
   private:
     SimulatedCell(hal::EventLoop& loop, FrameSource& frames, const CellOptions& options);
 
-    FaultPlan faults_;
+    InjectionPlan faults_;
     World world_;
     SimPartSensor part_sensor_;
     SimStrobe strobe_;

@@ -55,14 +55,15 @@ void SimPartSensor::part_edge(bool arrives, TimePoint at) {
         if (!std::exchange(swallow_departure_, false)) emit(Kind::leaves, at);
         return;
     }
-    if (const auto amount = faults_.fires(Fault::part_sensor_lost)) return lose(*amount);
-    if (const auto amount = faults_.fires(Fault::encoder_slip)) {
+    if (const auto amount = faults_.fires(InjectedFault::part_sensor_lost)) return lose(*amount);
+    if (const auto amount = faults_.fires(InjectedFault::encoder_slip)) {
         slipped_mm_ += 1e-9 * static_cast<double>(amount->count()) * world_.nominal_speed_mm_s();
     }
-    if (const auto amount = faults_.fires(Fault::encoder_silent)) silent_until_ = loop_.now() + *amount;
-    const bool missed = faults_.fires(Fault::edge_missed).has_value(),
-               lost = faults_.fires(Fault::edge_lost).has_value();
-    const auto bounces_for = faults_.fires(Fault::edge_bounce), ghost_after = faults_.fires(Fault::edge_ghost);
+    if (const auto amount = faults_.fires(InjectedFault::encoder_silent)) silent_until_ = loop_.now() + *amount;
+    const bool missed = faults_.fires(InjectedFault::edge_missed).has_value(),
+               lost = faults_.fires(InjectedFault::edge_lost).has_value();
+    const auto bounces_for = faults_.fires(InjectedFault::edge_bounce),
+               ghost_after = faults_.fires(InjectedFault::edge_ghost);
     swallow_departure_ = missed;
     if (lost) ++sequence_;
     if (!missed && !lost) emit(Kind::arrives, at);

@@ -5,7 +5,7 @@
 
 #include "drivers/hal/event_loop.h"
 #include "drivers/hal/part_sensor.h"
-#include "hal_sim/world/faults.h"
+#include "hal_sim/world/fault_injection.h"
 #include "hal_sim/world/world.h"
 
 namespace hord::sim {
@@ -18,7 +18,7 @@ struct PartSensorOptions {
 
 class SimPartSensor final : public hal::PartSensor {
   public:
-    SimPartSensor(hal::EventLoop& loop, World& world, FaultPlan& faults, const PartSensorOptions& options)
+    SimPartSensor(hal::EventLoop& loop, World& world, InjectionPlan& faults, const PartSensorOptions& options)
         : loop_(loop), world_(world), faults_(faults), options_(options) {}
     ~SimPartSensor() override { stop(); }
 
@@ -47,7 +47,7 @@ class SimPartSensor final : public hal::PartSensor {
     };
     hal::EventLoop& loop_;
     World& world_;
-    FaultPlan& faults_;
+    InjectionPlan& faults_;
     PartSensorOptions options_;
     Listener* listener_ = nullptr;
     std::vector<Pending> pending_;

@@ -64,11 +64,12 @@ void SimRejector::carry_out(const hal::RejectCommand& command, std::size_t ledge
     const TimePoint asked = std::max(command.start, loop_.now());
     TimePoint from = asked;
     const auto answer = [&](Outcome outcome, TimePoint at) { report_at(at, ledger_slot, {command.part, outcome, at}); };
-    const auto down_for = faults_.fires(Fault::rejector_down), late_by = faults_.fires(Fault::reject_late),
-               again_after = faults_.fires(Fault::reject_twice);
-    const bool lost = faults_.fires(Fault::reject_lost).has_value(),
-               stuck = faults_.fires(Fault::ejector_stuck).has_value(),
-               unacknowledged = faults_.fires(Fault::reject_unacknowledged).has_value();
+    const auto down_for = faults_.fires(InjectedFault::rejector_down),
+               late_by = faults_.fires(InjectedFault::reject_late),
+               again_after = faults_.fires(InjectedFault::reject_twice);
+    const bool lost = faults_.fires(InjectedFault::reject_lost).has_value(),
+               stuck = faults_.fires(InjectedFault::ejector_stuck).has_value(),
+               unacknowledged = faults_.fires(InjectedFault::reject_unacknowledged).has_value();
     if (down_for && up_) {
         loop_.cancel(down_timer_);
         down_timer_ = loop_.call_after({}, [this, gone = *down_for] { link_goes_down(gone); });

@@ -8,7 +8,7 @@
 #include "drivers/hal/event_loop.h"
 #include "drivers/hal/reject_ledger.h"
 #include "drivers/hal/rejector.h"
-#include "hal_sim/world/faults.h"
+#include "hal_sim/world/fault_injection.h"
 #include "hal_sim/world/latency.h"
 #include "hal_sim/world/world.h"
 
@@ -23,7 +23,7 @@ struct RejectorOptions {
 
 class SimRejector final : public hal::Rejector {
   public:
-    SimRejector(hal::EventLoop& loop, World& world, FaultPlan& faults, const RejectorOptions& options,
+    SimRejector(hal::EventLoop& loop, World& world, InjectionPlan& faults, const RejectorOptions& options,
                 std::uint64_t seed)
         : loop_(loop), world_(world), faults_(faults), options_(options), latency_(options.write, seed, 0x4E7E) {}
     ~SimRejector() override;
@@ -64,7 +64,7 @@ class SimRejector final : public hal::Rejector {
 
     hal::EventLoop& loop_;
     World& world_;
-    FaultPlan& faults_;
+    InjectionPlan& faults_;
     RejectorOptions options_;
     Latency latency_;
     Listener* listener_ = nullptr;

@@ -12,7 +12,7 @@ using hal::TimePoint;
 using namespace std::chrono_literals;
 
 SimSensor::SimSensor(hal::EventLoop& loop, World& world, const SimStrobe& strobe, FrameSource& source,
-                     FaultPlan& faults, const SensorOptions& options, std::uint64_t seed)
+                     InjectionPlan& faults, const SensorOptions& options, std::uint64_t seed)
     : loop_(loop), world_(world), strobe_(strobe), source_(source), faults_(faults), options_(options), seed_(seed),
       latency_(options.readout, seed, 0x5E45),
       slots_(std::make_unique<Slot[]>(static_cast<std::size_t>(options.buffers))) {
@@ -20,7 +20,7 @@ SimSensor::SimSensor(hal::EventLoop& loop, World& world, const SimStrobe& strobe
     const auto bytes = static_cast<std::size_t>(format.width_px) * static_cast<std::size_t>(format.height_px) *
         (format.bits > 8 ? 2U : 1U);
     for (int k = 0; k < options_.buffers; ++k) slots_[static_cast<std::size_t>(k)].samples.resize(bytes);
-    if (faults_.names(Fault::frame_stale)) last_samples_.resize(bytes);
+    if (faults_.names(InjectedFault::frame_stale)) last_samples_.resize(bytes);
 }
 
 hal::SensorFormat SimSensor::do_format() const {
@@ -51,7 +51,7 @@ Result<void> SimSensor::do_trigger(const hal::ExposureRequest& request) {
     if (slot == nullptr)
         return fail(ErrorCode::busy, "every frame buffer is lent or filling",
                     "give frames back sooner, or set more buffers");
-    if (const auto amount = faults_.fires(Fault::sensor_lost)) {
+    if (const auto amount = faults_.fires(InjectedFault::sensor_lost)) {
         lose(*amount);
         return {};  // accepted; the loss is reported later
     }
@@ -68,13 +68,13 @@ Result<void> SimSensor::do_trigger(const hal::ExposureRequest& request) {
 // The shutter closes: the frame holds the part that is in view now, whatever faults its delivery has.
 void SimSensor::exposed(std::uint32_t number) {
     Slot& slot = slots_[number];
-    const bool dark = faults_.fires(Fault::frame_dark).has_value(),
-               saturated = faults_.fires(Fault::frame_saturated).has_value(),
-               stale = faults_.fires(Fault::frame_stale).has_value(),
-               dropped = faults_.fires(Fault::frame_drop).has_value(),
-               cut_short = faults_.fires(Fault::frame_short).has_value(),
-               twice = faults_.fires(Fault::frame_duplicate).has_value();
-    const auto late_by = faults_.fires(Fault::frame_late);
+    const bool dark = faults_.fires(InjectedFault::frame_dark).has_value(),
+               saturated = faults_.fires(InjectedFault::frame_saturated).has_value(),
+               stale = faults_.fires(InjectedFault::frame_stale).has_value(),
+               dropped = faults_.fires(InjectedFault::frame_drop).has_value(),
+               cut_short = faults_.fires(InjectedFault::frame_short).has_value(),
+               twice = faults_.fires(InjectedFault::frame_duplicate).has_value();
+    const auto late_by = faults_.fires(InjectedFault::frame_late);
     const SimStrobe::Light light =
         dark ? SimStrobe::Light{} : strobe_.light_between(slot.info.exposure_start, slot.end);
     const TimePoint seen_at = light.amount > 0 ? light.at : slot.info.exposure_start;
@@ -108,7 +108,7 @@ void SimSensor::exposed(std::uint32_t number) {
     }
     seen_[slot.info.sequence % seen_.size()] = {slot.info.sequence, part};
 
-    slot.info.corrupt = faults_.fires(Fault::frame_corrupt).has_value();
+    slot.info.corrupt = faults_.fires(InjectedFault::frame_corrupt).has_value();
     if (dropped) {
         slot.state.store(State::free, std::memory_order_release);
         return;

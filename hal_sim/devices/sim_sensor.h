@@ -10,7 +10,7 @@
 #include "drivers/hal/event_loop.h"
 #include "drivers/hal/sensor.h"
 #include "hal_sim/devices/sim_strobe.h"
-#include "hal_sim/world/faults.h"
+#include "hal_sim/world/fault_injection.h"
 #include "hal_sim/world/frame_source.h"
 #include "hal_sim/world/latency.h"
 #include "hal_sim/world/world.h"
@@ -24,7 +24,7 @@ struct SensorOptions {
 
 class SimSensor final : public hal::Sensor {
   public:
-    SimSensor(hal::EventLoop& loop, World& world, const SimStrobe& strobe, FrameSource& source, FaultPlan& faults,
+    SimSensor(hal::EventLoop& loop, World& world, const SimStrobe& strobe, FrameSource& source, InjectionPlan& faults,
               const SensorOptions& options, std::uint64_t seed);
     ~SimSensor() override { stop(); }
 
@@ -75,7 +75,7 @@ class SimSensor final : public hal::Sensor {
     World& world_;
     const SimStrobe& strobe_;
     FrameSource& source_;
-    FaultPlan& faults_;
+    InjectionPlan& faults_;
     SensorOptions options_;
     std::uint64_t seed_;
     Latency latency_;

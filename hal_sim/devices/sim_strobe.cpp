@@ -24,14 +24,15 @@ Result<void> SimStrobe::do_start(Listener& listener) {
 
 Result<void> SimStrobe::do_fire(const hal::StrobePulse& pulse) {
     if (lost_) return fail(ErrorCode::disconnected, "simulated strobe is gone", "stop it and start it again");
-    if (const auto amount = faults_.fires(Fault::strobe_lost)) {
+    if (const auto amount = faults_.fires(InjectedFault::strobe_lost)) {
         lose(*amount);
         return fail(ErrorCode::disconnected, "simulated strobe is gone", "stop it and start it again");
     }
-    const bool refused = faults_.fires(Fault::strobe_refused).has_value(),
-               dead = faults_.fires(Fault::strobe_dead).has_value(),
-               weak = faults_.fires(Fault::strobe_weak).has_value();
-    const auto again_after = faults_.fires(Fault::strobe_double), late_by = faults_.fires(Fault::strobe_late);
+    const bool refused = faults_.fires(InjectedFault::strobe_refused).has_value(),
+               dead = faults_.fires(InjectedFault::strobe_dead).has_value(),
+               weak = faults_.fires(InjectedFault::strobe_weak).has_value();
+    const auto again_after = faults_.fires(InjectedFault::strobe_double),
+               late_by = faults_.fires(InjectedFault::strobe_late);
     const TimePoint now = loop_.now();
     hal::StrobeReport done{pulse.exposure, true, std::max(pulse.start, now) + late_by.value_or(0ns), pulse.width};
     if (now >= pulse.start + pulse.width || refused) {

@@ -6,7 +6,7 @@
 
 #include "drivers/hal/event_loop.h"
 #include "drivers/hal/strobe.h"
-#include "hal_sim/world/faults.h"
+#include "hal_sim/world/fault_injection.h"
 #include "hal_sim/world/latency.h"
 
 namespace hord::sim {
@@ -19,7 +19,7 @@ struct StrobeOptions {
 
 class SimStrobe final : public hal::Strobe {
   public:
-    SimStrobe(hal::EventLoop& loop, FaultPlan& faults, const StrobeOptions& options, std::uint64_t seed)
+    SimStrobe(hal::EventLoop& loop, InjectionPlan& faults, const StrobeOptions& options, std::uint64_t seed)
         : loop_(loop), faults_(faults), options_(options), latency_(options.report, seed, 0x57B0) {}
     ~SimStrobe() override;
 
@@ -59,7 +59,7 @@ class SimStrobe final : public hal::Strobe {
     void lose(hal::Duration gone_for);
 
     hal::EventLoop& loop_;
-    FaultPlan& faults_;
+    InjectionPlan& faults_;
     StrobeOptions options_;
     Latency latency_;
     Listener* listener_ = nullptr;

@@ -20,8 +20,8 @@ constexpr hal::Duration kMemory = std::chrono::seconds(2);
 
 }  // namespace
 
-World::World(hal::EventLoop& loop, FaultPlan& faults, const ConveyorOptions& conveyor, const ScheduleOptions& schedule,
-             const GeometryOptions& geometry, std::uint64_t seed)
+World::World(hal::EventLoop& loop, InjectionPlan& faults, const ConveyorOptions& conveyor,
+             const ScheduleOptions& schedule, const GeometryOptions& geometry, std::uint64_t seed)
     : loop_(loop), faults_(faults), conveyor_options_(conveyor), schedule_(schedule), geometry_(geometry), seed_(seed) {
     for (const PartKind& kind : schedule_.kinds) share_sum_ += kind.share;
 }
@@ -45,10 +45,10 @@ void World::draw_part() {
     part.number = drawn_ + 1;
     const double jitter = drawn_ == 0 ? 0 : schedule_.pitch_jitter * random_sign(seed_, kPitchStream, drawn_);
     part.front_mm = last_front_mm_ + schedule_.pitch_mm * (1 + jitter);
-    const bool close = faults_.fires(Fault::part_close).has_value(),
-               missing = faults_.fires(Fault::part_missing).has_value();
+    const bool close = faults_.fires(InjectedFault::part_close).has_value(),
+               missing = faults_.fires(InjectedFault::part_missing).has_value();
     if (missing) part.front_mm += schedule_.pitch_mm;
-    if (faults_.fires(Fault::part_touching) && drawn_ > 0) {
+    if (faults_.fires(InjectedFault::part_touching) && drawn_ > 0) {
         part.touches_ahead = line_.back().touched_behind = true;
         part.front_mm = line_.back().front_mm + schedule_.part_length_mm;
     } else if (close && drawn_ > 0) {
@@ -119,12 +119,12 @@ void World::act() {
 }
 
 void World::apply_arrival_faults(const PartRecord& arrived) {
-    if (const auto after = faults_.fires(Fault::part_removed)) {
+    if (const auto after = faults_.fires(InjectedFault::part_removed)) {
         meddling_.push_back(loop_.call_after(*after, [this, number = arrived.number] {
             take_off([number](const PartRecord& part) { return part.number == number; });
         }));
     }
-    if (const auto stands_for = faults_.fires(Fault::belt_stop)) {
+    if (const auto stands_for = faults_.fires(InjectedFault::belt_stop)) {
         ++stopped_;
         move();
         meddling_.push_back(loop_.call_after(*stands_for, [this] {

@@ -14,7 +14,7 @@
 
 #include "drivers/hal/event_loop.h"
 #include "hal_sim/world/conveyor.h"
-#include "hal_sim/world/faults.h"
+#include "hal_sim/world/fault_injection.h"
 
 namespace hord::sim {
 
@@ -70,7 +70,7 @@ class World {
         std::function<void()> over{};                                 // finished(): nothing more will come
     };
 
-    World(hal::EventLoop& loop, FaultPlan& faults, const ConveyorOptions& conveyor, const ScheduleOptions& schedule,
+    World(hal::EventLoop& loop, InjectionPlan& faults, const ConveyorOptions& conveyor, const ScheduleOptions& schedule,
           const GeometryOptions& geometry, std::uint64_t seed);
     ~World();
     World(const World&) = delete;
@@ -128,7 +128,7 @@ class World {
     }
 
     hal::EventLoop& loop_;
-    FaultPlan& faults_;
+    InjectionPlan& faults_;
     ConveyorOptions conveyor_options_;
     ScheduleOptions schedule_;
     GeometryOptions geometry_;

@@ -66,7 +66,7 @@ Estimate ratio_of_rejects(const Parts& from, const Parts& of, std::uint64_t seed
 }
 
 Detection roc_of(const Parts& good, const Parts& bad, int good_poses, int bad_poses, std::uint64_t seed) {
-    std::vector<Scored> scored;
+    std::vector<ScoredPlace> scored;
     const auto add = [&](const Parts& parts, int poses, bool is_bad) {
         for (std::size_t k = 0; k < parts.size(); ++k) {
             const std::size_t pose = poses > 0 ? k % static_cast<std::size_t>(poses) : k;
@@ -79,7 +79,7 @@ Detection roc_of(const Parts& good, const Parts& bad, int good_poses, int bad_po
 }
 
 PodCurve pod_of(const Parts& bubbles, int exposures, double from_rim) {
-    std::vector<Tried> tried;
+    std::vector<DetectionTrial> tried;
     for (std::size_t k = 0; k < bubbles.size(); k += static_cast<std::size_t>(exposures)) {
         const JudgedPart& p = bubbles[k];
         if (p.from_rim >= from_rim) tried.push_back({p.size, p.score >= 1 && p.hit});

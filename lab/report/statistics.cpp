@@ -16,8 +16,8 @@ constexpr std::uint32_t kBootstrap = 0xB007;  // purpose of these random numbers
 // Scores in descending order, and the statistics of a draw of parts.
 class RocCurve {
   public:
-    explicit RocCurve(std::span<const Scored> scores) : scores_(scores.begin(), scores.end()) {
-        std::ranges::sort(scores_, [](const Scored& a, const Scored& b) { return a.score > b.score; });
+    explicit RocCurve(std::span<const ScoredPlace> scores) : scores_(scores.begin(), scores.end()) {
+        std::ranges::sort(scores_, [](const ScoredPlace& a, const ScoredPlace& b) { return a.score > b.score; });
     }
 
     struct Point {
@@ -27,7 +27,7 @@ class RocCurve {
     // times[part]: how often the part was drawn. Empty if no good or no bad place was drawn.
     [[nodiscard]] std::optional<Point> measure(std::span<const int> times, double fpr) const {
         double good = 0, bad = 0;
-        for (const Scored& s : scores_) (s.bad ? bad : good) += times[s.part];
+        for (const ScoredPlace& s : scores_) (s.bad ? bad : good) += times[s.part];
         if (!(good > 0 && bad > 0)) return std::nullopt;
         Point point;
         point.threshold = scores_.front().score;
@@ -50,7 +50,7 @@ class RocCurve {
     }
 
   private:
-    std::vector<Scored> scores_;
+    std::vector<ScoredPlace> scores_;
 };
 
 Estimate with_interval(double value, std::vector<double> draws) {
@@ -69,9 +69,9 @@ void bootstrap(std::uint32_t parts, int repeats, std::uint64_t seed, Use use) {
     }
 }
 
-std::uint32_t parts_of(std::span<const Scored> scores) {
+std::uint32_t parts_of(std::span<const ScoredPlace> scores) {
     std::uint32_t parts = 0;
-    for (const Scored& s : scores) parts = std::max(parts, s.part + 1);
+    for (const ScoredPlace& s : scores) parts = std::max(parts, s.part + 1);
     return parts;
 }
 
@@ -79,7 +79,7 @@ double logistic(double x) { return 1 / (1 + std::exp(-x)); }
 
 }  // namespace
 
-Detection detection_of(std::span<const Scored> scores, double fpr, int repeats, std::uint64_t seed) {
+Detection detection_of(std::span<const ScoredPlace> scores, double fpr, int repeats, std::uint64_t seed) {
     const std::uint32_t parts = parts_of(scores);
     const RocCurve curve(scores);
     const auto whole = curve.measure(std::vector<int>(parts, 1), fpr);
@@ -94,7 +94,8 @@ Detection detection_of(std::span<const Scored> scores, double fpr, int repeats, 
     return {with_interval(whole->auc, std::move(aucs)), with_interval(whole->tpr, std::move(tprs)), whole->threshold};
 }
 
-Estimate auc_difference(std::span<const Scored> a, std::span<const Scored> b, int repeats, std::uint64_t seed) {
+Estimate auc_difference(std::span<const ScoredPlace> a, std::span<const ScoredPlace> b, int repeats,
+                        std::uint64_t seed) {
     const std::uint32_t parts = parts_of(a);
     const RocCurve of_a(a), of_b(b);
     const auto difference = [&](const std::vector<int>& times) -> std::optional<double> {
@@ -126,18 +127,18 @@ double gumbel_limit(std::span<const double> good, double share) {
 
 double PodCurve::at(double size) const { return logistic(b0 + b1 * std::log(size)); }
 
-PodCurve pod_curve(std::span<const Tried> tried) {
+PodCurve pod_curve(std::span<const DetectionTrial> tried) {
     PodCurve curve;
     if (tried.empty()) return curve;
     // Around the mean, so that the two coefficients are nearly independent.
     double middle = 0;
-    for (const Tried& t : tried) middle += std::log(t.size);
+    for (const DetectionTrial& t : tried) middle += std::log(t.size);
     middle /= static_cast<double>(tried.size());
     double c0 = 0, c1 = 0, v00 = 0, v01 = 0, v11 = 0;
     constexpr int kSteps = 200;
     for (int step = 0; step < kSteps; ++step) {
         double i00 = 0, i01 = 0, i11 = 0;  // Fisher information
-        for (const Tried& t : tried) {
+        for (const DetectionTrial& t : tried) {
             const double x = std::log(t.size) - middle, p = logistic(c0 + c1 * x), w = p * (1 - p);
             i00 += w, i01 += w * x, i11 += w * x * x;
         }
@@ -145,7 +146,7 @@ PodCurve pod_curve(std::span<const Tried> tried) {
         if (!(det > 1e-12)) break;
         v00 = i11 / det, v01 = -i01 / det, v11 = i00 / det;
         double u0 = 0, u1 = 0;  // score with Firth's penalty
-        for (const Tried& t : tried) {
+        for (const DetectionTrial& t : tried) {
             const double x = std::log(t.size) - middle, p = logistic(c0 + c1 * x);
             const double leverage = p * (1 - p) * (v00 + 2 * v01 * x + v11 * x * x);
             const double residual = (t.found ? 1.0 : 0.0) - p + leverage * (0.5 - p);

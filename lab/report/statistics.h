@@ -16,7 +16,7 @@ struct Estimate {
 };
 
 // A scored place. Places of one part are not independent, so bootstraps draw parts.
-struct Scored {
+struct ScoredPlace {
     float score = 0;
     std::uint32_t part = 0;
     bool bad = false;
@@ -30,10 +30,11 @@ struct Detection {
 
 // Intervals by the percentile bootstrap over parts (`repeats` draws from `seed`). Ties count half in the area; a
 // threshold never cuts through them. Needs at least one good and one bad score; else everything is 0.
-Detection detection_of(std::span<const Scored> scores, double fpr, int repeats, std::uint64_t seed);
+Detection detection_of(std::span<const ScoredPlace> scores, double fpr, int repeats, std::uint64_t seed);
 
 // AUC by the scores `a` less AUC by `b`: paired, of the same places in the same order, drawn together.
-Estimate auc_difference(std::span<const Scored> a, std::span<const Scored> b, int repeats, std::uint64_t seed);
+Estimate auc_difference(std::span<const ScoredPlace> a, std::span<const ScoredPlace> b, int repeats,
+                        std::uint64_t seed);
 
 // The score that a share of good parts exceeds if their scores follow a Gumbel distribution (each is the largest of
 // many), fitted by moments; at least the largest score. 0 for none. For tens of parts; for hundreds use tail_limit().
@@ -43,7 +44,7 @@ double gumbel_limit(std::span<const double> good, double share);
 // with Firth's penalty (Biometrika 80 (1993) 27), which stays finite where hits and misses are separated. a90: the size
 // found with 90 % probability; a90_95: the same with 95 % confidence (Wald bound of the curve, MIL-HDBK-1823A). Empty
 // if the curve, or its bound, does not reach 0.9.
-struct Tried {
+struct DetectionTrial {
     double size = 0;  // > 0
     bool found = false;
 };
@@ -52,7 +53,7 @@ struct PodCurve {
     std::optional<double> a50, a90, a90_95;
     [[nodiscard]] double at(double size) const;
 };
-PodCurve pod_curve(std::span<const Tried> tried);
+PodCurve pod_curve(std::span<const DetectionTrial> tried);
 
 using common::quantile;
 

@@ -6,7 +6,7 @@
 namespace hord::lab {
 
 using namespace firmware;
-using sim::Fault;
+using sim::InjectedFault;
 
 namespace {
 
@@ -67,15 +67,16 @@ void Coverage::merge(const Coverage& other) {
     pairs_ |= other.pairs_;
 }
 
-bool Coverage::together(Fault a, Fault b) const {
+bool Coverage::together(InjectedFault a, InjectedFault b) const {
     const auto x = static_cast<std::size_t>(a), y = static_cast<std::size_t>(b);
-    return pairs_[x * sim::kFaults + y] || pairs_[y * sim::kFaults + x];
+    return pairs_[x * sim::kInjectedFaults + y] || pairs_[y * sim::kInjectedFaults + x];
 }
 
 std::size_t Coverage::pairs() const {
     std::size_t n = 0;
-    for (std::size_t a = 0; a < sim::kFaults; ++a) {
-        for (std::size_t b = 0; b < a; ++b) n += together(static_cast<Fault>(a), static_cast<Fault>(b)) ? 1U : 0U;
+    for (std::size_t a = 0; a < sim::kInjectedFaults; ++a) {
+        for (std::size_t b = 0; b < a; ++b)
+            n += together(static_cast<InjectedFault>(a), static_cast<InjectedFault>(b)) ? 1U : 0U;
     }
     return n;
 }
@@ -131,9 +132,9 @@ std::string describe(const Coverage& coverage, bool* complete) {
     }
     std::string missing;
     std::size_t reachable = 0;
-    for (std::size_t a = 0; a < sim::kFaults; ++a) {
+    for (std::size_t a = 0; a < sim::kInjectedFaults; ++a) {
         for (std::size_t b = 0; b < a; ++b) {
-            const auto x = static_cast<Fault>(a), y = static_cast<Fault>(b);
+            const auto x = static_cast<InjectedFault>(a), y = static_cast<InjectedFault>(b);
             ++reachable;
             if (!coverage.together(x, y))
                 missing += "  " + std::string(sim::name_of(y)) + " + " + std::string(sim::name_of(x)) + "\n";

@@ -10,7 +10,7 @@
 #include "firmware/core/enum_values.h"
 #include "firmware/core/events.h"
 #include "firmware/core/states.h"
-#include "hal_sim/world/faults.h"
+#include "hal_sim/world/fault_injection.h"
 
 namespace hord::lab {
 
@@ -26,21 +26,21 @@ inline constexpr std::size_t kEventKinds =
 class Coverage {
   public:
     void stepped(firmware::State before, const firmware::Event& event) { ++steps_[index_of(before)][kind_of(event)]; }
-    void fired_together(sim::Fault a, sim::Fault b) {
-        pairs_.set(static_cast<std::size_t>(a) * sim::kFaults + static_cast<std::size_t>(b));
+    void fired_together(sim::InjectedFault a, sim::InjectedFault b) {
+        pairs_.set(static_cast<std::size_t>(a) * sim::kInjectedFaults + static_cast<std::size_t>(b));
     }
     void merge(const Coverage& other);
 
     [[nodiscard]] std::uint64_t steps(firmware::State state, std::size_t kind) const {
         return steps_[index_of(state)][kind];
     }
-    [[nodiscard]] bool together(sim::Fault a, sim::Fault b) const;  // in either order
-    [[nodiscard]] std::size_t pairs() const;                        // of different faults
+    [[nodiscard]] bool together(sim::InjectedFault a, sim::InjectedFault b) const;  // in either order
+    [[nodiscard]] std::size_t pairs() const;                                        // of different faults
 
   private:
     [[nodiscard]] static std::size_t index_of(firmware::State state);
     std::array<std::array<std::uint64_t, kEventKinds>, kStates.size()> steps_{};
-    std::bitset<sim::kFaults * sim::kFaults> pairs_;
+    std::bitset<sim::kInjectedFaults * sim::kInjectedFaults> pairs_;
 };
 
 // Why the event cannot occur in the state. Empty for a pair that can: the nightly profile must show it. Every pair of

@@ -5,7 +5,7 @@
 
 namespace hord::lab {
 
-using sim::Fault;
+using sim::InjectedFault;
 
 namespace {
 
@@ -21,7 +21,7 @@ constexpr double kToleratedSlip_mm = 4;
 constexpr Duration kAftermath = milliseconds(1000);
 
 // Faults that may affect neither a verdict nor the line: parts that arrive meanwhile count as undisturbed.
-bool harmless(Fault fault) { return fault >= Fault::scada_floods && fault <= Fault::clock_set; }
+bool harmless(InjectedFault fault) { return fault >= InjectedFault::scada_floods && fault <= InjectedFault::clock_set; }
 
 }  // namespace
 
@@ -134,7 +134,7 @@ bool Invariants::pulsed_by_fault(TimePoint at) const {
 
 // -- faults
 
-void Invariants::fault(Fault fault, Duration amount) {
+void Invariants::fault(InjectedFault fault, Duration amount) {
     const TimePoint now = clock_.now();
     TimePoint& effect_until = effect_until_[static_cast<std::size_t>(fault)];
     effect_until = std::max(effect_until, now + amount);
@@ -146,9 +146,9 @@ void Invariants::fault(Fault fault, Duration amount) {
         return 1e-9 * static_cast<double>(motion.count()) * cell_.world().nominal_speed_mm_s();
     };
     switch (fault) {
-        case Fault::process_stalled: stalled_until_ = std::max(stalled_until_, now + amount); break;
-        case Fault::edge_missed: parts_[newest_ % kMemory].invisible = true; break;
-        case Fault::encoder_slip:
+        case InjectedFault::process_stalled: stalled_until_ = std::max(stalled_until_, now + amount); break;
+        case InjectedFault::edge_missed: parts_[newest_ % kMemory].invisible = true; break;
+        case InjectedFault::encoder_slip:
             for (PartHistory& history : parts_) {
                 if (history.number != newest_ && !history.gone) history.slipped_mm += mm_in(amount);
             }
@@ -156,20 +156,20 @@ void Invariants::fault(Fault fault, Duration amount) {
             slipped_mm_ = mm_in(amount);
             if (now < encoder_silent_until_) parts_[newest_ % kMemory].slipped_mm += slipped_mm_;
             break;
-        case Fault::encoder_silent:
+        case InjectedFault::encoder_silent:
             // The newest part's edge then has no count of its own: its position is extrapolated from before the slip.
             if (slipped_at_ == now && now >= encoder_silent_until_) parts_[newest_ % kMemory].slipped_mm += slipped_mm_;
             encoder_silent_until_ = std::max(encoder_silent_until_, now + amount);
             break;
-        case Fault::ejector_stuck:
+        case InjectedFault::ejector_stuck:
             if (PartHistory* history = history_of(last_reject_.part)) history->stuck = true;
             break;
-        case Fault::reject_late: {
+        case InjectedFault::reject_late: {
             const TimePoint from = std::max(last_reject_.start, now) + amount;
             fault_pulses_[next_fault_pulse_++ % fault_pulses_.size()] = {from, from + last_reject_.width};
             break;
         }
-        case Fault::reject_twice: {
+        case InjectedFault::reject_twice: {
             const TimePoint from = last_reject_.start + last_reject_.width + amount;
             fault_pulses_[next_fault_pulse_++ % fault_pulses_.size()] = {from, from + last_reject_.width};
             break;
@@ -179,7 +179,7 @@ void Invariants::fault(Fault fault, Duration amount) {
 }
 
 bool Invariants::any_in_effect(std::uint64_t faults, TimePoint since) const {
-    for (std::size_t k = 0; k < sim::kFaults; ++k) {
+    for (std::size_t k = 0; k < sim::kInjectedFaults; ++k) {
         if ((faults >> k & 1U) != 0 && effect_until_[k] != TimePoint{} && effect_until_[k] >= since) return true;
     }
     return false;

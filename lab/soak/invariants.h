@@ -60,7 +60,7 @@ class Invariants {
     // Called by the world.
     void part_arrives(const sim::PartRecord& part);
     void part_is_gone(const sim::PartRecord& part);
-    void fault(sim::Fault fault, Duration amount);
+    void fault(sim::InjectedFault fault, Duration amount);
 
     // A new process has a new core, which does not know what is on the line.
     void process_starts(const Core& core, const CoreConfig& config);
@@ -150,10 +150,10 @@ class Invariants {
     std::uint64_t newest_ = 0;
     bool part_sensor_up_ = false;
 
-    std::array<TimePoint, sim::kFaults> effect_until_{};  // by fault: end of its effect; zero: it never fired
-    TimePoint faults_until_{};                            // end of the effects of all faults that fired
-    TimePoint disturbed_until_{};                         // the same, including stops and resets
-    TimePoint last_close_ = TimePoint::min();             // a part followed the one ahead too closely
+    std::array<TimePoint, sim::kInjectedFaults> effect_until_{};  // by fault: end of its effect; zero: it never fired
+    TimePoint faults_until_{};                                    // end of the effects of all faults that fired
+    TimePoint disturbed_until_{};                                 // the same, including stops and resets
+    TimePoint last_close_ = TimePoint::min();                     // a part followed the one ahead too closely
     TimePoint stepped_at_{};
     int steps_at_once_ = 0;
     TimePoint slipped_at_{}, encoder_silent_until_{};

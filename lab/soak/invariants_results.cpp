@@ -5,7 +5,7 @@
 
 namespace hord::lab {
 
-using sim::Fault;
+using sim::InjectedFault;
 
 namespace {
 
@@ -13,7 +13,7 @@ template <class... Faults>
 constexpr std::uint64_t any_of(Faults... faults) {
     return ((std::uint64_t{1} << static_cast<unsigned>(faults)) | ...);
 }
-static_assert(sim::kFaults <= 64);
+static_assert(sim::kInjectedFaults <= 64);
 
 // The faults that can cause a reason. A reason that is not listed may follow from any stop or any neighbour.
 struct PossibleCauses {
@@ -22,42 +22,48 @@ struct PossibleCauses {
 };
 constexpr std::array kPossibleCauses{
     PossibleCauses{PartReason::verdict_late,
-                   any_of(Fault::inspector_slow, Fault::process_stalled, Fault::frame_late, Fault::encoder_silent,
-                          Fault::encoder_slip, Fault::belt_stop, Fault::part_sensor_lost, Fault::rejector_down,
-                          Fault::device_unplugged, Fault::inspector_hangs)},
+                   any_of(InjectedFault::inspector_slow, InjectedFault::process_stalled, InjectedFault::frame_late,
+                          InjectedFault::encoder_silent, InjectedFault::encoder_slip, InjectedFault::belt_stop,
+                          InjectedFault::part_sensor_lost, InjectedFault::rejector_down,
+                          InjectedFault::device_unplugged, InjectedFault::inspector_hangs)},
     PossibleCauses{
         PartReason::frame_lost,
-        any_of(Fault::frame_drop, Fault::frame_stale, Fault::frame_late, Fault::sensor_lost, Fault::inspector_slow,
-               Fault::process_stalled, Fault::process_crash, Fault::device_unplugged, Fault::inspector_hangs)},
+        any_of(InjectedFault::frame_drop, InjectedFault::frame_stale, InjectedFault::frame_late,
+               InjectedFault::sensor_lost, InjectedFault::inspector_slow, InjectedFault::process_stalled,
+               InjectedFault::process_crash, InjectedFault::device_unplugged, InjectedFault::inspector_hangs)},
     PossibleCauses{PartReason::frame_stale,
-                   any_of(Fault::frame_stale, Fault::frame_late, Fault::process_stalled, Fault::sensor_lost,
-                          Fault::device_unplugged)},
-    PossibleCauses{PartReason::frame_duplicate, any_of(Fault::frame_duplicate, Fault::frame_late)},
-    PossibleCauses{PartReason::frame_short, any_of(Fault::frame_short)},
-    PossibleCauses{PartReason::frame_corrupt, any_of(Fault::frame_corrupt)},
+                   any_of(InjectedFault::frame_stale, InjectedFault::frame_late, InjectedFault::process_stalled,
+                          InjectedFault::sensor_lost, InjectedFault::device_unplugged)},
+    PossibleCauses{PartReason::frame_duplicate, any_of(InjectedFault::frame_duplicate, InjectedFault::frame_late)},
+    PossibleCauses{PartReason::frame_short, any_of(InjectedFault::frame_short)},
+    PossibleCauses{PartReason::frame_corrupt, any_of(InjectedFault::frame_corrupt)},
+    PossibleCauses{PartReason::strobe_failed,
+                   any_of(InjectedFault::strobe_refused, InjectedFault::strobe_late, InjectedFault::strobe_lost,
+                          InjectedFault::process_stalled, InjectedFault::edge_bounce, InjectedFault::edge_ghost,
+                          InjectedFault::part_close, InjectedFault::encoder_slip, InjectedFault::encoder_silent,
+                          InjectedFault::belt_stop, InjectedFault::part_sensor_lost, InjectedFault::sensor_lost,
+                          InjectedFault::device_unplugged)},
     PossibleCauses{
-        PartReason::strobe_failed,
-        any_of(Fault::strobe_refused, Fault::strobe_late, Fault::strobe_lost, Fault::process_stalled,
-               Fault::edge_bounce, Fault::edge_ghost, Fault::part_close, Fault::encoder_slip, Fault::encoder_silent,
-               Fault::belt_stop, Fault::part_sensor_lost, Fault::sensor_lost, Fault::device_unplugged)},
-    PossibleCauses{PartReason::inspector_failed,
-                   any_of(Fault::inspector_failed, Fault::inspector_slow, Fault::inspector_hangs)},
-    PossibleCauses{
-        PartReason::edge_lost,
-        any_of(Fault::edge_lost, Fault::edge_missed, Fault::edge_bounce, Fault::edge_ghost, Fault::process_stalled,
-               Fault::encoder_silent, Fault::encoder_slip, Fault::belt_stop, Fault::part_touching)},
+        PartReason::inspector_failed,
+        any_of(InjectedFault::inspector_failed, InjectedFault::inspector_slow, InjectedFault::inspector_hangs)},
+    PossibleCauses{PartReason::edge_lost,
+                   any_of(InjectedFault::edge_lost, InjectedFault::edge_missed, InjectedFault::edge_bounce,
+                          InjectedFault::edge_ghost, InjectedFault::process_stalled, InjectedFault::encoder_silent,
+                          InjectedFault::encoder_slip, InjectedFault::belt_stop, InjectedFault::part_touching)},
     PossibleCauses{PartReason::parts_too_close,
-                   any_of(Fault::edge_bounce, Fault::edge_ghost, Fault::part_close, Fault::part_touching,
-                          Fault::encoder_slip, Fault::belt_stop, Fault::process_stalled, Fault::edge_missed,
-                          Fault::part_sensor_lost, Fault::encoder_silent, Fault::restart_ordered, Fault::process_crash,
-                          Fault::plc_commands, Fault::device_unplugged, Fault::plc_walks)},
+                   any_of(InjectedFault::edge_bounce, InjectedFault::edge_ghost, InjectedFault::part_close,
+                          InjectedFault::part_touching, InjectedFault::encoder_slip, InjectedFault::belt_stop,
+                          InjectedFault::process_stalled, InjectedFault::edge_missed, InjectedFault::part_sensor_lost,
+                          InjectedFault::encoder_silent, InjectedFault::restart_ordered, InjectedFault::process_crash,
+                          InjectedFault::plc_commands, InjectedFault::device_unplugged, InjectedFault::plc_walks)},
     PossibleCauses{PartReason::plc_lost,
-                   any_of(Fault::plc_silent, Fault::process_stalled, Fault::process_crash, Fault::restart_ordered,
-                          Fault::plc_walks)},
+                   any_of(InjectedFault::plc_silent, InjectedFault::process_stalled, InjectedFault::process_crash,
+                          InjectedFault::restart_ordered, InjectedFault::plc_walks)},
     PossibleCauses{PartReason::too_dark,
-                   any_of(Fault::frame_dark, Fault::strobe_dead, Fault::strobe_weak, Fault::strobe_late,
-                          Fault::frame_stale, Fault::strobe_lost, Fault::device_unplugged)},
-    PossibleCauses{PartReason::saturated, any_of(Fault::frame_saturated, Fault::frame_stale)},
+                   any_of(InjectedFault::frame_dark, InjectedFault::strobe_dead, InjectedFault::strobe_weak,
+                          InjectedFault::strobe_late, InjectedFault::frame_stale, InjectedFault::strobe_lost,
+                          InjectedFault::device_unplugged)},
+    PossibleCauses{PartReason::saturated, any_of(InjectedFault::frame_saturated, InjectedFault::frame_stale)},
 };
 // Longest time from the end of a fault's effect to the verdict that it causes: a part is on the line for 0.8 s, and a
 // PLC's silence ends with its next cycle.

@@ -9,60 +9,62 @@
 namespace hord::lab {
 namespace {
 
-using sim::Fault;
-using sim::FaultRule;
+using sim::InjectedFault;
+using sim::InjectionRule;
 using namespace std::chrono_literals;
 
 constexpr std::uint64_t kPlanStream = 0x50A7;
 
 // A fault's opportunities in so many parts. Rejections have fewer: at most one part in ten is rejected.
-std::uint64_t opportunities(Fault fault, std::uint64_t parts) {
-    return fault >= Fault::reject_lost && fault <= Fault::rejector_down ? parts / 12 : parts * 9 / 10;
+std::uint64_t opportunities(InjectedFault fault, std::uint64_t parts) {
+    return fault >= InjectedFault::reject_lost && fault <= InjectedFault::rejector_down ? parts / 12 : parts * 9 / 10;
 }
 
 // Faults that may strike only rarely: they stop the line for a second or kill the process.
-bool rare(Fault fault) {
-    return fault == Fault::sensor_lost || fault == Fault::strobe_lost || fault == Fault::part_sensor_lost ||
-        fault == Fault::encoder_silent || fault == Fault::inspector_hangs || fault == Fault::device_unplugged ||
-        fault == Fault::plc_walks || fault == Fault::process_crash || fault == Fault::plc_silent ||
-        fault == Fault::plc_commands || fault == Fault::restart_ordered || fault == Fault::rejector_down;
+bool rare(InjectedFault fault) {
+    return fault == InjectedFault::sensor_lost || fault == InjectedFault::strobe_lost ||
+        fault == InjectedFault::part_sensor_lost || fault == InjectedFault::encoder_silent ||
+        fault == InjectedFault::inspector_hangs || fault == InjectedFault::device_unplugged ||
+        fault == InjectedFault::plc_walks || fault == InjectedFault::process_crash ||
+        fault == InjectedFault::plc_silent || fault == InjectedFault::plc_commands ||
+        fault == InjectedFault::restart_ordered || fault == InjectedFault::rejector_down;
 }
 
 // An amount, from harmless to fatal. Zero: the fault's default.
-hal::Duration draw_amount(Fault fault, std::uint64_t bits) {
+hal::Duration draw_amount(InjectedFault fault, std::uint64_t bits) {
     const auto one_of = [&](std::initializer_list<hal::Duration> choices) {
         return choices.begin()[bits % choices.size()];
     };
     switch (fault) {
-        case Fault::frame_late: return one_of({20ms, 60ms, 200ms, 400ms});
-        case Fault::strobe_late: return one_of({30us, 100us, 300us, 2ms});
-        case Fault::strobe_double: return one_of({20us, 50us, 300us});
-        case Fault::edge_bounce: return one_of({200us, 2ms});
-        case Fault::edge_ghost: return one_of({10ms, 30ms, 55ms});
-        case Fault::encoder_slip: return one_of({1ms, 5ms, 20ms});
-        case Fault::encoder_silent: return one_of({12ms, 80ms, 300ms});
-        case Fault::reject_late: return one_of({3ms, 12ms, 100ms});
-        case Fault::reject_twice: return one_of({20ms, 60ms});
-        case Fault::part_removed: return one_of({40ms, 150ms, 300ms, 700ms});
-        case Fault::belt_stop: return one_of({30ms, 300ms, 1500ms});
-        case Fault::inspector_slow:
+        case InjectedFault::frame_late: return one_of({20ms, 60ms, 200ms, 400ms});
+        case InjectedFault::strobe_late: return one_of({30us, 100us, 300us, 2ms});
+        case InjectedFault::strobe_double: return one_of({20us, 50us, 300us});
+        case InjectedFault::edge_bounce: return one_of({200us, 2ms});
+        case InjectedFault::edge_ghost: return one_of({10ms, 30ms, 55ms});
+        case InjectedFault::encoder_slip: return one_of({1ms, 5ms, 20ms});
+        case InjectedFault::encoder_silent: return one_of({12ms, 80ms, 300ms});
+        case InjectedFault::reject_late: return one_of({3ms, 12ms, 100ms});
+        case InjectedFault::reject_twice: return one_of({20ms, 60ms});
+        case InjectedFault::part_removed: return one_of({40ms, 150ms, 300ms, 700ms});
+        case InjectedFault::belt_stop: return one_of({30ms, 300ms, 1500ms});
+        case InjectedFault::inspector_slow:
             // Around 550 ms: then the verdict is due.
             return one_of({300ms, 530ms, 552ms, 556ms, 560ms, 564ms, 568ms, 1000ms});
-        case Fault::process_stalled: return one_of({10ms, 40ms, 120ms, 400ms});
-        case Fault::sensor_lost:
-        case Fault::strobe_lost:
-        case Fault::part_sensor_lost: return one_of({100ms, 700ms});
-        case Fault::plc_silent: return one_of({600ms, 1300ms, 3000ms});
-        case Fault::process_crash: return one_of({150ms, 400ms, 2000ms});
-        case Fault::store_error:
-        case Fault::store_in_doubt: return one_of({50ms, 1000ms, 4000ms});
-        case Fault::store_slow:
+        case InjectedFault::process_stalled: return one_of({10ms, 40ms, 120ms, 400ms});
+        case InjectedFault::sensor_lost:
+        case InjectedFault::strobe_lost:
+        case InjectedFault::part_sensor_lost: return one_of({100ms, 700ms});
+        case InjectedFault::plc_silent: return one_of({600ms, 1300ms, 3000ms});
+        case InjectedFault::process_crash: return one_of({150ms, 400ms, 2000ms});
+        case InjectedFault::store_error:
+        case InjectedFault::store_in_doubt: return one_of({50ms, 1000ms, 4000ms});
+        case InjectedFault::store_slow:
             return one_of({200ms, 2000ms, 4000ms});  // long enough that the queue of 24 overflows in some
-        case Fault::disk_full: return one_of({1000ms, 3000ms, 5000ms});
-        case Fault::inspector_hangs: return one_of({400ms, 700ms, 1500ms});
-        case Fault::device_unplugged: return one_of({100ms, 300ms, 700ms});
-        case Fault::plc_walks: return one_of({400ms, 1500ms, 2500ms});
-        case Fault::clock_set: return one_of({2ms, 1000ms, 3600000ms});
+        case InjectedFault::disk_full: return one_of({1000ms, 3000ms, 5000ms});
+        case InjectedFault::inspector_hangs: return one_of({400ms, 700ms, 1500ms});
+        case InjectedFault::device_unplugged: return one_of({100ms, 300ms, 700ms});
+        case InjectedFault::plc_walks: return one_of({400ms, 1500ms, 2500ms});
+        case InjectedFault::clock_set: return one_of({2ms, 1000ms, 3600000ms});
         default: return {};
     }
 }
@@ -71,17 +73,18 @@ hal::Duration draw_amount(Fault fault, std::uint64_t bits) {
 
 std::string_view name_of(LineProfile profile) { return profile == LineProfile::timed ? "timed" : "encoder"; }
 
-bool possible(Fault fault, LineProfile line) {
+bool possible(InjectedFault fault, LineProfile line) {
     return line == LineProfile::encoder ||
-        (fault != Fault::encoder_slip && fault != Fault::encoder_silent && fault != Fault::belt_stop);
+        (fault != InjectedFault::encoder_slip && fault != InjectedFault::encoder_silent &&
+         fault != InjectedFault::belt_stop);
 }
 
 EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts) {
-    std::vector<Fault> faults;
+    std::vector<InjectedFault> faults;
     std::uint64_t n = 1000;
     const std::uint64_t count = 1 + sim::random_bits(seed, kPlanStream, n++) % 4;
     while (faults.size() < count) {
-        const auto fault = static_cast<Fault>(sim::random_bits(seed, kPlanStream, n++) % sim::kFaults);
+        const auto fault = static_cast<InjectedFault>(sim::random_bits(seed, kPlanStream, n++) % sim::kInjectedFaults);
         if (std::find(faults.begin(), faults.end(), fault) == faults.end()) faults.push_back(fault);
     }
     EpisodePlan plan = draw_plan(seed, parts, faults);
@@ -89,13 +92,13 @@ EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts) {
     return plan;
 }
 
-EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts, const std::vector<Fault>& faults) {
+EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts, const std::vector<InjectedFault>& faults) {
     EpisodePlan plan{seed, parts, seed % 2 == 0 ? LineProfile::timed : LineProfile::encoder, false, {}};
-    if (!std::all_of(faults.begin(), faults.end(), [&](Fault f) { return possible(f, plan.line); }))
+    if (!std::all_of(faults.begin(), faults.end(), [&](InjectedFault f) { return possible(f, plan.line); }))
         plan.line = LineProfile::encoder;
     auto draw = [&, n = std::uint64_t{0}]() mutable { return sim::random_bits(seed, kPlanStream, n++); };
     const std::uint64_t together = draw() % std::max<std::uint64_t>(parts / 10, 1);
-    for (const Fault fault : faults) {
+    for (const InjectedFault fault : faults) {
         const std::uint64_t all = opportunities(fault, parts);
         const std::uint64_t first = std::min(all / 4, together * all / parts + draw() % 3);
         constexpr double kRates[] = {0.002, 0.01, 0.03};
@@ -106,9 +109,9 @@ EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts, const std::vector
     return plan;
 }
 
-std::string text_of(const std::vector<FaultRule>& faults) {
+std::string text_of(const std::vector<InjectionRule>& faults) {
     std::string text;
-    for (const FaultRule& rule : faults) {
+    for (const InjectionRule& rule : faults) {
         if (!text.empty()) text += ",";
         text += std::string(sim::name_of(rule.fault)) + "@" + std::to_string(rule.first);
         if (rule.last == UINT64_MAX) text += "-";
@@ -123,8 +126,8 @@ std::string text_of(const std::vector<FaultRule>& faults) {
     return text;
 }
 
-Result<std::vector<FaultRule>> faults_of(std::string_view text) {
-    std::vector<FaultRule> rules;
+Result<std::vector<InjectionRule>> faults_of(std::string_view text) {
+    std::vector<InjectionRule> rules;
     const auto bad = [&](std::string_view what) {
         return fail(ErrorCode::invalid_argument, "fault '" + std::string(what) + "' cannot be read",
                     "write NAME, NAME@FIRST, NAME@FIRST-LAST, then :PROBABILITY and +TIMEus or ms as needed; several "
@@ -134,9 +137,9 @@ Result<std::vector<FaultRule>> faults_of(std::string_view text) {
         const std::string item(text.substr(0, text.find(',')));
         text.remove_prefix(std::min(text.size(), item.size() + 1));
         const std::size_t name_end = item.find_first_of("@:+");
-        const auto fault = sim::fault_named(item.substr(0, name_end));
+        const auto fault = sim::injected_fault_named(item.substr(0, name_end));
         if (!fault) return bad(item);
-        FaultRule rule{.fault = *fault};
+        InjectionRule rule{.fault = *fault};
         const char* at = name_end == std::string::npos ? item.c_str() + item.size() : item.c_str() + name_end;
         char* end = nullptr;
         if (*at == '@') {

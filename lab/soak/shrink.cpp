@@ -7,7 +7,7 @@
 namespace hord::lab {
 namespace {
 
-using sim::FaultRule;
+using sim::InjectionRule;
 
 class Shrinker {
   public:
@@ -70,7 +70,7 @@ class Shrinker {
         for (std::size_t k = 0; k < best_.faults.size(); ++k) {
             for (bool halved = true; halved;) {
                 halved = false;
-                const FaultRule rule = best_.faults[k];
+                const InjectionRule rule = best_.faults[k];
                 const std::uint64_t last = std::min(rule.last, rule.first + best_.parts);
                 if (rule.first >= last) break;
                 const std::uint64_t middle = rule.first + (last - rule.first) / 2;

@@ -7,7 +7,7 @@
 namespace hord::lab {
 
 using namespace std::chrono_literals;
-using sim::Fault;
+using sim::InjectedFault;
 
 namespace {
 
@@ -104,7 +104,7 @@ Result<void> SimulatedLine::assemble() {
     cell_ = std::move(*cell);
     invariants_ =
         std::make_unique<Invariants>(Invariants::Rules{options_.frames == nullptr, options_.core, 64}, *cell_, loop_);
-    cell_->faults().watch([this](Fault fault, Duration amount) { invariants_->fault(fault, amount); });
+    cell_->faults().watch([this](InjectedFault fault, Duration amount) { invariants_->fault(fault, amount); });
     store_observer_.emplace(loop_, *invariants_);
     cell_->watch({.part_edge =
                       [this](const sim::PartRecord& part, bool arrives, hal::TimePoint) {
@@ -192,26 +192,26 @@ void SimulatedLine::restart_cleanly() {
 
 void SimulatedLine::part_arrives(const sim::PartRecord& part) {
     invariants_->part_arrives(part);
-    sim::FaultPlan& faults = cell_->faults();
-    if (const auto amount = faults.fires(Fault::process_stalled)) loop_.stall(*amount);
-    if (const auto amount = faults.fires(Fault::process_crash)) {
+    sim::InjectionPlan& faults = cell_->faults();
+    if (const auto amount = faults.fires(InjectedFault::process_stalled)) loop_.stall(*amount);
+    if (const auto amount = faults.fires(InjectedFault::process_crash)) {
         const std::uint64_t moment = sim::random_bits(options_.cell.seed, kMomentStream, drawn_++);
         const auto dies = [this, down_for = *amount] { end_process(down_for, true); };
         if (moment % 2 == 0 && alive())
             process_->proxies->after_calls(static_cast<int>(moment / 2 % 6), dies);  // during a step
         else loop_.call_after(Duration(static_cast<Duration::rep>(moment % 100'000'000)), dies);
     }
-    if (faults.fires(Fault::restart_ordered)) loop_.call_after({}, [this] { restart_cleanly(); });
-    if (const auto amount = faults.fires(Fault::plc_silent)) plc_->be_silent(*amount);
-    if (faults.fires(Fault::plc_repeats)) loop_.call_after({}, [this] { plc_->repeat_a_command(); });
-    if (faults.fires(Fault::plc_commands)) loop_.call_after({}, [this] { plc_->misuse_commands(); });
-    if (const auto amount = faults.fires(Fault::plc_walks))
+    if (faults.fires(InjectedFault::restart_ordered)) loop_.call_after({}, [this] { restart_cleanly(); });
+    if (const auto amount = faults.fires(InjectedFault::plc_silent)) plc_->be_silent(*amount);
+    if (faults.fires(InjectedFault::plc_repeats)) loop_.call_after({}, [this] { plc_->repeat_a_command(); });
+    if (faults.fires(InjectedFault::plc_commands)) loop_.call_after({}, [this] { plc_->misuse_commands(); });
+    if (const auto amount = faults.fires(InjectedFault::plc_walks))
         loop_.call_after({}, [this, stays = *amount] { plc_->walk_states(stays); });
-    if (const auto amount = faults.fires(Fault::device_unplugged)) unplug_something(*amount);
-    if (faults.fires(Fault::plc_nonsense)) loop_.call_after({}, [this] { plc_->write_nonsense(); });
-    if (faults.fires(Fault::scada_floods)) plc_->read_everything();
-    for (const Fault fault :
-         {Fault::store_error, Fault::store_in_doubt, Fault::store_slow, Fault::disk_full, Fault::clock_set}) {
+    if (const auto amount = faults.fires(InjectedFault::device_unplugged)) unplug_something(*amount);
+    if (faults.fires(InjectedFault::plc_nonsense)) loop_.call_after({}, [this] { plc_->write_nonsense(); });
+    if (faults.fires(InjectedFault::scada_floods)) plc_->read_everything();
+    for (const InjectedFault fault : {InjectedFault::store_error, InjectedFault::store_in_doubt,
+                                      InjectedFault::store_slow, InjectedFault::disk_full, InjectedFault::clock_set}) {
         if (const auto amount = faults.fires(fault)) store_observer_->apply_fault(fault, *amount);
     }
 }
@@ -221,7 +221,7 @@ void SimulatedLine::unplug_something(Duration amount) {
     const std::uint64_t draw = sim::random_bits(options_.cell.seed, kMomentStream, drawn_++);
     loop_.call_after(Duration(static_cast<Duration::rep>(draw % 1'500'000'000)),
                      [this, amount, device = static_cast<Device>(draw >> 32U & 3U)] {
-                         invariants_->fault(Fault::device_unplugged, amount);
+                         invariants_->fault(InjectedFault::device_unplugged, amount);
                          switch (device) {
                              case Device::part_sensor: return cell_->unplug_part_sensor(amount);
                              case Device::strobe: return cell_->strobe().unplug(amount);
@@ -234,9 +234,10 @@ void SimulatedLine::unplug_something(Duration amount) {
 StandInAnswer SimulatedLine::judge(std::uint32_t part, const hal::FrameLease& frame) {
     StandInAnswer answer;
     answer.judged = options_.judge ? options_.judge(part, frame) : judge_by_token(frame);
-    if (cell_->faults().fires(Fault::inspector_failed)) answer.judged.failed = true;
-    answer.after = options_.inspection + cell_->faults().fires(Fault::inspector_slow).value_or(Duration::zero());
-    if (const auto amount = cell_->faults().fires(Fault::inspector_hangs))
+    if (cell_->faults().fires(InjectedFault::inspector_failed)) answer.judged.failed = true;
+    answer.after =
+        options_.inspection + cell_->faults().fires(InjectedFault::inspector_slow).value_or(Duration::zero());
+    if (const auto amount = cell_->faults().fires(InjectedFault::inspector_hangs))
         hangs_until_ = std::max(hangs_until_, loop_.now() + *amount);
     answer.after = std::max(answer.after, hangs_until_ - loop_.now());
     return answer;

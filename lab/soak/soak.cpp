@@ -13,7 +13,7 @@
 namespace hord::lab {
 namespace {
 
-using sim::Fault;
+using sim::InjectedFault;
 
 constexpr std::uint64_t kEpisodeStream = 0xE915;
 constexpr std::uint64_t kPairStream = 0x9A12;
@@ -53,17 +53,17 @@ void add_episode(SoakReport& report, SimulatedLine& line, bool over, const std::
     report.processes += line.processes();
     report.stored += line.store_observer().stored();
     report.lost += line.store_observer().lost();
-    const sim::FaultPlan& faults = line.cell().faults();
-    for (std::size_t a = 0; a < sim::kFaults; ++a) {
-        const auto fired = faults.fired(static_cast<Fault>(a));
-        report.planned[a] += faults.names(static_cast<Fault>(a)) ? 1U : 0U;
+    const sim::InjectionPlan& faults = line.cell().faults();
+    for (std::size_t a = 0; a < sim::kInjectedFaults; ++a) {
+        const auto fired = faults.fired(static_cast<InjectedFault>(a));
+        report.planned[a] += faults.names(static_cast<InjectedFault>(a)) ? 1U : 0U;
         report.fired[a] += fired;
         for (std::size_t b = 0; fired > 0 && b < a; ++b) {
-            if (faults.fired(static_cast<Fault>(b)) > 0)
-                report.coverage.fired_together(static_cast<Fault>(a), static_cast<Fault>(b));
+            if (faults.fired(static_cast<InjectedFault>(b)) > 0)
+                report.coverage.fired_together(static_cast<InjectedFault>(a), static_cast<InjectedFault>(b));
         }
     }
-    for (const Fault fault : faults.never_fired())
+    for (const InjectedFault fault : faults.never_fired())
         report.never_fired.push_back(label + ": " + std::string(sim::name_of(fault)));
     report.fingerprint = sim::mix64(report.fingerprint ^ invariants.fingerprint());
 }
@@ -122,7 +122,7 @@ void SoakReport::add(const SoakReport& later) {
     lost += later.lost;
     virtual_s += later.virtual_s;
     for (std::size_t k = 0; k < reasons.size(); ++k) reasons[k] += later.reasons[k];
-    for (std::size_t k = 0; k < sim::kFaults; ++k) {
+    for (std::size_t k = 0; k < sim::kInjectedFaults; ++k) {
         planned[k] += later.planned[k];
         fired[k] += later.fired[k];
     }
@@ -142,11 +142,12 @@ namespace {
 class EpisodePlans {
   public:
     explicit EpisodePlans(const SoakOptions& options) : options_(options) {
-        for (std::size_t a = 0; options.all_pairs && a < sim::kFaults; ++a) {
-            for (std::size_t b = 0; b < a; ++b) pairs_.push_back({static_cast<Fault>(a), static_cast<Fault>(b)});
+        for (std::size_t a = 0; options.all_pairs && a < sim::kInjectedFaults; ++a) {
+            for (std::size_t b = 0; b < a; ++b)
+                pairs_.push_back({static_cast<InjectedFault>(a), static_cast<InjectedFault>(b)});
         }
-        for (std::size_t k = 0; options.all_pairs && k < kWalks * sim::kFaults; ++k) {
-            pairs_.push_back({Fault::plc_walks, static_cast<Fault>(k % sim::kFaults)});
+        for (std::size_t k = 0; options.all_pairs && k < kWalks * sim::kInjectedFaults; ++k) {
+            pairs_.push_back({InjectedFault::plc_walks, static_cast<InjectedFault>(k % sim::kInjectedFaults)});
         }
         const std::uint64_t of_pairs = pairs_.size() * kPairParts,
                             rest = options.parts > of_pairs ? options.parts - of_pairs : 0;
@@ -157,8 +158,8 @@ class EpisodePlans {
         if (number < pairs_.size()) {
             const auto& pair = pairs_[number];
             EpisodePlan plan = draw_plan(sim::random_bits(options_.seed, kPairStream, number), kPairParts, pair);
-            const bool walks = number >= pairs_.size() - kWalks * sim::kFaults;
-            for (sim::FaultRule& rule : plan.faults) {
+            const bool walks = number >= pairs_.size() - kWalks * sim::kInjectedFaults;
+            for (sim::InjectionRule& rule : plan.faults) {
                 if (walks && rule.probability < 1) rule.probability = std::max(rule.probability, 0.03);
             }
             return plan;
@@ -171,7 +172,7 @@ class EpisodePlans {
 
   private:
     const SoakOptions& options_;
-    std::vector<std::vector<Fault>> pairs_;
+    std::vector<std::vector<InjectedFault>> pairs_;
     std::uint64_t count_ = 0;
 };
 
@@ -254,8 +255,8 @@ std::string describe(const SoakReport& r) {
         if (r.broken[k] > 0) text += line("  " + std::string(name_of(static_cast<Promise>(k))), r.broken[k]);
     }
     text += "fingerprint                 " + hex(r.fingerprint) + "\nfaults fired\n";
-    for (std::size_t k = 0; k < sim::kFaults; ++k) {
-        if (r.planned[k] > 0) text += line("  " + std::string(sim::name_of(static_cast<Fault>(k))), r.fired[k]);
+    for (std::size_t k = 0; k < sim::kInjectedFaults; ++k) {
+        if (r.planned[k] > 0) text += line("  " + std::string(sim::name_of(static_cast<InjectedFault>(k))), r.fired[k]);
     }
     text += "verdicts by reason\n";
     for (std::size_t k = 0; k < r.reasons.size(); ++k) {

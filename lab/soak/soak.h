@@ -40,9 +40,9 @@ struct SoakReport {
     std::uint64_t line_stops = 0, resets = 0, excused = 0;
     std::uint64_t stored = 0, lost = 0;  // results on disks; results that the stores report as lost
     std::uint64_t virtual_s = 0;
-    std::array<std::uint64_t, 32> reasons{};            // by PartReason
-    std::array<std::uint64_t, sim::kFaults> planned{};  // episodes whose plan names the fault
-    std::array<std::uint64_t, sim::kFaults> fired{};    // times
+    std::array<std::uint64_t, 32> reasons{};                    // by PartReason
+    std::array<std::uint64_t, sim::kInjectedFaults> planned{};  // episodes whose plan names the fault
+    std::array<std::uint64_t, sim::kInjectedFaults> fired{};    // times
     std::uint64_t real_parts = 0, passed_bad = 0;  // rendered parts, and bad ones of these that the pipeline passed
     std::uint64_t undisturbed = 0;                 // parts checked for Promise::undisturbed_parts
     std::uint64_t processes = 0;                   // those beyond the number of episodes died or were restarted

@@ -10,7 +10,7 @@
 
 namespace hord::lab {
 
-using sim::Fault;
+using sim::InjectedFault;
 
 namespace {
 
@@ -95,18 +95,18 @@ void StoreObserver::report_fault(std::uint32_t faults) {
 
 // -- the disk and the clock
 
-void StoreObserver::apply_fault(Fault fault, Duration amount) {
+void StoreObserver::apply_fault(InjectedFault fault, Duration amount) {
     const hal::TimePoint until = loop_.now() + amount;
     const auto lasts = [&](hal::TimePoint& what) {
         what = std::max(what, until);
         trouble_until_ = std::max(trouble_until_, until);
     };
     switch (fault) {
-        case Fault::store_error: return lasts(broken_until_);
-        case Fault::disk_full: return lasts(full_until_);
-        case Fault::store_in_doubt: return lasts(in_doubt_until_);
-        case Fault::store_slow: return lasts(slow_until_);
-        case Fault::clock_set:
+        case InjectedFault::store_error: return lasts(broken_until_);
+        case InjectedFault::disk_full: return lasts(full_until_);
+        case InjectedFault::store_in_doubt: return lasts(in_doubt_until_);
+        case InjectedFault::store_slow: return lasts(slow_until_);
+        case InjectedFault::clock_set:
             wall_offset_ += sim::random_bits(run_, kClockStream, reported_to_) % 2 == 0 ? amount : -amount;
             return;
         default: return;
@@ -145,16 +145,16 @@ void StoreObserver::on_result(const PartResult& result) {
     recorder_->on_result(result);
 }
 
-Taken StoreObserver::on_acknowledged(const Who& who, std::uint32_t sequence) {
-    const Taken taken = recorder_->on_acknowledged(who, sequence);
+AckStatus StoreObserver::on_acknowledged(const RequestOrigin& who, std::uint32_t sequence) {
+    const AckStatus taken = recorder_->on_acknowledged(who, sequence);
     switch (taken) {
-        case Taken::yes:
+        case AckStatus::recorded:
             if (sequence > stored_to_) violation("a PLC was given a result that a loss of power would take away");
             break;
-        case Taken::not_yet:
+        case AckStatus::not_yet:
             if (loop_.now() >= slow_until_) write_soon(milliseconds(1));
             break;
-        case Taken::cannot:
+        case AckStatus::failed:
             if (loop_.now() > calm_from()) violation("an acknowledgement was refused, and the disk works");
             break;
     }

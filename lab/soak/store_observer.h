@@ -44,11 +44,11 @@ class StoreObserver final : public ResultSink {
     void destroy_recorder() { recorder_.reset(); }  // once no call can reach it
 
     // A fault of the disk or of the wall clock.
-    void apply_fault(sim::Fault fault, Duration amount);
+    void apply_fault(sim::InjectedFault fault, Duration amount);
 
     // ResultSink and the journal, called as in the service.
     void on_result(const PartResult& result) override;
-    Taken on_acknowledged(const Who& who, std::uint32_t sequence) override;
+    AckStatus on_acknowledged(const RequestOrigin& who, std::uint32_t sequence) override;
     void on_change(const Change& change) override;
     void on_inspection(std::uint32_t, const FrameView&, const algo::Inspection&) override {}
     void state(State from, State to, std::uint32_t active);

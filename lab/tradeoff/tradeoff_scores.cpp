@@ -135,10 +135,10 @@ float defect_score(std::span<const float> values, const PlacedDefect& defect) {
 
 // The scores of one feature over all frames.
 struct Seen {
-    std::vector<Scored> good;                          // patches
-    std::array<std::vector<Scored>, kFamilies> bad;    // defects, by family
-    std::array<std::vector<double>, kFamilies> sizes;  // of the same
-    std::vector<std::vector<float>> good_values;       // one map a good shot
+    std::vector<ScoredPlace> good;                        // patches
+    std::array<std::vector<ScoredPlace>, kFamilies> bad;  // defects, by family
+    std::array<std::vector<double>, kFamilies> sizes;     // of the same
+    std::vector<std::vector<float>> good_values;          // one map a good shot
 };
 Result<Seen> see(Eye& eye, const Exposures& shots) {
     Seen seen;
@@ -196,10 +196,10 @@ Result<Json> score(algo::FeatureChoice choice, const Exposures& shots, const Exp
     Json found;
     double flips = 0, defects = 0;
     for (std::size_t family = 0; family < kFamilies; ++family) {
-        std::vector<Scored> all = seen->good;
+        std::vector<ScoredPlace> all = seen->good;
         all.insert(all.end(), seen->bad[family].begin(), seen->bad[family].end());
         const Detection detection = detection_of(all, kFalsePositives, options.repeats, options.seed);
-        std::vector<Tried> tried;
+        std::vector<DetectionTrial> tried;
         for (std::size_t k = 0; k < seen->bad[family].size(); ++k) {
             tried.push_back({seen->sizes[family][k], seen->bad[family][k].score > detection.threshold});
         }

@@ -40,7 +40,7 @@ class DrawnSpots final : public sim::FrameSource {
 class DeviceDiagnosticsTest : public testing::Test {
   protected:
     // Opens the cell with the frames as they are now.
-    void open(std::vector<sim::FaultRule> faults = {}) {
+    void open(std::vector<sim::InjectionRule> faults = {}) {
         sim::CellOptions options;
         options.faults = std::move(faults);
         options.strobe.limits = {2ms, 1ms, 2};
@@ -141,9 +141,9 @@ TEST_F(DeviceDiagnosticsTest, devices_that_are_simulated_are_said_not_to_be_test
 }
 
 TEST_F(DeviceDiagnosticsTest, light_that_does_not_come_is_told) {
-    open({{.fault = sim::Fault::strobe_refused}});
+    open({{.fault = sim::InjectedFault::strobe_refused}});
     EXPECT_EQ(row(check(), "light 0").result, CheckRow::Result::bad);
-    open({{.fault = sim::Fault::strobe_dead}});  // says lit, is not
+    open({{.fault = sim::InjectedFault::strobe_dead}});  // says lit, is not
     const auto rows = check();
     EXPECT_EQ(row(rows, "light 0").result, CheckRow::Result::good);
     EXPECT_EQ(row(rows, "exposure").result, CheckRow::Result::bad);
@@ -151,11 +151,11 @@ TEST_F(DeviceDiagnosticsTest, light_that_does_not_come_is_told) {
 }
 
 TEST_F(DeviceDiagnosticsTest, frames_that_do_not_come_or_are_damaged_are_told) {
-    open({{.fault = sim::Fault::frame_drop}});
+    open({{.fault = sim::InjectedFault::frame_drop}});
     EXPECT_THAT(row(check(), "frame").found, HasSubstr("none within"));
-    open({{.fault = sim::Fault::frame_short}});
+    open({{.fault = sim::InjectedFault::frame_short}});
     EXPECT_THAT(row(check(), "frame").found, HasSubstr("damaged"));
-    open({{.fault = sim::Fault::sensor_lost}});
+    open({{.fault = sim::InjectedFault::sensor_lost}});
     EXPECT_EQ(row(check(), "frame").result, CheckRow::Result::bad);
     frames_ = {};
     under_test_.bins_i = 10;
@@ -186,9 +186,9 @@ TEST_F(DeviceDiagnosticsTest, exposure_saturation_focus_and_stray_light_are_judg
 }
 
 TEST_F(DeviceDiagnosticsTest, a_rejector_that_does_not_act_is_told) {
-    open({{.fault = sim::Fault::reject_lost}});
+    open({{.fault = sim::InjectedFault::reject_lost}});
     EXPECT_EQ(row(check(true), "ejector").result, CheckRow::Result::bad);
-    open({{.fault = sim::Fault::rejector_down, .amount = 3600s}});
+    open({{.fault = sim::InjectedFault::rejector_down, .amount = 3600s}});
     EXPECT_EQ(row(check(true), "ejector").result, CheckRow::Result::bad);
 }
 

@@ -33,7 +33,7 @@ class Cell : public testing::Test {
         loop_.run_for(1s);
         return *station_;
     }
-    void add(Fault fault, std::uint64_t at, hal::Duration amount = {}) {
+    void add(InjectedFault fault, std::uint64_t at, hal::Duration amount = {}) {
         options_.faults.push_back({.fault = fault, .probability = 1, .first = at, .last = at, .amount = amount});
     }
     std::vector<std::uint64_t> numbers_seen() {
@@ -212,14 +212,14 @@ TEST_F(Cell, halting_the_belt_moves_everything_that_is_to_come) {
 TEST_F(Cell, frame_faults_do_what_they_say_and_are_counted) {
     options_.schedule.kinds = {{"good", false, 1}};
     options_.schedule.parts = 10;
-    add(Fault::frame_drop, 1);
-    add(Fault::frame_duplicate, 2);
-    add(Fault::frame_stale, 4);
-    add(Fault::frame_short, 5);
-    add(Fault::frame_corrupt, 6);
-    add(Fault::frame_dark, 7);
-    add(Fault::frame_saturated, 8);
-    add(Fault::frame_late, 9, 1s);
+    add(InjectedFault::frame_drop, 1);
+    add(InjectedFault::frame_duplicate, 2);
+    add(InjectedFault::frame_stale, 4);
+    add(InjectedFault::frame_short, 5);
+    add(InjectedFault::frame_corrupt, 6);
+    add(InjectedFault::frame_dark, 7);
+    add(InjectedFault::frame_saturated, 8);
+    add(InjectedFault::frame_late, 9, 1s);
     const auto& s = run();
     EXPECT_THAT(numbers_seen(), ElementsAre(1, 3, 3, 4, 4, 6, 7, 0, 0, 10));
     std::vector<std::uint32_t> sequences;
@@ -234,10 +234,10 @@ TEST_F(Cell, frame_faults_do_what_they_say_and_are_counted) {
 
 TEST_F(Cell, strobe_faults_change_the_light_and_only_honest_ones_are_reported) {
     options_.schedule.parts = 6;
-    add(Fault::strobe_dead, 1);
-    add(Fault::strobe_refused, 2);
-    add(Fault::strobe_weak, 3);
-    add(Fault::strobe_late, 4);
+    add(InjectedFault::strobe_dead, 1);
+    add(InjectedFault::strobe_refused, 2);
+    add(InjectedFault::strobe_weak, 3);
+    add(InjectedFault::strobe_late, 4);
     const auto& s = run();
     EXPECT_THAT(numbers_seen(), ElementsAre(1, 0, 0, 0, 0, 6));
     ASSERT_EQ(s.strobes.size(), 6U);
@@ -250,10 +250,10 @@ TEST_F(Cell, strobe_faults_change_the_light_and_only_honest_ones_are_reported) {
 
 TEST_F(Cell, edge_faults_show_in_the_sequence_or_not_at_all) {
     options_.schedule.parts = 6;
-    add(Fault::edge_lost, 1);
-    add(Fault::edge_missed, 2);
-    add(Fault::edge_bounce, 3);
-    add(Fault::edge_ghost, 4);
+    add(InjectedFault::edge_lost, 1);
+    add(InjectedFault::edge_missed, 2);
+    add(InjectedFault::edge_bounce, 3);
+    add(InjectedFault::edge_ghost, 4);
     const auto& s = run();
     std::string kinds;
     std::vector<std::uint32_t> gaps;
@@ -274,10 +274,10 @@ TEST_F(Cell, edge_faults_show_in_the_sequence_or_not_at_all) {
 TEST_F(Cell, reject_faults_decide_what_truly_happens_to_the_part) {
     options_.schedule.kinds = {{"bubble", true, 1}};
     options_.schedule.parts = 7;
-    add(Fault::reject_lost, 1);
-    add(Fault::reject_late, 2);  // 100 ms late: it hits part 4
-    add(Fault::ejector_stuck, 5);
-    add(Fault::reject_unacknowledged, 6);
+    add(InjectedFault::reject_lost, 1);
+    add(InjectedFault::reject_late, 2);  // 100 ms late: it hits part 4
+    add(InjectedFault::ejector_stuck, 5);
+    add(InjectedFault::reject_unacknowledged, 6);
     const auto& s = run();
     std::vector<PartRecord::Fate> fates(7);
     for (const PartRecord& part : cell_->history()) fates[part.number - 1] = part.fate;
@@ -293,27 +293,27 @@ TEST_F(Cell, reject_faults_decide_what_truly_happens_to_the_part) {
 }
 
 TEST_F(Cell, taking_a_rule_away_leaves_the_others_where_they_were) {
-    const auto fired = [](std::vector<FaultRule> rules) {
-        FaultPlan plan(42, std::move(rules));
+    const auto fired = [](std::vector<InjectionRule> rules) {
+        InjectionPlan plan(42, std::move(rules));
         std::vector<int> at;
         for (int k = 0; k < 1000; ++k) {
-            if (plan.fires(Fault::frame_drop)) at.push_back(k);
-            (void)plan.fires(Fault::frame_late);
+            if (plan.fires(InjectedFault::frame_drop)) at.push_back(k);
+            (void)plan.fires(InjectedFault::frame_late);
         }
         return at;
     };
-    const FaultRule drop{.fault = Fault::frame_drop, .probability = 0.01},
-        late{.fault = Fault::frame_late, .probability = 0.5};
+    const InjectionRule drop{.fault = InjectedFault::frame_drop, .probability = 0.01},
+        late{.fault = InjectedFault::frame_late, .probability = 0.5};
     EXPECT_EQ(fired({drop, late}), fired({drop}));
     EXPECT_THAT(fired({drop}).size(), AllOf(testing::Ge(3U), testing::Le(25U)));
 }
 
 TEST_F(Cell, every_fault_has_a_name_that_finds_it_again) {
-    for (std::size_t k = 0; k < kFaults; ++k) {
-        const auto fault = static_cast<Fault>(k);
-        EXPECT_EQ(fault_named(name_of(fault)), fault) << k;
+    for (std::size_t k = 0; k < kInjectedFaults; ++k) {
+        const auto fault = static_cast<InjectedFault>(k);
+        EXPECT_EQ(injected_fault_named(name_of(fault)), fault) << k;
     }
-    EXPECT_EQ(fault_named("frame-eaten"), std::nullopt);
+    EXPECT_EQ(injected_fault_named("frame-eaten"), std::nullopt);
 }
 
 TEST_F(Cell, impossible_options_are_all_named_at_once) {

@@ -13,12 +13,12 @@ namespace {
 
 TEST(Detection, area_counts_pairs_in_the_right_order_and_ties_half) {
     // good 1, 2, 3; bad 2, 4: of six pairs 2 > 1, 2 = 2, 2 < 3, 4 > 1, 4 > 2, 4 > 3.
-    const Scored scores[] = {{1, 0, false}, {2, 0, false}, {3, 0, false}, {2, 0, true}, {4, 0, true}};
+    const ScoredPlace scores[] = {{1, 0, false}, {2, 0, false}, {3, 0, false}, {2, 0, true}, {4, 0, true}};
     EXPECT_DOUBLE_EQ(detection_of(scores, 0, 0, 1).auc.value, 4.5 / 6);
 }
 
 TEST(Detection, threshold_keeps_the_false_positives_and_never_cuts_a_tie) {
-    std::vector<Scored> scores;
+    std::vector<ScoredPlace> scores;
     for (int k = 0; k < 10; ++k) scores.push_back({static_cast<float>(k), 0, false});
     for (const float bad : {9.5F, 9.0F, 8.5F, 3.0F}) scores.push_back({bad, 0, true});
     const auto none = detection_of(scores, 0.0, 0, 1);  // only 9.5 is above every good score
@@ -30,15 +30,15 @@ TEST(Detection, threshold_keeps_the_false_positives_and_never_cuts_a_tie) {
 }
 
 TEST(Detection, without_both_kinds_there_is_nothing_to_say) {
-    const Scored only_good[] = {{1, 0, false}, {2, 1, false}};
+    const ScoredPlace only_good[] = {{1, 0, false}, {2, 1, false}};
     EXPECT_EQ(detection_of(only_good, 0.1, 10, 1).auc.high, 0);
     EXPECT_EQ(detection_of({}, 0.1, 10, 1).auc.value, 0);
 }
 
 TEST(Detection, a_difference_of_areas_is_of_the_same_draws) {
     // b is a with two pairs exchanged: of six pairs, a has all in order, b four.
-    const Scored a[] = {{1, 0, false}, {2, 1, false}, {3, 2, false}, {4, 3, true}, {5, 4, true}};
-    const Scored b[] = {{1, 0, false}, {2, 1, false}, {4.5F, 2, false}, {4, 3, true}, {1.5F, 4, true}};
+    const ScoredPlace a[] = {{1, 0, false}, {2, 1, false}, {3, 2, false}, {4, 3, true}, {5, 4, true}};
+    const ScoredPlace b[] = {{1, 0, false}, {2, 1, false}, {4.5F, 2, false}, {4, 3, true}, {1.5F, 4, true}};
     EXPECT_DOUBLE_EQ(auc_difference(a, b, 0, 1).value, 1 - 3.0 / 6);
     // With itself there is none, in any draw.
     const Estimate none = auc_difference(b, b, 200, 1);
@@ -47,8 +47,8 @@ TEST(Detection, a_difference_of_areas_is_of_the_same_draws) {
     EXPECT_EQ(none.high, 0);
     // Scores that a monotone function turns into one another differ in nothing, either: less than the interval of each
     // alone.
-    std::vector<Scored> cubed(std::begin(b), std::end(b));
-    for (Scored& s : cubed) s.score = s.score * s.score * s.score;
+    std::vector<ScoredPlace> cubed(std::begin(b), std::end(b));
+    for (ScoredPlace& s : cubed) s.score = s.score * s.score * s.score;
     EXPECT_EQ(auc_difference(b, cubed, 200, 1).high, 0);
     EXPECT_GT(detection_of(b, 0, 200, 1).auc.high, detection_of(b, 0, 200, 1).auc.low);
 }
@@ -68,8 +68,8 @@ TEST(Limit, is_the_gumbel_quantile_and_never_below_what_was_seen) {
 }
 
 // Normal scores, the bad ones shifted by d: the area is Phi(d / sqrt 2).
-std::vector<Scored> normal_scores(std::uint64_t seed, double shift, int parts, int each) {
-    std::vector<Scored> scores;
+std::vector<ScoredPlace> normal_scores(std::uint64_t seed, double shift, int parts, int each) {
+    std::vector<ScoredPlace> scores;
     sim::Noise draw(seed, 0);
     for (int part = 0; part < parts; ++part) {
         for (int k = 0; k < each; ++k) {
@@ -98,10 +98,10 @@ TEST(Detection, intervals_hold_the_truth_as_often_as_they_say) {
 TEST(Detection, places_of_one_part_widen_the_interval) {
     auto many_parts = normal_scores(1, 1.0, 200, 10);
     auto few_parts = many_parts;
-    for (Scored& s : few_parts) s.part /= 20;
+    for (ScoredPlace& s : few_parts) s.part /= 20;
     // The same scores in ten parts that agree within: as wide as independent ones only by accident.
-    for (Scored& s : few_parts) s.score += static_cast<float>(s.part % 2) * (s.bad ? 1.0F : 0.0F);
-    for (Scored& s : many_parts) s.score += static_cast<float>(s.part / 20 % 2) * (s.bad ? 1.0F : 0.0F);
+    for (ScoredPlace& s : few_parts) s.score += static_cast<float>(s.part % 2) * (s.bad ? 1.0F : 0.0F);
+    for (ScoredPlace& s : many_parts) s.score += static_cast<float>(s.part / 20 % 2) * (s.bad ? 1.0F : 0.0F);
     const auto wide = detection_of(few_parts, 0.1, 300, 3).auc, narrow = detection_of(many_parts, 0.1, 300, 3).auc;
     EXPECT_DOUBLE_EQ(wide.value, narrow.value);
     EXPECT_GT(wide.high - wide.low, 1.5 * (narrow.high - narrow.low));
@@ -109,7 +109,7 @@ TEST(Detection, places_of_one_part_widen_the_interval) {
 
 TEST(PodCurve, finds_the_curve_that_drew_the_trials) {
     const double b1 = 6, b0 = -b1 * std::log(0.4);  // a50 = 0.4
-    std::vector<Tried> tried;
+    std::vector<DetectionTrial> tried;
     sim::Noise draw(5, 0);
     for (int k = 0; k < 4000; ++k) {
         const double size = 0.1 * std::exp(draw.uniform() * std::log(20.0));
@@ -125,7 +125,7 @@ TEST(PodCurve, finds_the_curve_that_drew_the_trials) {
 }
 
 TEST(PodCurve, stays_finite_where_hits_and_misses_are_separated) {
-    std::vector<Tried> tried;
+    std::vector<DetectionTrial> tried;
     for (int k = 1; k <= 40; ++k) tried.push_back({0.05 * k, k > 20});
     const PodCurve curve = pod_curve(tried);
     ASSERT_TRUE(curve.a90);
@@ -134,7 +134,7 @@ TEST(PodCurve, stays_finite_where_hits_and_misses_are_separated) {
 }
 
 TEST(PodCurve, says_nothing_where_size_does_not_help) {
-    std::vector<Tried> tried;
+    std::vector<DetectionTrial> tried;
     for (int k = 1; k <= 40; ++k) tried.push_back({0.05 * k, false});
     EXPECT_FALSE(pod_curve(tried).a90_95);
     for (std::size_t k = 0; k < tried.size(); ++k) tried[k].found = k % 2 == 0;

@@ -6,7 +6,7 @@ namespace hord::contract {
 namespace {
 
 using namespace std::chrono_literals;
-using sim::Fault;
+using sim::InjectedFault;
 
 constexpr hal::Duration kGoneFor = 200ms;
 
@@ -20,7 +20,7 @@ class InCell : public H {
     }
 
   protected:
-    bool lose_by(Fault fault) {
+    bool lose_by(InjectedFault fault) {
         cell_->faults().fire_next(fault, kGoneFor);
         return true;
     }
@@ -36,7 +36,7 @@ class SimPartSensorHarness final : public InCell<PartSensorHarness> {
     }
     hal::PartSensor& device() override { return cell_->part_sensor(); }
     void pass_part() override {}  // they come by themselves, one every 30 ms
-    bool lose() override { return lose_by(Fault::part_sensor_lost); }
+    bool lose() override { return lose_by(InjectedFault::part_sensor_lost); }
 
   private:
     static sim::CellOptions options(double counts_per_mm) {
@@ -58,7 +58,7 @@ class SimStrobeHarness final : public InCell<StrobeHarness> {
         return std::chrono::round<hal::Duration>(
             pulses * std::chrono::duration<double, std::nano>(sim::StrobeOptions{}.nominal_pulse));
     }
-    bool lose() override { return lose_by(Fault::strobe_lost); }
+    bool lose() override { return lose_by(InjectedFault::strobe_lost); }
 
   private:
     static sim::CellOptions options(int channels) {
@@ -73,7 +73,7 @@ class SimSensorHarness final : public InCell<SensorHarness> {
   public:
     explicit SimSensorHarness(std::unique_ptr<LoopRunner> runner) : InCell(std::move(runner)) { cell_->start(); }
     hal::Sensor& device() override { return cell_->sensor(); }
-    bool lose() override { return lose_by(Fault::sensor_lost); }
+    bool lose() override { return lose_by(InjectedFault::sensor_lost); }
 };
 
 class SimRejectorHarness final : public InCell<RejectorHarness> {
@@ -88,7 +88,7 @@ class SimRejectorHarness final : public InCell<RejectorHarness> {
     hal::Rejector& device() override { return cell_->rejector(); }
     std::vector<Actuation> actuations() override { return acts_; }
     bool permit() override { return cell_->rejector().run_permit(); }
-    bool lose() override { return lose_by(Fault::rejector_down); }
+    bool lose() override { return lose_by(InjectedFault::rejector_down); }
 
   private:
     std::vector<Actuation> acts_;

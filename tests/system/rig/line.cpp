@@ -396,7 +396,7 @@ class Line {
     DrivenLine barrier_;
     std::map<std::string, Frame> frames_;
     VideoOut video_;
-    sim::FaultPlan no_faults_{1, {}};
+    sim::InjectionPlan no_faults_{1, {}};
     sim::World world_;
     std::map<std::uint64_t, std::string> faults_;
     std::unique_ptr<sim::CoilModule> module_;

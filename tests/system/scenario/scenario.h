@@ -17,13 +17,14 @@ inline std::unique_ptr<SimulatedLine> run_scenario(const LineOptions& options) {
     line->keep_results(true);
     EXPECT_TRUE(line->run()) << "the line did not come to its end";
     for (const std::string& violation : line->invariants().first_violations()) ADD_FAILURE() << violation;
-    for (const sim::Fault fault : line->cell().faults().never_fired())
+    for (const sim::InjectedFault fault : line->cell().faults().never_fired())
         ADD_FAILURE() << sim::name_of(fault) << " never fired";
     return line;
 }
 
 // `fault` at the opportunities [first, last], counted from 0.
-inline sim::FaultRule always(sim::Fault fault, std::uint64_t first, std::uint64_t last, Duration amount = {}) {
+inline sim::InjectionRule always(sim::InjectedFault fault, std::uint64_t first, std::uint64_t last,
+                                 Duration amount = {}) {
     return {fault, 1, first, last, amount};
 }
 

@@ -4,7 +4,8 @@ namespace hord::lab {
 namespace {
 
 TEST(DevicesLost, the_station_finds_back) {
-    for (const sim::Fault fault : {sim::Fault::part_sensor_lost, sim::Fault::strobe_lost, sim::Fault::sensor_lost}) {
+    for (const sim::InjectedFault fault :
+         {sim::InjectedFault::part_sensor_lost, sim::InjectedFault::strobe_lost, sim::InjectedFault::sensor_lost}) {
         for (auto* line_of : {&timed_line, &encoder_line}) {
             LineOptions options = line_of(13, 150);
             options.cell.faults = {always(fault, 40, 40), always(fault, 80, 80, milliseconds(1700))};

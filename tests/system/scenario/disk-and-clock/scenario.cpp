@@ -19,8 +19,8 @@ std::unique_ptr<SimulatedLine> run_undisturbed(LineOptions options) {
 }
 
 TEST(DiskAndClock, a_disk_in_trouble_costs_no_part_and_no_result) {
-    for (const sim::Fault fault :
-         {sim::Fault::store_error, sim::Fault::store_in_doubt, sim::Fault::store_slow, sim::Fault::disk_full}) {
+    for (const sim::InjectedFault fault : {sim::InjectedFault::store_error, sim::InjectedFault::store_in_doubt,
+                                           sim::InjectedFault::store_slow, sim::InjectedFault::disk_full}) {
         for (auto* line_of : {&timed_line, &encoder_line}) {
             LineOptions options = line_of(31, 300);
             options.cell.faults = {always(fault, 50, 50, milliseconds(1500)),
@@ -35,7 +35,7 @@ TEST(DiskAndClock, a_disk_in_trouble_costs_no_part_and_no_result) {
 
 TEST(DiskAndClock, what_memory_could_not_hold_is_named_in_the_store) {
     LineOptions options = timed_line(32, 300);
-    options.cell.faults = {always(sim::Fault::disk_full, 50, 50, milliseconds(6000))};
+    options.cell.faults = {always(sim::InjectedFault::disk_full, 50, 50, milliseconds(6000))};
     const auto line = run_undisturbed(options);
     ASSERT_NE(line, nullptr);
     EXPECT_GT(line->store_observer().lost(), 10U);
@@ -45,8 +45,8 @@ TEST(DiskAndClock, what_memory_could_not_hold_is_named_in_the_store) {
 TEST(DiskAndClock, a_clock_that_is_set_shows_in_the_records_and_nowhere_else) {
     for (auto* line_of : {&timed_line, &encoder_line}) {
         LineOptions options = line_of(33, 300);
-        options.cell.faults = {always(sim::Fault::clock_set, 40, 44, std::chrono::hours(1)),
-                               always(sim::Fault::clock_set, 140, 160, milliseconds(3))};
+        options.cell.faults = {always(sim::InjectedFault::clock_set, 40, 44, std::chrono::hours(1)),
+                               always(sim::InjectedFault::clock_set, 140, 160, milliseconds(3))};
         const auto line = run_undisturbed(options);
         ASSERT_NE(line, nullptr);
         EXPECT_EQ(line->store_observer().stored(), 300U);

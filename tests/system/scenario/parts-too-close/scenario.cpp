@@ -5,7 +5,7 @@ namespace {
 
 TEST(PartsTooClose, a_bouncing_edge_rejects_the_part) {
     LineOptions options = timed_line(6, 100);
-    options.cell.faults = {always(sim::Fault::edge_bounce, 20, 21)};
+    options.cell.faults = {always(sim::InjectedFault::edge_bounce, 20, 21)};
     const auto line = run_scenario(options);
     ASSERT_NE(line, nullptr);
     EXPECT_GE(line->invariants().of(PartReason::parts_too_close), 2U);
@@ -13,7 +13,7 @@ TEST(PartsTooClose, a_bouncing_edge_rejects_the_part) {
 
 TEST(PartsTooClose, a_ghost_behind_a_part_rejects_both) {
     LineOptions options = timed_line(7, 100);
-    options.cell.faults = {always(sim::Fault::edge_ghost, 20, 20)};
+    options.cell.faults = {always(sim::InjectedFault::edge_ghost, 20, 20)};
     const auto line = run_scenario(options);
     ASSERT_NE(line, nullptr);
     EXPECT_GE(line->invariants().of(PartReason::parts_too_close), 2U);
@@ -31,7 +31,7 @@ TEST(PartsTooClose, parts_that_follow_too_close_are_rejected) {
 
 TEST(PartsTooClose, a_lost_edge_stops_the_line) {
     LineOptions options = timed_line(9, 100);
-    options.cell.faults = {always(sim::Fault::edge_lost, 40, 40)};
+    options.cell.faults = {always(sim::InjectedFault::edge_lost, 40, 40)};
     const auto line = run_scenario(options);
     ASSERT_NE(line, nullptr);
     EXPECT_EQ(line->line_stops(), 1U);

@@ -9,9 +9,9 @@ TEST(PlcMisbehaves, commands_are_carried_out_once_and_the_line_finds_back) {
             LineOptions options = line_of(16, 300);
             options.core.plc_policy = policy;
             options.cell.faults = {
-                always(sim::Fault::plc_repeats, 20, 22),    always(sim::Fault::plc_nonsense, 40, 42),
-                always(sim::Fault::scada_floods, 50, 60),   always(sim::Fault::plc_commands, 80, 80),
-                always(sim::Fault::plc_commands, 120, 120), always(sim::Fault::plc_silent, 160, 160)};
+                always(sim::InjectedFault::plc_repeats, 20, 22),    always(sim::InjectedFault::plc_nonsense, 40, 42),
+                always(sim::InjectedFault::scada_floods, 50, 60),   always(sim::InjectedFault::plc_commands, 80, 80),
+                always(sim::InjectedFault::plc_commands, 120, 120), always(sim::InjectedFault::plc_silent, 160, 160)};
             const auto line = run_scenario(options);
             ASSERT_NE(line, nullptr);
             EXPECT_EQ(line->snapshot().state, State::continuous_execution);

@@ -7,8 +7,8 @@ TEST(ProcessDies, at_any_point_and_no_part_leaves_unjudged) {
     for (std::uint64_t seed = 1; seed <= 12; ++seed) {
         for (auto* line_of : {&timed_line, &encoder_line}) {
             LineOptions options = line_of(seed, 120);
-            options.cell.faults = {always(sim::Fault::process_crash, 20, 20),
-                                   always(sim::Fault::process_crash, 60, 60, milliseconds(2000))};
+            options.cell.faults = {always(sim::InjectedFault::process_crash, 20, 20),
+                                   always(sim::InjectedFault::process_crash, 60, 60, milliseconds(2000))};
             const auto line = run_scenario(options);
             ASSERT_NE(line, nullptr);
             EXPECT_EQ(line->processes(), 3U);
@@ -23,8 +23,8 @@ TEST(ProcessDies, at_any_point_and_no_part_leaves_unjudged) {
 TEST(ProcessDies, restarted_in_order_with_another_configuration) {
     for (auto* line_of : {&timed_line, &encoder_line}) {
         LineOptions options = line_of(3, 150);
-        options.cell.faults = {always(sim::Fault::restart_ordered, 30, 30),
-                               always(sim::Fault::restart_ordered, 90, 90)};
+        options.cell.faults = {always(sim::InjectedFault::restart_ordered, 30, 30),
+                               always(sim::InjectedFault::restart_ordered, 90, 90)};
         const auto line = run_scenario(options);
         ASSERT_NE(line, nullptr);
         EXPECT_EQ(line->processes(), 3U);

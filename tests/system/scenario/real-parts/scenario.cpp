@@ -27,9 +27,10 @@ TEST(RealParts, are_judged_by_the_real_pipeline_and_leave_by_the_right_way) {
 
 TEST(RealParts, under_faulty_light_are_unfit_and_never_passed) {
     LineOptions options = real_line(timed_line(6, 150));
-    options.cell.faults = {always(sim::Fault::strobe_dead, 20, 21), always(sim::Fault::frame_dark, 40, 41),
-                           always(sim::Fault::frame_saturated, 60, 61), always(sim::Fault::frame_stale, 80, 80),
-                           always(sim::Fault::strobe_weak, 100, 101)};
+    options.cell.faults = {
+        always(sim::InjectedFault::strobe_dead, 20, 21), always(sim::InjectedFault::frame_dark, 40, 41),
+        always(sim::InjectedFault::frame_saturated, 60, 61), always(sim::InjectedFault::frame_stale, 80, 80),
+        always(sim::InjectedFault::strobe_weak, 100, 101)};
     const auto line = run_scenario(options);
     ASSERT_NE(line, nullptr);
     EXPECT_GE(line->invariants().of(PartReason::too_dark), 4U);

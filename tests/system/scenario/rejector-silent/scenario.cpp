@@ -3,7 +3,7 @@
 namespace hord::lab {
 namespace {
 
-void expect_line_stop(sim::Fault fault) {
+void expect_line_stop(sim::InjectedFault fault) {
     for (auto* line_of : {&timed_line, &encoder_line}) {
         LineOptions options = line_of(3, 200);
         options.cell.faults = {always(fault, 4, 6)};
@@ -16,10 +16,12 @@ void expect_line_stop(sim::Fault fault) {
     }
 }
 
-TEST(RejectorSilent, a_lost_command_stops_the_line) { expect_line_stop(sim::Fault::reject_lost); }
-TEST(RejectorSilent, a_missing_acknowledgement_stops_the_line) { expect_line_stop(sim::Fault::reject_unacknowledged); }
-TEST(RejectorSilent, a_late_pulse_stops_the_line) { expect_line_stop(sim::Fault::reject_late); }
-TEST(RejectorSilent, a_lost_link_stops_the_line) { expect_line_stop(sim::Fault::rejector_down); }
+TEST(RejectorSilent, a_lost_command_stops_the_line) { expect_line_stop(sim::InjectedFault::reject_lost); }
+TEST(RejectorSilent, a_missing_acknowledgement_stops_the_line) {
+    expect_line_stop(sim::InjectedFault::reject_unacknowledged);
+}
+TEST(RejectorSilent, a_late_pulse_stops_the_line) { expect_line_stop(sim::InjectedFault::reject_late); }
+TEST(RejectorSilent, a_lost_link_stops_the_line) { expect_line_stop(sim::InjectedFault::rejector_down); }
 
 }  // namespace
 }  // namespace hord::lab

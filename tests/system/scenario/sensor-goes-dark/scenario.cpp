@@ -6,7 +6,7 @@ namespace {
 TEST(SensorGoesDark, dark_parts_are_rejected_and_repeated_darkness_stops_the_line) {
     for (auto* line_of : {&timed_line, &encoder_line}) {
         LineOptions options = line_of(2, 120);
-        options.cell.faults = {always(sim::Fault::frame_dark, 20, 29)};
+        options.cell.faults = {always(sim::InjectedFault::frame_dark, 20, 29)};
         const auto line = run_scenario(options);
         ASSERT_NE(line, nullptr);
         EXPECT_GE(line->invariants().of(PartReason::too_dark), 5U);

@@ -6,8 +6,8 @@
 namespace hord::lab {
 namespace {
 
-using sim::Fault;
-using sim::FaultRule;
+using sim::InjectedFault;
+using sim::InjectionRule;
 
 TEST(Plan, survives_as_text) {
     for (std::uint64_t seed = 1; seed <= 300; ++seed) {
@@ -16,7 +16,7 @@ TEST(Plan, survives_as_text) {
         ASSERT_TRUE(again) << again.error().message();
         ASSERT_EQ(again->size(), plan.faults.size());
         for (std::size_t k = 0; k < plan.faults.size(); ++k) {
-            const FaultRule &a = plan.faults[k], &b = (*again)[k];
+            const InjectionRule &a = plan.faults[k], &b = (*again)[k];
             EXPECT_TRUE(a.fault == b.fault && a.probability == b.probability && a.first == b.first &&
                         a.last == b.last && a.amount == b.amount)
                 << text_of({a});
@@ -36,20 +36,20 @@ TEST(Plan, nonsense_is_refused_by_name) {
 
 TEST(Shrink, finds_the_two_faults_that_must_meet_and_no_more) {
     // Breaks when a frame is dropped at exposure 37 and an edge is lost at arrival 40, of 41 parts or more.
-    const auto fires = [](const EpisodePlan& plan, Fault fault, std::uint64_t at) {
-        for (const FaultRule& rule : plan.faults) {
+    const auto fires = [](const EpisodePlan& plan, InjectedFault fault, std::uint64_t at) {
+        for (const InjectionRule& rule : plan.faults) {
             if (rule.fault == fault && rule.first <= at && at <= rule.last) return true;
         }
         return false;
     };
     const Try attempt = [&](const EpisodePlan& plan) -> Result<Breakage> {
-        if (plan.parts > 40 && fires(plan, Fault::frame_drop, 37) && fires(plan, Fault::edge_lost, 40))
+        if (plan.parts > 40 && fires(plan, InjectedFault::frame_drop, 37) && fires(plan, InjectedFault::edge_lost, 40))
             return Breakage{"own-data", 41};
         return Breakage{};
     };
     EpisodePlan plan{5, 5'000, LineProfile::timed, false, {}};
-    for (const Fault fault :
-         {Fault::strobe_dead, Fault::frame_drop, Fault::reject_lost, Fault::edge_lost, Fault::process_crash}) {
+    for (const InjectedFault fault : {InjectedFault::strobe_dead, InjectedFault::frame_drop, InjectedFault::reject_lost,
+                                      InjectedFault::edge_lost, InjectedFault::process_crash}) {
         plan.faults.push_back({fault, 0.02, 3, 4'500, {}});
     }
     const auto shrunk = shrink(plan, attempt);

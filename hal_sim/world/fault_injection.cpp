@@ -1,4 +1,4 @@
-#include "hal_sim/world/faults.h"
+#include "hal_sim/world/fault_injection.h"
 
 #include <utility>
 
@@ -13,7 +13,7 @@ struct Row {
     std::string_view name;
     hal::Duration amount;
 };
-constexpr std::array<Row, kFaults> kRows = {{
+constexpr std::array<Row, kInjectedFaults> kRows = {{
     {"frame-drop", 0ns},         {"frame-duplicate", 0ns},    {"frame-stale", 0ns},      {"frame-late", 200ms},
     {"frame-short", 0ns},        {"frame-corrupt", 0ns},      {"frame-dark", 0ns},       {"frame-saturated", 0ns},
     {"sensor-lost", 100ms},      {"strobe-dead", 0ns},        {"strobe-refused", 0ns},   {"strobe-weak", 0ns},
@@ -31,32 +31,32 @@ constexpr std::array<Row, kFaults> kRows = {{
 
 }  // namespace
 
-std::string_view name_of(Fault fault) { return kRows[static_cast<std::size_t>(fault)].name; }
+std::string_view name_of(InjectedFault fault) { return kRows[static_cast<std::size_t>(fault)].name; }
 
-std::optional<Fault> fault_named(std::string_view name) {
-    for (std::size_t k = 0; k < kFaults; ++k) {
-        if (kRows[k].name == name) return static_cast<Fault>(k);
+std::optional<InjectedFault> injected_fault_named(std::string_view name) {
+    for (std::size_t k = 0; k < kInjectedFaults; ++k) {
+        if (kRows[k].name == name) return static_cast<InjectedFault>(k);
     }
     return std::nullopt;
 }
 
-FaultPlan::FaultPlan(std::uint64_t seed, std::vector<FaultRule> rules) : seed_(seed) {
-    for (FaultRule& rule : rules) {
+InjectionPlan::InjectionPlan(std::uint64_t seed, std::vector<InjectionRule> rules) : seed_(seed) {
+    for (InjectionRule& rule : rules) {
         if (rule.amount == 0ns) rule.amount = kRows[index(rule.fault)].amount;
         tracks_[index(rule.fault)].rules.push_back(rule);
     }
 }
 
-void FaultPlan::fire_next(Fault fault, hal::Duration amount) {
+void InjectionPlan::fire_next(InjectedFault fault, hal::Duration amount) {
     tracks_[index(fault)].next = amount == 0ns ? kRows[index(fault)].amount : amount;
 }
 
-std::optional<hal::Duration> FaultPlan::fires(Fault fault) {
+std::optional<hal::Duration> InjectionPlan::fires(InjectedFault fault) {
     Track& track = tracks_[index(fault)];
     const std::uint64_t opportunity = track.opportunities++;
     if (track.next) return fire(track, fault, *std::exchange(track.next, std::nullopt));
     if (track.rules.empty()) return std::nullopt;
-    for (const FaultRule& rule : track.rules) {
+    for (const InjectionRule& rule : track.rules) {
         if (opportunity < rule.first || opportunity > rule.last) continue;
         if (random_unit(seed_, 0xFA00U + index(fault), opportunity) >= rule.probability) continue;
         return fire(track, fault, rule.amount);
@@ -64,16 +64,16 @@ std::optional<hal::Duration> FaultPlan::fires(Fault fault) {
     return std::nullopt;
 }
 
-std::optional<hal::Duration> FaultPlan::fire(Track& track, Fault fault, hal::Duration amount) {
+std::optional<hal::Duration> InjectionPlan::fire(Track& track, InjectedFault fault, hal::Duration amount) {
     ++track.fired;
     if (watcher_) watcher_(fault, amount);
     return amount;
 }
 
-std::vector<Fault> FaultPlan::never_fired() const {
-    std::vector<Fault> out;
-    for (std::size_t k = 0; k < kFaults; ++k) {
-        if (!tracks_[k].rules.empty() && tracks_[k].fired == 0) out.push_back(static_cast<Fault>(k));
+std::vector<InjectedFault> InjectionPlan::never_fired() const {
+    std::vector<InjectedFault> out;
+    for (std::size_t k = 0; k < kInjectedFaults; ++k) {
+        if (!tracks_[k].rules.empty() && tracks_[k].fired == 0) out.push_back(static_cast<InjectedFault>(k));
     }
     return out;
 }

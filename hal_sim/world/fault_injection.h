@@ -14,7 +14,7 @@
 namespace hord::sim {
 
 // Second column: the opportunity at which the fault may fire. Third: its effect, with the default `amount` in brackets.
-enum class Fault : std::uint8_t {
+enum class InjectedFault : std::uint8_t {
     frame_drop,             // each exposure       never delivered; the device's count shows a gap
     frame_duplicate,        // each exposure       delivered twice, same sequence
     frame_stale,            // each exposure       the frame before it comes in its place, with its old time
@@ -68,50 +68,50 @@ enum class Fault : std::uint8_t {
                        // `amount` (300 ms)
     plc_walks,  // each arrival        the PLC leads the station to some state, and leaves it there for `amount` (1.5 s)
 };
-inline constexpr std::size_t kFaults = static_cast<std::size_t>(Fault::plc_walks) + 1;
+inline constexpr std::size_t kInjectedFaults = static_cast<std::size_t>(InjectedFault::plc_walks) + 1;
 
-std::string_view name_of(Fault fault);  // "frame-drop"
-std::optional<Fault> fault_named(std::string_view name);
+std::string_view name_of(InjectedFault fault);  // "frame-drop"
+std::optional<InjectedFault> injected_fault_named(std::string_view name);
 
-struct FaultRule {
-    Fault fault = Fault::frame_drop;
+struct InjectionRule {
+    InjectedFault fault = InjectedFault::frame_drop;
     double probability = 1;           // of each opportunity in [first, last]
     std::uint64_t first = 0;          // opportunities count from 0
     std::uint64_t last = UINT64_MAX;  // inclusive
     hal::Duration amount{};           // 0: the fault's default
 };
 
-class FaultPlan {
+class InjectionPlan {
   public:
-    FaultPlan(std::uint64_t seed, std::vector<FaultRule> rules);
+    InjectionPlan(std::uint64_t seed, std::vector<InjectionRule> rules);
 
     // Counts an opportunity. Returns the amount of the first rule that fires, if any. Depends only on the seed, the
     // fault and the number of the opportunity, so removing a rule does not change the others.
-    std::optional<hal::Duration> fires(Fault fault);
+    std::optional<hal::Duration> fires(InjectedFault fault);
 
     // The callback runs whenever a fault fires.
-    void watch(std::function<void(Fault, hal::Duration amount)> watcher) { watcher_ = std::move(watcher); }
+    void watch(std::function<void(InjectedFault, hal::Duration amount)> watcher) { watcher_ = std::move(watcher); }
 
     // The next opportunity fires once, regardless of the rules. amount 0: the default.
-    void fire_next(Fault fault, hal::Duration amount = {});
+    void fire_next(InjectedFault fault, hal::Duration amount = {});
 
-    [[nodiscard]] bool names(Fault fault) const { return !tracks_[index(fault)].rules.empty(); }
-    [[nodiscard]] std::uint64_t opportunities(Fault fault) const { return tracks_[index(fault)].opportunities; }
-    [[nodiscard]] std::uint64_t fired(Fault fault) const { return tracks_[index(fault)].fired; }
-    [[nodiscard]] std::vector<Fault> never_fired() const;  // named by a rule
+    [[nodiscard]] bool names(InjectedFault fault) const { return !tracks_[index(fault)].rules.empty(); }
+    [[nodiscard]] std::uint64_t opportunities(InjectedFault fault) const { return tracks_[index(fault)].opportunities; }
+    [[nodiscard]] std::uint64_t fired(InjectedFault fault) const { return tracks_[index(fault)].fired; }
+    [[nodiscard]] std::vector<InjectedFault> never_fired() const;  // named by a rule
 
   private:
-    static std::size_t index(Fault fault) { return static_cast<std::size_t>(fault); }
+    static std::size_t index(InjectedFault fault) { return static_cast<std::size_t>(fault); }
     struct Track {
-        std::vector<FaultRule> rules;
+        std::vector<InjectionRule> rules;
         std::optional<hal::Duration> next;
         std::uint64_t opportunities = 0, fired = 0;
     };
-    std::optional<hal::Duration> fire(Track& track, Fault fault, hal::Duration amount);
+    std::optional<hal::Duration> fire(Track& track, InjectedFault fault, hal::Duration amount);
 
     std::uint64_t seed_;
-    std::array<Track, kFaults> tracks_;
-    std::function<void(Fault, hal::Duration)> watcher_;
+    std::array<Track, kInjectedFaults> tracks_;
+    std::function<void(InjectedFault, hal::Duration)> watcher_;
 };
 
 }  // namespace hord::sim
