@@ -41,9 +41,9 @@ std::string name_or_number(E value) {
     return name == "unknown" ? fmt::format("{}", static_cast<int>(value)) : std::string(name);
 }
 
-Who who_asked(const modbus::Origin& origin) { return {std::string(origin.peer), 0}; }
+RequestOrigin who_asked(const modbus::Origin& origin) { return {std::string(origin.peer), 0}; }
 // "127.0.0.1:50123 for anna": the name that the sender gives is recorded beside its address.
-Who who_asked(const modbus::Origin& origin, const CommandRequest& request) {
+RequestOrigin who_asked(const modbus::Origin& origin, const CommandRequest& request) {
     const std::string_view name = request.who.view();
     return {name.empty() ? std::string(origin.peer) : fmt::format("{} for {}", origin.peer, name), request.token};
 }
@@ -100,7 +100,7 @@ void CommandHandler::begin(Dependencies dependencies, NumberedRecipe recipe) {
 // -- commands
 
 CommandOutcome CommandHandler::on_command(const modbus::Origin& origin, const CommandRequest& request) {
-    const Who who = who_asked(origin, request);
+    const RequestOrigin who = who_asked(origin, request);
     const State before = dependencies_->station.core().state();
     const CommandOutcome outcome = carry_out(who, request);
     if (outcome.state != CommandState::executing) record(who, request, before, outcome);
@@ -108,7 +108,7 @@ CommandOutcome CommandHandler::on_command(const modbus::Origin& origin, const Co
     return outcome;
 }
 
-CommandOutcome CommandHandler::carry_out(const Who& who, const CommandRequest& request) {
+CommandOutcome CommandHandler::carry_out(const RequestOrigin& who, const CommandRequest& request) {
     const auto command = static_cast<Command>(request.code);
     if (is_state_command(command)) {
         const bool ends_teach = command == Command::abort || command == Command::halt;
@@ -126,7 +126,7 @@ CommandOutcome CommandHandler::carry_out(const Who& who, const CommandRequest& r
     }
 }
 
-void CommandHandler::record(const Who& who, const CommandRequest& request, State before,
+void CommandHandler::record(const RequestOrigin& who, const CommandRequest& request, State before,
                             const CommandOutcome& outcome) {
     if (dependencies_->recorder == nullptr) return;
     std::string after = name_or_number(outcome.state);
@@ -141,7 +141,7 @@ void CommandHandler::report(const Error& error) const {
 
 // -- recipes
 
-Result<void> CommandHandler::use(const Who& who, NumberedRecipe recipe) {
+Result<void> CommandHandler::use(const RequestOrigin& who, NumberedRecipe recipe) {
     const State state = dependencies_->station.core().state();
     if (executing(state)) {
         return fail(ErrorCode::refused,
@@ -164,7 +164,7 @@ Result<void> CommandHandler::use(const Who& who, NumberedRecipe recipe) {
 }
 
 // Gives the recipe to the inspector; if it accepts, stores and records it.
-Result<void> CommandHandler::switch_to(const Who& who, NumberedRecipe recipe) {
+Result<void> CommandHandler::switch_to(const RequestOrigin& who, NumberedRecipe recipe) {
     if (auto taken = dependencies_->inspector.use(recipe.recipe, recipe.number); !taken) return taken;
     const NumberedRecipe before = std::exchange(recipe_, std::move(recipe));
     dependencies_->plc_interface.stage(staged_from(recipe_));
@@ -183,7 +183,7 @@ CommandOutcome CommandHandler::outcome_of_use(const Result<void>& result) {
                                                             : CommandError::bad_argument);
 }
 
-CommandOutcome CommandHandler::use_recipe(const Who& who, const CommandRequest& request) {
+CommandOutcome CommandHandler::use_recipe(const RequestOrigin& who, const CommandRequest& request) {
     if (executing(dependencies_->station.core().state())) return failed(CommandError::not_in_this_state);
     if (request.argument > 0xFFFE) return failed(CommandError::bad_argument);
     if (!dependencies_->recipe) return failed(CommandError::no_such_recipe);
@@ -199,7 +199,7 @@ CommandOutcome CommandHandler::use_recipe(const Who& who, const CommandRequest& 
 
 CommandOutcome CommandHandler::on_recipe(const modbus::Origin& origin, const CommandRequest& request,
                                          const StagedRecipe& staged) {
-    const Who who = who_asked(origin, request);
+    const RequestOrigin who = who_asked(origin, request);
     const State before = dependencies_->station.core().state();
     const CommandOutcome outcome = outcome_of_use(use(who, with_staged(recipe_, staged)));
     record(who, request, before, outcome);
@@ -210,7 +210,7 @@ CommandOutcome CommandHandler::on_recipe(const modbus::Origin& origin, const Com
 // -- self-test
 
 // Judges rendered parts at once; then one flash and one frame of the empty line, whose outcome comes later.
-CommandOutcome CommandHandler::self_test(const Who& who, const CommandRequest& request) {
+CommandOutcome CommandHandler::self_test(const RequestOrigin& who, const CommandRequest& request) {
     Station& station = dependencies_->station;
     const State state = station.core().state();
     if (state != State::initialized && state != State::ready) return failed(CommandError::not_in_this_state);
@@ -242,7 +242,7 @@ CommandOutcome CommandHandler::self_test(const Who& who, const CommandRequest& r
 
 // -- teaching
 
-CommandOutcome CommandHandler::teach(const Who& who, const CommandRequest& request) {
+CommandOutcome CommandHandler::teach(const RequestOrigin& who, const CommandRequest& request) {
     if (dependencies_->teacher == nullptr) return failed(CommandError::not_supported);
     const State state = dependencies_->station.core().state();
     if (state != State::initialized && state != State::ready && !executing(state))
@@ -314,13 +314,13 @@ Result<void> CommandHandler::use_learned_reference() {
 // -- the PLC itself
 
 modbus::Exception CommandHandler::on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) {
-    const Taken taken = dependencies_->recorder != nullptr
+    const AckStatus taken = dependencies_->recorder != nullptr
         ? dependencies_->recorder->on_acknowledged(who_asked(origin), sequence)
-        : Taken::yes;
+        : AckStatus::recorded;
     switch (taken) {
-        case Taken::yes: return modbus::Exception::none;
-        case Taken::not_yet: return modbus::Exception::busy;
-        case Taken::cannot: break;
+        case AckStatus::recorded: return modbus::Exception::none;
+        case AckStatus::not_yet: return modbus::Exception::busy;
+        case AckStatus::failed: break;
     }
     return modbus::Exception::device_failure;
 }

@@ -50,7 +50,7 @@ class CommandHandler final : public PlcHandler {
     // Switches to another recipe. A running teach is cancelled and a waiting learned reference is discarded, because
     // they belong to the old recipe. Fails with refused (the station executes) or the pipeline's error; the old recipe
     // stays.
-    Result<void> use(const Who& who, NumberedRecipe recipe);
+    Result<void> use(const RequestOrigin& who, NumberedRecipe recipe);
 
     // Switches to the learned reference if one waits, the station does not execute and the line is empty; else does
     // nothing. Call it when that may have become true. Fails with the inspector's error; the old recipe stays.
@@ -64,30 +64,30 @@ class CommandHandler final : public PlcHandler {
     void on_plc_back() override;
 
   private:
-    [[nodiscard]] CommandOutcome carry_out(const Who& who, const CommandRequest& request);
-    [[nodiscard]] CommandOutcome use_recipe(const Who& who, const CommandRequest& request);
-    [[nodiscard]] CommandOutcome self_test(const Who& who, const CommandRequest& request);
+    [[nodiscard]] CommandOutcome carry_out(const RequestOrigin& who, const CommandRequest& request);
+    [[nodiscard]] CommandOutcome use_recipe(const RequestOrigin& who, const CommandRequest& request);
+    [[nodiscard]] CommandOutcome self_test(const RequestOrigin& who, const CommandRequest& request);
     [[nodiscard]] CommandOutcome outcome_of_use(const Result<void>& done);
-    [[nodiscard]] CommandOutcome teach(const Who& who, const CommandRequest& request);
+    [[nodiscard]] CommandOutcome teach(const RequestOrigin& who, const CommandRequest& request);
     void on_learned(Result<TeachResult> result);
     void end_teach(const CommandOutcome& outcome);
     bool cancel_teach(const std::string& why);
-    Result<void> switch_to(const Who& who, NumberedRecipe recipe);
-    void record(const Who& who, const CommandRequest& request, State before, const CommandOutcome& outcome);
+    Result<void> switch_to(const RequestOrigin& who, NumberedRecipe recipe);
+    void record(const RequestOrigin& who, const CommandRequest& request, State before, const CommandOutcome& outcome);
     void report(const Error& error) const;
 
     hal::EventLoop& loop_;
     std::optional<Dependencies> dependencies_;
     NumberedRecipe recipe_;
     struct RunningTeach {
-        Who who;
+        RequestOrigin who;
         CommandRequest request;
         State before = State::preoperational;
         std::uint32_t parts = 0;
     };
     std::optional<RunningTeach> running_teach_;  // under way
     struct PendingReference {
-        Who who;
+        RequestOrigin who;
         NumberedRecipe recipe;
     };
     std::optional<PendingReference> pending_reference_;  // taught, and in use as soon as the line is empty

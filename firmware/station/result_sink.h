@@ -14,7 +14,7 @@
 namespace hord::firmware {
 
 // Origin of a request: peer address and command token. Both empty: the station itself.
-struct Who {
+struct RequestOrigin {
     std::string peer;  // "192.0.2.7:50123", a serial line's device
     std::uint32_t token = 0;
 };
@@ -22,16 +22,16 @@ struct Who {
 struct Change {
     enum class What : std::uint8_t { recipe, configuration, command };
     What what = What::command;
-    Who who;
+    RequestOrigin who;
     std::string name;           // of the recipe, the key or the command
     std::string before, after;  // a recipe: the text of its file; a command: the state before, and its outcome
 };
 
-// Whether a PLC may take results: only after they are stored so that a loss of power does not lose them.
-enum class Taken : std::uint8_t {
-    yes,
+// Answer to an acknowledgement by the PLC: it is recorded only when a loss of power no longer loses the results.
+enum class AckStatus : std::uint8_t {
+    recorded,
     not_yet,  // soon: the PLC repeats its write
-    cannot,   // they cannot be stored now
+    failed,   // they cannot be stored now
 };
 
 class ResultSink {
@@ -41,8 +41,8 @@ class ResultSink {
     // Every result once, in order, before a PLC can read it.
     virtual void on_result(const PartResult& result) = 0;
 
-    // A PLC acknowledges the results up to `sequence`. `yes`: recorded; else nothing has changed.
-    virtual Taken on_acknowledged(const Who& who, std::uint32_t sequence) = 0;
+    // A PLC acknowledges the results up to `sequence`. Unless `recorded`, nothing has changed.
+    virtual AckStatus on_acknowledged(const RequestOrigin& who, std::uint32_t sequence) = 0;
 
     // After the change or command, also after a failed one.
     virtual void on_change(const Change& change) = 0;

@@ -55,13 +55,13 @@ void StationRecorder::on_result(const PartResult& result) {
     queue_.add(std::move(record));
 }
 
-Taken StationRecorder::on_acknowledged(const Who& who, std::uint32_t sequence) {
+AckStatus StationRecorder::on_acknowledged(const RequestOrigin& who, std::uint32_t sequence) {
     switch (queue_.acknowledge(who.peer, utc_now_(), sequence)) {
-        case Kept::kept: return Taken::yes;
-        case Kept::not_yet: return Taken::not_yet;
+        case Kept::kept: return AckStatus::recorded;
+        case Kept::not_yet: return AckStatus::not_yet;
         case Kept::failing: break;
     }
-    return Taken::cannot;
+    return AckStatus::failed;
 }
 
 void StationRecorder::on_change(const Change& change) {

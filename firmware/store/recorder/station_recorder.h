@@ -35,7 +35,7 @@ class StationRecorder final : public ResultSink {
     void in_use(ChangeRecord::What what, const std::string& name, const std::string& text);
 
     void on_result(const PartResult& result) override;
-    Taken on_acknowledged(const Who& who, std::uint32_t sequence) override;
+    AckStatus on_acknowledged(const RequestOrigin& who, std::uint32_t sequence) override;
     void on_change(const Change& change) override;
     void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) override;
 

@@ -92,12 +92,12 @@ TEST_F(PlcCommands, a_result_says_where_the_worst_defect_is_and_which_recipe_jud
     rejector.listener->on_reject({1, hal::RejectReport::Outcome::confirmed, loop.now()});
     publish();
     EXPECT_THAT(read(220, 3), ElementsAre(17, 42, 0));
-    notes.answer = Taken::not_yet;
+    notes.answer = AckStatus::not_yet;
     EXPECT_EQ(write(8103, {0, 1}), Exception::busy);
-    notes.answer = Taken::cannot;
+    notes.answer = AckStatus::failed;
     EXPECT_EQ(write(8103, {0, 1}), Exception::device_failure);
     EXPECT_EQ(notes.acknowledged.size(), 0U);
-    notes.answer = Taken::yes;
+    notes.answer = AckStatus::recorded;
     EXPECT_EQ(write(8103, {0, 1}), Exception::none);
     EXPECT_THAT(notes.acknowledged, ElementsAre(1U));
 }

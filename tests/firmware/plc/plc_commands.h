@@ -20,9 +20,9 @@ struct Notes final : ResultSink {
     std::vector<Change> changes;
     std::vector<std::uint32_t> acknowledged;
     void on_result(const PartResult&) override {}
-    Taken answer = Taken::yes;
-    Taken on_acknowledged(const Who&, std::uint32_t sequence) override {
-        if (answer == Taken::yes) acknowledged.push_back(sequence);
+    AckStatus answer = AckStatus::recorded;
+    AckStatus on_acknowledged(const RequestOrigin&, std::uint32_t sequence) override {
+        if (answer == AckStatus::recorded) acknowledged.push_back(sequence);
         return answer;
     }
     void on_change(const Change& change) override { changes.push_back(change); }
