@@ -41,11 +41,18 @@ constexpr std::string_view name_of(Verdict v) {
     return names[static_cast<unsigned>(v)];
 }
 
-// The printed names of the first two reasons are older than their enumerators; archives and clients know them.
 constexpr std::string_view name_of(Reason r) {
-    constexpr std::string_view names[] = {"none",     "deflection", "slope",          "absorption",
-                                          "too-dark", "saturated",  "nothing-to-see", "not-registered"};
+    constexpr std::string_view names[] = {"none",     "neighbours-disagree", "deflection-gradient", "absorption",
+                                          "too-dark", "saturated",           "nothing-to-see",      "not-registered"};
     return names[static_cast<unsigned>(r)];
+}
+
+// Two reasons had other names once; stores and kept frames may hold them. Returns the present name; any other name is
+// returned as it is.
+constexpr std::string_view present_reason_name(std::string_view name) {
+    if (name == "deflection") return name_of(Reason::neighbours_disagree);
+    if (name == "slope") return name_of(Reason::deflection_gradient);
+    return name;
 }
 
 constexpr std::string_view name_of(DefectKind k) {

@@ -9,8 +9,8 @@ namespace {
 PartReason reason_of(algo::Reason reason) {
     switch (reason) {
         case algo::Reason::none: return PartReason::none;
-        case algo::Reason::neighbours_disagree: return PartReason::deflection;
-        case algo::Reason::deflection_gradient: return PartReason::slope;
+        case algo::Reason::neighbours_disagree: return PartReason::neighbours_disagree;
+        case algo::Reason::deflection_gradient: return PartReason::deflection_gradient;
         case algo::Reason::absorption: return PartReason::absorption;
         case algo::Reason::too_dark: return PartReason::too_dark;
         case algo::Reason::saturated: return PartReason::saturated;

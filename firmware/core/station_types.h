@@ -47,8 +47,8 @@ constexpr std::string_view name_of(PartVerdict verdict) {
 // judged; such a part is rejected.
 enum class PartReason : std::uint16_t {
     none = static_cast<std::uint16_t>(algo::Reason::none),
-    deflection = static_cast<std::uint16_t>(algo::Reason::neighbours_disagree),
-    slope = static_cast<std::uint16_t>(algo::Reason::deflection_gradient),
+    neighbours_disagree = static_cast<std::uint16_t>(algo::Reason::neighbours_disagree),
+    deflection_gradient = static_cast<std::uint16_t>(algo::Reason::deflection_gradient),
     absorption = static_cast<std::uint16_t>(algo::Reason::absorption),
     too_dark = static_cast<std::uint16_t>(algo::Reason::too_dark),
     saturated = static_cast<std::uint16_t>(algo::Reason::saturated),
@@ -74,8 +74,8 @@ constexpr bool is_judged(PartReason reason) { return static_cast<std::uint16_t>(
 constexpr std::string_view name_of(PartReason reason) {
     switch (reason) {
         case PartReason::none:
-        case PartReason::deflection:
-        case PartReason::slope:
+        case PartReason::neighbours_disagree:
+        case PartReason::deflection_gradient:
         case PartReason::absorption:
         case PartReason::too_dark:
         case PartReason::saturated:

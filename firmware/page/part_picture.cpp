@@ -51,7 +51,7 @@ std::vector<FeatureView> views_of(const algo::Inspection& found, const algo::Rec
                          recipe.transmission_limit});
     if (recipe.reference && !found.compares) {
         if (found.z_score.empty()) nothing.assign(found.mask.size(), 0.0F);
-        views.push_back({"surprise", "differs from good parts", "noises",
+        views.push_back({"z-score", "differs from good parts", "noises",
                          found.z_score.empty() ? algo::Map(nothing) : found.z_score, recipe.reject_score});
     }
     return views;
@@ -61,7 +61,8 @@ std::vector<FeatureView> views_of(const algo::Inspection& found, const algo::Rec
 std::optional<FeatureView> chosen(const std::vector<FeatureView>& views, const std::string& feature,
                                   algo::Reason reason) {
     const auto named = [&](std::string_view name) { return std::ranges::find(views, name, &FeatureView::name); };
-    auto found = named(!feature.empty()                                  ? std::string_view(feature)
+    auto found = named(feature == "surprise"                             ? "z-score"  // its former name
+                           : !feature.empty()                            ? std::string_view(feature)
                            : reason == algo::Reason::deflection_gradient ? "slope"
                            : reason == algo::Reason::absorption          ? "transmission"
                                                                          : "");

@@ -71,7 +71,7 @@ struct NamedMap {
 };
 constexpr NamedMap kMaps[] = {{"emd", &PartMaps::emd, &PartMaps::emd_mask},
                               {"even", &PartMaps::even, &PartMaps::even_mask},
-                              {"surprise", &PartMaps::z_score, &PartMaps::z_score_mask}};
+                              {"z-score", &PartMaps::z_score, &PartMaps::z_score_mask}};
 
 // The deviance of each lenslet, an upper bound for any score: twice the log likelihood ratio of its bins as measured
 // and as the reference expects them. Noise is that of photons and readings alone: Poisson where light is missing,

@@ -129,7 +129,7 @@ void report_contrast(Report& report) {
         // Contrasts below one sigma count as one.
         const auto over = [](double here, double emd) { return here / std::max(emd, 1.0); };
         const auto name = scene["scene"].get<std::string>();
-        const double emd = median("each", "emd"), z_score = median("each", "surprise"), ratio = over(z_score, emd);
+        const double emd = median("each", "emd"), z_score = median("each", "z-score"), ratio = over(z_score, emd);
         const double surest = median("each", "surest"), surest_ratio = over(surest, emd);
         if (name == "cut beside") {
             by_place.rows.push_back(
@@ -147,7 +147,7 @@ void report_contrast(Report& report) {
                 fmt::format("{}{}: {:.1f}x (EMD gradient {:.1f}, here {:.1f} clean sigmas, median of {} exposures)",
                             measured.empty() ? "" : "; ", name, ratio, emd, z_score, scene["each"]["emd"].size());
         }
-        const double emd_averaged = median("averaged", "emd"), z_averaged = median("averaged", "surprise");
+        const double emd_averaged = median("averaged", "emd"), z_averaged = median("averaged", "z-score");
         scenes.rows.push_back({name, fmt::format("{:.1f}", scene["radius"].get<double>()), fmt::format("{:.1f}", emd),
                                fmt::format("{:.1f}", median("each", "even")), fmt::format("{:.1f}", z_score),
                                fmt::format("{:.1f}x", ratio), fmt::format("{:.1f}", surest),

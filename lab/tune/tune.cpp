@@ -99,7 +99,7 @@ class Tuner {
     std::optional<WorstValue> worst_;
     std::vector<Part> parts_;
     std::vector<Frame> timed_;
-    std::vector<std::vector<Scored>> scored_;  // by feature set
+    std::vector<std::vector<ScoredPlace>> scored_;  // by feature set
     Tuned tuned_;
 };
 
@@ -240,7 +240,7 @@ void Tuner::set_limits(MeasuredFeatureSet& measured, const Values& limits, std::
             measured.no_limit = readable.error().what;
     }
     // Scores: 1 and above is rejected.
-    std::vector<Scored> scored;
+    std::vector<ScoredPlace> scored;
     for (const Part& part : parts_) {
         double score = 0;
         if (set.reference) {

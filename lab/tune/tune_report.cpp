@@ -85,8 +85,8 @@ void add_choice(TemplateFields& fields, const Tuned& tuned) {
             not_considered += fmt::format("Without a limit, and not considered: {}: {}.\n", m.set.name(), m.no_limit);
     }
     fields["alike"] = alike == 0 ? ""
-        : alike == 1             ? "1 other rung that fits is"
-                                 : fmt::format("{} other rungs that fit are", alike);
+        : alike == 1             ? "1 other feature set that fits is"
+                                 : fmt::format("{} other feature sets that fit are", alike);
     fields["separates"] = yes(best.auc.low >= 1);
     fields["limits"] = limits_of(chosen.recipe.recipe);
     fields["false_rejects"] = fmt::format("{:g}", 100 * tuned.false_rejects);
@@ -109,7 +109,7 @@ void add_choice(TemplateFields& fields, const Tuned& tuned) {
 }  // namespace
 
 Table table_of(const Tuned& tuned) {
-    Table table{{"rung", "AUC (95 %)", "below the best (95 %)", "bad found", "good rejected", "ms a frame",
+    Table table{{"feature set", "AUC (95 %)", "below the best (95 %)", "bad found", "good rejected", "ms a frame",
                  "ms of processor", ""},
                 {}};
     for (const MeasuredFeatureSet* m : by_time(tuned)) {
@@ -124,7 +124,7 @@ Table table_of(const Tuned& tuned) {
 }
 
 Table numbers_of(const Tuned& tuned) {
-    Table table{{"rung", "auc", "auc_low", "auc_high", "behind", "behind_low", "behind_high", "bad_found", "bad",
+    Table table{{"feature_set", "auc", "auc_low", "auc_high", "behind", "behind_low", "behind_high", "bad_found", "bad",
                  "good_rejected", "good", "wall_ms", "processor_ms", "fits", "chosen", "limits"},
                 {}};
     for (const MeasuredFeatureSet* m : by_time(tuned)) {
@@ -144,7 +144,7 @@ Json to_json(const Tuned& tuned) {
     const auto estimate = [](const Estimate& v) { return Json{{"value", v.value}, {"low", v.low}, {"high", v.high}}; };
     Json sets = Json::array(), left_out = Json::array();
     for (const MeasuredFeatureSet* m : by_time(tuned)) {
-        Json one{{"rung", m->set.name()},
+        Json one{{"feature_set", m->set.name()},
                  {"auc", estimate(m->auc)},
                  {"behind_best", estimate(m->behind)},
                  {"ms", {{"wall", m->wall_ms}, {"processor", m->processor_ms}}},
@@ -164,7 +164,7 @@ Json to_json(const Tuned& tuned) {
             {"budget_ms", tuned.budget_ms},
             {"best", tuned.best ? Json(tuned.feature_sets[*tuned.best].set.name()) : Json()},
             {"chosen", tuned.chosen ? Json(tuned.feature_sets[*tuned.chosen].set.name()) : Json()},
-            {"rungs", sets},
+            {"feature_sets", sets},
             {"left_out", left_out}};
 }
 

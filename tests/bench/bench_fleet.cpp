@@ -91,7 +91,7 @@ class CountedResults final : public mqtt::ResultSource {
             r.sequence = r.part = static_cast<std::uint32_t>(k);
             const bool reject = k % 10 == 0;
             r.verdict = reject ? "reject" : "pass";
-            r.reason = reject ? "deflection" : "none";
+            r.reason = reject ? "neighbours-disagree" : "none";
             r.reject = reject ? "confirmed" : "not-needed";
             r.score = reject ? 1.7 : 0.4;
             r.defect_count = reject ? 1 : 0;

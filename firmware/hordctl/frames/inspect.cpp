@@ -61,12 +61,12 @@ std::optional<InspectedMap> inspected_map(const algo::FeatureChoice& choice, con
     }
 }
 
-constexpr const char* kSurprise = "surprise";
+constexpr const char* kZScore = "z-score";
 
 // What a recipe judges by that a map shows best.
 std::string shown_of(const algo::Recipe& recipe) {
     if (recipe.gradient) return std::string(name_of(*recipe.gradient));
-    if (recipe.reference) return kSurprise;
+    if (recipe.reference) return kZScore;
     return std::string(name_of(recipe.slopes ? algo::Feature::jacobian_frobenius : algo::Feature::transmission));
 }
 
@@ -236,13 +236,17 @@ class Inspector {
             recipe_ = std::move(*recipe);
         }
         if (learned_) recipe_.reference = learned_;
-        const std::string feature = options_.feature.empty() ? shown_of(recipe_) : options_.feature;
+        std::string feature = options_.feature.empty() ? shown_of(recipe_) : options_.feature;
+        if (feature == "surprise") {
+            fmt::print(stderr, "hordctl: the feature \"surprise\" is called \"{}\" now\n", kZScore);
+            feature = kZScore;
+        }
         const auto choice = algo::feature_named(feature);
-        if (!choice && feature == kSurprise) {
+        if (!choice && feature == kZScore) {
             if (!recipe_.reference)
-                return fail(ErrorCode::invalid_argument, "the surprise is that of a learned reference",
+                return fail(ErrorCode::invalid_argument, "the z-score is measured against a learned reference",
                             "give --reference REFERENCE (hordctl learn)");
-            surprise_ = true;
+            show_z_score_ = true;
         } else if (!choice)
             return fail(ErrorCode::invalid_argument, "feature " + feature + " is not known",
                         "use one of " + known_features());
@@ -314,12 +318,12 @@ class Inspector {
 
   private:
     Result<void> set_up(const algo::Extents& extents, int bits) {
-        const auto inspected = surprise_ ? std::nullopt : inspected_map(choice_, recipe_);
+        const auto inspected = show_z_score_ ? std::nullopt : inspected_map(choice_, recipe_);
         const bool extra = inspected && inspected->limit == 0;
         auto pipeline =
             algo::Pipeline::create(extents, bits, recipe_, 1, extra ? algo::MapSet::all : algo::MapSet::judged);
         if (!pipeline) return tl::unexpected(pipeline.error());
-        if (!inspected && !surprise_) {
+        if (!inspected && !show_z_score_) {
             auto mapper =
                 algo::FeatureMapper::create(extents, bits, algo::light_levels(recipe_, bits), choice_.feature);
             if (!mapper) return tl::unexpected(mapper.error());
@@ -333,8 +337,8 @@ class Inspector {
 
     // The map of the feature asked for; its time counts as the feature's.
     Result<FeatureView> view(const FrameView& frame, algo::Inspection& found) {
-        if (surprise_) {
-            FeatureView seen{kSurprise, "noises", found.z_score, found.mask, recipe_.reject_score};
+        if (show_z_score_) {
+            FeatureView seen{kZScore, "noises", found.z_score, found.mask, recipe_.reject_score};
             if (found.z_score.empty()) {  // unfit: nothing was compared
                 nothing_.assign(found.mask.size(), 0.0F);
                 seen.map = nothing_;
@@ -374,7 +378,7 @@ class Inspector {
     const InspectOptions& options_;
     FrameReader reader_;
     std::shared_ptr<const algo::Reference> learned_;  // none: references are frames
-    bool surprise_ = false;                           // the map asked for
+    bool show_z_score_ = false;                       // the map asked for
     std::vector<float> nothing_;
     algo::FeatureChoice choice_;
     algo::Recipe recipe_;
@@ -419,7 +423,7 @@ void add_inspect(CLI::App& program, Exit& status) {
         "Feature whose map and statistics are written; without it, what the recipe judges by (emd). One of " +
             known_features());
     command->add_option("--reference", options->reference,
-                        "What hordctl learn has learned: parts are judged against it, and --feature surprise shows "
+                        "What hordctl learn has learned: parts are judged against it, and --feature z-score shows "
                         "where they differ. Or a frame of a good part at the same place, for the reference- features");
     command
         ->add_option("--bits", options->bits,
@@ -432,7 +436,7 @@ void add_inspect(CLI::App& program, Exit& status) {
         "         hordctl inspect part.png --feature reference-chi2 --reference good_part.png --out maps\n"
         "         hordctl inspect part.png --reference lens.hordref --out maps");
     command->callback([options, feature, &status] {
-        if (feature->count() == 0 && is_reference(options->reference)) options->feature = kSurprise;
+        if (feature->count() == 0 && is_reference(options->reference)) options->feature = kZScore;
         status = run_inspect(*options);
     });
 }

@@ -183,9 +183,10 @@ Exit run_tune(const TuneArguments& arguments) {
     }
     if (tuned->chosen && !options.base.recipe.tolerances.empty() &&
         !tuned->feature_sets[*tuned->chosen].set.reference) {
-        fmt::print(stderr,
-                   "hordctl: the tolerances of {} need a reference, which this rung does without: they are left out\n",
-                   arguments.recipe);
+        fmt::print(
+            stderr,
+            "hordctl: the tolerances of {} need a reference, which this feature set does without: they are left out\n",
+            arguments.recipe);
     }
     if (tuned->chosen && !arguments.out.empty()) {
         const std::string made =
@@ -207,7 +208,7 @@ Exit run_tune(const TuneArguments& arguments) {
                          "no feature has a limit that lets these good parts pass: " + fastest->no_limit,
                          "see that the frames are of good parts"});
     return complain({ErrorCode::refused,
-                     fmt::format("no rung fits {:g} ms: the fastest, {}, takes {:.3g} ms", arguments.budget_ms,
+                     fmt::format("no feature set fits {:g} ms: the fastest, {}, takes {:.3g} ms", arguments.budget_ms,
                                  fastest->set.name(), fastest->wall_ms),
                      "allow more (--budget), use more threads (--threads), or a smaller part of the field"});
 }
@@ -237,8 +238,9 @@ void add_tune(CLI::App& program, Exit& status) {
     command->add_option("--recipe", arguments->recipe,
                         "Recipe to start from: its light levels, zones, rim, smallest area, reference and tolerances "
                         "stay; without it the default recipe");
-    command->add_option("--reference", arguments->reference,
-                        "What hordctl learn has learned from other good parts: rungs that use it are measured, too");
+    command->add_option(
+        "--reference", arguments->reference,
+        "What hordctl learn has learned from other good parts: feature sets that use it are measured, too");
     command
         ->add_option("--false-rejects", arguments->false_rejects_percent,
                      "Share of good parts that each limit may reject, by a fit to the good frames, %")
@@ -258,11 +260,12 @@ void add_tune(CLI::App& program, Exit& status) {
         ->capture_default_str();
     command->add_flag("--json", arguments->json, "Print one JSON object");
     command->footer(
-        "Chosen is the fastest choice of features (rung) whose area under the ROC curve is within 0.005 of the best "
+        "Chosen is the fastest feature set whose area under the ROC curve is within 0.005 of the best "
         "that fits the budget;\n"
         "of those within 5 % of its time, the one with the fewest features. Times are of this machine as it is now: "
         "see that it is quiet.\n"
-        "Exit status: 0 a rung was chosen, 2 usage, unreadable or too few frames, no rung fits, or --out exists.\n"
+        "Exit status: 0 a feature set was chosen, 2 usage, unreadable or too few frames, no feature set fits, or --out "
+        "exists.\n"
         "Example: hordctl tune --good good --bad bad --budget 40 --out lens.toml\n"
         "         hordctl tune --good new_good --bad bad --budget 200 --reference lens.hordref --out lens.toml");
     command->callback([arguments, &status] { status = run_tune(*arguments); });

@@ -40,6 +40,9 @@ Result<void> complete(ResultsOptions& options) {
     };
     if (auto done = read(options.since, options.filter.since); !done) return done;
     if (auto done = read(options.until, options.filter.until); !done) return done;
+    if (const auto present = algo::present_reason_name(options.filter.reason); present != options.filter.reason) {
+        fmt::print(stderr, "hordctl: the reason \"{}\" is called \"{}\" now\n", options.filter.reason, present);
+    }
     if (options.newest > 0) options.filter.newest = options.newest;
     if (options.run > 0) options.filter.run = options.run;
     return {};
@@ -144,7 +147,7 @@ void add_results(CLI::App& program, Exit& status) {
     add_filters(command, *options);
     command->add_option("--verdict", options->filter.verdict, "pass, reject or unfit")
         ->check(CLI::IsMember({"pass", "reject", "unfit"}));
-    command->add_option("--reason", options->filter.reason, "Such as deflection or verdict-late");
+    command->add_option("--reason", options->filter.reason, "Such as neighbours-disagree or verdict-late");
     command
         ->add_option("--kind", options->filter.kind,
                      "With such a defect: unknown, scattering, absorbing, surface, scratch")

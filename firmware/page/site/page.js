@@ -406,7 +406,7 @@ function follow() {
   };
 }
 
-const kReasons = ["deflection", "slope", "absorption", "too-dark", "saturated", "nothing-to-see", "not-registered", "verdict-late", "frame-lost", "frame-stale", "frame-duplicate", "frame-short", "frame-corrupt", "strobe-failed",
+const kReasons = ["neighbours-disagree", "deflection-gradient", "absorption", "too-dark", "saturated", "nothing-to-see", "not-registered", "verdict-late", "frame-lost", "frame-stale", "frame-duplicate", "frame-short", "frame-corrupt", "strobe-failed",
   "parts-too-close", "station-not-running", "device-lost", "line-full", "edge-lost", "inspector-failed", "plc-lost"];
 document.querySelector('[name="reason"]').append(...kReasons.map((reason) => element("option", reason)));
 follow();

@@ -49,7 +49,7 @@ Archived read_metadata(const std::string& metadata) {
     archived.replayed.role = json.at("role").get<std::string>();
     Judgement& then = archived.replayed.then;
     then.verdict = json.at("verdict").get<std::string>();
-    then.reason = json.at("reason").get<std::string>();
+    then.reason = algo::present_reason_name(json.at("reason").get<std::string>());
     then.score = json.at("score").get<float>();
     then.defects = defects_in(json.at("defects"));
     then.maps_sha256 = json.at("maps_sha256").get<std::string>();

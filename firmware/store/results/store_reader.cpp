@@ -105,7 +105,12 @@ Result<void> StoreReader::each_result(const ResultFilter& filter,
                   std::int64_t{*filter.boot});
     if (filter.part) where.add("part = ", std::int64_t{*filter.part});
     if (!filter.verdict.empty()) where.add("verdict = ", filter.verdict);
-    if (!filter.reason.empty()) where.add("reason = ", filter.reason);
+    if (!filter.reason.empty()) {
+        where.add(
+            "CASE reason WHEN 'deflection' THEN 'neighbours-disagree' WHEN 'slope' THEN 'deflection-gradient' "
+            "ELSE reason END = ",
+            std::string(algo::present_reason_name(filter.reason)));
+    }
     if (!filter.recipe.empty())
         where.add("recipe IN (SELECT number FROM changes WHERE what = 'recipe' AND name = ", filter.recipe);
     if (!filter.kind.empty())
@@ -147,7 +152,7 @@ Result<void> StoreReader::each_result(const ResultFilter& filter,
         result.sequence = static_cast<std::uint32_t>(integer(rows->value(4)));
         result.part = static_cast<std::uint32_t>(integer(rows->value(5)));
         result.verdict = text(rows->value(6));
-        result.reason = text(rows->value(7));
+        result.reason = algo::present_reason_name(text(rows->value(7)));
         result.reject = text(rows->value(8));
         const Value score = rows->value(9);
         if (const auto* real = std::get_if<double>(&score)) result.score = *real;

@@ -87,7 +87,7 @@ std::uint64_t digest(const Inspection& seen) {
 }
 
 // The literals are those of the pipeline without a choice of features.
-TEST(Rungs, the_usual_ones_give_the_bits_they_always_gave) {
+TEST(FeatureSets, the_usual_ones_give_the_bits_they_always_gave) {
     const struct {
         Extents extents;
         std::uint64_t digest;
@@ -101,7 +101,7 @@ TEST(Rungs, the_usual_ones_give_the_bits_they_always_gave) {
     }
 }
 
-TEST(Rungs, each_is_the_feature_map_of_its_name_and_leaves_the_others_as_they_are) {
+TEST(FeatureSets, each_is_the_feature_map_of_its_name_and_leaves_the_others_as_they_are) {
     for (const Extents& e : kGeometries) {
         for (const int bits : {8, 12}) {
             const Frame frame = eventful(e, bits);
@@ -131,7 +131,7 @@ TEST(Rungs, each_is_the_feature_map_of_its_name_and_leaves_the_others_as_they_ar
     }
 }
 
-TEST(Rungs, do_not_depend_on_the_number_of_threads) {
+TEST(FeatureSets, do_not_depend_on_the_number_of_threads) {
     const Extents e{33, 65, 9, 9};
     const Frame frame = eventful(e, 8);
     for (const Recipe& recipe : {only(Feature::chi2, true, true), only(Feature::marginal, false, true),
@@ -154,7 +154,7 @@ TEST(Rungs, do_not_depend_on_the_number_of_threads) {
     }
 }
 
-TEST(Rungs, what_is_off_is_empty_and_judged_by_nobody) {
+TEST(FeatureSets, what_is_off_is_empty_and_judged_by_nobody) {
     const Extents e{40, 36, 9, 9};
     const Frame frame = eventful(e, 8);
     Pipeline usual = pipeline_for(e, 8, {});
@@ -204,7 +204,7 @@ TEST(Rungs, what_is_off_is_empty_and_judged_by_nobody) {
     }
 }
 
-TEST(Rungs, allocate_nothing_for_a_good_part) {
+TEST(FeatureSets, allocate_nothing_for_a_good_part) {
     const Extents e{40, 36, 9, 9};
     for (const Recipe& recipe : {only(Feature::chi2, true, true), only(Feature::hellinger, true, true),
                                  only(Feature::marginal, false, true), only(std::nullopt, true, false)}) {
@@ -223,7 +223,7 @@ TEST(Rungs, allocate_nothing_for_a_good_part) {
     }
 }
 
-TEST(Rungs, contradictions_are_named) {
+TEST(FeatureSets, contradictions_are_named) {
     const Extents e{40, 36, 9, 9};
     const auto said = [&](const Recipe& recipe) {
         std::string lines;

@@ -342,10 +342,11 @@ void run_seeds(const CoreConfig& config, std::uint64_t from) {
     }
     // Coverage: every reason and every outcome must have occurred.
     for (const PartReason reason :
-         {PartReason::none, PartReason::slope, PartReason::too_dark, PartReason::verdict_late, PartReason::frame_lost,
-          PartReason::frame_stale, PartReason::frame_duplicate, PartReason::frame_short, PartReason::frame_corrupt,
-          PartReason::strobe_failed, PartReason::parts_too_close, PartReason::station_not_running,
-          PartReason::device_lost, PartReason::edge_lost, PartReason::inspector_failed}) {
+         {PartReason::none, PartReason::deflection_gradient, PartReason::too_dark, PartReason::verdict_late,
+          PartReason::frame_lost, PartReason::frame_stale, PartReason::frame_duplicate, PartReason::frame_short,
+          PartReason::frame_corrupt, PartReason::strobe_failed, PartReason::parts_too_close,
+          PartReason::station_not_running, PartReason::device_lost, PartReason::edge_lost,
+          PartReason::inspector_failed}) {
         if (config.by_encoder && reason == PartReason::verdict_late) continue;
         EXPECT_GT(reasons[reason], 0) << name_of(reason) << " never happened";
     }

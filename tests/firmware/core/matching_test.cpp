@@ -48,7 +48,7 @@ TEST_F(Running, a_bad_part_is_ejected_when_it_is_there) {
     EXPECT_EQ(rig.rejects[0].width, milliseconds(15));
     rig.advance(milliseconds(21));
     rig.confirmed(part);
-    EXPECT_EQ(rig.only_result().reason, PartReason::deflection);
+    EXPECT_EQ(rig.only_result().reason, PartReason::neighbours_disagree);
     EXPECT_EQ(rig.only_result().reject, RejectState::confirmed);
     EXPECT_EQ(rig.only_result().reject_latency_us, 176'000U);
     EXPECT_EQ(rig.only_result().defects, 2);

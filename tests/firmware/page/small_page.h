@@ -153,7 +153,7 @@ inline RingResult seen(std::uint32_t sequence, const std::string& verdict = "pas
     result.sequence = sequence;
     result.part = sequence + 100;
     result.verdict = verdict;
-    result.reason = verdict == "pass" ? "none" : "deflection";
+    result.reason = verdict == "pass" ? "none" : "neighbours-disagree";
     result.reject = verdict == "pass" ? "not_needed" : "confirmed";
     result.score = 0.5;
     result.latency_us = 120'000;

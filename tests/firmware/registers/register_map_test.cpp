@@ -31,7 +31,7 @@ Snapshot example() {
               .part = 9,
               .arrived_ns = 12'345'678'901'234,
               .verdict = PartVerdict::reject,
-              .reason = PartReason::slope,
+              .reason = PartReason::deflection_gradient,
               .defects = 2,
               .score = 1.2345F,
               .latency_us = 4321,
@@ -106,7 +106,8 @@ TEST(Registers, decoding_gives_back_names_units_and_values) {
          {"magic=0x484F5244", "boot_id=0xDEADBEEF", "firmware=0.1.0", "serial=H-0042", "state=8 ContinuousExecution",
           "bits=executing, run_permit, fault_latched", "plc_heartbeat_age=- ms", "heartbeat=65535",
           "faults_latched=rejector, light-level", "first_fault=4 rejector", "seen=74565 parts", "verdict=2 reject",
-          "reason=2 slope", "score=1.235", "latency=4321 us", "reject_latency=70000 us", "reject_state=2 confirmed"}) {
+          "reason=2 deflection-gradient", "score=1.235", "latency=4321 us", "reject_latency=70000 us",
+          "reject_state=2 confirmed"}) {
         EXPECT_THAT(text, HasSubstr(line));
     }
 }

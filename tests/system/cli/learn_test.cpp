@@ -77,9 +77,9 @@ TEST_F(Learn, what_was_learned_tells_good_from_bad_and_says_why) {
     EXPECT_NEAR(json["defects"][0]["n"].get<double>(), 9, 1);
     EXPECT_EQ(json["defects"][0]["kind"], "absorbing");
     EXPECT_THAT(json["explain"].get<std::string>(), HasSubstr("Rejected: an absorbing defect"));
-    EXPECT_EQ(json["feature"]["name"], "surprise");
+    EXPECT_EQ(json["feature"]["name"], "z-score");
     EXPECT_TRUE(json.contains("pose"));
-    EXPECT_TRUE(std::filesystem::exists(folder / "maps/bad.surprise.png"));
+    EXPECT_TRUE(std::filesystem::exists(folder / "maps/bad.z-score.png"));
 }
 
 TEST_F(Learn, a_recipe_names_its_reference_and_tolerates_in_mm) {

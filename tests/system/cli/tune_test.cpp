@@ -78,29 +78,29 @@ class Tune : public ::testing::Test {
     TemporaryFolder folder;
 };
 
-// The rungs of an answer, by name, without their times.
+// The sets of an answer, by name, without their times.
 std::map<std::string, Json> without_times(const std::string& out) {
     std::map<std::string, Json> all;
     const Json json = Json::parse(out);
-    for (Json rung : json.at("rungs")) {
-        rung.erase("ms");
-        rung.erase("fits");
-        rung.erase("behind_best");  // the best may tie
-        const auto name = rung.at("rung").get<std::string>();
-        all[name] = std::move(rung);
+    for (Json set : json.at("feature_sets")) {
+        set.erase("ms");
+        set.erase("fits");
+        set.erase("behind_best");  // the best may tie
+        const auto name = set.at("feature_set").get<std::string>();
+        all[name] = std::move(set);
     }
     return all;
 }
 
 void expect_the_fastest_that_is_as_good(const Json& json) {
     double best = 0;
-    for (const Json& rung : json.at("rungs"))
-        best = std::max(best, rung.at("fits").get<bool>() ? rung.at("auc").at("value").get<double>() : 0.0);
+    for (const Json& set : json.at("feature_sets"))
+        best = std::max(best, set.at("fits").get<bool>() ? set.at("auc").at("value").get<double>() : 0.0);
     double least = 1e300, chosen = 0;
-    for (const Json& rung : json.at("rungs")) {
-        if (!rung.at("fits").get<bool>() || rung.at("auc").at("value").get<double>() < best - 0.005 - 1e-9) continue;
-        least = std::min(least, rung.at("ms").at("wall").get<double>());
-        if (rung.at("rung") == json.at("chosen")) chosen = rung.at("ms").at("wall").get<double>();
+    for (const Json& set : json.at("feature_sets")) {
+        if (!set.at("fits").get<bool>() || set.at("auc").at("value").get<double>() < best - 0.005 - 1e-9) continue;
+        least = std::min(least, set.at("ms").at("wall").get<double>());
+        if (set.at("feature_set") == json.at("chosen")) chosen = set.at("ms").at("wall").get<double>();
     }
     EXPECT_GT(chosen, 0) << json.at("chosen");
     EXPECT_LE(chosen, 1.05 * least);
@@ -113,11 +113,11 @@ TEST_F(Tune, parts_that_lack_light_are_judged_by_their_light) {
     const Json json = Json::parse(said.out);
     expect_the_fastest_that_is_as_good(json);
     EXPECT_THAT(json.at("chosen").get<std::string>(), HasSubstr("transmission"));
-    const auto rungs = without_times(said.out);
-    ASSERT_EQ(rungs.size(), 11U);
-    EXPECT_GT(rungs.at("transmission").at("auc").at("value"), 0.99);
-    EXPECT_LT(rungs.at("jacobian-frobenius").at("auc").at("value"), 0.9);
-    EXPECT_EQ(rungs.at("transmission").at("good_rejected"), 0);
+    const auto sets = without_times(said.out);
+    ASSERT_EQ(sets.size(), 11U);
+    EXPECT_GT(sets.at("transmission").at("auc").at("value"), 0.99);
+    EXPECT_LT(sets.at("jacobian-frobenius").at("auc").at("value"), 0.9);
+    EXPECT_EQ(sets.at("transmission").at("good_rejected"), 0);
 
     // What is written judges parts that were not seen before.
     const std::string recipe = text_of(folder / "lens.toml");
@@ -128,7 +128,7 @@ TEST_F(Tune, parts_that_lack_light_are_judged_by_their_light) {
     EXPECT_EQ(judge(502, Flaw::speck, "lens.toml"), 1);
     EXPECT_EQ(run("hordctl", {"recipe", "check", folder / "lens.toml"}).status, 0);
     EXPECT_THAT(text_of(folder / "lens.tune.md"), HasSubstr("| transmission |"));
-    EXPECT_THAT(text_of(folder / "lens.tune.csv"), HasSubstr("rung,auc,auc_low"));
+    EXPECT_THAT(text_of(folder / "lens.tune.csv"), HasSubstr("feature_set,auc,auc_low"));
     EXPECT_THAT(text_of(folder / "lens.tune.gp"), HasSubstr("title 'chosen'"));
     if (!std::filesystem::exists(folder / "lens.tune.png")) {
         EXPECT_THAT(said.err, HasSubstr("install gnuplot"));
@@ -142,7 +142,7 @@ TEST_F(Tune, parts_that_lack_light_are_judged_by_their_light) {
     EXPECT_EQ(text_of(folder / "lens.toml"), recipe);
     const Said forced = tune({"--budget", "100000", "--out", folder / "lens.toml", "--force", "--json"});
     ASSERT_EQ(forced.status, 0) << forced.err;
-    EXPECT_EQ(without_times(forced.out), rungs);
+    EXPECT_EQ(without_times(forced.out), sets);
 }
 
 TEST_F(Tune, parts_that_scatter_are_judged_by_a_distance) {
@@ -177,11 +177,11 @@ TEST_F(Tune, starts_from_a_recipe_and_measures_a_reference) {
     const Said said = tune({"--budget", "100000", "--recipe", folder / "base.toml", "--reference",
                             folder / "lens.hordref", "--out", folder / "lens.toml", "--json"});
     ASSERT_EQ(said.status, 0) << said.err;
-    const auto rungs = without_times(said.out);
-    ASSERT_EQ(rungs.size(), 14U);
+    const auto sets = without_times(said.out);
+    ASSERT_EQ(sets.size(), 14U);
     for (const char* name : {"reference", "reference + jacobian-frobenius", "reference + emd + jacobian-frobenius"}) {
-        EXPECT_GT(rungs.at(name).at("auc").at("value"), 0.99) << name;
-        EXPECT_THAT(rungs.at(name).at("limits").get<std::string>(), HasSubstr("reject_score"));
+        EXPECT_GT(sets.at(name).at("auc").at("value"), 0.99) << name;
+        EXPECT_THAT(sets.at(name).at("limits").get<std::string>(), HasSubstr("reject_score"));
     }
     const std::string recipe = text_of(folder / "lens.toml");
     for (const char* kept : {"name = \"lens\"", "number = 7", "version = 4", "min_area = 4", "radius = 20"})
@@ -199,7 +199,7 @@ TEST_F(Tune, a_budget_that_nothing_fits_is_an_error_and_writes_nothing) {
     frames(8, 4, Flaw::speck);
     const Said said = tune({"--budget", "0.000001", "--out", folder / "lens.toml"});
     EXPECT_EQ(said.status, 2);
-    EXPECT_THAT(said.err, HasSubstr("no rung fits 1e-06 ms: the fastest, "));
+    EXPECT_THAT(said.err, HasSubstr("no feature set fits 1e-06 ms: the fastest, "));
     EXPECT_THAT(said.err, HasSubstr("allow more (--budget)"));
     EXPECT_THAT(said.out, HasSubstr("over budget"));
     EXPECT_FALSE(std::filesystem::exists(folder / "lens.toml"));

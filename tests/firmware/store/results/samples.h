@@ -61,7 +61,7 @@ inline ResultRecord result(std::uint32_t sequence, PartVerdict verdict = PartVer
     record.result.score = 0.1F * static_cast<float>(sequence % 30);
     record.time_us = kNoon + sequence * 100'000LL;
     if (verdict == PartVerdict::reject) {
-        record.result.reason = PartReason::deflection;
+        record.result.reason = PartReason::neighbours_disagree;
         record.result.reject = RejectState::confirmed;
         record.result.reject_latency_us = 400'000;
         record.defects = {{12.25F, 3.5F, 9, 1.7F, algo::DefectKind::scratch},

@@ -31,7 +31,7 @@ TEST(SqliteStore, gives_back_every_part_as_it_was_written) {
     EXPECT_EQ(r.part, 102U);
     EXPECT_EQ(r.time_us, kNoon + 200'000);
     EXPECT_EQ(r.verdict, "reject");
-    EXPECT_EQ(r.reason, "deflection");
+    EXPECT_EQ(r.reason, "neighbours-disagree");
     EXPECT_EQ(r.reject, "confirmed");
     EXPECT_EQ(static_cast<float>(r.score.value()), 0.2F);
     EXPECT_EQ(r.defect_count, 2);
