@@ -3,33 +3,34 @@
 
     tests/calib/calibrate/calibration_page.py [BUILD/bin] [FOLDER with lenslet/ and bench/] > docs/results/calibration.md
 
-Needs the targets calibration_table, bench_decode and the test programs below. Fails when a test fails."""
+Needs the targets calibration_table, bench_decode and those of PROGRAMS. Fails when a test fails."""
 import json, os, subprocess, sys, tempfile
 
 root = os.path.abspath(os.path.join(os.path.dirname(__file__), "../../.."))
 bin_folder = sys.argv[1] if len(sys.argv) > 1 else os.path.join(root, "build/release/bin")
 data = sys.argv[2] if len(sys.argv) > 2 else os.environ.get("HORD_DATA", os.path.join(root, "../shared/data"))
 
+PROGRAMS = ["test_calib_fit", "test_calib_tilts", "test_calib_calibrate", "test_calib_files", "test_algo_frame", "test_algo_ageing",
+            "test_firmware_devices"]
 PROMISES = [  # what is promised, by which tests
-    ("95 % intervals cover the truth (93 to 97 %)", "test_calib", "GridFit.ninety_five*:DirectionFit.ninety_five*"),
-    ("a capture left out of the direction map is predicted to 0.02 px", "test_calib", "TiltFrames.captured*:DirectionFit.scale*"),
-    ("lenslets that are misplaced get places of their own, others none", "test_calib",
-     "CalibrateGrid.misplaced*:CalibrateGrid.a_few_displaced*:CalibrateGrid.centres_that_are_not*:CalibrateGrid.lenslets_in_their_places*"),
-    ("lenslets that light reaches whole are told from those in the dark", "test_calib", "CalibrateGrid.a_dark_quarter*:CalibrateGrid.dead_lenslets*"),
-    ("EMD gradient of a decoded, rotated, distorted array against the ideal aligned one: hexagonal 0.05, square 0.02 bin RMS", "test_calib_decode", "DecodeFeatures.*"),
-    ("decoded frames have the same bits everywhere", "test_frame", "Resample.*bits*:RegridBits.*:GridDecoder.*"),
-    ("drift of 0.1 px is measured to 0.01 px and noticed within 50 parts", "test_features", "Drift*"),
-    ("the fault comes, and goes when the drift is gone", "test_calibration_in_use", "DriftWatch.*"),
-    ("a worse calibration does not replace a better one, in the file or in the station", "test_calib", "Better.*"),
-    ("", "test_calibration_in_use", "CalibrationFile.*"),
-    ("no white frame: refused", "test_calib", "CalibrateGrid.a_frame_with_a_part*:CalibrateGrid.frames_without*"),
+    ("95 % intervals cover the truth (93 to 97 %)", "GridFit.ninety_five*:DirectionFit.ninety_five*"),
+    ("a capture left out of the direction map is predicted to 0.02 px", "TiltFrames.captured*:DirectionFit.scale*"),
+    ("lenslets that are misplaced get places of their own, others none", "CalibrateGrid.misplaced*:CalibrateGrid.a_few_displaced*:CalibrateGrid.centres_that_are_not*:CalibrateGrid.lenslets_in_their_places*"),
+    ("lenslets that light reaches whole are distinguished from those in the dark", "CalibrateGrid.a_dark_quarter*:CalibrateGrid.dead_lenslets*"),
+    ("EMD gradient of a decoded, rotated, distorted array against the ideal aligned one: hexagonal 0.05, square 0.02 bin RMS", "DecodeFeatures.*"),
+    ("decoded frames have the same bits everywhere", "Resample.*bits*:RegridBits.*:GridDecoder.*"),
+    ("drift of 0.1 px is measured to 0.01 px and noticed within 50 parts", "Drift*-DriftMonitor.*"),
+    ("the fault comes, and goes when the drift is gone", "DriftMonitor.*"),
+    ("a worse calibration does not replace a better one, in the file or in the station", "Better.*"),
+    ("", "CalibrationFile.*"),
+    ("no white frame: refused", "CalibrateGrid.a_frame_with_a_part*:CalibrateGrid.frames_without*"),
 ]
 EXTREMES = [
     ("one row of lenslets", "*one_row*"), ("3x3", "*three_by_three*"), ("a quarter of the frame dark", "*dark_quarter*"),
-    ("30 % missing centres", "*thirty_percent_dead*"), ("30 % wrong centres", "*thirty_percent_wrong*"), ("saturated", "*saturated*"),
+    ("30 % missing centres", "*thirty_percent_dead*"), ("30 % wrong centres", "*thirty_percent_wrong*"), ("saturated", "CalibrateGrid.*saturated*"),
     ("a bubble in the calibration frame", "*bubble*"), ("45 degrees", "*forty_five*"), ("integer pitch at 0 degrees", "*integer_pitch*"),
     ("sharp edges", "*sharp_edges*"), ("a hint that is 10 % wrong", "*hint*"), ("nearly collinear tilts", "*collinear*"),
-    ("rank-deficient problems: answered, never aborted", "*degenerate*:*insignificant_k1*"), ("other starts reach the same optimum", "*search_starts*"),
+    ("rank-deficient problems: an answer, no abort", "*degenerate*:*insignificant_k1*"), ("other starts reach the same optimum", "*search_starts*"),
     ("analytic against numeric Jacobians", "*analytic*"),
 ]
 
@@ -38,36 +39,39 @@ def run(program, *arguments):
     return subprocess.run([os.path.join(bin_folder, program), *arguments], check=True, capture_output=True, text=True, env={**os.environ, "HORD_DATA": data}).stdout
 
 
-def tests(program, which):
-    """[(name, what it recorded)] of the tests that ran and passed."""
-    with tempfile.NamedTemporaryFile(suffix=".json") as file:
-        run(program, f"--gtest_filter={which}", f"--gtest_output=json:{file.name}")
-        report = json.load(open(file.name))
+def tests(which):
+    """[(name, what it recorded)] of the tests that ran and passed, in whichever of PROGRAMS they are."""
     own = {"name", "file", "line", "status", "result", "timestamp", "time", "classname", "value_param", "type_param"}
-    found = []
-    for suite in report["testsuites"]:
-        for case in suite["testsuite"]:
-            recorded = "; ".join(f"{key}: {value}" for key, value in case.items() if key not in own)
-            found.append((f"{suite['name']}.{case['name']}", recorded))
-    if not found:
-        sys.exit(f"{program}: no test {which}")
-    return found
+    ran = []
+    for program in PROGRAMS:
+        if "  " not in run(program, "--gtest_list_tests", f"--gtest_filter={which}"):
+            continue
+        with tempfile.NamedTemporaryFile(suffix=".json") as file:
+            run(program, f"--gtest_filter={which}", f"--gtest_output=json:{file.name}")
+            report = json.load(open(file.name))
+        for suite in report["testsuites"]:
+            for case in suite["testsuite"]:
+                recorded = "; ".join(f"{key}: {value}" for key, value in case.items() if key not in own)
+                ran.append((f"{suite['name']}.{case['name']}", recorded))
+    if not ran:
+        sys.exit(f"no test {which}")
+    return ran
 
 
 print("# Lenslet-grid calibration, measured\n")
-print("Generated: `tests/calib/calibrate/calibration_page.py BUILD/bin FOLDER > docs/results/calibration.md`; FOLDER holds `lenslet/` and `bench/`. Every number is of that run. Frames of\n"
-      "known truth are drawn by tests/calib/support/synthetic.h, which shares nothing with the fitter.\n")
+print("Generated: `tests/calib/calibrate/calibration_page.py BUILD/bin FOLDER > docs/results/calibration.md`; FOLDER holds `lenslet/` and `bench/`. Every number comes from that run.\n"
+      "tests/calib/support/synthetic.h draws the frames of known truth; it shares no code with the fitter.\n")
 model = next((line.split(": ")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")), "a machine")
-print(f"Made on {model}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.0f} at the start: other work on the machine makes CPU times longer.\n")
+print(f"Made on {model}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.0f} at the start: other work on the machine lengthens CPU times.\n")
 print(run("calibration_table", data))
 print("## What tests hold\n\n| promise | test | measured |\n|---|---|---|")
-for promise, program, which in PROMISES:
-    for name, recorded in tests(program, which):
+for promise, which in PROMISES:
+    for name, recorded in tests(which):
         print(f"| {promise} | `{name}` | {recorded or 'held'} |")
         promise = ""
 print("\n## Extremes\n\n| case | test |\n|---|---|")
 for case, which in EXTREMES:
-    print(f"| {case} | {', '.join(f'`{name}`' for name, _ in tests('test_calib', which))} |")
+    print(f"| {case} | {', '.join(f'`{name}`' for name, _ in tests(which))} |")
 print("\n## What decoding costs\n\n"
       "The macro-pixel path is one whole inspection, from the frame's samples to the verdict, of a macro-pixel frame of 555x555 lenslets with 9x9 bins (`bench_decode`,\n"
       "CPU time of one thread). A raw frame is decoded first, then judged the same way: the share in the last column is what is added. Splitting a macro-pixel frame into\n"

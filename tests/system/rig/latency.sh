@@ -1,5 +1,5 @@
 #!/bin/bash
-# Makes docs/results/rig-latency.md of what the machine said (./dev rig latency): latency.sh LOG.rig SHIFT EDGES.
+# Writes docs/results/rig-latency.md from the log of the machine (./dev rig latency): latency.sh LOG.rig SHIFT EDGES.
 set -euo pipefail
 cd "$(dirname "$(readlink -f "$0")")/../../.."
 log=$1 shift=$2 edges=$3 page=docs/results/rig-latency.md
@@ -11,11 +11,11 @@ said=$(sed -n 's/^RIG  | LATENCY //p' "$log" | grep -vE ': [0-9]+ %$')
 
 Made by \`HORD_RIG_EDGES=$edges ./dev rig latency\`: \`hordctl latency --config tests/system/rig/guest/latency.toml --sensor --actuate --edges $edges\` inside the rig's machine.
 
-The time is virtual: one processor that does one instruction in $((1 << shift)) ns, whatever the host does meanwhile, with no cache, no pipeline and no other
-hardware. So the numbers count the instructions on the way, kernel and switches of threads included; they are no times of a real board. Every edge
-waits 50 us until the line has kept still (debounce), which is in the rows that begin with it.
-What is on the way: the simulated chip's interrupt, the kernel's event of the line, the driver, the line's output ioctl; and libmodbus, the kernel's
-TCP on loopback, a module that is another process of the same machine. Debian's kernel is not fully preemptible.
+The time is virtual: one processor executes one instruction in $((1 << shift)) ns, independent of the load of the host. It models no cache, no
+pipeline and no other hardware. The numbers therefore count the instructions on the way, those of the kernel and of thread switches included. They
+are not times of a real board. Every edge waits 50 us until the line is quiet (debounce); the rows that begin with an edge contain it.
+On the way are: the simulated chip's interrupt, the kernel's line event, the driver, the line's output ioctl; libmodbus, the kernel's TCP on
+loopback, and the module, which is another process of the same machine. Debian's kernel is not fully preemptible.
 
 | | measured | missed | p50, us | p99, us | max, us |
 |---|---|---|---|---|---|
