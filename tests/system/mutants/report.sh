@@ -45,7 +45,8 @@ indented() { sed 's/^/    /; s/ *$//'; }
     echo
     echo "## Planted bugs"
     echo
-    echo "Each is a patch in \`tests/system/mutants/\`, applied to a copy of the file by the build; the test \`Mutant.NAME\` fails unless the soak catches it."
+    echo "Each is a patch in \`tests/system/mutants/\`, applied to a copy of the file by the build; the test"
+    echo "\`Mutant.NAME\` fails unless the soak catches it."
     echo "\`parts\`: how many had come when the first promise was broken (seed 1, episodes of 500 parts)."
     echo
     echo "| bug | what it is | parts | promise broken |"
