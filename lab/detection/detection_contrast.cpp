@@ -16,6 +16,7 @@
 #include "lab/detection/detection_parts.h"
 #include "lab/experiment/inspected_maps.h"
 #include "lab/experiment/scenes.h"
+#include "lab/optics/truth.h"
 #include "lab/report/cpu_time.h"
 
 namespace hord::lab {
@@ -142,7 +143,7 @@ Result<std::optional<PartMaps>> inspect_part(algo::Pipeline& with_reference, alg
 // less the mean of such averages over the clean interior, over their standard deviation.
 double averaged_contrast(const std::vector<float>& flawed, const std::vector<std::uint8_t>& flawed_mask,
                          const std::vector<float>& clean, const std::vector<std::uint8_t>& interior,
-                         const algo::Extents& e, const sim::TruthDefect& defect) {
+                         const algo::Extents& e, const TruthDefect& defect) {
     const double radius = defect.radius_lenslets + 1.5;
     const int reach = static_cast<int>(std::ceil(radius));
     // Empty where the disc leaves the field, or, with `all`, where a lenslet in it has no value.
@@ -222,7 +223,7 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
     std::uint64_t exposure = 0xC100'0000U;
     // Contrasts of a flawed part over a clean one in the same pose, for each of `times` exposures.
     const auto compare = [&](const std::string& name, const sim::Scene& clean, const sim::LightField& clean_light,
-                             const sim::Scene& scene, const sim::TruthDefect& truth, int times) -> Result<Json> {
+                             const sim::Scene& scene, const TruthDefect& truth, int times) -> Result<Json> {
         auto light = light_of(scene, options);
         if (!light) return tl::unexpected(light.error());
         std::map<std::string, std::vector<double>> each, averaged;
@@ -259,13 +260,13 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
     auto clean_light = light_of(clean, options);
     if (!clean_light) return tl::unexpected(clean_light.error());
     Json scenes = Json::array();
-    std::optional<sim::TruthDefect> cut;
+    std::optional<TruthDefect> cut;
     for (const Flawed& flaw : flawed) {
         sim::Scene scene = clean;
         scene.name = flaw.name;
         scene.defects.push_back(flaw.defect);
         // The hollows are at the cut's place.
-        const sim::TruthDefect truth = flaw.name.starts_with("hollow") ? *cut : sim::truth_of(scene).defects.front();
+        const TruthDefect truth = flaw.name.starts_with("hollow") ? *cut : truth_of(scene).defects.front();
         if (!cut) cut = truth;
         auto compared = compare(flaw.name, clean, *clean_light, scene, truth, shots);
         if (!compared) return tl::unexpected(compared.error());
@@ -280,7 +281,7 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
                      beside_n = static_cast<double>(place / sides) / sides;
         sim::Scene scene = nominal;
         scene.defects.push_back(flawed.front().defect);
-        const sim::TruthDefect middle = sim::truth_of(scene).defects.front();
+        const TruthDefect middle = truth_of(scene).defects.front();
         const auto to = [](double from, double beside) {
             return beside - from - std::round(beside - from);
         };  // to the nearest such place
@@ -290,7 +291,7 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
         good.defects.clear();
         auto good_light = light_of(good, options);
         if (!good_light) return tl::unexpected(good_light.error());
-        auto compared = compare("cut beside", good, *good_light, scene, sim::truth_of(scene).defects.front(), shots);
+        auto compared = compare("cut beside", good, *good_light, scene, truth_of(scene).defects.front(), shots);
         if (!compared) return tl::unexpected(compared.error());
         (*compared)["beside"] = {beside_m, beside_n};
         scenes.push_back(*compared);

@@ -9,6 +9,8 @@
 #include "algo/frame/mask.h"
 #include "algo/recipe/recipe.h"
 #include "lab/experiment/scenes.h"
+#include "lab/optics/truth.h"
+#include "lab/optics/views.h"
 #include "lab/report/tables.h"
 
 namespace hord::lab {
@@ -83,9 +85,9 @@ Json to_json(const Contrast& c) {
 Result<Json> measure_defect(const Defect& defect, const std::vector<double>& panel_halves, const Interior& emd,
                             const Interior& frobenius, int threads) {
     const algo::Extents& e = defect.scene.camera.extents;
-    const auto truth = sim::truth_of(defect.scene);
+    const auto truth = truth_of(defect.scene);
     if (truth.defects.empty()) return fail(ErrorCode::internal, defect.name + " is not in sight", "report this");
-    const sim::TruthDefect& where = truth.defects[0];
+    const TruthDefect& where = truth.defects[0];
     const auto light = sim::render(defect.scene, {threads, {}});
     if (!light) return tl::unexpected(light.error());
     const Frame frame = sim::expose(*light, defect.scene, defect.scene.seed);
@@ -104,7 +106,7 @@ Result<Json> measure_defect(const Defect& defect, const std::vector<double>& pan
     for (const double half : panel_halves) {
         sim::Scene scene = defect.scene;
         scene.telecentric.panel_half_mm = half;
-        const auto picture = sim::render_telecentric(scene, {threads, {}});
+        const auto picture = render_telecentric(scene, {threads, {}});
         if (!picture) return tl::unexpected(picture.error());
         found[fmt::format("panel {}", half)] =
             to_json(contrast_of(light_signal(picture->light), all_valid, e, where, flat, kFloor));

@@ -61,8 +61,6 @@ class CameraGeometry {
             m = at.x, n = at.y;
         }
     }
-    // Largest distance of the array's lenslets from the axis on the measurement plane, mm.
-    [[nodiscard]] ArrayGeometry::Point reach_mm() const;
     void to_camera(double u, double v, double& u_bins, double& v_bins) const {
         u_bins = (cosine_ * u - sine_ * v) / bin_rad_;
         v_bins = (cosine_ * v + sine_ * u) / bin_rad_;

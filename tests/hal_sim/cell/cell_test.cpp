@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "hal_sim/world/virtual_time.h"
+#include "lab/virtual_time/virtual_time.h"
 #include "tests/hal_sim/cell/tiny_station.h"
 
 namespace hord::sim {
@@ -42,7 +42,7 @@ class Cell : public testing::Test {
         return out;
     }
 
-    VirtualTime loop_;
+    lab::VirtualTime loop_;
     TokenFrames frames_{{27, 18, 8}};
     CellOptions options_;
     std::unique_ptr<SimulatedCell> cell_;
@@ -146,9 +146,9 @@ TEST_F(Cell, a_part_that_was_due_when_the_feed_stopped_comes_when_it_goes_on) {
 TEST_F(Cell, edges_have_the_true_time_and_the_records_name_it) {
     const auto& station = run();
     ASSERT_EQ(station.edges.size(), 80U);
-    EXPECT_EQ(station.edges[0].at, VirtualTime::kStart + 100ms);  // 50 mm at 500 mm/s
-    EXPECT_EQ(station.edges[1].at - station.edges[0].at, 40ms);   // 20 mm of part
-    EXPECT_EQ(station.edges[2].at - station.edges[0].at, 100ms);  // 50 mm of pitch
+    EXPECT_EQ(station.edges[0].at, lab::VirtualTime::kStart + 100ms);  // 50 mm at 500 mm/s
+    EXPECT_EQ(station.edges[1].at - station.edges[0].at, 40ms);        // 20 mm of part
+    EXPECT_EQ(station.edges[2].at - station.edges[0].at, 100ms);       // 50 mm of pitch
     for (const PartRecord& part : cell_->history()) EXPECT_EQ(station.edges[2 * (part.number - 1)].at, part.arrived);
 }
 
@@ -181,7 +181,7 @@ TEST_F(Cell, the_belt_stands_still_during_a_stop_and_the_encoder_with_it) {
     EXPECT_EQ(station.edges[10].at - station.edges[8].at, 2100ms);
     EXPECT_EQ(station.edges[0].counts, 500);
     for (const auto& reading : station.readings) {
-        const auto since = reading.at - VirtualTime::kStart;
+        const auto since = reading.at - lab::VirtualTime::kStart;
         if (since >= 550ms && since <= 2550ms) {
             EXPECT_NEAR(static_cast<double>(reading.counts), 2750, 1);
         }
@@ -206,7 +206,8 @@ TEST_F(Cell, halting_the_belt_moves_everything_that_is_to_come) {
     cell->world().resume();
     loop_.run_for(1s);
     EXPECT_THAT(arrived,
-                ElementsAre(VirtualTime::kStart + 100ms, VirtualTime::kStart + 10200ms, VirtualTime::kStart + 10300ms));
+                ElementsAre(lab::VirtualTime::kStart + 100ms, lab::VirtualTime::kStart + 10200ms,
+                            lab::VirtualTime::kStart + 10300ms));
 }
 
 TEST_F(Cell, frame_faults_do_what_they_say_and_are_counted) {

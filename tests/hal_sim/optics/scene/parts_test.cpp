@@ -8,6 +8,7 @@
 #include "hal_sim/optics/camera/lenslet_light.h"
 #include "hal_sim/optics/camera/render.h"
 #include "hal_sim/optics/trace/trace.h"
+#include "lab/optics/truth.h"
 
 namespace hord::sim {
 namespace {
@@ -62,7 +63,7 @@ TEST(Parts, a_scratch_is_a_groove_of_its_length) {
     Scene scene;
     scene.part = Plate{};
     scene.defects = {Scratch{{-2, -1, 2}, {2, -1, 2}, 0.05}};
-    const Truth truth = truth_of(scene);
+    const lab::Truth truth = lab::truth_of(scene);
     ASSERT_EQ(truth.defects.size(), 1U);
     EXPECT_NEAR(truth.defects[0].m, 55, 0.1);
     EXPECT_NEAR(truth.defects[0].n, 55 - 1 / (24.0 / 111), 0.1);

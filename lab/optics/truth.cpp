@@ -1,12 +1,15 @@
 // The true positions of the defects, by tracing light forwards through the part without them.
+#include "lab/optics/truth.h"
+
 #include <algorithm>
 #include <cmath>
 
 #include "hal_sim/optics/camera/camera.h"
-#include "hal_sim/optics/camera/render.h"
 
-namespace hord::sim {
+namespace hord::lab {
 namespace {
+
+using namespace sim;
 
 enum Seen : std::uint8_t { kFree = 1, kThroughPart = 2, kOddWay = 4 };
 
@@ -68,6 +71,30 @@ Around around(const Thread& d) {
     return {0.5 * (d.from_mm + d.to_mm), 0.5 * length(d.to_mm - d.from_mm) + d.radius_mm, d.radius_mm};
 }
 
+// A defect where the pose's tilts and its shift along the light put it. (The rest of the pose is the camera's view:
+// camera.h.)
+template <class Defect>
+Defect posed(Defect defect, const Pose& pose) {
+    const Rigid by = Rigid::of({0, 0, pose.z_mm}, {pose.tilt_x_rad, pose.tilt_y_rad, 0});
+    if constexpr (requires { defect.centre_mm; }) defect.centre_mm = by(defect.centre_mm);
+    else defect.from_mm = by(defect.from_mm), defect.to_mm = by(defect.to_mm);
+    return defect;
+}
+
+// Largest distance of the array's lenslets from the axis on the measurement plane, mm.
+ArrayGeometry::Point reach_of(const CameraGeometry& camera, const algo::Extents& e) {
+    const ArrayGeometry& array = camera.array();
+    if (array.is_plain()) return {0.5 * e.m * camera.pitch_mm(), 0.5 * e.n * camera.pitch_mm()};
+    ArrayGeometry::Point reach;
+    for (const int m : {0, e.m - 1}) {
+        for (const int n : {0, e.n - 1}) {
+            const ArrayGeometry::Point at = array.place_mm(m, n);
+            reach.x = std::max(reach.x, std::abs(at.x)), reach.y = std::max(reach.y, std::abs(at.y));
+        }
+    }
+    return {reach.x + camera.pitch_mm(), reach.y + camera.pitch_mm()};
+}
+
 class Labels {
   public:
     Labels(const Scene& scene, const Body& clean)
@@ -79,7 +106,7 @@ class Labels {
     void survey(int per_side) {
         const double pitch = camera_.pitch_mm() / per_side;
         const int margin = per_side * (2 + extents_.m / 16);  // light may come in from beyond the field
-        const ArrayGeometry::Point reach = camera_.reach_mm();
+        const ArrayGeometry::Point reach = reach_of(camera_, extents_);
         const int columns = static_cast<int>(std::ceil(2 * reach.x / pitch - 1e-6)),
                   rows = static_cast<int>(std::ceil(2 * reach.y / pitch - 1e-6));
         struct Ray {
@@ -235,4 +262,4 @@ Truth truth_of(const Scene& scene) {
     return truth;
 }
 
-}  // namespace hord::sim
+}  // namespace hord::lab
