@@ -95,6 +95,14 @@ ArrayGeometry::Point reach_of(const CameraGeometry& camera, const algo::Extents&
     return {reach.x + camera.pitch_mm(), reach.y + camera.pitch_mm()};
 }
 
+// A position of the part's frame, in lenslets: integers are lenslets' centres.
+ArrayGeometry::Point lenslet_of(const CameraGeometry& camera, const algo::Extents& e, double x, double y) {
+    double x_mm = 0, y_mm = 0;
+    camera.position_to_camera(x, y, x_mm, y_mm);
+    if (!camera.array().is_plain()) return camera.array().to_lattice({x_mm, y_mm});
+    return {x_mm / camera.pitch_mm() + 0.5 * (e.m - 1), y_mm / camera.pitch_mm() + 0.5 * (e.n - 1)};
+}
+
 class Labels {
   public:
     Labels(const Scene& scene, const Body& clean)
@@ -155,9 +163,8 @@ class Labels {
                 RayPolyline way;
                 const Landing landing = shine(clean_, aim.x + a * step, aim.y + b * step, &way);
                 if (landing.path == 0 || !meets(way, defect)) continue;
-                double m = 0, n = 0;
-                camera_.to_lenslets(landing.x, landing.y, m, n);
-                sum_m += m, sum_n += n, count += 1;
+                const ArrayGeometry::Point place = lenslet_of(camera_, extents_, landing.x, landing.y);
+                sum_m += place.x, sum_n += place.y, count += 1;
                 std::size_t at = 0;
                 if (lenslet_at(landing, at)) lenslets.push_back(at);
             }
@@ -225,9 +232,8 @@ class Labels {
     }
 
     bool lenslet_at(const Landing& landing, std::size_t& at) const {
-        double m = 0, n = 0;
-        camera_.to_lenslets(landing.x, landing.y, m, n);
-        const double column = std::floor(m + 0.5), row = std::floor(n + 0.5);
+        const ArrayGeometry::Point place = lenslet_of(camera_, extents_, landing.x, landing.y);
+        const double column = std::floor(place.x + 0.5), row = std::floor(place.y + 0.5);
         if (!(column >= 0 && column < extents_.m && row >= 0 && row < extents_.n)) return false;
         at = static_cast<std::size_t>(row) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(column);
         return true;

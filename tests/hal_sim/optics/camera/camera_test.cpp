@@ -14,6 +14,7 @@
 #include "hal_sim/optics/camera/lenslet_light.h"
 #include "hal_sim/optics/camera/render.h"
 #include "lab/optics/views.h"
+#include "tests/hal_sim/optics/camera/small_scene.h"
 
 namespace hord::sim {
 namespace {
@@ -197,8 +198,7 @@ TEST(Array, one_that_cannot_be_is_refused) {
 
 // Mean slope of the light behind a lenslet, bins.
 double mean_slope(const Scene& scene, int m, int n) {
-    std::vector<double> bins(static_cast<std::size_t>(scene.camera.extents.bins()));
-    LensletLight(scene).collect(m, n, bins.data());
+    const std::vector<double> bins = bins_of(scene, m, n);
     double sum = 0, u = 0;
     for (int k = 0; k < scene.camera.extents.bins(); ++k) {
         const double x = bins[static_cast<std::size_t>(k)];

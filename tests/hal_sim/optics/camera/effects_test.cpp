@@ -73,8 +73,7 @@ TEST(Diffraction, grows_with_the_wavelength_and_moves_nothing) {
     scene.camera.field_mm = 1.8;  // lenslets of 0.2 mm
     const auto spread = [&](double wavelength) {
         scene.light.wavelength_nm = wavelength;
-        std::vector<double> bins(81);
-        LensletLight(scene).collect(4, 4, bins.data());
+        const std::vector<double> bins = bins_of(scene, 4, 4);
         double sum = 0, u = 0, uu = 0;
         for (int k = 0; k < 81; ++k)
             sum += bins[static_cast<std::size_t>(k)], u += bins[static_cast<std::size_t>(k)] * (k % 9);

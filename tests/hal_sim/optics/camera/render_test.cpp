@@ -61,13 +61,12 @@ TEST(Render, a_wedge_bends_evenly_and_turns_with_its_pose) {
 
 // Cells, shrinking and sampling against rays and nothing else.
 void expect_the_light_of_rays(const Scene& scene, int count, const std::map<std::string, std::pair<int, int>>& places) {
-    const LensletLight light(scene);
     const CameraGeometry camera(scene);
     const Body body = body_of(scene, true);
     const double radius = scene.light.source_radius_bins;
     for (const auto& [what, place] : places) {
-        double cells[81], rays[81] = {};
-        light.collect(place.first, place.second, cells);
+        const std::vector<double> cells = bins_of(scene, place.first, place.second);
+        double rays[81] = {};
         constexpr int kBatch = 1000;
         const double roots[4] = {std::sqrt(2.0), std::sqrt(3.0), std::sqrt(5.0), std::sqrt(7.0)};
         double at[4] = {}, u[kBatch], v[kBatch];

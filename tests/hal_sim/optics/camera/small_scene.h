@@ -25,6 +25,14 @@ inline Scene wedge(double bins) {  // bends the light to the right
     return small(part, 9);
 }
 
+// The light in the bins of lenslet (m, n): [j * extents.i + i].
+inline std::vector<double> bins_of(const Scene& scene, int m, int n) {
+    std::vector<double> bins(static_cast<std::size_t>(scene.camera.extents.bins()));
+    const SlopeGrid grid = SlopeGrid::of(scene.camera.extents);
+    LensletLight(scene).collect(CameraGeometry(scene).place_of(m, n), grid, grid.box(), bins.data());
+    return bins;
+}
+
 struct Hord {
     double sum = 0, u = 0, v = 0;  // light in bins; mean slope, bins
 };
@@ -41,8 +49,7 @@ inline Hord hord(const LightField& field, int m, int n) {
     return h;
 }
 inline Hord hord(const Scene& scene, int m, int n) {
-    std::vector<double> bins(static_cast<std::size_t>(scene.camera.extents.bins()));
-    LensletLight(scene).collect(m, n, bins.data());
+    const std::vector<double> bins = bins_of(scene, m, n);
     LightField one{{1, 1, scene.camera.extents.i, scene.camera.extents.j}, {bins.begin(), bins.end()}};
     return hord(one, 0, 0);
 }
