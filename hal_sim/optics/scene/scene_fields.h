@@ -21,9 +21,14 @@ concept Is = (std::same_as<std::remove_const_t<T>, Plain> || ...);
 // -- parts
 
 void fields(auto&, Is<NoPart> auto&) {}
-void fields(auto& on, Is<DoubleConvexLens, PlanoConvexLens> auto& lens) {
+void fields(auto& on, Is<DoubleConvexLens, PlanoConvexLens, CylinderLens> auto& lens) {
     on.number("radius_of_curvature_mm", lens.radius_of_curvature_mm, kThinnest, kLargest);
-    on.number("aperture_radius_mm", lens.aperture_radius_mm, kThinnest, kLargest);
+    if constexpr (requires { lens.aperture_radius_mm; }) {
+        on.number("aperture_radius_mm", lens.aperture_radius_mm, kThinnest, kLargest);
+    } else {
+        on.number("half_width_mm", lens.half_width_mm, kThinnest, kLargest);
+        on.number("half_length_mm", lens.half_length_mm, kThinnest, kLargest);
+    }
     on.number("edge_thickness_mm", lens.edge_thickness_mm, 0, kLargest);
     on.number("refractive_index", lens.refractive_index, 1, 4);
 }
@@ -33,13 +38,6 @@ void fields(auto& on, Is<Wedge> auto& wedge) {
     on.number("tilt_x_rad", wedge.tilt_x_rad, -1.2, 1.2);
     on.number("tilt_y_rad", wedge.tilt_y_rad, -1.2, 1.2);
     on.number("refractive_index", wedge.refractive_index, 1, 4);
-}
-void fields(auto& on, Is<CylinderLens> auto& lens) {
-    on.number("radius_of_curvature_mm", lens.radius_of_curvature_mm, kThinnest, kLargest);
-    on.number("half_width_mm", lens.half_width_mm, kThinnest, kLargest);
-    on.number("half_length_mm", lens.half_length_mm, kThinnest, kLargest);
-    on.number("edge_thickness_mm", lens.edge_thickness_mm, 0, kLargest);
-    on.number("refractive_index", lens.refractive_index, 1, 4);
 }
 void fields(auto& on, Is<Plate> auto& plate) {
     on.number("half_size_mm", plate.half_size_mm, kThinnest, kLargest);
