@@ -51,7 +51,6 @@ void SimStrobe::light(TimePoint from, Duration width, double brightness) {
     while (!lit_.empty() && lit_.front().until + 1s < loop_.now()) lit_.pop_front();
     lit_.push_back({from, from + width, brightness});
     longest_on_ = std::max(longest_on_, width);
-    ++pulses_;
 }
 
 void SimStrobe::dark_from(TimePoint at) {

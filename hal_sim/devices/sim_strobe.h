@@ -31,9 +31,8 @@ class SimStrobe final : public hal::Strobe {
     };
     [[nodiscard]] Light light_between(hal::TimePoint from, hal::TimePoint until) const;
 
-    // For checks: the longest time the light was on, and the shortest rest between commanded pulses.
+    // For checks: the longest time the light was on.
     [[nodiscard]] hal::Duration longest_on() const { return longest_on_; }
-    [[nodiscard]] std::uint64_t pulses() const { return pulses_; }
 
     // The device is unplugged now; start() fails for this long.
     void unplug(hal::Duration gone_for) {
@@ -64,7 +63,6 @@ class SimStrobe final : public hal::Strobe {
     Pending<hal::StrobeReport> pending_;
     hal::EventLoop::TimerId lost_timer_{};
     hal::Duration longest_on_{};
-    std::uint64_t pulses_ = 0;
 };
 
 }  // namespace hord::sim
