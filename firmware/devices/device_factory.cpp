@@ -163,7 +163,7 @@ class ChosenBackends final : public Backends {
         drivers::ModbusRejectorOptions options =
             configured != nullptr ? *configured : std::get<SimulatedRejector>(config.rejector).module;
         if (simulation.own_coil_module) {
-            auto module = sim::CoilModule::open(loop, {.realtime = simulation.realtime});
+            auto module = sim::CoilModule::open(loop, simulation.realtime);
             if (!module) return tl::unexpected(module.error());
             module_ = std::move(*module);
             // A plain module: pulses, watchdog and confirm sensor of the configured one are not simulated.

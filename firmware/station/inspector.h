@@ -1,7 +1,4 @@
-// MakeInspectFunctions frames: borrows a frame, answers on the loop's thread.
-//
-// Three kinds: threaded (the service); inline in virtual time (simulation: the real pipeline runs in submit(), its
-// answer comes after a modelled time); a stand-in without a pipeline (tests of the control with millions of parts).
+// Inspects frames on threads of its own: borrows a frame, answers on the loop's thread.
 #pragma once
 
 #include <cstdint>
@@ -97,18 +94,5 @@ Result<InspectFunction> make_pipeline_judge(const InspectorSettings& settings);
 std::unique_ptr<Inspector> make_threaded_inspector(hal::EventLoop& loop, int queue,
                                                    std::vector<InspectFunction> functions,
                                                    MakeInspectFunctions remake = nullptr);
-
-// Inspects inside submit() and answers by a timer, `modelled` later. At most `threads` parts are in work at the same
-// (virtual) time, and `queue` wait.
-Result<std::unique_ptr<Inspector>> make_inline_inspector(hal::EventLoop& loop, const InspectorSettings& settings,
-                                                         hal::Duration modelled);
-
-// No pipeline: `judge` returns the answer and its delay. At most `queue` parts at a time.
-struct StandInAnswer {
-    Judged judged;  // `part` is filled in
-    hal::Duration after{};
-};
-using StandIn = std::function<StandInAnswer(std::uint32_t part, const hal::FrameLease& frame)>;
-std::unique_ptr<Inspector> make_stand_in_inspector(hal::EventLoop& loop, int queue, StandIn judge);
 
 }  // namespace hord::firmware

@@ -1,4 +1,4 @@
-// Inspectors with the pipeline: one pipeline a thread, or one in virtual time.
+// Inspectors with the pipeline, one a thread.
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -46,18 +46,6 @@ Judged inspect_with(InspectionWorker& worker, std::uint32_t part, const hal::Fra
     return judged;
 }
 
-// shared_ptr, because a std::function must be copyable and a Pipeline is not.
-Result<std::shared_ptr<InspectionWorker>> make_worker(const InspectorSettings& settings) {
-    auto pipeline = algo::Pipeline::create(settings.extents, settings.bits, settings.recipe);
-    if (!pipeline) return tl::unexpected(pipeline.error());
-    auto worker = std::make_shared<InspectionWorker>(InspectionWorker{std::move(*pipeline), std::nullopt, {}});
-    if (settings.decoder) {
-        worker->decoder = *settings.decoder;
-        worker->decoded = worker->decoder->frame(settings.bits);
-    }
-    return worker;
-}
-
 Result<std::vector<InspectFunction>> make_inspect_functions(const InspectorSettings& settings) {
     std::vector<InspectFunction> functions;
     for (int k = 0; k < std::max(settings.threads, 1); ++k) {
@@ -71,9 +59,15 @@ Result<std::vector<InspectFunction>> make_inspect_functions(const InspectorSetti
 }  // namespace
 
 Result<InspectFunction> make_pipeline_judge(const InspectorSettings& settings) {
-    auto worker = make_worker(settings);
-    if (!worker) return tl::unexpected(worker.error());
-    return [worker = *worker, settings](std::uint32_t part, const hal::FrameLease& frame) {
+    auto pipeline = algo::Pipeline::create(settings.extents, settings.bits, settings.recipe);
+    if (!pipeline) return tl::unexpected(pipeline.error());
+    // shared_ptr, because a std::function must be copyable and a Pipeline is not.
+    auto worker = std::make_shared<InspectionWorker>(InspectionWorker{std::move(*pipeline), std::nullopt, {}});
+    if (settings.decoder) {
+        worker->decoder = *settings.decoder;
+        worker->decoded = worker->decoder->frame(settings.bits);
+    }
+    return [worker, settings](std::uint32_t part, const hal::FrameLease& frame) {
         return inspect_with(*worker, part, frame, settings);
     };
 }
@@ -92,22 +86,6 @@ Result<std::unique_ptr<Inspector>> make_threaded_inspector(hal::EventLoop& loop,
         return make_inspect_functions(other);
     };
     return make_threaded_inspector(loop, settings.queue, std::move(*functions), remake);
-}
-
-Result<std::unique_ptr<Inspector>> make_inline_inspector(hal::EventLoop& loop, const InspectorSettings& settings,
-                                                         hal::Duration modelled) {
-    auto worker = make_worker(settings);
-    if (!worker) return tl::unexpected(worker.error());
-    const int threads = std::max(settings.threads, 1);
-    // When each of the modelled threads is free again.
-    std::vector<hal::TimePoint> free_at(static_cast<std::size_t>(threads));
-    auto inspect = [worker = *worker, settings, modelled, free_at, &loop](std::uint32_t part,
-                                                                          const hal::FrameLease& frame) mutable {
-        auto& thread = *std::min_element(free_at.begin(), free_at.end());
-        thread = std::max(thread, loop.now()) + modelled;
-        return StandInAnswer{inspect_with(*worker, part, frame, settings), thread - loop.now()};
-    };
-    return make_stand_in_inspector(loop, settings.queue + threads, std::move(inspect));
 }
 
 }  // namespace hord::firmware

@@ -1,6 +1,7 @@
 #include "hal_sim/cell/cell.h"
 
 #include <string>
+#include <utility>
 
 namespace hord::sim {
 namespace {
@@ -72,26 +73,16 @@ SimulatedCell::SimulatedCell(hal::EventLoop& loop, FrameSource& frames, const Ce
       part_sensor_(loop, world_, faults_, options.part_sensor), strobe_(loop, faults_, options.strobe, options.seed),
       sensor_(loop, world_, strobe_, frames, faults_, options.sensor, options.seed),
       rejector_(loop, world_, faults_, options.rejector, options.seed) {
-    world_.watch({
-        .part_edge =
-            [this](const PartRecord& part, bool arrives, hal::TimePoint at) {
-                if (watchers_.part_edge) watchers_.part_edge(part, arrives, at);
-                if (arrives ? !part.touches_ahead : !part.touched_behind) part_sensor_.part_edge(arrives, at);
-            },
-        .part_gone =
-            [this](const PartRecord& part) {
-                if (keep_history_) history_.push_back(part);
-                if (watchers_.part_gone) watchers_.part_gone(part);
-            },
-        .ejector =
-            [this](bool open, hal::TimePoint at) {
-                if (watchers_.ejector) watchers_.ejector(open, at);
-            },
-        .over =
-            [this] {
-                if (watchers_.over) watchers_.over();
-            },
-    });
+    watch({});
+}
+
+void SimulatedCell::watch(World::Watchers watchers) {
+    watchers.part_edge = [this, also = std::move(watchers.part_edge)](const PartRecord& part, bool arrives,
+                                                                      hal::TimePoint at) {
+        if (also) also(part, arrives, at);
+        if (arrives ? !part.touches_ahead : !part.touched_behind) part_sensor_.part_edge(arrives, at);
+    };
+    world_.watch(std::move(watchers));
 }
 
 }  // namespace hord::sim

@@ -58,12 +58,8 @@ class SimulatedCell {
     [[nodiscard]] World& world() { return world_; }
     [[nodiscard]] InjectionPlan& faults() { return faults_; }
 
-    // Whether finished parts are kept in history(). They are always counted in world().totals().
-    void keep_history(bool keep) { keep_history_ = keep; }
-    [[nodiscard]] const std::vector<PartRecord>& history() const { return history_; }
-
     // Observers in addition to the cell's own.
-    void watch(World::Watchers watchers) { watchers_ = std::move(watchers); }
+    void watch(World::Watchers watchers);
 
   private:
     SimulatedCell(hal::EventLoop& loop, FrameSource& frames, const CellOptions& options);
@@ -74,9 +70,6 @@ class SimulatedCell {
     SimStrobe strobe_;
     SimSensor sensor_;
     SimRejector rejector_;
-    World::Watchers watchers_;
-    bool keep_history_ = false;
-    std::vector<PartRecord> history_;
 };
 
 }  // namespace hord::sim

@@ -35,8 +35,6 @@ class RenderedFrames final : public FrameSource {
     [[nodiscard]] Format format() const override;
     FrameView expose(const Exposure& exposure, std::span<std::byte> scratch) override;
 
-    [[nodiscard]] const Scene& scene(std::size_t kind) const { return scenes_[kind]; }
-
   private:
     RenderedFrames() = default;
     [[nodiscard]] bool load_cache(const std::filesystem::path& file, int exposures);

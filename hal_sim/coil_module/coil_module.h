@@ -1,90 +1,59 @@
-// A simulated Modbus module for the rejector's driver, in its own thread, over real sockets (Modbus TCP on loopback) or
-// a pseudo-terminal (Modbus RTU). It has its own framing, independent of the driver's library, to reveal bugs there.
-// Simulates each kind of module that has a profile. Records when which output moved, and misbehaves on demand.
+// A simulated Modbus TCP module on loopback, in its own thread: coils 0 to 15, and Read Device Identification. It has
+// its own framing, independent of the driver's library. (tests/support/modbus_module simulates the other kinds of
+// modules, serial lines and faults.)
 //
-//     auto module = sim::CoilModule::open(clock, {.port = 0});
+//     auto module = sim::CoilModule::open(clock);
 //     (*module)->on_coil([&](int coil, bool on, hal::TimePoint at) {                        // module's thread
 //         if (coil == 0) loop.post([&world, on, at] { world.set_ejector(on, at); });
 //     });
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <functional>
 #include <memory>
-#include <string>
+#include <span>
+#include <thread>
 #include <vector>
 
 #include "common/result.h"
+#include "common/unique_fd.h"
 #include "drivers/hal/clock.h"
-#include "hal_sim/coil_module/module_image.h"
 
 namespace hord::sim {
 
-struct CoilModuleOptions {
-    int port = 0;  // 0: a free one, chosen by the kernel
-    int coils = 16;
-    ModuleKind kind = ModuleKind::plain;
-    bool serial = false;                                  // Modbus RTU on a pseudo-terminal instead of TCP: device()
-    int unit = 1;                                         // serial: its address
-    hal::Duration pulse = std::chrono::milliseconds(10);  // moxa: width of a pulse coil's pulse
-    hal::Duration watchdog{};                             // moxa: its own watchdog; zero: none
-    // SCHED_FIFO priority of its thread: a real module answers in time even when this machine is busy. 0, or if it is
-    // refused: the caller's policy.
-    int realtime = 0;
-};
-
-// What happens to a request.
-enum class CoilFault : std::uint8_t {
-    none,
-    silent,     // read, neither carried out nor answered
-    late,       // carried out at once, answered `delay` later
-    drip,       // carried out, answered byte by byte, `delay` apart
-    damaged,    // carried out, one bit of the answer is wrong
-    noise,      // carried out, the answer comes behind bytes that are none
-    exception,  // refused: exception 04, server device failure
-    close,      // the connection closes instead (serial: silence)
-    stuck,      // acknowledged, the coil does not move
-};
-
 class CoilModule {
   public:
-    struct Move {
-        int coil = 0;
-        bool on = false;
-        hal::TimePoint at;
-    };
+    // Listens on 127.0.0.1, on a free port, when this returns. `clock` is read on the module's thread and outlives it.
+    // `realtime`: SCHED_FIFO priority of its thread, so that it answers in time even when this machine is busy; 0, or
+    // if it is refused: the caller's policy. Fails with io.
+    static Result<std::unique_ptr<CoilModule>> open(const hal::Clock& clock, int realtime = 0);
+    ~CoilModule();  // all coils fall to 0
+    CoilModule(const CoilModule&) = delete;
+    CoilModule& operator=(const CoilModule&) = delete;
 
-    // Listens on 127.0.0.1, or answers on its pseudo-terminal, when this returns. `clock` is read on the module's
-    // thread and outlives it. Fails with busy (the port) or io.
-    static Result<std::unique_ptr<CoilModule>> open(const hal::Clock& clock, const CoilModuleOptions& options = {});
-    ~CoilModule();
+    [[nodiscard]] int port() const { return port_; }
 
-    // All functions are thread-safe.
-    [[nodiscard]] int port() const;
-    [[nodiscard]] std::string device() const;  // serial: the end that a driver opens
-    [[nodiscard]] bool coil(int number) const;
-    [[nodiscard]] std::vector<Move> history() const;  // the newest 10,000 moves or more
-    [[nodiscard]] int connections() const;            // accepted since open()
-
-    // The fault applies to the next `writes` write requests (-1: all), and with `reads` to read requests, too.
-    void misbehave(CoilFault fault, int writes = -1, hal::Duration delay = {}, bool reads = false);
-    void misbehave_at_reads(CoilFault fault, int reads,
-                            hal::Duration delay = {});  // the next `reads` read requests only
-    [[nodiscard]] int misbehaved() const;               // requests, since open()
-
-    void set_input(int number, bool on);  // a discrete input; as a sensor wired to it
-    [[nodiscard]] bool watchdog_expired() const;
-    [[nodiscard]] int watchdog_triggers() const;
-
-    void power_off();         // connections drop, nothing answers, all coils fall to 0
-    Result<void> power_on();  // the same port again. Fails with busy
-
-    // Called on the module's thread, without any lock; before the first connection.
-    void on_coil(std::function<void(int coil, bool on, hal::TimePoint at)> callback);
+    // Called on the module's thread when a coil moves. Set it before the first connection.
+    void on_coil(std::function<void(int coil, bool on, hal::TimePoint at)> callback) { on_coil_ = std::move(callback); }
 
   private:
-    struct Module;
-    explicit CoilModule(std::unique_ptr<Module> module);
-    std::unique_ptr<Module> module_;
+    using Bytes = std::vector<std::uint8_t>;
+    explicit CoilModule(const hal::Clock& clock) : clock_(clock) {}
+    Result<void> listen();
+    void serve();
+    void accept_one();
+    bool answer(int client);  // one request; false: the connection ended
+    Bytes reply_to(std::span<const std::uint8_t> request);
+    void move(std::size_t coil, bool on);
+
+    const hal::Clock& clock_;
+    int port_ = 0;
+    common::UniqueFd listener_, stop_;
+    std::vector<common::UniqueFd> clients_;
+    std::array<bool, 16> coils_{};
+    std::function<void(int, bool, hal::TimePoint)> on_coil_;
+    std::thread thread_;
 };
 
 }  // namespace hord::sim

@@ -1,6 +1,5 @@
 #include "hal_sim/devices/sim_part_sensor.h"
 
-#include <algorithm>
 #include <cmath>
 
 namespace hord::sim {
@@ -23,9 +22,7 @@ void SimPartSensor::do_stop() {
     listener_ = nullptr;
     loop_.cancel(encoder_timer_);
     loop_.cancel(lost_timer_);
-    for (Pending& pending : pending_) {
-        if (std::exchange(pending.used, false)) loop_.cancel(pending.timer);
-    }
+    pending_.drop([](const hal::PartEdge&) {});
 }
 
 std::int64_t SimPartSensor::counts_at(TimePoint at) {
@@ -73,18 +70,12 @@ void SimPartSensor::part_edge(bool arrives, TimePoint at) {
     if (ghost_after) emit(Kind::arrives, at + *ghost_after);
 }
 
-// All edges have the same latency, so they are delivered in order and numbered on delivery.
 void SimPartSensor::emit(Kind kind, TimePoint at) {
-    auto free = std::find_if(pending_.begin(), pending_.end(), [](const Pending& p) { return !p.used; });
-    if (free == pending_.end()) free = pending_.insert(pending_.end(), Pending{});
-    const auto slot = static_cast<std::size_t>(free - pending_.begin());
-    *free = {{.kind = kind, .at = at, .sequence = 0, .counts = {}}, {}, true};
-    free->timer = loop_.call_at(at + options_.latency, [this, slot] { deliver(slot); });
+    pending_.add(at + options_.latency, {.kind = kind, .at = at, .sequence = 0, .counts = {}});
 }
 
-void SimPartSensor::deliver(std::size_t slot) {
-    pending_[slot].used = false;
-    hal::PartEdge edge = pending_[slot].edge;
+// All edges have the same latency, so they are delivered in order and numbered on delivery.
+void SimPartSensor::deliver(hal::PartEdge edge) {
     edge.sequence = ++sequence_;
     if (options_.encoder_counts_per_mm > 0 && loop_.now() >= silent_until_) edge.counts = counts_at(edge.at);
     listener_->on_edge(edge);

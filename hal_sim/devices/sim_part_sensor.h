@@ -1,10 +1,9 @@
 // The simulated light barrier, with an optional encoder.
 #pragma once
 
-#include <vector>
-
 #include "drivers/hal/event_loop.h"
 #include "drivers/hal/part_sensor.h"
+#include "hal_sim/devices/pending.h"
 #include "hal_sim/world/fault_injection.h"
 #include "hal_sim/world/world.h"
 
@@ -19,7 +18,8 @@ struct PartSensorOptions {
 class SimPartSensor final : public hal::PartSensor {
   public:
     SimPartSensor(hal::EventLoop& loop, World& world, InjectionPlan& faults, const PartSensorOptions& options)
-        : loop_(loop), world_(world), faults_(faults), options_(options) {}
+        : loop_(loop), world_(world), faults_(faults), options_(options),
+          pending_(loop, [this](const hal::PartEdge& edge) { deliver(edge); }) {}
     ~SimPartSensor() override { stop(); }
 
     // Called by the world: a part's front (arrives) or back edge crosses the sensor.
@@ -34,23 +34,18 @@ class SimPartSensor final : public hal::PartSensor {
     using Kind = hal::PartEdge::Kind;
     Result<void> do_start(Listener& listener) override;
     void do_stop() override;
-    void deliver(std::size_t slot);
+    void deliver(hal::PartEdge edge);
     void emit(Kind kind, hal::TimePoint at);
     void read_encoder();
     void lose(hal::Duration gone_for);
     [[nodiscard]] std::int64_t counts_at(hal::TimePoint at);
 
-    struct Pending {
-        hal::PartEdge edge;
-        hal::EventLoop::TimerId timer{};
-        bool used = false;
-    };
     hal::EventLoop& loop_;
     World& world_;
     InjectionPlan& faults_;
     PartSensorOptions options_;
     Listener* listener_ = nullptr;
-    std::vector<Pending> pending_;
+    Pending<hal::PartEdge> pending_;
     std::uint32_t sequence_ = 0;
     double slipped_mm_ = 0;
     bool swallow_departure_ = false;

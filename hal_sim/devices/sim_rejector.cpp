@@ -53,7 +53,7 @@ Result<void> SimRejector::do_reject(const hal::RejectCommand& command) {
             return fail(ErrorCode::busy, "simulated rejector's queue is full",
                         "space the rejects or shorten the pulse");
         case hal::RejectLedger::Entered::repeat: break;
-        case hal::RejectLedger::Entered::settled: report_at(loop_.now(), std::nullopt, entry.report); break;
+        case hal::RejectLedger::Entered::settled: jobs_.add(loop_.now(), {entry.report, std::nullopt}); break;
         case hal::RejectLedger::Entered::fresh: carry_out(command, entry.slot); break;
     }
     return {};
@@ -63,7 +63,9 @@ void SimRejector::carry_out(const hal::RejectCommand& command, std::size_t ledge
     const TimePoint until = command.start + command.width;
     const TimePoint asked = std::max(command.start, loop_.now());
     TimePoint from = asked;
-    const auto answer = [&](Outcome outcome, TimePoint at) { report_at(at, ledger_slot, {command.part, outcome, at}); };
+    const auto answer = [&](Outcome outcome, TimePoint at) {
+        jobs_.add(at, {{command.part, outcome, at}, ledger_slot});
+    };
     const auto down_for = faults_.fires(InjectedFault::rejector_down),
                late_by = faults_.fires(InjectedFault::reject_late),
                again_after = faults_.fires(InjectedFault::reject_twice);
@@ -78,45 +80,22 @@ void SimRejector::carry_out(const hal::RejectCommand& command, std::size_t ledge
     const TimePoint acknowledged = from + latency_.next();
     if (from >= until) return answer(Outcome::late, acknowledged);  // a pulse now would hit a neighbour
     if (late_by) from += *late_by;
-    if (!stuck) plan_pulse(from, from + (until - asked));
-    if (again_after) plan_pulse(until + *again_after, until + *again_after + command.width);
+    if (!stuck) pulses_.add(from, {from, from + (until - asked), false});
+    if (again_after)
+        pulses_.add(until + *again_after, {until + *again_after, until + *again_after + command.width, false});
     if (unacknowledged) return answer(Outcome::failed, from + options_.give_up_after);
     answer(from >= until ? Outcome::late : Outcome::confirmed, acknowledged + late_by.value_or(Duration::zero()));
 }
 
-void SimRejector::report_at(TimePoint due, std::optional<std::size_t> ledger_slot, const hal::RejectReport& report) {
-    auto free = std::find_if(jobs_.begin(), jobs_.end(), [](const Job& j) { return !j.used; });
-    if (free == jobs_.end()) free = jobs_.insert(jobs_.end(), Job{});
-    *free = {report, ledger_slot, true, {}};
-    free->timer =
-        loop_.call_at(due, [this, number = static_cast<std::size_t>(free - jobs_.begin())] { settle(number); });
-}
-
-void SimRejector::settle(std::size_t number) {
-    jobs_[number].used = false;
-    const Job job = jobs_[number];  // a copy: the listener may add jobs
+void SimRejector::settle(const Job& job) {
     std::uint32_t owed = job.ledger_slot ? ledger_.settle(*job.ledger_slot, job.report) : 1;
     for (; owed > 0 && listener_ != nullptr; --owed) listener_->on_reject(job.report);
 }
 
-void SimRejector::plan_pulse(TimePoint from, TimePoint until) {
-    auto free = std::find_if(pulses_.begin(), pulses_.end(), [](const Pulse& p) { return !p.used; });
-    if (free == pulses_.end()) free = pulses_.insert(pulses_.end(), Pulse{});
-    *free = {from, until, true, false, {}};
-    free->timer =
-        loop_.call_at(from, [this, number = static_cast<std::size_t>(free - pulses_.begin())] { step(number); });
-}
-
-void SimRejector::step(std::size_t number) {
-    Pulse& pulse = pulses_[number];
-    if (!pulse.open) {
-        pulse.open = true;
-        pulse.timer = loop_.call_at(pulse.until, [this, number] { step(number); });
-        valve(true, pulse.from);
-    } else {
-        pulse.used = false;
-        valve(false, pulse.until);
-    }
+void SimRejector::step(Pulse pulse) {
+    pulse.open = !pulse.open;
+    if (pulse.open) pulses_.add(pulse.until, pulse);
+    valve(pulse.open, pulse.open ? pulse.from : pulse.until);
 }
 
 void SimRejector::valve(bool open, TimePoint at) {
@@ -129,18 +108,13 @@ void SimRejector::do_stop() {
     up_ = false;
     loop_.cancel(link_timer_);
     loop_.cancel(down_timer_);
-    for (Pulse& pulse : pulses_) {
-        if (!pulse.used) continue;
-        loop_.cancel(pulse.timer);
-        pulse.used = false;
+    pulses_.drop([this](const Pulse& pulse) {
         if (pulse.open) valve(false, loop_.now());
-    }
-    for (std::size_t k = 0; k < jobs_.size(); ++k) {
-        if (!jobs_[k].used) continue;
-        loop_.cancel(jobs_[k].timer);
-        if (jobs_[k].ledger_slot) jobs_[k].report = {jobs_[k].report.part, Outcome::failed, loop_.now()};
-        settle(k);
-    }
+    });
+    jobs_.drop([this](Job& job) {
+        if (job.ledger_slot) job.report = {job.report.part, Outcome::failed, loop_.now()};
+        settle(job);
+    });
     listener_ = nullptr;
 }
 

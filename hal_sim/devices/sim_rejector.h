@@ -3,11 +3,11 @@
 #pragma once
 
 #include <optional>
-#include <vector>
 
 #include "drivers/hal/event_loop.h"
 #include "drivers/hal/reject_ledger.h"
 #include "drivers/hal/rejector.h"
+#include "hal_sim/devices/pending.h"
 #include "hal_sim/world/fault_injection.h"
 #include "hal_sim/world/latency.h"
 #include "hal_sim/world/world.h"
@@ -25,7 +25,9 @@ class SimRejector final : public hal::Rejector {
   public:
     SimRejector(hal::EventLoop& loop, World& world, InjectionPlan& faults, const RejectorOptions& options,
                 std::uint64_t seed)
-        : loop_(loop), world_(world), faults_(faults), options_(options), latency_(options.write, seed, 0x4E7E) {}
+        : loop_(loop), world_(world), faults_(faults), options_(options), latency_(options.write, seed, 0x4E7E),
+          jobs_(loop, [this](const Job& job) { settle(job); }),
+          pulses_(loop, [this](const Pulse& pulse) { step(pulse); }) {}
     ~SimRejector() override;
 
     [[nodiscard]] bool run_permit() const { return permit_; }  // the module's coil
@@ -39,13 +41,10 @@ class SimRejector final : public hal::Rejector {
     struct Job {  // a report to be sent
         hal::RejectReport report;
         std::optional<std::size_t> ledger_slot;  // empty: a command repeated after its report
-        bool used = false;
-        hal::EventLoop::TimerId timer{};
     };
     struct Pulse {
         hal::TimePoint from, until;
-        bool used = false, open = false;
-        hal::EventLoop::TimerId timer{};
+        bool open = false;
     };
     Result<void> do_start(Listener& listener) override;
     Result<void> do_reject(const hal::RejectCommand& command) override;
@@ -53,10 +52,8 @@ class SimRejector final : public hal::Rejector {
     void do_stop() override;
 
     void carry_out(const hal::RejectCommand& command, std::size_t ledger_slot);
-    void report_at(hal::TimePoint due, std::optional<std::size_t> ledger_slot, const hal::RejectReport& report);
-    void settle(std::size_t job);
-    void plan_pulse(hal::TimePoint from, hal::TimePoint until);
-    void step(std::size_t pulse);  // opens the valve, then closes it
+    void settle(const Job& job);
+    void step(Pulse pulse);  // opens the valve, then closes it
     void valve(bool open, hal::TimePoint at);
     void link_goes_up();
     void link_goes_down(hal::Duration gone_for);
@@ -72,8 +69,8 @@ class SimRejector final : public hal::Rejector {
     int open_ = 0;  // overlapping pulses; the valve is open while above 0
     hal::EventLoop::TimerId link_timer_{}, down_timer_{};
     hal::RejectLedger ledger_;
-    std::vector<Job> jobs_;
-    std::vector<Pulse> pulses_;
+    Pending<Job> jobs_;
+    Pending<Pulse> pulses_;
 };
 
 }  // namespace hord::sim

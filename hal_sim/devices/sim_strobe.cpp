@@ -43,11 +43,7 @@ Result<void> SimStrobe::do_fire(const hal::StrobePulse& pulse) {
         light(done.start, done.width, brightness);
         if (again_after) light(done.start + done.width + *again_after, done.width, brightness);
     }
-    auto free = std::find_if(pending_.begin(), pending_.end(), [](const Pending& p) { return !p.used; });
-    if (free == pending_.end()) free = pending_.insert(pending_.end(), Pending{});
-    const auto slot = static_cast<std::size_t>(free - pending_.begin());
-    *free = {done, {}, true};
-    free->timer = loop_.call_at(done.start + done.width + latency_.next(), [this, slot] { report(slot); });
+    pending_.add(done.start + done.width + latency_.next(), done);
     return {};
 }
 
@@ -55,7 +51,6 @@ void SimStrobe::light(TimePoint from, Duration width, double brightness) {
     while (!lit_.empty() && lit_.front().until + 1s < loop_.now()) lit_.pop_front();
     lit_.push_back({from, from + width, brightness});
     longest_on_ = std::max(longest_on_, width);
-    ++pulses_;
 }
 
 void SimStrobe::dark_from(TimePoint at) {
@@ -76,25 +71,17 @@ SimStrobe::Light SimStrobe::light_between(TimePoint from, TimePoint until) const
     return out;
 }
 
-void SimStrobe::report(std::size_t slot) {
-    pending_[slot].used = false;
-    const hal::StrobeReport done = pending_[slot].report;
-    listener_->on_strobe(done);
-}
-
 void SimStrobe::lose(Duration gone_for) {
     lost_ = true;
     back_at_ = loop_.now() + gone_for;
     dark_from(loop_.now());
     lost_timer_ = loop_.call_after({}, [this] {
         // Accepted pulses are reported as not lit before the loss.
-        for (std::size_t slot = 0; slot < pending_.size(); ++slot) {
-            if (!pending_[slot].used) continue;
-            loop_.cancel(pending_[slot].timer);
-            pending_[slot].report.lit = false;
-            report(slot);
-            if (listener_ == nullptr) return;
-        }
+        pending_.drop([this](hal::StrobeReport& done) {
+            done.lit = false;
+            listener_->on_strobe(done);
+        });
+        if (listener_ == nullptr) return;  // one of them stopped the device
         listener_->on_strobe_lost({ErrorCode::disconnected, "simulated strobe is gone", "stop it and start it again"});
     });
 }
@@ -104,15 +91,12 @@ void SimStrobe::do_stop() {
     dark_from(now);
     loop_.cancel(lost_timer_);
     Listener* listener = std::exchange(listener_, nullptr);
-    for (Pending& pending : pending_) {
-        if (!std::exchange(pending.used, false)) continue;
-        loop_.cancel(pending.timer);
-        hal::StrobeReport done = pending.report;
+    pending_.drop([&](hal::StrobeReport& done) {
         if (done.lit && done.start < now) done.width = std::min(done.width, now - done.start);  // cut short
         else done.lit = false;
         if (!done.lit) done.width = {};
         if (listener != nullptr) listener->on_strobe(done);
-    }
+    });
 }
 
 }  // namespace hord::sim

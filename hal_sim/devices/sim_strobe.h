@@ -2,10 +2,10 @@
 #pragma once
 
 #include <deque>
-#include <vector>
 
 #include "drivers/hal/event_loop.h"
 #include "drivers/hal/strobe.h"
+#include "hal_sim/devices/pending.h"
 #include "hal_sim/world/fault_injection.h"
 #include "hal_sim/world/latency.h"
 
@@ -20,7 +20,8 @@ struct StrobeOptions {
 class SimStrobe final : public hal::Strobe {
   public:
     SimStrobe(hal::EventLoop& loop, InjectionPlan& faults, const StrobeOptions& options, std::uint64_t seed)
-        : loop_(loop), faults_(faults), options_(options), latency_(options.report, seed, 0x57B0) {}
+        : loop_(loop), faults_(faults), options_(options), latency_(options.report, seed, 0x57B0),
+          pending_(loop, [this](const hal::StrobeReport& done) { listener_->on_strobe(done); }) {}
     ~SimStrobe() override;
 
     // The light in [from, until): 1 for a nominal pulse wholly inside; and when it fell.
@@ -30,9 +31,8 @@ class SimStrobe final : public hal::Strobe {
     };
     [[nodiscard]] Light light_between(hal::TimePoint from, hal::TimePoint until) const;
 
-    // For checks: the longest time the light was on, and the shortest rest between commanded pulses.
+    // For checks: the longest time the light was on.
     [[nodiscard]] hal::Duration longest_on() const { return longest_on_; }
-    [[nodiscard]] std::uint64_t pulses() const { return pulses_; }
 
     // The device is unplugged now; start() fails for this long.
     void unplug(hal::Duration gone_for) {
@@ -44,18 +44,12 @@ class SimStrobe final : public hal::Strobe {
         hal::TimePoint from, until;
         double brightness;
     };
-    struct Pending {
-        hal::StrobeReport report;
-        hal::EventLoop::TimerId timer{};
-        bool used = false;
-    };
     Result<void> do_start(Listener& listener) override;
     Result<void> do_fire(const hal::StrobePulse& pulse) override;
     void do_stop() override;
     [[nodiscard]] hal::StrobeLimits do_limits() const override { return options_.limits; }
     void light(hal::TimePoint from, hal::Duration width, double brightness);
     void dark_from(hal::TimePoint at);
-    void report(std::size_t slot);
     void lose(hal::Duration gone_for);
 
     hal::EventLoop& loop_;
@@ -66,10 +60,9 @@ class SimStrobe final : public hal::Strobe {
     bool lost_ = false;
     hal::TimePoint back_at_{};
     std::deque<Lit> lit_;  // the last second's and the future's
-    std::vector<Pending> pending_;
+    Pending<hal::StrobeReport> pending_;
     hal::EventLoop::TimerId lost_timer_{};
     hal::Duration longest_on_{};
-    std::uint64_t pulses_ = 0;
 };
 
 }  // namespace hord::sim

@@ -96,7 +96,6 @@ class InjectionPlan {
     void fire_next(InjectedFault fault, hal::Duration amount = {});
 
     [[nodiscard]] bool names(InjectedFault fault) const { return !tracks_[index(fault)].rules.empty(); }
-    [[nodiscard]] std::uint64_t opportunities(InjectedFault fault) const { return tracks_[index(fault)].opportunities; }
     [[nodiscard]] std::uint64_t fired(InjectedFault fault) const { return tracks_[index(fault)].fired; }
     [[nodiscard]] std::vector<InjectedFault> never_fired() const;  // named by a rule
 

@@ -107,9 +107,6 @@ class World {
 
     [[nodiscard]] double belt_mm(hal::TimePoint at) { return conveyor_ ? conveyor_->position_mm(at) : 0; }
     [[nodiscard]] double nominal_speed_mm_s() const { return conveyor_options_.speed_mm_s; }
-    [[nodiscard]] const std::deque<PartRecord>& on_line() const {
-        return line_;
-    }  // in order of arrival; also those just gone
     [[nodiscard]] const WorldTotals& totals() const { return totals_; }
     [[nodiscard]] bool finished() const;  // every scheduled part is gone
     [[nodiscard]] const ScheduleOptions& schedule() const { return schedule_; }

@@ -8,10 +8,11 @@
 
 #include "algo/frame/mask.h"
 #include "algo/inspection/pipeline.h"
-#include "hal_sim/optics/scene/effects.h"
 #include "lab/experiment/inspected_maps.h"
 #include "lab/experiment/result_cache.h"
 #include "lab/experiment/scenes.h"
+#include "lab/optics/effects.h"
+#include "lab/optics/truth.h"
 #include "lab/report/cpu_time.h"
 #include "lab/report/tables.h"
 #include "lab/report/template.h"
@@ -121,7 +122,7 @@ Result<InspectedPart> inspect_part(const sim::LightField& light, const sim::Scen
 
 // {"contrast": one a feature, "clean": {"verdict", "score"}, "defect": the same, "seconds": rendering time, if
 // rendered}
-Result<Json> measure(const Lights& lights, const sim::Scene& scene, const sim::TruthDefect& where) {
+Result<Json> measure(const Lights& lights, const sim::Scene& scene, const TruthDefect& where) {
     const auto clean = inspect_part(lights.clean, scene), defect = inspect_part(lights.defect, scene);
     if (!clean) return tl::unexpected(clean.error());
     if (!defect) return tl::unexpected(defect.error());
@@ -152,16 +153,16 @@ Result<Json> measure(const Lights& lights, const sim::Scene& scene, const sim::T
 // -- the grid
 
 // The scene with this effect alone. Ghosts keep the Fresnel losses, which they are made of.
-sim::Scene with_only(sim::Scene scene, sim::Effect effect) {
-    for (std::size_t k = 0; k < sim::kEffects; ++k) {
-        const auto other = static_cast<sim::Effect>(k);
-        if (other != effect && !(effect == sim::Effect::ghosts && other == sim::Effect::fresnel))
-            scene = sim::without(std::move(scene), other);
+sim::Scene with_only(sim::Scene scene, Effect effect) {
+    for (std::size_t k = 0; k < kEffects; ++k) {
+        const auto other = static_cast<Effect>(k);
+        if (other != effect && !(effect == Effect::ghosts && other == Effect::fresnel))
+            scene = without(std::move(scene), other);
     }
     return scene;
 }
 sim::Scene with_nothing(sim::Scene scene) {
-    for (std::size_t k = 0; k < sim::kEffects; ++k) scene = sim::without(std::move(scene), static_cast<sim::Effect>(k));
+    for (std::size_t k = 0; k < kEffects; ++k) scene = without(std::move(scene), static_cast<Effect>(k));
     return scene;
 }
 
@@ -178,10 +179,10 @@ struct Ablated {
 
 Result<Ablated> ablate(const sim::Scene& scene, const ExperimentOptions& options, ResultCache& cells,
                        const std::function<void(const std::string&)>& starting) {
-    const auto truth = sim::truth_of(scene);
+    const auto truth = truth_of(scene);
     if (truth.defects.empty())
         return fail(ErrorCode::internal, "scene " + scene.name + " has no defect in sight", "report this");
-    const sim::TruthDefect& where = truth.defects[0];
+    const TruthDefect& where = truth.defects[0];
     const sim::Scene plain = with_nothing(scene);
     std::optional<Lights> plain_lights;  // rendered on first use; shared by effects of the sensor
     Ablated ablated{scene.name, {}};
@@ -204,8 +205,8 @@ Result<Ablated> ablate(const sim::Scene& scene, const ExperimentOptions& options
         return {};
     };
     if (auto done = add(kNothing, plain, false); !done) return tl::unexpected(done.error());
-    for (const sim::Effect effect : sim::effects_of(scene)) {
-        if (auto done = add(std::string(name_of(effect)), with_only(scene, effect), !sim::is_of_sensor(effect)); !done)
+    for (const Effect effect : effects_of(scene)) {
+        if (auto done = add(std::string(name_of(effect)), with_only(scene, effect), !is_of_sensor(effect)); !done)
             return tl::unexpected(done.error());
     }
     return ablated;
@@ -260,8 +261,8 @@ struct Summary {
 };
 std::vector<Summary> summaries_of(const std::vector<Ablated>& scenes) {
     std::vector<Summary> all;
-    for (std::size_t k = 0; k < sim::kEffects; ++k) {
-        Summary s{std::string(name_of(static_cast<sim::Effect>(k))), 0, 0, {}, {}};
+    for (std::size_t k = 0; k < kEffects; ++k) {
+        Summary s{std::string(name_of(static_cast<Effect>(k))), 0, 0, {}, {}};
         bool named = false;
         for (const Ablated& scene : scenes) {
             const Json* row = scene.with(s.effect);
@@ -280,23 +281,21 @@ std::vector<Summary> summaries_of(const std::vector<Ablated>& scenes) {
 }
 
 std::vector<Claim> claims_of(const std::vector<Ablated>& scenes, const std::vector<Summary>& summaries) {
-    const auto summary = [&](sim::Effect effect) {
+    const auto summary = [&](Effect effect) {
         return *std::ranges::find(summaries, name_of(effect), &Summary::effect);
     };
-    const auto most = [&](sim::Effect effect) {
+    const auto most = [&](Effect effect) {
         return fmt::format("largest change of a contrast {:.1f} %", 100 * summary(effect).most);
     };
     // The quick form has the bubble alone, which losses do not change. In the full one losses change the stria, the
     // scratch is not found at this pitch, and a clean vial is rejected.
     const bool several = scenes.size() > 1;
     std::vector<Claim> claims;
-    claims.push_back(
-        {"Fresnel losses and ghosts matter in no scene",
-         summary(sim::Effect::fresnel).matters_in.empty() && summary(sim::Effect::ghosts).matters_in.empty(),
-         "fresnel: " + most(sim::Effect::fresnel) + "; ghosts: " + most(sim::Effect::ghosts), !several});
-    claims.push_back({"Photon noise matters in some scene", !summary(sim::Effect::photon_noise).matters_in.empty(),
-                      most(sim::Effect::photon_noise) + "; in " + summary(sim::Effect::photon_noise).matters_in,
-                      several});
+    claims.push_back({"Fresnel losses and ghosts matter in no scene",
+                      summary(Effect::fresnel).matters_in.empty() && summary(Effect::ghosts).matters_in.empty(),
+                      "fresnel: " + most(Effect::fresnel) + "; ghosts: " + most(Effect::ghosts), !several});
+    claims.push_back({"Photon noise matters in some scene", !summary(Effect::photon_noise).matters_in.empty(),
+                      most(Effect::photon_noise) + "; in " + summary(Effect::photon_noise).matters_in, several});
     bool all_found = true, all_pass = true;
     std::string lost, alarmed;
     for (const Ablated& scene : scenes) {
@@ -324,7 +323,7 @@ Result<ExperimentReport> run_ablation(const ExperimentOptions& options) {
     const auto scenes = scenes_of(options.quick, options.seed);
     std::vector<Ablated> ablated;
     double done = 0;
-    const double total = static_cast<double>(scenes.size() * (sim::kEffects + 1));
+    const double total = static_cast<double>(scenes.size() * (kEffects + 1));
     for (const sim::Scene& scene : scenes) {
         auto one = ablate(scene, options, *cells, [&](const std::string& name) {
             options.progress(std::min(done++ / total, 1.0), scene.name + " with " + name);

@@ -16,6 +16,7 @@
 #include "lab/detection/detection_parts.h"
 #include "lab/experiment/inspected_maps.h"
 #include "lab/experiment/scenes.h"
+#include "lab/optics/truth.h"
 #include "lab/report/cpu_time.h"
 
 namespace hord::lab {
@@ -142,7 +143,7 @@ Result<std::optional<PartMaps>> inspect_part(algo::Pipeline& with_reference, alg
 // less the mean of such averages over the clean interior, over their standard deviation.
 double averaged_contrast(const std::vector<float>& flawed, const std::vector<std::uint8_t>& flawed_mask,
                          const std::vector<float>& clean, const std::vector<std::uint8_t>& interior,
-                         const algo::Extents& e, const sim::TruthDefect& defect) {
+                         const algo::Extents& e, const TruthDefect& defect) {
     const double radius = defect.radius_lenslets + 1.5;
     const int reach = static_cast<int>(std::ceil(radius));
     // Empty where the disc leaves the field, or, with `all`, where a lenslet in it has no value.
@@ -178,37 +179,30 @@ std::int64_t cpu_ns() { return thread_cpu_time().count(); }
 
 double median(std::vector<double> values) { return quantile(std::move(values), 0.5); }
 
-}  // namespace
-
-Result<Json> measure_contrast(const ExperimentOptions& options) {
-    constexpr int kLenslets = 111, kLearn = 12;
-    const int shots = options.quick ? 2 : 10;
-    const sim::Scene nominal = paper_lens(kLenslets);
-    const algo::Extents& e = nominal.camera.extents;
-    std::vector<Frame> frames;
-    for (int k = 0; k < kLearn; ++k) {
-        const sim::Scene scene = moved(nominal, options.seed, static_cast<std::uint32_t>(k));
-        auto light = light_of(scene, options);
-        if (!light) return tl::unexpected(light.error());
-        frames.push_back(expose_part(*light, scene, options.seed, 0xC000'0000U + static_cast<std::uint64_t>(k)));
-    }
-    auto reference = learn_lens(nominal, frames.size(), [&](std::size_t k) -> Result<Frame> { return frames[k]; });
+// The same recipe without and with a reference that was learned from these frames.
+struct Pipelines {
+    std::shared_ptr<const algo::Reference> reference;
+    algo::Pipeline without, with;
+};
+Result<Pipelines> learn_pipelines(const sim::Scene& scene, const std::vector<Frame>& frames) {
+    auto reference = learn_lens(scene, frames.size(), [&](std::size_t k) -> Result<Frame> { return frames[k]; });
     if (!reference) return tl::unexpected(reference.error());
     algo::Recipe recipe = production_recipe();
-    auto without_reference = algo::Pipeline::create(e, nominal.camera.bits, recipe);
+    auto without = algo::Pipeline::create(scene.camera.extents, scene.camera.bits, recipe);
+    if (!without) return tl::unexpected(without.error());
     recipe.reference = *reference;
-    auto with_reference = algo::Pipeline::create(e, nominal.camera.bits, recipe);
-    if (!without_reference || !with_reference)
-        return tl::unexpected(without_reference ? with_reference.error() : without_reference.error());
+    auto with = algo::Pipeline::create(scene.camera.extents, scene.camera.bits, recipe);
+    if (!with) return tl::unexpected(with.error());
+    return Pipelines{*reference, std::move(*without), std::move(*with)};
+}
 
-    const algo::ReferenceSampler reference_hord(**reference, algo::best_isa());
-
-    // The cut, the bubble, and hollows as wide as the cut but shallower: they deflect the light at their rim by so many
-    // bins, so that none leaves the bins.
-    struct Flawed {
-        std::string name;
-        sim::SceneDefect defect;
-    };
+// The cut, the bubble, and hollows as wide as the cut but shallower: they deflect the light at their rim by so many
+// bins, so that none leaves the bins.
+struct Flawed {
+    std::string name;
+    sim::SceneDefect defect;
+};
+std::vector<Flawed> flaws_of(const sim::Scene& nominal) {
     std::vector<Flawed> flawed{{"cut", cut_of_lens(0.15)}, {"bubble", bubble_of_lens(0.5)}};
     for (const double bins : {1.0, 0.3, 0.15}) {
         constexpr double kHalfWidthMm = 0.66;
@@ -219,19 +213,27 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
             {fmt::format("hollow, {:g} bin", bins),
              cut_of_lens(kHalfWidthMm * kHalfWidthMm * curved / 2, 1 / (curved - 1 / lens.radius_of_curvature_mm))});
     }
-    std::uint64_t exposure = 0xC100'0000U;
-    // Contrasts of a flawed part over a clean one in the same pose, for each of `times` exposures.
-    const auto compare = [&](const std::string& name, const sim::Scene& clean, const sim::LightField& clean_light,
-                             const sim::Scene& scene, const sim::TruthDefect& truth, int times) -> Result<Json> {
-        auto light = light_of(scene, options);
+    return flawed;
+}
+
+// Contrasts of flawed parts over clean ones in the same pose.
+class ContrastMeter {
+  public:
+    ContrastMeter(const ExperimentOptions& options, Pipelines pipelines)
+        : options_(options), pipelines_(std::move(pipelines)), sampler_(*pipelines_.reference, algo::best_isa()),
+          shots_(options.quick ? 2 : 10) {}
+
+    // For each of some exposures.
+    Result<Json> compare(const std::string& name, const sim::Scene& clean, const sim::LightField& clean_light,
+                         const sim::Scene& scene, const TruthDefect& truth) {
+        const algo::Extents& e = scene.camera.extents;
+        auto light = light_of(scene, options_);
         if (!light) return tl::unexpected(light.error());
         std::map<std::string, std::vector<double>> each, averaged;
         int refused = 0;
-        for (int k = 0; k < times; ++k) {
-            const auto good = inspect_part(*with_reference, *without_reference, **reference, reference_hord,
-                                           expose_part(clean_light, clean, options.seed, exposure++), e);
-            const auto bad = inspect_part(*with_reference, *without_reference, **reference, reference_hord,
-                                          expose_part(*light, scene, options.seed, exposure++), e);
+        for (int k = 0; k < shots_; ++k) {
+            const auto good = inspect(expose_part(clean_light, clean, options_.seed, exposure_++), e);
+            const auto bad = inspect(expose_part(*light, scene, options_.seed, exposure_++), e);
             if (!good || !bad) return tl::unexpected(good ? bad.error() : good.error());
             if (!*good || !*bad) {
                 ++refused;
@@ -251,36 +253,54 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
                                                                (**good).emd_mask, e, truth));
             }
         }
-        return Json{{"scene", name},  {"radius", truth.radius_lenslets},
-                    {"shots", times}, {"unfit", refused},
-                    {"each", each},   {"averaged", averaged}};
-    };
-    const sim::Scene clean = moved(nominal, options.seed, 1000);
+        return Json{{"scene", name},   {"radius", truth.radius_lenslets},
+                    {"shots", shots_}, {"unfit", refused},
+                    {"each", each},    {"averaged", averaged}};
+    }
+
+  private:
+    Result<std::optional<PartMaps>> inspect(const Frame& frame, const algo::Extents& e) {
+        return inspect_part(pipelines_.with, pipelines_.without, *pipelines_.reference, sampler_, frame, e);
+    }
+    const ExperimentOptions& options_;
+    Pipelines pipelines_;
+    algo::ReferenceSampler sampler_;
+    int shots_;
+    std::uint64_t exposure_ = 0xC100'0000U;
+};
+
+// Every flaw at its place in one lens.
+Result<void> compare_flaws(ContrastMeter& meter, const sim::Scene& clean, const std::vector<Flawed>& flawed,
+                           const ExperimentOptions& options, Json& scenes) {
     auto clean_light = light_of(clean, options);
     if (!clean_light) return tl::unexpected(clean_light.error());
-    Json scenes = Json::array();
-    std::optional<sim::TruthDefect> cut;
+    std::optional<TruthDefect> cut;
     for (const Flawed& flaw : flawed) {
         sim::Scene scene = clean;
         scene.name = flaw.name;
         scene.defects.push_back(flaw.defect);
         // The hollows are at the cut's place.
-        const sim::TruthDefect truth = flaw.name.starts_with("hollow") ? *cut : sim::truth_of(scene).defects.front();
+        const TruthDefect truth = flaw.name.starts_with("hollow") ? *cut : truth_of(scene).defects.front();
         if (!cut) cut = truth;
-        auto compared = compare(flaw.name, clean, *clean_light, scene, truth, shots);
+        auto compared = meter.compare(flaw.name, clean, *clean_light, scene, truth);
         if (!compared) return tl::unexpected(compared.error());
         scenes.push_back(*compared);
     }
-    // The light of the cut depends on its place between the lenslets: its middle at a lenslet's, and a quarter, half
-    // and three quarters of a lenslet beside it along either axis.
+    return {};
+}
+
+// The light of the cut depends on its place between the lenslets: its middle at a lenslet's, and a quarter, half and
+// three quarters of a lenslet beside it along either axis.
+Result<void> compare_places(ContrastMeter& meter, const sim::Scene& nominal, const sim::SceneDefect& cut,
+                            const ExperimentOptions& options, Json& scenes) {
     const int sides = options.quick ? 1 : 4;
-    const double pitch_mm = nominal.camera.field_mm / e.m;
+    const double pitch_mm = nominal.camera.field_mm / nominal.camera.extents.m;
     for (int place = 0; place < sides * sides; ++place) {
         const double beside_m = static_cast<double>(place % sides) / sides,
                      beside_n = static_cast<double>(place / sides) / sides;
         sim::Scene scene = nominal;
-        scene.defects.push_back(flawed.front().defect);
-        const sim::TruthDefect middle = sim::truth_of(scene).defects.front();
+        scene.defects.push_back(cut);
+        const TruthDefect middle = truth_of(scene).defects.front();
         const auto to = [](double from, double beside) {
             return beside - from - std::round(beside - from);
         };  // to the nearest such place
@@ -290,12 +310,34 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
         good.defects.clear();
         auto good_light = light_of(good, options);
         if (!good_light) return tl::unexpected(good_light.error());
-        auto compared = compare("cut beside", good, *good_light, scene, sim::truth_of(scene).defects.front(), shots);
+        auto compared = meter.compare("cut beside", good, *good_light, scene, truth_of(scene).defects.front());
         if (!compared) return tl::unexpected(compared.error());
         (*compared)["beside"] = {beside_m, beside_n};
         scenes.push_back(*compared);
     }
-    return scenes;
+    return {};
+}
+
+}  // namespace
+
+Result<Json> measure_contrast(const ExperimentOptions& options) {
+    constexpr int kLenslets = 111, kLearn = 12;
+    const sim::Scene nominal = paper_lens(kLenslets);
+    std::vector<Frame> frames;
+    for (int k = 0; k < kLearn; ++k) {
+        const sim::Scene scene = moved(nominal, options.seed, static_cast<std::uint32_t>(k));
+        auto light = light_of(scene, options);
+        if (!light) return tl::unexpected(light.error());
+        frames.push_back(expose_part(*light, scene, options.seed, 0xC000'0000U + static_cast<std::uint64_t>(k)));
+    }
+    auto pipelines = learn_pipelines(nominal, frames);
+    if (!pipelines) return tl::unexpected(pipelines.error());
+    ContrastMeter meter(options, std::move(*pipelines));
+    const std::vector<Flawed> flawed = flaws_of(nominal);
+    Json scenes = Json::array();
+    return compare_flaws(meter, moved(nominal, options.seed, 1000), flawed, options, scenes)
+        .and_then([&] { return compare_places(meter, nominal, flawed.front().defect, options, scenes); })
+        .map([&] { return scenes; });
 }
 
 // CPU time of one thread, of the features, without and with a reference in turns, so that other load disturbs both
@@ -304,7 +346,6 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
 Result<Json> measure_times(const ExperimentOptions& options) {
     const int lenslets = options.quick ? 111 : 555, repeats = options.quick ? 9 : 31;
     const sim::Scene scene = paper_lens(lenslets);
-    const algo::Extents& e = scene.camera.extents;
     auto light = light_of(scene, options);
     if (!light) return tl::unexpected(light.error());
     const auto shoot = [&](std::uint64_t exposure) {
@@ -312,23 +353,17 @@ Result<Json> measure_times(const ExperimentOptions& options) {
     };
     std::vector<Frame> frames;
     for (std::uint64_t k = 0; k < algo::Reference::kMinParts; ++k) frames.push_back(shoot(k + 1));
-    auto reference = learn_lens(scene, frames.size(), [&](std::size_t k) -> Result<Frame> { return frames[k]; });
-    if (!reference) return tl::unexpected(reference.error());
+    auto pipelines = learn_pipelines(scene, frames);
+    if (!pipelines) return tl::unexpected(pipelines.error());
     frames.clear();
-    algo::Recipe recipe = production_recipe();
-    auto without_reference = algo::Pipeline::create(e, scene.camera.bits, recipe);
-    recipe.reference = *reference;
-    auto with_reference = algo::Pipeline::create(e, scene.camera.bits, recipe);
-    if (!without_reference || !with_reference)
-        return tl::unexpected(without_reference ? with_reference.error() : without_reference.error());
     const Frame frame = shoot(0);
     std::vector<double> features, without, with, added;
     for (int k = 0; k < repeats; ++k) {
-        const auto a = without_reference->inspect(frame.view(), cpu_ns);
+        const auto a = pipelines->without.inspect(frame.view(), cpu_ns);
         if (!a) return tl::unexpected(a.error());
         features.push_back(static_cast<double>(a->times.feature_ns + a->times.decode_ns + a->times.hord_ns) / 1e6);
         without.push_back(static_cast<double>(a->times.total_ns) / 1e6);
-        const auto b = with_reference->inspect(frame.view(), cpu_ns);
+        const auto b = pipelines->with.inspect(frame.view(), cpu_ns);
         if (!b) return tl::unexpected(b.error());
         if (!b->registered.found())
             return fail(ErrorCode::internal, "the timed part was not registered",

@@ -16,7 +16,7 @@ namespace {
 
 // Calls use(k) for every lenslet within `reach` of the defect's centre.
 template <class Use>
-void around(const algo::Extents& e, const sim::TruthDefect& defect, double reach, const Use& use) {
+void around(const algo::Extents& e, const TruthDefect& defect, double reach, const Use& use) {
     const int m0 = std::max(0, static_cast<int>(std::floor(defect.m - reach))),
               m1 = std::min(e.m - 1, static_cast<int>(std::ceil(defect.m + reach)));
     const int n0 = std::max(0, static_cast<int>(std::floor(defect.n - reach))),
@@ -95,7 +95,7 @@ Interior interior_of(std::span<const float> signal, std::span<const std::uint8_t
 }
 
 Contrast contrast_of(std::span<const float> signal, std::span<const std::uint8_t> mask, const algo::Extents& extents,
-                     const sim::TruthDefect& defect, const Interior& clean, double floor) {
+                     const TruthDefect& defect, const Interior& clean, double floor) {
     Contrast contrast;
     const auto has_value = [&](std::size_t k) { return (mask[k] & algo::kNoGradient) == 0; };
     around(extents, defect, defect.radius_lenslets + 3, [&](std::size_t k) {

@@ -10,6 +10,7 @@
 #include "common/frame.h"
 #include "common/result.h"
 #include "hal_sim/optics/camera/render.h"
+#include "lab/optics/truth.h"
 
 namespace hord::lab {
 
@@ -43,7 +44,7 @@ struct Contrast {
 };
 constexpr double kVisible = 2;
 Contrast contrast_of(std::span<const float> signal, std::span<const std::uint8_t> mask, const algo::Extents& extents,
-                     const sim::TruthDefect& defect, const Interior& clean, double floor);
+                     const TruthDefect& defect, const Interior& clean, double floor);
 
 // FNV-1a, 64 bits, to check that two runs gave the same bits.
 std::string hash_of(std::span<const std::byte> bytes);

@@ -12,6 +12,8 @@
 #include "hal_sim/optics/scene/array_geometry.h"
 #include "hal_sim/optics/scene/scene.h"
 #include "lab/hord_lab/commands.h"
+#include "lab/optics/truth.h"
+#include "lab/optics/views.h"
 
 namespace hord::lab {
 namespace {
@@ -24,10 +26,10 @@ struct RenderArguments {
     int threads = 0;
 };
 
-Json to_json(const sim::Scene& scene, const sim::Truth& truth) {
+Json to_json(const sim::Scene& scene, const lab::Truth& truth) {
     const algo::Extents& e = scene.camera.extents;
     Json defects = Json::array();
-    for (const sim::TruthDefect& d : truth.defects) {
+    for (const lab::TruthDefect& d : truth.defects) {
         defects.push_back({{"kind", d.kind},
                            {"m", d.m},
                            {"n", d.n},
@@ -73,7 +75,7 @@ std::string centres_of(const sim::Scene& scene) {
 // The sensor's frame behind the lenslet array as it is.
 std::optional<Error> write_raw(const sim::Scene& scene, const RenderArguments& arguments) {
     std::optional<Progress> progress(std::in_place, "render " + scene.name + " as the sensor sees it");
-    const auto raw = sim::render_raw(scene, {arguments.threads, [&](double done) { progress->show(done); }});
+    const auto raw = lab::render_raw(scene, {arguments.threads, [&](double done) { progress->show(done); }});
     progress.reset();
     if (!raw) return raw.error();
     const Frame frame = sim::expose(raw->light, raw->width_px, raw->height_px, scene, scene.seed);
@@ -102,7 +104,7 @@ Exit run_render(const RenderArguments& arguments) {
         if (const auto error = write_text(arguments.centres, centres_of(*scene))) return complain(*error);
     }
     if (!arguments.truth.empty()) {
-        if (const auto error = write_text(arguments.truth, to_json(*scene, sim::truth_of(*scene)).dump(1) + '\n'))
+        if (const auto error = write_text(arguments.truth, to_json(*scene, lab::truth_of(*scene)).dump(1) + '\n'))
             return complain(*error);
     }
     return Exit::good;

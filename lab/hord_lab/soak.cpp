@@ -45,9 +45,8 @@ Exit run_one_episode(const SoakArguments& arguments) {
     auto faults = faults_of(arguments.faults);
     if (!faults) return complain(faults.error());
     plan.faults = std::move(*faults);
-    SoakReport report;
-    if (auto done = run_episode(plan, report); !done) return complain(done.error());
-    return show(report, arguments);
+    const auto report = run_episode(plan);
+    return report ? show(*report, arguments) : complain(report.error());
 }
 
 Exit run_soak(const SoakArguments& arguments) {

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
 
 #include "lab/experiment/scenes.h"
 #include "lab/paper/paper_vary.h"
@@ -35,6 +36,14 @@ std::array<sim::Scene, kScenes> scenes_of_figure(int lenslets, std::uint64_t see
     scenes[kAbsorber].defects = {absorber_of_lens(kAbsorberTransmission)};
     for (auto& scene : scenes) scene.seed = seed;
     return scenes;
+}
+
+// The picture at half its size, averaged.
+Picture halved(const Picture& picture) {
+    const cv::Mat whole(picture.height, picture.width, CV_8UC3, const_cast<unsigned char*>(picture.bgr.data()));
+    cv::Mat half;
+    cv::resize(whole, half, {picture.width / 2, picture.height / 2}, 0, 0, cv::INTER_AREA);
+    return {half.cols, half.rows, {half.datastart, half.dataend}};
 }
 
 // The share of 360 directions from the centre in which the map is bright within four lenslets of the lens' edge.
@@ -121,7 +130,7 @@ Result<void> write_pictures(const std::filesystem::path& out, const Figure& figu
             report.files.push_back(out / (name + ".tiff"));
             if (static_cast<std::size_t>(view) < kViewsOfFigure) row.pictures.push_back(picture);
             if (s == kClean || view == View::frobenius_even) continue;
-            const sim::TruthDefect& defect = seen.truth.defects[0];
+            const TruthDefect& defect = seen.truth.defects[0];
             const int side = std::min(static_cast<int>(4 * defect.radius_lenslets) | 1, seen.scene.camera.extents.m);
             close.pictures.push_back(close_picture_of(seen, view, std::string(name_of(view)), high(view), defect.m,
                                                       defect.n, std::max(side, 21)));
@@ -130,7 +139,7 @@ Result<void> write_pictures(const std::filesystem::path& out, const Figure& figu
         if (s != kClean) close_rows.push_back(std::move(close));
     }
     for (const auto& [name, rows] : {std::pair("paper.png", &figure_rows), std::pair("paper-close.png", &close_rows)}) {
-        if (auto done = write_png(out / name, reduced(montage(*rows), 2)); !done) return done;
+        if (auto done = write_png(out / name, halved(montage(*rows))); !done) return done;
         report.files.push_back(out / name);
     }
     return {};

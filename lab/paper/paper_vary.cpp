@@ -9,6 +9,8 @@
 #include "algo/frame/mask.h"
 #include "algo/recipe/recipe.h"
 #include "lab/experiment/scenes.h"
+#include "lab/optics/truth.h"
+#include "lab/optics/views.h"
 #include "lab/report/tables.h"
 
 namespace hord::lab {
@@ -80,12 +82,14 @@ Json to_json(const Contrast& c) {
     return {{"ratio", c.ratio}, {"to_noise", c.to_noise}, {"blob", c.blob_radius}, {"seen", c.seen}};
 }
 
+std::string panel_key(double half) { return fmt::format("panel {}", half); }
+
 Result<Json> measure_defect(const Defect& defect, const std::vector<double>& panel_halves, const Interior& emd,
                             const Interior& frobenius, int threads) {
     const algo::Extents& e = defect.scene.camera.extents;
-    const auto truth = sim::truth_of(defect.scene);
+    const auto truth = truth_of(defect.scene);
     if (truth.defects.empty()) return fail(ErrorCode::internal, defect.name + " is not in sight", "report this");
-    const sim::TruthDefect& where = truth.defects[0];
+    const TruthDefect& where = truth.defects[0];
     const auto light = sim::render(defect.scene, {threads, {}});
     if (!light) return tl::unexpected(light.error());
     const Frame frame = sim::expose(*light, defect.scene, defect.scene.seed);
@@ -104,10 +108,9 @@ Result<Json> measure_defect(const Defect& defect, const std::vector<double>& pan
     for (const double half : panel_halves) {
         sim::Scene scene = defect.scene;
         scene.telecentric.panel_half_mm = half;
-        const auto picture = sim::render_telecentric(scene, {threads, {}});
+        const auto picture = render_telecentric(scene, {threads, {}});
         if (!picture) return tl::unexpected(picture.error());
-        found[fmt::format("panel {}", half)] =
-            to_json(contrast_of(light_signal(picture->light), all_valid, e, where, flat, kFloor));
+        found[panel_key(half)] = to_json(contrast_of(light_signal(picture->light), all_valid, e, where, flat, kFloor));
     }
     return found;
 }
@@ -116,6 +119,45 @@ std::string cell_text(const Json& contrast) {
     const double ratio = contrast["ratio"].get<double>();
     const std::string text = ratio < 9.95 ? fmt::format("{:.1f}", ratio) : fmt::format("{:.0f}", ratio);
     return contrast["seen"].get<bool>() ? "**" + text + "**" : text;
+}
+
+// A row a defect: its contrast to each of the cameras.
+Table contrasts(const std::vector<Defect>& defects, const std::vector<Json>& found,
+                const std::vector<double>& panel_halves, double panel_distance_mm) {
+    Table table{{"defect", "radius, lenslets", "EMD", "EMD, dark as even", "Frobenius", "transmission"}, {}};
+    for (const double half : panel_halves) {
+        table.header.push_back(fmt::format("light {:g} mm ({:.0f} deg)", half,
+                                           std::atan2(half, panel_distance_mm) * 180 / 3.14159265358979));
+    }
+    for (std::size_t k = 0; k < defects.size(); ++k) {
+        const Json& f = found[k];
+        std::vector<std::string> row{defects[k].name, fmt::format("{:.2f}", f["radius"].get<double>())};
+        for (const char* view : {"emd", "emd-even", "frobenius", "transmission"}) row.push_back(cell_text(f[view]));
+        for (const double half : panel_halves) row.push_back(cell_text(f[panel_key(half)]));
+        table.rows.push_back(std::move(row));
+    }
+    return table;
+}
+
+// The lights by which the telecentric camera sees a cut but not the other defect, which EMD sees. Empty: none.
+std::string lights_for(Defect::Kind kind, const std::vector<Defect>& defects, const std::vector<Json>& found,
+                       const std::vector<double>& panel_halves) {
+    const auto seen = [&](std::size_t k, const std::string& view) { return found[k][view]["seen"].get<bool>(); };
+    std::string text;
+    for (const double half : panel_halves) {
+        const std::string panel = panel_key(half);
+        std::string cuts, others;
+        for (std::size_t k = 0; k < defects.size(); ++k) {
+            if (defects[k].kind == Defect::Kind::cut && seen(k, panel))
+                cuts += (cuts.empty() ? "" : " or ") + defects[k].name;
+            if (defects[k].kind != kind || seen(k, panel) || !(seen(k, "emd") || seen(k, "emd-even"))) continue;
+            others += (others.empty() ? "" : " or ") + defects[k].name +
+                (seen(k, "emd") ? "" : " (dark lenslets taken as even)");
+        }
+        if (!cuts.empty() && !others.empty())
+            text += fmt::format("{}light of {:g} mm: {} with {}", text.empty() ? "" : "; ", half, cuts, others);
+    }
+    return text;
 }
 
 }  // namespace
@@ -133,45 +175,13 @@ Result<ExperimentReport> vary_paper(const ExperimentOptions& options, const sim:
         found.push_back(std::move(*cell));
     }
 
-    Table table{{"defect", "radius, lenslets", "EMD", "EMD, dark as even", "Frobenius", "transmission"}, {}};
-    for (const double half : panel_halves) {
-        table.header.push_back(
-            fmt::format("light {:g} mm ({:.0f} deg)", half,
-                        std::atan2(half, lens.telecentric.panel_distance_mm) * 180 / 3.14159265358979));
-    }
-    for (std::size_t k = 0; k < defects.size(); ++k) {
-        const Json& f = found[k];
-        std::vector<std::string> row{defects[k].name, fmt::format("{:.2f}", f["radius"].get<double>())};
-        for (const char* view : {"emd", "emd-even", "frobenius", "transmission"}) row.push_back(cell_text(f[view]));
-        for (const double half : panel_halves) row.push_back(cell_text(f[fmt::format("panel {}", half)]));
-        table.rows.push_back(std::move(row));
-    }
+    const Table table = contrasts(defects, found, panel_halves, lens.telecentric.panel_distance_mm);
     ExperimentReport report;
     if (auto done = write_csv(options.out / "vary.csv", table); !done) return tl::unexpected(done.error());
     report.files.push_back(options.out / "vary.csv");
 
-    // The lights by which the telecentric camera sees a cut but not the other defect, which EMD sees.
-    const auto matches = [&](Defect::Kind kind) {
-        std::string text;
-        for (const double half : panel_halves) {
-            const auto seen = [&](std::size_t k, const std::string& view) {
-                return found[k][view]["seen"].get<bool>();
-            };
-            const std::string panel = fmt::format("panel {}", half);
-            std::string cuts, others;
-            for (std::size_t k = 0; k < defects.size(); ++k) {
-                if (defects[k].kind == Defect::Kind::cut && seen(k, panel))
-                    cuts += (cuts.empty() ? "" : " or ") + defects[k].name;
-                if (defects[k].kind != kind || seen(k, panel) || !(seen(k, "emd") || seen(k, "emd-even"))) continue;
-                others += (others.empty() ? "" : " or ") + defects[k].name +
-                    (seen(k, "emd") ? "" : " (dark lenslets taken as even)");
-            }
-            if (!cuts.empty() && !others.empty())
-                text += fmt::format("{}light of {:g} mm: {} with {}", text.empty() ? "" : "; ", half, cuts, others);
-        }
-        return text;
-    };
-    const std::string by_bubbles = matches(Defect::Kind::bubble), by_inclusions = matches(Defect::Kind::inclusion);
+    const std::string by_bubbles = lights_for(Defect::Kind::bubble, defects, found, panel_halves),
+                      by_inclusions = lights_for(Defect::Kind::inclusion, defects, found, panel_halves);
     const std::string nowhere =
         "at none of the combinations tried: whatever bubble EMD sees, the telecentric camera sees at the same pitch";
     report.claims.push_back(

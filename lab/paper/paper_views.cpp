@@ -5,6 +5,7 @@
 
 #include "algo/frame/mask.h"
 #include "drivers/files/frame_file.h"
+#include "lab/optics/views.h"
 
 namespace hord::lab {
 
@@ -82,7 +83,7 @@ Result<SceneViews> inspect_scene(const sim::Scene& scene, const std::filesystem:
                                  ResultCache& cells, const std::function<void(double)>& progress) {
     SceneViews views;
     views.scene = scene;
-    views.truth = sim::truth_of(scene);
+    views.truth = truth_of(scene);
     const algo::Extents& e = scene.camera.extents;
     const auto frame = frame_of(scene, folder, threads, cells, progress, views.frame_hash);
     if (!frame) return tl::unexpected(frame.error());
@@ -90,7 +91,7 @@ Result<SceneViews> inspect_scene(const sim::Scene& scene, const std::filesystem:
     if (!maps) return tl::unexpected(maps.error());
     auto maps_even = inspect_frame(with_dark_as_uniform(*frame, *maps), e, 1);
     if (!maps_even) return tl::unexpected(maps_even.error());
-    auto picture = sim::render_telecentric(scene, {threads, {}});
+    auto picture = render_telecentric(scene, {threads, {}});
     if (!picture) return tl::unexpected(picture.error());
     views.maps = std::move(*maps);
     views.maps_even = std::move(*maps_even);

@@ -9,6 +9,7 @@
 #include "firmware/diagnostics/map_images.h"
 #include "lab/experiment/inspected_maps.h"
 #include "lab/experiment/result_cache.h"
+#include "lab/optics/truth.h"
 
 namespace hord::lab {
 
@@ -21,7 +22,7 @@ std::string_view file_name_of(View view);
 
 struct SceneViews {
     sim::Scene scene;
-    sim::Truth truth;
+    Truth truth;
     std::string frame_hash;
     InspectedMaps maps, maps_even;
     std::vector<float> telecentric;              // one value a lenslet: as many pixels, over the same field

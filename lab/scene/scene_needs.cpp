@@ -9,6 +9,7 @@
 #include "algo/recipe/recipe.h"
 #include "common/statistics.h"
 #include "hal_sim/optics/camera/render.h"
+#include "lab/optics/truth.h"
 #include "lab/report/cpu_time.h"
 
 namespace hord::lab {
@@ -72,15 +73,32 @@ FeatureChange change(const Features& with, const Features& without, const std::v
     return out;
 }
 
-// A scene's frames and features, in its light or on its sensor.
+// A scene in its light and on its sensor, to compare with the same scene without some effect.
 class SceneComparison {
   public:
-    SceneComparison(const sim::Scene& scene, int threads) : scene_(scene), threads_(threads) {
-        const auto labels = sim::truth_of(scene).labels;
-        for (const std::uint8_t label : labels) judged_.push_back(label == 0 || label == 1 || label == 3);
+    // Takes the whole scene's frames; their processor times go to `needs`. Fails as sim::render() does.
+    static Result<SceneComparison> make(const sim::Scene& scene, int threads, SceneNeeds& needs) {
+        SceneComparison out;
+        out.threads_ = threads;
+        for (const std::uint8_t label : truth_of(scene).labels)
+            out.judged_.push_back(label == 0 || label == 1 || label == 3);
+        needs.lenslets = static_cast<int>(std::count(out.judged_.begin(), out.judged_.end(), 1));
+        auto light = out.light(scene, needs.render_ms, &out.field_);
+        if (!light) return tl::unexpected(light.error());
+        auto sensor = out.sensor(scene, needs.expose_ms);
+        if (!sensor) return tl::unexpected(sensor.error());
+        out.whole_light_ = std::move(*light), out.whole_sensor_ = std::move(*sensor);
+        return out;
     }
-    [[nodiscard]] const std::vector<std::uint8_t>& judged() const { return judged_; }
 
+    // What `less` changes; `ms`: the processor time of its frame.
+    Result<FeatureChange> change_by(const sim::Scene& less, bool of_sensor, double& ms) const {
+        const auto features = of_sensor ? sensor(less, ms) : light(less, ms);
+        if (!features) return tl::unexpected(features.error());
+        return change(of_sensor ? whole_sensor_ : whole_light_, *features, judged_);
+    }
+
+  private:
     // Without noise, at 16 bits.
     Result<Features> light(const sim::Scene& scene, double& ms, sim::LightField* keep = nullptr) const {
         const double start = process_cpu_ms();
@@ -96,17 +114,17 @@ class SceneComparison {
         return features;
     }
     // The sensor's frame with the station's light levels.
-    Result<Features> sensor(const sim::Scene& scene, const sim::LightField& field, double& ms) const {
+    Result<Features> sensor(const sim::Scene& scene, double& ms) const {
         const double start = process_cpu_ms();
-        const Frame frame = sim::expose(field, scene, scene.seed);
+        const Frame frame = sim::expose(field_, scene, scene.seed);
         ms = process_cpu_ms() - start;
         return features_of(frame, scene.camera.extents, algo::light_levels({}, scene.camera.bits));
     }
 
-  private:
-    const sim::Scene& scene_;
-    int threads_;
+    int threads_ = 0;
     std::vector<std::uint8_t> judged_;
+    sim::LightField field_;
+    Features whole_light_, whole_sensor_;
 };
 
 FeatureChange larger(const FeatureChange& a, const FeatureChange& b) {
@@ -119,12 +137,40 @@ FeatureChange larger(const FeatureChange& a, const FeatureChange& b) {
             std::max(a.unseen, b.unseen)};
 }
 
+// Leaves out as many effects of the light (or of the sensor) as the tolerance allows, the smallest first.
+Result<void> leave_out(SceneNeeds& needs, const sim::Scene& scene, bool of_sensor, const SceneComparison& comparison,
+                       const std::function<void()>& step) {
+    std::vector<EffectNeed*> order;
+    for (EffectNeed& need : needs.effects) {
+        if (is_of_sensor(need.effect) == of_sensor) order.push_back(&need);
+    }
+    std::stable_sort(order.begin(), order.end(),
+                     [](const auto* a, const auto* b) { return a->change.largest() < b->change.largest(); });
+    sim::Scene least = scene;
+    for (EffectNeed* need : order) {
+        const sim::Scene less = without(least, need->effect);
+        double ms = 0;
+        auto changed = comparison.change_by(less, of_sensor, ms);
+        if (!changed) return tl::unexpected(changed.error());
+        step();
+        if (changed->largest() > needs.tolerance) continue;
+        need->required = false;
+        needs.left_out = larger(needs.left_out, *changed);
+        least = less;
+    }
+    // Without fresnel there are no ghosts.
+    for (EffectNeed* need : order) {
+        if (!names(least, need->effect)) need->required = false;
+    }
+    return {};
+}
+
 }  // namespace
 
 double FeatureChange::largest() const { return std::max({emd, jacobian, transmission}); }
 
-std::vector<sim::Effect> SceneNeeds::required() const {
-    std::vector<sim::Effect> out;
+std::vector<Effect> SceneNeeds::required() const {
+    std::vector<Effect> out;
     for (const EffectNeed& need : effects) {
         if (need.required) out.push_back(need.effect);
     }
@@ -134,63 +180,29 @@ std::vector<sim::Effect> SceneNeeds::required() const {
 Result<SceneNeeds> needs_of(const sim::Scene& scene, const NeedsOptions& options) {
     SceneNeeds needs;
     needs.tolerance = options.tolerance;
-    const auto named = sim::effects_of(scene);
+    const auto named = effects_of(scene);
     const double steps = 2 + 2 * static_cast<double>(named.size());
     double done = 0;
     const auto step = [&] {
         if (options.progress) options.progress(std::min(1.0, ++done / steps));
     };
-    sim::LightField field;
     // Renders a first frame to warm the caches, so that the next time is comparable with the others.
     if (auto first = sim::render(scene, {options.threads, {}}); !first) return tl::unexpected(first.error());
     step();
-    const SceneComparison comparison(scene, options.threads);
-    needs.lenslets = static_cast<int>(std::count(comparison.judged().begin(), comparison.judged().end(), 1));
-    const auto whole_light = comparison.light(scene, needs.render_ms, &field);
-    if (!whole_light) return tl::unexpected(whole_light.error());
-    const auto whole_sensor = comparison.sensor(scene, field, needs.expose_ms);
-    if (!whole_sensor) return tl::unexpected(whole_sensor.error());
+    const auto comparison = SceneComparison::make(scene, options.threads, needs);
+    if (!comparison) return tl::unexpected(comparison.error());
     step();
-
-    const auto without = [&](const sim::Scene& less, bool of_sensor, double& ms) -> Result<FeatureChange> {
-        const auto features = of_sensor ? comparison.sensor(less, field, ms) : comparison.light(less, ms);
-        if (!features) return tl::unexpected(features.error());
-        return change(of_sensor ? *whole_sensor : *whole_light, *features, comparison.judged());
-    };
-    for (const sim::Effect effect : named) {
-        EffectNeed need{effect, {}, 0, true};
-        const bool of_sensor = sim::is_of_sensor(effect);
+    for (const Effect effect : named) {
+        const bool of_sensor = is_of_sensor(effect);
         double ms = 0;
-        auto changed = without(sim::without(scene, effect), of_sensor, ms);
+        auto changed = comparison->change_by(without(scene, effect), of_sensor, ms);
         if (!changed) return tl::unexpected(changed.error());
-        need.change = *changed;
-        need.cost_ms = (of_sensor ? needs.expose_ms : needs.render_ms) - ms;
-        needs.effects.push_back(need);
+        needs.effects.push_back({effect, *changed, (of_sensor ? needs.expose_ms : needs.render_ms) - ms, true});
         step();
     }
     for (const bool of_sensor : {false, true}) {
-        std::vector<EffectNeed*> order;
-        for (EffectNeed& need : needs.effects) {
-            if (sim::is_of_sensor(need.effect) == of_sensor) order.push_back(&need);
-        }
-        std::stable_sort(order.begin(), order.end(),
-                         [](const auto* a, const auto* b) { return a->change.largest() < b->change.largest(); });
-        sim::Scene least = scene;
-        for (EffectNeed* need : order) {
-            const sim::Scene less = sim::without(least, need->effect);
-            double ms = 0;
-            auto changed = without(less, of_sensor, ms);
-            if (!changed) return tl::unexpected(changed.error());
-            step();
-            if (changed->largest() > options.tolerance) continue;
-            need->required = false;
-            needs.left_out = larger(needs.left_out, *changed);
-            least = less;
-        }
-        // Without fresnel there are no ghosts.
-        for (EffectNeed& need : needs.effects) {
-            if (sim::is_of_sensor(need.effect) == of_sensor && !sim::names(least, need.effect)) need.required = false;
-        }
+        if (auto good = leave_out(needs, scene, of_sensor, *comparison, step); !good)
+            return tl::unexpected(good.error());
     }
     if (options.progress) options.progress(1);
     return needs;
@@ -206,14 +218,13 @@ std::string table_of(const SceneNeeds& needs) {
     const auto both = [](double p99, double mean) { return fmt::format("{:.4f} ({:.4f})", p99, mean); };
     for (const EffectNeed& need : needs.effects) {
         const FeatureChange& c = need.change;
-        out += fmt::format("{:<13} {:>18} {:>18} {:>18} {:>7} {:>9.1f}  {}\n", sim::name_of(need.effect),
+        out += fmt::format("{:<13} {:>18} {:>18} {:>18} {:>7} {:>9.1f}  {}\n", name_of(need.effect),
                            both(c.emd, c.emd_rms), both(c.jacobian, c.jacobian_rms),
                            both(c.transmission, c.transmission_rms), c.unseen, need.cost_ms,
                            need.required ? "required" : "");
     }
     std::string set;
-    for (const sim::Effect effect : needs.required())
-        set += (set.empty() ? "" : ", ") + std::string(sim::name_of(effect));
+    for (const Effect effect : needs.required()) set += (set.empty() ? "" : ", ") + std::string(name_of(effect));
     out += fmt::format("\nAt a tolerance of {} this scene requires: {}.\n", needs.tolerance,
                        set.empty() ? "none of the effects that it names" : set);
     out += fmt::format("Without all others: EMD {:.4f}, Jacobian {:.4f}, light {:.4f}.\n", needs.left_out.emd,

@@ -16,7 +16,8 @@
 #include <vector>
 
 #include "common/result.h"
-#include "hal_sim/optics/scene/effects.h"
+#include "hal_sim/optics/scene/scene.h"
+#include "lab/optics/effects.h"
 
 namespace hord::lab {
 
@@ -28,7 +29,7 @@ struct FeatureChange {
 };
 
 struct EffectNeed {
-    sim::Effect effect;
+    Effect effect;
     FeatureChange change;  // without it
     double cost_ms = 0;    // processor time of the frame with it less that without it
     bool required = false;
@@ -37,10 +38,10 @@ struct EffectNeed {
 struct SceneNeeds {
     double tolerance = 0;
     double render_ms = 0, expose_ms = 0;  // of the whole scene
-    std::vector<EffectNeed> effects;      // in the order of sim::Effect
+    std::vector<EffectNeed> effects;      // in the order of Effect
     FeatureChange left_out;  // by all effects that are not required together; the larger of light and sensor
     int lenslets = 0;        // compared
-    [[nodiscard]] std::vector<sim::Effect> required() const;
+    [[nodiscard]] std::vector<Effect> required() const;
 };
 
 struct NeedsOptions {

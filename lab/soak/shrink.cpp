@@ -101,13 +101,13 @@ Result<Shrunk> shrink(const EpisodePlan& plan, const Try& attempt, std::uint64_t
 }
 
 Result<Breakage> try_episode(const EpisodePlan& plan) {
-    SoakReport report;
-    if (auto done = run_episode(plan, report); !done) return tl::unexpected(done.error());
+    const auto report = run_episode(plan);
+    if (!report) return tl::unexpected(report.error());
     Breakage breakage;
-    if (report.violations == 0) return breakage;
-    const std::string& first = report.first_violations.front();
+    if (report->violations == 0) return breakage;
+    const std::string& first = report->first_violations.front();
     breakage.promise = first.substr(0, first.find(':'));
-    breakage.parts = report.parts_to_violation;
+    breakage.parts = report->parts_to_violation;
     return breakage;
 }
 

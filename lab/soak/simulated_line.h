@@ -11,12 +11,13 @@
 
 #include "firmware/station/station.h"
 #include "hal_sim/cell/cell.h"
-#include "hal_sim/world/virtual_time.h"
 #include "lab/soak/coverage.h"
 #include "lab/soak/device_proxies.h"
 #include "lab/soak/invariants.h"
 #include "lab/soak/plc_simulator.h"
 #include "lab/soak/store_observer.h"
+#include "lab/stand_in/stand_in_inspector.h"
+#include "lab/virtual_time/virtual_time.h"
 
 namespace hord::lab {
 
@@ -58,7 +59,7 @@ class SimulatedLine final : public StationObserver {
     [[nodiscard]] const Coverage& coverage() const { return coverage_; }
     [[nodiscard]] Snapshot snapshot() const { return process_ ? process_->station->snapshot() : Snapshot{}; }
     [[nodiscard]] sim::SimulatedCell& cell() { return *cell_; }
-    [[nodiscard]] sim::VirtualTime& loop() { return loop_; }
+    [[nodiscard]] VirtualTime& loop() { return loop_; }
     [[nodiscard]] Station& station() { return *process_->station; }  // while a process runs
     [[nodiscard]] const StoreObserver& store_observer() const { return *store_observer_; }
     [[nodiscard]] std::uint64_t resets() const { return resets_; }
@@ -97,7 +98,7 @@ class SimulatedLine final : public StationObserver {
     [[nodiscard]] bool alive() const { return process_ && process_->alive; }
 
     LineOptions options_;
-    sim::VirtualTime loop_;
+    VirtualTime loop_;
     sim::TokenFrames tokens_{{5, 5, 8}};
     Coverage coverage_;
     std::unique_ptr<sim::SimulatedCell> cell_;

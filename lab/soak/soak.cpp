@@ -21,51 +21,82 @@ constexpr std::uint64_t kPairParts = 400;
 constexpr std::size_t kWalks = 24;  // episodes for each fault
 constexpr std::size_t kViolationsShown = 20;
 
-void add_episode(SoakReport& report, SimulatedLine& line, bool over, const std::string& label) {
+// The numbers that add up over episodes, as describe() names them.
+struct Counter {
+    const char* name;
+    std::uint64_t SoakReport::*count;
+    std::uint64_t unit = 1;
+};
+constexpr Counter kCounters[] = {
+    {"parts", &SoakReport::parts},
+    {"episodes", &SoakReport::episodes},
+    {"results", &SoakReport::results},
+    {"hours of production", &SoakReport::virtual_s, 3600},
+    {"line stops", &SoakReport::line_stops},
+    {"resets", &SoakReport::resets},
+    {"excused (invisible faults)", &SoakReport::excused},
+    {"parts with nothing wrong", &SoakReport::undisturbed},
+    {"parts seen through optics", &SoakReport::real_parts},
+    {"bad ones the pipeline passed", &SoakReport::passed_bad},
+    {"processes", &SoakReport::processes},
+    {"results on disks", &SoakReport::stored},
+    {"results lost, and said so", &SoakReport::lost},
+};
+
+SoakReport report_of(SimulatedLine& line, bool over, const EpisodePlan& plan) {
     const Invariants& invariants = line.invariants();
-    const auto violation = [&](const std::string& text) {
-        if (report.violations++ == 0) report.parts_to_violation = report.parts + line.cell().world().totals().arrived;
+    const std::string command = command_of(plan);
+    SoakReport report;
+    report.parts = plan.parts;
+    report.episodes = 1;
+    report.results = invariants.results();
+    report.virtual_s = static_cast<std::uint64_t>(
+        std::chrono::duration_cast<std::chrono::seconds>(line.loop().now().time_since_epoch()).count());
+    report.line_stops = line.line_stops();
+    report.resets = line.resets();
+    report.excused = invariants.excused();
+    report.undisturbed = invariants.undisturbed();
+    report.real_parts = plan.real ? plan.parts : 0;
+    report.passed_bad = invariants.passed_bad();
+    report.processes = line.processes();
+    report.stored = line.store_observer().stored();
+    report.lost = line.store_observer().lost();
+    for (std::size_t k = 0; k < report.reasons.size(); ++k)
+        report.reasons[k] = invariants.of(static_cast<PartReason>(k));
+
+    report.violations = invariants.violations();
+    report.parts_to_violation = report.violations > 0 ? invariants.parts_to_violation() : 0;
+    for (std::size_t k = 0; k < kPromises; ++k) report.broken[k] = invariants.violations_of(static_cast<Promise>(k));
+    const auto show = [&](const std::string& text) {
         if (report.first_violations.size() < kViolationsShown)
-            report.first_violations.push_back(text + "\n    " + label);
+            report.first_violations.push_back(text + "\n    " + command);
     };
-    report.results += invariants.results();
-    if (report.violations == 0 && invariants.violations() > 0)
-        report.parts_to_violation = report.parts + invariants.parts_to_violation();
-    report.violations += invariants.violations();
-    for (std::size_t k = 0; k < kPromises; ++k) report.broken[k] += invariants.violations_of(static_cast<Promise>(k));
-    for (const std::string& text : invariants.first_violations()) {
-        if (report.first_violations.size() < kViolationsShown)
-            report.first_violations.push_back(text + "\n    " + label);
-    }
+    for (const std::string& text : invariants.first_violations()) show(text);
+    const auto violation = [&](const std::string& text) {
+        if (report.violations++ == 0) report.parts_to_violation = line.cell().world().totals().arrived;
+        show(text);
+    };
     if (!over) violation("did not end");
     const Snapshot last = line.snapshot();
     if (last.state != State::continuous_execution || last.line_stop)
         violation("ended in " + std::string(name_of(last.state)));
-    report.line_stops += line.line_stops();
-    report.resets += line.resets();
-    report.excused += invariants.excused();
-    report.virtual_s += static_cast<std::uint64_t>(
-        std::chrono::duration_cast<std::chrono::seconds>(line.loop().now().time_since_epoch()).count());
-    for (std::size_t k = 0; k < report.reasons.size(); ++k)
-        report.reasons[k] += invariants.of(static_cast<PartReason>(k));
-    report.coverage.merge(line.coverage());
-    report.undisturbed += invariants.undisturbed();
-    report.processes += line.processes();
-    report.stored += line.store_observer().stored();
-    report.lost += line.store_observer().lost();
+    if (report.violations > 0) report.first_broken = plan;
+
+    report.coverage = line.coverage();
     const sim::InjectionPlan& faults = line.cell().faults();
     for (std::size_t a = 0; a < sim::kInjectedFaults; ++a) {
         const auto fired = faults.fired(static_cast<InjectedFault>(a));
-        report.planned[a] += faults.names(static_cast<InjectedFault>(a)) ? 1U : 0U;
-        report.fired[a] += fired;
+        report.planned[a] = faults.names(static_cast<InjectedFault>(a)) ? 1U : 0U;
+        report.fired[a] = fired;
         for (std::size_t b = 0; fired > 0 && b < a; ++b) {
             if (faults.fired(static_cast<InjectedFault>(b)) > 0)
                 report.coverage.fired_together(static_cast<InjectedFault>(a), static_cast<InjectedFault>(b));
         }
     }
     for (const InjectedFault fault : faults.never_fired())
-        report.never_fired.push_back(label + ": " + std::string(sim::name_of(fault)));
-    report.fingerprint = sim::mix64(report.fingerprint ^ invariants.fingerprint());
+        report.never_fired.push_back(command + ": " + std::string(sim::name_of(fault)));
+    report.fingerprint = sim::mix64(invariants.fingerprint());
+    return report;
 }
 
 }  // namespace
@@ -89,47 +120,29 @@ std::string command_of(const EpisodePlan& plan) {
         (plan.faults.empty() ? "" : " --faults " + text_of(plan.faults));
 }
 
-Result<void> run_episode(const EpisodePlan& plan, SoakReport& report) {
+Result<SoakReport> run_episode(const EpisodePlan& plan) {
     const auto line = line_of(plan);
     if (!line) return tl::unexpected(line.error());
     auto made = SimulatedLine::make(*line);
     if (!made) return tl::unexpected(made.error());
     const bool over = (*made)->run();
-    add_episode(report, **made, over, command_of(plan));
-    if (report.violations > 0 && !report.first_broken) report.first_broken = plan;
-    if (plan.real) report.real_parts += plan.parts;
-    report.passed_bad += (*made)->invariants().passed_bad();
-    ++report.episodes;
-    report.parts += plan.parts;
-    return {};
+    return report_of(**made, over, plan);
 }
 
 void SoakReport::add(const SoakReport& later) {
     if (violations == 0 && later.violations > 0) parts_to_violation = parts + later.parts_to_violation;
     if (!first_broken) first_broken = later.first_broken;
-    parts += later.parts;
-    episodes += later.episodes;
-    results += later.results;
+    for (const Counter& counter : kCounters) this->*counter.count += later.*counter.count;
     violations += later.violations;
     for (std::size_t k = 0; k < kPromises; ++k) broken[k] += later.broken[k];
     for (const std::string& text : later.first_violations) {
         if (first_violations.size() < kViolationsShown) first_violations.push_back(text);
     }
-    line_stops += later.line_stops;
-    resets += later.resets;
-    excused += later.excused;
-    stored += later.stored;
-    lost += later.lost;
-    virtual_s += later.virtual_s;
     for (std::size_t k = 0; k < reasons.size(); ++k) reasons[k] += later.reasons[k];
     for (std::size_t k = 0; k < sim::kInjectedFaults; ++k) {
         planned[k] += later.planned[k];
         fired[k] += later.fired[k];
     }
-    real_parts += later.real_parts;
-    passed_bad += later.passed_bad;
-    undisturbed += later.undisturbed;
-    processes += later.processes;
     coverage.merge(later.coverage);
     never_fired.insert(never_fired.end(), later.never_fired.begin(), later.never_fired.end());
     fingerprint = sim::mix64(fingerprint ^ later.fingerprint);
@@ -196,11 +209,13 @@ class EpisodeRunner {
         while (!over() && next_ < plans_.count()) {
             const std::uint64_t number = next_++;
             lock.unlock();
-            SoakReport episode;
-            const auto done = run_episode(plans_[number], episode);
+            auto episode = run_episode(plans_[number]);
             lock.lock();
-            if (!done) error_ = done.error();
-            finished_.emplace(number, std::move(episode));
+            if (!episode) {
+                error_ = episode.error();
+                return;
+            }
+            finished_.emplace(number, std::move(*episode));
             while (!over() && !finished_.empty() && finished_.begin()->first == added_) {
                 report_.add(finished_.begin()->second);
                 finished_.erase(finished_.begin());
@@ -244,13 +259,9 @@ std::string describe(const SoakReport& r) {
     const auto line = [](const std::string& name, std::uint64_t value) {
         return name + std::string(28 - std::min<std::size_t>(27, name.size()), ' ') + std::to_string(value) + "\n";
     };
-    std::string text = line("parts", r.parts) + line("episodes", r.episodes) + line("results", r.results) +
-        line("hours of production", r.virtual_s / 3600) + line("line stops", r.line_stops) + line("resets", r.resets) +
-        line("excused (invisible faults)", r.excused) + line("parts with nothing wrong", r.undisturbed) +
-        line("parts seen through optics", r.real_parts) + line("bad ones the pipeline passed", r.passed_bad) +
-        line("processes", r.processes) + line("results on disks", r.stored) +
-        line("results lost, and said so", r.lost) + line("fault pairs", r.coverage.pairs()) +
-        line("violations", r.violations);
+    std::string text;
+    for (const Counter& counter : kCounters) text += line(counter.name, r.*counter.count / counter.unit);
+    text += line("fault pairs", r.coverage.pairs()) + line("violations", r.violations);
     for (std::size_t k = 0; k < kPromises; ++k) {
         if (r.broken[k] > 0) text += line("  " + std::string(name_of(static_cast<Promise>(k))), r.broken[k]);
     }

@@ -56,10 +56,10 @@ struct SoakReport {
     [[nodiscard]] bool good() const { return violations == 0 && never_fired.empty(); }
 };
 
-// One episode, added to the report. The same plan gives the same bits.
+// One episode. The same plan gives the same bits.
 Result<LineOptions> line_of(const EpisodePlan& plan);
 std::string command_of(const EpisodePlan& plan);
-Result<void> run_episode(const EpisodePlan& plan, SoakReport& report);
+Result<SoakReport> run_episode(const EpisodePlan& plan);
 
 // Fails with invalid_argument when the options are impossible.
 Result<SoakReport> soak(const SoakOptions& options);

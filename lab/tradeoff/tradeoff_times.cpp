@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <ctime>
 #include <deque>
 #include <functional>
 #include <numbers>
@@ -15,6 +14,7 @@
 #include "algo/maps/feature_map.h"
 #include "lab/experiment/scenes.h"
 #include "lab/experiment/transport_check.h"
+#include "lab/report/cpu_time.h"
 #include "lab/report/statistics.h"
 #include "lab/tradeoff/tradeoff_scores.h"
 
@@ -23,11 +23,7 @@ namespace {
 
 constexpr int kLenslets = 111, kPaperLenslets = 555;
 
-double processor_ms() {
-    timespec now{};
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) * 1e-6;
-}
+double processor_ms() { return std::chrono::duration<double, std::milli>(thread_cpu_time()).count(); }
 
 // A frame and another exposure of the same scene as its reference, every stride-th lenslet of both.
 struct Timed {

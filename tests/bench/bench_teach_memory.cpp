@@ -15,7 +15,7 @@
 #include <time.h>
 
 #include "firmware/recipes/teach_in.h"
-#include "hal_sim/world/virtual_time.h"
+#include "lab/virtual_time/virtual_time.h"
 
 namespace {
 
@@ -71,7 +71,7 @@ int main(int argc, char** argv) {
         return 2;
     }
 
-    sim::VirtualTime loop;
+    lab::VirtualTime loop;
     firmware::NumberedRecipe recipe;
     recipe.number = 1;
     recipe.recipe.name = "drawn";

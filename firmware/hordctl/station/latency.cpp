@@ -208,7 +208,7 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
             options = *wanted;
             rejector_text_ = "the configured module: the ejector moves";
         } else {
-            auto module = sim::CoilModule::open(*loop_, {.realtime = options_.priority});
+            auto module = sim::CoilModule::open(*loop_, options_.priority);
             if (!module) return tl::unexpected(module.error());
             module_ = std::move(*module);
             module_->on_coil([this](int coil, bool on, TimePoint at) {

@@ -33,10 +33,6 @@ class CameraGeometry {
     }
     [[nodiscard]] const ArrayGeometry& array() const { return array_; }
 
-    // Bin i collects slopes from left_of(i) to left_of(i + 1).
-    [[nodiscard]] double left_of(int i) const { return i - 0.5 * extents_.i; }
-    [[nodiscard]] double top_of(int j) const { return j - 0.5 * extents_.j; }
-
     // Converts to the part's frame, and the slope of the light back to the camera's.
     [[nodiscard]] CameraRay to_part(double x_mm, double y_mm, double u_bins, double v_bins) const {
         const double x = x_mm - shift_x_, y = y_mm - shift_y_, u = (u_bins - offset(x_mm)) * bin_rad_,
@@ -49,20 +45,6 @@ class CameraGeometry {
         x_mm = cosine_ * x - sine_ * y + shift_x_;
         y_mm = cosine_ * y + sine_ * x + shift_y_;
     }
-    // A position of the part's frame, in lenslets: integers are lenslets' centres.
-    void to_lenslets(double x, double y, double& m, double& n) const {
-        double x_mm = 0, y_mm = 0;
-        position_to_camera(x, y, x_mm, y_mm);
-        if (array_.is_plain()) {
-            m = x_mm / pitch_mm_ + 0.5 * (extents_.m - 1);
-            n = y_mm / pitch_mm_ + 0.5 * (extents_.n - 1);
-        } else {
-            const ArrayGeometry::Point at = array_.to_lattice({x_mm, y_mm});
-            m = at.x, n = at.y;
-        }
-    }
-    // Largest distance of the array's lenslets from the axis on the measurement plane, mm.
-    [[nodiscard]] ArrayGeometry::Point reach_mm() const;
     void to_camera(double u, double v, double& u_bins, double& v_bins) const {
         u_bins = (cosine_ * u - sine_ * v) / bin_rad_;
         v_bins = (cosine_ * v + sine_ * u) / bin_rad_;

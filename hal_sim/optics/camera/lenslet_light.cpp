@@ -111,11 +111,6 @@ void LensletLight::collect(const CameraGeometry::Place& lenslet, const SlopeGrid
     }
 }
 
-void LensletLight::collect(int m, int n, double* bins) const {
-    const SlopeGrid grid = SlopeGrid::of(extents_);
-    collect(camera_.place_of(m, n), grid, grid.box(), bins);
-}
-
 CellSamples LensletLight::Gathering::sample(const LensletCell& cell) const {
     double u[kCorners + 1], v[kCorners + 1];
     CameraRay rays[kCorners + 1];

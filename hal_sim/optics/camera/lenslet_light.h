@@ -35,9 +35,6 @@ class LensletLight {
     void collect(const CameraGeometry::Place& lenslet, const SlopeGrid& grid, const SlopeBox& range,
                  double* cells) const;
 
-    // The bins of lenslet (m, n): bins[j * extents.i + i].
-    void collect(int m, int n, double* bins) const;
-
   private:
     class Gathering;
     // The part in light of one wavelength.
@@ -53,7 +50,6 @@ class LensletLight {
         Ghost ghost;
     };
 
-    algo::Extents extents_;
     CameraGeometry camera_;
     Obstacles obstacles_;
     double bin_rad_;

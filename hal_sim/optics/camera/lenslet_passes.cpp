@@ -28,7 +28,7 @@ std::vector<Line> spectrum_of(const Collimator& source) {
 }  // namespace
 
 LensletLight::LensletLight(const Scene& scene, const SlopeGrid& grid)
-    : extents_(scene.camera.extents), camera_(scene), obstacles_(scene), bin_rad_(scene.camera.bin_pitch_rad) {
+    : camera_(scene), obstacles_(scene), bin_rad_(scene.camera.bin_pitch_rad) {
     const auto optics_at = [&](double wavelength_nm) {
         // Without dispersion and diffraction all wavelengths share one set.
         const bool same = !is_dispersive(scene) && !scene.effects.diffraction;

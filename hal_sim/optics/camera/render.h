@@ -17,41 +17,12 @@ struct LightField {
     std::vector<float> bins;
 };
 
-// The true positions of the defects, in lenslets.
-struct TruthDefect {
-    double m = 0, n = 0;  // centre
-    double radius_lenslets = 0;
-    std::uint32_t area_lenslets = 0;  // lenslets touched by it
-    const char* kind = "";            // as in the scene file: bubble, cut, speck, ...
-};
-struct Truth {
-    bool defect_free = true;
-    std::vector<TruthDefect> defects;
-    // One value a lenslet: 0 free field, 1 part, 2 the part's border, 3 defect, 4 defect inside the border.
-    std::vector<std::uint8_t> labels;
-};
-
 struct RenderOptions {
     int threads = 0;                            // 0: one a core; the result does not depend on it
     std::function<void(double done)> progress;  // 0..1, from the calling thread; may be empty
 };
 
 Result<LightField> render(const Scene& scene, const RenderOptions& options = {});
-
-// A picture of light, row by row.
-struct Picture {
-    int width_px = 0, height_px = 0;
-    std::vector<float> light;
-};
-
-// The picture on the scene's sensor behind its lenslet array: 1 for a pixel filled by the source. A perfect decode of
-// it gives render(): the light of the same lenslets, in bins centred on each.
-Result<Picture> render_raw(const Scene& scene, const RenderOptions& options = {});
-
-// The picture of the scene's telecentric camera: 1 where all light comes from the panel.
-Result<Picture> render_telecentric(const Scene& scene, const RenderOptions& options = {});
-
-Truth truth_of(const Scene& scene);
 
 // One exposure of a light field: scale, noise, quantise, saturate. `light` scales the source (1: nominal, 0: dark).
 // The same seed gives the same bits on every machine.

@@ -37,8 +37,6 @@ double atan_positive(double x) {
 
 }  // namespace
 
-double atan(double x) { return x < 0 ? -atan_positive(-x) : atan_positive(x); }
-
 double atan2(double y, double x) {
     if (x == 0 && y == 0) return 0;
     const double ax = x < 0 ? -x : x, ay = y < 0 ? -y : y;

@@ -1,5 +1,7 @@
 #include "hal_sim/optics/scene/scene.h"
 
+#include <algorithm>
+
 namespace hord::sim {
 
 std::string_view name_of(const Part& part) {
@@ -15,16 +17,18 @@ std::string_view name_of(const SceneDefect& defect) {
     return names[defect.index()];
 }
 
-void derive_from_array(Camera& camera) {
-    const double magnification = camera.relay.f2_mm / camera.relay.f1_mm;
-    camera.field_mm = camera.extents.m * camera.array.pitch_um * 1e-3 / magnification;
-    camera.bin_pitch_rad = camera.array.pitch_um / camera.extents.i / camera.array.focal_um * magnification;
-}
-
 std::vector<Collimator> collimators_of(const Scene& scene) {
     if (!scene.light.collimators.empty()) return scene.light.collimators;
     const Light& light = scene.light;
     return {{0, 0, light.source_radius_bins * scene.camera.bin_pitch_rad, light.wavelength_nm, light.bandwidth_nm, 1}};
+}
+
+bool is_dispersive(const Scene& scene) {
+    return (scene.glass.abbe_number > 0 && !std::holds_alternative<NoPart>(scene.part)) ||
+        std::any_of(scene.defects.begin(), scene.defects.end(), [](const SceneDefect& defect) {
+               const auto* inclusion = std::get_if<Inclusion>(&defect);
+               return inclusion != nullptr && inclusion->abbe_number > 0;
+           });
 }
 
 }  // namespace hord::sim

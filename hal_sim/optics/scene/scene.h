@@ -213,7 +213,7 @@ struct Motion {
     [[nodiscard]] double way_y_mm() const { return velocity_y_mm_s * strobe_us * 1e-6; }
 };
 
-// Effects that are either there or not. Others are named by their parameters (effects.h lists all).
+// Effects that are either there or not. Others are named by their parameters (lab/optics/effects.h lists all).
 struct Effects {
     bool fresnel = false;      // light lost by reflection at every face
     bool ghosts = false;       // that light, where two reflections bring it to the camera; needs fresnel
@@ -269,9 +269,6 @@ struct SceneProblem {
 
 // All of them; none when the scene can be rendered.
 std::vector<SceneProblem> problems(const Scene& scene);
-
-// field_mm and bin_pitch_rad from the array's pitch and focal length, seen through the relay.
-void derive_from_array(Camera& camera);
 
 // The scene's collimators: those it lists, else the one of source_radius_bins.
 std::vector<Collimator> collimators_of(const Scene& scene);

@@ -2,11 +2,17 @@
 #include <algorithm>
 #include <cmath>
 
-#include "hal_sim/optics/scene/scene.h"
+#include "hal_sim/optics/scene/scene_fields.h"
 #include "hal_sim/optics/scene/shapes.h"
 
 namespace hord::sim {
 namespace {
+
+std::string text_of(double value) {
+    char text[32];
+    std::snprintf(text, sizeof text, "%.6g", value);
+    return text;
+}
 
 class Checker {
   public:
@@ -15,93 +21,76 @@ class Checker {
     void require(bool good, const char* key, std::string what, std::string cure) {
         if (!good) found.push_back({table_, index_, key, std::move(what), std::move(cure)});
     }
-    // Catches NaN, too.
-    bool within(const char* key, double value, double low, double high) {
-        const bool good = value >= low && value <= high;
-        require(good, key, number(value) + " is out of range", "use " + number(low) + " to " + number(high));
-        return good;
+    // Whether none of these keys has a problem.
+    [[nodiscard]] bool good(std::initializer_list<std::string_view> keys) const {
+        return std::none_of(found.begin(), found.end(), [&](const SceneProblem& problem) {
+            return problem.table == table_ && problem.index == index_ && std::ranges::count(keys, problem.key) != 0;
+        });
     }
-    static std::string number(double value) {
-        char text[32];
-        std::snprintf(text, sizeof text, "%.6g", value);
-        return text;
+
+    // The ranges (scene_fields.h). Each catches NaN, too.
+    void number(const char* key, double value, double low, double high) {
+        out_of_range(value >= low && value <= high, key, value, text_of(low) + " to " + text_of(high));
+    }
+    void integer(const char* key, double value, double low, double high) { number(key, value, low, high); }
+    void number_or_none(const char* key, double value, double low, double high) {
+        out_of_range(value == 0 || (value >= low && value <= high), key, value,
+                     text_of(low) + " to " + text_of(high) + ", or 0 for none");
+    }
+    void number_of_either_sign(const char* key, double value, double low, double high) {
+        out_of_range(std::abs(value) >= low && std::abs(value) <= high, key, value,
+                     text_of(low) + " to " + text_of(high) + ", of either sign");
+    }
+    void pair(const char* key, double x, double y, double low, double high) {
+        for (const double value : {x, y}) number(key, value, low, high);
+    }
+    void vector(const char* key, const Vec3& value, double low, double high) {
+        for (const double x : {value.x, value.y, value.z}) number(key, x, low, high);
     }
 
     std::vector<SceneProblem> found;
 
   private:
+    void out_of_range(bool good, const char* key, double value, const std::string& range) {
+        require(good, key, text_of(value) + " is out of range", "use " + range);
+    }
     std::string table_;
     std::size_t index_ = 0;
 };
 
-constexpr double kThinnest = 1e-6, kLargest = 1e4;  // mm
-
-void check_part(Checker&, const NoPart&) {}
-void check_part(Checker& c, const DoubleConvexLens& lens) {
-    const bool sizes = c.within("radius_of_curvature_mm", lens.radius_of_curvature_mm, kThinnest, kLargest) &
-        c.within("aperture_radius_mm", lens.aperture_radius_mm, kThinnest, kLargest);
-    c.within("edge_thickness_mm", lens.edge_thickness_mm, 0, kLargest);
-    c.within("refractive_index", lens.refractive_index, 1, 4);
-    if (sizes) {
-        c.require(lens.aperture_radius_mm <= lens.radius_of_curvature_mm, "aperture_radius_mm",
-                  "is larger than the radius of curvature",
-                  "use at most " + Checker::number(lens.radius_of_curvature_mm));
-    }
+// What holds between the numbers of a part or a defect; of most kinds nothing.
+void check_together(Checker&, const auto&) {}
+void check_width(Checker& c, const char* key, double half_width, double radius) {
+    if (c.good({"radius_of_curvature_mm", key}))
+        c.require(half_width <= radius, key, "is larger than the radius of curvature",
+                  "use at most " + text_of(radius));
 }
-void check_part(Checker& c, const Wedge& wedge) {
-    const bool sizes = c.within("half_size_mm", wedge.half_size_mm, kThinnest, kLargest) &
-        c.within("centre_thickness_mm", wedge.centre_thickness_mm, kThinnest, kLargest) &
-        c.within("tilt_x_rad", wedge.tilt_x_rad, -1.2, 1.2) & c.within("tilt_y_rad", wedge.tilt_y_rad, -1.2, 1.2);
-    c.within("refractive_index", wedge.refractive_index, 1, 4);
-    if (sizes) {
-        const double loss =
-            wedge.half_size_mm * (std::abs(std::tan(wedge.tilt_x_rad)) + std::abs(std::tan(wedge.tilt_y_rad)));
-        c.require(loss < wedge.centre_thickness_mm, "centre_thickness_mm",
-                  "the faces meet inside the part: they tilt by " + Checker::number(loss) + " mm towards a corner",
-                  "use a thicker part, a smaller one, or less tilt");
-    }
+void check_together(Checker& c, const Is<DoubleConvexLens, PlanoConvexLens> auto& lens) {
+    check_width(c, "aperture_radius_mm", lens.aperture_radius_mm, lens.radius_of_curvature_mm);
 }
-
-void check_part(Checker& c, const PlanoConvexLens& lens) {
-    check_part(c,
-               DoubleConvexLens{lens.radius_of_curvature_mm, lens.aperture_radius_mm, lens.edge_thickness_mm,
-                                lens.refractive_index});
+void check_together(Checker& c, const CylinderLens& lens) {
+    check_width(c, "half_width_mm", lens.half_width_mm, lens.radius_of_curvature_mm);
 }
-void check_part(Checker& c, const CylinderLens& lens) {
-    const bool sizes = c.within("radius_of_curvature_mm", lens.radius_of_curvature_mm, kThinnest, kLargest) &
-        c.within("half_width_mm", lens.half_width_mm, kThinnest, kLargest);
-    c.within("half_length_mm", lens.half_length_mm, kThinnest, kLargest);
-    c.within("edge_thickness_mm", lens.edge_thickness_mm, 0, kLargest);
-    c.within("refractive_index", lens.refractive_index, 1, 4);
-    if (sizes) {
-        c.require(lens.half_width_mm <= lens.radius_of_curvature_mm, "half_width_mm",
-                  "is larger than the radius of curvature",
-                  "use at most " + Checker::number(lens.radius_of_curvature_mm));
-    }
+void check_together(Checker& c, const Wedge& wedge) {
+    if (!c.good({"half_size_mm", "centre_thickness_mm", "tilt_x_rad", "tilt_y_rad"})) return;
+    const double loss =
+        wedge.half_size_mm * (std::abs(std::tan(wedge.tilt_x_rad)) + std::abs(std::tan(wedge.tilt_y_rad)));
+    c.require(loss < wedge.centre_thickness_mm, "centre_thickness_mm",
+              "the faces meet inside the part: they tilt by " + text_of(loss) + " mm towards a corner",
+              "use a thicker part, a smaller one, or less tilt");
 }
-void check_part(Checker& c, const Plate& plate) {
-    c.within("half_size_mm", plate.half_size_mm, kThinnest, kLargest);
-    c.within("thickness_mm", plate.thickness_mm, kThinnest, kLargest);
-    c.within("refractive_index", plate.refractive_index, 1, 4);
-}
-void check_part(Checker& c, const Vial& vial) {
-    const bool sizes = c.within("outer_radius_mm", vial.outer_radius_mm, kThinnest, kLargest) &
-        c.within("inner_radius_mm", vial.inner_radius_mm, kThinnest, kLargest);
-    c.within("half_height_mm", vial.half_height_mm, kThinnest, kLargest);
-    c.within("refractive_index", vial.refractive_index, 1, 4);
-    c.within("contents_index", vial.contents_index, 1, 4);
-    if (sizes) {
+void check_together(Checker& c, const Vial& vial) {
+    if (c.good({"outer_radius_mm", "inner_radius_mm"}))
         c.require(vial.inner_radius_mm < vial.outer_radius_mm, "inner_radius_mm", "leaves no wall",
-                  "use less than " + Checker::number(vial.outer_radius_mm));
-    }
+                  "use less than " + text_of(vial.outer_radius_mm));
+}
+void check_together(Checker& c, const Is<Scratch, Stria> auto& thread) {
+    c.require(length(thread.to_mm - thread.from_mm) > kThinnest, "to_mm", "is where it begins", "give it a length");
 }
 
 void check_shape(Checker& c, const Shape& shape) {
     const std::string here = c.here();
-    for (const double x : {shape.position_mm.x, shape.position_mm.y, shape.position_mm.z})
-        c.within("position_mm", x, -kLargest, kLargest);
-    for (const double x : {shape.rotation_rad.x, shape.rotation_rad.y, shape.rotation_rad.z})
-        c.within("rotation_rad", x, -1e3, 1e3);
+    fields(c, shape);
     using Kind = Shape::Kind;
     if (is_operation(shape.kind)) {
         c.require(shape.of.size() >= (shape.kind == Kind::difference ? 2 : 1), "kind", "has too few shapes to work on",
@@ -114,27 +103,14 @@ void check_shape(Checker& c, const Shape& shape) {
     }
     c.require(shape.of.empty(), "of", "belongs to union, intersection and difference",
               "remove it, or name one of them as kind");
-    if (shape.kind == Kind::sphere || shape.kind == Kind::cylinder || shape.kind == Kind::cone)
-        c.within("radius_mm", shape.radius_mm, kThinnest, kLargest);
-    if (shape.kind == Kind::cylinder) c.within("half_height_mm", shape.half_height_mm, kThinnest, kLargest);
-    if (shape.kind == Kind::cone) c.within("height_mm", shape.height_mm, kThinnest, kLargest);
-    if (shape.kind == Kind::block) {
-        for (const double x : {shape.half_size_mm.x, shape.half_size_mm.y, shape.half_size_mm.z})
-            c.within("half_size_mm", x, kThinnest, kLargest);
-    }
     if (shape.kind == Kind::asphere) {
         const double r = shape.radius_of_curvature_mm, a = shape.aperture_radius_mm;
-        c.require(std::abs(r) >= kThinnest && std::abs(r) <= 1e6, "radius_of_curvature_mm",
-                  Checker::number(r) + " is out of range", "use 1e-06 to 1e6, of either sign");
-        const bool sizes =
-            c.within("aperture_radius_mm", a, kThinnest, kLargest) & c.within("conic", shape.conic, -1e3, 1e3);
-        c.require(!sizes || (1 + shape.conic) * a * a < 0.9999 * r * r, "aperture_radius_mm",
-                  "is larger than the conic", "use a smaller one");
+        c.require(!c.good({"aperture_radius_mm", "conic"}) || (1 + shape.conic) * a * a < 0.9999 * r * r,
+                  "aperture_radius_mm", "is larger than the conic", "use a smaller one");
         c.require(shape.coefficients.size() <= 8, "coefficients", "are more than 8", "use fewer");
     }
 }
-void check_part(Checker& c, const SolidPart& part) {
-    c.within("refractive_index", part.refractive_index, 1, 4);
+void check_together(Checker& c, const SolidPart& part) {
     c.in("part.shape");
     const std::size_t before = c.found.size();
     check_shape(c, part.shape);
@@ -152,72 +128,36 @@ void check_part(Checker& c, const SolidPart& part) {
 
 // Half width of the part across the light; 0 without one.
 double reach_of(const Part& part) {
-    if (const auto* lens = std::get_if<DoubleConvexLens>(&part)) return lens->aperture_radius_mm;
-    if (const auto* wedge = std::get_if<Wedge>(&part)) return wedge->half_size_mm;
-    if (const auto* lens = std::get_if<PlanoConvexLens>(&part)) return lens->aperture_radius_mm;
-    if (const auto* lens = std::get_if<CylinderLens>(&part)) return std::max(lens->half_width_mm, lens->half_length_mm);
-    if (const auto* plate = std::get_if<Plate>(&part)) return plate->half_size_mm;
-    if (const auto* vial = std::get_if<Vial>(&part)) return std::max(vial->outer_radius_mm, vial->half_height_mm);
-    if (const auto* solid = std::get_if<SolidPart>(&part)) {
-        const Bounds b = bounds_of(solid->shape);
-        return std::max(std::max(std::abs(b.low.x), std::abs(b.high.x)),
-                        std::max(std::abs(b.low.y), std::abs(b.high.y)));
-    }
-    return 0;
+    return std::visit(
+        [](const auto& p) {
+            if constexpr (requires { p.aperture_radius_mm; }) return p.aperture_radius_mm;
+            else if constexpr (requires { p.half_size_mm; }) return p.half_size_mm;
+            else if constexpr (requires { p.half_width_mm; }) return std::max(p.half_width_mm, p.half_length_mm);
+            else if constexpr (requires { p.outer_radius_mm; }) return std::max(p.outer_radius_mm, p.half_height_mm);
+            else if constexpr (requires { p.shape; }) {
+                const Bounds b = bounds_of(p.shape);
+                return std::max({std::abs(b.low.x), std::abs(b.high.x), std::abs(b.low.y), std::abs(b.high.y)});
+            } else return 0.0;
+        },
+        part);
 }
 
-void check_ball(Checker& c, const Vec3& centre, double radius) {
-    for (const double x : {centre.x, centre.y, centre.z}) c.within("centre_mm", x, -kLargest, kLargest);
-    c.within("radius_mm", radius, kThinnest, kLargest);
-}
-void check_defect(Checker& c, const AirBubble& d) { check_ball(c, d.centre_mm, d.radius_mm); }
-void check_defect(Checker& c, const SphericalCut& d) { check_ball(c, d.centre_mm, d.radius_mm); }
-void check_defect(Checker& c, const AbsorbingSpeck& d) {
-    check_ball(c, d.centre_mm, d.radius_mm);
-    c.within("transmission", d.transmission, 0, 1);
-}
-void check_abbe(Checker& c, double abbe_number) {
-    c.require(abbe_number == 0 || (abbe_number >= 10 && abbe_number <= 200), "abbe_number",
-              Checker::number(abbe_number) + " is out of range", "use 10 to 200, or 0 for none");
-}
-void check_defect(Checker& c, const Inclusion& d) {
-    check_ball(c, d.centre_mm, d.radius_mm);
-    c.within("refractive_index", d.refractive_index, 1, 4);
-    check_abbe(c, d.abbe_number);
-}
-void check_thread(Checker& c, const Vec3& from, const Vec3& to, double radius) {
-    for (const double x : {from.x, from.y, from.z}) c.within("from_mm", x, -kLargest, kLargest);
-    for (const double x : {to.x, to.y, to.z}) c.within("to_mm", x, -kLargest, kLargest);
-    c.within("radius_mm", radius, kThinnest, kLargest);
-    c.require(length(to - from) > kThinnest, "to_mm", "is where it begins", "give it a length");
-}
-void check_defect(Checker& c, const Scratch& d) { check_thread(c, d.from_mm, d.to_mm, d.radius_mm); }
-void check_defect(Checker& c, const Absorber& d) {
-    check_ball(c, d.centre_mm, d.radius_mm);
-    c.within("absorption_per_mm", d.absorption_per_mm, 0, 1e6);
-}
-void check_defect(Checker& c, const Stria& d) {
-    check_thread(c, d.from_mm, d.to_mm, d.radius_mm);
-    c.within("index_difference", d.index_difference, -0.5, 0.5);
+void check_colour(Checker& c, double wavelength_nm, double bandwidth_nm) {
+    if (c.good({"wavelength_nm", "bandwidth_nm"}))
+        c.require(wavelength_nm - bandwidth_nm / 2 >= 200, "bandwidth_nm", "reaches below 200 nm",
+                  "use a narrower one");
 }
 
 void check_light(Checker& c, const Scene& scene) {
-    const auto colour = [&](double wavelength, double bandwidth) {
-        if (!(c.within("wavelength_nm", wavelength, 300, 2000) & c.within("bandwidth_nm", bandwidth, 0, 1000))) return;
-        c.require(wavelength - bandwidth / 2 >= 200, "bandwidth_nm", "reaches below 200 nm", "use a narrower one");
-    };
     c.in("light");
-    c.within("source_radius_bins", scene.light.source_radius_bins, 1e-3, 8);
-    colour(scene.light.wavelength_nm, scene.light.bandwidth_nm);
+    fields(c, scene.light);
+    check_colour(c, scene.light.wavelength_nm, scene.light.bandwidth_nm);
     double power = 0;
     for (std::size_t k = 0; k < scene.light.collimators.size(); ++k) {
         const Collimator& source = scene.light.collimators[k];
         c.in("light.collimator", k);
-        c.within("direction_rad", source.direction_x_rad, -0.5, 0.5);
-        c.within("direction_rad", source.direction_y_rad, -0.5, 0.5);
-        c.within("radius_rad", source.radius_rad, 1e-6, 0.5);
-        c.within("power", source.power, 0, 1e6);
-        colour(source.wavelength_nm, source.bandwidth_nm);
+        fields(c, source);
+        check_colour(c, source.wavelength_nm, source.bandwidth_nm);
         power += source.power;
     }
     constexpr std::size_t kMaxCollimators = 16;
@@ -230,26 +170,18 @@ void check_light(Checker& c, const Scene& scene) {
 void check_relay(Checker& c, const Scene& scene) {
     const Relay& relay = scene.camera.relay;
     c.in("camera.relay");
-    const bool lengths =
-        c.within("f1_mm", relay.f1_mm, 1e-3, kLargest) & c.within("f2_mm", relay.f2_mm, 1e-3, kLargest);
-    c.within("stop_radius_mm", relay.stop_radius_mm, 0, kLargest);
-    c.within("lens1_radius_mm", relay.lens1_radius_mm, 0, kLargest);
-    c.within("lens2_radius_mm", relay.lens2_radius_mm, 0, kLargest);
-    if (lengths && scene.effects.crosstalk && relay.stop_radius_mm > 0) {
+    fields(c, relay);
+    if (c.good({"f1_mm", "f2_mm"}) && scene.effects.crosstalk && relay.stop_radius_mm > 0) {
         const double half_range =
             0.5 * std::min(scene.camera.extents.i, scene.camera.extents.j) * scene.camera.bin_pitch_rad * relay.f1_mm;
         c.require(relay.stop_radius_mm > half_range, "stop_radius_mm",
-                  "lets no light beyond the bins' range of " + Checker::number(half_range) +
+                  "lets no light beyond the bins' range of " + text_of(half_range) +
                       " mm, so there is no crosstalk to compute",
                   "drop effects.crosstalk, or open the stop");
     }
     for (std::size_t k = 0; k < scene.camera.dust.size(); ++k) {
-        const Dust& dust = scene.camera.dust[k];
         c.in("dust", k);
-        c.within("x_mm", dust.x_mm, -kLargest, kLargest);
-        c.within("y_mm", dust.y_mm, -kLargest, kLargest);
-        c.within("radius_mm", dust.radius_mm, kThinnest, kLargest);
-        c.within("transmission", dust.transmission, 0, 1);
+        fields(c, scene.camera.dust[k]);
     }
 }
 
@@ -257,43 +189,30 @@ void check_array(Checker& c, const Scene& scene) {
     const LensletArray& array = scene.camera.array;
     const algo::Extents& e = scene.camera.extents;
     c.in("camera.array");
-    c.within("pitch_um", array.pitch_um, 0, 1e5);
-    c.within("focal_um", array.focal_um, 0, 1e6);
-    const bool pitch = c.within("pitch_px", array.pitch_px, 0, 128);
-    if (pitch && array.pitch_px > 0) {
+    fields(c, array);
+    if (c.good({"pitch_px"}) && array.pitch_px > 0) {
         const double most = std::max(e.i, e.j);
-        c.require(
-            array.pitch_px >= 0.5 * most, "pitch_px",
-            "makes a bin of " + Checker::number(array.pitch_px / most) + " pixels: a lenslet too fine for its bins",
-            "use at least " + Checker::number(0.5 * most));
+        c.require(array.pitch_px >= 0.5 * most, "pitch_px",
+                  "makes a bin of " + text_of(array.pitch_px / most) + " pixels: a lenslet too fine for its bins",
+                  "use at least " + text_of(0.5 * most));
     }
-    c.within("rotation_rad", array.rotation_rad, -1e3, 1e3);
-    c.within("offset_px", array.offset_x_px, -1e4, 1e4);
-    c.within("offset_px", array.offset_y_px, -1e4, 1e4);
-    const bool tilts =
-        c.within("tilt_rad", array.tilt_x_rad, -0.5, 0.5) & c.within("tilt_rad", array.tilt_y_rad, -0.5, 0.5);
+    const bool tilts = c.good({"tilt_rad"});
     c.require(!tilts || (array.tilt_x_rad == 0 && array.tilt_y_rad == 0) || (array.pitch_um > 0 && array.focal_um > 0),
               "tilt_rad", "changes distances to the sensor that are not known", "name pitch_um and focal_um");
     if (tilts && array.focal_um > 0) {
         const double lift = array.pitch_um / array.focal_um * 0.5 *
             (e.m * std::abs(std::tan(array.tilt_y_rad)) + e.n * std::abs(std::tan(array.tilt_x_rad)));
-        c.require(lift <= 0.2, "tilt_rad",
-                  "changes the distance to the sensor by " + Checker::number(100 * lift) + " %",
+        c.require(lift <= 0.2, "tilt_rad", "changes the distance to the sensor by " + text_of(100 * lift) + " %",
                   "tilt it by less than 20 % of focal_um at a corner");
     }
-    c.within("distortion", array.distortion, -0.1, 0.1);
-    c.within("width_px", array.width_px, 0, 32768);
-    c.within("height_px", array.height_px, 0, 32768);
-    c.within("dead_share", array.dead_share, 0, 1);
     for (std::size_t k = 0; k < array.dead.size(); ++k) {
         c.in("camera.dead", k);
-        c.within("m", array.dead[k].m, 0, e.m - 1);
-        c.within("n", array.dead[k].n, 0, e.n - 1);
+        c.integer("m", array.dead[k].m, 0, e.m - 1);
+        c.integer("n", array.dead[k].n, 0, e.n - 1);
     }
     const MainLens& lens = scene.camera.main_lens;
     c.in("camera.main_lens");
-    c.within("focal_mm", lens.focal_mm, 0, kLargest);
-    c.within("distance_mm", lens.distance_mm, 0, kLargest);
+    fields(c, lens);
     if (lens.focal_mm > 0) {
         c.require(lens.distance_mm > lens.focal_mm, "distance_mm",
                   "is not beyond the focal length: there is no image on the lenslets", "use more than focal_mm");
@@ -312,8 +231,7 @@ void check_effects(Checker& c, const Scene& scene) {
     c.require(!scene.effects.ghosts || scene.effects.fresnel, "ghosts", "are made of the light that fresnel splits off",
               "name fresnel, too");
     c.in("part");
-    check_abbe(c, scene.glass.abbe_number);
-    c.within("absorption_per_mm", scene.glass.absorption_per_mm, 0, 1e3);
+    fields(c, scene.glass);
     const bool has_part = !std::holds_alternative<NoPart>(scene.part);
     c.require(has_part || (scene.glass.abbe_number == 0 && scene.glass.absorption_per_mm == 0), "kind",
               "is none: there is no glass to have a colour", "name a part, or drop abbe_number and absorption_per_mm");
@@ -322,14 +240,11 @@ void check_effects(Checker& c, const Scene& scene) {
         const bool colourless = std::all_of(sources.begin(), sources.end(), [](const Collimator& s) {
             return s.wavelength_nm == kLineD && s.bandwidth_nm == 0;
         });
-        c.require(!colourless, "abbe_number",
-                  "changes nothing at the one wavelength of " + Checker::number(kLineD) + " nm",
+        c.require(!colourless, "abbe_number", "changes nothing at the one wavelength of " + text_of(kLineD) + " nm",
                   "name the light's wavelength_nm or bandwidth_nm, or drop abbe_number");
     }
     c.in("motion");
-    c.within("velocity_mm_s", scene.motion.velocity_x_mm_s, -1e5, 1e5);
-    c.within("velocity_mm_s", scene.motion.velocity_y_mm_s, -1e5, 1e5);
-    c.within("strobe_us", scene.motion.strobe_us, 0, 1e7);
+    fields(c, scene.motion);
     const bool moves = scene.motion.velocity_x_mm_s != 0 || scene.motion.velocity_y_mm_s != 0;
     c.require(!moves || scene.motion.strobe_us > 0, "strobe_us",
               "is 0: a part that moves is blurred for as long as the strobe is lit",
@@ -339,19 +254,14 @@ void check_effects(Checker& c, const Scene& scene) {
     const double pitch = scene.camera.extents.m > 0 ? scene.camera.field_mm / scene.camera.extents.m : 0,
                  way = std::hypot(scene.motion.way_x_mm(), scene.motion.way_y_mm());
     c.require(!(way > 16 * pitch), "strobe_us",
-              "the part moves by " + Checker::number(way / pitch) + " lenslets while it is lit",
+              "the part moves by " + text_of(way / pitch) + " lenslets while it is lit",
               "use at most 16 lenslets' way");
 }
 
 void check_pose(Checker& c, const Scene& scene) {
     c.in("pose");
     const double half_field = 0.5 * scene.camera.field_mm;
-    c.within("x_mm", scene.pose.x_mm, -kLargest, kLargest);
-    c.within("y_mm", scene.pose.y_mm, -kLargest, kLargest);
-    c.within("rotation_rad", scene.pose.rotation_rad, -1e3, 1e3);
-    c.within("tilt_x_rad", scene.pose.tilt_x_rad, -1.5, 1.5);
-    c.within("tilt_y_rad", scene.pose.tilt_y_rad, -1.5, 1.5);
-    c.within("z_mm", scene.pose.z_mm, -kLargest, kLargest);
+    fields(c, scene.pose);
     const double reach = std::sqrt(2.0) * reach_of(scene.part);
     if (reach > 0 && scene.camera.extents.m > 0) {
         const double half_height = half_field * scene.camera.extents.n / scene.camera.extents.m;
@@ -362,30 +272,9 @@ void check_pose(Checker& c, const Scene& scene) {
     }
 }
 
-void check_camera(Checker& c, const Scene& scene) {
-    c.in("camera");
-    const Camera& camera = scene.camera;
-    const algo::Extents& e = camera.extents;
-    c.within("m", e.m, algo::kMinLenslets, algo::kMaxLenslets);
-    c.within("n", e.n, algo::kMinLenslets, algo::kMaxLenslets);
-    c.within("i", e.i, algo::kMinBins, algo::kMaxBins);
-    c.within("j", e.j, algo::kMinBins, algo::kMaxBins);
-    c.within("field_mm", camera.field_mm, 1e-3, 1e4);
-    c.within("bin_pitch_rad", camera.bin_pitch_rad, 1e-6, 0.2);
-    const bool depth = c.within("bits", camera.bits, 8, 16);
-    if (depth) c.within("full_bin_dn", camera.full_bin_dn, 1, (1 << camera.bits) - 1);
-}
-
 void check_noise(Checker& c, const SensorNoise& noise) {
     c.in("noise");
-    c.within("electrons_per_dn", noise.electrons_per_dn, 0, 1e6);
-    c.within("read_e", noise.read_e, 0, 1e6);
-    c.within("dark_dn", noise.dark_dn, 0, 65535);
-    c.within("dark_e_per_s", noise.dark_e_per_s, 0, 1e9);
-    c.within("exposure_ms", noise.exposure_ms, 0, 1e6);
-    c.within("dsnu_e", noise.dsnu_e, 0, 1e6);
-    c.within("prnu", noise.prnu, 0, 0.5);
-    c.within("full_well_e", noise.full_well_e, 0, 1e9);
+    fields(c, noise);
     for (const auto& [key, value] : {std::pair{"read_e", noise.read_e},
                                      {"dark_e_per_s", noise.dark_e_per_s},
                                      {"dsnu_e", noise.dsnu_e},
@@ -395,23 +284,13 @@ void check_noise(Checker& c, const SensorNoise& noise) {
     }
 }
 
-void check_telecentric(Checker& c, const TelecentricCamera& camera) {
-    c.in("telecentric");
-    c.within("width_px", camera.width_px, 1, 8192);
-    c.within("height_px", camera.height_px, 1, 8192);
-    c.within("field_mm", camera.field_mm, 1e-3, 1e4);
-    c.within("panel_half_mm", camera.panel_half_mm, 1e-3, 1e4);
-    c.within("panel_distance_mm", camera.panel_distance_mm, 1e-3, 1e4);
-    c.within("rays_per_side", camera.rays_per_side, 1, 64);
-}
-
 void check_defects(Checker& c, const Scene& scene) {
     // A vial and 16 scratches take 4 + 16 * 3 of Body::kMaxSurfaces; a solid leaves as much room.
     const auto* solid = std::get_if<SolidPart>(&scene.part);
     const std::size_t kMaxDefects = solid != nullptr && surfaces_of(solid->shape) > 16 ? 10 : 16;
     for (std::size_t k = 0; k < scene.defects.size(); ++k) {
         c.in("defect", k);
-        std::visit([&](const auto& defect) { check_defect(c, defect); }, scene.defects[k]);
+        std::visit([&](const auto& defect) { fields(c, defect), check_together(c, defect); }, scene.defects[k]);
         if (k == kMaxDefects)
             c.require(false, "kind", "is one defect too many", "use at most " + std::to_string(kMaxDefects));
         if (std::holds_alternative<NoPart>(scene.part)) {
@@ -433,15 +312,17 @@ std::string SceneProblem::message() const {
 std::vector<SceneProblem> problems(const Scene& scene) {
     Checker c;
     c.in("part");
-    std::visit([&](const auto& part) { check_part(c, part); }, scene.part);
+    std::visit([&](const auto& part) { fields(c, part), check_together(c, part); }, scene.part);
     check_pose(c, scene);
     check_light(c, scene);
     check_relay(c, scene);
     check_array(c, scene);
     check_effects(c, scene);
-    check_camera(c, scene);
+    c.in("camera");
+    fields(c, scene.camera);
     check_noise(c, scene.noise);
-    check_telecentric(c, scene.telecentric);
+    c.in("telecentric");
+    fields(c, scene.telecentric);
     check_defects(c, scene);
     return std::move(c.found);
 }

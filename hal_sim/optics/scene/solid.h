@@ -87,16 +87,6 @@ struct Body {
 // The scene's part, with or without its defects, at a wavelength. The scene has no problems (scene.h).
 Body body_of(const Scene& scene, bool with_defects, double wavelength_nm = kLineD);
 
-// A defect where the pose's tilts and its shift along the light put it. (The rest of the pose is the camera's view:
-// camera.h.)
-template <class Defect>
-Defect posed(Defect defect, const Pose& pose) {
-    const Rigid by = Rigid::of({0, 0, pose.z_mm}, {pose.tilt_x_rad, pose.tilt_y_rad, 0});
-    if constexpr (requires { defect.centre_mm; }) defect.centre_mm = by(defect.centre_mm);
-    else defect.from_mm = by(defect.from_mm), defect.to_mm = by(defect.to_mm);
-    return defect;
-}
-
 // Index at a wavelength (nm) of a glass with this index at kLineD. Cauchy's two terms; exact at the lines d, F, C.
 double dispersed(double index_d, double abbe_number, double wavelength_nm);
 

@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "hal_sim/world/virtual_time.h"
+#include "lab/virtual_time/virtual_time.h"
 #include "tests/support/temp_folder.h"
 
 namespace hord::drivers {
@@ -40,7 +40,7 @@ class Recorded : public testing::Test {
         }
         return out;
     }
-    sim::VirtualTime loop_;
+    lab::VirtualTime loop_;
     testing_support::TempFolder folder_;
 };
 

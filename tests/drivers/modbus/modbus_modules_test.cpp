@@ -18,14 +18,14 @@ ModuleMap map_of(std::string_view name) {
 
 class Module : public RejectorBench {
   protected:
-    void play(const sim::CoilModuleOptions& module, std::string_view profile) {
+    void play(const test::ModbusModuleOptions& module, std::string_view profile) {
         connect_to(module);
         options_.map = map_of(profile);
     }
 };
 
 TEST_F(Module, of_wago_reads_outputs_back_where_they_are) {
-    play({.kind = sim::ModuleKind::wago}, "wago-750");
+    play({.kind = test::ModuleKind::wago}, "wago-750");
     start_and_wait();
     rejector_->set_run_permit(true);
     EXPECT_TRUE(run_until([&] { return module_->coil(kPermit); }));
@@ -34,14 +34,14 @@ TEST_F(Module, of_wago_reads_outputs_back_where_they_are) {
 }
 
 TEST_F(Module, of_wago_with_the_plain_profile_confirms_nothing) {
-    play({.kind = sim::ModuleKind::wago}, "plain-coils");
+    play({.kind = test::ModuleKind::wago}, "plain-coils");
     start_and_wait();
     EXPECT_EQ(reject(1), Outcome::failed) << "its inputs were read for its outputs";
 }
 
 TEST_F(Module, of_wago_has_its_watchdog_started_and_kept_alive_over_tcp_and_serial) {
     for (const bool serial : {false, true}) {
-        play({.kind = sim::ModuleKind::wago, .serial = serial, .unit = 1}, "wago-750");
+        play({.kind = test::ModuleKind::wago, .serial = serial, .unit = 1}, "wago-750");
         options_.watchdog = 1500ms;
         ear_ = {};
         start_and_wait();
@@ -61,15 +61,15 @@ TEST_F(Module, of_wago_has_its_watchdog_started_and_kept_alive_over_tcp_and_seri
 }
 
 TEST_F(Module, of_wago_that_no_longer_hears_the_station_drops_its_outputs_and_works_again_afterwards) {
-    play({.kind = sim::ModuleKind::wago}, "wago-750");
+    play({.kind = test::ModuleKind::wago}, "wago-750");
     options_.watchdog = 500ms;
     start_and_wait();
     rejector_->set_run_permit(true);
     EXPECT_TRUE(run_until([&] { return module_->coil(kPermit); }));
-    module_->misbehave(CoilFault::silent, -1, {}, true);
+    module_->misbehave(ModuleFault::silent, -1, {}, true);
     EXPECT_TRUE(run_until([&] { return module_->watchdog_expired(); }));
     EXPECT_FALSE(module_->coil(kPermit));
-    module_->misbehave(CoilFault::none);
+    module_->misbehave(ModuleFault::none);
     expect_recovered();
     EXPECT_FALSE(module_->watchdog_expired());
 }
@@ -87,7 +87,7 @@ TEST_F(Module, whose_permit_fell_by_itself_is_noticed) {
 }
 
 TEST_F(Module, of_moxa_times_the_pulse_itself) {
-    play({.kind = sim::ModuleKind::moxa, .pulse = 40ms}, "moxa-iologik");
+    play({.kind = test::ModuleKind::moxa, .pulse = 40ms}, "moxa-iologik");
     options_.module_pulse = 40ms;
     start_and_wait();
     EXPECT_EQ(reject(1), Outcome::confirmed);
@@ -97,13 +97,13 @@ TEST_F(Module, of_moxa_times_the_pulse_itself) {
     EXPECT_EQ(moves[1].at - moves[0].at, 40ms);
     // The pulse ends also without a driver.
     EXPECT_EQ(reject(2), Outcome::confirmed);
-    module_->misbehave(CoilFault::silent, -1, {}, true);
+    module_->misbehave(ModuleFault::silent, -1, {}, true);
     EXPECT_TRUE(run_until([&] { return !module_->coil(kEjector) && !ear_.up; }));
     EXPECT_EQ(times_on(kEjector), 2);
 }
 
 TEST_F(Module, whose_pulse_does_not_fit_into_the_window_does_not_act) {
-    play({.kind = sim::ModuleKind::moxa, .pulse = 100ms}, "moxa-iologik");
+    play({.kind = test::ModuleKind::moxa, .pulse = 100ms}, "moxa-iologik");
     options_.module_pulse = 100ms;
     start_and_wait();
     EXPECT_EQ(reject(1, 90ms), Outcome::late);
@@ -111,21 +111,21 @@ TEST_F(Module, whose_pulse_does_not_fit_into_the_window_does_not_act) {
 }
 
 TEST_F(Module, whose_pulse_was_started_by_a_request_with_a_lost_answer_is_not_pulsed_again) {
-    play({.kind = sim::ModuleKind::moxa, .pulse = 30ms}, "moxa-iologik");
+    play({.kind = test::ModuleKind::moxa, .pulse = 30ms}, "moxa-iologik");
     options_.module_pulse = 30ms;
     start_and_wait();
-    module_->misbehave(CoilFault::late, 1, 2 * kTimeout);
+    module_->misbehave(ModuleFault::late, 1, 2 * kTimeout);
     EXPECT_EQ(reject(1), Outcome::failed);
     expect_recovered();
     EXPECT_EQ(times_on(kEjector), 2);  // part 1 and that of the recovery
 }
 
 TEST_F(Module, of_moxa_with_its_watchdog_alarm_up_is_given_free) {
-    play({.kind = sim::ModuleKind::moxa, .watchdog = 1s}, "moxa-iologik");
+    play({.kind = test::ModuleKind::moxa, .watchdog = 1s}, "moxa-iologik");
     start_and_wait();
-    module_->misbehave(CoilFault::silent, -1, {}, true);
+    module_->misbehave(ModuleFault::silent, -1, {}, true);
     EXPECT_TRUE(run_until([&] { return module_->watchdog_expired(); }));
-    module_->misbehave(CoilFault::none);
+    module_->misbehave(ModuleFault::none);
     expect_recovered();
 }
 
@@ -146,7 +146,7 @@ TEST_F(Module, says_what_it_is_where_it_can) {
     ASSERT_TRUE(plain.connect(10s));
     EXPECT_EQ(plain.identify(10s).value_or("nothing"), "HORD coil module 1.0");
     EXPECT_FALSE(plain.connected());
-    play({.kind = sim::ModuleKind::wago}, "wago-750");
+    play({.kind = test::ModuleKind::wago}, "wago-750");
     CoilLink wago(*loop_, options_.address);
     ASSERT_TRUE(wago.connect(10s));
     const auto none = wago.identify(10s);

@@ -23,36 +23,36 @@ TEST_F(Rejector, a_module_absent_at_start_is_named_commands_fail_and_it_is_found
 }
 
 TEST_F(Rejector, a_module_that_is_silent_from_the_start_is_down_and_does_not_hold_up_anything) {
-    module_->misbehave(CoilFault::silent, -1, {}, true);
+    module_->misbehave(ModuleFault::silent, -1, {}, true);
     start();
     ASSERT_TRUE(run_until([&] { return ear_.changes == 1; }));
     EXPECT_FALSE(ear_.up);
     EXPECT_EQ(reject(1), Outcome::failed);
-    module_->misbehave(CoilFault::none);
+    module_->misbehave(ModuleFault::none);
     expect_recovered();
 }
 
 TEST_F(Rejector, silence_in_the_middle_of_a_run_fails_the_command_and_drops_the_link_until_it_answers) {
     start_and_wait();
     EXPECT_EQ(reject(1), Outcome::confirmed);
-    module_->misbehave(CoilFault::silent, -1, {}, true);
+    module_->misbehave(ModuleFault::silent, -1, {}, true);
     EXPECT_EQ(reject(2), Outcome::failed);
     EXPECT_TRUE(run_until([&] { return !ear_.up; }));
     EXPECT_EQ(reject(3), Outcome::failed);
-    module_->misbehave(CoilFault::none);
+    module_->misbehave(ModuleFault::none);
     expect_recovered();
 }
 
 TEST_F(Rejector, silence_is_noticed_without_any_command) {
     start_and_wait();
-    module_->misbehave(CoilFault::silent, -1, {}, true);
+    module_->misbehave(ModuleFault::silent, -1, {}, true);
     EXPECT_TRUE(run_until([&] { return !ear_.up; }));
     EXPECT_THAT(ear_.why_down.what, HasSubstr("coil "));
 }
 
 TEST_F(Rejector, a_late_answer_costs_its_own_command_at_most_and_never_acts_twice) {
     start_and_wait();
-    module_->misbehave(CoilFault::late, 1, 3 * kTimeout);
+    module_->misbehave(ModuleFault::late, 1, 3 * kTimeout);
     EXPECT_EQ(reject(1), Outcome::failed);  // it acted, but the answer was too late
     EXPECT_EQ(times_on(kEjector), 1);
     ASSERT_TRUE(run_until([&] { return ear_.up && module_->connections() >= 2 && !module_->coil(kEjector); }));
@@ -71,7 +71,7 @@ TEST_F(Rejector, a_rejection_is_told_with_the_time_at_which_its_write_was_acknow
     options_.check_every = 60s;
     start_and_wait();
     constexpr hal::Duration kSlow = 100ms;
-    module_->misbehave_at_reads(CoilFault::late, 1, kSlow);
+    module_->misbehave_at_reads(ModuleFault::late, 1, kSlow);
     ASSERT_EQ(reject(1), Outcome::confirmed);
     EXPECT_EQ(module_->misbehaved(), 1);
     const auto history = module_->history();
@@ -83,7 +83,7 @@ TEST_F(Rejector, a_rejection_is_told_with_the_time_at_which_its_write_was_acknow
 
 TEST_F(Rejector, an_answer_that_drips_in_byte_by_byte_is_not_waited_for) {
     start_and_wait();
-    module_->misbehave(CoilFault::drip, 1, kTimeout / 2);
+    module_->misbehave(ModuleFault::drip, 1, kTimeout / 2);
     const hal::TimePoint asked = loop_->now();
     EXPECT_EQ(reject(1), Outcome::failed);
     EXPECT_LT(ear_.reports.back().at - asked, 12 * kTimeout / 2);  // the whole answer would take that long
@@ -92,7 +92,7 @@ TEST_F(Rejector, an_answer_that_drips_in_byte_by_byte_is_not_waited_for) {
 
 TEST_F(Rejector, a_refusal_fails_the_command_and_keeps_the_link) {
     start_and_wait();
-    module_->misbehave(CoilFault::exception, 1);
+    module_->misbehave(ModuleFault::exception, 1);
     EXPECT_EQ(reject(1), Outcome::failed);
     EXPECT_EQ(reject(2), Outcome::confirmed);
     EXPECT_EQ(module_->connections(), 1);
@@ -101,14 +101,14 @@ TEST_F(Rejector, a_refusal_fails_the_command_and_keeps_the_link) {
 
 TEST_F(Rejector, a_coil_that_does_not_read_back_as_written_is_not_confirmed) {
     start_and_wait();
-    module_->misbehave(CoilFault::stuck, 1);
+    module_->misbehave(ModuleFault::stuck, 1);
     EXPECT_EQ(reject(1), Outcome::failed);
     EXPECT_EQ(times_on(kEjector), 0);
 }
 
 TEST_F(Rejector, a_connection_closed_in_the_middle_fails_the_command_and_is_made_anew) {
     start_and_wait();
-    module_->misbehave(CoilFault::close, 1);
+    module_->misbehave(ModuleFault::close, 1);
     EXPECT_EQ(reject(1), Outcome::failed);
     expect_recovered();
     EXPECT_GE(module_->connections(), 2);
@@ -132,7 +132,7 @@ TEST_F(Rejector, a_pulse_left_on_by_a_lost_link_is_taken_back_first_thing) {
     start_and_wait();
     ASSERT_TRUE(rejector_->reject({1, loop_->now(), 3600s}));
     ASSERT_TRUE(run_until([&] { return module_->coil(kEjector); }));
-    module_->misbehave(CoilFault::close, 1);
+    module_->misbehave(ModuleFault::close, 1);
     rejector_->set_run_permit(true);  // the module closes the connection on this write
     EXPECT_TRUE(run_until([&] { return ear_.changes == 3 && ear_.up; }));
     EXPECT_FALSE(module_->coil(kEjector));
@@ -164,7 +164,7 @@ TEST_F(Rejector, impossible_options_are_all_named_and_nothing_starts) {
 }
 
 TEST_F(Rejector, a_taken_port_is_named_by_the_module) {
-    const auto second = sim::CoilModule::open(*loop_, {.port = module_->port()});
+    const auto second = test::ModbusModule::open(*loop_, {.port = module_->port()});
     ASSERT_FALSE(second);
     EXPECT_EQ(second.error().code, ErrorCode::busy);
     EXPECT_THAT(second.error().what, HasSubstr(std::to_string(module_->port())));

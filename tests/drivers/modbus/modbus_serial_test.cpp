@@ -10,7 +10,7 @@ class SerialRejector : public RejectorBench {
     SerialRejector() : RejectorBench({.serial = true, .unit = 7}) {}
 
     // One disturbance, at a command's write: the ejector acts at most once, and every later command succeeds.
-    void expect_one_command_at_most(CoilFault fault, hal::Duration delay = {}) {
+    void expect_one_command_at_most(ModuleFault fault, hal::Duration delay = {}) {
         start_and_wait();
         module_->misbehave(fault, 1, delay);
         reject(1, 5 * kTimeout);
@@ -37,22 +37,22 @@ TEST_F(SerialRejector, acts_reads_back_gives_the_permit_and_is_left_safe) {
 }
 
 TEST_F(SerialRejector, a_damaged_answer_is_settled_by_reading_back) {
-    expect_one_command_at_most(CoilFault::damaged);
+    expect_one_command_at_most(ModuleFault::damaged);
     EXPECT_EQ(ear_.reports[0].outcome, Outcome::confirmed);
 }
 
 TEST_F(SerialRejector, noise_before_an_answer_is_settled_by_reading_back) {
-    expect_one_command_at_most(CoilFault::noise);
+    expect_one_command_at_most(ModuleFault::noise);
     EXPECT_EQ(ear_.reports[0].outcome, Outcome::confirmed);
 }
 
 TEST_F(SerialRejector, a_late_answer_is_thrown_away_and_never_taken_for_another_one) {
-    expect_one_command_at_most(CoilFault::late, kTimeout * 3 / 2);
+    expect_one_command_at_most(ModuleFault::late, kTimeout * 3 / 2);
 }
 
 TEST_F(SerialRejector, a_request_that_noise_swallowed_is_not_asked_again_and_fails) {
     start_and_wait();
-    module_->misbehave(CoilFault::silent, 1);
+    module_->misbehave(ModuleFault::silent, 1);
     EXPECT_EQ(reject(1, 5 * kTimeout), Outcome::failed);
     EXPECT_EQ(times_on(kEjector), 0);
     EXPECT_EQ(reject(2), Outcome::confirmed);
@@ -62,7 +62,7 @@ TEST_F(SerialRejector, a_request_that_noise_swallowed_is_not_asked_again_and_fai
 TEST_F(SerialRejector, the_end_of_a_pulse_that_noise_swallowed_is_asked_again) {
     start_and_wait();
     EXPECT_EQ(reject(1), Outcome::confirmed);
-    module_->misbehave(CoilFault::silent, 1);
+    module_->misbehave(ModuleFault::silent, 1);
     EXPECT_TRUE(run_until([&] { return module_->misbehaved() == 1; }));
     EXPECT_TRUE(run_until([&] { return !module_->coil(kEjector); }));
     EXPECT_EQ(times_on(kEjector), 1);
@@ -74,7 +74,7 @@ TEST_F(SerialRejector, noise_on_what_is_only_read_costs_nothing) {
     rejector_->set_run_permit(true);
     EXPECT_TRUE(run_until([&] { return module_->coil(kPermit); }));
     int seen = 0;
-    for (const CoilFault fault : {CoilFault::damaged, CoilFault::noise, CoilFault::silent}) {
+    for (const ModuleFault fault : {ModuleFault::damaged, ModuleFault::noise, ModuleFault::silent}) {
         module_->misbehave_at_reads(fault, 1);
         ++seen;
         EXPECT_TRUE(run_until([&] { return module_->misbehaved() == seen; }));

@@ -6,12 +6,12 @@
 
 #include "drivers/event_loop/event_loop_sd.h"
 #include "drivers/modbus/modbus_rejector.h"
-#include "hal_sim/coil_module/coil_module.h"
+#include "tests/support/modbus_module/modbus_module.h"
 
 namespace hord::drivers {
 
 using namespace std::chrono_literals;
-using sim::CoilFault;
+using test::ModuleFault;
 using testing::AllOf;
 using testing::Each;
 using testing::HasSubstr;
@@ -36,16 +36,16 @@ struct Ear final : hal::Rejector::Listener {
 
 class RejectorBench : public testing::Test {
   protected:
-    explicit RejectorBench(const sim::CoilModuleOptions& module = {})
+    explicit RejectorBench(const test::ModbusModuleOptions& module = {})
         : loop_(std::move(*firmware::SdEventLoop::open())) {
         connect_to(module);
     }
     ~RejectorBench() override {
         if (rejector_) rejector_->stop();
     }
-    void connect_to(const sim::CoilModuleOptions& module) {
+    void connect_to(const test::ModbusModuleOptions& module) {
         module_.reset();
-        auto opened = sim::CoilModule::open(*loop_, module);
+        auto opened = test::ModbusModule::open(*loop_, module);
         if (!opened) throw std::runtime_error(opened.error().message());
         module_ = std::move(*opened);
         options_.address.port = module_->port();
@@ -98,7 +98,7 @@ class RejectorBench : public testing::Test {
     }
 
     std::unique_ptr<firmware::SdEventLoop> loop_;
-    std::unique_ptr<sim::CoilModule> module_;
+    std::unique_ptr<test::ModbusModule> module_;
     ModbusRejectorOptions options_;
     Ear ear_;
     std::optional<ModbusRejector> rejector_;

@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "drivers/hal/packed_samples.h"
-#include "hal_sim/world/virtual_time.h"
+#include "lab/virtual_time/virtual_time.h"
 
 namespace hord::drivers {
 namespace {
@@ -13,7 +13,7 @@ namespace {
 using testing::HasSubstr;
 
 TEST(V4l2, a_device_that_is_not_there_is_named) {
-    sim::VirtualTime loop;
+    lab::VirtualTime loop;
     V4l2SensorOptions options;
     options.device = "/dev/video-that-is-not-there";
     const auto sensor = V4l2Sensor::open(loop, options);
@@ -24,7 +24,7 @@ TEST(V4l2, a_device_that_is_not_there_is_named) {
 }
 
 TEST(V4l2, a_node_that_is_no_video_device_is_refused) {
-    sim::VirtualTime loop;
+    lab::VirtualTime loop;
     V4l2SensorOptions options;
     options.device = "/dev/null";
     const auto sensor = V4l2Sensor::open(loop, options);
@@ -33,7 +33,7 @@ TEST(V4l2, a_node_that_is_no_video_device_is_refused) {
 }
 
 TEST(V4l2, an_impossible_number_of_buffers_is_refused) {
-    sim::VirtualTime loop;
+    lab::VirtualTime loop;
     V4l2SensorOptions options;
     options.buffers = 1;
     EXPECT_EQ(V4l2Sensor::open(loop, options).error().code, ErrorCode::invalid_argument);

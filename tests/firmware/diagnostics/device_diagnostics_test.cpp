@@ -8,7 +8,7 @@
 
 #include "firmware/diagnostics/frame_quality.h"
 #include "hal_sim/cell/cell.h"
-#include "hal_sim/world/virtual_time.h"
+#include "lab/virtual_time/virtual_time.h"
 
 namespace hord::firmware {
 namespace {
@@ -86,7 +86,7 @@ class DeviceDiagnosticsTest : public testing::Test {
         return count;
     }
 
-    sim::VirtualTime loop_;
+    lab::VirtualTime loop_;
     DrawnSpots frames_;
     std::unique_ptr<sim::SimulatedCell> cell_;
     CellUnderTest under_test_;

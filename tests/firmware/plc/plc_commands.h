@@ -9,7 +9,7 @@
 
 #include "firmware/plc/command_handler.h"
 #include "firmware/plc/register_server_model.h"
-#include "hal_sim/world/virtual_time.h"
+#include "lab/virtual_time/virtual_time.h"
 #include "tests/firmware/station/fake_devices.h"
 
 namespace hord::firmware {
@@ -160,7 +160,7 @@ class PlcCommands : public ::testing::Test, public StationObserver {
         loop.run_for(milliseconds(25));
     }
 
-    sim::VirtualTime loop;
+    lab::VirtualTime loop;
     FakePartSensor part_sensor;
     FakeStrobe strobe;
     FakeSensor sensor;

@@ -15,7 +15,7 @@
 
 #include "drivers/event_loop/event_loop_sd.h"
 #include "firmware/recipes/reference_file.h"
-#include "hal_sim/world/virtual_time.h"
+#include "lab/virtual_time/virtual_time.h"
 #include "tests/firmware/recipes/drawn_lens.h"
 
 namespace hord::firmware {
@@ -84,7 +84,7 @@ class TeachInTest : public ::testing::Test {
     }
 
     fs::path folder;
-    sim::VirtualTime loop;
+    lab::VirtualTime loop;
     NumberedRecipe recipe;
     std::unique_ptr<LineTeachIn> teacher;
     std::uint32_t taken = 0;

@@ -9,7 +9,8 @@
 #include <gtest/gtest.h>
 
 #include "drivers/event_loop/event_loop_sd.h"
-#include "hal_sim/world/virtual_time.h"
+#include "lab/stand_in/stand_in_inspector.h"
+#include "lab/virtual_time/virtual_time.h"
 #include "tests/firmware/station/fake_devices.h"
 
 namespace hord::firmware {
@@ -58,14 +59,25 @@ InspectorSettings settings() {
     return s;
 }
 
+// The real pipeline in virtual time: answers `modelled` later. Null when the pipeline cannot be made.
+std::unique_ptr<Inspector> inline_inspector(hal::EventLoop& loop, const InspectorSettings& with,
+                                            hal::Duration modelled) {
+    auto judge = make_pipeline_judge(with);
+    if (!judge) return nullptr;
+    return lab::make_stand_in_inspector(loop, with.queue,
+                                        [judge = *judge, modelled](std::uint32_t part, const hal::FrameLease& frame) {
+                                            return lab::StandInAnswer{judge(part, frame), modelled};
+                                        });
+}
+
 TEST(InlineInspector, runs_the_real_pipeline_and_answers_after_the_modelled_time) {
-    sim::VirtualTime loop;
+    lab::VirtualTime loop;
     FlatFrames frames;
     Ear ear;
-    auto inspector = make_inline_inspector(loop, settings(), std::chrono::milliseconds(30));
-    ASSERT_TRUE(inspector) << inspector.error().message();
-    (*inspector)->start(ear);
-    ASSERT_TRUE((*inspector)->submit(7, frames.lend()));
+    auto inspector = inline_inspector(loop, settings(), std::chrono::milliseconds(30));
+    ASSERT_TRUE(inspector);
+    inspector->start(ear);
+    ASSERT_TRUE(inspector->submit(7, frames.lend()));
     loop.run_for(std::chrono::milliseconds(29));
     EXPECT_TRUE(ear.answers.empty());
     loop.run_for(std::chrono::milliseconds(1));
@@ -75,33 +87,32 @@ TEST(InlineInspector, runs_the_real_pipeline_and_answers_after_the_modelled_time
     EXPECT_EQ(frames.given_back, 1);
 }
 
-TEST(InlineInspector, models_one_thread_and_a_bounded_queue) {
-    sim::VirtualTime loop;
+TEST(StandInInspector, refuses_a_part_when_its_queue_is_full) {
+    lab::VirtualTime loop;
     FlatFrames frames;
     Ear ear;
-    auto inspector = make_inline_inspector(loop, settings(), std::chrono::milliseconds(30));
-    ASSERT_TRUE(inspector);
-    (*inspector)->start(ear);
-    for (std::uint32_t part = 1; part <= 3; ++part) EXPECT_TRUE((*inspector)->submit(part, frames.lend()));
-    const auto fourth = (*inspector)->submit(4, frames.lend());
-    ASSERT_FALSE(fourth);
-    EXPECT_EQ(fourth.error().code, ErrorCode::busy);
-    loop.run_for(std::chrono::milliseconds(60));
-    EXPECT_EQ(ear.answers.size(), 2U);
+    auto inspector = lab::make_stand_in_inspector(loop, 2, [](std::uint32_t, const hal::FrameLease&) {
+        return lab::StandInAnswer{{}, std::chrono::milliseconds(30)};
+    });
+    inspector->start(ear);
+    for (std::uint32_t part = 1; part <= 2; ++part) EXPECT_TRUE(inspector->submit(part, frames.lend()));
+    const auto third = inspector->submit(3, frames.lend());
+    ASSERT_FALSE(third);
+    EXPECT_EQ(third.error().code, ErrorCode::busy);
     loop.run_for(std::chrono::milliseconds(30));
-    EXPECT_EQ(ear.answers.size(), 3U);
-    EXPECT_EQ(frames.given_back, 4);
+    EXPECT_EQ(ear.answers.size(), 2U);
+    EXPECT_EQ(frames.given_back, 3);
 }
 
 TEST(InlineInspector, a_frame_of_the_wrong_size_fails_that_part_only) {
-    sim::VirtualTime loop;
+    lab::VirtualTime loop;
     FlatFrames frames;
     Ear ear;
-    auto inspector = make_inline_inspector(loop, settings(), std::chrono::milliseconds(1));
+    auto inspector = inline_inspector(loop, settings(), std::chrono::milliseconds(1));
     ASSERT_TRUE(inspector);
-    (*inspector)->start(ear);
-    ASSERT_TRUE((*inspector)->submit(1, frames.lend_half()));
-    ASSERT_TRUE((*inspector)->submit(2, frames.lend()));
+    inspector->start(ear);
+    ASSERT_TRUE(inspector->submit(1, frames.lend_half()));
+    ASSERT_TRUE(inspector->submit(2, frames.lend()));
     loop.run_for(std::chrono::milliseconds(10));
     ASSERT_EQ(ear.answers.size(), 2U);
     EXPECT_TRUE(ear.answers[0].failed);
@@ -119,32 +130,32 @@ TEST(InlineInspector, an_observer_sees_frame_and_maps) {
             values = inspection.emd.size();
         }
     } seen;
-    sim::VirtualTime loop;
+    lab::VirtualTime loop;
     FlatFrames frames;
     Ear ear;
     auto with = settings();
     with.observer = &seen;
-    auto inspector = make_inline_inspector(loop, with, std::chrono::milliseconds(1));
+    auto inspector = inline_inspector(loop, with, std::chrono::milliseconds(1));
     ASSERT_TRUE(inspector);
-    (*inspector)->start(ear);
-    ASSERT_TRUE((*inspector)->submit(3, frames.lend()));
+    inspector->start(ear);
+    ASSERT_TRUE(inspector->submit(3, frames.lend()));
     EXPECT_EQ(seen.part, 3U);
     EXPECT_EQ(seen.width, 243);
     EXPECT_EQ(seen.values, 729U);
 }
 
 TEST(InlineInspector, an_impossible_recipe_is_refused_at_once) {
-    sim::VirtualTime loop;
+    lab::VirtualTime loop;
     auto impossible = settings();
     impossible.extents.i = 99;
-    EXPECT_FALSE(make_inline_inspector(loop, impossible, std::chrono::milliseconds(1)));
+    EXPECT_FALSE(inline_inspector(loop, impossible, std::chrono::milliseconds(1)));
 }
 
 TEST(Inspectors, refuse_frames_before_they_are_started_and_give_them_back) {
-    sim::VirtualTime loop;
+    lab::VirtualTime loop;
     FlatFrames frames;
-    auto stand_in =
-        make_stand_in_inspector(loop, 1, [](std::uint32_t, const hal::FrameLease&) { return StandInAnswer{}; });
+    auto stand_in = lab::make_stand_in_inspector(
+        loop, 1, [](std::uint32_t, const hal::FrameLease&) { return lab::StandInAnswer{}; });
     EXPECT_FALSE(stand_in->submit(1, frames.lend()));
     auto threaded = make_threaded_inspector(loop, settings());
     ASSERT_TRUE(threaded);

@@ -4,7 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "hal_sim/world/virtual_time.h"
+#include "lab/stand_in/stand_in_inspector.h"
+#include "lab/virtual_time/virtual_time.h"
 #include "tests/firmware/station/fake_devices.h"
 
 namespace hord::firmware {
@@ -26,7 +27,8 @@ class StationTest : public ::testing::Test {
   protected:
     StationTest() {
         // Good light and a pass 20 ms after the frame, unless a test says otherwise.
-        inspector = make_stand_in_inspector(loop, 2, [this](std::uint32_t, const hal::FrameLease&) { return answer; });
+        inspector =
+            lab::make_stand_in_inspector(loop, 2, [this](std::uint32_t, const hal::FrameLease&) { return answer; });
         station.emplace(CoreConfig{}, Cell{loop, part_sensor, strobe, sensor, rejector, *inspector}, &observer);
     }
     void run() {
@@ -41,12 +43,12 @@ class StationTest : public ::testing::Test {
         sensor.deliver(sensor.requests.back().start);
     }
 
-    sim::VirtualTime loop;
+    lab::VirtualTime loop;
     FakePartSensor part_sensor;
     FakeStrobe strobe;
     FakeSensor sensor;
     FakeRejector rejector;
-    StandInAnswer answer{Judged{0, false, algo::Verdict::pass, algo::Reason::none, 0, 0.5F}, milliseconds(20)};
+    lab::StandInAnswer answer{Judged{0, false, algo::Verdict::pass, algo::Reason::none, 0, 0.5F}, milliseconds(20)};
     std::unique_ptr<Inspector> inspector;
     Observer observer;
     std::optional<Station> station;

@@ -8,7 +8,6 @@
 namespace hord::lab {
 namespace {
 
-using sim::Effect;
 using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::Not;

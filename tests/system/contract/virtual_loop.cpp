@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <thread>
 
-#include "hal_sim/world/virtual_time.h"
+#include "lab/virtual_time/virtual_time.h"
 #include "tests/system/contract/harness.h"
 
 namespace hord::contract {
@@ -29,7 +29,7 @@ class VirtualLoop final : public LoopRunner {
     void run_for(hal::Duration duration) override { time_.run_for(duration); }
 
   private:
-    sim::VirtualTime time_;
+    lab::VirtualTime time_;
 };
 
 INSTANTIATE_TEST_SUITE_P(VirtualTime, EventLoopContract,

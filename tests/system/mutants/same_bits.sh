@@ -8,8 +8,8 @@ cd "$(dirname "$(readlink -f "$0")")/../../.."
 parts=${1:-100000}
 objects=build/unoptimised
 mkdir -p "$objects"
-for file in firmware/core/*.cpp firmware/station/station.cpp firmware/station/inspector_modelled.cpp hal_sim/cell/cell.cpp \
-            hal_sim/world/{world,conveyor,faults,frame_source,virtual_time}.cpp hal_sim/devices/*.cpp \
+for file in firmware/core/*.cpp firmware/station/station.cpp lab/stand_in/stand_in_inspector.cpp hal_sim/cell/cell.cpp \
+            hal_sim/world/{world,conveyor,fault_injection,frame_source}.cpp lab/virtual_time/virtual_time.cpp hal_sim/devices/*.cpp \
             lab/soak/{invariants,invariants_results,device_proxies,simulated_line,plan,plc_simulator,store_observer,soak}.cpp; do
     echo "$file"
 done | xargs -P "$(nproc)" -I FILE sh -c 'g++ -std=gnu++20 -O0 -ffp-contract=off -I. -c FILE -o '"$objects"'/$(echo FILE | tr / _).o'

@@ -18,8 +18,8 @@
 #include "common/frame.h"
 #include "drivers/event_loop/event_loop_sd.h"
 #include "firmware/core/station_types.h"
-#include "hal_sim/coil_module/coil_module.h"
 #include "hal_sim/world/world.h"
+#include "tests/support/modbus_module/modbus_module.h"
 #include "tests/system/rig/cable.h"
 #include "tests/system/rig/killer.h"
 #include "tests/system/rig/lamps.h"
@@ -67,17 +67,17 @@ constexpr auto kNextCommand = 1800ms;
 // What the module does with the next write, which is the command for the part; the permit must fall, the ejector moves
 // once at most.
 struct ModuleFault {
-    sim::CoilFault how;
+    test::ModuleFault how;
     hal::Duration delay{};
     bool moves = false;  // whether the ejector does
 };
 const std::map<std::string, ModuleFault> kModuleFaults = {
-    {"reject-refused", {sim::CoilFault::exception}},
-    {"reject-late", {sim::CoilFault::late, 150ms, true}},  // with a time-out of 100 ms
-    {"reject-drip", {sim::CoilFault::drip, 13ms, true}},   // 12 bytes
-    {"reject-close", {sim::CoilFault::close}},
-    {"reject-stuck", {sim::CoilFault::stuck}},
-    {"module-reboot", {sim::CoilFault::none, 2000ms, true}},  // in the middle of the pulse, and so long away
+    {"reject-refused", {test::ModuleFault::exception}},
+    {"reject-late", {test::ModuleFault::late, 150ms, true}},  // with a time-out of 100 ms
+    {"reject-drip", {test::ModuleFault::drip, 13ms, true}},   // 12 bytes
+    {"reject-close", {test::ModuleFault::close}},
+    {"reject-stuck", {test::ModuleFault::stuck}},
+    {"module-reboot", {test::ModuleFault::none, 2000ms, true}},  // in the middle of the pulse, and so long away
 };
 
 class Line {
@@ -88,7 +88,7 @@ class Line {
           world_(loop, no_faults_, conveyor(options), schedule(options), geometry(options), options.seed) {
         barrier_.drive(false);
         read_faults();
-        auto module = sim::CoilModule::open(loop, {.port = options.port, .serial = !options.serial.empty()});
+        auto module = test::ModbusModule::open(loop, {.port = options.port, .serial = !options.serial.empty()});
         if (!module) throw std::runtime_error(module.error().message());
         module_ = std::move(*module);
         if (!options.serial.empty()) cable_ = std::make_unique<Cable>(module_->device(), options.serial, options.seed);
@@ -260,7 +260,7 @@ class Line {
         injection_.emplace(Injection{.fault = fault, .part = part, .misbehaved = module_->misbehaved()});
         (void)person_->take_faults();
         (void)person_->take_line_stop();
-        if (how.how == sim::CoilFault::none) return;
+        if (how.how == test::ModuleFault::none) return;
         module_->misbehave(how.how, 1, how.delay);
         look_whether_it_fired();
     }
@@ -399,7 +399,7 @@ class Line {
     sim::InjectionPlan no_faults_{1, {}};
     sim::World world_;
     std::map<std::uint64_t, std::string> faults_;
-    std::unique_ptr<sim::CoilModule> module_;
+    std::unique_ptr<test::ModbusModule> module_;
     std::unique_ptr<Cable> cable_;
     std::unique_ptr<Person> person_;
     std::unique_ptr<Killer> killer_;

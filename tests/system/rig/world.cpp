@@ -18,7 +18,7 @@
 #include "common/frame.h"
 #include "drivers/event_loop/event_loop_sd.h"
 #include "firmware/registers/register_client.h"
-#include "hal_sim/coil_module/coil_module.h"
+#include "tests/support/modbus_module/modbus_module.h"
 #include "tests/system/rig/lamps.h"
 #include "tests/system/rig/line.h"
 #include "tests/system/rig/video_out.h"
@@ -59,7 +59,7 @@ int run_camera(const std::string& device, int width_px, int height_px, int perio
 int run_edges(const std::string& chip, int port) {
     auto loop = firmware::SdEventLoop::open();
     if (!loop) throw std::runtime_error(loop.error().message());
-    auto module = sim::CoilModule::open(**loop, {.port = port, .realtime = 60});
+    auto module = test::ModbusModule::open(**loop, {.port = port, .realtime = 60});
     if (!module) throw std::runtime_error(module.error().message());
     rig::DrivenLine barrier(chip, "BARRIER");
     barrier.drive(false);

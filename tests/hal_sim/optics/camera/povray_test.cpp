@@ -11,6 +11,8 @@
 #include "algo/maps/feature_map.h"
 #include "algo/recipe/recipe.h"
 #include "hal_sim/optics/camera/render.h"
+#include "lab/optics/truth.h"
+#include "lab/optics/views.h"
 
 namespace hord::sim {
 namespace {
@@ -144,7 +146,7 @@ TEST_P(AgainstPovRay, the_light_agrees_at_the_borders_of_a_part_with_side_walls)
 }
 
 TEST_P(AgainstPovRay, the_truth_has_the_same_defects_and_part) {
-    const Truth truth = truth_of(scene_);
+    const lab::Truth truth = lab::truth_of(scene_);
     ASSERT_EQ(truth.labels.size(), static_cast<std::size_t>(kSide * kSide));
     int defects = 0, both = 0, free_against_part = 0;
     for (int k = 0; k < kSide * kSide; ++k) {
@@ -172,7 +174,7 @@ TEST_P(AgainstPovRay, the_conventional_picture_agrees) {
         scene_.telecentric.width_px = scene_.telecentric.height_px = kSide;
         scene_.telecentric.panel_half_mm = panel_half_mm;
         scene_.effects.fresnel = fresnel;
-        const Picture ours = *render_telecentric(scene_);
+        const lab::CameraPicture ours = *lab::render_telecentric(scene_);
         double off = 0, darkest = 1;
         int rough = 0;
         for (int k = 0; k < kSide * kSide; ++k) {

@@ -8,35 +8,10 @@
 
 #include <gtest/gtest.h>
 
-#include "hal_sim/optics/camera/lenslet_light.h"
+#include "tests/hal_sim/optics/camera/small_scene.h"
 
 namespace hord::sim {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
-
-Scene small(const Part& part, int lenslets = 41) {
-    Scene scene;
-    scene.part = part;
-    scene.camera.extents = {lenslets, lenslets, 9, 9};
-    return scene;
-}
-
-struct Hord {
-    double sum = 0, u = 0, v = 0;  // light in bins; mean slope, bins
-};
-Hord hord(const LightField& field, int m, int n) {
-    const auto& e = field.extents;
-    Hord h;
-    for (int j = 0; j < e.j; ++j) {
-        for (int i = 0; i < e.i; ++i) {
-            const double x = field.bins[static_cast<std::size_t>((n * e.j + j) * e.width_px() + m * e.i + i)];
-            h.sum += x, h.u += x * (i - 0.5 * (e.i - 1)), h.v += x * (j - 0.5 * (e.j - 1));
-        }
-    }
-    if (h.sum > 0) h.u /= h.sum, h.v /= h.sum;
-    return h;
-}
 
 TEST(Render, an_empty_field_shows_the_source_in_every_lenslet) {
     for (const algo::Extents e : {algo::Extents{5, 4, 9, 9}, {3, 7, 3, 5}, {4, 3, 8, 6}, {3, 3, 15, 15}}) {
@@ -56,7 +31,7 @@ TEST(Render, an_empty_field_shows_the_source_in_every_lenslet) {
 }
 
 TEST(Render, a_lens_has_the_jacobian_of_its_focal_length) {  // the paper's J = -I/f
-    Scene scene = small(DoubleConvexLens{});
+    Scene scene = small(DoubleConvexLens{}, 41);
     scene.camera.extents = {41, 41, 11, 11};
     scene.light.source_radius_bins = 2;  // many bins: the mean is then the mean of the light, not of the bins
     const LightField field = *render(scene);
@@ -71,7 +46,7 @@ TEST(Render, a_lens_has_the_jacobian_of_its_focal_length) {  // the paper's J = 
 TEST(Render, a_wedge_bends_evenly_and_turns_with_its_pose) {
     Wedge wedge;
     wedge.tilt_x_rad = 0.0596;  // two bins to the right
-    Scene scene = small(wedge);
+    Scene scene = small(wedge, 41);
     const Hord straight = hord(*render(scene), 20, 20);
     scene.pose.rotation_rad = kPi / 2;  // x turns into y: downwards
     const Hord turned = hord(*render(scene), 20, 20);
@@ -86,13 +61,12 @@ TEST(Render, a_wedge_bends_evenly_and_turns_with_its_pose) {
 
 // Cells, shrinking and sampling against rays and nothing else.
 void expect_the_light_of_rays(const Scene& scene, int count, const std::map<std::string, std::pair<int, int>>& places) {
-    const LensletLight light(scene);
     const CameraGeometry camera(scene);
     const Body body = body_of(scene, true);
     const double radius = scene.light.source_radius_bins;
     for (const auto& [what, place] : places) {
-        double cells[81], rays[81] = {};
-        light.collect(place.first, place.second, cells);
+        const std::vector<double> cells = bins_of(scene, place.first, place.second);
+        double rays[81] = {};
         constexpr int kBatch = 1000;
         const double roots[4] = {std::sqrt(2.0), std::sqrt(3.0), std::sqrt(5.0), std::sqrt(7.0)};
         double at[4] = {}, u[kBatch], v[kBatch];
@@ -170,45 +144,9 @@ TEST(Render, progress_grows_to_one) {
                               grows = grows && done >= last;
                               last = done;
                           }};
-    ASSERT_TRUE(render(small(NoPart{}), options));
+    ASSERT_TRUE(render(small(NoPart{}, 41), options));
     EXPECT_TRUE(grows);
     EXPECT_EQ(last, 1);
-}
-
-TEST(Truth, says_where_each_defect_is_seen) {
-    Scene scene;
-    scene.part = DoubleConvexLens{};
-    EXPECT_TRUE(truth_of(scene).defect_free);
-    scene.defects = {AirBubble{{2, -3, 0}, 0.5}, AbsorbingSpeck{{-3, 4, 0}, 0.4, 0}, AirBubble{{0, 30, 0}, 0.5}};
-    scene.pose = {1, 0, 0};
-    const Truth truth = truth_of(scene);
-    EXPECT_FALSE(truth.defect_free);
-    ASSERT_EQ(truth.defects.size(), 2U);  // the third is outside the part and bends nothing
-    const double pitch = 24.0 / 111;
-    EXPECT_STREQ(truth.defects[0].kind, "bubble");
-    EXPECT_NEAR(truth.defects[0].m, 55 + 3 / pitch, 0.2);
-    EXPECT_NEAR(truth.defects[0].n, 55 - 3 / pitch, 0.2);
-    EXPECT_NEAR(truth.defects[0].radius_lenslets, 0.5 / pitch, 0.1);
-    EXPECT_STREQ(truth.defects[1].kind, "speck");
-    EXPECT_NEAR(truth.defects[1].m, 55 - 2 / pitch, 0.2);
-    EXPECT_NEAR(truth.defects[1].n, 55 + 4 / pitch, 0.2);
-    const auto label = [&](int m, int n) { return truth.labels[static_cast<std::size_t>(n * 111 + m)]; };
-    EXPECT_EQ(label(69, 41), 3);
-    EXPECT_EQ(label(60, 55), 1);
-    EXPECT_EQ(label(2, 2), 0);
-    EXPECT_EQ(label(13, 55), 2);  // the left rim, one millimetre to the right
-    const auto count = static_cast<std::uint32_t>(std::count(truth.labels.begin(), truth.labels.end(), 3));
-    EXPECT_EQ(count, truth.defects[0].area_lenslets + truth.defects[1].area_lenslets);
-}
-
-TEST(Truth, a_bubble_smaller_than_a_lenslet_is_not_overlooked) {
-    Scene scene;
-    scene.part = DoubleConvexLens{};
-    scene.defects = {AirBubble{{0.3, 0.2, -1}, 0.005}};
-    const Truth truth = truth_of(scene);
-    ASSERT_EQ(truth.defects.size(), 1U);
-    EXPECT_EQ(truth.defects[0].area_lenslets, 1U);
-    EXPECT_NEAR(truth.defects[0].radius_lenslets, 0.005 / (24.0 / 111), 0.002);
 }
 
 // Blocks light by the area of its shadow, though no ray of the lenslet's first nine meets it.

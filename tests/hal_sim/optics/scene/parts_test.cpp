@@ -5,9 +5,10 @@
 
 #include <gtest/gtest.h>
 
-#include "hal_sim/optics/camera/lenslet_light.h"
 #include "hal_sim/optics/camera/render.h"
 #include "hal_sim/optics/trace/trace.h"
+#include "lab/optics/truth.h"
+#include "tests/hal_sim/optics/camera/small_scene.h"
 
 namespace hord::sim {
 namespace {
@@ -62,16 +63,14 @@ TEST(Parts, a_scratch_is_a_groove_of_its_length) {
     Scene scene;
     scene.part = Plate{};
     scene.defects = {Scratch{{-2, -1, 2}, {2, -1, 2}, 0.05}};
-    const Truth truth = truth_of(scene);
+    const lab::Truth truth = lab::truth_of(scene);
     ASSERT_EQ(truth.defects.size(), 1U);
     EXPECT_NEAR(truth.defects[0].m, 55, 0.1);
     EXPECT_NEAR(truth.defects[0].n, 55 - 1 / (24.0 / 111), 0.1);
     EXPECT_GE(truth.defects[0].area_lenslets, 18U);
-    const LensletLight light(scene);
     const auto sum = [&](int m, int n) {
-        double bins[81];
-        light.collect(m, n, bins);
-        return std::accumulate(std::begin(bins), std::end(bins), 0.0);
+        const std::vector<double> bins = bins_of(scene, m, n);
+        return std::accumulate(bins.begin(), bins.end(), 0.0);
     };
     EXPECT_LT(sum(55, 50), 0.7 * sum(55, 55));  // a tenth of a millimetre of 0.216 bends its light away
     EXPECT_NEAR(sum(67, 50), sum(55, 55), 1e-3);

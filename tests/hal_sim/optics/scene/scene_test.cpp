@@ -125,10 +125,12 @@ std::set<std::string> matches(const std::string& text, const char* pattern) {
 
 // docs/scene.md names every key that is read, and none that is not.
 TEST(SceneFile, the_documented_keys_are_those_that_are_read) {
-    const std::string page = text_of("docs/scene.md"), parser = text_of("hal_sim/optics/scene/scene_file.cpp");
+    const std::string page = text_of("docs/scene.md"),
+                      parser = text_of("hal_sim/optics/scene/scene_fields.h") +
+        text_of("hal_sim/optics/scene/scene_file.cpp");
     const auto read_keys = matches(
         parser,
-        R"re((?:number|vector|pair|integer|boolean|text|numbers|choice|table|tables|tables\w*)\((?:\w+, )?"(\w+)")re");
+        R"re((?:number\w*|vector|pair|integer|boolean|text|numbers|choice|table|tables|tables\w*)\((?:\w+, )?"(\w+)")re");
     ASSERT_GT(read_keys.size(), 80U);
     for (const std::string& key : read_keys) {
         const bool named = page.find('`' + key + '`') != std::string::npos ||

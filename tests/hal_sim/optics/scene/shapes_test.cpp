@@ -10,6 +10,7 @@
 
 #include "hal_sim/optics/camera/render.h"
 #include "hal_sim/optics/trace/trace.h"
+#include "lab/optics/truth.h"
 
 namespace hord::sim {
 namespace {
@@ -193,7 +194,7 @@ TEST(Pose, defects_move_with_the_part) {
     scene.defects = {AirBubble{{4, 0, 0}, 0.5}};
     scene.pose.tilt_y_rad = 0.5;
     scene.pose.z_mm = 0.7;
-    const Truth truth = truth_of(scene);
+    const lab::Truth truth = lab::truth_of(scene);
     ASSERT_EQ(truth.defects.size(), 1U);
     // Seen from the axis: at 4 cos(0.5), and shifted by the glass before it, 2 mm of 4.
     const double s = std::sin(0.5), shift = 2 * s * (1 - std::cos(0.5) / std::sqrt(2.25 - s * s));

@@ -10,9 +10,9 @@ TEST(Found, breaks_no_promise_any_more) {
     for (const Found& found : kFound) {
         const auto plan = plan_of(found);
         ASSERT_TRUE(plan) << plan.error().message();
-        SoakReport report;
-        ASSERT_TRUE(run_episode(*plan, report));
-        EXPECT_TRUE(report.good()) << found.bug << "\n" << describe(report);
+        const auto report = run_episode(*plan);
+        ASSERT_TRUE(report) << report.error().message();
+        EXPECT_TRUE(report->good()) << found.bug << "\n" << describe(*report);
     }
 }
 

@@ -10,7 +10,7 @@
 
 #include "drivers/hal/clock.h"
 
-namespace hord::sim {
+namespace hord::test {
 
 enum class ModuleKind : std::uint8_t {
     plain,  // coils and discrete inputs from 0 on, device identification (function 43/14)
@@ -61,4 +61,4 @@ class ModuleImage {
     int triggers_ = 0;
 };
 
-}  // namespace hord::sim
+}  // namespace hord::test

@@ -1,9 +1,9 @@
-#include "hal_sim/coil_module/module_image.h"
+#include "tests/support/modbus_module/module_image.h"
 
 #include <algorithm>
 #include <string_view>
 
-namespace hord::sim {
+namespace hord::test {
 namespace {
 
 using Bytes = std::vector<std::uint8_t>;
@@ -206,4 +206,4 @@ Bytes ModuleImage::identify(std::span<const std::uint8_t> pdu) const {
     return reply;
 }
 
-}  // namespace hord::sim
+}  // namespace hord::test

@@ -10,7 +10,7 @@
 
 #include "hal_sim/optics/scene/scene.h"
 
-namespace hord::sim {
+namespace hord::lab {
 
 enum class Effect : std::uint8_t {
     fresnel,       // effects.fresnel; without it no ghosts either
@@ -34,8 +34,8 @@ inline constexpr std::size_t kEffects = 16;
 
 [[nodiscard]] std::string_view name_of(Effect effect);
 [[nodiscard]] bool is_of_sensor(Effect effect);  // changes the exposure, not the light
-[[nodiscard]] bool names(const Scene& scene, Effect effect);
-[[nodiscard]] std::vector<Effect> effects_of(const Scene& scene);  // those that the scene names
-[[nodiscard]] Scene without(Scene scene, Effect effect);           // names(without(scene, e), e) is false
+[[nodiscard]] bool names(const sim::Scene& scene, Effect effect);
+[[nodiscard]] std::vector<Effect> effects_of(const sim::Scene& scene);  // those that the scene names
+[[nodiscard]] sim::Scene without(sim::Scene scene, Effect effect);      // names(without(scene, e), e) is false
 
-}  // namespace hord::sim
+}  // namespace hord::lab

@@ -1,17 +1,20 @@
-// Judges inside submit() and answers later by a timer: in virtual time, computing takes no time.
+#include "lab/stand_in/stand_in_inspector.h"
+
 #include <algorithm>
 #include <vector>
 
-#include "firmware/station/inspector.h"
-
-namespace hord::firmware {
+namespace hord::lab {
 namespace {
 
-class ModelledInspector final : public Inspector {
+using firmware::Inspector;
+using firmware::Judged;
+
+// Judges inside submit() and answers later by a timer: in virtual time, computing takes no time.
+class StandInInspector final : public Inspector {
   public:
-    ModelledInspector(hal::EventLoop& loop, int under_way, StandIn judge)
+    StandInInspector(hal::EventLoop& loop, int under_way, StandIn judge)
         : loop_(loop), slots_(static_cast<std::size_t>(under_way)), judge_(std::move(judge)) {}
-    ~ModelledInspector() override { do_stop(); }
+    ~StandInInspector() override { do_stop(); }
 
   private:
     struct Slot {
@@ -67,7 +70,7 @@ class ModelledInspector final : public Inspector {
 }  // namespace
 
 std::unique_ptr<Inspector> make_stand_in_inspector(hal::EventLoop& loop, int queue, StandIn judge) {
-    return std::make_unique<ModelledInspector>(loop, queue, std::move(judge));
+    return std::make_unique<StandInInspector>(loop, queue, std::move(judge));
 }
 
-}  // namespace hord::firmware
+}  // namespace hord::lab

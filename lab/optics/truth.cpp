@@ -1,12 +1,15 @@
 // The true positions of the defects, by tracing light forwards through the part without them.
+#include "lab/optics/truth.h"
+
 #include <algorithm>
 #include <cmath>
 
 #include "hal_sim/optics/camera/camera.h"
-#include "hal_sim/optics/camera/render.h"
 
-namespace hord::sim {
+namespace hord::lab {
 namespace {
+
+using namespace sim;
 
 enum Seen : std::uint8_t { kFree = 1, kThroughPart = 2, kOddWay = 4 };
 
@@ -68,6 +71,38 @@ Around around(const Thread& d) {
     return {0.5 * (d.from_mm + d.to_mm), 0.5 * length(d.to_mm - d.from_mm) + d.radius_mm, d.radius_mm};
 }
 
+// A defect where the pose's tilts and its shift along the light put it. (The rest of the pose is the camera's view:
+// camera.h.)
+template <class Defect>
+Defect posed(Defect defect, const Pose& pose) {
+    const Rigid by = Rigid::of({0, 0, pose.z_mm}, {pose.tilt_x_rad, pose.tilt_y_rad, 0});
+    if constexpr (requires { defect.centre_mm; }) defect.centre_mm = by(defect.centre_mm);
+    else defect.from_mm = by(defect.from_mm), defect.to_mm = by(defect.to_mm);
+    return defect;
+}
+
+// Largest distance of the array's lenslets from the axis on the measurement plane, mm.
+ArrayGeometry::Point reach_of(const CameraGeometry& camera, const algo::Extents& e) {
+    const ArrayGeometry& array = camera.array();
+    if (array.is_plain()) return {0.5 * e.m * camera.pitch_mm(), 0.5 * e.n * camera.pitch_mm()};
+    ArrayGeometry::Point reach;
+    for (const int m : {0, e.m - 1}) {
+        for (const int n : {0, e.n - 1}) {
+            const ArrayGeometry::Point at = array.place_mm(m, n);
+            reach.x = std::max(reach.x, std::abs(at.x)), reach.y = std::max(reach.y, std::abs(at.y));
+        }
+    }
+    return {reach.x + camera.pitch_mm(), reach.y + camera.pitch_mm()};
+}
+
+// A position of the part's frame, in lenslets: integers are lenslets' centres.
+ArrayGeometry::Point lenslet_of(const CameraGeometry& camera, const algo::Extents& e, double x, double y) {
+    double x_mm = 0, y_mm = 0;
+    camera.position_to_camera(x, y, x_mm, y_mm);
+    if (!camera.array().is_plain()) return camera.array().to_lattice({x_mm, y_mm});
+    return {x_mm / camera.pitch_mm() + 0.5 * (e.m - 1), y_mm / camera.pitch_mm() + 0.5 * (e.n - 1)};
+}
+
 class Labels {
   public:
     Labels(const Scene& scene, const Body& clean)
@@ -79,7 +114,7 @@ class Labels {
     void survey(int per_side) {
         const double pitch = camera_.pitch_mm() / per_side;
         const int margin = per_side * (2 + extents_.m / 16);  // light may come in from beyond the field
-        const ArrayGeometry::Point reach = camera_.reach_mm();
+        const ArrayGeometry::Point reach = reach_of(camera_, extents_);
         const int columns = static_cast<int>(std::ceil(2 * reach.x / pitch - 1e-6)),
                   rows = static_cast<int>(std::ceil(2 * reach.y / pitch - 1e-6));
         struct Ray {
@@ -128,9 +163,8 @@ class Labels {
                 RayPolyline way;
                 const Landing landing = shine(clean_, aim.x + a * step, aim.y + b * step, &way);
                 if (landing.path == 0 || !meets(way, defect)) continue;
-                double m = 0, n = 0;
-                camera_.to_lenslets(landing.x, landing.y, m, n);
-                sum_m += m, sum_n += n, count += 1;
+                const ArrayGeometry::Point place = lenslet_of(camera_, extents_, landing.x, landing.y);
+                sum_m += place.x, sum_n += place.y, count += 1;
                 std::size_t at = 0;
                 if (lenslet_at(landing, at)) lenslets.push_back(at);
             }
@@ -198,9 +232,8 @@ class Labels {
     }
 
     bool lenslet_at(const Landing& landing, std::size_t& at) const {
-        double m = 0, n = 0;
-        camera_.to_lenslets(landing.x, landing.y, m, n);
-        const double column = std::floor(m + 0.5), row = std::floor(n + 0.5);
+        const ArrayGeometry::Point place = lenslet_of(camera_, extents_, landing.x, landing.y);
+        const double column = std::floor(place.x + 0.5), row = std::floor(place.y + 0.5);
         if (!(column >= 0 && column < extents_.m && row >= 0 && row < extents_.n)) return false;
         at = static_cast<std::size_t>(row) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(column);
         return true;
@@ -235,4 +268,4 @@ Truth truth_of(const Scene& scene) {
     return truth;
 }
 
-}  // namespace hord::sim
+}  // namespace hord::lab

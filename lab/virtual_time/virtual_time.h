@@ -15,7 +15,7 @@
 
 #include "drivers/hal/event_loop.h"
 
-namespace hord::sim {
+namespace hord::lab {
 
 class VirtualTime final : public hal::EventLoop {
   public:
@@ -82,4 +82,4 @@ class VirtualTime final : public hal::EventLoop {
     std::atomic<bool> has_posted_{false};
 };
 
-}  // namespace hord::sim
+}  // namespace hord::lab

@@ -1,8 +1,11 @@
-#include "hal_sim/optics/scene/effects.h"
+#include "lab/optics/effects.h"
 
 #include <algorithm>
 
-namespace hord::sim {
+namespace hord::lab {
+
+using namespace sim;
+
 namespace {
 
 constexpr std::array<std::string_view, kEffects> kNames{
@@ -14,14 +17,6 @@ constexpr std::array<std::string_view, kEffects> kNames{
 std::string_view name_of(Effect effect) { return kNames[static_cast<std::size_t>(effect)]; }
 
 bool is_of_sensor(Effect effect) { return effect >= Effect::photon_noise; }
-
-bool is_dispersive(const Scene& scene) {
-    return (scene.glass.abbe_number > 0 && !std::holds_alternative<NoPart>(scene.part)) ||
-        std::any_of(scene.defects.begin(), scene.defects.end(), [](const SceneDefect& defect) {
-               const auto* inclusion = std::get_if<Inclusion>(&defect);
-               return inclusion != nullptr && inclusion->abbe_number > 0;
-           });
-}
 
 bool names(const Scene& scene, Effect effect) {
     const Relay& relay = scene.camera.relay;
@@ -82,4 +77,4 @@ Scene without(Scene scene, Effect effect) {
     return scene;
 }
 
-}  // namespace hord::sim
+}  // namespace hord::lab

@@ -1,4 +1,4 @@
-#include "hal_sim/world/virtual_time.h"
+#include "lab/virtual_time/virtual_time.h"
 
 #include <string>
 #include <thread>
@@ -6,7 +6,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-namespace hord::sim {
+namespace hord::lab {
 namespace {
 
 using namespace std::chrono_literals;
@@ -102,4 +102,4 @@ TEST(VirtualTime, takes_posts_from_another_thread) {
 }
 
 }  // namespace
-}  // namespace hord::sim
+}  // namespace hord::lab

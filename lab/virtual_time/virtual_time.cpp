@@ -1,9 +1,9 @@
-#include "hal_sim/world/virtual_time.h"
+#include "lab/virtual_time/virtual_time.h"
 
 #include <algorithm>
 #include <utility>
 
-namespace hord::sim {
+namespace hord::lab {
 
 using hal::TimePoint;
 
@@ -106,4 +106,4 @@ bool VirtualTime::run_until_idle(TimePoint limit) {
     return true;
 }
 
-}  // namespace hord::sim
+}  // namespace hord::lab
