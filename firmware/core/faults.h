@@ -120,6 +120,8 @@ static_assert(
     }(),
     "row k of kFaultTable describes bit k");
 
+constexpr const FaultInfo& info_of(FaultBit fault) { return kFaultTable[std::countr_zero(std::uint32_t{fault})]; }
+
 constexpr std::uint32_t faults_from(FaultSource source) {
     std::uint32_t bits = 0;
     for (const FaultInfo& fault : kFaultTable) bits |= fault.source == source ? fault.bit : 0U;
