@@ -7,6 +7,8 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "common/cli/program.h"
+#include "common/statistics.h"
 #include "firmware/diagnostics/map_images.h"
 
 namespace hord::firmware {
@@ -64,10 +66,8 @@ cv::Mat draw_residuals(const calib::GridCalibration& found) {
         const auto at = grid.at(grid.uv(seen.m, seen.n));
         if (seen.used) lengths.push_back(std::hypot(seen.centre_px.x_px - at.x_px, seen.centre_px.y_px - at.y_px));
     }
-    std::sort(lengths.begin(), lengths.end());
-    const double longest = lengths.empty()
-        ? 1
-        : std::max(1e-6, lengths[static_cast<std::size_t>(0.98 * static_cast<double>(lengths.size() - 1))]);
+    const auto rank_98 = [&] { return static_cast<std::size_t>(0.98 * static_cast<double>(lengths.size() - 1)); };
+    const double longest = lengths.empty() ? 1 : std::max(1e-6, common::nth_smallest(std::span(lengths), rank_98()));
     // The longest of 98 % is drawn as long as four fifths of the step between the lenslets that are drawn.
     const double enlarge = 0.8 * every * found.pitch_px / longest;
     cv::Mat ramp(1, 256, CV_8U), colours;
@@ -191,11 +191,7 @@ cv::Mat draw_models(const calib::GridCalibration& found) {
 
 Result<void> write_calibration_pictures(const std::filesystem::path& folder, const FrameView& white,
                                         const calib::GridCalibration& found) {
-    std::error_code error;
-    std::filesystem::create_directories(folder, error);
-    if (error)
-        return fail(ErrorCode::io, folder.string() + " cannot be created (" + error.message() + ")",
-                    "give a folder that may be written to");
+    if (auto made = make_folder(folder); !made) return made;
     try {
         const std::pair<const char*, cv::Mat> pictures[] = {{"residuals.png", draw_residuals(found)},
                                                             {"centres.png", draw_centres(white, found)},

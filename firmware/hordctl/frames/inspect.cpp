@@ -9,9 +9,11 @@
 #include <set>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "algo/inspection/pipeline.h"
 #include "algo/maps/feature_map.h"
+#include "common/assign.h"
 #include "firmware/diagnostics/map_images.h"
 #include "firmware/diagnostics/verdict_text.h"
 #include "firmware/hordctl/commands.h"
@@ -28,12 +30,10 @@ using store::Json;
 
 struct InspectOptions {
     std::vector<std::string> frames;
-    std::string macro = "9x9";
-    std::string grid;
+    FrameOptions reading;
     std::string recipe;
     std::string feature;  // empty: what the recipe judges by
     std::string reference;
-    int bits = 0;
     std::string out;
     bool json = false;
 };
@@ -71,10 +71,7 @@ std::string shown_of(const algo::Recipe& recipe) {
 }
 
 std::string known_features() {
-    std::string known;
-    for (const std::string_view name : algo::kFeatureNames)
-        known += fmt::format("{}{}", known.empty() ? "" : ", ", name);
-    return known + "; the distances also as reference-NAME";
+    return fmt::format("{}; the distances also as reference-NAME", fmt::join(algo::kFeatureNames, ", "));
 }
 
 // The map that was asked for, with what is needed to show it.
@@ -222,19 +219,13 @@ class Inspector {
     explicit Inspector(const InspectOptions& options) : options_(options) {}
 
     Result<void> prepare() {
-        auto reader = FrameReader::create(options_.macro, options_.grid, options_.bits);
-        if (!reader) return tl::unexpected(reader.error());
-        reader_ = std::move(*reader);
+        if (auto done = assign(reader_, FrameReader::create(options_.reading)); !done) return done;
         if (!options_.reference.empty() && is_reference(options_.reference)) {
-            auto learned = read_reference(options_.reference);
-            if (!learned) return tl::unexpected(learned.error());
-            learned_ = std::move(*learned);
+            if (auto done = assign(learned_, read_reference(options_.reference)); !done) return done;
         }
-        if (!options_.recipe.empty()) {
-            auto recipe = load_recipe(options_.recipe);
-            if (!recipe) return tl::unexpected(recipe.error());
-            recipe_ = std::move(*recipe);
-        }
+        auto recipe = recipe_or_default(options_.recipe);
+        if (!recipe) return tl::unexpected(recipe.error());
+        recipe_ = std::move(recipe->recipe);
         if (learned_) recipe_.reference = learned_;
         std::string feature = options_.feature.empty() ? shown_of(recipe_) : options_.feature;
         if (feature == "surprise") {
@@ -266,9 +257,7 @@ class Inspector {
                 "give a frame, or leave --feature out");
         }
         if (choice_.against_reference) {
-            auto reference = reader_.read(options_.reference);
-            if (!reference) return tl::unexpected(reference.error());
-            reference_ = std::move(*reference);
+            if (auto done = assign(reference_, reader_.read(options_.reference)); !done) return done;
         }
         if (options_.out.empty()) return {};
         std::set<std::string> names;
@@ -280,28 +269,21 @@ class Inspector {
                             "rename one, or inspect them into different folders");
             }
         }
-        std::error_code error;
-        fs::create_directories(options_.out, error);
-        if (error)
-            return fail(ErrorCode::io, options_.out + " cannot be created (" + error.message() + ")",
-                        "give a folder that may be written to");
-        return {};
+        return make_folder(options_.out);
     }
 
     Result<algo::Verdict> inspect(const std::string& file) {
         auto frame = reader_.read(file);
         if (!frame) return tl::unexpected(frame.error());
-        const auto named = [&](const Error& error) { return Error{error.code, file + ": " + error.what, error.cure}; };
-        auto extents =
-            algo::extents_of_frame(frame->width_px(), frame->height_px(), reader_.bins().first, reader_.bins().second);
-        if (!extents) return tl::unexpected(named(extents.error()));
+        auto extents = reader_.extents_of(*frame, file);
+        if (!extents) return tl::unexpected(extents.error());
         if (!pipeline_ || !(*extents == extents_) || frame->bits() != bits_) {
-            if (auto made = set_up(*extents, frame->bits()); !made) return tl::unexpected(named(made.error()));
+            if (auto made = set_up(*extents, frame->bits()); !made) return tl::unexpected(about(file, made.error()));
         }
         auto found = pipeline_->inspect(frame->view(), steady_ns);
-        if (!found) return tl::unexpected(named(found.error()));
+        if (!found) return tl::unexpected(about(file, found.error()));
         auto feature = view(frame->view(), *found);
-        if (!feature) return tl::unexpected(named(feature.error()));
+        if (!feature) return tl::unexpected(about(file, feature.error()));
         const Json json = to_json(file, extents_, *found, *feature, reader_.bin_rad(), recipe_);
         if (options_.json) {
             fmt::print("{}\n", store::to_text(json));
@@ -319,17 +301,14 @@ class Inspector {
   private:
     Result<void> set_up(const algo::Extents& extents, int bits) {
         const auto inspected = show_z_score_ ? std::nullopt : inspected_map(choice_, recipe_);
-        const bool extra = inspected && inspected->limit == 0;
-        auto pipeline =
-            algo::Pipeline::create(extents, bits, recipe_, 1, extra ? algo::MapSet::all : algo::MapSet::judged);
-        if (!pipeline) return tl::unexpected(pipeline.error());
+        const auto maps = inspected && inspected->limit == 0 ? algo::MapSet::all : algo::MapSet::judged;
+        auto pipeline = algo::Pipeline::create(extents, bits, recipe_, 1, maps);
         if (!inspected && !show_z_score_) {
             auto mapper =
                 algo::FeatureMapper::create(extents, bits, algo::light_levels(recipe_, bits), choice_.feature);
-            if (!mapper) return tl::unexpected(mapper.error());
-            mapper_ = std::move(*mapper);
+            if (auto done = assign(mapper_, std::move(mapper)); !done) return done;
         }
-        pipeline_ = std::move(*pipeline);
+        if (auto done = assign(pipeline_, std::move(pipeline)); !done) return done;
         extents_ = extents;
         bits_ = bits;
         return {};
@@ -360,9 +339,7 @@ class Inspector {
         auto map =
             choice_.against_reference ? mapper_->against(frame, reference_.view()) : mapper_->over_neighbours(frame);
         if (!map)
-            return fail(map.error().code,
-                        (choice_.against_reference ? options_.reference + ": " : "") + map.error().what,
-                        map.error().cure);
+            return tl::unexpected(choice_.against_reference ? about(options_.reference, map.error()) : map.error());
         const std::int64_t took = steady_ns() - start;
         found.times.feature_ns += took;
         found.times.total_ns += took;
@@ -413,10 +390,7 @@ void add_inspect(CLI::App& program, Exit& status) {
     auto* command = program.add_subcommand("inspect", "Judge recorded frames");
     auto options = std::make_shared<InspectOptions>();
     command->add_option("FRAME", options->frames, "Frames: 8- or 16-bit grey images")->required();
-    command->add_option("--macro", options->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")
-        ->capture_default_str();
-    command->add_option("--grid", options->grid,
-                        "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet");
+    add_frame_options(*command, options->reading);
     command->add_option("--recipe", options->recipe, "Limits, masks and zones (TOML); without it the default recipe");
     const auto* feature = command->add_option(
         "--feature", options->feature,
@@ -425,10 +399,6 @@ void add_inspect(CLI::App& program, Exit& status) {
     command->add_option("--reference", options->reference,
                         "What hordctl learn has learned: parts are judged against it, and --feature z-score shows "
                         "where they differ. Or a frame of a good part at the same place, for the reference- features");
-    command
-        ->add_option("--bits", options->bits,
-                     "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
-        ->check(CLI::Range(8, 16));
     command->add_option("--out", options->out, "Folder for NAME.FEATURE.tiff, NAME.FEATURE.png and NAME.json");
     command->add_flag("--json", options->json, "Print one JSON object a frame");
     command->footer(

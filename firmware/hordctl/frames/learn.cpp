@@ -16,32 +16,26 @@ namespace {
 
 struct LearnArguments {
     std::vector<std::string> frames;
-    std::string out, macro = "9x9", grid, recipe;
-    int bits = 0, threads = 1;
+    FrameOptions reading;
+    std::string out, recipe;
+    int threads = 1;
     double electrons_per_dn = 0, read_dn = -1, pedestal_dn = 0;
 };
 
 Exit run_learn(const LearnArguments& arguments) {
-    const auto reader = FrameReader::create(arguments.macro, arguments.grid, arguments.bits);
+    const auto reader = FrameReader::create(arguments.reading);
     if (!reader) return complain(reader.error());
-    algo::Recipe recipe;
-    if (!arguments.recipe.empty()) {
-        auto loaded = load_recipe(arguments.recipe);
-        if (!loaded) return complain(loaded.error());
-        recipe = std::move(*loaded);
-    }
+    const auto recipe = recipe_or_default(arguments.recipe);
+    if (!recipe) return complain(recipe.error());
     const auto first = reader->read(arguments.frames.front());
     if (!first) return complain(first.error());
-    const auto extents =
-        algo::extents_of_frame(first->width_px(), first->height_px(), reader->bins().first, reader->bins().second);
-    if (!extents)
-        return complain(
-            {extents.error().code, arguments.frames.front() + ": " + extents.error().what, extents.error().cure});
+    const auto extents = reader->extents_of(*first, arguments.frames.front());
+    if (!extents) return complain(extents.error());
     const int bits = first->bits();
 
     auto progress = std::make_unique<Progress>("learn");
     algo::LearnOptions options;
-    options.levels = algo::light_levels(recipe, bits);
+    options.levels = algo::light_levels(recipe->recipe, bits);
     if (arguments.electrons_per_dn > 0) options.electrons_per_dn = static_cast<float>(arguments.electrons_per_dn);
     options.pedestal_dn = static_cast<float>(arguments.pedestal_dn);
     options.threads = arguments.threads;
@@ -89,16 +83,9 @@ void add_learn(CLI::App& program, Exit& status) {
                      "Frames of at least 8 good parts; those that differ from all others are named and left out")
         ->required();
     command->add_option("--out", arguments->out, "File for the reference")->required();
-    command->add_option("--macro", arguments->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")
-        ->capture_default_str();
-    command->add_option("--grid", arguments->grid,
-                        "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet");
+    add_frame_options(*command, arguments->reading);
     command->add_option("--recipe", arguments->recipe,
                         "Recipe whose light levels are used (TOML); without it the default recipe");
-    command
-        ->add_option("--bits", arguments->bits,
-                     "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
-        ->check(CLI::Range(8, 16));
     command
         ->add_option("--electrons-per-dn", arguments->electrons_per_dn,
                      "Of the sensor; without it they are estimated from the frames")
@@ -107,10 +94,9 @@ void add_learn(CLI::App& program, Exit& status) {
         ->add_option("--read-dn", arguments->read_dn,
                      "Read noise of the sensor, DN; without it it is estimated from the bins that no light reaches")
         ->check(CLI::Range(0.0, 1e4));
-    command->add_option("--pedestal-dn", arguments->pedestal_dn, "What the camera adds to every sample, DN")
-        ->check(CLI::Range(0.0, 65535.0))
-        ->capture_default_str();
-    command->add_option("--threads", arguments->threads, "Threads")->check(CLI::Range(1, 64))->capture_default_str();
+    add_number(*command, "--pedestal-dn", arguments->pedestal_dn, "What the camera adds to every sample, DN", 0.0,
+               65535.0);
+    add_number(*command, "--threads", arguments->threads, "Threads", 1, 64);
     command->footer(
         "Example: hordctl learn good/*.png --out lens.hordref\n"
         "         hordctl inspect part.png --reference lens.hordref --out maps");

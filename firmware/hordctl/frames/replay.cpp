@@ -57,10 +57,10 @@ Result<Chosen> choose_recipe(const ReplayOptions& options) {
         if (!recipe) return tl::unexpected(recipe.error());
         chosen = {std::move(*recipe), std::move(*text)};
     } else if (!options.recipe.empty()) {
-        auto recipe = load_recipe(options.recipe);
+        auto recipe = load_numbered_recipe(options.recipe);
         if (!recipe) return tl::unexpected(recipe.error());
         std::ifstream in(options.recipe, std::ios::binary);
-        chosen = {std::move(*recipe), std::string(std::istreambuf_iterator<char>(in), {})};
+        chosen = {std::move(recipe->recipe), std::string(std::istreambuf_iterator<char>(in), {})};
     }
     return chosen;
 }
@@ -202,9 +202,8 @@ void add_replay(CLI::App& program, Exit& status) {
         command->add_option("--recipe", options->recipe,
                             "Judge with this recipe (TOML); without one each frame with its own, the one of then");
     command->add_flag("--today", options->today, "Judge with the recipe that came into use last")->excludes(recipe);
-    command->add_option("--jobs", options->jobs, "Frames judged at the same time; the output does not depend on it")
-        ->check(CLI::Range(1, 256))
-        ->capture_default_str();
+    add_number(*command, "--jobs", options->jobs, "Frames judged at the same time; the output does not depend on it", 1,
+               256);
     auto* out = command->add_option("--out", options->out,
                                     "Write one JSON object a frame into this file, which appears when it is whole");
     command

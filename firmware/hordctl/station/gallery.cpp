@@ -4,6 +4,8 @@
 
 #include <fmt/format.h>
 
+#include "common/cli/program.h"
+
 namespace hord::firmware {
 namespace {
 
@@ -69,11 +71,7 @@ Result<std::string> Gallery::write(const std::filesystem::path& folder) {
     if (kinds_.empty())
         return fail(ErrorCode::not_found, "no part was inspected, so there is no picture of one",
                     "see the messages above");
-    std::error_code error;
-    std::filesystem::create_directories(folder, error);
-    if (error)
-        return fail(ErrorCode::io, folder.string() + " cannot be created (" + error.message() + ")",
-                    "give a folder that may be written to");
+    if (auto made = make_folder(folder); !made) return tl::unexpected(made.error());
     std::vector<MontageRow> rows;
     if (const auto good = kinds_.find("good"); good != kinds_.end()) rows.push_back(row("good", good->second));
     for (const auto& [kind, seen] : kinds_) {
