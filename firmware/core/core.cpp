@@ -198,18 +198,16 @@ void Core::stop_the_line() {
 }
 
 Snapshot Core::snapshot() const {
-    Snapshot s;
-    s.state = state_;
-    s.line_stop = line_stop_;
-    s.run_permit = run_permit_;
-    s.faults_active = active_faults();
-    s.faults_latched = faults_latched_;
-    s.first_fault = first_fault_;
-    s.station_heartbeat = heartbeat_;
-    s.parts_on_line = line_.size();
-    s.counters = counters_;
-    s.last = last_;
-    return s;
+    return {.state = state_,
+            .line_stop = line_stop_,
+            .run_permit = run_permit_,
+            .faults_active = active_faults(),
+            .faults_latched = faults_latched_,
+            .first_fault = first_fault_,
+            .station_heartbeat = heartbeat_,
+            .parts_on_line = line_.size(),
+            .counters = counters_,
+            .last = last_};
 }
 
 std::vector<std::string> problems(const CoreConfig& c) {

@@ -19,7 +19,7 @@ enum FaultBit : std::uint32_t {
     kFaultStrobe = 1U << 1,
     kFaultSensor = 1U << 2,
     kFaultRejector = 1U << 3,
-    kFaultRejectUnconfirmed = 1U << 4,
+    kFaultRejectUnconfirmed = 1U << 4,  // line stop: a rejection ended failed or late, or parts are not tracked
     kFaultInspector = 1U << 5,
     kFaultOverrun = 1U << 6,
     kFaultConfiguration = 1U << 7,

@@ -148,7 +148,7 @@ struct PartResult {
 
 struct Snapshot {
     State state = State::preoperational;
-    bool line_stop = false;  // raised when a rejection cannot be confirmed
+    bool line_stop = false;  // a rejection ended failed or late, or parts on the line are not tracked; until a reset
     bool run_permit = false;
     std::uint32_t faults_active = 0, faults_latched = 0;
     std::uint16_t first_fault = 0;  // bit number + 1; 0: none

@@ -1,7 +1,6 @@
 #include "firmware/plc/plc_interface.h"
 
 #include <algorithm>
-#include <bit>
 #include <string>
 #include <utility>
 

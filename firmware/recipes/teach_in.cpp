@@ -5,7 +5,6 @@
 #include <charconv>
 #include <cstring>
 #include <fstream>
-#include <span>
 #include <system_error>
 #include <utility>
 

@@ -1,6 +1,5 @@
 // hordd: the station as a systemd service. Service does the work; this file handles readiness, status, watchdog, socket
 // activation, reload, the journal and the real-time policy.
-#include <cstdio>
 #include <cstdlib>
 #include <string>
 #include <utility>

@@ -1,9 +1,7 @@
 // hordctl inspect: judge recorded frames; write maps, pictures and JSON.
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <fstream>
-#include <map>
 #include <memory>
 #include <optional>
 #include <set>
@@ -21,6 +19,7 @@
 #include "firmware/recipes/recipe_file.h"
 #include "firmware/recipes/reference_file.h"
 #include "firmware/store/results/json_text.h"
+#include "firmware/store/results/records.h"
 
 namespace hord::firmware {
 namespace {
@@ -38,13 +37,13 @@ struct InspectOptions {
     bool json = false;
 };
 
-// A feature that an inspection by this recipe computes, or can; the others have a FeatureMapper.
+// A map that the inspection computes. Other features need a FeatureMapper.
 struct InspectedMap {
     algo::Map algo::Inspection::*map;
-    float limit = 0;  // 0: nothing is judged by it, and its map is computed only when asked for
+    float limit = 0;  // 0: no part is judged by it, and the inspection computes it with MapSet::all only
 };
 
-// Nothing when it takes a FeatureMapper.
+// Empty: the feature needs a FeatureMapper.
 std::optional<InspectedMap> inspected_map(const algo::FeatureChoice& choice, const algo::Recipe& recipe) {
     using algo::Feature, algo::Inspection;
     if (choice.against_reference) return std::nullopt;
@@ -63,7 +62,7 @@ std::optional<InspectedMap> inspected_map(const algo::FeatureChoice& choice, con
 
 constexpr const char* kZScore = "z-score";
 
-// What a recipe judges by that a map shows best.
+// The feature that is shown unless another one is asked for.
 std::string shown_of(const algo::Recipe& recipe) {
     if (recipe.gradient) return std::string(name_of(*recipe.gradient));
     if (recipe.reference) return kZScore;
@@ -114,9 +113,10 @@ double milliseconds(std::int64_t ns) { return static_cast<double>(ns) / 1e6; }
 Json to_json(const std::string& frame, const algo::Extents& extents, const algo::Inspection& found,
              const FeatureView& feature, double bin_rad, const algo::Recipe& recipe) {
     const Statistics s = statistics_of(feature.map, feature.mask);
-    Json defects = Json::array();
-    for (const algo::Defect& d : found.defects) {
-        Json defect{{"m", d.m}, {"n", d.n}, {"area", d.area}, {"peak", d.peak}, {"kind", name_of(d.kind)}};
+    Json defects = store::to_json(found.defects);
+    for (std::size_t k = 0; k < found.defects.size(); ++k) {
+        const algo::Defect& d = found.defects[k];
+        Json& defect = defects[k];
         if (recipe.reference) {
             defect["score"] = d.score;
             defect["length"] = d.length;
@@ -130,7 +130,6 @@ Json to_json(const std::string& frame, const algo::Extents& extents, const algo:
             defect["y_mm"] = from_middle(d.n, extents.n);
             defect["area_mm2"] = static_cast<float>(d.area) * recipe.lenslet_mm * recipe.lenslet_mm;
         }
-        defects.push_back(std::move(defect));
     }
     Json json{{"frame", frame},
               {"grid", {{"m", extents.m}, {"n", extents.n}, {"i", extents.i}, {"j", extents.j}}},
@@ -202,7 +201,7 @@ Result<void> write_results(const fs::path& out, const std::string& frame, const 
     return {};
 }
 
-// Whether a file is one of hordctl learn's: it says so in its first bytes.
+// Whether the first bytes of a file say that hordctl learn has written it.
 bool is_reference(const std::string& file) {
     std::ifstream stream(file, std::ios::binary);
     char magic[7] = {};
@@ -314,7 +313,7 @@ class Inspector {
         return {};
     }
 
-    // The map of the feature asked for; its time counts as the feature's.
+    // The map of the feature asked for. The time of a FeatureMapper is added to the inspection's.
     Result<FeatureView> view(const FrameView& frame, algo::Inspection& found) {
         if (show_z_score_) {
             FeatureView seen{kZScore, "noises", found.z_score, found.mask, recipe_.reject_score};
@@ -322,7 +321,7 @@ class Inspector {
                 nothing_.assign(found.mask.size(), 0.0F);
                 seen.map = nothing_;
             }
-            // Compared are rims, too, and what has no neighbours.
+            // Rims are compared, too, and lenslets without neighbours.
             mask_.resize(found.mask.size());
             for (std::size_t k = 0; k < mask_.size(); ++k)
                 mask_[k] = static_cast<std::uint8_t>(found.mask[k] & (algo::kSaturated | algo::kOutside));
@@ -343,7 +342,7 @@ class Inspector {
         const std::int64_t took = steady_ns() - start;
         found.times.feature_ns += took;
         found.times.total_ns += took;
-        // Rim and zones are the inspection's; which lenslets can be compared is the map's own.
+        // Rim and zones come from the inspection; which lenslets can be compared, from the map.
         mask_.assign(map->mask.begin(), map->mask.end());
         for (std::size_t k = 0; k < mask_.size(); ++k)
             mask_[k] = static_cast<std::uint8_t>(mask_[k] | (found.mask[k] & algo::kNotJudged));

@@ -1,5 +1,4 @@
-// hordctl replay: judges the frames that a station has kept once more, and shows what changes; hordctl merge joins its
-// shards.
+// hordctl replay: judges kept frames again, and shows what changes; hordctl merge joins its shards.
 #include "firmware/store/frames/replay.h"
 
 #include <fstream>
@@ -194,7 +193,7 @@ Exit run_merge(const std::vector<std::string>& names, const std::string& out) {
 
 void add_replay(CLI::App& program, Exit& status) {
     auto* command =
-        program.add_subcommand("replay", "Judge the frames that a station has kept once more, and show what changes");
+        program.add_subcommand("replay", "Judge the frames that a station has kept again, and show what changes");
     auto options = std::make_shared<ReplayOptions>();
     command->add_option("FRAME", options->frames, "Frames; without any, all of the store");
     command->add_option("--store", options->folder, "Folder of a station's store")->capture_default_str();

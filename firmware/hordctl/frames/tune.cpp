@@ -26,10 +26,10 @@ namespace fs = std::filesystem;
 
 struct TuneArguments {
     std::vector<std::string> good, bad;
-    double budget_ms = 0, false_rejects_percent = 0.1;
+    TuneOptions tuning;
+    double false_rejects_percent = 0.1;
     FrameOptions reading;
     std::string out, recipe, reference;
-    int threads = 1;
     bool json = false, force = false;
 };
 
@@ -94,9 +94,7 @@ Exit run_tune(const TuneArguments& arguments) {
     if (!base) return complain(base.error());
 
     auto progress = std::make_unique<Progress>("tune", arguments.json);
-    TuneOptions options;
-    options.budget_ms = arguments.budget_ms;
-    options.threads = arguments.threads;
+    TuneOptions options = arguments.tuning;
     options.false_rejects = arguments.false_rejects_percent / 100;
     options.base = std::move(*base);
     options.bins = reader->bins();
@@ -138,7 +136,7 @@ Exit run_tune(const TuneArguments& arguments) {
                          "no feature has a limit that lets these good parts pass: " + fastest->no_limit,
                          "see that the frames are of good parts"});
     return complain({ErrorCode::refused,
-                     fmt::format("no feature set fits {:g} ms: the fastest, {}, takes {:.3g} ms", arguments.budget_ms,
+                     fmt::format("no feature set fits {:g} ms: the fastest, {}, takes {:.3g} ms", options.budget_ms,
                                  fastest->set.name(), fastest->wall_ms),
                      "allow more (--budget), use more threads (--threads), or a smaller part of the field"});
 }
@@ -159,7 +157,7 @@ void add_tune(CLI::App& program, Exit& status) {
         ->required();
     command
         ->add_option(
-            "--budget", arguments->budget_ms,
+            "--budget", arguments->tuning.budget_ms,
             "Longest time that judging a frame may take on this machine, ms; decoding by --grid is not counted")
         ->required()
         ->check(CLI::PositiveNumber);
@@ -176,7 +174,7 @@ void add_tune(CLI::App& program, Exit& status) {
     add_number(*command, "--false-rejects", arguments->false_rejects_percent,
                "Share of good parts that each limit may reject, by a fit to the good frames, %", 1e-4, 50.0);
     add_frame_options(*command, arguments->reading);
-    add_number(*command, "--threads", arguments->threads, "Threads that judge a frame", 1, 64);
+    add_number(*command, "--threads", arguments->tuning.threads, "Threads that judge a frame", 1, 64);
     command->add_flag("--json", arguments->json, "Print one JSON object");
     command->footer(
         "Chosen is the fastest feature set whose area under the ROC curve is within 0.005 of the best "

@@ -1,5 +1,4 @@
 // hordctl command: sends a station a command, as a PLC does.
-#include <algorithm>
 #include <chrono>
 
 #include <fmt/format.h>

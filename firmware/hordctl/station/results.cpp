@@ -1,6 +1,5 @@
 // hordctl results: lists, filters, exports and verifies the results in a store.
 #include <chrono>
-#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>

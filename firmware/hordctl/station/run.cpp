@@ -1,8 +1,7 @@
-// hordctl run: the station in the foreground; on the simulated cell it knows the truth and reports against it.
+// hordctl run: the station in the foreground. On the simulated line the report compares verdicts with the true parts.
 #include <algorithm>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <thread>
 #include <utility>
 
@@ -44,7 +43,7 @@ Json to_json(const PartResult& result, const Backends::Fate& fate) {
     return json;
 }
 
-// As a client's endpoint, but for port 0: any free one.
+// An endpoint as a client's; port 0: any free one.
 Result<TcpServer> parse_listen(const std::string& text) {
     const bool any_port = text.size() > 2 && text.ends_with(":0");
     const auto endpoint = modbus::parse_endpoint(any_port ? text.substr(0, text.size() - 2) : text);
@@ -73,7 +72,7 @@ Config with_room(double parts_per_second) {
     return config;
 }
 
-// One run: brings each part's result and its true fate together, and ends when all parts have both.
+// One run: joins each part's result with its fate, and ends when all parts have both.
 class Run {
   public:
     explicit Run(const RunOptions& options) : options_(options) {}
@@ -96,8 +95,8 @@ class Run {
         service_ = std::move(*service);
         fmt::print(stderr, "registers at {}\n", service_->registers_address());
         progress_ = std::make_unique<Progress>("parts", options_.line.parts == 0);
-        if (options_.line.parts > 0 || options_.reset_after_s > 0) look_whether_it_stands(0);
-        if (!options_.vitals.empty()) service_->loop().post([this] { look_at_vitals(); });
+        if (options_.line.parts > 0 || options_.reset_after_s > 0) watch_for_line_stop(0);
+        if (!options_.vitals.empty()) service_->loop().post([this] { sample_vitals(); });
         if (options_.line.realtime > 0) {
             for (const Error& refused : take_realtime_policy(options_.line.realtime)) say(refused.message());
         }
@@ -135,9 +134,9 @@ class Run {
         return Service::open(config, simulation, std::move(watchers));
     }
 
-    void look_at_vitals() {
+    void sample_vitals() {
         const Duration every = milliseconds(1000) * options_.vitals_every_s;
-        service_->loop().call_after(every, [this] { look_at_vitals(); });
+        service_->loop().call_after(every, [this] { sample_vitals(); });
         if (first_arrival_)
             vitals_.sample(
                 std::chrono::duration<double>(service_->loop().now().time_since_epoch() - *first_arrival_).count());
@@ -172,9 +171,8 @@ class Run {
         if (line_over_ && fates_.empty() && results_.empty()) end();
     }
 
-    // A line that the station has stopped brings no more parts: somebody comes and resets it, or a run of so many parts
-    // ends there.
-    void look_whether_it_stands(int seconds_stopped) {
+    // A stopped line brings no more parts. With --reset-after it is reset as by a person; without, the run ends.
+    void watch_for_line_stop(int seconds_stopped) {
         const Snapshot now = service_->snapshot();
         int stopped = now.line_stop || now.state == State::error ? seconds_stopped + 1 : 0;
         if (options_.reset_after_s > 0 && stopped > options_.reset_after_s) {
@@ -183,7 +181,7 @@ class Run {
             service_->look_after_line();
         }
         if (options_.reset_after_s == 0 && stopped > kWaitsForReset) return end();
-        service_->loop().call_after(milliseconds(1000), [this, stopped] { look_whether_it_stands(stopped); });
+        service_->loop().call_after(milliseconds(1000), [this, stopped] { watch_for_line_stop(stopped); });
     }
 
     void settle(std::int64_t arrived) {
@@ -289,8 +287,8 @@ void add_run(CLI::App& program, Exit& status) {
         "--store", options->store,
         "Folder to keep results and frames in (docs/store.md); without it, what the configuration says");
     command->add_option("--state", options->state,
-                        "Folder for what outlives a run, as the service's: the recipe in use, what was taught "
-                        "(docs/plc.md), the store; without it nothing does");
+                        "State folder, as the service's: keeps the recipe in use, what was taught (docs/plc.md) and "
+                        "the store for the next run; without it nothing is kept");
     add_number(*command, "--realtime", options->line.realtime,
                "Run the timing thread under SCHED_FIFO with this priority, as the service does; 0: not", 0, 99);
     command->add_option(
