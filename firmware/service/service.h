@@ -119,7 +119,7 @@ class Service final : public StationObserver, public InspectionObserver {
 
     OccupancyMarker occupancy_marker_{{}};
     std::vector<PartResult> unpublished_;
-    HealthReport health_;
+    HealthReport health_{.frames_lost = 0, .frames_corrupt = 0};
     hal::TimePoint opened_at_{};
     std::uint32_t configured_recipe_ = 0;  // CRC-32
     std::uint32_t boot_id_ = 0;

@@ -47,11 +47,9 @@ void Service::publish_again() {
 
 void Service::on_result(const PartResult& result) {
     if (recorder_) recorder_->on_result(result);
-    const auto lost = static_cast<std::uint32_t>(result.reason == PartReason::frame_lost);
-    const auto corrupt = static_cast<std::uint32_t>(result.reason >= PartReason::frame_stale &&
-                                                    result.reason <= PartReason::frame_corrupt);
-    health_.frames_lost = health_.frames_lost.value_or(0) + lost;
-    health_.frames_corrupt = health_.frames_corrupt.value_or(0) + corrupt;
+    if (result.reason == PartReason::frame_lost) ++*health_.frames_lost;
+    if (result.reason >= PartReason::frame_stale && result.reason <= PartReason::frame_corrupt)
+        ++*health_.frames_corrupt;
     unpublished_.push_back(result);
     loop_->post([this] { publish(); });  // after the core's step
     if (watchers_.result) watchers_.result(result);
@@ -131,8 +129,6 @@ void Service::on_recipe(const NumberedRecipe& recipe) {
 void Service::publish_health_again() {
     health_.uptime_s =
         static_cast<std::uint32_t>(std::chrono::duration_cast<std::chrono::seconds>(loop_->now() - opened_at_).count());
-    health_.frames_lost = health_.frames_lost.value_or(0);
-    health_.frames_corrupt = health_.frames_corrupt.value_or(0);
     health_.frames_waiting = static_cast<std::uint16_t>(inspector_->waiting());
     modbus::ServerStatistics all = server_->statistics();
     if (read_only_server_) {

@@ -231,27 +231,26 @@ class Inspector {
             fmt::print(stderr, "hordctl: the feature \"surprise\" is called \"{}\" now\n", kZScore);
             feature = kZScore;
         }
+        const auto refuse = [](std::string what, std::string cure) {
+            return fail(ErrorCode::invalid_argument, std::move(what), std::move(cure));
+        };
         const auto choice = algo::feature_named(feature);
-        if (!choice && feature == kZScore) {
-            if (!recipe_.reference)
-                return fail(ErrorCode::invalid_argument, "the z-score is measured against a learned reference",
-                            "give --reference REFERENCE (hordctl learn)");
-            show_z_score_ = true;
-        } else if (!choice)
-            return fail(ErrorCode::invalid_argument, "feature " + feature + " is not known",
-                        "use one of " + known_features());
-        if (choice) choice_ = *choice;
-        if (choice_.against_reference && options_.reference.empty()) {
-            return fail(ErrorCode::invalid_argument, "feature " + feature + " needs something to compare with",
-                        "give --reference FRAME");
+        show_z_score_ = !choice && feature == kZScore;
+        if (!choice && !show_z_score_)
+            return refuse("feature " + feature + " is not known", "use one of " + known_features());
+        if (show_z_score_ && !recipe_.reference) {
+            return refuse("the z-score is measured against a learned reference",
+                          "give --reference REFERENCE (hordctl learn)");
         }
+        if (choice) choice_ = *choice;
+        if (choice_.against_reference && options_.reference.empty())
+            return refuse("feature " + feature + " needs something to compare with", "give --reference FRAME");
         if (!choice_.against_reference && !options_.reference.empty() && !learned_) {
-            return fail(ErrorCode::invalid_argument, "feature " + feature + " does not look at --reference",
-                        "ask for reference-" + feature + ", or leave it out");
+            return refuse("feature " + feature + " does not look at --reference",
+                          "ask for reference-" + feature + ", or leave it out");
         }
         if (learned_ && choice_.against_reference) {
-            return fail(
-                ErrorCode::invalid_argument,
+            return refuse(
                 options_.reference + " is a learned reference, and feature " + feature + " compares with a frame",
                 "give a frame, or leave --feature out");
         }
@@ -261,11 +260,10 @@ class Inspector {
         if (options_.out.empty()) return {};
         std::set<std::string> names;
         for (const std::string& frame : options_.frames) {
-            if (!names.insert(fs::path(frame).stem().string()).second) {
-                return fail(ErrorCode::invalid_argument,
-                            "two frames named " + fs::path(frame).stem().string() + " would overwrite each other in " +
-                                options_.out,
-                            "rename one, or inspect them into different folders");
+            const std::string name = fs::path(frame).stem().string();
+            if (!names.insert(name).second) {
+                return refuse("two frames named " + name + " would overwrite each other in " + options_.out,
+                              "rename one, or inspect them into different folders");
             }
         }
         return make_folder(options_.out);

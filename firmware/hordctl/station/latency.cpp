@@ -64,8 +64,6 @@ class EdgeThread {
         wanted_.release();
         thread_.join();
     }
-    EdgeThread(const EdgeThread&) = delete;
-    EdgeThread& operator=(const EdgeThread&) = delete;
     [[nodiscard]] int event_fd() const { return event_fd_.get(); }
     void ask() { wanted_.release(); }
     TimePoint answer() const {
@@ -99,18 +97,14 @@ class EdgeThread {
 class InspectionLoad {
   public:
     InspectionLoad(int threads, int bins_i, int bins_j) {
-        for (int k = 0; k < threads; ++k) threads_.emplace_back([this, bins_i, bins_j] { run(bins_i, bins_j); });
+        for (int k = 0; k < threads; ++k) {
+            threads_.emplace_back([this, bins_i, bins_j](const std::stop_token& ends) { run(ends, bins_i, bins_j); });
+        }
     }
-    ~InspectionLoad() {
-        stopping_ = true;
-        for (std::thread& thread : threads_) thread.join();
-    }
-    InspectionLoad(const InspectionLoad&) = delete;
-    InspectionLoad& operator=(const InspectionLoad&) = delete;
     [[nodiscard]] int frames() const { return frames_; }
 
   private:
-    void run(int bins_i, int bins_j) {
+    void run(const std::stop_token& ends, int bins_i, int bins_j) {
         const sched_param normal{};
         sched_setscheduler(0, SCHED_OTHER, &normal);
         const algo::Extents extents{111, 111, bins_i, bins_j};
@@ -123,14 +117,10 @@ class InspectionLoad {
             }
         }
         auto pipeline = algo::Pipeline::create(extents, 8, algo::Recipe{});
-        while (pipeline && !stopping_) {
-            if (!pipeline->inspect(frame.view())) break;
-            ++frames_;
-        }
+        while (pipeline && !ends.stop_requested() && pipeline->inspect(frame.view())) ++frames_;
     }
-    std::atomic<bool> stopping_{false};
     std::atomic<int> frames_{0};
-    std::vector<std::thread> threads_;
+    std::vector<std::jthread> threads_;  // ends with it
 };
 
 // ---- the measurement

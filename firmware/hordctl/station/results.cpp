@@ -35,6 +35,7 @@ Result<void> complete(ResultsOptions& options) {
     };
     if (auto done = read(options.since, options.filter.since); !done) return done;
     if (auto done = read(options.until, options.filter.until); !done) return done;
+    if (options.filter.run.value_or(1) <= 0) options.filter.run.reset();
     if (const auto present = algo::present_reason_name(options.filter.reason); present != options.filter.reason) {
         fmt::print(stderr, "hordctl: the reason \"{}\" is called \"{}\" now\n", options.filter.reason, present);
     }
@@ -112,8 +113,7 @@ void add_filters(CLI::App* command, ResultsOptions& options) {
     command->add_option("--since", options.since,
                         "From this time on: 2026-11-21, 2026-11-21T07:15:30 (UTC), or how long ago: 30m, 12h, 7d");
     command->add_option("--until", options.until, "Before this time");
-    command->add_option("--run", options.filter.run, "Of this run (its number is in `hordctl results changes`)")
-        ->check(CLI::PositiveNumber);
+    command->add_option("--run", options.filter.run, "Of this run (its number is in `hordctl results changes`)");
     command->add_option("--last", options.filter.newest, "The newest so many")->check(CLI::PositiveNumber);
     command->add_option("--format", options.format, "table, csv, or json (one object a line)")
         ->check(CLI::IsMember({"table", "csv", "json"}))
