@@ -101,14 +101,15 @@ inline constexpr Register kCounters[] = {
     number(148, Type::u32, "reject", "parts", "verdict reject", counter<&Counters::reject>),
     number(150, Type::u32, "unfit", "parts", "could not be judged; rejected to be safe", counter<&Counters::unfit>),
     number(152, Type::u32, "missed", "parts", "passed the rejector without any decision", counter<&Counters::missed>),
-    number(154, Type::u32, "reject_commanded", "parts", "rejections that were due: confirmed, failed, late and under way",
-           counter<&Counters::reject_commanded>),
+    number(154, Type::u32, "reject_commanded", "parts",
+           "rejections that were due: confirmed, failed, late and under way", counter<&Counters::reject_commanded>),
     number(156, Type::u32, "reject_confirmed", "parts", "rejections that the ejector acknowledged in time",
            counter<&Counters::reject_confirmed>),
-    number(158, Type::u32, "reject_failed", "parts", "rejections never acknowledged, or of a part whose place was lost; line stop",
+    number(158, Type::u32, "reject_failed", "parts",
+           "rejections never acknowledged, or of a part whose place was lost; line stop",
            counter<&Counters::reject_failed>),
-    number(160, Type::u32, "reject_late", "parts", "rejections commanded or acknowledged too late for the part; line stop",
-           counter<&Counters::reject_late>),
+    number(160, Type::u32, "reject_late", "parts",
+           "rejections commanded or acknowledged too late for the part; line stop", counter<&Counters::reject_late>),
 };
 
 // One result in 24 registers, the same in LAST and in the ring. The sequence number stands at both ends: they differ
