@@ -60,9 +60,7 @@ Result<RegisterSnapshot> read_station(modbus::Client& client) {
 
 std::string bar(double share) {
     const int filled = static_cast<int>(std::clamp(share, 0.0, 1.0) * kBarWidth + 0.5);
-    std::string out;
-    for (int k = 0; k < kBarWidth; ++k) out += k < filled ? "█" : "·";
-    return out;
+    return fmt::format("{:█<{}}{:·<{}}", "", filled, "", kBarWidth - filled);
 }
 
 std::string verdict_row(const Rows& counters, const char* name) {
