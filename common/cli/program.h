@@ -1,6 +1,10 @@
 // Shared by the command-line programs: exit statuses, error output, and running a command line.
 #pragma once
 
+#include <filesystem>
+#include <optional>
+#include <string>
+
 #include <CLI/CLI.hpp>
 
 #include "common/result.h"
@@ -19,8 +23,22 @@ enum class Exit : int {
 // bad_input.
 Exit complain(const Error& error);
 
-// Parses the command line, which runs the command's callback, and returns the exit status for main(): `status` as the
-// callback left it, or bad_input with one line on stderr for wrong usage and unexpected exceptions.
+// Makes the folder of an option such as --out, if need be. Fails with io.
+Result<void> make_folder(const std::filesystem::path& folder);
+
+// An option for a number in [low, high], whose default --help shows.
+template <class Number, class Limit>
+CLI::Option* add_number(CLI::App& command, const std::string& name, Number& value, const std::string& help, Limit low,
+                        Limit high) {
+    return command.add_option(name, value, help)->check(CLI::Range(low, high))->capture_default_str();
+}
+
+// Parses a command line. Returns the exit status when the program is to end now: after --help and --version, or
+// bad_input after one line on stderr for wrong usage.
+std::optional<int> parse_command_line(CLI::App& program, int argc, char** argv);
+
+// The same; it runs the command's callback, and unexpected exceptions are bad_input, too. Returns the exit status for
+// main(): `status` as the callback left it, unless parsing ended the program.
 int run_command_line(CLI::App& program, int argc, char** argv, const Exit& status);
 
 }  // namespace hord

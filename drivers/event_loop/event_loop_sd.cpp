@@ -180,6 +180,21 @@ Result<void> SdEventLoop::run() {
     return {};
 }
 
+bool SdEventLoop::run_until(const std::function<bool()>& done, hal::Duration patience) {
+    const hal::TimePoint give_up = now() + patience;
+    bool held = false;
+    TimerId timer{};
+    const std::function<void()> look = [&] {
+        held = done();
+        if (held || now() >= give_up) return request_stop();
+        timer = call_after(std::chrono::milliseconds(1), look);
+    };
+    post(look);
+    const bool ran = run().has_value();
+    cancel(timer);
+    return ran && held;
+}
+
 void SdEventLoop::request_stop() {
     do_post([loop = loop_.get()] { loop->stop = true; });
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <csignal>
+#include <functional>
 #include <initializer_list>
 #include <memory>
 
@@ -25,6 +26,10 @@ class SdEventLoop final : public hal::EventLoop {
 
     // Runs callbacks until request_stop(); may be run again. Fails with io.
     Result<void> run();
+
+    // Runs callbacks until `done`, asked every millisecond, is true, `patience` is over or the loop is stopped. Returns
+    // whether it was true.
+    bool run_until(const std::function<bool()>& done, hal::Duration patience);
 
     // Any thread. run() returns after the callbacks that are due now; a request before run() makes it return at once.
     void request_stop();

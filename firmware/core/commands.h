@@ -47,10 +47,7 @@ constexpr std::string_view name_of(Command command) {
     return "unknown";
 }
 
-// The state machine's commands have the codes 1 to kStateCommands.
-constexpr int kStateCommands = static_cast<int>(Command::reset);
 constexpr bool is_state_command(Command command) { return command >= Command::initialise && command <= Command::reset; }
-constexpr Command state_command(int index) { return static_cast<Command>(index + 1); }  // 0..kStateCommands - 1
 
 // "start-continuous": the name as messages to people have it.
 std::string hyphenated_name_of(Command command);

@@ -4,20 +4,6 @@
 #include <algorithm>
 
 namespace hord::firmware {
-namespace {
-
-std::uint32_t fault_of(Device device) {
-    switch (device) {
-        case Device::part_sensor: return kFaultPartSensor;
-        case Device::strobe: return kFaultStrobe;
-        case Device::sensor: return kFaultSensor;
-        case Device::rejector: return kFaultRejector;
-    }
-    return 0;
-}
-
-}  // namespace
-
 Answer Core::step(const Event& event, TimePoint now, Actions& actions) {
     actions.clear();
     actions_ = &actions;
@@ -133,7 +119,7 @@ void Core::reset_faults() {
 
 void Core::on(const DeviceUp& event) {
     if (!started_) return;  // a report from before the halt
-    up_ |= bit(event.device);
+    up_ |= fault_of(event.device);
     if (event.device == Device::part_sensor) {  // its sequence numbers begin at 1 again
         last_edge_ = 0;
         last_kind_ = hal::PartEdge::Kind::leaves;
@@ -146,7 +132,7 @@ void Core::on(const DeviceUp& event) {
 
 void Core::on(const DeviceLost& event) {
     if (!started_) return;
-    up_ &= ~bit(event.device);
+    up_ &= ~fault_of(event.device);
     fault(fault_of(event.device));
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
@@ -184,9 +170,7 @@ bool Core::accepting() const {
 std::uint32_t Core::active_faults() const {
     std::uint32_t active = trouble_ | (line_stop_ ? std::uint32_t{kFaultRejectUnconfirmed} : 0U) | outside_;
     if (plc_lost_ && config_.plc_policy != PlcPolicy::none) active |= kFaultPlc;
-    for (int d = 0; started_ && d < kDevices; ++d) {
-        if (!up(static_cast<Device>(d))) active |= fault_of(static_cast<Device>(d));
-    }
+    if (started_) active |= kDeviceFaults & ~up_;
     return active;
 }
 
@@ -214,18 +198,16 @@ void Core::stop_the_line() {
 }
 
 Snapshot Core::snapshot() const {
-    Snapshot s;
-    s.state = state_;
-    s.line_stop = line_stop_;
-    s.run_permit = run_permit_;
-    s.faults_active = active_faults();
-    s.faults_latched = faults_latched_;
-    s.first_fault = first_fault_;
-    s.station_heartbeat = heartbeat_;
-    s.parts_on_line = line_.size();
-    s.counters = counters_;
-    s.last = last_;
-    return s;
+    return {.state = state_,
+            .line_stop = line_stop_,
+            .run_permit = run_permit_,
+            .faults_active = active_faults(),
+            .faults_latched = faults_latched_,
+            .first_fault = first_fault_,
+            .station_heartbeat = heartbeat_,
+            .parts_on_line = line_.size(),
+            .counters = counters_,
+            .last = last_};
 }
 
 std::vector<std::string> problems(const CoreConfig& c) {
@@ -236,8 +218,11 @@ std::vector<std::string> problems(const CoreConfig& c) {
         if (text.back() == '.') text.pop_back();
         return text + " ms";
     };
+    const auto refuse = [&](bool wrong, const std::string& what, const char* cure) {
+        if (wrong) all.push_back(what + ": " + cure);
+    };
     const auto positive = [&](Duration d, const char* name) {
-        if (d <= Duration::zero()) all.push_back(std::string(name) + " is " + ms(d) + ": give a time above 0");
+        refuse(d <= Duration::zero(), std::string(name) + " is " + ms(d), "give a time above 0");
     };
     positive(c.exposure, "timing.exposure_us");
     positive(c.strobe, "timing.strobe_us");
@@ -245,44 +230,34 @@ std::vector<std::string> problems(const CoreConfig& c) {
     positive(c.frame_window, "timing.frame_window_us");
     positive(c.reject_pulse, "rejector.pulse_ms");
     positive(c.station_heartbeat, "station.heartbeat_ms");
-    if (c.max_parts < 1 || c.max_parts > kLineCapacity) {
-        all.push_back("line.max_parts is " + std::to_string(c.max_parts) + ": use 1 to " +
-                      std::to_string(kLineCapacity));
-    }
-    const Duration exposed = c.exposure_delay + c.exposure;
+    static_assert(kLineCapacity == 256, "named in the cure");
+    refuse(c.max_parts < 1 || c.max_parts > kLineCapacity, "line.max_parts is " + std::to_string(c.max_parts),
+           "use 1 to 256");
+    const Duration last_frame = c.exposure_delay + c.exposure + c.frame_timeout;
     const Duration deadline = c.transport - c.reject_early - c.reject_lead;
-    if (!c.by_encoder && exposed + c.frame_timeout > deadline) {
-        all.push_back("the verdict is due " + ms(deadline) +
-                      " after the edge (line.transport_ms less rejector.early_ms and lead_ms), "
-                      "the frame may come until " +
-                      ms(exposed + c.frame_timeout) +
-                      ": shorten timing.frame_timeout_ms or move the ejector downstream (line.transport_ms)");
-    }
+    refuse(!c.by_encoder && last_frame > deadline,
+           "the verdict is due " + ms(deadline) +
+               " after the edge (line.transport_ms less rejector.early_ms and lead_ms), the frame may come until " +
+               ms(last_frame),
+           "shorten timing.frame_timeout_ms or move the ejector downstream (line.transport_ms)");
     if (c.by_encoder && c.transport_counts <= 0) all.push_back("line.transport_counts must be above 0 with an encoder");
-    if (c.by_encoder && c.exposure_counts >= c.transport_counts) {
-        all.push_back("line.exposure_counts lies behind the ejector: lower it, or raise line.transport_counts");
-    }
-    if (c.min_gap < c.exposure) {
-        all.push_back("line.min_gap_ms is " + ms(c.min_gap) + ", an exposure takes " + ms(c.exposure) +
-                      ": raise line.min_gap_ms or shorten timing.exposure_us");
-    }
-    if (c.min_gap <= c.reject_pulse) {
-        all.push_back("rejector.pulse_ms is " + ms(c.reject_pulse) + ", parts may follow after " + ms(c.min_gap) +
-                      ": shorten the pulse or raise line.min_gap_ms, else a neighbour is ejected");
-    }
-    if (c.reject_early >= c.reject_pulse) {
-        all.push_back("rejector.early_ms is " + ms(c.reject_early) + ", the pulse is over after " + ms(c.reject_pulse) +
-                      ": shorten early_ms or lengthen pulse_ms");
-    }
-    if (2 * c.frame_window >= c.min_gap) {
-        all.push_back("timing.frame_window_us is " + ms(c.frame_window) +
-                      ", half of line.min_gap_ms or more: shorten it, "
-                      "else a frame may belong to two parts");
-    }
-    if (c.strobe_delay + c.strobe > c.exposure) {
-        all.push_back("the light ends " + ms(c.strobe_delay + c.strobe) + " after the exposure's start, the exposure " +
-                      ms(c.exposure) + ": lengthen timing.exposure_us or shorten timing.strobe_us");
-    }
+    refuse(c.by_encoder && c.exposure_counts >= c.transport_counts, "line.exposure_counts lies behind the ejector",
+           "lower it, or raise line.transport_counts");
+    refuse(c.min_gap < c.exposure, "line.min_gap_ms is " + ms(c.min_gap) + ", an exposure takes " + ms(c.exposure),
+           "raise line.min_gap_ms or shorten timing.exposure_us");
+    refuse(c.min_gap <= c.reject_pulse,
+           "rejector.pulse_ms is " + ms(c.reject_pulse) + ", parts may follow after " + ms(c.min_gap),
+           "shorten the pulse or raise line.min_gap_ms, else a neighbour is ejected");
+    refuse(c.reject_early >= c.reject_pulse,
+           "rejector.early_ms is " + ms(c.reject_early) + ", the pulse is over after " + ms(c.reject_pulse),
+           "shorten early_ms or lengthen pulse_ms");
+    refuse(2 * c.frame_window >= c.min_gap,
+           "timing.frame_window_us is " + ms(c.frame_window) + ", half of line.min_gap_ms or more",
+           "shorten it, else a frame may belong to two parts");
+    refuse(c.strobe_delay + c.strobe > c.exposure,
+           "the light ends " + ms(c.strobe_delay + c.strobe) + " after the exposure's start, the exposure " +
+               ms(c.exposure),
+           "lengthen timing.exposure_us or shorten timing.strobe_us");
     return all;
 }
 

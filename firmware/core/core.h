@@ -44,7 +44,7 @@ class Core {
     [[nodiscard]] TimePoint next_wake() const { return next_wake_; }
 
     [[nodiscard]] State state() const { return state_; }
-    [[nodiscard]] bool all_devices_up() const { return up_ == (1U << kDevices) - 1U; }
+    [[nodiscard]] bool all_devices_up() const { return up_ == kDeviceFaults; }
     [[nodiscard]] Snapshot snapshot() const;
     [[nodiscard]] bool line_stop() const { return line_stop_; }
     [[nodiscard]] bool run_permit() const { return run_permit_; }
@@ -68,8 +68,7 @@ class Core {
     void flush(PartReason reason);
     void reset_faults();
     [[nodiscard]] bool accepting() const;
-    [[nodiscard]] bool up(Device device) const { return (up_ & bit(device)) != 0; }
-    [[nodiscard]] static std::uint32_t bit(Device device) { return 1U << static_cast<unsigned>(device); }
+    [[nodiscard]] bool up(Device device) const { return (up_ & fault_of(device)) != 0; }
     [[nodiscard]] std::uint32_t active_faults() const;
     void fault(std::uint32_t bits);
     void keep_active(std::uint32_t bits);
@@ -121,7 +120,7 @@ class Core {
     Actions* actions_ = nullptr;  // during step(), else null
     Answer answer_ = Answer::done;
 
-    std::uint32_t up_ = 0;  // Device bits
+    std::uint32_t up_ = 0;  // the FaultBits of the devices that work
     bool started_ = false;  // StartDevice was pushed for the devices
     bool run_permit_ = false;
     bool line_stop_ = false;

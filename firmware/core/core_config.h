@@ -34,15 +34,14 @@ struct CoreConfig {
     Duration min_gap = milliseconds(20);           // edges closer than this: parts_too_close
     std::int64_t min_gap_counts = 200;             // the same in counts, with encoder, in addition
 
-    Duration max_part =
-        Duration::zero();  // longest time a part covers the part sensor; longer: parts touch; 0: not checked
-    std::int64_t max_part_counts = 0;  // used instead with an encoder, in counts
+    // Longest time a part covers the part sensor, or counts with an encoder; longer: parts touch; 0: not checked.
+    Duration max_part = Duration::zero();
+    std::int64_t max_part_counts = 0;
 
     // Exposure and light. Several parts may be between part sensor and camera.
     Duration exposure_delay = milliseconds(5);  // edge to the start of the exposure, without encoder
     std::int64_t exposure_counts = 50;          // the same in counts, with encoder
-    Duration trigger_lead =
-        milliseconds(5);  // sensor and strobe get their request this long before the exposure, or at the edge
+    Duration trigger_lead = milliseconds(5);    // the requests go out so long before the exposure, or at the edge
     Duration exposure = microseconds(500);
     Duration strobe_delay = microseconds(100);  // start of the exposure to the start of the light
     Duration strobe = microseconds(200);

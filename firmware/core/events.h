@@ -14,8 +14,11 @@
 
 namespace hord::firmware {
 
-enum class Device : std::uint8_t { part_sensor, strobe, sensor, rejector };
+enum class Device : std::uint8_t { part_sensor, strobe, sensor, rejector };  // in the order of their FaultBits
 constexpr int kDevices = 4;
+constexpr std::uint32_t fault_of(Device device) { return 1U << static_cast<unsigned>(device); }
+constexpr std::uint32_t kDeviceFaults = kFaultPartSensor | kFaultStrobe | kFaultSensor | kFaultRejector;
+static_assert(fault_of(Device::sensor) == kFaultSensor && kDeviceFaults == (1U << kDevices) - 1U);
 
 // Identifies a frame buffer that the station (firmware/station/station.h) holds for the core.
 using FrameHandle = std::uint32_t;

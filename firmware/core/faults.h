@@ -19,7 +19,7 @@ enum FaultBit : std::uint32_t {
     kFaultStrobe = 1U << 1,
     kFaultSensor = 1U << 2,
     kFaultRejector = 1U << 3,
-    kFaultRejectUnconfirmed = 1U << 4,
+    kFaultRejectUnconfirmed = 1U << 4,  // line stop: a rejection ended failed or late, or parts are not tracked
     kFaultInspector = 1U << 5,
     kFaultOverrun = 1U << 6,
     kFaultConfiguration = 1U << 7,
@@ -119,6 +119,8 @@ static_assert(
         return true;
     }(),
     "row k of kFaultTable describes bit k");
+
+constexpr const FaultInfo& info_of(FaultBit fault) { return kFaultTable[std::countr_zero(std::uint32_t{fault})]; }
 
 constexpr std::uint32_t faults_from(FaultSource source) {
     std::uint32_t bits = 0;

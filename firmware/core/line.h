@@ -30,8 +30,7 @@ struct Part {
     bool place_lost = false;    // without encoder: the line may have stopped before the part reached the ejector
     bool abandoned = false;     // place_lost, and a reset has ended its tracking
     bool reported = false;      // the rejector's report has come
-    PartReason stray_frame =
-        PartReason::none;  // kind of a stray frame that came meanwhile: the reason if its own frame never comes
+    PartReason stray_frame = PartReason::none;  // that came meanwhile: the reason if its own frame never comes
 
     TimePoint arrived;
     std::int64_t edge_counts = 0;    // with encoder: at the edge

@@ -6,20 +6,6 @@
 namespace hord::firmware {
 namespace {
 
-PartReason reason_of(algo::Reason reason) {
-    switch (reason) {
-        case algo::Reason::none: return PartReason::none;
-        case algo::Reason::neighbours_disagree: return PartReason::neighbours_disagree;
-        case algo::Reason::deflection_gradient: return PartReason::deflection_gradient;
-        case algo::Reason::absorption: return PartReason::absorption;
-        case algo::Reason::too_dark: return PartReason::too_dark;
-        case algo::Reason::saturated: return PartReason::saturated;
-        case algo::Reason::nothing_to_see: return PartReason::nothing_to_see;
-        case algo::Reason::not_registered: return PartReason::not_registered;
-    }
-    return PartReason::inspector_failed;
-}
-
 std::uint32_t trouble_of(PartReason reason) {
     switch (reason) {
         case PartReason::verdict_late: return kFaultOverrun;
@@ -130,7 +116,7 @@ void Core::judge_when_complete(Part& part) {
     part.result.position_m = part.judgement.position_m;
     part.result.position_n = part.judgement.position_n;
     part.result.recipe = part.judgement.recipe;
-    const PartReason reason = reason_of(part.judgement.reason);
+    const auto reason = static_cast<PartReason>(part.judgement.reason);
     switch (part.judgement.verdict) {
         case algo::Verdict::pass: return decide(part, PartVerdict::pass, PartReason::none);
         case algo::Verdict::reject: return decide(part, PartVerdict::reject, reason);

@@ -14,7 +14,7 @@ namespace hord::firmware {
 enum class Trigger : std::uint8_t {
     finished,   // the single part, or the last one of a stop, is past the ejector
     fault,      // a device was lost, or too many parts in a row failed, in Ready or while executing
-    line_stop,  // a rejection could not be confirmed, or unknown parts are on the line
+    line_stop,  // a rejection ended failed or late, or parts are on the line that are not tracked
 };
 using Cause = std::variant<Command, Trigger>;
 

@@ -2,7 +2,9 @@
 // `hordctl status` and the tests.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <iterator>
 #include <string_view>
 
 #include "algo/verdict/verdict.h"
@@ -72,32 +74,16 @@ enum class PartReason : std::uint16_t {
 };
 constexpr bool is_judged(PartReason reason) { return static_cast<std::uint16_t>(reason) < 16; }
 constexpr std::string_view name_of(PartReason reason) {
-    switch (reason) {
-        case PartReason::none:
-        case PartReason::neighbours_disagree:
-        case PartReason::deflection_gradient:
-        case PartReason::absorption:
-        case PartReason::too_dark:
-        case PartReason::saturated:
-        case PartReason::nothing_to_see:
-        case PartReason::not_registered: return algo::name_of(static_cast<algo::Reason>(reason));
-        case PartReason::verdict_late: return "verdict-late";
-        case PartReason::frame_lost: return "frame-lost";
-        case PartReason::frame_stale: return "frame-stale";
-        case PartReason::frame_duplicate: return "frame-duplicate";
-        case PartReason::frame_short: return "frame-short";
-        case PartReason::frame_corrupt: return "frame-corrupt";
-        case PartReason::strobe_failed: return "strobe-failed";
-        case PartReason::parts_too_close: return "parts-too-close";
-        case PartReason::station_not_running: return "station-not-running";
-        case PartReason::device_lost: return "device-lost";
-        case PartReason::line_full: return "line-full";
-        case PartReason::edge_lost: return "edge-lost";
-        case PartReason::inspector_failed: return "inspector-failed";
-        case PartReason::plc_lost: return "plc-lost";
-    }
-    return "unknown";
+    constexpr std::string_view names[] = {// from 16 on
+                                          "verdict-late",        "frame-lost",    "frame-stale",   "frame-duplicate",
+                                          "frame-short",         "frame-corrupt", "strobe-failed", "parts-too-close",
+                                          "station-not-running", "device-lost",   "line-full",     "edge-lost",
+                                          "inspector-failed",    "plc-lost"};
+    if (reason <= PartReason::not_registered) return algo::name_of(static_cast<algo::Reason>(reason));
+    const auto row = static_cast<std::size_t>(reason) - 16;
+    return !is_judged(reason) && row < std::size(names) ? names[row] : "unknown";
 }
+static_assert(name_of(PartReason::plc_lost) == "plc-lost" && name_of(PartReason{30}) == "unknown");
 
 // What the station does while the PLC's heartbeat is missing.
 enum class PlcPolicy : std::uint16_t {
@@ -114,7 +100,15 @@ constexpr std::string_view name_of(PlcPolicy policy) {
     return "unknown";
 }
 
-enum class RejectState : std::uint16_t { not_needed = 0, commanded = 1, confirmed = 2, failed = 3, late = 4 };
+// How the rejection of a part ended. A part that ends failed or late may have passed the ejector: it raises line stop
+// and the fault reject-unconfirmed, unless a reset has ended its tracking.
+enum class RejectState : std::uint16_t {
+    not_needed = 0,  // it passed
+    commanded = 1,   // the rejector's report is awaited; no recorded result has it
+    confirmed = 2,   // acknowledged in time
+    failed = 3,  // never acknowledged: no rejector, refused, reported as failed, no report, or the part's place is lost
+    late = 4,    // commanded or acknowledged too late for this part, or, with an encoder, the part was elsewhere
+};
 constexpr std::string_view name_of(RejectState state) {
     switch (state) {
         case RejectState::not_needed: return "not-needed";
@@ -128,6 +122,8 @@ constexpr std::string_view name_of(RejectState state) {
 
 struct Counters {
     std::uint32_t seen = 0, inspected = 0, pass = 0, reject = 0, unfit = 0, missed = 0;
+    // Rejections that were due, and how they ended (RejectState); the rest is under way. Without confirmation: failed
+    // and late together.
     std::uint32_t reject_commanded = 0, reject_confirmed = 0, reject_failed = 0, reject_late = 0;
     bool operator==(const Counters&) const = default;
 };
@@ -152,7 +148,7 @@ struct PartResult {
 
 struct Snapshot {
     State state = State::preoperational;
-    bool line_stop = false;  // raised when a rejection cannot be confirmed
+    bool line_stop = false;  // a rejection ended failed or late, or parts on the line are not tracked; until a reset
     bool run_permit = false;
     std::uint32_t faults_active = 0, faults_latched = 0;
     std::uint16_t first_fault = 0;  // bit number + 1; 0: none

@@ -28,20 +28,10 @@ int main(int argc, char** argv) {
         "Exit status: 0 all pass, 1 any reject, 2 usage or unreadable input, 3 unfit.\n"
         "Every command has its own --help with an example. Experiments, soak and scenes: hord-lab --help.");
     Exit status = Exit::good;
-    add_inspect(program, status);
-    add_learn(program, status);
-    add_tune(program, status);
-    add_run(program, status);
-    add_status(program, status);
-    add_watch(program, status);
-    add_calibrate(program, status);
-    add_registers(program, status);
-    add_recipe(program, status);
-    add_command(program, status);
-    add_selftest(program, status);
-    add_teach(program, status);
-    add_latency(program, status);
-    add_results(program, status);
-    add_replay(program, status);
+    for (const auto add :
+         {add_inspect, add_learn, add_tune, add_run, add_status, add_watch, add_calibrate, add_registers, add_recipe,
+          add_command, add_selftest, add_teach, add_latency, add_results, add_replay}) {
+        add(program, status);
+    }
     return run_command_line(program, argc, argv, status);
 }

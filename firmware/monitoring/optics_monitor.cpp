@@ -1,6 +1,6 @@
 #include "firmware/monitoring/optics_monitor.h"
 
-#include <bit>
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -53,13 +53,13 @@ std::string describe_light(FaultBit fault, const OpticsMonitor::View& view) {
 }  // namespace
 
 OpticsMonitor::OpticsMonitor(algo::LightTrend light, algo::DustEstimator dust, const algo::Extents& extents,
-                             const OpticsLimits& limits)
+                             const OpticsConfig& limits)
     : limits_(limits), light_(std::move(light)), dust_(std::move(dust)) {
     view_.extents = extents;
     view_.window_parts = limits.window_parts;
 }
 
-Result<std::unique_ptr<OpticsMonitor>> OpticsMonitor::create(const algo::Extents& extents, const OpticsLimits& limits) {
+Result<std::unique_ptr<OpticsMonitor>> OpticsMonitor::create(const algo::Extents& extents, const OpticsConfig& limits) {
     auto light = algo::LightTrend::create(extents, limits.window_parts);
     if (!light) return tl::unexpected(light.error());
     auto dust = algo::DustEstimator::create(extents, limits.window_parts);
@@ -118,10 +118,42 @@ OpticsMonitor::View OpticsMonitor::view() const {
     return view_;
 }
 
+OpticsConfig limits_of(OpticsConfig config, int bits) {
+    if (config.most_dark_drift_dn == 0) config.most_dark_drift_dn = static_cast<double>(1U << (bits - 8));
+    return config;
+}
+
+OpticsReport report_of(const OpticsMonitor::View& view) {
+    const auto lenslet = [](float place) {
+        return static_cast<std::uint16_t>(std::clamp(std::lround(place), 0L, 0xFFFEL));
+    };
+    OpticsReport report;
+    if (const auto& age = view.light) {
+        report.light_percent = 100 * age->light;
+        report.dark_drift_dn = age->dark_drift_dn;
+        report.uneven_percent = 100 * age->uneven;
+        report.uneven_m = lenslet(age->uneven_m);
+        report.uneven_n = lenslet(age->uneven_n);
+    }
+    if (view.dust) report.specks = view.dust->specks;
+    if (!view.dust || view.dust->specks == 0) return report;
+    const algo::Speck& largest = view.dust->largest[0];
+    report.dust_m = lenslet(largest.m);
+    report.dust_n = lenslet(largest.n);
+    report.dust_lenslets = largest.lenslets;
+    report.dust_share_percent = 100 * static_cast<double>(largest.share);
+    if (view.lenslet_mm > 0) {
+        report.dust_x_mm =
+            (static_cast<double>(largest.m) - 0.5 * (view.extents.m - 1)) * static_cast<double>(view.lenslet_mm);
+        report.dust_y_mm =
+            (static_cast<double>(largest.n) - 0.5 * (view.extents.n - 1)) * static_cast<double>(view.lenslet_mm);
+    }
+    return report;
+}
+
 Error describe(FaultBit fault, const OpticsMonitor::View& view) {
-    const FaultInfo& row = kFaultTable[static_cast<std::size_t>(std::countr_zero(static_cast<std::uint32_t>(fault)))];
     return {ErrorCode::invalid_argument, fault == kFaultDust ? describe_dust(view) : describe_light(fault, view),
-            std::string(row.cure)};
+            std::string(info_of(fault).cure)};
 }
 
 }  // namespace hord::firmware

@@ -9,18 +9,10 @@
 
 #include "algo/ageing/dust.h"
 #include "algo/ageing/light_trend.h"
-#include "firmware/core/station_types.h"
+#include "firmware/config/config.h"
+#include "firmware/registers/register_values.h"
 
 namespace hord::firmware {
-
-// Limits of the faults. A fault is over below 3/4 of its limit (light, unevenness, dark level), or when a window of
-// parts shows no dust.
-struct OpticsLimits {
-    int window_parts = 100;
-    double least_light = 0.8;  // share of the initial light
-    double most_dark_drift_dn = 1;
-    double most_uneven = 0.2;
-};
 
 class OpticsMonitor {
   public:
@@ -33,8 +25,10 @@ class OpticsMonitor {
         int window_parts = 0;
     };
 
-    // For macro-pixel frames. Fails with invalid_argument as algo/ageing/light_trend.h and algo/ageing/dust.h do.
-    static Result<std::unique_ptr<OpticsMonitor>> create(const algo::Extents& extents, const OpticsLimits& limits);
+    // For macro-pixel frames. `limits`: as limits_of() gives them. A fault is over below 3/4 of its limit (light,
+    // unevenness, dark level), or when a window of parts shows no dust. Fails with invalid_argument as
+    // algo/ageing/light_trend.h and algo/ageing/dust.h do.
+    static Result<std::unique_ptr<OpticsMonitor>> create(const algo::Extents& extents, const OpticsConfig& limits);
 
     // Any thread. True when a fault came or went, or the largest speck is another one.
     bool add(const FrameView& frame, const algo::Inspection& inspection);
@@ -50,16 +44,21 @@ class OpticsMonitor {
 
   private:
     OpticsMonitor(algo::LightTrend light, algo::DustEstimator dust, const algo::Extents& extents,
-                  const OpticsLimits& limits);
+                  const OpticsConfig& limits);
     void judge_light();
 
-    const OpticsLimits limits_;
+    const OpticsConfig limits_;
     mutable std::mutex mutex_;  // guards the rest
     algo::LightTrend light_;
     algo::DustEstimator dust_;
     View view_;
     std::uint32_t news_ = 0;
 };
+
+// The configured limits for frames of so many bits a sample; most_dark_drift_dn above 0.
+OpticsConfig limits_of(OpticsConfig config, int bits);
+
+OpticsReport report_of(const OpticsMonitor::View& view);
 
 // Describes one of kOpticsFaults with figures, positions and cure.
 Error describe(FaultBit fault, const OpticsMonitor::View& view);

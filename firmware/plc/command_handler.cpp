@@ -88,8 +88,6 @@ NumberedRecipe with_staged(NumberedRecipe base, const StagedRecipe& staged) {
     return base;
 }
 
-CommandHandler::~CommandHandler() = default;
-
 void CommandHandler::begin(Dependencies dependencies, NumberedRecipe recipe) {
     dependencies_.emplace(std::move(dependencies));
     recipe_ = std::move(recipe);
@@ -119,6 +117,8 @@ CommandOutcome CommandHandler::carry_out(const RequestOrigin& who, const Command
         return outcome_of(answer);
     }
     switch (command) {
+        case Command::commit_recipe:
+            return outcome_of_use(use(who, with_staged(recipe_, dependencies_->plc_interface.view().staged)));
         case Command::use_recipe: return use_recipe(who, request);
         case Command::self_test: return self_test(who, request);
         case Command::teach: return teach(who, request);
@@ -195,16 +195,6 @@ CommandOutcome CommandHandler::use_recipe(const RequestOrigin& who, const Comman
     if (request.argument2 != 0 && request.argument2 != crc32_of(*recipe))
         return failed(CommandError::wrong_checksum, crc32_of(*recipe));
     return outcome_of_use(use(who, std::move(*recipe)));
-}
-
-CommandOutcome CommandHandler::on_recipe(const modbus::Origin& origin, const CommandRequest& request,
-                                         const StagedRecipe& staged) {
-    const RequestOrigin who = who_asked(origin, request);
-    const State before = dependencies_->station.core().state();
-    const CommandOutcome outcome = outcome_of_use(use(who, with_staged(recipe_, staged)));
-    record(who, request, before, outcome);
-    if (dependencies_->publish) dependencies_->publish();
-    return outcome;
 }
 
 // -- self-test

@@ -8,7 +8,6 @@
 #include <functional>
 #include <string>
 
-#include "drivers/hal/event_loop.h"
 #include "firmware/plc/plc_interface.h"
 #include "firmware/recipes/recipe_file.h"
 #include "firmware/recipes/teach_in.h"
@@ -24,11 +23,6 @@ NumberedRecipe with_staged(NumberedRecipe base, const StagedRecipe& staged);
 
 class CommandHandler final : public PlcHandler {
   public:
-    explicit CommandHandler(hal::EventLoop& loop) : loop_(loop) {}
-    ~CommandHandler() override;
-    CommandHandler(const CommandHandler&) = delete;
-    CommandHandler& operator=(const CommandHandler&) = delete;
-
     // All outlive this object. Empty members are left out.
     struct Dependencies {
         Station& station;
@@ -57,8 +51,6 @@ class CommandHandler final : public PlcHandler {
     Result<void> use_learned_reference();
 
     CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) override;
-    CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request,
-                             const StagedRecipe& staged) override;
     modbus::Exception on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) override;
     void on_plc_lost(PlcPolicy policy) override;
     void on_plc_back() override;
@@ -76,7 +68,6 @@ class CommandHandler final : public PlcHandler {
     void record(const RequestOrigin& who, const CommandRequest& request, State before, const CommandOutcome& outcome);
     void report(const Error& error) const;
 
-    hal::EventLoop& loop_;
     std::optional<Dependencies> dependencies_;
     NumberedRecipe recipe_;
     struct RunningTeach {

@@ -4,6 +4,7 @@
 #include <string>
 #include <utility>
 
+#include "firmware/core/states.h"
 #include "firmware/registers/register_map.h"
 
 namespace hord::firmware {
@@ -73,9 +74,7 @@ bool goes_on_beside_others(std::uint16_t code) { return static_cast<Command>(cod
 }  // namespace
 
 PlcInterface::PlcInterface(const hal::Clock& clock, PlcHandler& handler, PlcOptions options)
-    : clock_(clock), handler_(handler), options_(options) {
-    stage(StagedRecipe{});
-}
+    : clock_(clock), handler_(handler), options_(options) {}
 
 Exception PlcInterface::write(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
                               std::span<const std::uint16_t> values) {
@@ -98,6 +97,12 @@ Exception PlcInterface::write(const modbus::Origin& origin, const StationNow& no
 }
 
 // -- commands
+
+void PlcInterface::Remembered::set(const CommandOutcome& outcome) {
+    reply.state = outcome.state;
+    reply.error = outcome.error;
+    reply.result = outcome.result;
+}
 
 PlcInterface::Remembered* PlcInterface::find(std::uint32_t token) {
     const auto found =
@@ -143,10 +148,7 @@ Exception PlcInterface::write_command(const modbus::Origin& origin, const Statio
     next_ = (next_ + 1) % memory_.size();
     mine = {.request = request,
             .reply = {.token = request.token, .code = request.code, .state = CommandState::executing}};
-    const CommandOutcome outcome = execute(origin, now, request);
-    mine.reply.state = outcome.state;
-    mine.reply.error = outcome.error;
-    mine.reply.result = outcome.result;
+    mine.set(execute(origin, now, request));
     shown_ = mine;
     return Exception::none;
 }
@@ -156,12 +158,8 @@ CommandOutcome PlcInterface::execute(const modbus::Origin& origin, const Station
     const auto refuse = [](CommandError error) { return CommandOutcome{CommandState::failed, error, 0}; };
     if (request.boot != 0 && request.boot != (options_.boot_id & 0xFFFFU)) return refuse(CommandError::other_boot);
     if (static_cast<Command>(request.code) == Command::commit_recipe) {
-        if (now.state == State::single_execution || now.state == State::continuous_execution) {
-            return refuse(CommandError::not_in_this_state);
-        }
+        if (executing(now.state)) return refuse(CommandError::not_in_this_state);
         if (request.argument != crc32_of(staged_words_)) return refuse(CommandError::wrong_checksum);
-        ++commands_done_;
-        return handler_.on_recipe(origin, request, staged());
     }
     ++commands_done_;
     return handler_.on_command(origin, request);
@@ -170,9 +168,7 @@ CommandOutcome PlcInterface::execute(const modbus::Origin& origin, const Station
 void PlcInterface::finish(std::uint32_t token, const CommandOutcome& outcome) {
     Remembered* mine = token == 0 ? nullptr : find(token);
     if (mine == nullptr || mine->reply.state != CommandState::executing) return;
-    mine->reply.state = outcome.state;
-    mine->reply.error = outcome.error;
-    mine->reply.result = outcome.result;
+    mine->set(outcome);
     if (shown_.request == mine->request) shown_ = *mine;
 }
 
@@ -218,30 +214,7 @@ void PlcInterface::check_plc_heartbeat() {
     handler_.on_plc_lost(options_.policy);
 }
 
-// -- recipe and view
-
-void PlcInterface::stage(const StagedRecipe& r) {
-    staged_words_ = {r.number,
-                     r.emd_limit_mbins,
-                     r.frobenius_limit_mbins,
-                     r.transmission_permille,
-                     r.min_area,
-                     static_cast<std::uint16_t>(r.rim_margin),
-                     r.max_saturated_permyriad,
-                     r.min_lit_permyriad};
-}
-
-StagedRecipe PlcInterface::staged() const {
-    const auto& w = staged_words_;
-    return {.number = w[0],
-            .emd_limit_mbins = w[1],
-            .frobenius_limit_mbins = w[2],
-            .transmission_permille = w[3],
-            .min_area = w[4],
-            .rim_margin = static_cast<std::int16_t>(w[5]),
-            .max_saturated_permyriad = w[6],
-            .min_lit_permyriad = w[7]};
-}
+// -- view
 
 PlcView PlcInterface::view() const {
     const auto ms = [](hal::Duration d) { return std::chrono::duration_cast<std::chrono::milliseconds>(d).count(); };
@@ -255,7 +228,7 @@ PlcView PlcInterface::view() const {
                  .timeout_ms = static_cast<std::uint16_t>(std::min<std::int64_t>(ms(options_.timeout), 0xFFFE)),
                  .acknowledged = acknowledged_,
                  .overruns = overruns_,
-                 .staged = staged(),
+                 .staged = std::bit_cast<StagedRecipe>(staged_words_),
                  .staged_crc32 = crc32_of(staged_words_)};
     if (heartbeat_at_) {
         view.plc_heartbeat_age_ms =

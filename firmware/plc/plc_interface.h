@@ -10,6 +10,7 @@
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -31,11 +32,9 @@ struct CommandOutcome {
 class PlcHandler {
   public:
     virtual ~PlcHandler() = default;
-    // Every command but commit_recipe, once a token. Unknown codes are passed, too.
+    // Every command, once a token; unknown codes are passed, too. commit_recipe only with the right checksum, while the
+    // station does not execute.
     virtual CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) = 0;
-    // commit_recipe with the right checksum, while the station does not execute.
-    virtual CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request,
-                                     const StagedRecipe& staged) = 0;
     // The PLC acknowledges the results up to `sequence`. none: accepted; busy: not stored yet, repeat; device_failure:
     // they cannot be stored now.
     virtual modbus::Exception on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) = 0;
@@ -79,14 +78,16 @@ class PlcInterface {
     void set_timeout(hal::Duration timeout) { options_.timeout = timeout; }
 
     // Sets the staged values, to those of the recipe in use when it changes.
-    void stage(const StagedRecipe& recipe);
+    void stage(const StagedRecipe& recipe) { staged_words_ = std::bit_cast<StagedWords>(recipe); }
 
     [[nodiscard]] PlcView view() const;
 
   private:
+    using StagedWords = std::array<std::uint16_t, 8>;  // registers 8202 to 8209: StagedRecipe's members in their order
     struct Remembered {
         CommandRequest request;
         CommandReply reply;
+        void set(const CommandOutcome& outcome);
     };
     modbus::Exception write_command(const modbus::Origin& origin, const StationNow& now,
                                     std::span<const std::uint16_t> values);
@@ -95,7 +96,6 @@ class PlcInterface {
     [[nodiscard]] CommandOutcome execute(const modbus::Origin& origin, const StationNow& now,
                                          const CommandRequest& request);
     [[nodiscard]] Remembered* find(std::uint32_t token);
-    [[nodiscard]] StagedRecipe staged() const;
 
     const hal::Clock& clock_;
     PlcHandler& handler_;
@@ -112,7 +112,7 @@ class PlcInterface {
 
     std::uint32_t acknowledged_ = 0, overruns_ = 0, counted_until_ = 0;
     bool acknowledges_ = false;
-    std::array<std::uint16_t, 8> staged_words_{};  // registers 8202 to 8209
+    StagedWords staged_words_ = std::bit_cast<StagedWords>(StagedRecipe{});
 };
 
 }  // namespace hord::firmware

@@ -47,21 +47,6 @@ void RegisterServerModel::publish(const Snapshot& snapshot, std::span<const Part
     state_.snapshot = snapshot;
 }
 
-void RegisterServerModel::publish(const RecipeInUse& recipe) {
-    const std::lock_guard lock(mutex_);
-    state_.recipe = recipe;
-}
-
-void RegisterServerModel::publish(const HealthReport& health) {
-    const std::lock_guard lock(mutex_);
-    state_.health = health;
-}
-
-void RegisterServerModel::publish(const CalibrationReport& calibration) {
-    const std::lock_guard lock(mutex_);
-    state_.calibration = calibration;
-}
-
 StationNow RegisterServerModel::now() {
     const std::lock_guard lock(mutex_);
     return {.state = state_.snapshot.state, .newest_sequence = state_.newest.sequence};
@@ -109,12 +94,6 @@ Exception RegisterServerModel::read_registers(std::uint16_t address, std::span<s
         return !Overlap(address, out.size(), block.base, block.size()).empty();
     };
 
-    RegisterExtras extras;
-    if (touches(BlockId::health)) extras.statistics = statistics();
-    if (plc_interface_ != nullptr) {
-        plc_interface_->note_results(now().newest_sequence);
-        extras.plc = plc_interface_->view();
-    }
     const Overlap in_ring(address, out.size(), kRingBase, std::size_t{kRingSlots} * kResultWords);
     const std::size_t first_slot = in_ring.empty() ? 0 : (in_ring.begin - kRingBase) / kResultWords;
     const std::size_t last_slot = in_ring.empty() ? 0 : (in_ring.end - 1 - kRingBase) / kResultWords + 1;
@@ -126,9 +105,14 @@ Exception RegisterServerModel::read_registers(std::uint16_t address, std::span<s
         std::copy(ring_.begin() + static_cast<std::ptrdiff_t>(first_slot),
                   ring_.begin() + static_cast<std::ptrdiff_t>(last_slot), slots.begin());
     }
-    extras.recipe = state.recipe;
-    extras.health = state.health;
-    extras.calibration = state.calibration;
+    if (touches(BlockId::health)) state.extras.statistics = statistics();
+    if (plc_interface_ != nullptr) {
+        plc_interface_->note_results(state.newest.sequence);
+        state.extras.plc = plc_interface_->view();
+    }
+    const auto values = [&](const PartResult& result) {
+        return RegisterValues{identity_, state.snapshot, result, state.extras};
+    };
 
     std::array<std::uint16_t, kMaxRead> image;
     const auto copy = [&](std::size_t base, std::size_t size) {
@@ -139,23 +123,16 @@ Exception RegisterServerModel::read_registers(std::uint16_t address, std::span<s
     };
     for (const Block& block : register_blocks()) {
         if (Overlap(address, out.size(), block.base, block.size()).empty()) continue;
-        const RegisterValues source{
-            .identity = identity_, .snapshot = state.snapshot, .result = state.newest, .extras = extras};
         if (block.registers.empty() || block.slots > 0) {
             image[0] = static_cast<std::uint16_t>(block.id);
             image[1] = block.length;
             copy(block.base, kBlockHeader);
         } else {
-            encode(block, source, std::span(image).first(block.size()));
+            encode(block, values(state.newest), std::span(image).first(block.size()));
             copy(block.base, block.size());
         }
         for (std::size_t slot = first_slot; block.slots > 0 && slot < last_slot; ++slot) {
-            encode_slot(block,
-                        {.identity = identity_,
-                         .snapshot = state.snapshot,
-                         .result = slots[slot - first_slot],
-                         .extras = extras},
-                        std::span(image).first(kResultWords));
+            encode_slot(block, values(slots[slot - first_slot]), std::span(image).first(kResultWords));
             copy(kRingBase + slot * kResultWords, kResultWords);
         }
     }

@@ -24,9 +24,9 @@ class RegisterServerModel : public modbus::RegisterModel {
     // Any thread, allocates nothing. State and new results become visible together. Results are published once each, by
     // ascending sequence; snapshot.last counts as one of them.
     void publish(const Snapshot& snapshot, std::span<const PartResult> results = {});
-    void publish(const RecipeInUse& recipe);
-    void publish(const HealthReport& health);
-    void publish(const CalibrationReport& calibration);
+    void publish(const RecipeInUse& recipe) { set(&RegisterExtras::recipe, recipe); }
+    void publish(const HealthReport& health) { set(&RegisterExtras::health, health); }
+    void publish(const CalibrationReport& calibration) { set(&RegisterExtras::calibration, calibration); }
 
     modbus::Exception read_registers(std::uint16_t address, std::span<std::uint16_t> out) override;
     // 0..15 STATUS `bits`, 16..47 `faults_active`, 48..79 `faults_latched`, 80 the lowest bit of the PLC's
@@ -42,10 +42,13 @@ class RegisterServerModel : public modbus::RegisterModel {
     struct State {
         Snapshot snapshot;
         PartResult newest;
-        RecipeInUse recipe;
-        HealthReport health;
-        CalibrationReport calibration;
+        RegisterExtras extras;  // without what read_registers() adds: statistics and the PLC's side
     };
+    template <class Report>
+    void set(Report RegisterExtras::*member, const Report& report) {
+        const std::lock_guard lock(mutex_);
+        state_.extras.*member = report;
+    }
     [[nodiscard]] StationNow now();
     [[nodiscard]] ResultStatistics statistics();
 

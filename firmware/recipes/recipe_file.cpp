@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <functional>
 
 #include <fmt/format.h>
 
@@ -20,14 +19,6 @@ constexpr int kRecipeSchema = 1;
 constexpr double kFar = 100'000;  // lenslets; larger than any light field
 constexpr unsigned kDefectKinds = 5;
 
-// The keys of a zone's place: `centre`, `radius` and `corners`, or the same with `_mm`.
-bool has_place_in_lenslets(const TomlTable& table) {
-    return table.has("centre") || table.has("radius") || table.has("corners");
-}
-bool has_place_in_mm(const TomlTable& table) {
-    return table.has("centre_mm") || table.has("radius_mm") || table.has("corners_mm");
-}
-
 // A zone in its own unit. Keys without `_mm` are in `plain`: lenslets for a zone, mm for a tolerance.
 algo::Zone read_zone(TomlTable& table, algo::Zone::Unit plain) {
     constexpr std::array<std::string_view, 2> shapes{"circle", "polygon"};
@@ -36,17 +27,15 @@ algo::Zone read_zone(TomlTable& table, algo::Zone::Unit plain) {
     if (!table.has("shape")) table.problem("shape", "is missing", "use circle or polygon");
     const auto shape = table.choice("shape", shapes);
     if (const auto use = table.choice("use", uses)) zone.use = static_cast<algo::Zone::Use>(*use);
-    const bool said_mm = has_place_in_mm(table);
-    if (said_mm && has_place_in_lenslets(table)) {
-        table.problem(table.has("centre_mm")       ? "centre_mm"
-                          : table.has("radius_mm") ? "radius_mm"
-                                                   : "corners_mm",
-                      "stands beside a place without _mm", "use one unit for the whole zone");
-    }
-    zone.unit = said_mm ? algo::Zone::Unit::mm : plain;
+    const auto has = [&](std::string_view key) { return table.has(key); };
+    constexpr std::array<std::string_view, 3> place{"centre", "radius", "corners"},
+        place_mm{"centre_mm", "radius_mm", "corners_mm"};
+    const auto said_mm = std::ranges::find_if(place_mm, has);
+    if (said_mm != place_mm.end() && std::ranges::any_of(place, has))
+        table.problem(*said_mm, "stands beside a place without _mm", "use one unit for the whole zone");
+    const auto [centre_key, radius_key, corners_key] = said_mm != place_mm.end() ? place_mm : place;
+    zone.unit = said_mm != place_mm.end() ? algo::Zone::Unit::mm : plain;
     const bool in_mm = zone.unit == algo::Zone::Unit::mm;
-    const std::string centre_key = said_mm ? "centre_mm" : "centre", radius_key = said_mm ? "radius_mm" : "radius",
-                      corners_key = said_mm ? "corners_mm" : "corners";
     const std::string axes = in_mm ? "x, y" : "m, n", unit = in_mm ? "mm from the field's middle" : "lenslets";
     std::vector<double> centre, corners;
     table.numbers(centre_key, centre, 2, 2);
@@ -102,12 +91,9 @@ std::string in_quotes(std::string_view text) {
     return out + '"';
 }
 
-// Converts a zone in mm from the field's centre to lenslets; unchanged in a recipe without a lenslet size.
-void from_mm(algo::Zone& zone, float lenslet_mm, const std::function<algo::Point(algo::Point)>& place) {
-    zone.unit = algo::Zone::Unit::lenslets;
-    zone.centre = place(zone.centre);
-    zone.radius /= lenslet_mm;
-    for (algo::Point& corner : zone.corners) corner = place(corner);
+// The middle of the reference's field, where places in mm have their origin, in lenslets.
+algo::Point middle_of(const algo::Reference& reference) {
+    return {0.5F * static_cast<float>(reference.extents.m - 1), 0.5F * static_cast<float>(reference.extents.n - 1)};
 }
 
 algo::Tolerance read_tolerance(TomlTable& table) {
@@ -116,13 +102,10 @@ algo::Tolerance read_tolerance(TomlTable& table) {
     table.texts("kinds", kinds);
     if (!kinds.empty()) t.kinds = 0;
     for (const std::string& kind : kinds) {
-        bool known = false;
-        for (unsigned k = 0; k < kDefectKinds; ++k) {
-            if (name_of(static_cast<algo::DefectKind>(k)) != kind) continue;
-            t.kinds |= 1U << k;
-            known = true;
-        }
-        if (!known)
+        unsigned k = 0;
+        while (k < kDefectKinds && name_of(static_cast<algo::DefectKind>(k)) != kind) ++k;
+        if (k < kDefectKinds) t.kinds |= 1U << k;
+        else
             table.problem("kinds", "has " + kind + ", which is none",
                           "use scattering, absorbing, surface, scratch, unknown");
     }
@@ -132,6 +115,31 @@ algo::Tolerance read_tolerance(TomlTable& table) {
     table.integer("number", t.number, 1, 10'000);
     if (table.has("shape")) t.where = read_zone(table, algo::Zone::Unit::mm);
     return t;
+}
+
+// The tolerances, with places in lenslets where the recipe has a reference and the size of a lenslet.
+void read_tolerances(TomlTable& root, algo::Recipe& recipe, bool has_reference) {
+    for (TomlTable& table : root.tables("tolerate")) {
+        algo::Tolerance tolerance = read_tolerance(table);
+        if (!has_reference)
+            table.problem("largest_mm", "needs a reference to tell sizes and kinds", "name one in [reference] file");
+        if (recipe.lenslet_mm == 0)
+            table.problem("largest_mm", "is in mm, and the size of a lenslet is not known", "give [scale] lenslet_mm");
+        if (tolerance.deepest_rad > 0 && recipe.bin_rad == 0)
+            table.problem("deepest_rad", "is in radians, and the size of a bin is not known", "give [scale] bin_rad");
+        if (tolerance.where && recipe.lenslet_mm > 0 && recipe.reference) {
+            algo::Zone& zone = *tolerance.where;
+            const algo::Point middle = middle_of(*recipe.reference);
+            const auto place = [&](algo::Point p) {
+                return algo::Point{p.m / recipe.lenslet_mm + middle.m, p.n / recipe.lenslet_mm + middle.n};
+            };
+            zone.unit = algo::Zone::Unit::lenslets;
+            zone.centre = place(zone.centre);
+            zone.radius /= recipe.lenslet_mm;
+            for (algo::Point& corner : zone.corners) corner = place(corner);
+        }
+        recipe.tolerances.push_back(std::move(tolerance));
+    }
 }
 
 // The features that a recipe can name: the gradients, then these two.
@@ -160,21 +168,20 @@ void read_features(TomlTable& root, algo::Recipe& recipe) {
     root.texts("features", names);
     recipe.gradient.reset();
     recipe.slopes = recipe.light = false;
-    for (std::size_t k = 0; k < names.size(); ++k) {
-        const auto choice = algo::feature_named(names[k]);
-        if (std::find(names.begin(), names.begin() + static_cast<std::ptrdiff_t>(k), names[k]) !=
-            names.begin() + static_cast<std::ptrdiff_t>(k)) {
-            root.problem("features", "has " + names[k] + " twice", "name it once");
+    for (auto name = names.begin(); name != names.end(); ++name) {
+        const auto choice = algo::feature_named(*name);
+        if (std::find(names.begin(), name, *name) != name) {
+            root.problem("features", "has " + *name + " twice", "name it once");
         } else if (!choice) {
-            root.problem("features", "has " + names[k] + ", which is none", "use " + feature_names());
-        } else if (names[k] == kSlopes) {
+            root.problem("features", "has " + *name + ", which is none", "use " + feature_names());
+        } else if (*name == kSlopes) {
             recipe.slopes = true;
-        } else if (names[k] == kLight) {
+        } else if (*name == kLight) {
             recipe.light = true;
         } else if (choice->against_reference || !algo::is_judged_gradient(choice->feature)) {
-            root.problem("features", "has " + names[k] + ", by which no part is judged", "use " + feature_names());
+            root.problem("features", "has " + *name + ", by which no part is judged", "use " + feature_names());
         } else if (recipe.gradient) {
-            root.problem("features", fmt::format("has {} beside {}", names[k], name_of(*recipe.gradient)),
+            root.problem("features", fmt::format("has {} beside {}", *name, name_of(*recipe.gradient)),
                          "compare neighbours by one distance");
         } else {
             recipe.gradient = choice->feature;
@@ -255,23 +262,7 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
         root.problem("features", "leaves nothing to judge parts by",
                      "use " + feature_names() + ", or give a reference");
     }
-    for (TomlTable& table : root.tables("tolerate")) {
-        algo::Tolerance tolerance = read_tolerance(table);
-        if (file.empty())
-            table.problem("largest_mm", "needs a reference to tell sizes and kinds", "name one in [reference] file");
-        if (recipe.lenslet_mm == 0)
-            table.problem("largest_mm", "is in mm, and the size of a lenslet is not known", "give [scale] lenslet_mm");
-        if (tolerance.deepest_rad > 0 && recipe.bin_rad == 0)
-            table.problem("deepest_rad", "is in radians, and the size of a bin is not known", "give [scale] bin_rad");
-        if (tolerance.where && recipe.lenslet_mm > 0 && recipe.reference) {
-            const algo::Extents& e = recipe.reference->extents;
-            from_mm(*tolerance.where, recipe.lenslet_mm, [&](algo::Point p) {
-                return algo::Point{p.m / recipe.lenslet_mm + 0.5F * static_cast<float>(e.m - 1),
-                                   p.n / recipe.lenslet_mm + 0.5F * static_cast<float>(e.n - 1)};
-            });
-        }
-        recipe.tolerances.push_back(std::move(tolerance));
-    }
+    read_tolerances(root, recipe, !file.empty());
     root.refuse_unknown_keys();
     const std::string sum = fmt::format("{:08X}", crc32_of(numbered));
     if (found.empty() && !seal.empty() && seal != sum) {
@@ -281,11 +272,6 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
     }
     if (!found.empty()) return found.as_error();
     return numbered;
-}
-
-Result<algo::Recipe> without_number(Result<NumberedRecipe> numbered) {
-    if (!numbered) return tl::unexpected(numbered.error());
-    return std::move(numbered->recipe);
 }
 
 // Shape and place in units of `unit` lenslets from `origin`; zones in mm are not converted.
@@ -368,11 +354,7 @@ std::string format(const NumberedRecipe& numbered, const std::string& reference_
         }
         text += fmt::format("]\nlargest_mm = {}\nnumber = {}\n", t.largest_mm, t.number);
         if (t.deepest_rad > 0) text += fmt::format("deepest_rad = {}\n", t.deepest_rad);
-        if (t.where && r.reference) {
-            const algo::Extents& e = r.reference->extents;
-            text += format_place(*t.where, r.lenslet_mm,
-                                 {0.5F * static_cast<float>(e.m - 1), 0.5F * static_cast<float>(e.n - 1)});
-        }
+        if (t.where && r.reference) text += format_place(*t.where, r.lenslet_mm, middle_of(*r.reference));
     }
     return text;
 }
@@ -387,11 +369,8 @@ std::uint32_t crc32_of(const NumberedRecipe& recipe) {
         format(recipe, reference ? fmt::format("crc32 {:08X}", crc32_of(reference)) : recipe.reference_file.string()));
 }
 
-Result<algo::Recipe> load_recipe(const std::filesystem::path& file) {
-    return without_number(load_numbered_recipe(file));
-}
 Result<algo::Recipe> parse_recipe(std::string_view text, std::string_view name) {
-    return without_number(parse_numbered_recipe(text, name));
+    return parse_numbered_recipe(text, name).map([](NumberedRecipe&& numbered) { return std::move(numbered.recipe); });
 }
 
 Result<NumberedRecipe> load_numbered_recipe(const std::filesystem::path& file) {
@@ -399,6 +378,10 @@ Result<NumberedRecipe> load_numbered_recipe(const std::filesystem::path& file) {
     TomlTable root = TomlTable::parse_file(file, found);
     if (!found.empty()) return found.as_error();
     return read(std::move(root), found, std::filesystem::absolute(file).parent_path());
+}
+
+Result<NumberedRecipe> recipe_or_default(const std::filesystem::path& file) {
+    return file.empty() ? NumberedRecipe{} : load_numbered_recipe(file);
 }
 
 Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_view name) {

@@ -31,8 +31,10 @@ std::uint32_t crc32_of(const NumberedRecipe& recipe);
 Result<NumberedRecipe> load_numbered_recipe(const std::filesystem::path& file);
 Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_view name);
 
+// The same for the default recipe where `file` is empty.
+Result<NumberedRecipe> recipe_or_default(const std::filesystem::path& file);
+
 // The same without number and version.
-Result<algo::Recipe> load_recipe(const std::filesystem::path& file);
 Result<algo::Recipe> parse_recipe(std::string_view text, std::string_view name);
 
 }  // namespace hord::firmware

@@ -4,11 +4,10 @@
 #include <cstring>
 #include <fstream>
 #include <iterator>
-#include <memory>
 #include <mutex>
-#include <optional>
+#include <span>
 #include <string>
-#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -23,109 +22,83 @@ static_assert(std::endian::native == std::endian::little, "the file is little-en
 
 constexpr std::string_view kMagic = "HORDREF\n";
 
-class Writer {
-  public:
-    template <class T>
-    requires std::is_arithmetic_v<T>
-    void put(T value) { text_.append(reinterpret_cast<const char*>(&value), sizeof value); }
-    template <class T>
-    void put(const std::vector<T>& values) {
-        text_.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T));
-    }
-    std::string text_;
-};
+// Calls `each` with the values of the file's head, and with its maps and their values a lenslet, in the file's order.
+template <class AnyReference, class Each>
+void each_value(AnyReference& r, Each&& each) {
+    static_assert(sizeof(int) == sizeof(std::uint32_t), "the file has 32 bits");
+    for (auto* v : {&r.extents.m, &r.extents.n, &r.extents.i, &r.extents.j, &r.bits}) each(*v);
+    for (auto* v : {&r.levels.dark, &r.levels.min_sum, &r.levels.saturated, &r.parts}) each(*v);
+    for (auto* v : {&r.sensor.electrons_per_dn, &r.sensor.read_dn, &r.sensor.clip_dn}) each(*v);
+}
+template <class AnyReference, class Each>
+void each_map(AnyReference& r, Each&& each) {
+    each(r.shares, r.stride());
+    for (auto* map : {&r.light, &r.x, &r.y, &r.emd, &r.frobenius}) each(*map, std::size_t{1});
+    for (auto& map : r.spread) each(map, std::size_t{1});
+    each(r.mask, std::size_t{1});
+}
 
-class Reader {
-  public:
-    explicit Reader(std::string_view text) : rest_(text) {}
-    template <class T>
-    requires std::is_arithmetic_v<T>
-    void get(T& value) { take(&value, sizeof value); }
-    template <class T>
-    void get(std::vector<T>& values, std::size_t count) {
-        if (rest_.size() / sizeof(T) < count) {
-            whole_ = false;
-            return;
-        }
-        values.resize(count);
-        take(values.data(), count * sizeof(T));
-    }
-    [[nodiscard]] bool at_end() const { return whole_ && rest_.empty(); }
-    [[nodiscard]] bool whole() const { return whole_; }
+template <class T>
+void put(std::string& text, std::span<const T> values) {
+    text.append(reinterpret_cast<const char*>(values.data()), values.size_bytes());
+}
 
-  private:
-    void take(void* to, std::size_t bytes) {
-        whole_ = whole_ && rest_.size() >= bytes;
-        if (!whole_) return;
-        std::memcpy(to, rest_.data(), bytes);
-        rest_.remove_prefix(bytes);
-    }
-    std::string_view rest_;
-    bool whole_ = true;
-};
+// `rest` has as many bytes.
+template <class T>
+void take(std::string_view& rest, std::span<T> values) {
+    std::memcpy(values.data(), rest.data(), values.size_bytes());
+    rest.remove_prefix(values.size_bytes());
+}
 
 // Everything but the checksum.
 std::string bytes_of(const algo::Reference& r) {
-    Writer w;
-    w.text_ = kMagic;
-    w.put(kReferenceVersion);
-    for (const int v : {r.extents.m, r.extents.n, r.extents.i, r.extents.j, r.bits})
-        w.put(static_cast<std::uint32_t>(v));
-    for (const std::uint32_t v : {r.levels.dark, r.levels.min_sum, r.levels.saturated, r.parts}) w.put(v);
-    w.put(r.sensor.electrons_per_dn);
-    w.put(r.sensor.read_dn);
-    w.put(r.sensor.clip_dn);
-    w.put(r.shares);
-    for (const auto* map : {&r.light, &r.x, &r.y, &r.emd, &r.frobenius}) w.put(*map);
-    for (const auto& map : r.spread) w.put(map);
-    w.put(r.mask);
-    return std::move(w.text_);
+    std::string text(kMagic);
+    put(text, std::span(&kReferenceVersion, 1));
+    each_value(r, [&](const auto& value) { put(text, std::span(&value, 1)); });
+    each_map(r, [&](const auto& map, std::size_t) { put(text, std::span(map)); });
+    return text;
 }
 
 // Cached checksums of the existing references.
-class KnownSums {
-  public:
-    std::optional<std::uint32_t> find(const std::shared_ptr<const algo::Reference>& reference) {
-        const std::lock_guard lock(mutex_);
-        std::erase_if(known_, [](const Known& k) { return k.reference.expired(); });
-        for (const Known& k : known_) {
-            if (k.reference.lock() == reference) return k.sum;
-        }
-        return std::nullopt;
-    }
-    void keep(const std::shared_ptr<const algo::Reference>& reference, std::uint32_t sum) {
-        const std::lock_guard lock(mutex_);
-        known_.push_back({reference, sum});
-    }
+struct KnownSums {
+    std::mutex mutex;
+    std::vector<std::pair<std::weak_ptr<const algo::Reference>, std::uint32_t>> sums;
 
-  private:
-    struct Known {
-        std::weak_ptr<const algo::Reference> reference;
-        std::uint32_t sum;
-    };
-    std::mutex mutex_;
-    std::vector<Known> known_;
-};
-KnownSums& known_sums() {
-    static KnownSums sums;
-    return sums;
-}
+    void keep(const std::shared_ptr<const algo::Reference>& reference, std::uint32_t sum) {
+        const std::lock_guard lock(mutex);
+        std::erase_if(sums, [](const auto& known) { return known.first.expired(); });
+        sums.emplace_back(reference, sum);
+    }
+} known_sums;
 
 }  // namespace
 
+std::size_t bytes_of_maps(const algo::Extents& extents) {
+    algo::Reference r;
+    r.extents = extents;
+    std::size_t bytes_a_lenslet = 0;
+    each_map(r, [&](const auto& map, std::size_t values) { bytes_a_lenslet += values * sizeof map[0]; });
+    return extents.lenslets() * bytes_a_lenslet;
+}
+
 std::uint32_t crc32_of(const std::shared_ptr<const algo::Reference>& reference) {
-    if (const auto known = known_sums().find(reference)) return *known;
+    {
+        const std::lock_guard lock(known_sums.mutex);
+        for (const auto& [known, sum] : known_sums.sums) {
+            if (known.lock() == reference) return sum;
+        }
+    }
     const std::uint32_t sum = common::crc32(bytes_of(*reference));
-    known_sums().keep(reference, sum);
+    known_sums.keep(reference, sum);
     return sum;
 }
 
 Result<void> write_reference(const std::filesystem::path& file, const algo::Reference& r) {
     if (auto fine = check(r); !fine) return fine;
-    Writer w;
-    w.text_ = bytes_of(r);
-    w.put(common::crc32(w.text_));
-    return common::write_durably(file, w.text_);
+    std::string text = bytes_of(r);
+    const std::uint32_t sum = common::crc32(text);
+    put(text, std::span(&sum, 1));
+    return common::write_durably(file, text);
 }
 
 Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesystem::path& file) {
@@ -150,26 +123,19 @@ Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesys
     if (common::crc32(sealed) != seal) return refuse(ErrorCode::unreadable, "is damaged: its checksum is wrong");
 
     auto r = std::make_shared<algo::Reference>();
-    Reader reader(sealed.substr(kMagic.size() + sizeof version));
-    std::uint32_t m = 0, n = 0, i = 0, j = 0, bits = 0;
-    for (std::uint32_t* v :
-         {&m, &n, &i, &j, &bits, &r->levels.dark, &r->levels.min_sum, &r->levels.saturated, &r->parts})
-        reader.get(*v);
-    reader.get(r->sensor.electrons_per_dn);
-    reader.get(r->sensor.read_dn);
-    reader.get(r->sensor.clip_dn);
-    r->extents = {static_cast<int>(m), static_cast<int>(n), static_cast<int>(i), static_cast<int>(j)};
-    r->bits = static_cast<int>(bits);
-    if (auto fine = check(r->extents); !reader.whole() || !fine)
+    std::string_view rest = sealed.substr(kMagic.size() + sizeof version);
+    std::size_t head_bytes = 0;
+    each_value(*r, [&](const auto& value) { head_bytes += sizeof value; });
+    if (rest.size() < head_bytes) return refuse(ErrorCode::unreadable, "is not a whole reference");
+    each_value(*r, [&](auto& value) { take(rest, std::span(&value, 1)); });
+    if (!check(r->extents) || rest.size() != bytes_of_maps(r->extents))
         return refuse(ErrorCode::unreadable, "is not a whole reference");
-    const std::size_t count = r->extents.lenslets();
-    reader.get(r->shares, count * r->stride());
-    for (auto* map : {&r->light, &r->x, &r->y, &r->emd, &r->frobenius}) reader.get(*map, count);
-    for (auto& map : r->spread) reader.get(map, count);
-    reader.get(r->mask, count);
-    if (!reader.at_end()) return refuse(ErrorCode::unreadable, "is not a whole reference");
+    each_map(*r, [&](auto& map, std::size_t values) {
+        map.resize(values * r->extents.lenslets());
+        take(rest, std::span(map));
+    });
     if (auto fine = check(*r); !fine) return refuse(ErrorCode::unreadable, "is not sound: " + fine.error().what);
-    known_sums().keep(r, seal);
+    known_sums.keep(r, seal);
     return r;
 }
 

@@ -19,6 +19,9 @@ Result<void> write_reference(const std::filesystem::path& file, const algo::Refe
 // Fails with not_found, unreadable (another kind of file, truncated, wrong checksum), unsupported (another version).
 Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesystem::path& file);
 
+// Size of the file without its head, which is small.
+std::size_t bytes_of_maps(const algo::Extents& extents);
+
 // The CRC-32 that the reference's file has. Any thread. A reference of paper size has some 90 MB, so the value is
 // computed once and cached while the reference exists; read_reference() caches the file's.
 std::uint32_t crc32_of(const std::shared_ptr<const algo::Reference>& reference);

@@ -5,7 +5,6 @@
 #include <charconv>
 #include <cstring>
 #include <fstream>
-#include <span>
 #include <system_error>
 #include <utility>
 
@@ -67,22 +66,7 @@ void for_each_reference(const fs::path& folder, std::uint16_t number, Do&& what)
     }
 }
 
-// Approximate size of a reference's file.
-std::uint64_t reference_bytes(const algo::Extents& e) {
-    algo::Reference r;
-    r.extents = e;
-    return e.lenslets() * (r.stride() * sizeof(std::uint16_t) + 9 * sizeof(float) + 1);
-}
-
 }  // namespace
-
-// One teach-in. `recipe` and `parts` never change.
-struct LineTeachIn::Session {
-    std::uint32_t parts = 0;
-    NumberedRecipe recipe;
-    Listener listener;                   // loop's thread
-    std::vector<std::uint32_t> numbers;  // of the parts whose frames are on the disk
-};
 
 LineTeachIn::LineTeachIn(hal::EventLoop& loop, TeachInOptions options) : loop_(loop), options_(std::move(options)) {
     remove_quietly(options_.folder / kSpool);
@@ -90,15 +74,15 @@ LineTeachIn::LineTeachIn(hal::EventLoop& loop, TeachInOptions options) : loop_(l
 
 LineTeachIn::~LineTeachIn() {
     life_.reset();
-    do_cancel();
+    cancel();
     if (thread_.joinable()) thread_.join();
     remove_quietly(options_.folder / kSpool);
 }
 
 // -- the loop's thread
 
-Result<void> LineTeachIn::do_begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) {
-    if (session_ != nullptr) return fail(ErrorCode::busy, "a teach is under way", "wait for its end");
+Result<void> LineTeachIn::begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) {
+    if (session_) return fail(ErrorCode::busy, "a teach is under way", "wait for its end");
     if (recipe.recipe.gradient && *recipe.recipe.gradient != algo::Feature::emd) {
         return fail(ErrorCode::refused,
                     fmt::format("recipe {} compares neighbours by {}, of which a reference knows nothing",
@@ -107,7 +91,7 @@ Result<void> LineTeachIn::do_begin(std::uint32_t parts, const NumberedRecipe& re
     }
     if (thread_.joinable()) thread_.join();  // it has ended: finish() was its last call
     cancelled_ = ended_ = false;
-    session_ = std::make_unique<Session>(Session{parts, recipe, std::move(listener), {}});
+    session_ = Session{parts, recipe, std::move(listener), {}};
     if (!options_.thread) {
         if (auto ready = prepare(); !ready) finish(tl::unexpected(ready.error()));
         return {};
@@ -122,8 +106,8 @@ Result<void> LineTeachIn::do_begin(std::uint32_t parts, const NumberedRecipe& re
     return {};
 }
 
-void LineTeachIn::do_cancel() {
-    if (session_ == nullptr || cancelled_) return;
+void LineTeachIn::cancel() {
+    if (!session_ || cancelled_) return;
     session_->listener = {};
     cancelled_ = true;
     // A thread that is filling the slot finishes; then the background thread sees the cancellation.
@@ -133,12 +117,12 @@ void LineTeachIn::do_cancel() {
     if (!options_.thread && !ended_) finish(tl::unexpected(cancelled_error()));
 }
 
-void LineTeachIn::do_discard(const NumberedRecipe& learned) {
+void LineTeachIn::discard(const NumberedRecipe& learned) {
     remove_quietly(options_.folder / kWaiting);
     remove_quietly(learned.reference_file);
 }
 
-void LineTeachIn::do_in_use(const NumberedRecipe& recipe) {
+void LineTeachIn::in_use(const NumberedRecipe& recipe) {
     remove_quietly(options_.folder / kWaiting);
     if (recipe.reference_file.parent_path() != options_.folder / kReferences) return;  // not a learned one
     std::vector<fs::path> old;
@@ -158,16 +142,20 @@ void LineTeachIn::finish(Result<TeachResult> outcome) {
     ended_ = true;
     remove_quietly(options_.folder / kSpool);
     auto shared = std::make_shared<Result<TeachResult>>(std::move(outcome));
-    loop_.post([this, shared, alive = alive_] {
-        if (!alive.expired()) finished(*shared);
+    post([this, shared] { finished(*shared); });
+}
+
+void LineTeachIn::post(std::function<void()> call) {
+    loop_.post([call = std::move(call), alive = alive_] {
+        if (!alive.expired()) call();
     });
 }
 
 void LineTeachIn::finished(Result<TeachResult>& outcome) {
-    const auto session = std::move(session_);
+    const auto session = std::exchange(session_, std::nullopt);
     frame_ = {};
     if (cancelled_) {
-        if (outcome) do_discard(outcome->recipe);
+        if (outcome) discard(outcome->recipe);
         return;
     }
     if (session->listener.done) session->listener.done(std::move(outcome));
@@ -189,13 +177,8 @@ void LineTeachIn::on_inspection(std::uint32_t part, const FrameView& frame, cons
         std::memcpy(to, frame.data + y * frame.stride_bytes, row_bytes);
     frame_part_ = part;
     slot_.store(Slot::full);
-    if (options_.thread) {
-        slot_.notify_all();
-    } else {
-        loop_.post([this, alive = alive_] {
-            if (!alive.expired()) step();
-        });
-    }
+    if (options_.thread) slot_.notify_all();
+    else post([this] { step(); });
 }
 
 // -- the background thread
@@ -222,7 +205,7 @@ Result<TeachResult> LineTeachIn::run() {
 
 // Without a thread: run() in steps, on the loop's thread.
 void LineTeachIn::step() {
-    if (session_ == nullptr || ended_ || slot_ != Slot::full) return;
+    if (!session_ || ended_ || slot_ != Slot::full) return;
     if (auto done = spool(); !done) return finish(tl::unexpected(done.error()));
     if (session_->numbers.size() == session_->parts) finish(learn());
 }
@@ -239,7 +222,7 @@ Result<void> LineTeachIn::prepare() {
                         kCheckDisk);
     }
     const std::uint64_t wanted = session_->parts * std::uint64_t{frame_.bytes().size()} +
-        reference_bytes(options_.extents) + options_.leave_free_bytes;
+        bytes_of_maps(options_.extents) + options_.leave_free_bytes;
     const auto space = fs::space(options_.folder, error);
     if (!error && space.available < wanted) {
         return fail(
@@ -251,7 +234,7 @@ Result<void> LineTeachIn::prepare() {
     session_->numbers.reserve(session_->parts);
     slot_ = Slot::empty;
     report_progress(0);
-    // Cancelled before the slot was empty: do_cancel() has not closed it.
+    // Cancelled before the slot was empty: cancel() has not closed it.
     Slot expected = Slot::empty;
     if (cancelled_ && slot_.compare_exchange_strong(expected, Slot::closed)) return tl::unexpected(cancelled_error());
     return {};
@@ -286,9 +269,8 @@ Result<void> LineTeachIn::spool() {
 }
 
 void LineTeachIn::report_progress(std::size_t taken) {
-    loop_.post([this, taken, alive = alive_] {
-        if (!alive.expired() && session_ != nullptr && session_->listener.taken)
-            session_->listener.taken(static_cast<std::uint32_t>(taken));
+    post([this, taken] {
+        if (session_ && session_->listener.taken) session_->listener.taken(static_cast<std::uint32_t>(taken));
     });
 }
 
@@ -341,7 +323,7 @@ Result<TeachResult> LineTeachIn::learn() {
     (void)crc32_of(result.recipe);  // cached here, so that the loop's thread need not compute it
     if (written) written = remember_recipe(options_.folder / kWaiting, before, result.recipe);
     if (!written || cancelled_) {
-        do_discard(result.recipe);
+        discard(result.recipe);
         return tl::unexpected(written ? cancelled_error() : written.error());
     }
     return result;

@@ -48,25 +48,17 @@ class TeachIn {
     // Loop thread, does not block. Starts with the next part; `parts` is in kMinParts..kMaxParts. Fails with refused (a
     // recipe that a reference does not fit) or busy (a teach-in or its cancellation is under way, or the system has no
     // thread). `done` fails with io (the disk) or invalid_argument (no reference can be learned); no file is left then.
-    Result<void> begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) {
-        return do_begin(parts, recipe, std::move(listener));
-    }
+    virtual Result<void> begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) = 0;
 
     // Loop thread, does not block. Removes the files of the teach-in under way, if there is one.
-    void cancel() { do_cancel(); }
+    virtual void cancel() = 0;
 
     // Loop thread. Removes the files of a learned recipe that will not be used.
-    void discard(const NumberedRecipe& learned) { do_discard(learned); }
+    virtual void discard(const NumberedRecipe& learned) = 0;
 
     // Loop thread. Call it when this recipe is in use and remembered: removes the files of earlier teach-ins of its
     // number.
-    void in_use(const NumberedRecipe& recipe) { do_in_use(recipe); }
-
-  private:
-    virtual Result<void> do_begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) = 0;
-    virtual void do_cancel() = 0;
-    virtual void do_discard(const NumberedRecipe& learned) = 0;
-    virtual void do_in_use(const NumberedRecipe& recipe) = 0;
+    virtual void in_use(const NumberedRecipe& recipe) = 0;
 };
 
 struct TeachInOptions {
@@ -85,6 +77,11 @@ class LineTeachIn final : public TeachIn {
     LineTeachIn(const LineTeachIn&) = delete;
     LineTeachIn& operator=(const LineTeachIn&) = delete;
 
+    Result<void> begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) override;
+    void cancel() override;
+    void discard(const NumberedRecipe& learned) override;
+    void in_use(const NumberedRecipe& recipe) override;
+
     // Any thread, several at the same time. Copies the frame.
     void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection);
 
@@ -95,12 +92,13 @@ class LineTeachIn final : public TeachIn {
 
   private:
     enum class Slot : std::uint32_t { closed, empty, filling, full };
-    struct Session;
-    Result<void> do_begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) override;
-    void do_cancel() override;
-    void do_discard(const NumberedRecipe& learned) override;
-    void do_in_use(const NumberedRecipe& recipe) override;
-
+    // One teach-in. `recipe` and `parts` never change.
+    struct Session {
+        std::uint32_t parts = 0;
+        NumberedRecipe recipe;
+        Listener listener;                   // loop's thread
+        std::vector<std::uint32_t> numbers;  // of the parts whose frames are on the disk
+    };
     void work();
     [[nodiscard]] Result<TeachResult> run();
     [[nodiscard]] Result<void> prepare();
@@ -111,6 +109,7 @@ class LineTeachIn final : public TeachIn {
     [[nodiscard]] Result<Frame> read_spooled(std::size_t k) const;
     [[nodiscard]] std::filesystem::path spool_file(std::size_t k) const;
     [[nodiscard]] std::filesystem::path next_reference(std::uint16_t number) const;
+    void post(std::function<void()> call);  // to the loop, unless this is destroyed before
     void step();
     void finish(Result<TeachResult> outcome);
     void finished(Result<TeachResult>& outcome);
@@ -118,10 +117,10 @@ class LineTeachIn final : public TeachIn {
     hal::EventLoop& loop_;
     const TeachInOptions options_;
     std::shared_ptr<char> life_ = std::make_shared<char>();
-    const std::weak_ptr<char> alive_ = life_;  // posted callbacks check it
+    const std::weak_ptr<char> alive_ = life_;
 
     // Owned by the loop's thread, used by the background thread between begin() and finish().
-    std::unique_ptr<Session> session_;
+    std::optional<Session> session_;
     std::thread thread_;
 
     // State of `frame_`: an inspecting thread that changes it from empty to filling may write; the background thread

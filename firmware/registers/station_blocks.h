@@ -101,14 +101,15 @@ inline constexpr Register kCounters[] = {
     number(148, Type::u32, "reject", "parts", "verdict reject", counter<&Counters::reject>),
     number(150, Type::u32, "unfit", "parts", "could not be judged; rejected to be safe", counter<&Counters::unfit>),
     number(152, Type::u32, "missed", "parts", "passed the rejector without any decision", counter<&Counters::missed>),
-    number(154, Type::u32, "reject_commanded", "parts", "rejections asked of the ejector",
-           counter<&Counters::reject_commanded>),
-    number(156, Type::u32, "reject_confirmed", "parts", "rejections that the ejector confirmed in time",
+    number(154, Type::u32, "reject_commanded", "parts",
+           "rejections that were due: confirmed, failed, late and under way", counter<&Counters::reject_commanded>),
+    number(156, Type::u32, "reject_confirmed", "parts", "rejections that the ejector acknowledged in time",
            counter<&Counters::reject_confirmed>),
-    number(158, Type::u32, "reject_failed", "parts", "rejections without confirmation: a bad part may have passed",
+    number(158, Type::u32, "reject_failed", "parts",
+           "rejections never acknowledged, or of a part whose place was lost; line stop",
            counter<&Counters::reject_failed>),
-    number(160, Type::u32, "reject_late", "parts", "rejections confirmed after the part had passed",
-           counter<&Counters::reject_late>),
+    number(160, Type::u32, "reject_late", "parts",
+           "rejections commanded or acknowledged too late for the part; line stop", counter<&Counters::reject_late>),
 };
 
 // One result in 24 registers, the same in LAST and in the ring. The sequence number stands at both ends: they differ
@@ -147,7 +148,7 @@ inline constexpr std::array<Register, 16> kResult = {{
                return s.result.reject_latency_us == 0 ? Number{} : of_result(s, s.result.reject_latency_us);
            }),
     number(
-        base + 17, Type::u16, "reject_state", "", "what became of the rejection",
+        base + 17, Type::u16, "reject_state", "", "how the rejection ended; without confirmation: failed or late",
         [](const Source& s) { return of_result(s, static_cast<double>(s.result.reject)); }, kRejectStates),
     number(base + 18, Type::u16, "position_m", "lenslets", "column of the worst defect's centre",
            [](const Source& s) { return of_known(s, s.result.position_m); }),

@@ -1,16 +1,15 @@
 // hordd: the station as a systemd service. Service does the work; this file handles readiness, status, watchdog, socket
 // activation, reload, the journal and the real-time policy.
-#include <cstdio>
 #include <cstdlib>
 #include <string>
 #include <utility>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <systemd/sd-daemon.h>
 
 #include "calib/files/grid_toml.h"
+#include "common/cli/program.h"
 #include "firmware/core/faults.h"
 #include "firmware/service/journal.h"
 #include "firmware/service/realtime.h"
@@ -43,9 +42,13 @@ Result<Config> read_config(const Options& options) {
 }
 
 int complain(JournalEvent what, const Error& error, int status) {
-    write_to_journal(entry_of(what), error.message());
+    write_to_journal(what, error.message());
     sd_notifyf(0, "STATUS=%s", error.message().c_str());
     return status;
+}
+
+int refuse_configuration(const Error& error) {
+    return complain(JournalEvent::configuration_refused, error, kBadConfiguration);
 }
 
 // The sockets of hordd.socket by their FileDescriptorName.
@@ -68,7 +71,7 @@ class Daemon {
 
     int run() {
         auto config = read_config(options_);
-        if (!config) return complain(JournalEvent::configuration_refused, config.error(), kBadConfiguration);
+        if (!config) return refuse_configuration(config.error());
         sd_notify(0, "STATUS=opening devices");
         SimulationOptions simulation;
         simulation.variety = 2;
@@ -78,14 +81,14 @@ class Daemon {
         service_ = std::move(*opened);
         if (options_.realtime > 0) {
             for (const Error& refused : take_realtime_policy(options_.realtime))
-                write_to_journal(entry_of(JournalEvent::trouble), refused.message());
+                write_to_journal(JournalEvent::trouble, refused.message());
         }
         service_->loop().post([this] { begin(); });
         const auto ran = service_->run();
         sd_notify(0, "STOPPING=1\nSTATUS=halting");
         service_.reset();  // lights off, permit down
         if (!ran) return complain(JournalEvent::trouble, ran.error(), kCannotRun);
-        write_to_journal(entry_of(JournalEvent::stopped), "stopped as asked");
+        write_to_journal(JournalEvent::stopped, "stopped as asked");
         return 0;
     }
 
@@ -99,19 +102,18 @@ class Daemon {
         all.recipe = [](const NumberedRecipe& recipe) {
             const std::string crc = fmt::format("{:08X}", crc32_of(recipe));
             write_to_journal(
-                entry_of(JournalEvent::recipe),
+                JournalEvent::recipe,
                 fmt::format("recipe {} \"{}\", CRC-32 {}, is in use", recipe.number, recipe.recipe.name, crc),
                 std::array{Field{"HORD_RECIPE", std::to_string(recipe.number)}, Field{"HORD_RECIPE_CRC", crc}});
         };
         all.reload = [this] { reload(); };
-        all.trouble = [](const Error& error) { write_to_journal(entry_of(JournalEvent::trouble), error.message()); };
+        all.trouble = [](const Error& error) { write_to_journal(JournalEvent::trouble, error.message()); };
         return all;
     }
 
     void begin() {
         const std::string address = service_->registers_address();
-        write_to_journal(entry_of(JournalEvent::ready), "registers at " + address,
-                         std::array{Field{"HORD_REGISTERS", address}});
+        write_to_journal(JournalEvent::ready, "registers at " + address, std::array{Field{"HORD_REGISTERS", address}});
         sd_notify(0, "READY=1");
         notify_status_again();
         std::uint64_t watchdog_us = 0;
@@ -147,13 +149,13 @@ class Daemon {
         const auto config = read_config(options_);
         const auto waiting = config ? service_->reload(*config) : tl::unexpected(config.error());
         if (!waiting) {
-            write_to_journal(entry_of(JournalEvent::reload_refused),
+            write_to_journal(JournalEvent::reload_refused,
                              "reload refused, the old configuration stays: " + waiting.error().message());
         } else if (waiting->empty()) {
-            write_to_journal(entry_of(JournalEvent::reloaded), "configuration read again");
+            write_to_journal(JournalEvent::reloaded, "configuration read again");
         } else {
             write_to_journal(
-                entry_of(JournalEvent::reloaded),
+                JournalEvent::reloaded,
                 fmt::format("configuration read again; not changed until a restart: {}", fmt::join(*waiting, ", ")));
         }
         sd_notify(0, "READY=1");
@@ -175,10 +177,8 @@ int main(int argc, char** argv) {
         "hordd: the inspection station as a service; runs until SIGTERM, reads its configuration again on SIGHUP"};
     program.set_version_flag("--version", "hordd " HORD_VERSION);
     program.add_option("--config", options.config, "Configuration (TOML)")->capture_default_str();
-    program
-        .add_option("--realtime", options.realtime, "Run the timing thread under SCHED_FIFO with this priority; 0: not")
-        ->check(CLI::Range(0, 99))
-        ->capture_default_str();
+    add_number(program, "--realtime", options.realtime,
+               "Run the timing thread under SCHED_FIFO with this priority; 0: not", 0, 99);
     program.add_flag("--check", options.check,
                      "Only read the configuration, its recipe and its calibration, and say what is wrong with them");
     program.add_flag("--catalog", options.catalog,
@@ -187,28 +187,19 @@ int main(int argc, char** argv) {
         "Exit status: 0 stopped as asked, 2 a device or a port cannot be used, or usage, 78 the configuration cannot "
         "be used.\n"
         "Example: hordd --config deploy/hordd.toml");
-    try {
-        program.parse(argc, argv);
-    } catch (const CLI::Success& asked) {
-        return program.exit(asked);
-    } catch (const CLI::ParseError& error) {
-        fmt::print(stderr, "hordd: {}: see hordd --help\n", error.what());
-        return kCannotRun;
-    }
+    if (const auto ended = parse_command_line(program, argc, argv)) return *ended;
     if (options.catalog) {
         fmt::print("{}", format_catalog());
         return 0;
     }
     if (options.check) {
         const auto config = read_config(options);
-        if (!config) return complain(JournalEvent::configuration_refused, config.error(), kBadConfiguration);
-        if (!config->inspection.recipe.empty()) {
-            const auto recipe = load_numbered_recipe(config->inspection.recipe);
-            if (!recipe) return complain(JournalEvent::configuration_refused, recipe.error(), kBadConfiguration);
-        }
+        if (!config) return refuse_configuration(config.error());
+        const auto recipe = recipe_or_default(config->inspection.recipe);
+        if (!recipe) return refuse_configuration(recipe.error());
         if (!config->inspection.grid.empty()) {
             const auto grid = calib::read_grid(config->inspection.grid);
-            if (!grid) return complain(JournalEvent::configuration_refused, grid.error(), kBadConfiguration);
+            if (!grid) return refuse_configuration(grid.error());
         }
         fmt::print("{} can be used\n", options.config);
         return 0;

@@ -1,11 +1,11 @@
 #include "firmware/service/journal.h"
 
-#include <algorithm>
 #include <array>
-#include <bit>
 #include <cstdio>
 #include <cstdlib>
+#include <iterator>
 #include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 #include <sys/stat.h>
@@ -20,8 +20,8 @@ namespace {
 
 constexpr std::size_t kEvents = static_cast<std::size_t>(JournalEvent::fault_cleared) + 1;
 
-// In the order of JournalEvent. A released id keeps its meaning. The faults' entries come from firmware/core/faults.h.
-constexpr std::array<Entry, kEvents> kEventEntries{{
+// In the order of JournalEvent. A released id keeps its meaning.
+const Entry kEventEntries[] = {
     {"47eaa0992cb6416d86dc283cf0480ff9", 5, "The HORD station answers",
      "Devices are open and the registers can be read at @HORD_REGISTERS@.", ""},
     {"1509bb0a9bf143318a118783593942a4", 5, "The HORD station went to @HORD_STATE@", "It was in @HORD_FROM@.",
@@ -45,34 +45,26 @@ constexpr std::array<Entry, kEvents> kEventEntries{{
      "Lights are off, the run permit is down.", ""},
     {"3b041641178844f2a60df25453fe2e85", 6, "A fault of the HORD station is over",
      "Fault @HORD_FAULT@. It stays latched until a reset.", ""},
-}};
-static_assert(std::all_of(kEventEntries.begin(), kEventEntries.end(), [](const Entry& e) { return e.id.size() == 32; }),
-              "every JournalEvent has an entry");
+};
+static_assert(std::size(kEventEntries) == kEvents);
+
+// The events' entries, then the faults', made once from kFaultTable.
+const std::vector<Entry>& all_entries() {
+    static const auto entries = [] {
+        std::vector<Entry> made(std::begin(kEventEntries), std::end(kEventEntries));
+        for (const FaultInfo& fault : kFaultTable) {
+            made.push_back({fault.message_id, fault.priority, fmt::format("HORD station fault: {}", fault.name),
+                            fault.meaning, fault.cure});
+        }
+        return made;
+    }();
+    return entries;
+}
 
 std::string capital(std::string_view text) {
     std::string out(text);
     if (!out.empty() && out[0] >= 'a' && out[0] <= 'z') out[0] = static_cast<char>(out[0] - 'a' + 'A');
     return out;
-}
-
-// The events' entries, then the faults', made once from kFaultTable.
-const std::array<Entry, kEvents + kFaultCount>& all_entries() {
-    static const auto subjects = [] {
-        std::array<std::string, kFaultCount> made;
-        for (std::size_t k = 0; k < kFaultCount; ++k)
-            made[k] = fmt::format("HORD station fault: {}", kFaultTable[k].name);
-        return made;
-    }();
-    static const auto entries = [] {
-        std::array<Entry, kEvents + kFaultCount> made;
-        std::copy(kEventEntries.begin(), kEventEntries.end(), made.begin());
-        for (std::size_t k = 0; k < kFaultCount; ++k) {
-            const FaultInfo& fault = kFaultTable[k];
-            made[kEvents + k] = {fault.message_id, fault.priority, subjects[k], fault.meaning, fault.cure};
-        }
-        return made;
-    }();
-    return entries;
 }
 
 // systemd sets JOURNAL_STREAM to device and inode of the stream it connected.
@@ -87,25 +79,17 @@ bool stderr_is_the_journal() {
 
 const Entry& entry_of(JournalEvent what) { return all_entries()[static_cast<std::size_t>(what)]; }
 const Entry& entry_of(FaultBit fault) {
-    return all_entries()[kEvents + static_cast<std::size_t>(std::countr_zero(static_cast<std::uint32_t>(fault)))];
+    return all_entries()[kEvents + static_cast<std::size_t>(&info_of(fault) - kFaultTable.data())];
 }
-std::span<const Entry> journal_entries() { return all_entries(); }
 
 std::string format_catalog() {
     std::string text = "# What the HORD station's journal messages mean and what to do. Generated: hordd --catalog\n";
-    for (const Entry& entry : journal_entries()) {
+    for (const Entry& entry : all_entries()) {
         text += fmt::format("\n-- {}\nSubject: {}\nDefined-By: HORD station\nSupport: man:hordd(8)\n\n{}\n", entry.id,
                             entry.subject, capital(entry.meaning));
         if (!entry.cure.empty()) text += fmt::format("\nWhat to do: {}\n", entry.cure);
     }
     return text;
-}
-
-std::vector<std::string> journal_fields(const Entry& entry, std::string_view message, std::span<const Field> fields) {
-    std::vector<std::string> all{fmt::format("MESSAGE={}", message), fmt::format("MESSAGE_ID={}", entry.id),
-                                 fmt::format("PRIORITY={}", entry.priority)};
-    for (const Field& field : fields) all.push_back(fmt::format("{}={}", field.name, field.value));
-    return all;
 }
 
 void write_to_journal(const Entry& entry, std::string_view message, std::span<const Field> fields) {
@@ -115,7 +99,9 @@ void write_to_journal(const Entry& entry, std::string_view message, std::span<co
         std::fflush(stderr);
         return;
     }
-    std::vector<std::string> lines = journal_fields(entry, message, fields);
+    std::vector<std::string> lines{fmt::format("MESSAGE={}", message), fmt::format("MESSAGE_ID={}", entry.id),
+                                   fmt::format("PRIORITY={}", entry.priority)};
+    for (const Field& field : fields) lines.push_back(fmt::format("{}={}", field.name, field.value));
     std::vector<iovec> parts;
     for (std::string& line : lines) parts.push_back({line.data(), line.size()});
     ::sd_journal_sendv(parts.data(), static_cast<int>(parts.size()));

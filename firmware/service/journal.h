@@ -6,7 +6,6 @@
 #include <span>
 #include <string>
 #include <string_view>
-#include <vector>
 
 #include "firmware/core/station_types.h"
 
@@ -27,7 +26,7 @@ enum class JournalEvent {
 struct Entry {
     std::string_view id;       // MESSAGE_ID, 32 hexadecimal digits
     int priority = 6;          // as in syslog: 2 critical, 3 error, 4 warning, 5 notice, 6 information
-    std::string_view subject;  // of the catalogue's entry
+    std::string subject;       // of the catalogue's entry
     std::string_view meaning;  // its text
     std::string_view cure;
 };
@@ -35,7 +34,6 @@ struct Entry {
 // One entry for each JournalEvent and for each fault of firmware/core/faults.h.
 const Entry& entry_of(JournalEvent what);
 const Entry& entry_of(FaultBit fault);
-std::span<const Entry> journal_entries();
 
 // The catalogue file: `hordd --catalog > deploy/hord.catalog`; a test compares.
 std::string format_catalog();
@@ -45,11 +43,11 @@ struct Field {
     std::string value;
 };
 
-// The journal fields of a message, "NAME=value" each.
-std::vector<std::string> journal_fields(const Entry& entry, std::string_view message, std::span<const Field> fields);
-
 // Writes to the journal if stderr is connected to it, else to stderr as one line.
 void write_to_journal(const Entry& entry, std::string_view message, std::span<const Field> fields = {});
+inline void write_to_journal(JournalEvent what, std::string_view message, std::span<const Field> fields = {}) {
+    write_to_journal(entry_of(what), message, fields);
+}
 
 // Writes a station's changes of state, and each fault when it comes and when it is over.
 class StationJournal {

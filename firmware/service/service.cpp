@@ -4,16 +4,13 @@
 #include <cmath>
 #include <csignal>
 #include <filesystem>
-#include <optional>
 #include <random>
-#include <vector>
 
 #include <fmt/format.h>
 
+#include "common/assign.h"
 #include "firmware/diagnostics/inspection_self_test.h"
-#include "firmware/monitoring/optics_report.h"
 #include "firmware/recipes/recipe_folder.h"
-#include "firmware/service/service_components.h"
 
 namespace hord::firmware {
 namespace {
@@ -33,225 +30,190 @@ StationIdentity identity_of(const Config& config) {
 }  // namespace
 
 // The ports come first: the quickest check. Requests are answered only when the loop runs.
-Result<void> Service::Components::open_servers() {
-    const StationIdentity identity = identity_of(config);
-    boot_id = identity.boot_id;
-    command_handler.emplace(*loop);
-    plc_interface.emplace(*loop, *command_handler,
-                          PlcOptions{config.core.plc_policy, config.plc.timeout, identity.boot_id});
-    registers.emplace(identity, &*plc_interface);
+Result<void> Service::open_servers() {
+    const StationIdentity identity = identity_of(config_);
+    boot_id_ = identity.boot_id;
+    command_handler_.emplace();
+    plc_interface_.emplace(*loop_, *command_handler_,
+                           PlcOptions{config_.core.plc_policy, config_.plc.timeout, identity.boot_id});
+    registers_.emplace(identity, &*plc_interface_);
     modbus::ServerOptions options;
-    options.host = config.modbus.host;
-    options.port = config.modbus.port;
-    options.max_connections = config.modbus.max_connections;
-    options.access = config.modbus.access;
-    auto listening = sockets.modbus >= 0 ? modbus::Server::adopt(*loop, *registers, sockets.modbus, options)
-                                         : modbus::Server::open(*loop, *registers, options);
-    if (!listening) return tl::unexpected(listening.error());
-    server = std::move(*listening);
-    if (config.modbus.read_only_port != 0 || sockets.modbus_read_only >= 0) {
-        options.port = config.modbus.read_only_port;
+    options.host = config_.modbus.host;
+    options.port = config_.modbus.port;
+    options.max_connections = config_.modbus.max_connections;
+    options.access = config_.modbus.access;
+    const auto listen = [&](int socket) {
+        return socket >= 0 ? modbus::Server::adopt(*loop_, *registers_, socket, options)
+                           : modbus::Server::open(*loop_, *registers_, options);
+    };
+    if (auto done = assign(server_, listen(sockets_.modbus)); !done) return done;
+    if (config_.modbus.read_only_port != 0 || sockets_.modbus_read_only >= 0) {
+        options.port = config_.modbus.read_only_port;
         options.may_write = false;
-        auto reading = sockets.modbus_read_only >= 0
-            ? modbus::Server::adopt(*loop, *registers, sockets.modbus_read_only, options)
-            : modbus::Server::open(*loop, *registers, options);
-        if (!reading) return tl::unexpected(reading.error());
-        read_only_server = std::move(*reading);
+        if (auto done = assign(read_only_server_, listen(sockets_.modbus_read_only)); !done) return done;
     }
-    if (config.serial) {
-        auto line = modbus::RtuServer::open(*loop, *registers, *config.serial);
-        if (!line) return tl::unexpected(line.error());
-        serial_server = std::move(*line);
+    if (config_.serial) {
+        auto line = modbus::RtuServer::open(*loop_, *registers_, *config_.serial);
+        if (auto done = assign(serial_server_, std::move(line)); !done) return done;
     }
     return {};
 }
 
 // The configured recipe, or the one that has replaced it since by commands.
-Result<NumberedRecipe> Service::Components::first_recipe() {
-    NumberedRecipe recipe;
-    if (!config.inspection.recipe.empty()) {
-        auto loaded = load_numbered_recipe(config.inspection.recipe);
-        if (!loaded) return loaded;
-        recipe = std::move(*loaded);
-    }
-    configured_recipe = crc32_of(recipe);
-    if (!config.state_folder.empty()) {
+Result<NumberedRecipe> Service::first_recipe() {
+    auto recipe = recipe_or_default(config_.inspection.recipe);
+    if (!recipe) return recipe;
+    configured_recipe_ = crc32_of(*recipe);
+    if (!config_.state_folder.empty()) {
         const auto take = [&](Result<std::optional<NumberedRecipe>> kept) {
             if (kept && *kept) recipe = std::move(**kept);
             if (!kept) {
                 on_trouble({kept.error().code,
                             fmt::format("what was in use before the restart cannot be used again, recipe {} is: {}",
-                                        recipe.number, kept.error().what),
+                                        recipe->number, kept.error().what),
                             kept.error().cure});
             }
         };
-        take(remembered_recipe(config.state_folder / kRecipeInUse, configured_recipe));
-        take(LineTeachIn::pending_recipe(config.state_folder, recipe));
+        take(remembered_recipe(config_.state_folder / kRecipeInUse, configured_recipe_));
+        take(LineTeachIn::pending_recipe(config_.state_folder, *recipe));
     }
     return recipe;
 }
 
 // Size of the light field: from the format of macro-pixel frames, or from the calibration for raw ones.
-Result<algo::Extents> Service::Components::open_grid(const hal::SensorFormat& format) {
-    const InspectionConfig& inspection = config.inspection;
+Result<algo::Extents> Service::open_grid(const hal::SensorFormat& format) {
+    const InspectionConfig& inspection = config_.inspection;
     if (inspection.grid.empty())
         return algo::extents_of_frame(format.width_px, format.height_px, inspection.bins_i, inspection.bins_j);
-    const auto kept = config.state_folder.empty() ? std::filesystem::path() : config.state_folder / kCalibrationInUse;
-    auto used = use_calibration(inspection.grid, kept, format, inspection.bins_i, inspection.bins_j);
-    if (!used) return tl::unexpected(used.error());
-    grid = std::move(*used);
-    const calib::GridStatistics& s = grid->file.statistics;
-    calibration.id = grid->crc32;
-    calibration.residual_px = std::sqrt(0.5 * (s.rms_x_px * s.rms_x_px + s.rms_y_px * s.rms_y_px));
-    return grid->decoder->extents();
+    const auto kept = config_.state_folder.empty() ? std::filesystem::path() : config_.state_folder / kCalibrationInUse;
+    if (auto done = assign(grid_, use_calibration(inspection.grid, kept, format, inspection.bins_i, inspection.bins_j));
+        !done) {
+        return tl::unexpected(done.error());
+    }
+    const calib::GridStatistics& s = grid_->file.statistics;
+    calibration_.id = grid_->crc32;
+    calibration_.residual_px = std::sqrt(0.5 * (s.rms_x_px * s.rms_x_px + s.rms_y_px * s.rms_y_px));
+    return grid_->decoder->extents();
 }
 
-Result<void> Service::Components::open_inspector(const NumberedRecipe& recipe) {
-    const hal::SensorFormat format = backends->sensor().format();
+Result<void> Service::open_inspector(const NumberedRecipe& recipe) {
+    const hal::SensorFormat format = backends_->sensor().format();
     auto extents = open_grid(format);
     if (!extents) return tl::unexpected(extents.error());
-    InspectorSettings settings;
-    settings.extents = *extents;
-    if (grid) settings.decoder = grid->decoder;
-    settings.bits = format.bits;
-    settings.threads = config.inspection.threads;
-    settings.queue = config.inspection.queue;
-    settings.recipe = recipe.recipe;
-    settings.recipe_number = recipe.number;
-    settings.observer = this;
-    auto made = make_threaded_inspector(*loop, settings);
-    if (!made) return tl::unexpected(made.error());
-    inspector = std::move(*made);
-    auto drift_monitor = DriftMonitor::create(*extents, algo::light_levels(recipe.recipe, format.bits),
-                                              grid ? algo::DriftZero::calibration : algo::DriftZero::first_parts,
-                                              grid ? grid->decoder->bin_px() : 1);
-    if (!drift_monitor) return tl::unexpected(drift_monitor.error());
-    drift = std::move(*drift_monitor);
-    auto optics_monitor = OpticsMonitor::create(*extents, limits_of(config.optics, format.bits));
-    if (!optics_monitor) return tl::unexpected(optics_monitor.error());
-    optics = std::move(*optics_monitor);
-    calibration.lenslets_m = static_cast<std::uint16_t>(extents->m);
-    calibration.lenslets_n = static_cast<std::uint16_t>(extents->n);
+    const InspectorSettings settings{.extents = *extents,
+                                     .bits = format.bits,
+                                     .decoder = grid_ ? grid_->decoder : nullptr,
+                                     .recipe = recipe.recipe,
+                                     .recipe_number = recipe.number,
+                                     .threads = config_.inspection.threads,
+                                     .queue = config_.inspection.queue,
+                                     .observer = this};
+    if (auto done = assign(inspector_, make_threaded_inspector(*loop_, settings)); !done) return done;
+    const auto zero = grid_ ? algo::DriftZero::calibration : algo::DriftZero::first_parts;
+    auto drift_monitor = DriftMonitor::create(*extents, algo::light_levels(recipe.recipe, format.bits), zero,
+                                              grid_ ? grid_->decoder->bin_px() : 1);
+    if (auto done = assign(drift_, std::move(drift_monitor)); !done) return done;
+    auto optics_monitor = OpticsMonitor::create(*extents, limits_of(config_.optics, format.bits));
+    if (auto done = assign(optics_, std::move(optics_monitor)); !done) return done;
+    calibration_.lenslets_m = static_cast<std::uint16_t>(extents->m);
+    calibration_.lenslets_n = static_cast<std::uint16_t>(extents->n);
     publish_calibration();
-    if (!config.state_folder.empty()) {
-        TeachInOptions teaching;
-        teaching.extents = *extents;
-        teaching.bits = format.bits;
-        teaching.folder = std::filesystem::absolute(config.state_folder);
-        teaching.leave_free_bytes = static_cast<std::uint64_t>(config.store.free_mb) * 1'000'000 / 2;
-        teaching.ignored_part = Station::kTestPart;
-        teach_in = std::make_unique<LineTeachIn>(*loop, std::move(teaching));
+    if (!config_.state_folder.empty()) {
+        teach_in_ = std::make_unique<LineTeachIn>(
+            *loop_,
+            TeachInOptions{.extents = *extents,
+                           .bits = format.bits,
+                           .folder = std::filesystem::absolute(config_.state_folder),
+                           .leave_free_bytes = static_cast<std::uint64_t>(config_.store.free_mb) * 1'000'000 / 2,
+                           .ignored_part = Station::kTestPart});
     }
 
     RecordingWatchers recording;
     recording.trouble = [this](const Error& error) { on_trouble(error); };
     recording.faults = [this](std::uint32_t faults) {
-        store_faults = faults;
+        store_faults_ = faults;
         report_faults();
     };
-    recorder = make_recorder(*loop, config,
-                             {HORD_VERSION, boot_id, *extents, format.bits, recipe.recipe.name, format_recipe(recipe)},
-                             recording);
+    recorder_ = make_recorder(
+        *loop_, config_, {HORD_VERSION, boot_id_, *extents, format.bits, recipe.recipe.name, format_recipe(recipe)},
+        recording);
     return {};
 }
 
-void Service::Components::connect(NumberedRecipe recipe) {
+void Service::connect(NumberedRecipe recipe) {
     CommandHandler::Dependencies dependencies{
-        .station = *station, .inspector = *inspector, .plc_interface = *plc_interface, .recorder = recorder.get()};
-    dependencies.teacher = teach_in.get();
-    dependencies.check_judgement = [this, bits = backends->sensor().format().bits] {
-        return check_judgement(config.inspection.bins_i, config.inspection.bins_j, bits);
+        .station = *station_, .inspector = *inspector_, .plc_interface = *plc_interface_, .recorder = recorder_.get()};
+    dependencies.teacher = teach_in_.get();
+    dependencies.check_judgement = [this, bits = backends_->sensor().format().bits] {
+        return check_judgement(config_.inspection.bins_i, config_.inspection.bins_j, bits);
     };
     dependencies.recipe = [this](std::uint16_t number) -> Result<NumberedRecipe> {
-        if (config.inspection.recipes.empty())
+        if (config_.inspection.recipes.empty())
             return fail(ErrorCode::not_found, "there is no folder of recipes", "name one in inspection.recipes");
-        return find_recipe(config.inspection.recipes, number);
+        return find_recipe(config_.inspection.recipes, number);
     };
     dependencies.recipe_changed = [this](const NumberedRecipe& now) {
         on_recipe(now);
-        if (watchers.recipe) watchers.recipe(now);
-        if (config.state_folder.empty()) return;
-        if (auto kept = remember_recipe(config.state_folder / kRecipeInUse, configured_recipe, now); !kept)
+        if (watchers_.recipe) watchers_.recipe(now);
+        if (config_.state_folder.empty()) return;
+        if (auto kept = remember_recipe(config_.state_folder / kRecipeInUse, configured_recipe_, now); !kept)
             return on_trouble(kept.error());
-        teach_in->in_use(now);
+        teach_in_->in_use(now);
     };
     dependencies.publish = [this] { publish(); };
     dependencies.trouble = [this](const Error& error) { on_trouble(error); };
     on_recipe(recipe);
-    command_handler->begin(std::move(dependencies), std::move(recipe));
+    command_handler_->begin(std::move(dependencies), std::move(recipe));
 }
 
-Result<void> Service::Components::open(const SimulationOptions& simulation) {
-    auto opened = SdEventLoop::open();
-    if (!opened) return tl::unexpected(opened.error());
-    loop = std::move(*opened);
-    opened_at = loop->now();
-    if (auto done = loop->stop_on_signals(); !done) return done;
-    if (watchers.reload) {
-        if (auto done = loop->on_signal(SIGHUP, [this] { watchers.reload(); }); !done) return done;
+Result<void> Service::open_all(const SimulationOptions& simulation) {
+    if (auto done = assign(loop_, SdEventLoop::open()); !done) return done;
+    opened_at_ = loop_->now();
+    if (auto done = loop_->stop_on_signals(); !done) return done;
+    if (watchers_.reload) {
+        if (auto done = loop_->on_signal(SIGHUP, [this] { watchers_.reload(); }); !done) return done;
     }
     if (auto done = open_servers(); !done) return done;
 
-    auto devices = Backends::open(*loop, config, simulation);
-    if (!devices) return tl::unexpected(devices.error());
-    backends = std::move(*devices);
-    backends->watch_line(watchers.fate, watchers.line_over);
+    if (auto done = assign(backends_, Backends::open(*loop_, config_, simulation)); !done) return done;
+    backends_->watch_line(watchers_.fate, watchers_.line_over);
 
     auto recipe = first_recipe();
     if (!recipe) return tl::unexpected(recipe.error());
     if (auto done = open_inspector(*recipe); !done) return done;
-    station = std::make_unique<Station>(
-        config.core,
-        Cell{*loop, backends->part_sensor(), backends->strobe(), backends->sensor(), backends->rejector(), *inspector},
-        this);
+    station_ = std::make_unique<Station>(config_.core,
+                                         Cell{*loop_, backends_->part_sensor(), backends_->strobe(),
+                                              backends_->sensor(), backends_->rejector(), *inspector_},
+                                         this);
     connect(std::move(*recipe));
     publish_again();
     publish_health_again();
     return {};
 }
 
-Service::Service(std::unique_ptr<Components> components) : components_(std::move(components)) {}
-Service::~Service() = default;
-
 Result<std::unique_ptr<Service>> Service::open(const Config& config, const SimulationOptions& simulation,
                                                ServiceWatchers watchers, const ListenSockets& sockets) {
-    auto components = std::make_unique<Components>();
-    components->config = config;
-    components->sockets = sockets;
-    components->watchers = std::move(watchers);
-    if (auto done = components->open(simulation); !done) return tl::unexpected(done.error());
-    return std::unique_ptr<Service>(new Service(std::move(components)));
+    std::unique_ptr<Service> service(new Service(config, std::move(watchers), sockets));
+    if (auto done = service->open_all(simulation); !done) return tl::unexpected(done.error());
+    return service;
 }
 
 Result<void> Service::run() {
-    components_->loop->call_after(kLineWaits, [this] { components_->backends->start_line(); });
-    components_->occupancy_marker = OccupancyMarker(components_->config.state_folder);
-    if (components_->occupancy_marker.left_behind()) components_->station->line_unknown();
-    if (components_->config.autostart) {
-        components_->station->run();
-    } else {
-        components_->station->request(Command::initialise);
-    }
-    auto done = components_->loop->run();
-    const Core& core = components_->station->core();
-    if (core.line().size() == 0 && !core.line_stop()) components_->occupancy_marker.clear();
+    loop_->call_after(kLineWaits, [this] { backends_->start_line(); });
+    occupancy_marker_ = OccupancyMarker(config_.state_folder);
+    if (occupancy_marker_.left_behind()) station_->line_unknown();
+    if (config_.autostart) station_->run();
+    else station_->request(Command::initialise);
+    auto done = loop_->run();
+    if (station_->core().line().size() == 0 && !station_->core().line_stop()) occupancy_marker_.clear();
     return done;
 }
 
-void Service::stop() { components_->loop->request_stop(); }
-Result<std::vector<std::string>> Service::reload(const Config& config) { return components_->reload(config); }
 void Service::look_after_line() {
-    components_->backends->clear_line();
-    components_->station->request(Command::reset);
+    backends_->clear_line();
+    station_->request(Command::reset);
 }
-void Service::liveness_check(std::function<void()> all_here) {
-    components_->inspector->liveness_check(std::move(all_here));
-}
-SdEventLoop& Service::loop() { return *components_->loop; }
-Backends& Service::backends() { return *components_->backends; }
-Snapshot Service::snapshot() const { return components_->station->snapshot(); }
-std::string Service::registers_address() const {
-    return fmt::format("{}:{}", components_->config.modbus.host, components_->server->port());
-}
+
+std::string Service::registers_address() const { return fmt::format("{}:{}", config_.modbus.host, server_->port()); }
 
 }  // namespace hord::firmware

@@ -3,16 +3,24 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "drivers/event_loop/event_loop_sd.h"
 #include "firmware/config/config.h"
-#include "firmware/core/station_types.h"
+#include "firmware/devices/active_calibration.h"
 #include "firmware/devices/device_factory.h"
-#include "firmware/recipes/recipe_file.h"
-#include "firmware/station/inspector.h"
+#include "firmware/modbus/rtu_server.h"
+#include "firmware/modbus/tcp_server.h"
+#include "firmware/monitoring/drift_monitor.h"
+#include "firmware/monitoring/optics_monitor.h"
+#include "firmware/plc/command_handler.h"
+#include "firmware/plc/register_server_model.h"
+#include "firmware/recipes/teach_in.h"
+#include "firmware/station/line_occupancy_marker.h"
 #include "firmware/station/station.h"
+#include "firmware/store/recorder/store_setup.h"
 
 namespace hord::firmware {
 
@@ -33,40 +41,88 @@ struct ListenSockets {
     int modbus = -1, modbus_read_only = -1;
 };
 
-class Service {
+class Service final : public StationObserver, public InspectionObserver {
   public:
-    // Opens devices and ports; nothing runs yet. Fails as the devices and servers do.
+    // Opens devices and ports; nothing runs yet. Fails as the devices and servers do. The destructor halts: lights off,
+    // outputs safe.
     static Result<std::unique_ptr<Service>> open(const Config& config, const SimulationOptions& simulation,
                                                  ServiceWatchers watchers, const ListenSockets& sockets = {});
-    ~Service();  // halts: lights off, outputs safe
 
     // Runs until stop(), SIGINT or SIGTERM. The simulated line starts when the station executes, and after `kLineWaits`
     // in any state.
     Result<void> run();
     static constexpr Duration kLineWaits = milliseconds(3000);
 
-    void stop();  // any thread
+    void stop() { loop_->request_stop(); }  // any thread
 
     // Loop thread. Applies another configuration at run time: access rules, the PLC's timeout, the folder of recipes,
     // and, while the station does not execute, the recipe. Returns the differing tables and keys that need a restart.
     // Fails if the new recipe cannot be used; then nothing has changed.
-    Result<std::vector<std::string>> reload(const Config& config);
+    Result<std::vector<std::string>> reload(const Config& next);
 
     // Loop thread, simulated line only. Acts as a person at a stopped line: removes the parts and resets the station.
     void look_after_line();
 
     // Loop thread. Calls `all_here` there once every inspecting thread has answered; never if one hangs.
-    void liveness_check(std::function<void()> all_here);
+    void liveness_check(std::function<void()> all_here) { inspector_->liveness_check(std::move(all_here)); }
 
-    [[nodiscard]] SdEventLoop& loop();
-    [[nodiscard]] Backends& backends();
-    [[nodiscard]] Snapshot snapshot() const;              // loop thread
-    [[nodiscard]] std::string registers_address() const;  // "127.0.0.1:1502"
+    [[nodiscard]] SdEventLoop& loop() { return *loop_; }
+    [[nodiscard]] Snapshot snapshot() const { return station_->snapshot(); }  // loop thread
+    [[nodiscard]] std::string registers_address() const;                      // "127.0.0.1:1502"
 
   private:
-    struct Components;
-    explicit Service(std::unique_ptr<Components> components);
-    std::unique_ptr<Components> components_;
+    Service(const Config& config, ServiceWatchers watchers, const ListenSockets& sockets)
+        : config_(config), sockets_(sockets), watchers_(std::move(watchers)) {}
+
+    // service.cpp
+    Result<void> open_all(const SimulationOptions& simulation);
+    Result<void> open_servers();
+    Result<NumberedRecipe> first_recipe();
+    Result<algo::Extents> open_grid(const hal::SensorFormat& format);
+    Result<void> open_inspector(const NumberedRecipe& recipe);
+    void connect(NumberedRecipe recipe);
+
+    // service_events.cpp
+    void publish();
+    void publish_again();         // repeats itself
+    void publish_health_again();  // repeats itself
+    void on_result(const PartResult& result) override;
+    void on_state(State from, State to) override;
+    void on_trouble(const Error& error) override;
+    void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) override;
+    void on_drift();
+    void on_optics();
+    void report_faults();
+    void publish_calibration();
+    void on_recipe(const NumberedRecipe& recipe);
+
+    // Destroyed in reverse order: servers first, then the station (halts), the devices, the loop.
+    Config config_;
+    ListenSockets sockets_;
+    ServiceWatchers watchers_;
+    std::unique_ptr<SdEventLoop> loop_;
+    std::unique_ptr<store::StationRecorder> recorder_;
+    std::unique_ptr<Backends> backends_;
+    std::unique_ptr<DriftMonitor> drift_;    // fed by the inspecting threads
+    std::unique_ptr<OpticsMonitor> optics_;  // fed by the inspecting threads
+    std::unique_ptr<LineTeachIn> teach_in_;  // fed by the inspecting threads; null: no state folder
+    CalibrationReport calibration_;
+    std::optional<ActiveCalibration> grid_;  // empty: macro-pixel frames
+    std::uint32_t store_faults_ = 0, drift_fault_ = 0, optics_faults_ = 0;
+    std::unique_ptr<Inspector> inspector_;
+    std::unique_ptr<Station> station_;
+    std::optional<CommandHandler> command_handler_;
+    std::optional<PlcInterface> plc_interface_;
+    std::optional<RegisterServerModel> registers_;
+    std::unique_ptr<modbus::Server> server_, read_only_server_;
+    std::unique_ptr<modbus::RtuServer> serial_server_;
+
+    OccupancyMarker occupancy_marker_{{}};
+    std::vector<PartResult> unpublished_;
+    HealthReport health_{.frames_lost = 0, .frames_corrupt = 0};
+    hal::TimePoint opened_at_{};
+    std::uint32_t configured_recipe_ = 0;  // CRC-32
+    std::uint32_t boot_id_ = 0;
 };
 
 }  // namespace hord::firmware

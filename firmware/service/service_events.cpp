@@ -6,8 +6,7 @@
 #include <fmt/format.h>
 
 #include "firmware/core/faults.h"
-#include "firmware/monitoring/optics_report.h"
-#include "firmware/service/service_components.h"
+#include "firmware/service/service.h"
 
 namespace hord::firmware {
 namespace {
@@ -34,112 +33,106 @@ std::optional<double> disk_free_percent(const std::filesystem::path& folder) {
 }  // namespace
 
 // Publishes every result once, in order; several may have been completed since the last call.
-void Service::Components::publish() {
-    registers->publish(station->snapshot(), unpublished);
-    unpublished.clear();
+void Service::publish() {
+    registers_->publish(station_->snapshot(), unpublished_);
+    unpublished_.clear();
 }
 
-void Service::Components::publish_again() {
-    plc_interface->check_plc_heartbeat();
+void Service::publish_again() {
+    plc_interface_->check_plc_heartbeat();
     publish();
-    (void)command_handler->use_learned_reference();
-    loop->call_after(kPublishEvery, [this] { publish_again(); });
+    (void)command_handler_->use_learned_reference();
+    loop_->call_after(kPublishEvery, [this] { publish_again(); });
 }
 
-void Service::Components::on_result(const PartResult& result) {
-    if (recorder) recorder->on_result(result);
-    const auto lost = static_cast<std::uint32_t>(result.reason == PartReason::frame_lost);
-    const auto corrupt = static_cast<std::uint32_t>(result.reason >= PartReason::frame_stale &&
-                                                    result.reason <= PartReason::frame_corrupt);
-    health.frames_lost = health.frames_lost.value_or(0) + lost;
-    health.frames_corrupt = health.frames_corrupt.value_or(0) + corrupt;
-    unpublished.push_back(result);
-    loop->post([this] { publish(); });  // after the core's step
-    if (watchers.result) watchers.result(result);
+void Service::on_result(const PartResult& result) {
+    if (recorder_) recorder_->on_result(result);
+    if (result.reason == PartReason::frame_lost) ++*health_.frames_lost;
+    if (result.reason >= PartReason::frame_stale && result.reason <= PartReason::frame_corrupt)
+        ++*health_.frames_corrupt;
+    unpublished_.push_back(result);
+    loop_->post([this] { publish(); });  // after the core's step
+    if (watchers_.result) watchers_.result(result);
 }
 
-void Service::Components::on_state(State from, State to) {
-    loop->post([this] {
+void Service::on_state(State from, State to) {
+    loop_->post([this] {
         publish();
-        (void)command_handler->use_learned_reference();
+        (void)command_handler_->use_learned_reference();
     });
     if (to == State::continuous_execution || to == State::single_execution) {
-        if (!occupancy_marker.left_behind()) occupancy_marker.raise();
-        backends->start_line();
-        backends->feed_line(true);
+        if (!occupancy_marker_.left_behind()) occupancy_marker_.raise();
+        backends_->start_line();
+        backends_->feed_line(true);
     } else if (executing(from)) {
-        backends->feed_line(false);
+        backends_->feed_line(false);
     }
-    if (watchers.state) watchers.state(from, to);
+    if (watchers_.state) watchers_.state(from, to);
 }
 
-void Service::Components::on_trouble(const Error& error) {
-    if (watchers.trouble) watchers.trouble(error);
+void Service::on_trouble(const Error& error) {
+    if (watchers_.trouble) watchers_.trouble(error);
 }
 
-void Service::Components::on_inspection(std::uint32_t part, const FrameView& frame,
-                                        const algo::Inspection& inspection) {
-    if (recorder) recorder->on_inspection(part, frame, inspection);
-    if (teach_in) teach_in->on_inspection(part, frame, inspection);
-    if (watchers.inspection) watchers.inspection(part, frame, inspection);
-    if (drift && drift->add(frame)) loop->post([this] { on_drift(); });
-    if (optics && part != Station::kTestPart && optics->add(frame, inspection)) loop->post([this] { on_optics(); });
+void Service::on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) {
+    if (recorder_) recorder_->on_inspection(part, frame, inspection);
+    if (teach_in_) teach_in_->on_inspection(part, frame, inspection);
+    if (watchers_.inspection) watchers_.inspection(part, frame, inspection);
+    if (drift_ && drift_->add(frame)) loop_->post([this] { on_drift(); });
+    if (optics_ && part != Station::kTestPart && optics_->add(frame, inspection)) loop_->post([this] { on_optics(); });
 }
 
 // Drift was detected, or is over.
-void Service::Components::on_drift() {
-    const DriftMonitor::View view = drift->view();
-    if (view.noticed && watchers.trouble) {
-        watchers.trouble({ErrorCode::invalid_argument,
-                          fmt::format("the lenslet grid has moved by {:.2f} px since {}", *view.largest_px,
-                                      view.since_calibration ? "the calibration" : "the first parts"),
-                          "let the optics settle in temperature, check that the sensor is fastened; if it stays, "
-                          "calibrate (hordctl calibrate) and restart"});
+void Service::on_drift() {
+    const DriftMonitor::View view = drift_->view();
+    if (view.noticed) {
+        on_trouble({ErrorCode::invalid_argument,
+                    fmt::format("the lenslet grid has moved by {:.2f} px since {}", *view.largest_px,
+                                view.since_calibration ? "the calibration" : "the first parts"),
+                    std::string(info_of(kFaultGridDrift).cure)});
     }
-    drift_fault = view.noticed ? std::uint32_t{kFaultGridDrift} : 0U;
+    drift_fault_ = view.noticed ? std::uint32_t{kFaultGridDrift} : 0U;
     publish_calibration();
     report_faults();
 }
 
 // A fault of light or optics came or went, or the largest dust speck is another one.
-void Service::Components::on_optics() {
-    const OpticsMonitor::View view = optics->view();
-    const std::uint32_t news = optics->news();
+void Service::on_optics() {
+    const OpticsMonitor::View view = optics_->view();
+    const std::uint32_t news = optics_->news();
     for (const FaultInfo& fault : kFaultTable) {
-        if ((news & fault.bit) != 0 && watchers.trouble) watchers.trouble(describe(fault.bit, view));
+        if ((news & fault.bit) != 0) on_trouble(describe(fault.bit, view));
     }
-    optics_faults = view.faults;
-    health.optics = report_of(view);
-    registers->publish(health);
+    optics_faults_ = view.faults;
+    health_.optics = report_of(view);
+    registers_->publish(health_);
     report_faults();
 }
 
-void Service::Components::report_faults() {
-    station->outside_faults(store_faults | drift_fault | optics_faults);
+void Service::report_faults() {
+    station_->outside_faults(store_faults_ | drift_fault_ | optics_faults_);
     publish();
 }
 
-void Service::Components::publish_calibration() {
-    calibration.drift_px = drift->view().largest_px;
-    if (grid) calibration.age_s = grid->age_s();
-    registers->publish(calibration);
+void Service::publish_calibration() {
+    calibration_.drift_px = drift_->view().largest_px;
+    if (grid_) calibration_.age_s = grid_->age_s();
+    registers_->publish(calibration_);
 }
 
-void Service::Components::on_recipe(const NumberedRecipe& recipe) {
-    registers->publish(RecipeInUse{recipe.number, crc32_of(recipe), ShortText(recipe.recipe.name)});
-    optics->restart(recipe.recipe.lenslet_mm);  // the statistics of parts belong to the old recipe
-    if (optics_faults != 0) loop->post([this] { on_optics(); });
+void Service::on_recipe(const NumberedRecipe& recipe) {
+    registers_->publish(RecipeInUse{recipe.number, crc32_of(recipe), ShortText(recipe.recipe.name)});
+    optics_->restart(recipe.recipe.lenslet_mm);  // the statistics of parts belong to the old recipe
+    if (optics_faults_ != 0) loop_->post([this] { on_optics(); });
 }
 
-void Service::Components::publish_health_again() {
-    health.uptime_s =
-        static_cast<std::uint32_t>(std::chrono::duration_cast<std::chrono::seconds>(loop->now() - opened_at).count());
-    health.frames_lost = health.frames_lost.value_or(0);
-    health.frames_corrupt = health.frames_corrupt.value_or(0);
-    health.frames_waiting = static_cast<std::uint16_t>(inspector->waiting());
-    modbus::ServerStatistics all = server->statistics();
-    if (read_only_server) {
-        const modbus::ServerStatistics more = read_only_server->statistics();
+void Service::publish_health_again() {
+    health_.uptime_s =
+        static_cast<std::uint32_t>(std::chrono::duration_cast<std::chrono::seconds>(loop_->now() - opened_at_).count());
+    health_.frames_waiting = static_cast<std::uint16_t>(inspector_->waiting());
+    modbus::ServerStatistics all = server_->statistics();
+    if (read_only_server_) {
+        const modbus::ServerStatistics more = read_only_server_->statistics();
         all.connections += more.connections;
         all.requests += more.requests;
         all.exceptions += more.exceptions;
@@ -149,17 +142,17 @@ void Service::Components::publish_health_again() {
     const auto counted = [](std::uint64_t n) {
         return static_cast<std::uint32_t>(std::min<std::uint64_t>(n, 0xFFFFFFFE));
     };
-    health.modbus_connections = counted(all.connections);
-    health.modbus_requests = counted(all.requests);
-    health.modbus_exceptions = counted(all.exceptions);
-    health.modbus_evicted = counted(all.evicted);
-    health.modbus_broken = counted(all.broken);
-    health.processor_celsius = processor_celsius();
-    health.disk_free_percent = disk_free_percent(config.state_folder);
-    health.optics = report_of(optics->view());
-    registers->publish(health);
+    health_.modbus_connections = counted(all.connections);
+    health_.modbus_requests = counted(all.requests);
+    health_.modbus_exceptions = counted(all.exceptions);
+    health_.modbus_evicted = counted(all.evicted);
+    health_.modbus_broken = counted(all.broken);
+    health_.processor_celsius = processor_celsius();
+    health_.disk_free_percent = disk_free_percent(config_.state_folder);
+    health_.optics = report_of(optics_->view());
+    registers_->publish(health_);
     publish_calibration();
-    loop->call_after(kHealthEvery, [this] { publish_health_again(); });
+    loop_->call_after(kHealthEvery, [this] { publish_health_again(); });
 }
 
 }  // namespace hord::firmware

@@ -2,6 +2,7 @@
 #include <condition_variable>
 #include <deque>
 #include <mutex>
+#include <optional>
 #include <thread>
 #include <vector>
 
@@ -114,7 +115,7 @@ class ThreadedInspector final : public Inspector {
         ::sched_setscheduler(0, SCHED_OTHER, &ordinary);
         std::uint64_t answered = 0;
         while (true) {
-            Job job;
+            std::optional<Job> job;
             std::function<void()> last_one_calls;
             {
                 std::unique_lock lock(mutex_);
@@ -124,18 +125,16 @@ class ThreadedInspector final : public Inspector {
                     answered = call_;
                     if (--missing_ == 0) last_one_calls = std::move(all_here_);
                 }
-                if (jobs_.empty()) {
-                    lock.unlock();
-                    if (last_one_calls) loop_.post(std::move(last_one_calls));
-                    continue;
+                if (!jobs_.empty()) {
+                    job = std::move(jobs_.front());
+                    jobs_.pop_front();
                 }
-                job = std::move(jobs_.front());
-                jobs_.pop_front();
             }
             if (last_one_calls) loop_.post(std::move(last_one_calls));
-            Judged judged = inspect(job.part, job.frame);
-            judged.part = job.part;
-            job.frame = {};
+            if (!job) continue;
+            Judged judged = inspect(job->part, job->frame);
+            judged.part = job->part;
+            job->frame = {};
             bool first = false;
             {
                 const std::lock_guard lock(mailbox_->mutex);

@@ -8,18 +8,6 @@ namespace {
 
 bool near(Duration a, Duration b, Duration tolerance) { return a - b <= tolerance && b - a <= tolerance; }
 
-Error not_in_this_state(Command command, State state) {
-    Error error{ErrorCode::refused, "cannot " + hyphenated_name_of(command) + " in " + std::string(name_of(state)), {}};
-    std::string possible;
-    for (int k = 0; k < kStateCommands; ++k) {
-        if (!next_state(state, state_command(k))) continue;
-        if (!possible.empty()) possible += ", ";
-        possible += hyphenated_name_of(state_command(k));
-    }
-    error.cure = "possible now: " + possible;
-    return error;
-}
-
 CoreConfig with_frame_size(CoreConfig config, const hal::SensorFormat& format) {
     if (config.frame_bytes == 0) {
         config.frame_bytes = static_cast<std::size_t>(format.width_px) * static_cast<std::size_t>(format.height_px) *
@@ -85,21 +73,6 @@ Station::~Station() {
     process(Command::halt);
     stop_devices();
     cell_.loop.cancel(timer_);
-}
-
-Result<void> Station::command(Command command) {
-    const State state = core_.state();
-    switch (request(command)) {
-        case Answer::done: return {};
-        case Answer::not_in_this_state: return tl::unexpected(not_in_this_state(command, state));
-        case Answer::plc_lost:
-            return fail(ErrorCode::refused, "cannot start: the PLC's heartbeat is missing",
-                        "see that the PLC writes it, or change plc.policy");
-        case Answer::pulse_under_way:
-            return fail(ErrorCode::busy, "cannot arm: the ejector is still acting", "try again in a moment");
-        case Answer::device_down: break;
-    }
-    return fail(ErrorCode::refused, "cannot arm: not every device is there", "see the active faults");
 }
 
 Answer Station::request(Command command) {
@@ -207,35 +180,30 @@ void Station::stop_devices() {
     rejector_started_ = false;
 }
 
+// Reports a refusal, and tells the core of it.
+void Station::check(const Result<void>& done, const Event& refused) {
+    if (done) return;
+    report(done.error());
+    process(refused);
+}
+
 void Station::carry_out(const hal::ExposureRequest& request) {
-    if (auto done = cell_.sensor.trigger(request); !done) {
-        report(done.error());
-        process(TriggerRefused{request.exposure});
-    }
+    check(cell_.sensor.trigger(request), TriggerRefused{request.exposure});
 }
 
 void Station::carry_out(const hal::StrobePulse& pulse) {
-    if (auto done = cell_.strobe.fire(pulse); !done) {
-        report(done.error());
-        process(StrobeRefused{pulse.exposure});
-    }
+    check(cell_.strobe.fire(pulse), StrobeRefused{pulse.exposure});
 }
 
 void Station::carry_out(const Inspect& inspect) {
-    if (auto done = cell_.inspector.submit(inspect.part, take_back(inspect.frame)); !done) {
-        report(done.error());
-        process(InspectRefused{inspect.part});
-    }
+    check(cell_.inspector.submit(inspect.part, take_back(inspect.frame)), InspectRefused{inspect.part});
+}
+
+void Station::carry_out(const hal::RejectCommand& command) {
+    check(cell_.rejector.reject(command), RejectRefused{command.part});
 }
 
 void Station::carry_out(const ReleaseFrame& release) { take_back(release.frame); }
-
-void Station::carry_out(const hal::RejectCommand& command) {
-    if (auto done = cell_.rejector.reject(command); !done) {
-        report(done.error());
-        process(RejectRefused{command.part});
-    }
-}
 
 void Station::carry_out(const SetRunPermit& action) { cell_.rejector.set_run_permit(action.permit); }
 

@@ -33,8 +33,7 @@ struct Cell {
 class StationObserver {
   public:
     virtual ~StationObserver() = default;
-    virtual void on_result(
-        const PartResult& result) = 0;  // the result is final: passed, or the outcome of its rejection is known
+    virtual void on_result(const PartResult& result) = 0;  // final: passed, or the outcome of its rejection is known
     virtual void on_state(State /*from*/, State /*to*/) {}
     virtual void on_step(State /*before*/, const Event& /*event*/) {}  // after every step of the core and its actions
     virtual void on_trouble(const Error& /*error*/) {}                 // a device failed or refused: to be logged once
@@ -48,10 +47,7 @@ class Station {
     Station(const Station&) = delete;
     Station& operator=(const Station&) = delete;
 
-    // Loop thread. Fails with refused (the state does not allow it, a device is down, the PLC is lost) or busy (the
-    // ejector is acting); the message names the commands that are possible.
-    Result<void> command(Command command);
-    Answer request(Command command);  // the same with a code as answer
+    Answer request(Command command);  // loop thread
 
     // Automatic operation: initialises; arms and starts as soon as every device is up, and again after a reset. It is
     // suspended by stop, abort, disarm, halt and resumed by start_continuous. Without run() nothing starts by itself.
@@ -73,8 +69,8 @@ class Station {
         algo::Reason reason = algo::Reason::none;
     };
     static constexpr std::uint32_t kTestPart = 0xFFFFFFFF;  // its part number in InspectionObserver
-    [[nodiscard]] bool test_possible()
-        const;  // Initialized or Ready, every device up, nothing on the line, no test under way
+    // Initialized or Ready, every device up, nothing on the line, no test under way.
+    [[nodiscard]] bool test_possible() const;
     void test_flash(Duration patience, std::function<void(const FlashTest&)> done);
 
     // Unknown parts may be on the line (the process before this one ended with parts on it): line stop until a person
@@ -99,6 +95,7 @@ class Station {
     void carry_out(const hal::RejectCommand& command);
     void carry_out(const SetRunPermit& action);
     void carry_out(const PartResult& result);
+    void check(const Result<void>& done, const Event& refused);
     void stop_devices();
     void test_lit(const hal::StrobeReport& report);
     [[nodiscard]] bool test_frame(hal::FrameLease& frame);  // true: it was the test's frame, and `frame` was moved from

@@ -1,5 +1,6 @@
 #include "lab/report/tables.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <fstream>
@@ -49,6 +50,24 @@ std::string to_markdown(const Table& table) {
     for (std::size_t k = 0; k < table.header.size(); ++k) text += "---|";
     text += '\n';
     for (const auto& row : table.rows) text += "| " + joined(row, " | ", as_it_is) + " |\n";
+    return text;
+}
+
+std::string to_text(const Table& table) {
+    std::vector<std::size_t> widths(table.header.size());
+    std::string text;
+    const auto each_line = [&](const auto& use) {
+        use(table.header);
+        for (const auto& row : table.rows) use(row);
+    };
+    each_line([&](const std::vector<std::string>& line) {
+        for (std::size_t k = 0; k < line.size(); ++k) widths[k] = std::max(widths[k], line[k].size());
+    });
+    each_line([&](const std::vector<std::string>& line) {
+        for (std::size_t k = 0; k < line.size(); ++k) text += fmt::format("{:<{}}  ", line[k], widths[k]);
+        text.erase(text.find_last_not_of(' ') + 1);
+        text += '\n';
+    });
     return text;
 }
 

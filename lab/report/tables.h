@@ -14,6 +14,8 @@ struct Table {
     std::vector<std::vector<std::string>> rows;  // as many values as the header has
 };
 std::string to_markdown(const Table& table);
+// In columns, for a terminal.
+std::string to_text(const Table& table);
 // Fails with io.
 Result<void> write_csv(const std::filesystem::path& file, const Table& table);
 

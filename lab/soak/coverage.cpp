@@ -53,7 +53,7 @@ std::string padded(std::string_view text, std::size_t width) {
 
 std::size_t kind_of(const Event& event) { return std::visit(KindOf{}, event); }
 std::string name_of_kind(std::size_t kind) {
-    return kind < kUp ? hyphenated_name_of(state_command(static_cast<int>(kind))) : std::string(kNames[kind - kUp]);
+    return kind < kUp ? hyphenated_name_of(static_cast<Command>(kind + 1)) : std::string(kNames[kind - kUp]);
 }
 
 std::size_t Coverage::index_of(State state) {

@@ -16,10 +16,12 @@ namespace hord::lab {
 
 inline constexpr auto& kStates = firmware::kValuesOf<firmware::State>;
 
+inline constexpr int kStateCommands = static_cast<int>(firmware::Command::reset);  // have the codes from 1 on
+
 // The kinds of events: each alternative of Event, where each command, each device up or lost, and each kind of edge
 // counts as a kind of its own.
 inline constexpr std::size_t kEventKinds =
-    firmware::kStateCommands + 2 * firmware::kDevices + 2 + (std::variant_size_v<firmware::Event> - 4);
+    kStateCommands + 2 * firmware::kDevices + 2 + (std::variant_size_v<firmware::Event> - 4);
 [[nodiscard]] std::size_t kind_of(const firmware::Event& event);
 [[nodiscard]] std::string name_of_kind(std::size_t kind);
 

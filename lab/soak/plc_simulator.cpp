@@ -58,7 +58,7 @@ std::optional<Command> first_command(State from, State to) {
 // -- the station's side
 
 PlcEndpoint::PlcEndpoint(hal::EventLoop& loop, const CoreConfig& config, std::uint32_t boot_id)
-    : handler_(loop), plc_(loop, handler_, PlcOptions{config.plc_policy, PlcSimulator::kTimeout, boot_id}),
+    : plc_(loop, handler_, PlcOptions{config.plc_policy, PlcSimulator::kTimeout, boot_id}),
       registers_(StationIdentity{.boot_id = boot_id}, &plc_) {}
 
 void PlcEndpoint::open(Station& station, Inspector& inspector, ResultSink& recorder) {
@@ -77,13 +77,8 @@ void PlcEndpoint::publish() {
 }
 
 CommandOutcome PlcEndpoint::CountingHandler::on_command(const modbus::Origin& origin, const CommandRequest& request) {
-    count(request.token);
+    tokens_[next_++ % tokens_.size()] = request.token;
     return commands.on_command(origin, request);
-}
-CommandOutcome PlcEndpoint::CountingHandler::on_recipe(const modbus::Origin& origin, const CommandRequest& request,
-                                                       const StagedRecipe& staged) {
-    count(request.token);
-    return commands.on_recipe(origin, request, staged);
 }
 int PlcEndpoint::CountingHandler::executed(std::uint32_t token) const {
     return static_cast<int>(std::count(tokens_.begin(), tokens_.end(), token));

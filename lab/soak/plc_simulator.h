@@ -39,10 +39,7 @@ class PlcEndpoint {
     // Counts the commands that reach the station.
     class CountingHandler final : public PlcHandler {
       public:
-        explicit CountingHandler(hal::EventLoop& loop) : commands(loop) {}
         CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) override;
-        CommandOutcome on_recipe(const modbus::Origin& origin, const CommandRequest& request,
-                                 const StagedRecipe& staged) override;
         modbus::Exception on_acknowledged(const modbus::Origin& origin, std::uint32_t sequence) override {
             return commands.on_acknowledged(origin, sequence);
         }
@@ -52,7 +49,6 @@ class PlcEndpoint {
         CommandHandler commands;
 
       private:
-        void count(std::uint32_t token) { tokens_[next_++ % tokens_.size()] = token; }
         std::array<std::uint32_t, 64> tokens_{};
         std::size_t next_ = 0;
     };

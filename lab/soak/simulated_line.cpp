@@ -180,7 +180,7 @@ void SimulatedLine::end_process(Duration down_for, bool line_unknown) {
 // line.
 void SimulatedLine::restart_cleanly() {
     if (!alive()) return;
-    (void)process_->station->command(Command::halt);
+    process_->station->request(Command::halt);
     const bool empty = process_->station->core().line().size() == 0 && !snapshot().line_stop;
     options_.core.reject_pulse = processes_ % 2 == 1 ? milliseconds(14) : milliseconds(15);
     options_.core.frame_timeout = processes_ % 2 == 1 ? milliseconds(55) : milliseconds(50);
@@ -290,7 +290,7 @@ void SimulatedLine::reset_line() {
     watch_line_stop();
     ++resets_;
     if (process_->station->core().line_stop()) take_parts_off();
-    (void)process_->station->command(Command::reset);
+    process_->station->request(Command::reset);
     if (alive() && !executing(process_->station->core().state())) schedule_reset();
 }
 

@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 
 #include <fmt/format.h>
 
+#include "common/file_writing.h"
 #include "lab/report/scatter.h"
 #include "lab/report/template.h"
 
@@ -14,6 +16,7 @@ using namespace firmware;
 
 namespace {
 
+namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 std::vector<const MeasuredFeatureSet*> by_time(const Tuned& tuned) {
@@ -235,6 +238,26 @@ Result<std::vector<std::filesystem::path>> plot_tuned(const Tuned& tuned, const 
         "$points using ($3==2?$1:1/0):2 with points pt 9 ps 2 lc rgb '#2ca02c' title 'chosen', "
         "NaN with lines lw 2 dt 2 lc rgb '#d62728' title 'budget'\n";
     return plot(folder, name, script, Scatter::kWidth, Scatter::kHeight);
+}
+
+Result<std::vector<fs::path>> write_report(Tuned& tuned, const fs::path& out, const std::string& made) {
+    const fs::path folder = out.has_parent_path() ? out.parent_path() : fs::path(".");
+    const std::string name = out.stem().string() + ".tune";
+    const fs::path table = folder / (name + ".md"), numbers = folder / (name + ".csv");
+    std::vector<fs::path> written{out, table, numbers};
+    std::string text = "# Which features judge these parts\n\n" + made + "\n\n";
+    std::istringstream lines(describe(tuned));
+    for (std::string line; std::getline(lines, line);) text += "- " + line + "\n";
+    text += "\n" + to_markdown(table_of(tuned)) + fmt::format("\n![time and detection]({}.png)\n", name);
+    if (auto done = common::write_durably(table, text); !done) return tl::unexpected(done.error());
+    if (auto done = write_csv(numbers, numbers_of(tuned)); !done) return tl::unexpected(done.error());
+    if (const auto drawn = plot_tuned(tuned, folder, name)) written.insert(written.end(), drawn->begin(), drawn->end());
+    else fmt::print(stderr, "hordctl: the plot is not drawn: {}\n", drawn.error().message());
+    fs::path& reference = tuned.feature_sets[*tuned.chosen].recipe.reference_file;
+    std::error_code error;
+    if (!reference.empty() && fs::equivalent(reference.parent_path(), folder, error)) reference = reference.filename();
+    if (auto done = common::write_durably(out, recipe_text(tuned, made)); !done) return tl::unexpected(done.error());
+    return written;
 }
 
 }  // namespace hord::lab

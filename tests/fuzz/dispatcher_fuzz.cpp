@@ -22,7 +22,6 @@ class Handler : public PlcHandler {
         if (request.token == 0 || !tokens.insert(request.token).second) std::abort();
         return {request.code % 7 == 0 ? CommandState::executing : CommandState::completed, CommandError::none, 0};
     }
-    CommandOutcome on_recipe(const modbus::Origin&, const CommandRequest&, const StagedRecipe&) override { return {}; }
     modbus::Exception on_acknowledged(const modbus::Origin&, std::uint32_t sequence) override {
         if (sequence > 300) std::abort();
         return sequence % 7 == 0 ? modbus::Exception::busy : modbus::Exception::none;

@@ -1,6 +1,4 @@
 // hordctl calibrate: the lenslet grid of a sensor from a white frame, its direction map from captures at known tilts.
-#include <array>
-#include <chrono>
 #include <ctime>
 #include <filesystem>
 #include <functional>
@@ -17,6 +15,7 @@
 #include "drivers/files/frame_file.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/frames/calibrate_pictures.h"
+#include "firmware/hordctl/frames/frame_reader.h"
 #include "firmware/store/results/json_text.h"
 
 namespace hord::firmware {
@@ -85,43 +84,41 @@ Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& 
     return json;
 }
 
-// Frames of one size, kept as long as the calibration needs them.
-struct Frames {
-    Frame white;
+// What measures the sensor itself, if it was given: frames of the white frame's size.
+struct SensorFrames {
     std::optional<Frame> dark, flat;
 };
 std::optional<FrameView> view_of(const std::optional<Frame>& frame) {
     return frame ? std::optional(frame->view()) : std::nullopt;
 }
 
-Result<std::optional<Frame>> read_optional(const std::string& file, const Frame& like) {
-    if (file.empty()) return std::nullopt;
-    auto frame = drivers::read_frame(file, {like.width_px(), like.height_px(), 0});
-    if (!frame) return tl::unexpected(frame.error());
-    return std::optional(std::move(*frame));
+// An empty name leaves the frame of `otherwise`.
+Result<SensorFrames> read_sensor_frames(const std::string& dark, const std::string& flat, const Frame& like,
+                                        SensorFrames otherwise) {
+    for (const auto& [name, to] : {std::pair{&dark, &otherwise.dark}, {&flat, &otherwise.flat}}) {
+        if (name->empty()) continue;
+        auto frame = drivers::read_frame(*name, {like.width_px(), like.height_px(), 0});
+        if (!frame) return tl::unexpected(frame.error());
+        *to = std::move(*frame);
+    }
+    return otherwise;
 }
 
 // The captures of tilts.toml in `folder`, one after the other.
 Result<calib::DirectionFit> calibrate_directions(const std::filesystem::path& folder,
-                                                 const calib::GridCalibration& grid, const Frames& frames,
-                                                 const std::function<void(double)>& progress) {
+                                                 const calib::GridCalibration& grid, const Frame& white,
+                                                 SensorFrames frames, const std::function<void(double)>& progress) {
     const auto list = calib::read_tilts(folder / "tilts.toml");
     if (!list) return tl::unexpected(list.error());
-    std::array<std::optional<Frame>, 2> own;
-    for (const auto& [name, to] : {std::pair{&list->dark, &own[0]}, {&list->flat, &own[1]}}) {
-        auto read = read_optional(name->empty() ? "" : (folder / *name).string(), frames.white);
-        if (!read) return tl::unexpected(read.error());
-        *to = std::move(*read);
-    }
-    const auto dark = own[0] ? view_of(own[0]) : view_of(frames.dark);
-    const auto flat = own[1] ? view_of(own[1]) : view_of(frames.flat);
+    const auto place = [&](const std::string& name) { return name.empty() ? name : (folder / name).string(); };
+    const auto own = read_sensor_frames(place(list->dark), place(list->flat), white, std::move(frames));
+    if (!own) return tl::unexpected(own.error());
     const auto measure = [&](const std::string& name) -> Result<calib::SpotPlace> {
-        const std::string file = (folder / name).string();
-        const auto frame = drivers::read_frame(file);
+        const auto frame = drivers::read_frame(place(name));
         if (!frame) return tl::unexpected(frame.error());
-        auto place = calib::measure_spots(frame->view(), dark, flat, grid);
-        if (!place) return fail(place.error().code, file + ": " + place.error().what, place.error().cure);
-        return place;
+        auto spot = calib::measure_spots(frame->view(), view_of(own->dark), view_of(own->flat), grid);
+        if (!spot) return tl::unexpected(about(place(name), spot.error()));
+        return spot;
     };
     const auto empty = measure(list->empty);
     if (!empty) return tl::unexpected(empty.error());
@@ -134,8 +131,7 @@ Result<calib::DirectionFit> calibrate_directions(const std::filesystem::path& fo
     }
     progress(1);
     auto fit = calib::fit_directions(*empty, tilts, grid.pitch_px);
-    if (!fit)
-        return fail(fit.error().code, (folder / "tilts.toml").string() + ": " + fit.error().what, fit.error().cure);
+    if (!fit) return tl::unexpected(about(place("tilts.toml"), fit.error()));
     return fit;
 }
 
@@ -151,28 +147,23 @@ Result<void> may_replace(const std::string& out, const calib::GridFile& fresh) {
 }
 
 Exit run_calibrate(const CalibrateArguments& arguments) {
-    Frames frames;
-    auto white = drivers::read_frame(arguments.white);
+    const auto white = drivers::read_frame(arguments.white);
     if (!white) return complain(white.error());
-    frames.white = std::move(*white);
-    for (const auto& [name, to] : {std::pair{&arguments.dark, &frames.dark}, {&arguments.flat, &frames.flat}}) {
-        auto read = read_optional(*name, frames.white);
-        if (!read) return complain(read.error());
-        *to = std::move(*read);
-    }
+    auto frames = read_sensor_frames(arguments.dark, arguments.flat, *white, {});
+    if (!frames) return complain(frames.error());
     std::optional<Progress> progress(std::in_place, "calibrate");
     const double share = arguments.tilts.empty() ? 1 : 0.3;  // of the grid in the whole work
     calib::GridOptions options;
-    options.flat = view_of(frames.flat);
+    options.flat = view_of(frames->flat);
     options.progress = [&](double done) { progress->show(share * done); };
-    const auto found = calib::calibrate_grid(frames.white.view(), view_of(frames.dark), options);
+    const auto found = calib::calibrate_grid(white->view(), view_of(frames->dark), options);
     if (!found) {
         progress.reset();
-        return complain({found.error().code, arguments.white + ": " + found.error().what, found.error().cure});
+        return complain(about(arguments.white, found.error()));
     }
     std::optional<calib::DirectionFit> directions;
     if (!arguments.tilts.empty()) {
-        auto fit = calibrate_directions(arguments.tilts, *found, frames,
+        auto fit = calibrate_directions(arguments.tilts, *found, *white, std::move(*frames),
                                         [&](double done) { progress->show(share + (1 - share) * done); });
         progress.reset();
         if (!fit) return complain(fit.error());
@@ -186,7 +177,7 @@ Exit run_calibrate(const CalibrateArguments& arguments) {
     calib::GridFile file = calib::file_of(*found, stamp);
     if (directions) calib::add_directions(file, *directions);
     if (!arguments.pictures.empty()) {
-        if (auto done = write_calibration_pictures(arguments.pictures, frames.white.view(), *found); !done)
+        if (auto done = write_calibration_pictures(arguments.pictures, white->view(), *found); !done)
             return complain(done.error());
     }
     if (!arguments.force) {

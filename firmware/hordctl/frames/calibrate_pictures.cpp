@@ -7,6 +7,8 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "common/cli/program.h"
+#include "common/statistics.h"
 #include "firmware/diagnostics/map_images.h"
 
 namespace hord::firmware {
@@ -33,21 +35,20 @@ Picture to_picture(const cv::Mat& image) {
     return {whole.cols, whole.rows, std::vector<unsigned char>(whole.datastart, whole.dataend)};
 }
 
-// From the frame's pixels to the picture's.
-struct Stage {
-    double scale;
+// A picture of the sensor's field, with room for a title.
+struct FieldPicture {
+    explicit FieldPicture(const algo::LensletGrid& grid)
+        : scale(static_cast<double>(kSide) / std::max(grid.width_px, grid.height_px)),
+          image(kTitle + kMargin + static_cast<int>(grid.height_px * scale),
+                2 * kMargin + static_cast<int>(grid.width_px * scale), CV_8UC3, kPaper) {}
+    // From the frame's pixels to the picture's.
     cv::Point at(double x_px, double y_px) const {
         return {kMargin + static_cast<int>(std::lround(x_px * scale)),
                 kTitle + static_cast<int>(std::lround(y_px * scale))};
     }
+    double scale;
+    cv::Mat image;
 };
-Stage stage_of(const algo::LensletGrid& grid) {
-    return {static_cast<double>(kSide) / std::max(grid.width_px, grid.height_px)};
-}
-cv::Mat canvas_of(const algo::LensletGrid& grid, const Stage& stage) {
-    return {kTitle + kMargin + static_cast<int>(grid.height_px * stage.scale),
-            2 * kMargin + static_cast<int>(grid.width_px * stage.scale), CV_8UC3, kPaper};
-}
 
 // Every how many columns and rows a lenslet is drawn.
 int every_of(std::size_t lenslets) {
@@ -56,18 +57,16 @@ int every_of(std::size_t lenslets) {
 
 cv::Mat draw_residuals(const calib::GridCalibration& found) {
     const algo::LensletGrid& grid = found.fit.grid;
-    const Stage stage = stage_of(grid);
-    cv::Mat image = canvas_of(grid, stage);
+    FieldPicture picture(grid);
+    cv::Mat& image = picture.image;
     const int every = every_of(found.observations.size());
     std::vector<double> lengths;
     for (const auto& seen : found.observations) {
         const auto at = grid.at(grid.uv(seen.m, seen.n));
         if (seen.used) lengths.push_back(std::hypot(seen.centre_px.x_px - at.x_px, seen.centre_px.y_px - at.y_px));
     }
-    std::sort(lengths.begin(), lengths.end());
-    const double longest = lengths.empty()
-        ? 1
-        : std::max(1e-6, lengths[static_cast<std::size_t>(0.98 * static_cast<double>(lengths.size() - 1))]);
+    const auto rank_98 = [&] { return static_cast<std::size_t>(0.98 * static_cast<double>(lengths.size() - 1)); };
+    const double longest = lengths.empty() ? 1 : std::max(1e-6, common::nth_smallest(std::span(lengths), rank_98()));
     // The longest of 98 % is drawn as long as four fifths of the step between the lenslets that are drawn.
     const double enlarge = 0.8 * every * found.pitch_px / longest;
     cv::Mat ramp(1, 256, CV_8U), colours;
@@ -77,7 +76,7 @@ cv::Mat draw_residuals(const calib::GridCalibration& found) {
     for (const auto& seen : found.observations) {
         if (seen.m % every != 0 || seen.n % every != 0) continue;
         const auto at = grid.at(grid.uv(seen.m, seen.n));
-        const cv::Point from = stage.at(at.x_px, at.y_px);
+        const cv::Point from = picture.at(at.x_px, at.y_px);
         if (!seen.used) {
             cv::drawMarker(image, from, kRejected, cv::MARKER_TILTED_CROSS, 7, 1, cv::LINE_AA);
             continue;
@@ -85,7 +84,7 @@ cv::Mat draw_residuals(const calib::GridCalibration& found) {
         const double dx = seen.centre_px.x_px - at.x_px, dy = seen.centre_px.y_px - at.y_px;
         const auto colour =
             colours.at<cv::Vec3b>(0, static_cast<int>(255 * std::min(1.0, std::hypot(dx, dy) / longest)));
-        cv::arrowedLine(image, from, stage.at(at.x_px + enlarge * dx, at.y_px + enlarge * dy),
+        cv::arrowedLine(image, from, picture.at(at.x_px + enlarge * dx, at.y_px + enlarge * dy),
                         cv::Scalar(colour[0], colour[1], colour[2]), 1, cv::LINE_AA, 0, 0.3);
     }
     const auto& fit = found.fit;
@@ -102,8 +101,8 @@ cv::Mat draw_residuals(const calib::GridCalibration& found) {
 
 cv::Mat draw_centres(const FrameView& white, const calib::GridCalibration& found) {
     const algo::LensletGrid& grid = found.fit.grid;
-    const Stage stage = stage_of(grid);
-    cv::Mat image = canvas_of(grid, stage);
+    FieldPicture picture(grid);
+    cv::Mat& image = picture.image;
     const cv::Mat raw(white.height_px, white.width_px, white.bits > 8 ? CV_16U : CV_8U,
                       const_cast<std::byte*>(white.data), static_cast<std::size_t>(white.stride_bytes));
     double top = 1;
@@ -111,7 +110,7 @@ cv::Mat draw_centres(const FrameView& white, const calib::GridCalibration& found
     cv::Mat grey, small;
     raw.convertTo(grey, CV_8U, 150 / std::max(top, 1.0), 40);  // dim: the marks are what counts
     cv::resize(grey, small, {image.cols - 2 * kMargin, image.rows - kTitle - kMargin}, 0, 0,
-               stage.scale < 1 ? cv::INTER_AREA : cv::INTER_NEAREST);
+               picture.scale < 1 ? cv::INTER_AREA : cv::INTER_NEAREST);
     cv::Mat colour;
     cv::cvtColor(small, colour, cv::COLOR_GRAY2BGR);
     colour.copyTo(image(cv::Rect(kMargin, kTitle, colour.cols, colour.rows)));
@@ -122,12 +121,12 @@ cv::Mat draw_centres(const FrameView& white, const calib::GridCalibration& found
     for (const auto& seen : found.observations) state[place(seen.m, seen.n)] = seen.used ? 'g' : 'r';
     const auto nodes = found.nodes();
     const int every = every_of(nodes.size());
-    const int size = std::clamp(static_cast<int>(0.35 * found.pitch_px * stage.scale * every), 5, 15);
+    const int size = std::clamp(static_cast<int>(0.35 * found.pitch_px * picture.scale * every), 5, 15);
     for (const auto& node : nodes) {
         const char kind = state[place(node.m, node.n)];
         if (kind == 'g' && (node.m % every != 0 || node.n % every != 0)) continue;  // of the others, every one
         const cv::Scalar& ink = kind == 'g' ? kGood : kind == 'r' ? kRejected : kMissing;
-        cv::drawMarker(image, stage.at(node.centre_px.x_px, node.centre_px.y_px), ink,
+        cv::drawMarker(image, picture.at(node.centre_px.x_px, node.centre_px.y_px), ink,
                        kind == 'g' ? cv::MARKER_CROSS : cv::MARKER_TILTED_CROSS, size, kind == 'g' ? 1 : 2,
                        cv::LINE_AA);
     }
@@ -152,10 +151,14 @@ cv::Mat draw_models(const calib::GridCalibration& found) {
     for (const auto& model : candidates)
         width = std::max(width, kLeft + width_of(model.verdict, kVerdictSize) + kMargin);
     cv::Mat image(kTop + kRow * static_cast<int>(candidates.size()) + 50, width, CV_8UC3, kPaper);
+    const auto error_of = [](const auto& model) {  // 0: not known
+        const double error = std::hypot(model.cv_x_rms_px, model.cv_y_rms_px);
+        return std::isfinite(error) ? error : 0;
+    };
     double low = 1e9, high = 1e-9;
     for (const auto& model : candidates) {
-        const double error = std::hypot(model.cv_x_rms_px, model.cv_y_rms_px);
-        if (!std::isfinite(error) || !(error > 0)) continue;
+        const double error = error_of(model);
+        if (error == 0) continue;
         low = std::min(low, error);
         high = std::max(high, error);
     }
@@ -179,8 +182,8 @@ cv::Mat draw_models(const calib::GridCalibration& found) {
         text(image, fmt::format("{} ({})", name_of(model), model.parameters), {kMargin, y + 20}, 0.5,
              model.chosen ? kGood : kInk);
         text(image, model.verdict, {kLeft + 4, y + 42}, kVerdictSize);
-        const double error = std::hypot(model.cv_x_rms_px, model.cv_y_rms_px);
-        if (!std::isfinite(error) || !(error > 0)) continue;
+        const double error = error_of(model);
+        if (error == 0) continue;
         cv::rectangle(image, {kLeft, y + 6}, {std::max(kLeft + 2, x_of(error)), y + 26}, ink, cv::FILLED);
         text(image, fmt::format("{:.4f}", error), {x_of(error) + 8, y + 22}, 0.5);
     }
@@ -191,11 +194,7 @@ cv::Mat draw_models(const calib::GridCalibration& found) {
 
 Result<void> write_calibration_pictures(const std::filesystem::path& folder, const FrameView& white,
                                         const calib::GridCalibration& found) {
-    std::error_code error;
-    std::filesystem::create_directories(folder, error);
-    if (error)
-        return fail(ErrorCode::io, folder.string() + " cannot be created (" + error.message() + ")",
-                    "give a folder that may be written to");
+    if (auto made = make_folder(folder); !made) return made;
     try {
         const std::pair<const char*, cv::Mat> pictures[] = {{"residuals.png", draw_residuals(found)},
                                                             {"centres.png", draw_centres(white, found)},

@@ -3,22 +3,35 @@
 
 #include <memory>
 #include <string>
-#include <utility>
 
 #include "algo/frame/grid_decoder.h"
+#include "common/cli/program.h"
 #include "common/frame.h"
-#include "common/result.h"
 
 namespace hord::firmware {
 
+struct FrameOptions {
+    std::string macro = "9x9";  // bins a lenslet, columns x rows
+    std::string grid;           // a calibration file; empty: frames are macro-pixels already
+    int bits = 0;               // a sample that the sensor recorded; 0: as the file has
+};
+
+// --macro, --grid and --bits.
+void add_frame_options(CLI::App& command, FrameOptions& options);
+
+// The same error, and which file it is about.
+Error about(const std::string& file, const Error& error);
+
 class FrameReader {
   public:
-    // `macro`: bins a lenslet, columns x rows, as in 9x9. `grid`: a calibration file; empty: frames are macro-pixels
-    // already. `bits` a sample that the sensor recorded; 0: as the file has. Fails with what is wrong with them.
-    static Result<FrameReader> create(const std::string& macro, const std::string& grid, int bits);
+    // Fails with what is wrong with the options.
+    static Result<FrameReader> create(const FrameOptions& options);
 
     // Errors name the file.
     Result<Frame> read(const std::string& file) const;
+
+    // The light field in such a frame. The error names the file.
+    Result<algo::Extents> extents_of(const Frame& frame, const std::string& file) const;
 
     [[nodiscard]] std::pair<int, int> bins() const { return bins_; }
     [[nodiscard]] double bin_rad() const { return bin_rad_; }  // one bin pitch; 0: not known

@@ -1,17 +1,17 @@
 // hordctl inspect: judge recorded frames; write maps, pictures and JSON.
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <fstream>
-#include <map>
 #include <memory>
 #include <optional>
 #include <set>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "algo/inspection/pipeline.h"
 #include "algo/maps/feature_map.h"
+#include "common/assign.h"
 #include "firmware/diagnostics/map_images.h"
 #include "firmware/diagnostics/verdict_text.h"
 #include "firmware/hordctl/commands.h"
@@ -19,6 +19,7 @@
 #include "firmware/recipes/recipe_file.h"
 #include "firmware/recipes/reference_file.h"
 #include "firmware/store/results/json_text.h"
+#include "firmware/store/results/records.h"
 
 namespace hord::firmware {
 namespace {
@@ -28,23 +29,21 @@ using store::Json;
 
 struct InspectOptions {
     std::vector<std::string> frames;
-    std::string macro = "9x9";
-    std::string grid;
+    FrameOptions reading;
     std::string recipe;
     std::string feature;  // empty: what the recipe judges by
     std::string reference;
-    int bits = 0;
     std::string out;
     bool json = false;
 };
 
-// A feature that an inspection by this recipe computes, or can; the others have a FeatureMapper.
+// A map that the inspection computes. Other features need a FeatureMapper.
 struct InspectedMap {
     algo::Map algo::Inspection::*map;
-    float limit = 0;  // 0: nothing is judged by it, and its map is computed only when asked for
+    float limit = 0;  // 0: no part is judged by it, and the inspection computes it with MapSet::all only
 };
 
-// Nothing when it takes a FeatureMapper.
+// Empty: the feature needs a FeatureMapper.
 std::optional<InspectedMap> inspected_map(const algo::FeatureChoice& choice, const algo::Recipe& recipe) {
     using algo::Feature, algo::Inspection;
     if (choice.against_reference) return std::nullopt;
@@ -63,7 +62,7 @@ std::optional<InspectedMap> inspected_map(const algo::FeatureChoice& choice, con
 
 constexpr const char* kZScore = "z-score";
 
-// What a recipe judges by that a map shows best.
+// The feature that is shown unless another one is asked for.
 std::string shown_of(const algo::Recipe& recipe) {
     if (recipe.gradient) return std::string(name_of(*recipe.gradient));
     if (recipe.reference) return kZScore;
@@ -71,10 +70,7 @@ std::string shown_of(const algo::Recipe& recipe) {
 }
 
 std::string known_features() {
-    std::string known;
-    for (const std::string_view name : algo::kFeatureNames)
-        known += fmt::format("{}{}", known.empty() ? "" : ", ", name);
-    return known + "; the distances also as reference-NAME";
+    return fmt::format("{}; the distances also as reference-NAME", fmt::join(algo::kFeatureNames, ", "));
 }
 
 // The map that was asked for, with what is needed to show it.
@@ -117,9 +113,10 @@ double milliseconds(std::int64_t ns) { return static_cast<double>(ns) / 1e6; }
 Json to_json(const std::string& frame, const algo::Extents& extents, const algo::Inspection& found,
              const FeatureView& feature, double bin_rad, const algo::Recipe& recipe) {
     const Statistics s = statistics_of(feature.map, feature.mask);
-    Json defects = Json::array();
-    for (const algo::Defect& d : found.defects) {
-        Json defect{{"m", d.m}, {"n", d.n}, {"area", d.area}, {"peak", d.peak}, {"kind", name_of(d.kind)}};
+    Json defects = store::to_json(found.defects);
+    for (std::size_t k = 0; k < found.defects.size(); ++k) {
+        const algo::Defect& d = found.defects[k];
+        Json& defect = defects[k];
         if (recipe.reference) {
             defect["score"] = d.score;
             defect["length"] = d.length;
@@ -133,7 +130,6 @@ Json to_json(const std::string& frame, const algo::Extents& extents, const algo:
             defect["y_mm"] = from_middle(d.n, extents.n);
             defect["area_mm2"] = static_cast<float>(d.area) * recipe.lenslet_mm * recipe.lenslet_mm;
         }
-        defects.push_back(std::move(defect));
     }
     Json json{{"frame", frame},
               {"grid", {{"m", extents.m}, {"n", extents.n}, {"i", extents.i}, {"j", extents.j}}},
@@ -205,7 +201,7 @@ Result<void> write_results(const fs::path& out, const std::string& frame, const 
     return {};
 }
 
-// Whether a file is one of hordctl learn's: it says so in its first bytes.
+// Whether the first bytes of a file say that hordctl learn has written it.
 bool is_reference(const std::string& file) {
     std::ifstream stream(file, std::ios::binary);
     char magic[7] = {};
@@ -222,86 +218,69 @@ class Inspector {
     explicit Inspector(const InspectOptions& options) : options_(options) {}
 
     Result<void> prepare() {
-        auto reader = FrameReader::create(options_.macro, options_.grid, options_.bits);
-        if (!reader) return tl::unexpected(reader.error());
-        reader_ = std::move(*reader);
+        if (auto done = assign(reader_, FrameReader::create(options_.reading)); !done) return done;
         if (!options_.reference.empty() && is_reference(options_.reference)) {
-            auto learned = read_reference(options_.reference);
-            if (!learned) return tl::unexpected(learned.error());
-            learned_ = std::move(*learned);
+            if (auto done = assign(learned_, read_reference(options_.reference)); !done) return done;
         }
-        if (!options_.recipe.empty()) {
-            auto recipe = load_recipe(options_.recipe);
-            if (!recipe) return tl::unexpected(recipe.error());
-            recipe_ = std::move(*recipe);
-        }
+        auto recipe = recipe_or_default(options_.recipe);
+        if (!recipe) return tl::unexpected(recipe.error());
+        recipe_ = std::move(recipe->recipe);
         if (learned_) recipe_.reference = learned_;
         std::string feature = options_.feature.empty() ? shown_of(recipe_) : options_.feature;
         if (feature == "surprise") {
             fmt::print(stderr, "hordctl: the feature \"surprise\" is called \"{}\" now\n", kZScore);
             feature = kZScore;
         }
+        const auto refuse = [](std::string what, std::string cure) {
+            return fail(ErrorCode::invalid_argument, std::move(what), std::move(cure));
+        };
         const auto choice = algo::feature_named(feature);
-        if (!choice && feature == kZScore) {
-            if (!recipe_.reference)
-                return fail(ErrorCode::invalid_argument, "the z-score is measured against a learned reference",
-                            "give --reference REFERENCE (hordctl learn)");
-            show_z_score_ = true;
-        } else if (!choice)
-            return fail(ErrorCode::invalid_argument, "feature " + feature + " is not known",
-                        "use one of " + known_features());
-        if (choice) choice_ = *choice;
-        if (choice_.against_reference && options_.reference.empty()) {
-            return fail(ErrorCode::invalid_argument, "feature " + feature + " needs something to compare with",
-                        "give --reference FRAME");
+        show_z_score_ = !choice && feature == kZScore;
+        if (!choice && !show_z_score_)
+            return refuse("feature " + feature + " is not known", "use one of " + known_features());
+        if (show_z_score_ && !recipe_.reference) {
+            return refuse("the z-score is measured against a learned reference",
+                          "give --reference REFERENCE (hordctl learn)");
         }
+        if (choice) choice_ = *choice;
+        if (choice_.against_reference && options_.reference.empty())
+            return refuse("feature " + feature + " needs something to compare with", "give --reference FRAME");
         if (!choice_.against_reference && !options_.reference.empty() && !learned_) {
-            return fail(ErrorCode::invalid_argument, "feature " + feature + " does not look at --reference",
-                        "ask for reference-" + feature + ", or leave it out");
+            return refuse("feature " + feature + " does not look at --reference",
+                          "ask for reference-" + feature + ", or leave it out");
         }
         if (learned_ && choice_.against_reference) {
-            return fail(
-                ErrorCode::invalid_argument,
+            return refuse(
                 options_.reference + " is a learned reference, and feature " + feature + " compares with a frame",
                 "give a frame, or leave --feature out");
         }
         if (choice_.against_reference) {
-            auto reference = reader_.read(options_.reference);
-            if (!reference) return tl::unexpected(reference.error());
-            reference_ = std::move(*reference);
+            if (auto done = assign(reference_, reader_.read(options_.reference)); !done) return done;
         }
         if (options_.out.empty()) return {};
         std::set<std::string> names;
         for (const std::string& frame : options_.frames) {
-            if (!names.insert(fs::path(frame).stem().string()).second) {
-                return fail(ErrorCode::invalid_argument,
-                            "two frames named " + fs::path(frame).stem().string() + " would overwrite each other in " +
-                                options_.out,
-                            "rename one, or inspect them into different folders");
+            const std::string name = fs::path(frame).stem().string();
+            if (!names.insert(name).second) {
+                return refuse("two frames named " + name + " would overwrite each other in " + options_.out,
+                              "rename one, or inspect them into different folders");
             }
         }
-        std::error_code error;
-        fs::create_directories(options_.out, error);
-        if (error)
-            return fail(ErrorCode::io, options_.out + " cannot be created (" + error.message() + ")",
-                        "give a folder that may be written to");
-        return {};
+        return make_folder(options_.out);
     }
 
     Result<algo::Verdict> inspect(const std::string& file) {
         auto frame = reader_.read(file);
         if (!frame) return tl::unexpected(frame.error());
-        const auto named = [&](const Error& error) { return Error{error.code, file + ": " + error.what, error.cure}; };
-        auto extents =
-            algo::extents_of_frame(frame->width_px(), frame->height_px(), reader_.bins().first, reader_.bins().second);
-        if (!extents) return tl::unexpected(named(extents.error()));
+        auto extents = reader_.extents_of(*frame, file);
+        if (!extents) return tl::unexpected(extents.error());
         if (!pipeline_ || !(*extents == extents_) || frame->bits() != bits_) {
-            if (auto made = set_up(*extents, frame->bits()); !made) return tl::unexpected(named(made.error()));
+            if (auto made = set_up(*extents, frame->bits()); !made) return tl::unexpected(about(file, made.error()));
         }
         auto found = pipeline_->inspect(frame->view(), steady_ns);
-        if (!found) return tl::unexpected(named(found.error()));
+        if (!found) return tl::unexpected(about(file, found.error()));
         auto feature = view(frame->view(), *found);
-        if (!feature) return tl::unexpected(named(feature.error()));
+        if (!feature) return tl::unexpected(about(file, feature.error()));
         const Json json = to_json(file, extents_, *found, *feature, reader_.bin_rad(), recipe_);
         if (options_.json) {
             fmt::print("{}\n", store::to_text(json));
@@ -319,23 +298,20 @@ class Inspector {
   private:
     Result<void> set_up(const algo::Extents& extents, int bits) {
         const auto inspected = show_z_score_ ? std::nullopt : inspected_map(choice_, recipe_);
-        const bool extra = inspected && inspected->limit == 0;
-        auto pipeline =
-            algo::Pipeline::create(extents, bits, recipe_, 1, extra ? algo::MapSet::all : algo::MapSet::judged);
-        if (!pipeline) return tl::unexpected(pipeline.error());
+        const auto maps = inspected && inspected->limit == 0 ? algo::MapSet::all : algo::MapSet::judged;
+        auto pipeline = algo::Pipeline::create(extents, bits, recipe_, 1, maps);
         if (!inspected && !show_z_score_) {
             auto mapper =
                 algo::FeatureMapper::create(extents, bits, algo::light_levels(recipe_, bits), choice_.feature);
-            if (!mapper) return tl::unexpected(mapper.error());
-            mapper_ = std::move(*mapper);
+            if (auto done = assign(mapper_, std::move(mapper)); !done) return done;
         }
-        pipeline_ = std::move(*pipeline);
+        if (auto done = assign(pipeline_, std::move(pipeline)); !done) return done;
         extents_ = extents;
         bits_ = bits;
         return {};
     }
 
-    // The map of the feature asked for; its time counts as the feature's.
+    // The map of the feature asked for. The time of a FeatureMapper is added to the inspection's.
     Result<FeatureView> view(const FrameView& frame, algo::Inspection& found) {
         if (show_z_score_) {
             FeatureView seen{kZScore, "noises", found.z_score, found.mask, recipe_.reject_score};
@@ -343,7 +319,7 @@ class Inspector {
                 nothing_.assign(found.mask.size(), 0.0F);
                 seen.map = nothing_;
             }
-            // Compared are rims, too, and what has no neighbours.
+            // Rims are compared, too, and lenslets without neighbours.
             mask_.resize(found.mask.size());
             for (std::size_t k = 0; k < mask_.size(); ++k)
                 mask_[k] = static_cast<std::uint8_t>(found.mask[k] & (algo::kSaturated | algo::kOutside));
@@ -360,13 +336,11 @@ class Inspector {
         auto map =
             choice_.against_reference ? mapper_->against(frame, reference_.view()) : mapper_->over_neighbours(frame);
         if (!map)
-            return fail(map.error().code,
-                        (choice_.against_reference ? options_.reference + ": " : "") + map.error().what,
-                        map.error().cure);
+            return tl::unexpected(choice_.against_reference ? about(options_.reference, map.error()) : map.error());
         const std::int64_t took = steady_ns() - start;
         found.times.feature_ns += took;
         found.times.total_ns += took;
-        // Rim and zones are the inspection's; which lenslets can be compared is the map's own.
+        // Rim and zones come from the inspection; which lenslets can be compared, from the map.
         mask_.assign(map->mask.begin(), map->mask.end());
         for (std::size_t k = 0; k < mask_.size(); ++k)
             mask_[k] = static_cast<std::uint8_t>(mask_[k] | (found.mask[k] & algo::kNotJudged));
@@ -413,10 +387,7 @@ void add_inspect(CLI::App& program, Exit& status) {
     auto* command = program.add_subcommand("inspect", "Judge recorded frames");
     auto options = std::make_shared<InspectOptions>();
     command->add_option("FRAME", options->frames, "Frames: 8- or 16-bit grey images")->required();
-    command->add_option("--macro", options->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")
-        ->capture_default_str();
-    command->add_option("--grid", options->grid,
-                        "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet");
+    add_frame_options(*command, options->reading);
     command->add_option("--recipe", options->recipe, "Limits, masks and zones (TOML); without it the default recipe");
     const auto* feature = command->add_option(
         "--feature", options->feature,
@@ -425,10 +396,6 @@ void add_inspect(CLI::App& program, Exit& status) {
     command->add_option("--reference", options->reference,
                         "What hordctl learn has learned: parts are judged against it, and --feature z-score shows "
                         "where they differ. Or a frame of a good part at the same place, for the reference- features");
-    command
-        ->add_option("--bits", options->bits,
-                     "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
-        ->check(CLI::Range(8, 16));
     command->add_option("--out", options->out, "Folder for NAME.FEATURE.tiff, NAME.FEATURE.png and NAME.json");
     command->add_flag("--json", options->json, "Print one JSON object a frame");
     command->footer(

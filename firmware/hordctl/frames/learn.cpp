@@ -1,5 +1,6 @@
 // hordctl learn: a reference from frames of good parts.
 #include <memory>
+#include <optional>
 
 #include <fmt/format.h>
 
@@ -16,35 +17,26 @@ namespace {
 
 struct LearnArguments {
     std::vector<std::string> frames;
-    std::string out, macro = "9x9", grid, recipe;
-    int bits = 0, threads = 1;
-    double electrons_per_dn = 0, read_dn = -1, pedestal_dn = 0;
+    FrameOptions reading;
+    std::string out, recipe;
+    algo::LearnOptions learning;
+    std::optional<float> read_dn;
 };
 
 Exit run_learn(const LearnArguments& arguments) {
-    const auto reader = FrameReader::create(arguments.macro, arguments.grid, arguments.bits);
+    const auto reader = FrameReader::create(arguments.reading);
     if (!reader) return complain(reader.error());
-    algo::Recipe recipe;
-    if (!arguments.recipe.empty()) {
-        auto loaded = load_recipe(arguments.recipe);
-        if (!loaded) return complain(loaded.error());
-        recipe = std::move(*loaded);
-    }
+    const auto recipe = recipe_or_default(arguments.recipe);
+    if (!recipe) return complain(recipe.error());
     const auto first = reader->read(arguments.frames.front());
     if (!first) return complain(first.error());
-    const auto extents =
-        algo::extents_of_frame(first->width_px(), first->height_px(), reader->bins().first, reader->bins().second);
-    if (!extents)
-        return complain(
-            {extents.error().code, arguments.frames.front() + ": " + extents.error().what, extents.error().cure});
+    const auto extents = reader->extents_of(*first, arguments.frames.front());
+    if (!extents) return complain(extents.error());
     const int bits = first->bits();
 
     auto progress = std::make_unique<Progress>("learn");
-    algo::LearnOptions options;
-    options.levels = algo::light_levels(recipe, bits);
-    if (arguments.electrons_per_dn > 0) options.electrons_per_dn = static_cast<float>(arguments.electrons_per_dn);
-    options.pedestal_dn = static_cast<float>(arguments.pedestal_dn);
-    options.threads = arguments.threads;
+    algo::LearnOptions options = arguments.learning;
+    options.levels = algo::light_levels(recipe->recipe, bits);
     options.progress = [&](double done) { progress->show(done); };
     const auto frame_of = [&](std::size_t part) -> Result<Frame> {
         const std::string& file = arguments.frames[part];
@@ -58,13 +50,11 @@ Exit run_learn(const LearnArguments& arguments) {
         }
         return frame;
     };
-    if (arguments.read_dn >= 0) {
-        options.read_dn = static_cast<float>(arguments.read_dn);
-    } else {
-        const auto read = algo::read_noise_of(*extents, options.levels, arguments.frames.size(), frame_of);
-        if (!read) return complain(read.error());
-        options.read_dn = *read;
-    }
+    const auto read_dn = arguments.read_dn
+        ? Result<float>(*arguments.read_dn)
+        : algo::read_noise_of(*extents, options.levels, arguments.frames.size(), frame_of);
+    if (!read_dn) return complain(read_dn.error());
+    options.read_dn = *read_dn;
     const auto learned = algo::learn_reference(*extents, bits, arguments.frames.size(), frame_of, options);
     progress.reset();
     if (!learned) return complain(learned.error());
@@ -74,8 +64,8 @@ Exit run_learn(const LearnArguments& arguments) {
     const algo::Reference& r = learned->reference;
     fmt::print("{}: {}x{} lenslets of {}x{} bins, {} of {} parts, {} {:.3g} electrons a DN, {} read noise {:.2g} DN\n",
                arguments.out, r.extents.m, r.extents.n, r.extents.i, r.extents.j, r.parts, arguments.frames.size(),
-               arguments.electrons_per_dn > 0 ? "given" : "estimated", r.sensor.electrons_per_dn,
-               arguments.read_dn >= 0 ? "given" : "estimated", r.sensor.read_dn);
+               options.electrons_per_dn ? "given" : "estimated", r.sensor.electrons_per_dn,
+               arguments.read_dn ? "given" : "estimated", r.sensor.read_dn);
     return Exit::good;
 }
 
@@ -89,28 +79,20 @@ void add_learn(CLI::App& program, Exit& status) {
                      "Frames of at least 8 good parts; those that differ from all others are named and left out")
         ->required();
     command->add_option("--out", arguments->out, "File for the reference")->required();
-    command->add_option("--macro", arguments->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")
-        ->capture_default_str();
-    command->add_option("--grid", arguments->grid,
-                        "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet");
+    add_frame_options(*command, arguments->reading);
     command->add_option("--recipe", arguments->recipe,
                         "Recipe whose light levels are used (TOML); without it the default recipe");
     command
-        ->add_option("--bits", arguments->bits,
-                     "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
-        ->check(CLI::Range(8, 16));
-    command
-        ->add_option("--electrons-per-dn", arguments->electrons_per_dn,
+        ->add_option("--electrons-per-dn", arguments->learning.electrons_per_dn,
                      "Of the sensor; without it they are estimated from the frames")
         ->check(CLI::Range(1e-3, 1e5));
     command
         ->add_option("--read-dn", arguments->read_dn,
                      "Read noise of the sensor, DN; without it it is estimated from the bins that no light reaches")
         ->check(CLI::Range(0.0, 1e4));
-    command->add_option("--pedestal-dn", arguments->pedestal_dn, "What the camera adds to every sample, DN")
-        ->check(CLI::Range(0.0, 65535.0))
-        ->capture_default_str();
-    command->add_option("--threads", arguments->threads, "Threads")->check(CLI::Range(1, 64))->capture_default_str();
+    add_number(*command, "--pedestal-dn", arguments->learning.pedestal_dn, "What the camera adds to every sample, DN",
+               0.0, 65535.0);
+    add_number(*command, "--threads", arguments->learning.threads, "Threads", 1, 64);
     command->footer(
         "Example: hordctl learn good/*.png --out lens.hordref\n"
         "         hordctl inspect part.png --reference lens.hordref --out maps");

@@ -1,5 +1,4 @@
-// hordctl replay: judges the frames that a station has kept once more, and shows what changes; hordctl merge joins its
-// shards.
+// hordctl replay: judges kept frames again, and shows what changes; hordctl merge joins its shards.
 #include "firmware/store/frames/replay.h"
 
 #include <fstream>
@@ -57,10 +56,10 @@ Result<Chosen> choose_recipe(const ReplayOptions& options) {
         if (!recipe) return tl::unexpected(recipe.error());
         chosen = {std::move(*recipe), std::move(*text)};
     } else if (!options.recipe.empty()) {
-        auto recipe = load_recipe(options.recipe);
+        auto recipe = load_numbered_recipe(options.recipe);
         if (!recipe) return tl::unexpected(recipe.error());
         std::ifstream in(options.recipe, std::ios::binary);
-        chosen = {std::move(*recipe), std::string(std::istreambuf_iterator<char>(in), {})};
+        chosen = {std::move(recipe->recipe), std::string(std::istreambuf_iterator<char>(in), {})};
     }
     return chosen;
 }
@@ -194,7 +193,7 @@ Exit run_merge(const std::vector<std::string>& names, const std::string& out) {
 
 void add_replay(CLI::App& program, Exit& status) {
     auto* command =
-        program.add_subcommand("replay", "Judge the frames that a station has kept once more, and show what changes");
+        program.add_subcommand("replay", "Judge the frames that a station has kept again, and show what changes");
     auto options = std::make_shared<ReplayOptions>();
     command->add_option("FRAME", options->frames, "Frames; without any, all of the store");
     command->add_option("--store", options->folder, "Folder of a station's store")->capture_default_str();
@@ -202,9 +201,8 @@ void add_replay(CLI::App& program, Exit& status) {
         command->add_option("--recipe", options->recipe,
                             "Judge with this recipe (TOML); without one each frame with its own, the one of then");
     command->add_flag("--today", options->today, "Judge with the recipe that came into use last")->excludes(recipe);
-    command->add_option("--jobs", options->jobs, "Frames judged at the same time; the output does not depend on it")
-        ->check(CLI::Range(1, 256))
-        ->capture_default_str();
+    add_number(*command, "--jobs", options->jobs, "Frames judged at the same time; the output does not depend on it", 1,
+               256);
     auto* out = command->add_option("--out", options->out,
                                     "Write one JSON object a frame into this file, which appears when it is whole");
     command

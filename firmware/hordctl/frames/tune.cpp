@@ -7,9 +7,9 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "common/cli/progress.h"
-#include "common/file_writing.h"
 #include "drivers/files/frame_file.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/frames/frame_reader.h"
@@ -26,9 +26,10 @@ namespace fs = std::filesystem;
 
 struct TuneArguments {
     std::vector<std::string> good, bad;
-    double budget_ms = 0, false_rejects_percent = 0.1;
-    std::string out, macro = "9x9", grid, recipe, reference;
-    int bits = 0, threads = 1;
+    TuneOptions tuning;
+    double false_rejects_percent = 0.1;
+    FrameOptions reading;
+    std::string out, recipe, reference;
     bool json = false, force = false;
 };
 
@@ -36,23 +37,6 @@ Result<std::vector<std::string>> files_of(const std::vector<std::string>& names)
     auto files = drivers::list_frames(std::vector<fs::path>(names.begin(), names.end()));
     if (!files) return tl::unexpected(files.error());
     return std::vector<std::string>(files->begin(), files->end());
-}
-
-std::string joined(const std::vector<std::string>& names) {
-    std::string text;
-    for (const std::string& name : names) text += (text.empty() ? "" : " ") + name;
-    return text;
-}
-
-// RECIPE.toml's table, numbers and plot are RECIPE.tune.*, beside it.
-struct Beside {
-    fs::path folder, table, numbers;
-    std::string plot;
-};
-Beside beside(const fs::path& recipe) {
-    const std::string stem = recipe.stem().string() + ".tune";
-    const fs::path folder = recipe.has_parent_path() ? recipe.parent_path() : fs::path(".");
-    return {folder, folder / (stem + ".md"), folder / (stem + ".csv"), stem};
 }
 
 // Nothing is measured for a file that cannot be written in the end.
@@ -63,9 +47,9 @@ Result<void> check_out(const TuneArguments& arguments) {
         return fail(ErrorCode::invalid_argument, "--out " + arguments.out + " is not named as recipes are",
                     "call it " + out.stem().string() + ".toml");
     std::error_code error;
-    if (!fs::is_directory(beside(out).folder, error))
-        return fail(ErrorCode::not_found, beside(out).folder.string() + " is no folder",
-                    "make it, or give another --out");
+    const fs::path folder = out.has_parent_path() ? out.parent_path() : fs::path(".");
+    if (!fs::is_directory(folder, error))
+        return fail(ErrorCode::not_found, folder.string() + " is no folder", "make it, or give another --out");
     if (!arguments.force && fs::exists(out, error))
         return fail(ErrorCode::refused, arguments.out + " is there already: it is not overwritten",
                     "give another --out, or --force");
@@ -85,70 +69,17 @@ Result<void> check_apart(const std::vector<std::string>& good, const std::vector
 }
 
 Result<NumberedRecipe> base_of(const TuneArguments& arguments) {
-    NumberedRecipe base;
-    base.recipe.name = "tuned";
-    if (!arguments.recipe.empty()) {
-        auto loaded = load_numbered_recipe(arguments.recipe);
-        if (!loaded) return loaded;
-        base = std::move(*loaded);
-        if (base.recipe.name == algo::Recipe{}.name) base.recipe.name = "tuned";
-        ++base.version;
-    }
+    auto base = recipe_or_default(arguments.recipe);
+    if (!base) return base;
+    if (base->recipe.name == algo::Recipe{}.name) base->recipe.name = "tuned";
+    if (!arguments.recipe.empty()) ++base->version;
     if (!arguments.reference.empty()) {
         auto learned = read_reference(arguments.reference);
         if (!learned) return tl::unexpected(learned.error());
-        base.recipe.reference = std::move(*learned);
-        base.reference_file = fs::absolute(arguments.reference);
+        base->recipe.reference = std::move(*learned);
+        base->reference_file = fs::absolute(arguments.reference);
     }
     return base;
-}
-
-std::string as_list(const std::string& lines) {
-    std::string list;
-    for (std::size_t from = 0, end = 0; from < lines.size() && (end = lines.find('\n', from)) != std::string::npos;
-         from = end + 1)
-        list += "- " + lines.substr(from, end + 1 - from);
-    return list;
-}
-
-Result<std::vector<fs::path>> write_all(Tuned& tuned, const TuneArguments& arguments, const std::string& made) {
-    const fs::path out = arguments.out;
-    const Beside near = beside(out);
-    std::vector<fs::path> written{out, near.table, near.numbers};
-    if (auto done = common::write_durably(near.table,
-                                          "# Which features judge these parts\n\n" + made + "\n\n" +
-                                              as_list(describe(tuned)) + "\n" + to_markdown(table_of(tuned)) +
-                                              fmt::format("\n![time and detection]({}.png)\n", near.plot));
-        !done) {
-        return tl::unexpected(done.error());
-    }
-    if (auto done = write_csv(near.numbers, numbers_of(tuned)); !done) return tl::unexpected(done.error());
-    if (const auto drawn = plot_tuned(tuned, near.folder, near.plot))
-        written.insert(written.end(), drawn->begin(), drawn->end());
-    else fmt::print(stderr, "hordctl: the plot is not drawn: {}\n", drawn.error().message());
-    // A reference beside the recipe is named as such, so that both can be moved.
-    fs::path& reference = tuned.feature_sets[*tuned.chosen].recipe.reference_file;
-    std::error_code error;
-    if (!reference.empty() && fs::equivalent(reference.parent_path(), near.folder, error))
-        reference = reference.filename();
-    if (auto done = common::write_durably(out, recipe_text(tuned, made)); !done) return tl::unexpected(done.error());
-    return written;
-}
-
-void print_table(const Table& table) {
-    std::vector<std::size_t> widths;
-    for (const std::string& name : table.header) widths.push_back(name.size());
-    for (const auto& row : table.rows) {
-        for (std::size_t k = 0; k < row.size(); ++k) widths[k] = std::max(widths[k], row[k].size());
-    }
-    const auto print = [&](const std::vector<std::string>& row) {
-        std::string line;
-        for (std::size_t k = 0; k < row.size(); ++k) line += fmt::format("{:<{}}  ", row[k], widths[k]);
-        line.erase(line.find_last_not_of(' ') + 1);
-        fmt::print("{}\n", line);
-    };
-    print(table.header);
-    for (const auto& row : table.rows) print(row);
 }
 
 Exit run_tune(const TuneArguments& arguments) {
@@ -157,15 +88,13 @@ Exit run_tune(const TuneArguments& arguments) {
     if (!good) return complain(good.error());
     if (!bad) return complain(bad.error());
     if (auto fine = check_apart(*good, *bad); !fine) return complain(fine.error());
-    const auto reader = FrameReader::create(arguments.macro, arguments.grid, arguments.bits);
+    const auto reader = FrameReader::create(arguments.reading);
     if (!reader) return complain(reader.error());
     auto base = base_of(arguments);
     if (!base) return complain(base.error());
 
     auto progress = std::make_unique<Progress>("tune", arguments.json);
-    TuneOptions options;
-    options.budget_ms = arguments.budget_ms;
-    options.threads = arguments.threads;
+    TuneOptions options = arguments.tuning;
     options.false_rejects = arguments.false_rejects_percent / 100;
     options.base = std::move(*base);
     options.bins = reader->bins();
@@ -178,8 +107,7 @@ Exit run_tune(const TuneArguments& arguments) {
     store::Json json = to_json(*tuned);
     if (!arguments.json) {
         for (const LeftOut& out : tuned->left_out) fmt::print("left out: {}: {}\n", out.file, out.why);
-        print_table(table_of(*tuned));
-        fmt::print("\n{}", describe(*tuned));
+        fmt::print("{}\n{}", to_text(table_of(*tuned)), describe(*tuned));
     }
     if (tuned->chosen && !options.base.recipe.tolerances.empty() &&
         !tuned->feature_sets[*tuned->chosen].set.reference) {
@@ -191,8 +119,8 @@ Exit run_tune(const TuneArguments& arguments) {
     if (tuned->chosen && !arguments.out.empty()) {
         const std::string made =
             fmt::format("Made by hordctl tune on {:%Y-%m-%d}, good frames from {}, bad ones from {}.",
-                        fmt::gmtime(std::time(nullptr)), joined(arguments.good), joined(arguments.bad));
-        const auto written = write_all(*tuned, arguments, made);
+                        fmt::gmtime(std::time(nullptr)), fmt::join(arguments.good, " "), fmt::join(arguments.bad, " "));
+        const auto written = write_report(*tuned, arguments.out, made);
         if (!written) return complain(written.error());
         for (const fs::path& file : *written) {
             if (arguments.json) json["written"].push_back(file.string());
@@ -208,7 +136,7 @@ Exit run_tune(const TuneArguments& arguments) {
                          "no feature has a limit that lets these good parts pass: " + fastest->no_limit,
                          "see that the frames are of good parts"});
     return complain({ErrorCode::refused,
-                     fmt::format("no feature set fits {:g} ms: the fastest, {}, takes {:.3g} ms", arguments.budget_ms,
+                     fmt::format("no feature set fits {:g} ms: the fastest, {}, takes {:.3g} ms", options.budget_ms,
                                  fastest->set.name(), fastest->wall_ms),
                      "allow more (--budget), use more threads (--threads), or a smaller part of the field"});
 }
@@ -228,7 +156,9 @@ void add_tune(CLI::App& program, Exit& status) {
                      fmt::format("The same of at least {} bad parts, such as must be found", kMinBad))
         ->required();
     command
-        ->add_option("--budget", arguments->budget_ms, "Longest time that judging a frame may take on this machine, ms")
+        ->add_option(
+            "--budget", arguments->tuning.budget_ms,
+            "Longest time that judging a frame may take on this machine, ms; decoding by --grid is not counted")
         ->required()
         ->check(CLI::PositiveNumber);
     command->add_option(
@@ -241,23 +171,10 @@ void add_tune(CLI::App& program, Exit& status) {
     command->add_option(
         "--reference", arguments->reference,
         "What hordctl learn has learned from other good parts: feature sets that use it are measured, too");
-    command
-        ->add_option("--false-rejects", arguments->false_rejects_percent,
-                     "Share of good parts that each limit may reject, by a fit to the good frames, %")
-        ->check(CLI::Range(1e-4, 50.0))
-        ->capture_default_str();
-    command->add_option("--macro", arguments->macro, "Bins a lenslet of a macro-pixel frame, columns x rows")
-        ->capture_default_str();
-    command->add_option("--grid", arguments->grid,
-                        "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet (not "
-                        "counted in the time)");
-    command
-        ->add_option("--bits", arguments->bits,
-                     "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
-        ->check(CLI::Range(8, 16));
-    command->add_option("--threads", arguments->threads, "Threads that judge a frame")
-        ->check(CLI::Range(1, 64))
-        ->capture_default_str();
+    add_number(*command, "--false-rejects", arguments->false_rejects_percent,
+               "Share of good parts that each limit may reject, by a fit to the good frames, %", 1e-4, 50.0);
+    add_frame_options(*command, arguments->reading);
+    add_number(*command, "--threads", arguments->tuning.threads, "Threads that judge a frame", 1, 64);
     command->add_flag("--json", arguments->json, "Print one JSON object");
     command->footer(
         "Chosen is the fastest feature set whose area under the ROC curve is within 0.005 of the best "

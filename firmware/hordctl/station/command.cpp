@@ -1,5 +1,4 @@
 // hordctl command: sends a station a command, as a PLC does.
-#include <algorithm>
 #include <chrono>
 
 #include <fmt/format.h>
@@ -57,9 +56,7 @@ void add_remote_options(CLI::App& command, RemoteOptions& options) {
     options.given =
         command.add_option("--modbus", options.modbus,
                            "The station's register server, HOST[:PORT]; without it this machine's, at 502 or 1502");
-    command.add_option("--timeout", options.timeout_ms, "Longest wait for an answer, ms")
-        ->check(CLI::Range(1, 60000))
-        ->capture_default_str();
+    add_number(command, "--timeout", options.timeout_ms, "Longest wait for an answer, ms", 1, 60000);
 }
 
 Result<modbus::Client> connect(const RemoteOptions& options) {

@@ -4,6 +4,8 @@
 
 #include <fmt/format.h>
 
+#include "common/cli/program.h"
+
 namespace hord::firmware {
 namespace {
 
@@ -13,46 +15,46 @@ constexpr float kBinsHigh = 2, kShareHigh = 1, kFrobeniusHigh = 2, kTransmission
 }  // namespace
 
 void Gallery::keep(std::uint32_t part, const FrameView& view, const algo::Inspection& found) {
-    Seen seen{part,
-              found.verdict,
-              found.reason,
-              {view.width_px / bins_.first, view.height_px / bins_.second, bins_.first, bins_.second},
-              Frame(view.width_px, view.height_px, view.bits),
-              found.compares,
-              {found.gradient.begin(), found.gradient.end()},
-              {found.frobenius.begin(), found.frobenius.end()},
-              {found.transmission.begin(), found.transmission.end()},
-              {found.mask.begin(), found.mask.end()},
-              {found.defects.begin(), found.defects.end()}};
+    InspectedPart inspected{part,
+                            found.verdict,
+                            found.reason,
+                            {view.width_px / bins_.first, view.height_px / bins_.second, bins_.first, bins_.second},
+                            Frame(view.width_px, view.height_px, view.bits),
+                            found.compares,
+                            {found.gradient.begin(), found.gradient.end()},
+                            {found.frobenius.begin(), found.frobenius.end()},
+                            {found.transmission.begin(), found.transmission.end()},
+                            {found.mask.begin(), found.mask.end()},
+                            {found.defects.begin(), found.defects.end()}};
     const auto row_bytes = static_cast<std::size_t>(view.width_px * view.sample_bytes());
     for (int y = 0; y < view.height_px; ++y) {
         std::copy_n(view.data + y * view.stride_bytes, row_bytes,
-                    seen.frame.bytes().begin() + static_cast<std::ptrdiff_t>(row_bytes) * y);
+                    inspected.frame.bytes().begin() + static_cast<std::ptrdiff_t>(row_bytes) * y);
     }
     const std::lock_guard lock(mutex_);
     if (waiting_.size() >= kWaiting) waiting_.erase(waiting_.begin());
-    waiting_[part] = std::move(seen);
+    waiting_[part] = std::move(inspected);
 }
 
-MontageRow Gallery::row(const std::string& kind, const Seen& seen) {
-    const algo::Extents& e = seen.extents;
-    const std::string title =
-        fmt::format("raw frame of part {}: {}{}", seen.part, name_of(seen.verdict),
-                    seen.reason == algo::Reason::none ? std::string() : fmt::format(", {}", name_of(seen.reason)));
-    std::vector<Picture> pictures{draw(title, seen.frame.view(), e)};
+MontageRow Gallery::row(const std::string& kind, const InspectedPart& inspected) {
+    const algo::Extents& e = inspected.extents;
+    const std::string title = fmt::format(
+        "raw frame of part {}: {}{}", inspected.part, name_of(inspected.verdict),
+        inspected.reason == algo::Reason::none ? std::string() : fmt::format(", {}", name_of(inspected.reason)));
+    std::vector<Picture> pictures{draw(title, inspected.frame.view(), e)};
     const auto add = [&](const MapPicture& what, const std::vector<float>& map) {
-        if (!map.empty()) pictures.push_back(draw(what, map, seen.mask, e, seen.defects));
+        if (!map.empty()) pictures.push_back(draw(what, map, inspected.mask, e, inspected.defects));
     };
-    if (seen.compares == algo::Feature::emd) {
-        add({"EMD gradient", "bins", 0, kBinsHigh}, seen.gradient);
-    } else if (seen.compares) {
-        const bool in_bins = !algo::unit_of(*seen.compares).empty();
-        add({std::string(name_of(*seen.compares)) + " gradient", in_bins ? "bins" : "", 0,
+    if (inspected.compares == algo::Feature::emd) {
+        add({"EMD gradient", "bins", 0, kBinsHigh}, inspected.gradient);
+    } else if (inspected.compares) {
+        const bool in_bins = !algo::unit_of(*inspected.compares).empty();
+        add({std::string(name_of(*inspected.compares)) + " gradient", in_bins ? "bins" : "", 0,
              in_bins ? kBinsHigh : kShareHigh},
-            seen.gradient);
+            inspected.gradient);
     }
-    add({"Frobenius norm of the Jacobian", "bins a lenslet", 0, kFrobeniusHigh}, seen.frobenius);
-    add({"transmission", "of typical", 0, kTransmissionHigh}, seen.transmission);
+    add({"Frobenius norm of the Jacobian", "bins a lenslet", 0, kFrobeniusHigh}, inspected.frobenius);
+    add({"transmission", "of typical", 0, kTransmissionHigh}, inspected.transmission);
     return {kind, std::move(pictures)};
 }
 
@@ -69,15 +71,11 @@ Result<std::string> Gallery::write(const std::filesystem::path& folder) {
     if (kinds_.empty())
         return fail(ErrorCode::not_found, "no part was inspected, so there is no picture of one",
                     "see the messages above");
-    std::error_code error;
-    std::filesystem::create_directories(folder, error);
-    if (error)
-        return fail(ErrorCode::io, folder.string() + " cannot be created (" + error.message() + ")",
-                    "give a folder that may be written to");
+    if (auto made = make_folder(folder); !made) return tl::unexpected(made.error());
     std::vector<MontageRow> rows;
     if (const auto good = kinds_.find("good"); good != kinds_.end()) rows.push_back(row("good", good->second));
-    for (const auto& [kind, seen] : kinds_) {
-        if (kind != "good") rows.push_back(row(kind, seen));
+    for (const auto& [kind, inspected] : kinds_) {
+        if (kind != "good") rows.push_back(row(kind, inspected));
     }
     const auto file = folder / "montage.png";
     if (auto done = write_png(file, montage(rows)); !done) return tl::unexpected(done.error());

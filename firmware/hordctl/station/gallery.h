@@ -33,7 +33,7 @@ class Gallery {
     Result<std::string> write(const std::filesystem::path& folder);
 
   private:
-    struct Seen {
+    struct InspectedPart {
         std::uint32_t part = 0;
         algo::Verdict verdict = algo::Verdict::unfit;
         algo::Reason reason = algo::Reason::none;
@@ -44,12 +44,12 @@ class Gallery {
         std::vector<std::uint8_t> mask;
         std::vector<algo::Defect> defects;
     };
-    static MontageRow row(const std::string& kind, const Seen& seen);
+    static MontageRow row(const std::string& kind, const InspectedPart& inspected);
 
     std::pair<int, int> bins_{9, 9};
     std::mutex mutex_;
-    std::map<std::uint32_t, Seen> waiting_;
-    std::map<std::string, Seen> kinds_;
+    std::map<std::uint32_t, InspectedPart> waiting_;
+    std::map<std::string, InspectedPart> kinds_;
 };
 
 }  // namespace hord::firmware

@@ -3,20 +3,20 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <random>
+#include <semaphore>
 #include <thread>
 #include <utility>
 
 #include <fmt/format.h>
 #include <sched.h>
-#include <semaphore.h>
 #include <sys/eventfd.h>
 #include <unistd.h>
 
 #include "algo/inspection/pipeline.h"
+#include "common/assign.h"
 #include "common/cli/progress.h"
 #include "common/unique_fd.h"
 #include "drivers/event_loop/event_loop_sd.h"
@@ -57,19 +57,15 @@ class NullLine final : public drivers::GpioOutputs {
 class EdgeThread {
   public:
     explicit EdgeThread(const hal::Clock& clock) : clock_(clock), event_fd_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
-        sem_init(&wanted_, 0, 0);
         thread_ = std::thread([this] { run(); });
     }
     ~EdgeThread() {
         stopping_ = true;
-        sem_post(&wanted_);
+        wanted_.release();
         thread_.join();
-        sem_destroy(&wanted_);
     }
-    EdgeThread(const EdgeThread&) = delete;
-    EdgeThread& operator=(const EdgeThread&) = delete;
     [[nodiscard]] int event_fd() const { return event_fd_.get(); }
-    void ask() { sem_post(&wanted_); }
+    void ask() { wanted_.release(); }
     TimePoint answer() const {
         std::uint64_t count = 0;
         [[maybe_unused]] const auto bytes = read(event_fd_.get(), &count, sizeof count);
@@ -80,7 +76,7 @@ class EdgeThread {
     void run() {
         std::minstd_rand random(1);
         for (;;) {
-            while (sem_wait(&wanted_) != 0) continue;
+            wanted_.acquire();
             if (stopping_) return;
             std::this_thread::sleep_for(
                 kApart + Duration(static_cast<std::int64_t>(random() % static_cast<unsigned>(kSpread.count()))));
@@ -91,7 +87,7 @@ class EdgeThread {
     }
     const hal::Clock& clock_;
     common::UniqueFd event_fd_;
-    sem_t wanted_{};
+    std::counting_semaphore<> wanted_{0};
     std::atomic<bool> stopping_{false};
     std::atomic<std::int64_t> at_{0};
     std::thread thread_;
@@ -101,18 +97,14 @@ class EdgeThread {
 class InspectionLoad {
   public:
     InspectionLoad(int threads, int bins_i, int bins_j) {
-        for (int k = 0; k < threads; ++k) threads_.emplace_back([this, bins_i, bins_j] { run(bins_i, bins_j); });
+        for (int k = 0; k < threads; ++k) {
+            threads_.emplace_back([this, bins_i, bins_j](const std::stop_token& ends) { run(ends, bins_i, bins_j); });
+        }
     }
-    ~InspectionLoad() {
-        stopping_ = true;
-        for (std::thread& thread : threads_) thread.join();
-    }
-    InspectionLoad(const InspectionLoad&) = delete;
-    InspectionLoad& operator=(const InspectionLoad&) = delete;
     [[nodiscard]] int frames() const { return frames_; }
 
   private:
-    void run(int bins_i, int bins_j) {
+    void run(const std::stop_token& ends, int bins_i, int bins_j) {
         const sched_param normal{};
         sched_setscheduler(0, SCHED_OTHER, &normal);
         const algo::Extents extents{111, 111, bins_i, bins_j};
@@ -125,14 +117,10 @@ class InspectionLoad {
             }
         }
         auto pipeline = algo::Pipeline::create(extents, 8, algo::Recipe{});
-        while (pipeline && !stopping_) {
-            if (!pipeline->inspect(frame.view())) break;
-            ++frames_;
-        }
+        while (pipeline && !ends.stop_requested() && pipeline->inspect(frame.view())) ++frames_;
     }
-    std::atomic<bool> stopping_{false};
     std::atomic<int> frames_{0};
-    std::vector<std::thread> threads_;
+    std::vector<std::jthread> threads_;  // ends with it
 };
 
 // ---- the measurement
@@ -176,28 +164,23 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
         if (auto done = open_rejector(); !done) return done;
         if (auto done = strobe_->start(*this); !done) return done;
         if (auto done = rejector_->start(*this); !done) return done;
-        run_until([&] { return link_up_; }, std::chrono::seconds(5));
-        if (!link_up_)
+        if (!loop_->run_until([&] { return link_up_; }, std::chrono::seconds(5)))
             return fail(ErrorCode::timeout, "the rejector does not answer: " + why_down_.what, why_down_.cure);
         return open_edges();
     }
 
     Result<void> open_light() {
         if (!options_.simulate && !config_.strobe.gpio.empty()) {
-            auto opened = drivers::GpioStrobe::open(*loop_, config_.strobe.gpio);
-            if (!opened) return tl::unexpected(opened.error());
-            strobe_ = std::move(*opened);
+            if (auto done = assign(strobe_, drivers::GpioStrobe::open(*loop_, config_.strobe.gpio)); !done) return done;
             light_text_ = fmt::format("the configured GPIO lines (libgpiod {}), {:.3f} ms a pulse",
                                       drivers::gpiod_version(), static_cast<double>(pulse().count()) / 1e6);
             return {};
         }
-        auto opened = drivers::GpioStrobe::open(
-            *loop_, {{.max_on = milliseconds(2), .min_rest = microseconds(100), .max_duty = 1}},
-            [] { return Result<std::unique_ptr<drivers::GpioOutputs>>(std::make_unique<NullLine>()); });
-        if (!opened) return tl::unexpected(opened.error());
-        strobe_ = std::move(*opened);
         light_text_ = "the strobe driver's own thread, without a GPIO line behind it";
-        return {};
+        return assign(strobe_,
+                      drivers::GpioStrobe::open(
+                          *loop_, {{.max_on = milliseconds(2), .min_rest = microseconds(100), .max_duty = 1}},
+                          [] { return Result<std::unique_ptr<drivers::GpioOutputs>>(std::make_unique<NullLine>()); }));
     }
     [[nodiscard]] Duration pulse() const { return std::min(kPulse, strobe_->limits().max_on); }
 
@@ -208,9 +191,7 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
             options = *wanted;
             rejector_text_ = "the configured module: the ejector moves";
         } else {
-            auto module = sim::CoilModule::open(*loop_, options_.priority);
-            if (!module) return tl::unexpected(module.error());
-            module_ = std::move(*module);
+            if (auto done = assign(module_, sim::CoilModule::open(*loop_, options_.priority)); !done) return done;
             module_->on_coil([this](int coil, bool on, TimePoint at) {
                 if (coil == 0 && on) moved_at_ = at.time_since_epoch().count();
             });
@@ -228,9 +209,7 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
             if (line == nullptr)
                 return fail(ErrorCode::invalid_argument, "--sensor needs a part sensor on a GPIO line",
                             "name a configuration with [part_sensor] backend = \"gpio\"");
-            auto opened = drivers::GpioPartSensor::open(*loop_, *line);
-            if (!opened) return tl::unexpected(opened.error());
-            part_sensor_ = std::move(*opened);
+            if (auto done = assign(part_sensor_, drivers::GpioPartSensor::open(*loop_, *line)); !done) return done;
             edges_text_ = fmt::format(
                 "the part sensor on {} line {}, stamped by the kernel; its debounce of {:.0f} us is in every number",
                 line->line.chip, line->line.line, static_cast<double>(line->debounce.count()) / 1e3);
@@ -238,11 +217,9 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
         }
         edge_thread_ = std::make_unique<EdgeThread>(*loop_);
         edges_text_ = "a thread of this program: no interrupt, no GPIO";
-        auto watched = loop_->watch(edge_thread_->event_fd(), hal::EventLoop::Readiness::readable,
-                                    [this] { begin(edge_thread_->answer()); });
-        if (!watched) return tl::unexpected(watched.error());
-        watch_ = *watched;
-        return {};
+        return assign(watch_, loop_->watch(edge_thread_->event_fd(), hal::EventLoop::Readiness::readable, [this] {
+            begin(edge_thread_->answer());
+        }));
     }
 
     void close_all() {
@@ -290,30 +267,30 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
         lit_ = rejected_ = false;
         ++number_;
         moved_at_ = 0;
-        const auto fired = strobe_->fire(
-            {.exposure = number_, .channels = 1, .start = plan_.value_or(loop_->now()), .width = pulse()});
-        if (!fired) {
-            lit_ = true;
-            ++series_of_light().missed;
-        }
-        const auto taken = rejector_->reject({number_, loop_->now(), kRejectWindow});
-        if (!taken) {
-            rejected_ = true;
-            ++acknowledged_.missed;
-            ++command_.missed;
-        }
+        const hal::StrobePulse light{
+            .exposure = number_, .channels = 1, .start = plan_.value_or(loop_->now()), .width = pulse()};
+        if (!strobe_->fire(light)) light_came(std::nullopt);
+        if (!rejector_->reject({number_, loop_->now(), kRejectWindow})) rejected(std::nullopt, std::nullopt);
         overdue_ = loop_->call_after(kReportTimeout, [this] {
-            if (!lit_) ++series_of_light().missed;
-            if (!rejected_) ++acknowledged_.missed, ++command_.missed;
-            settle(true, true);
+            light_came(std::nullopt);
+            rejected(std::nullopt, std::nullopt);
         });
-        settle(false, false);
+        next_when_settled();
     }
-    Series& series_of_light() { return plan_ ? planned_ : at_once_; }
 
-    void settle(bool light, bool reject) {
-        lit_ = lit_ || light;
-        rejected_ = rejected_ || reject;
+    // The outcomes for an edge, once each; nothing: missed.
+    void light_came(std::optional<Duration> delay) {
+        if (!std::exchange(lit_, true)) (plan_ ? planned_ : at_once_).add(delay);
+        next_when_settled();
+    }
+    void rejected(std::optional<Duration> acknowledged, std::optional<Duration> moved) {
+        if (!std::exchange(rejected_, true)) {
+            acknowledged_.add(acknowledged);
+            command_.add(moved);
+        }
+        next_when_settled();
+    }
+    void next_when_settled() {
         if (!lit_ || !rejected_ || overdue_ == hal::EventLoop::TimerId::none) return;
         loop_->cancel(std::exchange(overdue_, hal::EventLoop::TimerId::none));
         ++done_;
@@ -321,20 +298,15 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
     }
 
     void on_strobe(const hal::StrobeReport& report) override {
-        if (report.exposure != number_ || lit_) return;
-        if (report.lit) series_of_light().samples.push_back(report.start - plan_.value_or(edge_));
-        else ++series_of_light().missed;
-        settle(true, false);
+        if (report.exposure != number_) return;
+        light_came(report.lit ? std::optional(report.start - plan_.value_or(edge_)) : std::nullopt);
     }
     void on_strobe_lost(const Error& error) override { lose(error); }
     void on_reject(const hal::RejectReport& report) override {
-        if (report.part != number_ || rejected_) return;
+        if (report.part != number_) return;
         const TimePoint moved{Duration(moved_at_.load())};
-        if (report.outcome == hal::RejectReport::Outcome::failed) ++acknowledged_.missed;
-        else acknowledged_.samples.push_back(report.at - edge_);
-        if (moved == TimePoint()) ++command_.missed;
-        else command_.samples.push_back(moved - edge_);
-        settle(false, true);
+        rejected(report.outcome == hal::RejectReport::Outcome::failed ? std::nullopt : std::optional(report.at - edge_),
+                 moved == TimePoint() ? std::nullopt : std::optional(moved - edge_));
     }
     void on_rejector_link(bool up, const Error& why) override {
         link_up_ = up;
@@ -349,16 +321,6 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
         lost_ = true;
         complain(error);
         loop_->request_stop();
-    }
-
-    void run_until(const std::function<bool()>& done, Duration patience) {
-        const TimePoint give_up = loop_->now() + patience;
-        const std::function<void()> look = [&] {
-            if (done() || loop_->now() >= give_up) return loop_->request_stop();
-            loop_->call_after(milliseconds(1), [&] { look(); });
-        };
-        loop_->post([&] { look(); });
-        (void)loop_->run();
     }
 
     const LatencyOptions& options_;
@@ -384,17 +346,13 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
 };
 
 Exit measure_latency(const LatencyOptions& options) {
-    Config config;
-    if (!options.config.empty()) {
-        auto loaded = load_config(options.config);
-        if (!loaded) return complain(loaded.error());
-        config = std::move(*loaded);
-    }
+    const auto config = options.config.empty() ? Config{} : load_config(options.config);
+    if (!config) return complain(config.error());
     if (options.config.empty() && !options.simulate) {
         return complain({ErrorCode::invalid_argument, "latency needs --config FILE or --simulate",
                          "--simulate measures this machine without any device"});
     }
-    return Measurement(options, config).run();
+    return Measurement(options, *config).run();
 }
 
 }  // namespace
@@ -411,14 +369,9 @@ void add_latency(CLI::App& program, Exit& status) {
                       "Edges of the configured part sensor, as parts pass it, instead of a thread's");
     command->add_flag("--actuate", options->actuate,
                       "Commands to the configured module: the ejector moves, only with the line clear");
-    command->add_option("--edges", options->edges, "How many, idle and busy each")
-        ->check(CLI::Range(2, 10'000'000))
-        ->capture_default_str();
-    command
-        ->add_option("--priority", options->priority,
-                     "Real-time priority of the timing threads, as the service has it; 0: none")
-        ->check(CLI::Range(0, 99))
-        ->capture_default_str();
+    add_number(*command, "--edges", options->edges, "How many, idle and busy each", 2, 10'000'000);
+    add_number(*command, "--priority", options->priority,
+               "Real-time priority of the timing threads, as the service has it; 0: none", 0, 99);
     command->footer(
         "Exit status: 0 measured, 2 a device is not there, 3 a device was lost.\nExample: hordctl latency --simulate "
         "--edges 2000");

@@ -27,6 +27,11 @@ std::string line_of(const char* file) {
 
 }  // namespace
 
+void Series::add(std::optional<Duration> sample) {
+    if (sample) samples.push_back(*sample);
+    else ++missed;
+}
+
 std::string text_of(Series series) {
     std::string out = fmt::format("{}: {} measured, {} missed", series.what, series.samples.size(), series.missed);
     if (series.samples.empty()) return out + "\n";

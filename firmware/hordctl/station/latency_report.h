@@ -1,6 +1,7 @@
 // The texts of `hordctl latency`: one measured series, and the machine.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,6 +13,7 @@ struct Series {
     std::string what;  // is measured
     std::vector<Duration> samples;
     int missed = 0;
+    void add(std::optional<Duration> sample);  // nothing: missed
 };
 
 // Count, p50, p99, p99.9 (from 1000 samples on), maximum and a histogram, in microseconds.

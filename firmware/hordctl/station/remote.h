@@ -9,8 +9,7 @@
 namespace hord::firmware {
 
 struct RemoteOptions {
-    std::string modbus =
-        "127.0.0.1:1502";  // not given: this machine's, at 502 (the installed service) or 1502 (hordctl run)
+    std::string modbus = "127.0.0.1:1502";  // not given: at 502 (the installed service) or 1502 (hordctl run)
     const CLI::Option* given = nullptr;
     int timeout_ms = 1000;
 };

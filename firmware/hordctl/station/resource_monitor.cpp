@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 
 #include <fmt/format.h>
-#include <sys/resource.h>
 #include <unistd.h>
 
 #include "common/statistics.h"
@@ -26,23 +26,6 @@ std::uint64_t resident_kb() {
     std::uint64_t all = 0, resident = 0;
     in >> all >> resident;
     return resident * static_cast<std::uint64_t>(::sysconf(_SC_PAGESIZE)) / 1024;
-}
-
-double processor_seconds() {
-    rusage used{};
-    ::getrusage(RUSAGE_SELF, &used);
-    const auto seconds = [](const timeval& t) {
-        return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
-    };
-    return seconds(used.ru_utime) + seconds(used.ru_stime);
-}
-
-// The middle value of some samples, and so of what a single busy moment does not move.
-template <class Get>
-double middle(const ResourceMonitor::Sample* from, const ResourceMonitor::Sample* to, Get get) {
-    std::vector<double> values;
-    for (const auto* s = from; s != to; ++s) values.push_back(static_cast<double>(get(*s)));
-    return common::upper_median(std::span(values));
 }
 
 }  // namespace
@@ -79,7 +62,9 @@ void ResourceMonitor::add(const PartResult& result) {
 }
 
 void ResourceMonitor::sample(double at_s) {
-    const double used_s = processor_seconds(), before_s = samples_.empty() ? 0 : samples_.back().at_s;
+    // Processor time of all threads.
+    const double used_s = static_cast<double>(std::clock()) / CLOCKS_PER_SEC,
+                 before_s = samples_.empty() ? 0 : samples_.back().at_s;
     now_.at_s = at_s;
     now_.p50_ms = latencies_.percentile_ms(0.5);
     now_.p99_ms = latencies_.percentile_ms(0.99);
@@ -119,12 +104,14 @@ std::string ResourceMonitor::text() const {
                            sum.descriptors, sum.threads, 100 * sum.processor);
     }
     if (samples_.size() < 8) return out;
-    // The first tenth warms up.
-    const auto* all = samples_.data();
-    const std::size_t n = samples_.size(), warm = n / 10, quarter = (n - warm) / 4;
-    const auto change = [&](auto get) {
-        return middle(all + n - quarter, all + n, get) - middle(all + warm, all + warm + quarter, get);
+    // The first tenth warms up. A median does not move by a single busy moment.
+    const std::size_t warm = samples_.size() / 10, quarter = (samples_.size() - warm) / 4;
+    const auto median_from = [&](std::size_t first, auto get) {
+        std::vector<double> values;
+        for (std::size_t k = first; k < first + quarter; ++k) values.push_back(static_cast<double>(get(samples_[k])));
+        return common::upper_median(std::span(values));
     };
+    const auto change = [&](auto get) { return median_from(samples_.size() - quarter, get) - median_from(warm, get); };
     out += fmt::format(
         "from the first quarter to the last: memory {:+.0f} kB, descriptors {:+.0f}, median latency {:+.2f} ms\n",
         change([](const Sample& s) { return s.memory_kb; }), change([](const Sample& s) { return s.descriptors; }),

@@ -3,7 +3,6 @@
 // Memory does not grow with the run: latencies are counted in steps of 10 us.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -43,8 +42,6 @@ class ResourceMonitor {
 
     void add(const PartResult& result);
     void sample(double at_s);  // ends an interval
-
-    [[nodiscard]] const std::vector<Sample>& samples() const { return samples_; }
 
     // A summary: at most ten intervals, and the change of memory, descriptors and latency from the first to the last.
     [[nodiscard]] std::string text() const;

@@ -1,6 +1,5 @@
 // hordctl results: lists, filters, exports and verifies the results in a store.
 #include <chrono>
-#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -20,63 +19,45 @@ struct ResultsOptions {
     std::string folder = kDefaultStore;
     std::string since, until, format = "table";
     store::ResultFilter filter;
-    std::int64_t newest = 0, run = 0;
     std::vector<std::string> noted;
-    bool heads = false;
 };
 
-store::UtcMicros utc_now() {
-    return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
-        .count();
-}
-
 Result<void> complete(ResultsOptions& options) {
-    const auto read = [](const std::string& text, std::optional<store::UtcMicros>& into) -> Result<void> {
+    const auto now = std::chrono::time_point_cast<std::chrono::microseconds>(std::chrono::system_clock::now())
+                         .time_since_epoch()
+                         .count();
+    const auto read = [now](const std::string& text, std::optional<store::UtcMicros>& into) -> Result<void> {
         if (text.empty()) return {};
-        const auto time = store::parse_utc(text, utc_now());
+        const auto time = store::parse_utc(text, now);
         if (!time) return tl::unexpected(time.error());
         into = *time;
         return {};
     };
     if (auto done = read(options.since, options.filter.since); !done) return done;
     if (auto done = read(options.until, options.filter.until); !done) return done;
+    if (options.filter.run.value_or(1) <= 0) options.filter.run.reset();
     if (const auto present = algo::present_reason_name(options.filter.reason); present != options.filter.reason) {
         fmt::print(stderr, "hordctl: the reason \"{}\" is called \"{}\" now\n", options.filter.reason, present);
     }
-    if (options.newest > 0) options.filter.newest = options.newest;
-    if (options.run > 0) options.filter.run = options.run;
     return {};
 }
 
 // Prints row by row: a year of results does not fit in memory.
-template <class Row>
-void print(const std::string& format, const Row& row) {
-    fmt::print("{}\n",
-               format == "csv"        ? store::to_csv(row)
-                   : format == "json" ? store::to_line(store::to_json(row))
-                                      : store::to_table(row));
-}
-void print_head(const std::string& format, const std::string& csv, const std::string& table) {
-    if (format != "json") fmt::print("{}\n", format == "csv" ? csv : table);
-}
-
-Exit list_results(ResultsOptions options) {
+Exit list(ResultsOptions options, bool changes) {
     if (auto done = complete(options); !done) return complain(done.error());
     auto reader = StoreReader::open(options.folder);
     if (!reader) return complain(reader.error());
-    print_head(options.format, store::csv_head_of_results(), store::table_head_of_results());
-    const auto done = (*reader)->each_result(options.filter,
-                                             [&](const store::StoredResult& result) { print(options.format, result); });
-    return done ? Exit::good : complain(done.error());
-}
-
-Exit list_changes(ResultsOptions options) {
-    if (auto done = complete(options); !done) return complain(done.error());
-    auto reader = StoreReader::open(options.folder);
-    if (!reader) return complain(reader.error());
-    print_head(options.format, store::csv_head_of_changes(), store::table_head_of_changes());
-    const auto done = (*reader)->each_change(options.filter,
-                                             [&](const store::StoredChange& change) { print(options.format, change); });
+    const bool csv = options.format == "csv", json = options.format == "json";
+    if (csv) fmt::print("{}\n", changes ? store::csv_head_of_changes() : store::csv_head_of_results());
+    else if (!json) fmt::print("{}\n", changes ? store::table_head_of_changes() : store::table_head_of_results());
+    const auto print = [&](const auto& row) {
+        fmt::print("{}\n",
+                   csv        ? store::to_csv(row)
+                       : json ? store::to_line(store::to_json(row))
+                              : store::to_table(row));
+    };
+    const auto done =
+        changes ? (*reader)->each_change(options.filter, print) : (*reader)->each_result(options.filter, print);
     return done ? Exit::good : complain(done.error());
 }
 
@@ -132,8 +113,8 @@ void add_filters(CLI::App* command, ResultsOptions& options) {
     command->add_option("--since", options.since,
                         "From this time on: 2026-11-21, 2026-11-21T07:15:30 (UTC), or how long ago: 30m, 12h, 7d");
     command->add_option("--until", options.until, "Before this time");
-    command->add_option("--run", options.run, "Of this run (its number is in `hordctl results changes`)");
-    command->add_option("--last", options.newest, "The newest so many")->check(CLI::PositiveNumber);
+    command->add_option("--run", options.filter.run, "Of this run (its number is in `hordctl results changes`)");
+    command->add_option("--last", options.filter.newest, "The newest so many")->check(CLI::PositiveNumber);
     command->add_option("--format", options.format, "table, csv, or json (one object a line)")
         ->check(CLI::IsMember({"table", "csv", "json"}))
         ->capture_default_str();
@@ -171,9 +152,7 @@ void add_results(CLI::App& program, Exit& status) {
         "Example: hordctl results verify --head "
         "results:4711:9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08");
     command->callback([options, changes, verifying, &status] {
-        status = verifying->parsed() ? verify(*options)
-            : changes->parsed()      ? list_changes(*options)
-                                     : list_results(*options);
+        status = verifying->parsed() ? verify(*options) : list(*options, changes->parsed());
     });
 }
 

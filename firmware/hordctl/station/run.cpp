@@ -1,8 +1,7 @@
-// hordctl run: the station in the foreground; on the simulated cell it knows the truth and reports against it.
+// hordctl run: the station in the foreground. On the simulated line the report compares verdicts with the true parts.
 #include <algorithm>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <thread>
 #include <utility>
 
@@ -25,12 +24,11 @@ using store::Json;
 struct RunOptions {
     std::string config, modbus, out, store, state, vitals;
     bool simulate = false, json = false;
-    std::uint64_t parts = 0, seed = 1;
-    double rate = 10, good = 0.7;
-    int variety = 4, vitals_every_s = 10, realtime = 0, reset_after_s = 0;
+    SimulationOptions line;
+    int vitals_every_s = 10, reset_after_s = 0;
 };
 
-Json to_json(const PartResult& result, const Backends::Fate* fate) {
+Json to_json(const PartResult& result, const Backends::Fate& fate) {
     Json json{{"part", result.part},
               {"verdict", name_of(result.verdict)},
               {"reason", name_of(result.reason)},
@@ -39,15 +37,13 @@ Json to_json(const PartResult& result, const Backends::Fate* fate) {
               {"latency_us", result.latency_us},
               {"reject", name_of(result.reject)},
               {"reject_latency_us", result.reject_latency_us}};
-    if (fate != nullptr) {
-        if (!fate->kind.empty()) json["truth"] = fate->kind;
-        json["ejected"] = fate->ejected;
-        if (fate->taken_off) json["taken_off"] = true;
-    }
+    if (!fate.kind.empty()) json["truth"] = fate.kind;
+    json["ejected"] = fate.ejected;
+    if (fate.taken_off) json["taken_off"] = true;
     return json;
 }
 
-// As a client's endpoint, but for port 0: any free one.
+// An endpoint as a client's; port 0: any free one.
 Result<TcpServer> parse_listen(const std::string& text) {
     const bool any_port = text.size() > 2 && text.ends_with(":0");
     const auto endpoint = modbus::parse_endpoint(any_port ? text.substr(0, text.size() - 2) : text);
@@ -55,13 +51,14 @@ Result<TcpServer> parse_listen(const std::string& text) {
     return TcpServer{endpoint->host, any_port ? std::uint16_t{0} : endpoint->port};
 }
 
-// Without a configuration: as much time for everything as parts that come so often leave, since the machine may have
-// other things to do. A camera far behind the part sensor; a pulse nearly as long as the gap between two parts, told
-// half a pulse before its part is there.
-void give_room(Config& config, double parts_per_second) {
+// The configuration of a run without a file: every wait as long as the rate of parts allows, because the machine may be
+// busy with other work. The camera is far behind the part sensor. The pulse takes four fifths of the gap between two
+// parts, and begins half a pulse before its part is at the ejector.
+Config with_room(double parts_per_second) {
+    Config config;
     CoreConfig& core = config.core;
     core.exposure_delay = milliseconds(100);
-    if (parts_per_second > 20) return;
+    if (parts_per_second > 20) return config;
     const Duration pitch = std::min(Duration(static_cast<std::int64_t>(1e9 / parts_per_second)), milliseconds(1000));
     core.exposure_delay = std::max(core.exposure_delay, pitch);
     core.transport = std::max(milliseconds(1000), 3 * pitch);
@@ -72,39 +69,36 @@ void give_room(Config& config, double parts_per_second) {
     drivers::ModbusRejectorOptions module;
     module.response_timeout = std::max(module.response_timeout, pitch);
     config.rejector = SimulatedRejector{std::move(module)};
+    return config;
 }
 
-// One run: brings each part's result and its true fate together, and ends when all parts have both.
+// One run: joins each part's result with its fate, and ends when all parts have both.
 class Run {
   public:
     explicit Run(const RunOptions& options) : options_(options) {}
 
     Exit go() {
-        Config config;
-        give_room(config, options_.rate);
-        if (!options_.config.empty()) {
-            auto loaded = load_config(options_.config);
-            if (!loaded) return complain(loaded.error());
-            config = std::move(*loaded);
-        }
-        if (options_.simulate) config.sensor = SimulatedSensor{};
+        auto config =
+            options_.config.empty() ? with_room(options_.line.parts_per_second) : load_config(options_.config);
+        if (!config) return complain(config.error());
+        if (options_.simulate) config->sensor = SimulatedSensor{};
         if (!options_.modbus.empty()) {
             auto listen = parse_listen(options_.modbus);
             if (!listen) return complain(listen.error());
-            config.modbus = *listen;
+            config->modbus = *listen;
         }
-        if (!options_.store.empty()) config.store.folder = options_.store;
-        if (!options_.state.empty()) config.state_folder = options_.state;
-        gallery_.set_bins(config.inspection.bins_i, config.inspection.bins_j);
-        auto service = open(config);
+        if (!options_.store.empty()) config->store.folder = options_.store;
+        if (!options_.state.empty()) config->state_folder = options_.state;
+        gallery_.set_bins(config->inspection.bins_i, config->inspection.bins_j);
+        auto service = open(*config);
         if (!service) return complain(service.error());
         service_ = std::move(*service);
         fmt::print(stderr, "registers at {}\n", service_->registers_address());
-        progress_ = std::make_unique<Progress>("parts", options_.parts == 0);
-        if (options_.parts > 0 || options_.reset_after_s > 0) look_whether_it_stands(0);
-        if (!options_.vitals.empty()) service_->loop().post([this] { look_at_vitals(); });
-        if (options_.realtime > 0) {
-            for (const Error& refused : take_realtime_policy(options_.realtime)) say(refused.message());
+        progress_ = std::make_unique<Progress>("parts", options_.line.parts == 0);
+        if (options_.line.parts > 0 || options_.reset_after_s > 0) watch_for_line_stop(0);
+        if (!options_.vitals.empty()) service_->loop().post([this] { sample_vitals(); });
+        if (options_.line.realtime > 0) {
+            for (const Error& refused : take_realtime_policy(options_.line.realtime)) say(refused.message());
         }
         const auto ran = service_->run();
         progress_.reset();
@@ -115,21 +109,15 @@ class Run {
 
   private:
     Result<std::unique_ptr<Service>> open(const Config& config) {
-        SimulationOptions simulation;
-        simulation.seed = options_.seed;
-        simulation.parts = options_.parts;
-        simulation.parts_per_second = options_.rate;
-        simulation.good_share = options_.good;
-        simulation.variety = options_.variety;
+        SimulationOptions simulation = options_.line;
         simulation.own_coil_module = options_.simulate;
-        simulation.realtime = options_.realtime;
         auto rendering = std::make_shared<std::unique_ptr<Progress>>(std::make_unique<Progress>("render parts"));
         simulation.progress = [rendering](double done) {
             if (*rendering) (*rendering)->show(done);
             if (done >= 1) rendering->reset();
         };
-        if (options_.parts == 0) fmt::print(stderr, "seed {}, until interrupted\n", options_.seed);
-        else fmt::print(stderr, "seed {}, {} parts\n", options_.seed, options_.parts);
+        if (options_.line.parts == 0) fmt::print(stderr, "seed {}, until interrupted\n", options_.line.seed);
+        else fmt::print(stderr, "seed {}, {} parts\n", options_.line.seed, options_.line.parts);
 
         ServiceWatchers watchers;
         watchers.result = [this](const PartResult& result) { on_result(result); };
@@ -146,23 +134,22 @@ class Run {
         return Service::open(config, simulation, std::move(watchers));
     }
 
-    void look_at_vitals() {
+    void sample_vitals() {
         const Duration every = milliseconds(1000) * options_.vitals_every_s;
-        service_->loop().call_after(every, [this] { look_at_vitals(); });
-        if (seen_any_)
+        service_->loop().call_after(every, [this] { sample_vitals(); });
+        if (first_arrival_)
             vitals_.sample(
-                std::chrono::duration<double>(service_->loop().now().time_since_epoch() - Duration(first_arrival_ns_))
-                    .count());
+                std::chrono::duration<double>(service_->loop().now().time_since_epoch() - *first_arrival_).count());
     }
 
     void say(const std::string& line) {
         progress_.reset();
         fmt::print(stderr, "hordctl: {}\n", line);
-        progress_ = std::make_unique<Progress>("parts", options_.parts == 0);
+        progress_ = std::make_unique<Progress>("parts", options_.line.parts == 0);
     }
 
     void on_result(const PartResult& result) {
-        if (!std::exchange(seen_any_, true)) first_arrival_ns_ = result.arrived_ns;
+        if (!first_arrival_) first_arrival_ = Duration(result.arrived_ns);
         last_seen_ = service_->loop().now();
         if (!options_.vitals.empty()) vitals_.add(result);
         results_[result.arrived_ns] = result;
@@ -184,9 +171,8 @@ class Run {
         if (line_over_ && fates_.empty() && results_.empty()) end();
     }
 
-    // A line that the station has stopped brings no more parts: somebody comes and resets it, or a run of so many parts
-    // ends there.
-    void look_whether_it_stands(int seconds_stopped) {
+    // A stopped line brings no more parts. With --reset-after it is reset as by a person; without, the run ends.
+    void watch_for_line_stop(int seconds_stopped) {
         const Snapshot now = service_->snapshot();
         int stopped = now.line_stop || now.state == State::error ? seconds_stopped + 1 : 0;
         if (options_.reset_after_s > 0 && stopped > options_.reset_after_s) {
@@ -195,19 +181,19 @@ class Run {
             service_->look_after_line();
         }
         if (options_.reset_after_s == 0 && stopped > kWaitsForReset) return end();
-        service_->loop().call_after(milliseconds(1000), [this, stopped] { look_whether_it_stands(stopped); });
+        service_->loop().call_after(milliseconds(1000), [this, stopped] { watch_for_line_stop(stopped); });
     }
 
     void settle(std::int64_t arrived) {
         const auto result = results_.find(arrived);
         const auto fate = fates_.find(arrived);
         if (result == results_.end() || fate == fates_.end()) return;
-        report_.add(result->second, fate->second.kind, fate->second.ejected, fate->second.taken_off);
-        if (options_.json) fmt::print("{}\n", store::to_text(to_json(result->second, &fate->second)));
+        report_.add(result->second, fate->second);
+        if (options_.json) fmt::print("{}\n", store::to_text(to_json(result->second, fate->second)));
         gallery_.settle(result->second.part, fate->second.kind);
         ++settled_;
-        if (options_.parts > 0 && progress_) {
-            progress_->show(static_cast<double>(settled_) / static_cast<double>(options_.parts),
+        if (options_.line.parts > 0 && progress_) {
+            progress_->show(static_cast<double>(settled_) / static_cast<double>(options_.line.parts),
                             fmt::format("{} parts", settled_));
         }
         results_.erase(result);
@@ -224,18 +210,14 @@ class Run {
             auto endpoint = modbus::parse_endpoint(service_->registers_address());
             auto client = endpoint ? modbus::Client::connect(*endpoint, std::chrono::milliseconds(1000))
                                    : tl::unexpected(endpoint.error());
-            if (client) {
-                counters_ = client->read_block(BlockId::counters);
-            } else {
-                counters_ = tl::unexpected(client.error());
-            }
+            counters_ = client ? client->read_block(BlockId::counters) : tl::unexpected(client.error());
             service_->stop();
         });
     }
 
     Exit finish() {
         if (!ending_) last_snapshot_ = service_->snapshot();
-        const Duration elapsed = last_seen_.time_since_epoch() - Duration(first_arrival_ns_);
+        const Duration elapsed = last_seen_.time_since_epoch() - first_arrival_.value_or(Duration::zero());
         std::FILE* out = options_.json ? stderr : stdout;
         fmt::print(out, "\n{}", report_.parts() > 0 ? report_.text(elapsed) : std::string("no part came\n"));
         if (options_.reset_after_s > 0) fmt::print(out, "the line was stopped and reset {} times\n", resets_);
@@ -249,7 +231,8 @@ class Run {
             fmt::print(out, "\n");
         }
         const Snapshot& last = *last_snapshot_;
-        if (last.line_stop || last.state == State::error) {
+        const bool stands = last.line_stop || last.state == State::error;
+        if (stands) {
             fmt::print(out, "the station ended in {}{}\n", name_of(last.state),
                        last.line_stop ? ", line stop raised" : "");
         }
@@ -258,7 +241,7 @@ class Run {
             if (!written) return complain(written.error());
             fmt::print(out, "picture: {}\n", *written);
         }
-        return last.line_stop || last.state == State::error ? Exit::unfit : Exit::good;
+        return stands ? Exit::unfit : Exit::good;
     }
 
     static constexpr int kWaitsForReset = 5;  // seconds
@@ -272,8 +255,7 @@ class Run {
     std::map<std::int64_t, PartResult> results_;  // by arrival, until their fate is known
     std::map<std::int64_t, Backends::Fate> fates_;
     std::size_t settled_ = 0, resets_ = 0;
-    bool seen_any_ = false;
-    std::int64_t first_arrival_ns_ = 0;
+    std::optional<Duration> first_arrival_;  // since the loop's epoch
     hal::TimePoint last_seen_{};
     bool line_over_ = false, ending_ = false;
     std::optional<Snapshot> last_snapshot_;
@@ -293,45 +275,31 @@ void add_run(CLI::App& program, Exit& status) {
                           "Simulated line and sensor, and a Modbus coil module on loopback as the rejector");
     command->add_option("--modbus", options->modbus,
                         "Where the register server listens, HOST:PORT (port 0: any free one)");
-    command->add_option("--parts", options->parts,
+    command->add_option("--parts", options->line.parts,
                         "End after so many parts (simulated line); without it, run until interrupted");
-    command->add_option("--seed", options->seed, "Seed of the simulated line")->capture_default_str();
-    command->add_option("--rate", options->rate, "Parts a second on the simulated line")
-        ->check(CLI::Range(0.1, 1000.0))
-        ->capture_default_str();
-    command->add_option("--good", options->good, "Share of good parts on the simulated line")
-        ->check(CLI::Range(0.0, 1.0))
-        ->capture_default_str();
-    command
-        ->add_option("--variety", options->variety,
-                     "Different parts of each kind on the simulated line; each is rendered at the start")
-        ->check(CLI::Range(1, 1000))
-        ->capture_default_str();
+    command->add_option("--seed", options->line.seed, "Seed of the simulated line")->capture_default_str();
+    add_number(*command, "--rate", options->line.parts_per_second, "Parts a second on the simulated line", 0.1, 1000.0);
+    add_number(*command, "--good", options->line.good_share, "Share of good parts on the simulated line", 0.0, 1.0);
+    add_number(*command, "--variety", options->line.variety,
+               "Different parts of each kind on the simulated line; each is rendered at the start", 1, 1000);
     command->add_option("--out", options->out, "Folder for a picture of one part of each kind");
     command->add_option(
         "--store", options->store,
         "Folder to keep results and frames in (docs/store.md); without it, what the configuration says");
     command->add_option("--state", options->state,
-                        "Folder for what outlives a run, as the service's: the recipe in use, what was taught "
-                        "(docs/plc.md), the store; without it nothing does");
-    command
-        ->add_option("--realtime", options->realtime,
-                     "Run the timing thread under SCHED_FIFO with this priority, as the service does; 0: not")
-        ->check(CLI::Range(0, 99))
-        ->capture_default_str();
+                        "State folder, as the service's: keeps the recipe in use, what was taught (docs/plc.md) and "
+                        "the store for the next run; without it nothing is kept");
+    add_number(*command, "--realtime", options->line.realtime,
+               "Run the timing thread under SCHED_FIFO with this priority, as the service does; 0: not", 0, 99);
     command->add_option(
         "--vitals", options->vitals,
         "CSV file for latencies, memory, descriptors and processor time over the run; the report shows them, too");
-    command->add_option("--vitals-every", options->vitals_every_s, "Seconds a line of it")
-        ->check(CLI::Range(1, 3600))
-        ->capture_default_str();
-    command
-        ->add_option("--reset-after", options->reset_after_s,
-                     "Seconds after which a station that stopped the simulated line is reset and the parts are taken "
-                     "off, as a person would; 0: it stays stopped")
-        ->needs(simulate)  // a real line is looked after by real people
-        ->check(CLI::Range(0, 3600))
-        ->capture_default_str();
+    add_number(*command, "--vitals-every", options->vitals_every_s, "Seconds a line of it", 1, 3600);
+    add_number(*command, "--reset-after", options->reset_after_s,
+               "Seconds after which a station that stopped the simulated line is reset and the parts are taken off, as "
+               "a person would; 0: it stays stopped",
+               0, 3600)
+        ->needs(simulate);  // a real line is looked after by real people
     command->add_flag("--json", options->json, "Print one JSON object a part; the report goes to stderr");
     command->footer(
         "Exit status: 0 every part got its verdict, 2 bad configuration or a port that is taken, 3 the station ended "

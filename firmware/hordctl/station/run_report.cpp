@@ -16,18 +16,18 @@ std::string line(const char* what, const LatencyCounts& counts) {
 
 }  // namespace
 
-void RunReport::add(const PartResult& result, const std::string& kind, bool ejected, bool taken_off) {
+void RunReport::add(const PartResult& result, const Backends::Fate& fate) {
     verdicts_.add(result.latency_us);
     if (result.reject == RejectState::confirmed) rejects_.add(result.reject_latency_us);
-    Row& row = rows_[kind];
+    Row& row = rows_[fate.kind];
     ++row.parts;
     row.pass += result.verdict == PartVerdict::pass ? 1 : 0;
     row.reject += result.verdict == PartVerdict::reject ? 1 : 0;
     row.unfit += result.verdict == PartVerdict::unfit ? 1 : 0;
-    row.ejected += ejected ? 1 : 0;
+    row.ejected += fate.ejected ? 1 : 0;
     if (result.reason != PartReason::none) ++reasons_[result.reason];
-    taken_off_ += taken_off ? 1U : 0U;
-    if (!kind.empty() && !taken_off && (kind == "good") == ejected) ++wrong_;
+    taken_off_ += fate.taken_off ? 1U : 0U;
+    if (!fate.kind.empty() && !fate.taken_off && (fate.kind == "good") == fate.ejected) ++wrong_;
 }
 
 std::string RunReport::text(hal::Duration elapsed) const {

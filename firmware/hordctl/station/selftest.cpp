@@ -1,5 +1,6 @@
 // hordctl selftest: the configured devices themselves with --config or --simulate; without, a running station is asked
 // to test itself.
+#include <algorithm>
 #include <chrono>
 #include <memory>
 
@@ -42,47 +43,28 @@ Exit ask_station(const RemoteOptions& options) {
     return Exit::rejected;
 }
 
-// Lets the loop run until something has happened.
-bool wait(SdEventLoop& loop, const std::function<bool()>& done, hal::Duration patience) {
-    const hal::TimePoint give_up = loop.now() + patience;
-    bool held = false;
-    const std::function<void()> look = [&] {
-        held = done();
-        if (held || loop.now() >= give_up) return loop.request_stop();
-        loop.call_after(milliseconds(1), [&] { look(); });
-    };
-    loop.post([&] { look(); });
-    (void)loop.run();
-    return held;
-}
-
 Exit test_devices(const SelftestOptions& options) {
-    Config config;
-    if (!options.config.empty()) {
-        auto loaded = load_config(options.config);
-        if (!loaded) return complain(loaded.error());
-        config = std::move(*loaded);
-    }
+    const auto config = options.config.empty() ? Config{} : load_config(options.config);
+    if (!config) return complain(config.error());
     auto loop = SdEventLoop::open();
     if (!loop) return complain(loop.error());
-    auto each = open_each_device(**loop, config, options.simulate);
+    auto each = open_each_device(**loop, *config, options.simulate);
     if (!each) return complain(each.error());
 
     std::vector<CheckRow> rows;
-    const auto judgement = check_judgement(config.inspection.bins_i, config.inspection.bins_j, 8);
-    if (judgement)
-        rows.push_back(
-            {"judgement", CheckRow::Result::good, "a drawn good part passes, a drawn bad one is rejected", {}});
-    else rows.push_back({"judgement", CheckRow::Result::bad, judgement.error().what, judgement.error().cure});
+    const auto judged = check_judgement(config->inspection.bins_i, config->inspection.bins_j, 8);
+    rows.push_back(
+        judged
+            ? CheckRow{"judgement", CheckRow::Result::good, "a drawn good part passes, a drawn bad one is rejected", {}}
+            : CheckRow{"judgement", CheckRow::Result::bad, judged.error().what, judged.error().cure});
     DeviceDiagnosticsOptions check;
     check.actuate = options.actuate;
     check.wait = [&](const std::function<bool()>& done, hal::Duration patience) {
-        return wait(**loop, done, patience);
+        return (*loop)->run_until(done, patience);
     };
     for (CheckRow& row : check_cell(**loop, each->cell, check)) rows.push_back(std::move(row));
     fmt::print("{}", table_of(rows));
-    int wrong = 0;
-    for (const CheckRow& row : rows) wrong += row.result == CheckRow::Result::bad ? 1 : 0;
+    const auto wrong = std::ranges::count(rows, CheckRow::Result::bad, &CheckRow::result);
     if (wrong == 0) return Exit::good;
     fmt::print("\n{} of {} rows are bad\n", wrong, rows.size());
     return Exit::rejected;

@@ -20,17 +20,13 @@ struct StatusOptions {
 constexpr BlockId kShown[] = {BlockId::ident, BlockId::status, BlockId::counters, BlockId::last,
                               BlockId::plc,   BlockId::recipe, BlockId::health,   BlockId::calibration};
 
+// What the station does not know is null; a text may be empty.
 Json to_json(const std::vector<Reading>& readings) {
     Json block;
     for (const Reading& reading : readings) {
-        const std::string name(reading.what->name);
-        if (reading.number) {
-            block[name] = *reading.number;
-        } else if (reading.what->type == RegisterType::text) {
-            block[name] = reading.text;
-        } else {
-            block[name] = nullptr;
-        }
+        Json& value = block[std::string(reading.what->name)];
+        if (reading.number) value = *reading.number;
+        else if (reading.what->type == RegisterType::text) value = reading.text;
     }
     return block;
 }

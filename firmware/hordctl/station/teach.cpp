@@ -54,14 +54,9 @@ void add_teach(CLI::App& program, Exit& status) {
     auto* command =
         program.add_subcommand("teach", "Have a station learn its reference from the next parts of the running line");
     auto options = std::make_shared<TeachOptions>();
-    command->add_option("--parts", options->parts, "As many parts; they have to be good")
-        ->check(CLI::Range(8, 64))
-        ->capture_default_str();
-    command
-        ->add_option("--patience", options->patience_s,
-                     "Longest wait for its end, s; the station goes on without anybody waiting")
-        ->check(CLI::Range(1, 86400))
-        ->capture_default_str();
+    add_number(*command, "--parts", options->parts, "As many parts; they have to be good", 8, 64);
+    add_number(*command, "--patience", options->patience_s,
+               "Longest wait for its end, s; the station goes on without anybody waiting", 1, 86400);
     add_remote_options(*command, options->remote);
     command->footer(
         "The station must list this address in modbus.may_write. Exit status: 0 taught, 2 refused, failed (its journal "

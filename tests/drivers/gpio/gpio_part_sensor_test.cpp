@@ -42,18 +42,7 @@ struct GpioPartSensorTest : testing::Test {
         sensor = std::move(*opened);
         ASSERT_TRUE(sensor->start(ear));
     }
-    bool run_until(const std::function<bool()>& done) {
-        const hal::TimePoint give_up = loop->now() + kPatience;
-        hal::EventLoop::TimerId timer{};
-        const std::function<void()> look = [&] {
-            if (done() || loop->now() > give_up) return loop->request_stop();
-            timer = loop->call_after(1ms, look);
-        };
-        loop->post(look);
-        EXPECT_TRUE(loop->run());
-        loop->cancel(timer);
-        return done();
-    }
+    bool run_until(const std::function<bool()>& done) { return loop->run_until(done, kPatience); }
 
     std::unique_ptr<firmware::SdEventLoop> loop = std::move(*firmware::SdEventLoop::open());
     std::shared_ptr<scripted::Wire> barrier = std::make_shared<scripted::Wire>(),

@@ -34,17 +34,7 @@ struct GpioStrobeTest : testing::Test {
         ASSERT_TRUE(opened) << opened.error().message();
         strobe = std::move(*opened);
     }
-    bool run_until(const std::function<bool()>& done) {
-        const TimePoint give_up = loop->now() + kPatience;
-        const std::function<void()> look = [&] {
-            if (done() || loop->now() > give_up) return loop->request_stop();
-            timer = loop->call_after(1ms, look);
-        };
-        loop->post(look);
-        EXPECT_TRUE(loop->run());
-        loop->cancel(timer);
-        return done();
-    }
+    bool run_until(const std::function<bool()>& done) { return loop->run_until(done, kPatience); }
     // Late enough to be accepted, early enough for a short test.
     hal::StrobePulse pulse(std::uint32_t exposure, std::uint32_t channels, Duration width, Duration ahead = 20ms) {
         return {.exposure = exposure, .channels = channels, .start = loop->now() + ahead, .width = width};

@@ -139,18 +139,7 @@ class Sensor : public testing::Test {
         ear_.frames.clear();
         if (sensor_) sensor_->stop();
     }
-    bool run_until(const std::function<bool()>& done) {
-        const hal::TimePoint give_up = loop_->now() + 60s;
-        bool held = false;
-        const std::function<void()> look = [&] {
-            held = done();
-            if (held || loop_->now() >= give_up) return loop_->request_stop();
-            loop_->call_after(1ms, [&] { look(); });
-        };
-        loop_->post([&] { look(); });
-        EXPECT_TRUE(loop_->run());
-        return held;
-    }
+    bool run_until(const std::function<bool()>& done) { return loop_->run_until(done, 60s); }
     hal::FrameLease frame() {
         EXPECT_TRUE(sensor_->trigger({.exposure = 1, .start = loop_->now() + 1ms, .length = 1ms}));
         EXPECT_TRUE(run_until([&] { return !ear_.frames.empty(); }));

@@ -66,18 +66,7 @@ class RejectorBench : public testing::Test {
         start();
         ASSERT_TRUE(run_until([&] { return ear_.up; })) << ear_.why_down.message();
     }
-    bool run_until(const std::function<bool()>& done) {
-        const hal::TimePoint give_up = loop_->now() + 60s;
-        bool held = false;
-        const std::function<void()> look = [&] {
-            held = done();
-            if (held || loop_->now() >= give_up) return loop_->request_stop();
-            loop_->call_after(1ms, [&] { look(); });
-        };
-        loop_->post([&] { look(); });
-        EXPECT_TRUE(loop_->run());
-        return held;
-    }
+    bool run_until(const std::function<bool()>& done) { return loop_->run_until(done, 60s); }
     // Sends a command whose window begins now, and waits for its report.
     Outcome reject(std::uint32_t part, hal::Duration window = kWindow) {
         const std::size_t before = ear_.reports.size();

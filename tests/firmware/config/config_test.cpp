@@ -401,8 +401,9 @@ TEST(Config, a_missing_file_and_broken_toml_are_named) {
 }
 
 TEST(Recipe, the_documented_file_is_the_defaults) {
-    const auto file = load_recipe(kDeploy / "recipes/default.toml");
-    ASSERT_TRUE(file) << file.error().what;
+    const auto numbered = load_numbered_recipe(kDeploy / "recipes/default.toml");
+    ASSERT_TRUE(numbered) << numbered.error().what;
+    const algo::Recipe* file = &numbered->recipe;
     const algo::Recipe d;
     EXPECT_EQ(
         std::tie(file->name, file->dark_dn, file->min_sum_dn, file->saturated_dn, file->min_area, file->rim_margin),

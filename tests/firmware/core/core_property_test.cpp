@@ -163,7 +163,7 @@ class Shadow {
     }
     Event rare_event() {
         switch (pick(12)) {
-            case 0: return state_command(pick(9));
+            case 0: return static_cast<Command>(pick(9) + 1);
             case 1: return DeviceLost{static_cast<Device>(pick(kDevices))};
             case 2: return up(static_cast<Device>(pick(kDevices)));
             case 3: return TriggerRefused{any_part()};

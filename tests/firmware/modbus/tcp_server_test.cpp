@@ -223,7 +223,6 @@ class Obedient : public PlcHandler {
         ++commands;
         return {};
     }
-    CommandOutcome on_recipe(const Origin&, const CommandRequest&, const StagedRecipe&) override { return {}; }
     modbus::Exception on_acknowledged(const Origin&, std::uint32_t) override { return modbus::Exception::none; }
     void on_plc_lost(PlcPolicy) override {}
     void on_plc_back() override {}

@@ -1,11 +1,12 @@
 // OpticsMonitor: when a fault begins and ends, and what messages, journal and registers show.
+#include "firmware/monitoring/optics_monitor.h"
+
 #include <cmath>
 #include <vector>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "firmware/monitoring/optics_report.h"
 #include "firmware/plc/register_server_model.h"
 #include "firmware/service/journal.h"
 
@@ -21,7 +22,7 @@ constexpr algo::Extents kField{40, 32, 5, 5};
 // Identical parts without noise; the test changes single properties.
 class Line {
   public:
-    explicit Line(const OpticsLimits& limits = {.window_parts = 25,
+    explicit Line(const OpticsConfig& limits = {.window_parts = 25,
                                                 .least_light = 0.8,
                                                 .most_dark_drift_dn = 1,
                                                 .most_uneven = 0.2})

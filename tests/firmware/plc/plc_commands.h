@@ -168,7 +168,7 @@ class PlcCommands : public ::testing::Test, public StationObserver {
     ToldInspector inspector{loop};
     Notes notes;
     TeachIn* teacher = nullptr;
-    CommandHandler operations{loop};
+    CommandHandler operations;
     Result<void> judgement;
     std::vector<std::string> troubles;
     std::vector<PartResult> results;

@@ -30,7 +30,6 @@ class HandClock : public hal::Clock {
 class Station : public PlcHandler {
   public:
     std::vector<CommandRequest> commands;
-    std::vector<StagedRecipe> recipes;
     std::vector<std::uint32_t> acknowledged;
     std::vector<std::string> writers;
     int lost = 0, back = 0;
@@ -39,10 +38,6 @@ class Station : public PlcHandler {
     CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) override {
         commands.push_back(request);
         writers.emplace_back(origin.peer);
-        return answer;
-    }
-    CommandOutcome on_recipe(const modbus::Origin&, const CommandRequest&, const StagedRecipe& staged) override {
-        recipes.push_back(staged);
         return answer;
     }
     Exception taken = Exception::none;
@@ -285,10 +280,11 @@ TEST_F(PlcSimulator, a_recipe_is_staged_and_committed_by_its_checksum) {
     const std::uint32_t crc = read32(8210);
     ASSERT_EQ(command(1, Command::commit_recipe, crc ^ 1), Exception::none);
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 1, 20, 3, 5));
-    EXPECT_THAT(station.recipes, IsEmpty());
-    ASSERT_EQ(command(2, Command::commit_recipe, crc), Exception::none);
-    EXPECT_THAT(station.recipes, ElementsAre(StagedRecipe{7, 1500, 800, 600, 3, -2, 100, 700}));
     EXPECT_THAT(station.commands, IsEmpty());
+    ASSERT_EQ(command(2, Command::commit_recipe, crc), Exception::none);
+    ASSERT_EQ(station.commands.size(), 1U);
+    EXPECT_EQ(station.commands[0].code, static_cast<std::uint16_t>(Command::commit_recipe));
+    EXPECT_EQ(plc_interface.view().staged, (StagedRecipe{7, 1500, 800, 600, 3, -2, 100, 700}));
     EXPECT_THAT(read(8202, 8), ElementsAre(7, 1500, 800, 600, 3, 0xFFFE, 100, 700)) << "reads back as written";
 }
 
@@ -304,7 +300,7 @@ TEST_F(PlcSimulator, no_recipe_is_committed_while_the_station_executes) {
     image.publish(snapshot);
     ASSERT_EQ(command(1, Command::commit_recipe, read32(8210)), Exception::none);
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 1, 20, 3, 2));
-    EXPECT_THAT(station.recipes, IsEmpty());
+    EXPECT_THAT(station.commands, IsEmpty());
 }
 
 TEST_F(PlcSimulator, nothing_but_the_rows_marked_writable_can_be_written) {

@@ -32,18 +32,18 @@ class RecordingTeachIn final : public TeachIn {
     void fails(Error error) { listener_.done(tl::unexpected(std::move(error))); }
     void takes(std::uint32_t parts) { listener_.taken(parts); }
 
-  private:
-    Result<void> do_begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) override {
+    Result<void> begin(std::uint32_t parts, const NumberedRecipe& recipe, Listener listener) override {
         if (!answer) return answer;
         begun.push_back(parts);
         recipe_ = recipe;
         listener_ = std::move(listener);
         return {};
     }
-    void do_cancel() override { ++cancelled; }
-    void do_discard(const NumberedRecipe& taught) override { discarded.push_back(taught.recipe.name); }
-    void do_in_use(const NumberedRecipe& recipe) override { used.push_back(recipe.recipe.name); }
+    void cancel() override { ++cancelled; }
+    void discard(const NumberedRecipe& taught) override { discarded.push_back(taught.recipe.name); }
+    void in_use(const NumberedRecipe& recipe) override { used.push_back(recipe.recipe.name); }
 
+  private:
     NumberedRecipe recipe_;
     Listener listener_;
 };

@@ -12,18 +12,7 @@ class RealLoop final : public LoopRunner {
     hal::EventLoop& loop() override { return *loop_; }
 
     bool run_until(const std::function<bool()>& done, hal::Duration at_most) override {
-        const hal::TimePoint give_up = loop_->now() + at_most;
-        hal::EventLoop::TimerId timer{};
-        bool held = false;
-        const std::function<void()> look = [&] {
-            held = done();
-            if (held || loop_->now() >= give_up) return loop_->request_stop();
-            timer = loop_->call_after(std::chrono::milliseconds(1), [&] { look(); });
-        };
-        loop_->post([&] { look(); });
-        EXPECT_TRUE(loop_->run());
-        loop_->cancel(timer);
-        return held;
+        return loop_->run_until(done, at_most);
     }
     void run_for(hal::Duration duration) override {
         loop_->call_after(duration, [this] { loop_->request_stop(); });
