@@ -318,7 +318,7 @@ void real_program(const std::string& program, double rate, int duration_s) {
     Fleet fleet;
     Consumer consumer;
     fs::create_directories(fleet.folder() / "store");
-    auto store = store::SqliteStore::open(fleet.folder() / "store");
+    auto store = store::open_sqlite_store(fleet.folder() / "store");
     if (!store) give_up(store.error().message());
     std::uint32_t written = 0;
     const auto write = [&](int count) {

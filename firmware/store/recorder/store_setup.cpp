@@ -102,11 +102,7 @@ std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, cons
     options.queue.retention.keep_us = wanted.keep_days * kDayMicros;
     options.queue.retention.max_bytes = static_cast<std::uint64_t>(wanted.keep_mb) * kMegabyte;
     options.ignored_part = Station::kTestPart;
-    const auto open = [folder]() -> Result<std::unique_ptr<store::ResultStore>> {
-        auto opened = store::SqliteStore::open(folder);
-        if (!opened) return tl::unexpected(opened.error());
-        return std::unique_ptr<store::ResultStore>(std::move(*opened));
-    };
+    const auto open = [folder] { return store::open_sqlite_store(folder); };
     auto recorder = std::make_unique<store::StationRecorder>(
         loop, utc_now, open, std::move(options),
         store::StoreQueue::Listener{raise(faults, kFaultStore), clear(faults, kFaultStore)}, std::move(frames));
