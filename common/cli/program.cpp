@@ -10,7 +10,7 @@ Exit complain(const Error& error) {
     return Exit::bad_input;
 }
 
-int run_command_line(CLI::App& program, int argc, char** argv, const Exit& status) {
+std::optional<int> parse_command_line(CLI::App& program, int argc, char** argv) {
     const char* name = program_invocation_short_name;
     try {
         program.parse(argc, argv);
@@ -23,7 +23,12 @@ int run_command_line(CLI::App& program, int argc, char** argv, const Exit& statu
         fmt::print(stderr, "{}: stopped by an unexpected error: {}: please report it\n", name, error.what());
         return static_cast<int>(Exit::bad_input);
     }
-    return static_cast<int>(status);
+    return std::nullopt;
+}
+
+int run_command_line(CLI::App& program, int argc, char** argv, const Exit& status) {
+    const auto ended = parse_command_line(program, argc, argv);
+    return ended ? *ended : static_cast<int>(status);
 }
 
 }  // namespace hord

@@ -1,6 +1,8 @@
 // Shared by the command-line programs: exit statuses, error output, and running a command line.
 #pragma once
 
+#include <optional>
+
 #include <CLI/CLI.hpp>
 
 #include "common/result.h"
@@ -19,8 +21,11 @@ enum class Exit : int {
 // bad_input.
 Exit complain(const Error& error);
 
-// Parses the command line, which runs the command's callback, and returns the exit status for main(): `status` as the
-// callback left it, or bad_input with one line on stderr for wrong usage and unexpected exceptions.
+// Parses the command line, which runs the command's callback. Returns the exit status if the program ends here: after
+// --help and --version, and with one line on stderr for wrong usage and unexpected exceptions (bad_input).
+std::optional<int> parse_command_line(CLI::App& program, int argc, char** argv);
+
+// The same for programs whose callbacks do the work: returns the exit status for main(), `status` as they left it.
 int run_command_line(CLI::App& program, int argc, char** argv, const Exit& status);
 
 }  // namespace hord

@@ -1,8 +1,8 @@
 #include "firmware/mqtt/broker_link.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
-#include <unordered_map>
 #include <utility>
 
 #include <fmt/format.h>
@@ -27,10 +27,6 @@ struct Library {
     Library& operator=(const Library&) = delete;
 };
 
-struct FreeClient {
-    void operator()(mosquitto* client) const { mosquitto_destroy(client); }
-};
-
 struct FreeProperties {
     void operator()(mosquitto_property* all) const { mosquitto_property_free_all(&all); }
 };
@@ -47,172 +43,140 @@ Result<void> check_readable(const std::filesystem::path& file, const char* what)
 
 }  // namespace
 
-struct BrokerLink::Parts {
-    BrokerOptions options;
-    std::vector<std::string> topics;
-    std::unique_ptr<mosquitto, FreeClient> client;
-    std::vector<Event> events;
-    std::unordered_map<int, std::uint64_t> tokens;  // of message ids that are not answered yet; 0: nobody asks
-    std::size_t subscriptions = 0;                  // answered
-    Clock::time_point began = Clock::now();
-    bool subscribed = false, closed = false, leaving = false;
+void BrokerLink::FreeClient::operator()(mosquitto* client) const { mosquitto_destroy(client); }
 
-    [[nodiscard]] std::string where() const { return fmt::format("broker {}:{}", options.host, options.port); }
+std::string BrokerLink::where() const { return fmt::format("broker {}:{}", options_.host, options_.port); }
 
-    void close(ErrorCode code, const std::string& what, const std::string& cure) {
-        if (std::exchange(closed, true)) return;
-        Event event;
-        event.error = {code, where() + " " + what, cure};
-        events.push_back(std::move(event));
-    }
+void BrokerLink::close(ErrorCode code, const std::string& what, const std::string& cure) {
+    if (std::exchange(closed_, true)) return;
+    events_.push_back({.kind = Event::Kind::closed, .error = {code, where() + " " + what, cure}});
+}
 
-    // The broker's answer to CONNECT; `code` of MQTT 3.1.1 or 5.
-    void on_connect(int code) {
-        if (code == 0) {
-            for (const std::string& topic : topics) {
-                const int done = mosquitto_subscribe(client.get(), nullptr, topic.c_str(), 1);
-                if (done != MOSQ_ERR_SUCCESS)
-                    close(ErrorCode::disconnected,
-                          std::string("cannot be asked for ") + topic + ": " + mosquitto_strerror(done),
-                          "it is tried again");
-            }
-            return;
+void BrokerLink::on_connect(int code) {
+    if (code == 0) {
+        for (const std::string& topic : topics_) {
+            const int done = mosquitto_subscribe(client_.get(), nullptr, topic.c_str(), 1);
+            if (done != MOSQ_ERR_SUCCESS)
+                close(ErrorCode::disconnected,
+                      std::string("cannot be asked for ") + topic + ": " + mosquitto_strerror(done),
+                      "it is tried again");
         }
-        const bool v5 = options.protocol == 5;
-        const std::string reason = v5 && code >= 0x80 ? mosquitto_reason_string(code) : mosquitto_connack_string(code);
-        if (code == 4 || code == 5 || code == MQTT_RC_BAD_USERNAME_OR_PASSWORD || code == MQTT_RC_NOT_AUTHORIZED) {
-            close(ErrorCode::refused,
-                  fmt::format("refuses the login of {} ({})",
-                              options.user.empty() ? "nobody" : "\"" + options.user + "\"", reason),
-                  "check broker.user, the password file, and the broker's access list");
-        } else if (code == 1 || code == MQTT_RC_UNSUPPORTED_PROTOCOL_VERSION) {
-            close(ErrorCode::unsupported, fmt::format("does not speak this MQTT version ({})", reason),
-                  "set broker.protocol = \"3.1.1\"");
-        } else {
-            close(ErrorCode::refused, fmt::format("refuses the connection ({})", reason), "see the broker's log");
-        }
+        return;
     }
-
-    void on_subscribe(int id, int count, const int* granted) {
-        if (const auto fence = tokens.find(id); fence != tokens.end()) {
-            Event event;
-            event.kind = Event::Kind::confirmed;
-            event.token = fence->second;
-            events.push_back(std::move(event));
-            tokens.erase(fence);
-            return;
-        }
-        for (int k = 0; k < count; ++k) {
-            if (granted[k] >= 0x80)
-                return close(ErrorCode::refused, "does not let this station read " + topics.front(),
-                             "let its user read that topic in the broker's access list");
-        }
-        if (++subscriptions < topics.size() || std::exchange(subscribed, true)) return;
-        Event event;
-        event.kind = Event::Kind::subscribed;
-        events.push_back(std::move(event));
+    const bool v5 = options_.protocol == 5;
+    const std::string reason = v5 && code >= 0x80 ? mosquitto_reason_string(code) : mosquitto_connack_string(code);
+    if (code == 4 || code == 5 || code == MQTT_RC_BAD_USERNAME_OR_PASSWORD || code == MQTT_RC_NOT_AUTHORIZED) {
+        close(ErrorCode::refused,
+              fmt::format("refuses the login of {} ({})",
+                          options_.user.empty() ? "nobody" : "\"" + options_.user + "\"", reason),
+              "check broker.user, the password file, and the broker's access list");
+    } else if (code == 1 || code == MQTT_RC_UNSUPPORTED_PROTOCOL_VERSION) {
+        close(ErrorCode::unsupported, fmt::format("does not speak this MQTT version ({})", reason),
+              "set broker.protocol = \"3.1.1\"");
+    } else {
+        close(ErrorCode::refused, fmt::format("refuses the connection ({})", reason), "see the broker's log");
     }
+}
 
-    void on_publish(int id, int code) {
-        const auto at = tokens.find(id);
-        if (at == tokens.end()) return;
-        if (code >= 0x80) {
-            return close(ErrorCode::refused,
-                         fmt::format("refuses what this station publishes ({})", mosquitto_reason_string(code)),
-                         "let this station's user write its topics in the broker's access list");
-        }
-        Event event;
-        event.kind = Event::Kind::confirmed;
-        event.token = at->second;
-        event.had_subscriber = code != MQTT_RC_NO_MATCHING_SUBSCRIBERS;
-        tokens.erase(at);
-        if (event.token != 0) events.push_back(std::move(event));
+void BrokerLink::on_subscribe(int id, std::span<const int> granted) {
+    if (const auto fence = tokens_.find(id); fence != tokens_.end()) {
+        events_.push_back({.kind = Event::Kind::confirmed, .token = fence->second});
+        tokens_.erase(fence);
+        return;
     }
+    if (std::ranges::any_of(granted, [](int qos) { return qos >= 0x80; }))
+        return close(ErrorCode::refused, "does not let this station read " + topics_.front(),
+                     "let its user read that topic in the broker's access list");
+    if (++subscriptions_ < topics_.size() || std::exchange(subscribed_, true)) return;
+    events_.push_back({.kind = Event::Kind::subscribed});
+}
 
-    void on_disconnect(int code) {
-        if (code != MQTT_RC_SESSION_TAKEN_OVER) return;
-        close(ErrorCode::busy, "has let another station in that calls itself \"" + options.client_id + "\"",
-              "give each station a sparkplug.node of its own");
+void BrokerLink::on_publish(int id, int code) {
+    const auto at = tokens_.find(id);
+    if (at == tokens_.end()) return;
+    if (code >= 0x80) {
+        return close(ErrorCode::refused,
+                     fmt::format("refuses what this station publishes ({})", mosquitto_reason_string(code)),
+                     "let this station's user write its topics in the broker's access list");
     }
-
-    void on_message(const mosquitto_message* message) {
-        Event event;
-        event.kind = Event::Kind::message;
-        event.topic = message->topic;
-        event.retained = message->retain;
-        // One byte above the limit is enough to refuse a payload that is too large.
-        event.payload.assign(
-            static_cast<const char*>(message->payload),
-            std::min<std::size_t>(static_cast<std::size_t>(message->payloadlen), kMaxCommandBytes + 1));
-        events.push_back(std::move(event));
+    if (at->second != 0) {
+        events_.push_back({.kind = Event::Kind::confirmed,
+                           .token = at->second,
+                           .had_subscriber = code != MQTT_RC_NO_MATCHING_SUBSCRIBERS});
     }
+    tokens_.erase(at);
+}
 
-    Result<void> prepare(const Outgoing& will);
-    Result<void> use_tls();
-};
+void BrokerLink::on_disconnect(int code) {
+    if (code != MQTT_RC_SESSION_TAKEN_OVER) return;
+    close(ErrorCode::busy, "has let another station in that calls itself \"" + options_.client_id + "\"",
+          "give each station a sparkplug.node of its own");
+}
 
-Result<void> BrokerLink::Parts::use_tls() {
-    if (options.ca.empty()) return {};
-    if (auto done = check_readable(options.ca, "the certificate authority"); !done) return done;
-    const bool own = !options.certificate.empty();
+void BrokerLink::on_message(const mosquitto_message& message) {
+    Event& event = events_.emplace_back();
+    event.kind = Event::Kind::message;
+    event.topic = message.topic;
+    event.retained = message.retain;
+    // One byte above the limit is enough to refuse a payload that is too large.
+    event.payload.assign(static_cast<const char*>(message.payload),
+                         std::min<std::size_t>(static_cast<std::size_t>(message.payloadlen), kMaxCommandBytes + 1));
+}
+
+Result<void> BrokerLink::use_tls() {
+    if (options_.ca.empty()) return {};
+    if (auto done = check_readable(options_.ca, "the certificate authority"); !done) return done;
+    const bool own = !options_.certificate.empty();
     if (own) {
-        if (auto done = check_readable(options.certificate, "the client certificate"); !done) return done;
-        if (auto done = check_readable(options.key, "the client certificate's key"); !done) return done;
+        if (auto done = check_readable(options_.certificate, "the client certificate"); !done) return done;
+        if (auto done = check_readable(options_.key, "the client certificate's key"); !done) return done;
     }
     const int done =
-        mosquitto_tls_set(client.get(), options.ca.c_str(), nullptr, own ? options.certificate.c_str() : nullptr,
-                          own ? options.key.c_str() : nullptr, no_passphrase);
+        mosquitto_tls_set(client_.get(), options_.ca.c_str(), nullptr, own ? options_.certificate.c_str() : nullptr,
+                          own ? options_.key.c_str() : nullptr, no_passphrase);
     if (done != MOSQ_ERR_SUCCESS)
         return fail(ErrorCode::invalid_argument, fmt::format("TLS cannot be set up ({})", mosquitto_strerror(done)),
                     "check [tls] in the configuration");
     return {};
 }
 
-Result<void> BrokerLink::Parts::prepare(const Outgoing& will) {
-    const auto checked = [&](int code, const char* what) -> Result<void> {
-        if (code == MOSQ_ERR_SUCCESS) return {};
+Result<void> BrokerLink::prepare(const Outgoing& will) {
+    mosquitto* const client = client_.get();
+    const int size = static_cast<int>(will.payload.size());
+    const std::pair<int, const char*> settings[] = {
+        {mosquitto_int_option(client, MOSQ_OPT_PROTOCOL_VERSION,
+                              options_.protocol == 5 ? MQTT_PROTOCOL_V5 : MQTT_PROTOCOL_V311),
+         "protocol"},
+        {mosquitto_int_option(client, MOSQ_OPT_TCP_NODELAY, 1), "option"},
+        {mosquitto_int_option(client, MOSQ_OPT_SEND_MAXIMUM, 65'535), "option"},  // the broker's own limit holds
+        {options_.user.empty() ? MOSQ_ERR_SUCCESS
+                               : mosquitto_username_pw_set(client, options_.user.c_str(), options_.password.c_str()),
+         "login"},
+        {mosquitto_will_set(client, will.topic.c_str(), size, will.payload.data(), will.qos, false), "will"},
+    };
+    for (const auto& [code, what] : settings) {
+        if (code == MOSQ_ERR_SUCCESS) continue;
         return fail(ErrorCode::invalid_argument,
                     fmt::format("{} {} cannot be used ({})", where(), what, mosquitto_strerror(code)),
                     "check [broker] in the configuration");
-    };
-    if (auto done = checked(mosquitto_int_option(client.get(), MOSQ_OPT_PROTOCOL_VERSION,
-                                                 options.protocol == 5 ? MQTT_PROTOCOL_V5 : MQTT_PROTOCOL_V311),
-                            "protocol");
-        !done)
-        return done;
-    if (auto done = checked(mosquitto_int_option(client.get(), MOSQ_OPT_TCP_NODELAY, 1), "option"); !done) return done;
-    if (auto done = checked(mosquitto_int_option(client.get(), MOSQ_OPT_SEND_MAXIMUM, 65'535), "option"); !done)
-        return done;  // the broker's own limit holds
-    if (!options.user.empty()) {
-        if (auto done = checked(mosquitto_username_pw_set(client.get(), options.user.c_str(), options.password.c_str()),
-                                "login");
-            !done)
-            return done;
     }
     if (auto done = use_tls(); !done) return done;
-    const int size = static_cast<int>(will.payload.size());
-    if (auto done = checked(
-            mosquitto_will_set(client.get(), will.topic.c_str(), size, will.payload.data(), will.qos, false), "will");
-        !done)
-        return done;
-    mosquitto_connect_v5_callback_set(client.get(),
-                                      [](mosquitto*, void* self, int code, int, const mosquitto_property*) {
-                                          static_cast<Parts*>(self)->on_connect(code);
-                                      });
+    mosquitto_connect_v5_callback_set(client, [](mosquitto*, void* self, int code, int, const mosquitto_property*) {
+        static_cast<BrokerLink*>(self)->on_connect(code);
+    });
     mosquitto_subscribe_v5_callback_set(
-        client.get(), [](mosquitto*, void* self, int id, int count, const int* granted, const mosquitto_property*) {
-            static_cast<Parts*>(self)->on_subscribe(id, count, granted);
+        client, [](mosquitto*, void* self, int id, int count, const int* granted, const mosquitto_property*) {
+            static_cast<BrokerLink*>(self)->on_subscribe(id, {granted, static_cast<std::size_t>(count)});
         });
-    mosquitto_publish_v5_callback_set(client.get(),
-                                      [](mosquitto*, void* self, int id, int code, const mosquitto_property*) {
-                                          static_cast<Parts*>(self)->on_publish(id, code);
-                                      });
-    mosquitto_disconnect_v5_callback_set(client.get(), [](mosquitto*, void* self, int code, const mosquitto_property*) {
-        static_cast<Parts*>(self)->on_disconnect(code);
+    mosquitto_publish_v5_callback_set(client, [](mosquitto*, void* self, int id, int code, const mosquitto_property*) {
+        static_cast<BrokerLink*>(self)->on_publish(id, code);
+    });
+    mosquitto_disconnect_v5_callback_set(client, [](mosquitto*, void* self, int code, const mosquitto_property*) {
+        static_cast<BrokerLink*>(self)->on_disconnect(code);
     });
     mosquitto_message_v5_callback_set(
-        client.get(), [](mosquitto*, void* self, const mosquitto_message* message, const mosquitto_property*) {
-            static_cast<Parts*>(self)->on_message(message);
+        client, [](mosquitto*, void* self, const mosquitto_message* message, const mosquitto_property*) {
+            static_cast<BrokerLink*>(self)->on_message(*message);
         });
     return {};
 }
@@ -220,20 +184,18 @@ Result<void> BrokerLink::Parts::prepare(const Outgoing& will) {
 Result<std::unique_ptr<BrokerLink>> BrokerLink::connect(const BrokerOptions& options, const Outgoing& will,
                                                         std::vector<std::string> topics) {
     static const Library library;
-    auto parts = std::make_unique<Parts>();
-    parts->options = options;
-    parts->topics = std::move(topics);
-    parts->client.reset(mosquitto_new(options.client_id.c_str(), true, parts.get()));
-    if (!parts->client)
+    std::unique_ptr<BrokerLink> link(new BrokerLink(options, std::move(topics)));
+    link->client_.reset(mosquitto_new(options.client_id.c_str(), true, link.get()));
+    if (!link->client_)
         return fail(ErrorCode::invalid_argument, "\"" + options.client_id + "\" cannot be a client id",
                     "set broker.client_id to a name without control characters");
-    if (auto done = parts->prepare(will); !done) return tl::unexpected(done.error());
+    if (auto done = link->prepare(will); !done) return tl::unexpected(done.error());
 
     mosquitto_property* list = nullptr;
     if (options.protocol == 5) mosquitto_property_add_int32(&list, MQTT_PROP_MAXIMUM_PACKET_SIZE, kLargestPacket);
     const std::unique_ptr<mosquitto_property, FreeProperties> properties(list);
     errno = 0;
-    const int done = mosquitto_connect_bind_v5(parts->client.get(), options.host.c_str(), options.port,
+    const int done = mosquitto_connect_bind_v5(link->client_.get(), options.host.c_str(), options.port,
                                                options.keepalive_s, nullptr, properties.get());
     if (done != MOSQ_ERR_SUCCESS) {
         const int why = errno;
@@ -241,61 +203,53 @@ Result<std::unique_ptr<BrokerLink>> BrokerLink::connect(const BrokerOptions& opt
         const char* cure = done == MOSQ_ERR_TLS
             ? "check [tls]: authority, certificate, key, and that the broker's certificate names this host"
             : "check broker.host and broker.port, and that the broker runs";
-        return fail(ErrorCode::disconnected, parts->where() + " cannot be reached (" + reason + ")", cure);
+        return fail(ErrorCode::disconnected, link->where() + " cannot be reached (" + reason + ")", cure);
     }
-    return std::unique_ptr<BrokerLink>(new BrokerLink(std::move(parts)));
+    return link;
 }
 
-BrokerLink::BrokerLink(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
-BrokerLink::~BrokerLink() = default;
-
 std::vector<BrokerLink::Event> BrokerLink::serve(std::chrono::milliseconds wait) {
-    Parts& p = *parts_;
-    if (!p.closed) {
+    if (!closed_) {
         errno = 0;
-        const int done = mosquitto_loop(p.client.get(), static_cast<int>(wait.count()), 1);
+        const int done = mosquitto_loop(client_.get(), static_cast<int>(wait.count()), 1);
         if (done == MOSQ_ERR_TLS) {
-            p.close(ErrorCode::refused, "and this station do not agree on TLS",
-                    "check [tls]: authority, certificate, key, and that the broker's certificate names this host");
-        } else if (done != MOSQ_ERR_SUCCESS && !p.leaving && !(done == MOSQ_ERR_ERRNO && errno == EINTR)) {
-            p.close(ErrorCode::disconnected, fmt::format("is gone ({})", mosquitto_strerror(done)),
-                    "it is tried again; see the broker's log and the network");
-        } else if (!p.subscribed && Clock::now() - p.began > kAnswerWithin) {
-            p.close(ErrorCode::timeout, "does not answer",
-                    "check that an MQTT broker listens there, and whether it wants TLS");
+            close(ErrorCode::refused, "and this station do not agree on TLS",
+                  "check [tls]: authority, certificate, key, and that the broker's certificate names this host");
+        } else if (done != MOSQ_ERR_SUCCESS && !leaving_ && !(done == MOSQ_ERR_ERRNO && errno == EINTR)) {
+            close(ErrorCode::disconnected, fmt::format("is gone ({})", mosquitto_strerror(done)),
+                  "it is tried again; see the broker's log and the network");
+        } else if (!subscribed_ && Clock::now() - began_ > kAnswerWithin) {
+            close(ErrorCode::timeout, "does not answer",
+                  "check that an MQTT broker listens there, and whether it wants TLS");
         }
     }
-    return std::exchange(p.events, {});
+    return std::exchange(events_, {});
 }
 
 Result<void> BrokerLink::publish(const Outgoing& message) {
-    Parts& p = *parts_;
     int id = 0;
     const int done = message.fence
-        ? mosquitto_subscribe(p.client.get(), &id, message.topic.c_str(), message.qos)
-        : mosquitto_publish(p.client.get(), &id, message.topic.c_str(), static_cast<int>(message.payload.size()),
+        ? mosquitto_subscribe(client_.get(), &id, message.topic.c_str(), message.qos)
+        : mosquitto_publish(client_.get(), &id, message.topic.c_str(), static_cast<int>(message.payload.size()),
                             message.payload.data(), message.qos, false);
     if (done != MOSQ_ERR_SUCCESS)
-        return fail(ErrorCode::disconnected, p.where() + " is gone (" + mosquitto_strerror(done) + ")",
+        return fail(ErrorCode::disconnected, where() + " is gone (" + mosquitto_strerror(done) + ")",
                     "it is tried again; see the broker's log and the network");
-    if (message.qos > 0) p.tokens.emplace(id, message.token);
+    if (message.qos > 0) tokens_.emplace(id, message.token);
     return {};
 }
 
-bool BrokerLink::congested() const {
-    return mosquitto_want_write(parts_->client.get()) || parts_->tokens.size() > kMaxUnanswered;
-}
+bool BrokerLink::congested() const { return mosquitto_want_write(client_.get()) || tokens_.size() > kMaxUnanswered; }
 
 void BrokerLink::leave(std::chrono::milliseconds patience) {
-    Parts& p = *parts_;
-    p.leaving = true;
+    leaving_ = true;
     const auto until = Clock::now() + patience;
-    while (!p.closed && (mosquitto_want_write(p.client.get()) || !p.tokens.empty())) {
-        if (Clock::now() > until || mosquitto_loop(p.client.get(), 10, 1) != MOSQ_ERR_SUCCESS) return;
+    while (!closed_ && (mosquitto_want_write(client_.get()) || !tokens_.empty())) {
+        if (Clock::now() > until || mosquitto_loop(client_.get(), 10, 1) != MOSQ_ERR_SUCCESS) return;
     }
-    if (p.closed) return;
-    mosquitto_disconnect(p.client.get());
-    for (int k = 0; k < 10 && mosquitto_want_write(p.client.get()); ++k) mosquitto_loop(p.client.get(), 10, 1);
+    if (closed_) return;
+    mosquitto_disconnect(client_.get());
+    for (int k = 0; k < 10 && mosquitto_want_write(client_.get()); ++k) mosquitto_loop(client_.get(), 10, 1);
 }
 
 }  // namespace hord::firmware::mqtt

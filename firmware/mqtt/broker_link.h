@@ -8,10 +8,16 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <span>
 #include <string>
+#include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "firmware/mqtt/edge_node.h"
+
+struct mosquitto;  // of libmosquitto
+struct mosquitto_message;
 
 namespace hord::firmware::mqtt {
 
@@ -30,11 +36,11 @@ class BrokerLink {
     struct Event {
         enum class Kind : std::uint8_t { subscribed, message, confirmed, closed };
         Kind kind = Kind::closed;
-        std::string topic, payload;  // message
-        std::uint64_t token = 0;     // confirmed
-        bool retained = false;       // message: a retained one
-        bool had_subscriber = true;  // confirmed: somebody is subscribed to it
-        Error error = {};            // closed
+        std::string topic = {}, payload = {};  // message
+        std::uint64_t token = 0;               // confirmed
+        bool retained = false;                 // message: a retained one
+        bool had_subscriber = true;            // confirmed: somebody is subscribed to it
+        Error error = {};                      // closed
     };
 
     // Resolves and connects: blocks for as long as the system takes for that. The broker's answer comes as an event:
@@ -42,7 +48,8 @@ class BrokerLink {
     // invalid_argument.
     static Result<std::unique_ptr<BrokerLink>> connect(const BrokerOptions& options, const Outgoing& will,
                                                        std::vector<std::string> topics);
-    ~BrokerLink();
+    BrokerLink(const BrokerLink&) = delete;  // libmosquitto holds its address
+    BrokerLink& operator=(const BrokerLink&) = delete;
 
     // Blocks for at most `wait`. After `closed` nothing follows.
     std::vector<Event> serve(std::chrono::milliseconds wait);
@@ -57,9 +64,30 @@ class BrokerLink {
     void leave(std::chrono::milliseconds patience);
 
   private:
-    struct Parts;
-    explicit BrokerLink(std::unique_ptr<Parts> parts);
-    std::unique_ptr<Parts> parts_;
+    struct FreeClient {
+        void operator()(mosquitto* client) const;
+    };
+    BrokerLink(BrokerOptions options, std::vector<std::string> topics)
+        : options_(std::move(options)), topics_(std::move(topics)) {}
+    Result<void> prepare(const Outgoing& will);
+    Result<void> use_tls();
+    [[nodiscard]] std::string where() const;
+    void close(ErrorCode code, const std::string& what, const std::string& cure);
+    // The broker's answers; `code` of MQTT 3.1.1 or 5.
+    void on_connect(int code);
+    void on_subscribe(int id, std::span<const int> granted);
+    void on_publish(int id, int code);
+    void on_disconnect(int code);
+    void on_message(const mosquitto_message& message);
+
+    const BrokerOptions options_;
+    const std::vector<std::string> topics_;
+    std::unique_ptr<mosquitto, FreeClient> client_;
+    std::vector<Event> events_;
+    std::unordered_map<int, std::uint64_t> tokens_;  // of message ids that are not answered yet; 0: nobody asks
+    std::size_t subscriptions_ = 0;                  // answered
+    const std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
+    bool subscribed_ = false, closed_ = false, leaving_ = false;
 };
 
 }  // namespace hord::firmware::mqtt

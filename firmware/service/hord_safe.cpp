@@ -3,9 +3,9 @@
 #include <cstdio>
 #include <string>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
+#include "common/cli/program.h"
 #include "firmware/devices/safe_state.h"
 #include "firmware/service/journal.h"
 
@@ -19,14 +19,7 @@ int main(int argc, char** argv) {
     program.footer(
         "Exit status: 0 safe, 2 not: look at the line, or usage, 78 the configuration cannot be used.\nExample: "
         "hord-safe --config /etc/hord/hordd.toml");
-    try {
-        program.parse(argc, argv);
-    } catch (const CLI::Success& asked) {
-        return program.exit(asked);
-    } catch (const CLI::ParseError& error) {
-        fmt::print(stderr, "hord-safe: {}: see hord-safe --help\n", error.what());
-        return 2;
-    }
+    if (const auto ended = hord::parse_command_line(program, argc, argv)) return *ended;
     const auto config = load_config(file);
     if (!config) {
         write_to_journal(entry_of(JournalEvent::configuration_refused), config.error().message());

@@ -5,12 +5,12 @@
 #include <string>
 #include <utility>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <systemd/sd-daemon.h>
 
 #include "calib/files/grid_toml.h"
+#include "common/cli/program.h"
 #include "firmware/core/faults.h"
 #include "firmware/service/journal.h"
 #include "firmware/service/realtime.h"
@@ -187,14 +187,7 @@ int main(int argc, char** argv) {
         "Exit status: 0 stopped as asked, 2 a device or a port cannot be used, or usage, 78 the configuration cannot "
         "be used.\n"
         "Example: hordd --config deploy/hordd.toml");
-    try {
-        program.parse(argc, argv);
-    } catch (const CLI::Success& asked) {
-        return program.exit(asked);
-    } catch (const CLI::ParseError& error) {
-        fmt::print(stderr, "hordd: {}: see hordd --help\n", error.what());
-        return kCannotRun;
-    }
+    if (const auto ended = hord::parse_command_line(program, argc, argv)) return *ended;
     if (options.catalog) {
         fmt::print("{}", format_catalog());
         return 0;

@@ -108,8 +108,8 @@ class CountedResults final : public mqtt::ResultSource {
     const std::int64_t waiting_, begin_us_ = utc_us();
 };
 
-mqtt::AgentOptions options_of(int station, const fs::path& folder) {
-    mqtt::AgentOptions options;
+mqtt::MqttConfig options_of(int station, const fs::path& folder) {
+    mqtt::MqttConfig options;
     options.broker.host = "127.0.0.1";
     options.broker.port = kPort;
     options.node.group = "fleet";

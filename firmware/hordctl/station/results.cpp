@@ -1,5 +1,4 @@
 // hordctl results: lists, filters, exports and verifies the results in a store.
-#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -25,15 +24,10 @@ struct ResultsOptions {
     bool heads = false;
 };
 
-store::UtcMicros utc_now() {
-    return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
-        .count();
-}
-
 Result<void> complete(ResultsOptions& options) {
     const auto read = [](const std::string& text, std::optional<store::UtcMicros>& into) -> Result<void> {
         if (text.empty()) return {};
-        const auto time = store::parse_utc(text, utc_now());
+        const auto time = store::parse_utc(text, store::utc_now());
         if (!time) return tl::unexpected(time.error());
         into = *time;
         return {};

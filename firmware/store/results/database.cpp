@@ -138,9 +138,7 @@ Result<std::unique_ptr<Database>> Database::open(const std::filesystem::path& fi
     }
     std::unique_ptr<Database> database(new Database(file));
     int flags = SQLITE_OPEN_NOMUTEX;
-    if (access == Access::read || access == Access::read_at_rest) flags |= SQLITE_OPEN_READONLY;
-    if (access == Access::write) flags |= SQLITE_OPEN_READWRITE;
-    if (access == Access::create) flags |= SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
+    flags |= access == Access::create ? SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE : SQLITE_OPEN_READONLY;
     std::string name = file.string();
     if (access == Access::read_at_rest) {
         flags |= SQLITE_OPEN_URI;

@@ -54,7 +54,7 @@ class Statement {
 class Database {
   public:
     // read_at_rest: no other process writes while it is open; makes no files and takes no lock.
-    enum class Access : std::uint8_t { read, read_at_rest, write, create };
+    enum class Access : std::uint8_t { read, read_at_rest, create };
 
     // `vfs`: SQLite VFS, for tests; empty: the system's. Fails with not_found, unreadable (damaged, or
     // not a database), io (no permission, full disk).

@@ -77,6 +77,11 @@ std::string one_line(const std::string& text) {
 
 }  // namespace
 
+UtcMicros utc_now() {
+    using namespace std::chrono;
+    return duration_cast<microseconds>(system_clock::now().time_since_epoch()).count();
+}
+
 std::string format_utc(UtcMicros time_us) {
     using std::chrono::floor;
     const std::chrono::sys_time<std::chrono::microseconds> time{std::chrono::microseconds(time_us)};
