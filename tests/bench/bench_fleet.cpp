@@ -127,7 +127,7 @@ mqtt::MqttConfig options_of(int station, const fs::path& folder) {
 std::vector<Reading> readings_now() {
     std::vector<Reading> readings;
     const double now = static_cast<double>(utc_us() / 1'000'000 % 1'000'000);
-    for (const BlockId id : mqtt::blocks_told()) {
+    for (const BlockId id : mqtt::published_blocks()) {
         for (const Register& row : find_block(id)->registers) {
             const bool changes = id == BlockId::counters
                 ? row.name == "seen" || row.name == "inspected" || row.name == "pass"
