@@ -33,12 +33,11 @@ CLI::Option* add_number(CLI::App& command, const std::string& name, Number& valu
     return command.add_option(name, value, help)->check(CLI::Range(low, high))->capture_default_str();
 }
 
-// Parses a command line. Returns the exit status when the program is to end now: after --help and --version, or
-// bad_input after one line on stderr for wrong usage.
+// Parses the command line, which runs the command's callback. Returns the exit status if the program ends here: after
+// --help and --version, and with one line on stderr for wrong usage and unexpected exceptions (bad_input).
 std::optional<int> parse_command_line(CLI::App& program, int argc, char** argv);
 
-// The same; it runs the command's callback, and unexpected exceptions are bad_input, too. Returns the exit status for
-// main(): `status` as the callback left it, unless parsing ended the program.
+// The same for programs whose callbacks do the work: returns the exit status for main(), `status` as they left it.
 int run_command_line(CLI::App& program, int argc, char** argv, const Exit& status);
 
 }  // namespace hord

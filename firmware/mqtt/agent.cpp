@@ -25,18 +25,18 @@ UtcMs utc_now() {
 
 }  // namespace
 
-Result<std::unique_ptr<Agent>> Agent::open(AgentOptions options, std::unique_ptr<ResultSource> results,
+Result<std::unique_ptr<Agent>> Agent::open(MqttConfig config, std::unique_ptr<ResultSource> results,
                                            ReadStation read_station, Log log) {
-    const auto cursor = read_cursor(options.state_file);
+    const auto cursor = read_cursor(config.state_file);
     if (!cursor) return tl::unexpected(cursor.error());
-    return std::unique_ptr<Agent>(new Agent(std::move(options), std::move(results), std::move(read_station),
+    return std::unique_ptr<Agent>(new Agent(std::move(config), std::move(results), std::move(read_station),
                                             std::move(log), cursor->value_or(Cursor{})));
 }
 
-Agent::Agent(AgentOptions options, std::unique_ptr<ResultSource> results, ReadStation read_station, Log log,
+Agent::Agent(MqttConfig config, std::unique_ptr<ResultSource> results, ReadStation read_station, Log log,
              const Cursor& cursor)
-    : options_(std::move(options)), results_(std::move(results)), read_station_(std::move(read_station)),
-      log_(std::move(log)), node_(options_.node, cursor), saved_(cursor) {}
+    : config_(std::move(config)), results_(std::move(results)), read_station_(std::move(read_station)),
+      log_(std::move(log)), node_(config_.node, cursor), saved_(cursor) {}
 
 void Agent::log(const std::string& line) {
     if (line.empty()) return;
@@ -86,7 +86,7 @@ void Agent::connect() {
     const Outgoing will = node_.begin_session(utc_now());
     // bdSeq is saved before it is used, so that no two sessions share one.
     if (!save_cursor(true)) return drop_connection({ErrorCode::io, "", ""});
-    auto link = BrokerLink::connect(options_.broker, will, node_.topics());
+    auto link = BrokerLink::connect(config_.broker, will, node_.topics());
     if (!link) return drop_connection(link.error());
     link_ = std::move(*link);
 }
@@ -108,11 +108,10 @@ void Agent::handle(const BrokerLink::Event& event) {
     switch (event.kind) {
         case BrokerLink::Event::Kind::subscribed:
             node_.connected(now);
-            log_event(fmt::format("connected with {}:{} as {}/{}{}", options_.broker.host, options_.broker.port,
-                                  options_.node.group, options_.node.node,
-                                  node_.waits_for_host()
-                                      ? ", waiting for the primary host " + options_.node.primary_host
-                                      : std::string()));
+            log_event(fmt::format("connected with {}:{} as {}/{}{}", config_.broker.host, config_.broker.port,
+                                  config_.node.group, config_.node.node,
+                                  node_.waits_for_host() ? ", waiting for the primary host " + config_.node.primary_host
+                                                         : std::string()));
             break;
         case BrokerLink::Event::Kind::message: node_.message(event.topic, event.payload, now, event.retained); break;
         case BrokerLink::Event::Kind::confirmed:
@@ -133,7 +132,7 @@ void Agent::send() {
 // -- what is told
 
 void Agent::poll_station() {
-    station_at_ = Clock::now() + options_.look_every;
+    station_at_ = Clock::now() + config_.look_every;
     if (link_ && link_->congested()) return;  // a broker that does not read gets results later, and no old states
     node_.set_readings(read_station_(), utc_now());
 }
@@ -165,7 +164,7 @@ void Agent::read_results() {
 bool Agent::save_cursor(bool at_once) {
     if (node_.cursor() == saved_ || (!at_once && Clock::now() < write_at_)) return true;
     write_at_ = Clock::now() + kWriteEvery;
-    if (auto done = write_cursor(options_.state_file, node_.cursor()); !done) {
+    if (auto done = write_cursor(config_.state_file, node_.cursor()); !done) {
         log(done.error().message());
         return false;
     }
@@ -184,12 +183,11 @@ void Agent::close() {
 }
 
 std::string Agent::status() const {
-    const auto& figures = node_.figures();
     const char* state = node_.born() ? "connected"
         : node_.waits_for_host()     ? "waiting for the primary host"
                                      : "not connected";
     return fmt::format("{}; results handed over up to {} of {}, {} lost, commands refused {}", state,
-                       node_.cursor().confirmed, newest_, node_.cursor().lost, figures.refused);
+                       node_.cursor().confirmed, newest_, node_.cursor().lost, node_.refused());
 }
 
 }  // namespace hord::firmware::mqtt

@@ -3,7 +3,6 @@
 
 #include <chrono>
 #include <deque>
-#include <filesystem>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -13,16 +12,10 @@
 
 #include "firmware/mqtt/broker_link.h"
 #include "firmware/mqtt/edge_node.h"
+#include "firmware/mqtt/mqtt_config.h"
 #include "firmware/mqtt/result_feed.h"
 
 namespace hord::firmware::mqtt {
-
-struct AgentOptions {
-    BrokerOptions broker;
-    NodeOptions node;
-    std::filesystem::path state_file;
-    std::chrono::milliseconds look_every{1000};
-};
 
 class Agent {
   public:
@@ -33,7 +26,7 @@ class Agent {
     using Log = std::function<void(const std::string&)>;
 
     // Reads the state file. Fails as read_cursor() does.
-    static Result<std::unique_ptr<Agent>> open(AgentOptions options, std::unique_ptr<ResultSource> results,
+    static Result<std::unique_ptr<Agent>> open(MqttConfig config, std::unique_ptr<ResultSource> results,
                                                ReadStation read_station, Log log);
 
     // Does what is due; waits at most `wait` for the broker.
@@ -46,7 +39,7 @@ class Agent {
     [[nodiscard]] std::string status() const;  // one line for people
 
   private:
-    Agent(AgentOptions options, std::unique_ptr<ResultSource> results, ReadStation read_station, Log log,
+    Agent(MqttConfig config, std::unique_ptr<ResultSource> results, ReadStation read_station, Log log,
           const Cursor& cursor);
     void connect();
     void drop_connection(const Error& error);
@@ -58,7 +51,7 @@ class Agent {
     void log(const std::string& line);        // subject to the limits of Log
     void log_event(const std::string& line);  // always; resets the repetition
 
-    const AgentOptions options_;
+    const MqttConfig config_;
     const std::unique_ptr<ResultSource> results_;
     const ReadStation read_station_;
     const Log log_;

@@ -97,7 +97,7 @@ void BrokerLink::on_publish(int id, int code) {
     if (code >= 0x80) {
         return close(ErrorCode::refused,
                      fmt::format("refuses what this station publishes ({})", mosquitto_reason_string(code)),
-                     "let this station's user write its topics_ in the broker's access list");
+                     "let this station's user write its topics in the broker's access list");
     }
     if (at->second != 0) {
         events_.push_back({.kind = Event::Kind::confirmed,
@@ -128,8 +128,8 @@ Result<void> BrokerLink::use_tls() {
     if (auto done = check_readable(options_.ca, "the certificate authority"); !done) return done;
     const bool own = !options_.certificate.empty();
     if (own) {
-        if (auto done = check_readable(options_.certificate, "the client_ certificate"); !done) return done;
-        if (auto done = check_readable(options_.key, "the client_ certificate's key"); !done) return done;
+        if (auto done = check_readable(options_.certificate, "the client certificate"); !done) return done;
+        if (auto done = check_readable(options_.key, "the client certificate's key"); !done) return done;
     }
     const int done =
         mosquitto_tls_set(client_.get(), options_.ca.c_str(), nullptr, own ? options_.certificate.c_str() : nullptr,
@@ -141,50 +141,41 @@ Result<void> BrokerLink::use_tls() {
 }
 
 Result<void> BrokerLink::prepare(const Outgoing& will) {
-    const auto checked = [&](int code, const char* what) -> Result<void> {
-        if (code == MOSQ_ERR_SUCCESS) return {};
+    mosquitto* const client = client_.get();
+    const int size = static_cast<int>(will.payload.size());
+    const std::pair<int, const char*> settings[] = {
+        {mosquitto_int_option(client, MOSQ_OPT_PROTOCOL_VERSION,
+                              options_.protocol == 5 ? MQTT_PROTOCOL_V5 : MQTT_PROTOCOL_V311),
+         "protocol"},
+        {mosquitto_int_option(client, MOSQ_OPT_TCP_NODELAY, 1), "option"},
+        {mosquitto_int_option(client, MOSQ_OPT_SEND_MAXIMUM, 65'535), "option"},  // the broker's own limit holds
+        {options_.user.empty() ? MOSQ_ERR_SUCCESS
+                               : mosquitto_username_pw_set(client, options_.user.c_str(), options_.password.c_str()),
+         "login"},
+        {mosquitto_will_set(client, will.topic.c_str(), size, will.payload.data(), will.qos, false), "will"},
+    };
+    for (const auto& [code, what] : settings) {
+        if (code == MOSQ_ERR_SUCCESS) continue;
         return fail(ErrorCode::invalid_argument,
                     fmt::format("{} {} cannot be used ({})", where(), what, mosquitto_strerror(code)),
                     "check [broker] in the configuration");
-    };
-    if (auto done = checked(mosquitto_int_option(client_.get(), MOSQ_OPT_PROTOCOL_VERSION,
-                                                 options_.protocol == 5 ? MQTT_PROTOCOL_V5 : MQTT_PROTOCOL_V311),
-                            "protocol");
-        !done)
-        return done;
-    if (auto done = checked(mosquitto_int_option(client_.get(), MOSQ_OPT_TCP_NODELAY, 1), "option"); !done) return done;
-    if (auto done = checked(mosquitto_int_option(client_.get(), MOSQ_OPT_SEND_MAXIMUM, 65'535), "option"); !done)
-        return done;  // the broker's own limit holds
-    if (!options_.user.empty()) {
-        if (auto done = checked(
-                mosquitto_username_pw_set(client_.get(), options_.user.c_str(), options_.password.c_str()), "login");
-            !done)
-            return done;
     }
     if (auto done = use_tls(); !done) return done;
-    const int size = static_cast<int>(will.payload.size());
-    if (auto done = checked(
-            mosquitto_will_set(client_.get(), will.topic.c_str(), size, will.payload.data(), will.qos, false), "will");
-        !done)
-        return done;
-    mosquitto_connect_v5_callback_set(client_.get(),
-                                      [](mosquitto*, void* self, int code, int, const mosquitto_property*) {
-                                          static_cast<BrokerLink*>(self)->on_connect(code);
-                                      });
+    mosquitto_connect_v5_callback_set(client, [](mosquitto*, void* self, int code, int, const mosquitto_property*) {
+        static_cast<BrokerLink*>(self)->on_connect(code);
+    });
     mosquitto_subscribe_v5_callback_set(
-        client_.get(), [](mosquitto*, void* self, int id, int count, const int* granted, const mosquitto_property*) {
+        client, [](mosquitto*, void* self, int id, int count, const int* granted, const mosquitto_property*) {
             static_cast<BrokerLink*>(self)->on_subscribe(id, {granted, static_cast<std::size_t>(count)});
         });
-    mosquitto_publish_v5_callback_set(client_.get(),
-                                      [](mosquitto*, void* self, int id, int code, const mosquitto_property*) {
-                                          static_cast<BrokerLink*>(self)->on_publish(id, code);
-                                      });
-    mosquitto_disconnect_v5_callback_set(client_.get(),
-                                         [](mosquitto*, void* self, int code, const mosquitto_property*) {
-                                             static_cast<BrokerLink*>(self)->on_disconnect(code);
-                                         });
+    mosquitto_publish_v5_callback_set(client, [](mosquitto*, void* self, int id, int code, const mosquitto_property*) {
+        static_cast<BrokerLink*>(self)->on_publish(id, code);
+    });
+    mosquitto_disconnect_v5_callback_set(client, [](mosquitto*, void* self, int code, const mosquitto_property*) {
+        static_cast<BrokerLink*>(self)->on_disconnect(code);
+    });
     mosquitto_message_v5_callback_set(
-        client_.get(), [](mosquitto*, void* self, const mosquitto_message* message, const mosquitto_property*) {
+        client, [](mosquitto*, void* self, const mosquitto_message* message, const mosquitto_property*) {
             static_cast<BrokerLink*>(self)->on_message(*message);
         });
     return {};
@@ -196,7 +187,7 @@ Result<std::unique_ptr<BrokerLink>> BrokerLink::connect(const BrokerOptions& opt
     std::unique_ptr<BrokerLink> link(new BrokerLink(options, std::move(topics)));
     link->client_.reset(mosquitto_new(options.client_id.c_str(), true, link.get()));
     if (!link->client_)
-        return fail(ErrorCode::invalid_argument, "\"" + options.client_id + "\" cannot be a client_ id",
+        return fail(ErrorCode::invalid_argument, "\"" + options.client_id + "\" cannot be a client id",
                     "set broker.client_id to a name without control characters");
     if (auto done = link->prepare(will); !done) return tl::unexpected(done.error());
 

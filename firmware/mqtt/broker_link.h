@@ -36,11 +36,11 @@ class BrokerLink {
     struct Event {
         enum class Kind : std::uint8_t { subscribed, message, confirmed, closed };
         Kind kind = Kind::closed;
-        std::string topic, payload;  // message
-        std::uint64_t token = 0;     // confirmed
-        bool retained = false;       // message: a retained one
-        bool had_subscriber = true;  // confirmed: somebody is subscribed to it
-        Error error = {};            // closed
+        std::string topic = {}, payload = {};  // message
+        std::uint64_t token = 0;               // confirmed
+        bool retained = false;                 // message: a retained one
+        bool had_subscriber = true;            // confirmed: somebody is subscribed to it
+        Error error = {};                      // closed
     };
 
     // Resolves and connects: blocks for as long as the system takes for that. The broker's answer comes as an event:

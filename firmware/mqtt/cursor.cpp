@@ -48,13 +48,9 @@ Result<std::optional<Cursor>> read_cursor(const std::filesystem::path& file) {
         return damaged();
     try {
         const Json json = Json::parse(text.substr(0, end));
-        Cursor cursor;
-        cursor.store = json.at("store").get<std::string>();
-        cursor.origin = json.at("origin").get<std::int64_t>();
-        cursor.confirmed = json.at("confirmed").get<std::int64_t>();
-        cursor.bd_seq = json.at("bdSeq").get<std::uint8_t>();
-        cursor.lost = json.at("lost").get<std::uint64_t>();
-        cursor.lost_until = json.at("lost_until").get<std::int64_t>();
+        const Cursor cursor{json.at("store").get<std::string>(),      json.at("origin").get<std::int64_t>(),
+                            json.at("confirmed").get<std::int64_t>(), json.at("bdSeq").get<std::uint8_t>(),
+                            json.at("lost").get<std::uint64_t>(),     json.at("lost_until").get<std::int64_t>()};
         if (cursor.origin < 0 || cursor.confirmed < cursor.origin) return damaged();
         return std::optional<Cursor>(cursor);
     } catch (const Json::exception&) {

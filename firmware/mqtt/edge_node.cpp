@@ -15,11 +15,7 @@ constexpr UtcMs kProbeEvery = 2000;  // nobody listens: one result is tried so o
 constexpr std::size_t kMaxStateBytes = 1024;
 
 Metric named(std::string name, DataType type, MetricValue value) {
-    Metric metric;
-    metric.name = std::move(name);
-    metric.type = type;
-    metric.value = std::move(value);
-    return metric;
+    return {.name = std::move(name), .type = type, .value = std::move(value)};
 }
 
 }  // namespace
@@ -73,7 +69,7 @@ void EdgeNode::publish_death(UtcMs now) {
 std::vector<Metric> EdgeNode::node_metrics() const {
     const std::int64_t waiting = store_known_ ? std::max<std::int64_t>(newest_ - cursor_.confirmed, 0) : 0;
     std::vector<Metric> metrics{named("Node/Software", DataType::text, options_.software),
-                                named("Node/Commands Refused", DataType::uint64, figures_.refused),
+                                named("Node/Commands Refused", DataType::uint64, refused_),
                                 named("Node/Results Waiting", DataType::uint64, static_cast<std::uint64_t>(waiting)),
                                 named("Node/Results Lost", DataType::uint64, cursor_.lost),
                                 named("Station/Online", DataType::boolean, !readings_.empty())};
@@ -88,7 +84,6 @@ void EdgeNode::birth(UtcMs now) {
     seq_ = 0;
     rebirth_ = false;
     born_at_ = now;
-    ++figures_.births;
     Payload payload;
     payload.metrics.push_back(named("bdSeq", DataType::int64, std::int64_t{cursor_.bd_seq}));
     payload.metrics.push_back(
@@ -115,11 +110,7 @@ void EdgeNode::set_readings(const std::vector<Reading>& readings, UtcMs now) {
     Payload payload;
     for (std::size_t k = 0; k < metrics.size(); ++k) {
         if (metrics[k].value == published_[k].value) continue;
-        Metric change;
-        change.alias = metrics[k].alias;
-        change.time_ms = now;
-        change.value = metrics[k].value;
-        payload.metrics.push_back(std::move(change));
+        payload.metrics.push_back({.alias = metrics[k].alias, .time_ms = now, .value = metrics[k].value});
     }
     published_ = metrics;
     if (!payload.metrics.empty()) publish("NDATA", std::move(payload), 0, now);
@@ -143,7 +134,7 @@ void EdgeNode::message(const std::string& from, std::string_view payload, UtcMs 
 }
 
 void EdgeNode::refuse(const std::string& why) {
-    ++figures_.refused;
+    ++refused_;
     trouble_ = "refused: " + why;
 }
 
@@ -251,9 +242,6 @@ void EdgeNode::offer(std::span<const store::StoredResult> results, std::int64_t 
                 missing, result.number - 1);
         }
         const bool historical = result.number <= *old_until_;
-        ++figures_.results;
-        figures_.historical += historical ? 1U : 0U;
-        figures_.repeats += result.number <= cursor_.confirmed ? 1U : 0U;
         if (historical) allowance_ -= 1;
         next_ = result.number + 1;
         if (options_.qos > 0 || &result == results.data()) ++token_;
@@ -269,7 +257,6 @@ void EdgeNode::confirmed(std::uint64_t token, bool had_subscriber, UtcMs now) {
     for (Open& open : open_) {
         if (open.token == token) open.delivery = had_subscriber ? Delivery::confirmed : Delivery::no_subscriber;
     }
-    figures_.unheard += had_subscriber ? 0U : 1U;
     settle(now);
 }
 

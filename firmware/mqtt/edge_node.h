@@ -80,10 +80,7 @@ class EdgeNode {
 
     // -- the state
 
-    struct Figures {
-        std::uint64_t births = 0, results = 0, repeats = 0, historical = 0, refused = 0, unheard = 0;
-    };
-    [[nodiscard]] const Figures& figures() const { return figures_; }
+    [[nodiscard]] std::uint64_t refused() const { return refused_; }  // commands
     [[nodiscard]] const Cursor& cursor() const { return cursor_; }
     [[nodiscard]] bool born() const { return session_ == Session::born; }
     [[nodiscard]] bool waits_for_host() const { return session_ == Session::waiting; }
@@ -115,7 +112,7 @@ class EdgeNode {
     Cursor cursor_;
     Session session_ = Session::none;
     std::vector<Outgoing> outbox_;
-    Figures figures_;
+    std::uint64_t refused_ = 0;
     std::string trouble_;
     bool leaving_ = false;
 

@@ -1,6 +1,5 @@
 // hord-mqtt: publishes a station's results and state to an MQTT broker, as a Sparkplug B edge node. A process of its
 // own beside hordd: it only reads registers and store.
-#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -10,10 +9,10 @@
 #include <utility>
 #include <vector>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 #include <systemd/sd-daemon.h>
 
+#include "common/cli/program.h"
 #include "firmware/mqtt/agent.h"
 #include "firmware/mqtt/mqtt_config.h"
 
@@ -49,7 +48,6 @@ class Station {
             return std::move(*all);
         }
         client_.reset();
-        places_.clear();
         if (!std::exchange(silent_, true)) say(all.error().message());
         return {};
     }
@@ -60,22 +58,17 @@ class Station {
             auto connected = modbus::Client::connect(endpoint_, kModbusAnswer);
             if (!connected) return tl::unexpected(connected.error());
             client_.emplace(std::move(*connected));
-            auto places = client_->walk();
-            if (!places) return tl::unexpected(places.error());
-            places_ = std::move(*places);
         }
         std::vector<Reading> all;
-        for (const modbus::Client::Place& place : places_) {
-            if (std::ranges::count(published_blocks(), static_cast<BlockId>(place.id)) == 0) continue;
-            const auto readings = client_->read_block(place);
-            if (!readings) return tl::unexpected(readings.error());
-            all.insert(all.end(), readings->begin(), readings->end());
+        for (const BlockId id : published_blocks()) {
+            const auto readings = client_->read_block(id);
+            if (readings) all.insert(all.end(), readings->begin(), readings->end());
+            else if (readings.error().code != ErrorCode::not_found) return tl::unexpected(readings.error());
         }
         return all;
     }
     modbus::Endpoint endpoint_;
     std::optional<modbus::Client> client_;
-    std::vector<modbus::Client::Place> places_;
     bool silent_ = false;
 };
 
@@ -99,14 +92,9 @@ Result<MqttConfig> complete(MqttConfig config) {
 }
 
 int serve(const MqttConfig& config) {
-    AgentOptions options;
-    options.broker = config.broker;
-    options.node = config.node;
-    options.state_file = config.state_file;
-    options.look_every = config.look_every;
     Station station(config.station);
     auto agent = Agent::open(
-        std::move(options), std::make_unique<ResultFeed>(config.store), [&] { return station.look(); }, say);
+        config, std::make_unique<ResultFeed>(config.store), [&] { return station.look(); }, say);
     if (!agent) return complain(agent.error(), kCannotRun);
     sd_notify(0, "READY=1");
     std::string told;
@@ -140,14 +128,7 @@ int main(int argc, char** argv) {
         "Exit status: 0 stopped as asked, 2 usage, or its state file cannot be used, 78 the configuration cannot be "
         "used.\n"
         "Example: hord-mqtt --config deploy/mqtt.toml --check");
-    try {
-        program.parse(argc, argv);
-    } catch (const CLI::Success& asked) {
-        return program.exit(asked);
-    } catch (const CLI::ParseError& error) {
-        fmt::print(stderr, "hord-mqtt: {}: see hord-mqtt --help\n", error.what());
-        return kCannotRun;
-    }
+    if (const auto ended = hord::parse_command_line(program, argc, argv)) return *ended;
     auto config = load_mqtt_config(file);
     if (!config) return complain(config.error(), kBadConfiguration);
     if (check) {

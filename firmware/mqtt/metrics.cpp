@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 
+#include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 namespace hord::firmware::mqtt {
@@ -41,11 +42,7 @@ struct Worst {
 Worst worst_of(const StoredResult& result) {
     const auto list = nlohmann::json::parse(result.defects, nullptr, false);
     if (!list.is_array() || list.empty() || !list[0].is_object()) return {};
-    Worst worst;
-    worst.kind = list[0].value("kind", std::string());
-    worst.m = list[0].value("m", 0.0);
-    worst.n = list[0].value("n", 0.0);
-    return worst;
+    return {list[0].value("kind", std::string()), list[0].value("m", 0.0), list[0].value("n", 0.0)};
 }
 
 std::uint64_t natural(std::int64_t value) { return static_cast<std::uint64_t>(std::max<std::int64_t>(value, 0)); }
@@ -64,13 +61,12 @@ std::vector<Metric> station_metrics(const std::vector<Reading>& readings) {
         const Block& block = *find_block(id);
         for (const Register& row : block.registers) {
             if (is_noise(row)) continue;
-            Metric metric;
-            metric.name = "Station/" + std::string(block.name) + "/" + std::string(row.name);
-            metric.alias = row.address;
-            metric.type = type_of(row);
-            metric.unit = row.unit;
-            if (const auto at = known.find(&row); at != known.end()) metric.value = value_of(row, *at->second);
-            metrics.push_back(std::move(metric));
+            const auto at = known.find(&row);
+            metrics.push_back({.name = fmt::format("Station/{}/{}", block.name, row.name),
+                               .alias = row.address,
+                               .type = type_of(row),
+                               .value = at != known.end() ? value_of(row, *at->second) : MetricValue(),
+                               .unit = std::string(row.unit)});
         }
     }
     return metrics;
@@ -79,18 +75,15 @@ std::vector<Metric> station_metrics(const std::vector<Reading>& readings) {
 std::vector<Metric> result_metrics(const StoredResult* result, const std::string& store_id, bool historical) {
     std::vector<Metric> metrics;
     const auto add = [&](const char* name, DataType type, const char* unit, MetricValue value) {
-        Metric metric;
-        metric.alias = kResultAlias + metrics.size();
+        const std::uint64_t alias = kResultAlias + metrics.size();
         if (result == nullptr) {
-            metric.name = std::string("Result/") + name;
-            metric.type = type;
-            metric.unit = unit;
+            metrics.push_back({.name = std::string("Result/") + name, .alias = alias, .type = type, .unit = unit});
         } else {
-            metric.time_ms = result->time_us / 1000;
-            metric.historical = historical;
-            metric.value = std::move(value);
+            metrics.push_back({.alias = alias,
+                               .time_ms = result->time_us / 1000,
+                               .historical = historical,
+                               .value = std::move(value)});
         }
-        metrics.push_back(std::move(metric));
     };
     static const StoredResult kNone;
     const StoredResult& r = result != nullptr ? *result : kNone;

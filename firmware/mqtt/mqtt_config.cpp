@@ -1,11 +1,13 @@
 #include "firmware/mqtt/mqtt_config.h"
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <optional>
+#include <utility>
 
 #include <sys/stat.h>
 #include <unistd.h>
@@ -25,14 +27,18 @@ std::string host_name() {
 
 // One level of a topic: no separator, no wildcard.
 bool can_be_in_topic(const std::string& name) {
-    for (const char c : name) {
-        if (c == '/' || c == '+' || c == '#' || static_cast<unsigned char>(c) < 0x20 || c == 0x7F) return false;
-    }
-    return !name.empty() && name.size() <= 100;
+    const auto forbidden = [](unsigned char c) { return c == '/' || c == '+' || c == '#' || c < 0x20 || c == 0x7F; };
+    return !name.empty() && name.size() <= 100 && std::ranges::none_of(name, forbidden);
 }
 
 bool is_this_machine(const std::string& host) {
     return host == "localhost" || host == "::1" || host.starts_with("127.");
+}
+
+void read_path(TomlTable& table, std::string_view key, std::filesystem::path& path) {
+    std::string text = path.string();
+    table.text(key, text);
+    path = text;
 }
 
 void read_broker(TomlTable table, MqttConfig& config, std::optional<std::uint16_t>& port) {
@@ -48,25 +54,20 @@ void read_broker(TomlTable table, MqttConfig& config, std::optional<std::uint16_
     table.integer("keepalive_s", config.broker.keepalive_s, 5, 3600);
     table.text("client_id", config.broker.client_id);
     table.text("user", config.broker.user);
-    std::string file;
-    table.text("password_file", file);
-    config.password_file = file;
-    if (!file.empty() && config.broker.user.empty())
+    read_path(table, "password_file", config.password_file);
+    if (!config.password_file.empty() && config.broker.user.empty())
         table.problem("password_file", "is given without a user", "give broker.user, too");
 }
 
 void read_tls(TomlTable table, MqttConfig& config) {
-    std::string ca, certificate, key;
-    table.text("ca", ca);
-    table.text("certificate", certificate);
-    table.text("key", key);
-    config.broker.ca = ca;
-    config.broker.certificate = certificate;
-    config.broker.key = key;
-    if (certificate.empty() != key.empty())
-        table.problem(certificate.empty() ? "key" : "certificate", "needs the other of the two",
+    BrokerOptions& broker = config.broker;
+    read_path(table, "ca", broker.ca);
+    read_path(table, "certificate", broker.certificate);
+    read_path(table, "key", broker.key);
+    if (broker.certificate.empty() != broker.key.empty())
+        table.problem(broker.certificate.empty() ? "key" : "certificate", "needs the other of the two",
                       "give tls.certificate and tls.key");
-    if (ca.empty() && !certificate.empty())
+    if (broker.ca.empty() && !broker.certificate.empty())
         table.problem("certificate", "is given without an authority",
                       "give tls.ca: the file that the broker's certificate is checked with");
 }
@@ -94,20 +95,16 @@ Result<MqttConfig> parse_mqtt_config(std::string_view text, std::string_view nam
     sparkplug.text("group", config.node.group);
     sparkplug.text("node", config.node.node);
     sparkplug.text("primary_host", config.node.primary_host);
-    if (!can_be_in_topic(config.node.group))
-        sparkplug.problem("group", "cannot be part of a topic", "use 1 to 100 characters, none of / + #");
-    if (!can_be_in_topic(config.node.node))
-        sparkplug.problem("node", "cannot be part of a topic", "use 1 to 100 characters, none of / + #");
-    if (!config.node.primary_host.empty() && !can_be_in_topic(config.node.primary_host))
-        sparkplug.problem("primary_host", "cannot be part of a topic", "use 1 to 100 characters, none of / + #");
+    for (const auto& [key, level] : {std::pair("group", &config.node.group), std::pair("node", &config.node.node),
+                                     std::pair("primary_host", &config.node.primary_host)}) {
+        if (!can_be_in_topic(*level) && !(level == &config.node.primary_host && level->empty()))
+            sparkplug.problem(key, "cannot be part of a topic", "use 1 to 100 characters, none of / + #");
+    }
     if (config.broker.client_id.empty()) config.broker.client_id = "hord-" + config.node.group + "-" + config.node.node;
 
     TomlTable results = root.table("results");
-    std::string store = config.store.string(), state;
-    results.text("store", store);
-    results.text("state_file", state);
-    config.store = store;
-    config.state_file = state;
+    read_path(results, "store", config.store);
+    read_path(results, "state_file", config.state_file);
     results.integer("qos", config.node.qos, 0, 1);
     results.integer("in_flight", config.node.in_flight, 1, 1000);
     results.integer("repeat", config.node.repeat, 0, 100'000);

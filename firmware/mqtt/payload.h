@@ -26,20 +26,19 @@ enum class DataType : std::uint32_t {
     real = 10,
     boolean = 11,
     text = 12,
-    date_time = 13
 };
 
 // monostate: null. This type, not DataType, selects the protobuf field.
 using MetricValue = std::variant<std::monostate, bool, std::int64_t, std::uint64_t, double, std::string>;
 
 struct Metric {
-    std::string name;  // empty: left out, the alias names the metric
-    std::optional<std::uint64_t> alias;
-    std::optional<UtcMs> time_ms;
+    std::string name = {};  // empty: left out, the alias names the metric
+    std::optional<std::uint64_t> alias = {};
+    std::optional<UtcMs> time_ms = {};
     DataType type = DataType::none;
     bool historical = false;
-    MetricValue value;
-    std::string unit;  // property engUnit; empty: none
+    MetricValue value = {};
+    std::string unit = {};  // property engUnit; empty: none
     bool operator==(const Metric&) const = default;
 };
 

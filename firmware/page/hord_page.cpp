@@ -5,11 +5,10 @@
 #include <string>
 #include <thread>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include "firmware/page/latest_picture.h"
+#include "common/cli/program.h"
 #include "firmware/page/server.h"
 #include "firmware/page/station_watch.h"
 #include "firmware/store/frames/frame_archive.h"
@@ -22,6 +21,7 @@ using namespace hord::firmware::page;
 
 constexpr int kBadConfiguration = 78, kCannotRun = 2;
 constexpr auto kCommandTimeout = std::chrono::seconds(10);
+constexpr auto kLightEvery = std::chrono::seconds(2);
 constexpr auto kModbusTimeout = std::chrono::milliseconds(1000);
 
 struct Options {
@@ -82,8 +82,20 @@ int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint
     auto server = PageServer::open(config, pages, viewers);
     if (!server) return complain(server.error(), kCannotRun);
 
-    LatestPicture latest(live, viewers, frames, pictures);
-    StationWatch watch(station, config.poll, live, [&] { latest.poll(); });
+    // Announces the frame of a new reject, and measures the brightness of kept frames. A frame is archived at its
+    // verdict, its result is published past the ejector: the page shows a reject earlier.
+    std::chrono::steady_clock::time_point light_at{};
+    StationWatch watch(station, config.poll, live, [&] {
+        if (const auto kept = frames.newest_reject()) {
+            if (viewers.count() > 0)
+                (void)pictures.draw(*kept, "");  // ready when they ask; why it fails they are told then
+            live.set_picture(kept->metadata.boot, kept->metadata.part, kept->metadata.time_us / 1000);
+        }
+        const auto now = std::chrono::steady_clock::now();
+        if (now - light_at < kLightEvery) return;
+        light_at = now;
+        if (const auto kept = frames.newest()) live.set_light(brightest_share(kept->frame.frame.view()));
+    });
     std::thread answering([&] { (*server)->run(); });
     log(fmt::format("http://{}:{}/ shows the station at {}{}", config.host, (*server)->port(), config.modbus,
                     tokens.empty() ? "" : "; commands need a token"));
@@ -118,14 +130,7 @@ int main(int argc, char** argv) {
     program.footer(
         "Exit status: 0 stopped as asked, 2 the port cannot be used, or usage, 78 the configuration cannot be used.\n"
         "Example: hord-page --modbus 127.0.0.1:1502 --store /var/lib/hord/store --listen 127.0.0.1:8070");
-    try {
-        program.parse(argc, argv);
-    } catch (const CLI::Success& asked) {
-        return program.exit(asked);
-    } catch (const CLI::ParseError& error) {
-        fmt::print(stderr, "hord-page: {}: see hord-page --help\n", error.what());
-        return kCannotRun;
-    }
+    if (const auto ended = hord::parse_command_line(program, argc, argv)) return *ended;
     const auto config = configuration(options);
     if (!config) return complain(config.error(), kBadConfiguration);
     const auto station = modbus::parse_endpoint(config->modbus);

@@ -7,6 +7,8 @@
 
 #include <poll.h>
 
+#include "firmware/page/page_config.h"
+
 namespace hord::firmware::page {
 namespace {
 
@@ -125,9 +127,7 @@ std::optional<std::string> Connection::checked_head(std::string_view head) {
         if (colon == std::string_view::npos || colon == 0 ||
             line.substr(0, colon).find_first_of(" \t") != std::string_view::npos)
             return std::nullopt;
-        std::string name(line.substr(0, colon));
-        std::transform(name.begin(), name.end(), name.begin(),
-                       [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+        const std::string name = lower(line.substr(0, colon));
         hosts += name == "host" ? 1 : 0;
         lengths += name == "content-length" ? 1 : 0;
         has_body_ = has_body_ || name == "content-length" || name == "transfer-encoding";

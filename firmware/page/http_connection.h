@@ -48,28 +48,6 @@ class SocketStream final : public ByteStream {
     const std::atomic<int>& waiting_;
 };
 
-class MemoryStream final : public ByteStream {
-  public:
-    explicit MemoryStream(std::string_view bytes) : bytes_(bytes) {}
-    ssize_t receive(char* into, std::size_t size, Clock::time_point) override {
-        const std::size_t count = bytes_.copy(into, size);
-        bytes_.remove_prefix(count);
-        return static_cast<ssize_t>(count);
-    }
-    ssize_t send(const char* bytes, std::size_t size, Clock::time_point) override {
-        answer.append(bytes, size);
-        return static_cast<ssize_t>(size);
-    }
-    // A viewer of events leaves after the first one.
-    bool alive() override { return answer.find("event: page") == std::string::npos; }
-    std::pair<std::string, int> peer() const override { return {"memory", 0}; }
-    socket_t socket() const override { return -1; }
-    std::string answer;
-
-  private:
-    std::string_view bytes_;
-};
-
 // The stream that cpp-httplib reads requests from and writes replies to.
 class Connection final : public httplib::Stream {
   public:

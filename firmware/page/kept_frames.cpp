@@ -1,11 +1,11 @@
 #include "firmware/page/kept_frames.h"
 
 #include <algorithm>
-#include <charconv>
+#include <cinttypes>
+#include <cstdio>
 #include <fstream>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "firmware/store/frames/frame_archive.h"
 
@@ -13,23 +13,15 @@ namespace hord::firmware::page {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::json;
 constexpr int kMaxCandidates = 8;  // frames of equal part numbers from different starts
 
 // "000000000123-20261121T071500Z-p42-reject.png"
 std::optional<std::pair<std::uint64_t, std::uint32_t>> number_and_part_of(const std::string& name) {
-    constexpr std::size_t kPartAt = 12 + 1 + 16 + 2;
-    if (name.size() <= kPartAt || !name.ends_with(".png") || name[12] != '-' || name.compare(kPartAt - 2, 2, "-p") != 0)
-        return std::nullopt;
     std::uint64_t number = 0;
     std::uint32_t part = 0;
-    const char* end = name.data() + name.size();
-    if (const auto read = std::from_chars(name.data(), name.data() + 12, number);
-        read.ec != std::errc() || read.ptr != name.data() + 12)
-        return std::nullopt;
-    if (const auto read = std::from_chars(name.data() + kPartAt, end, part);
-        read.ec != std::errc() || read.ptr == end || *read.ptr != '-')
-        return std::nullopt;
+    int used = 0;
+    std::sscanf(name.c_str(), "%12" SCNu64 "-%*16[0-9TZ]-p%" SCNu32 "-%n", &number, &part, &used);
+    if (used == 0 || name[12] != '-' || !name.ends_with(".png")) return std::nullopt;
     return std::pair{number, part};
 }
 
@@ -86,6 +78,9 @@ Result<KeptFrame> KeptFrames::read(const std::string& name) const {
     auto frame = store::decode_png(kept.bytes, name);
     if (!frame) return tl::unexpected(frame.error());
     kept.frame = std::move(*frame);
+    auto metadata = store::FrameMetadata::from_json(kept.frame.metadata, name);
+    if (!metadata) return tl::unexpected(metadata.error());
+    kept.metadata = std::move(*metadata);
     return kept;
 }
 
@@ -105,12 +100,7 @@ Result<KeptFrame> KeptFrames::find(std::uint32_t boot, std::uint32_t part) {
             if (kept.error().code != ErrorCode::not_found) torn = kept.error();
             continue;
         }
-        const Json metadata = Json::parse(kept->frame.metadata, nullptr, false);
-        const auto is = [&](const char* key, std::uint32_t value) {
-            return metadata.is_object() && metadata.contains(key) && metadata[key].is_number_unsigned() &&
-                metadata[key] == value;
-        };
-        if (is("boot", boot) && is("part", part)) return kept;
+        if (kept->metadata.boot == boot && kept->metadata.part == part) return kept;
     }
     if (torn) return tl::unexpected(*torn);
     return fail(ErrorCode::not_found, fmt::format("no frame of part {} is kept", part),

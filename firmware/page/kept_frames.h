@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "common/result.h"
+#include "firmware/store/frames/frame_metadata.h"
 #include "firmware/store/frames/frame_png.h"
 
 namespace hord::firmware::page {
@@ -18,6 +19,7 @@ struct KeptFrame {
     std::string name;                 // of its file
     std::vector<std::uint8_t> bytes;  // of its file
     store::AnnotatedFrame frame;
+    store::FrameMetadata metadata;
 };
 
 class KeptFrames {

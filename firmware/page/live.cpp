@@ -1,24 +1,17 @@
 #include "firmware/page/live.h"
 
 #include <algorithm>
-#include <cctype>
 
 #include <fmt/format.h>
 
 #include "firmware/core/faults.h"
+#include "firmware/page/page_config.h"
 
 namespace hord::firmware::page {
 namespace {
 
 using store::Json;
 using store::to_text;
-
-std::string lower(std::string_view name) {
-    std::string out(name);
-    std::transform(out.begin(), out.end(), out.begin(),
-                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-    return out;
-}
 
 Json faults_of(std::uint32_t bits) {
     Json list = Json::array();
@@ -51,10 +44,6 @@ Json rows_of(const RegisterSnapshot& snapshot) {
 std::optional<float> in_ms(std::optional<double> us) {
     return us ? std::optional<float>(static_cast<float>(*us / 1e3)) : std::nullopt;
 }
-std::optional<float> as_is(std::optional<double> value) {
-    return value ? std::optional<float>(static_cast<float>(*value)) : std::nullopt;
-}
-
 }  // namespace
 
 void LatencyHistogram::add(double seconds) {
@@ -76,8 +65,8 @@ Json RingResult::json() const {
 
 void Live::set_station(const RegisterSnapshot& snapshot) {
     const std::lock_guard lock(mutex_);
-    up_ = true;
-    snapshot_ = snapshot;
+    now_.up = true;
+    now_.snapshot = snapshot;
     viewers_.publish("state", to_text(state_locked()));
 }
 
@@ -85,21 +74,21 @@ void Live::add_result(const RingResult& result) {
     const std::lock_guard lock(mutex_);
     strip_.push_back(result);
     if (strip_.size() > kStrip) strip_.pop_front();
-    if (result.latency_us) verdict_.add(*result.latency_us / 1e6);
-    if (result.reject == "confirmed" && result.reject_latency_us) reject_.add(*result.reject_latency_us / 1e6);
-    ++by_reason_[result.reason];
+    if (result.latency_us) now_.verdict.add(*result.latency_us / 1e6);
+    if (result.reject == "confirmed" && result.reject_latency_us) now_.reject.add(*result.reject_latency_us / 1e6);
+    ++now_.by_reason[result.reason];
     viewers_.publish("result", to_text(result.json()));
 }
 
 void Live::add_missed(std::uint32_t results) {
     const std::lock_guard lock(mutex_);
-    missed_ += results;
+    now_.missed += results;
 }
 
 void Live::set_unreachable(const Error& error) {
     const std::lock_guard lock(mutex_);
-    const bool news = up_ || error.what != trouble_.what;
-    up_ = false;
+    const bool news = now_.up || error.what != trouble_.what;
+    now_.up = false;
     trouble_ = error;
     if (news) viewers_.publish("state", to_text(state_locked()));
 }
@@ -112,32 +101,35 @@ void Live::set_picture(std::uint32_t boot, std::uint32_t part, std::int64_t verd
 
 void Live::set_light(double share) {
     const std::lock_guard lock(mutex_);
-    light_ = share;
+    now_.light = share;
 }
 
 void Live::sample(std::int64_t now_s) {
     const std::lock_guard lock(mutex_);
     HistoryValues v;
-    if (up_) {
-        const auto health = [&](std::string_view row) { return snapshot_.number(BlockId::health, row); };
-        const auto count = [&](std::string_view row) { return snapshot_.number(BlockId::counters, row).value_or(0); };
-        const Counted now{snapshot_.bits(BlockId::ident, "boot_id"), count("pass"), count("reject"), count("unfit")};
-        v[0] = as_is(health("parts_per_minute"));
+    if (now_.up) {
+        const auto health = [&](std::string_view row) { return now_.snapshot.number(BlockId::health, row); };
+        const auto count = [&](std::string_view row) {
+            return now_.snapshot.number(BlockId::counters, row).value_or(0);
+        };
+        const Counted now{now_.snapshot.bits(BlockId::ident, "boot_id"), count("pass"), count("reject"),
+                          count("unfit")};
+        v[0] = health("parts_per_minute");
         if (counted_ && counted_->boot == now.boot) {
             const double per_minute = 60.0 / History::kShortStep_s;
-            v[1] = as_is((now.pass - counted_->pass) * per_minute);
-            v[2] = as_is((now.reject - counted_->reject) * per_minute);
-            v[3] = as_is((now.unfit - counted_->unfit) * per_minute);
+            v[1] = (now.pass - counted_->pass) * per_minute;
+            v[2] = (now.reject - counted_->reject) * per_minute;
+            v[3] = (now.unfit - counted_->unfit) * per_minute;
         }
         counted_ = now;
         v[4] = in_ms(health("latency_p50"));
         v[5] = in_ms(health("latency_p99"));
         v[6] = in_ms(health("reject_p99"));
-        v[7] = as_is(snapshot_.number(BlockId::calibration, "drift"));
-        v[8] = as_is(snapshot_.number(BlockId::calibration, "residual"));
-        if (light_) v[9] = static_cast<float>(100 * *light_);
-        v[10] = as_is(health("processor"));
-        v[11] = as_is(health("disk_free"));
+        v[7] = now_.snapshot.number(BlockId::calibration, "drift");
+        v[8] = now_.snapshot.number(BlockId::calibration, "residual");
+        if (now_.light) v[9] = static_cast<float>(100 * *now_.light);
+        v[10] = health("processor");
+        v[11] = health("disk_free");
     } else {
         counted_.reset();
     }
@@ -145,16 +137,16 @@ void Live::sample(std::int64_t now_s) {
 }
 
 Json Live::state_locked() const {
-    Json json{{"up", up_}};
-    if (!up_) json["trouble"] = {{"what", trouble_.what}, {"cure", trouble_.cure}};
-    const std::uint32_t active = up_ ? snapshot_.bits(BlockId::status, "faults_active") : 0,
-                        latched = up_ ? snapshot_.bits(BlockId::status, "faults_latched") : 0;
+    Json json{{"up", now_.up}};
+    if (!now_.up) json["trouble"] = {{"what", trouble_.what}, {"cure", trouble_.cure}};
+    const std::uint32_t active = now_.up ? now_.snapshot.bits(BlockId::status, "faults_active") : 0,
+                        latched = now_.up ? now_.snapshot.bits(BlockId::status, "faults_latched") : 0;
     for (const char* bit : {"line_stop", "run_permit", "plc_lost", "results_overrun"})
-        json[bit] = up_ && snapshot_.status_bit(bit);
+        json[bit] = now_.up && now_.snapshot.status_bit(bit);
     json["faults_active"] = faults_of(active);
     json["faults_latched"] = faults_of(latched & ~active);
-    json["light_share"] = light_ ? Json(*light_) : Json();
-    json["rows"] = rows_of(snapshot_);
+    json["now_.lightshare"] = now_.light ? Json(*now_.light) : Json();
+    json["rows"] = rows_of(now_.snapshot);
     return json;
 }
 
@@ -177,7 +169,7 @@ std::string Live::history_json(bool long_steps) const {
 
 Live::Figures Live::figures() const {
     const std::lock_guard lock(mutex_);
-    return {up_, snapshot_, verdict_, reject_, by_reason_, missed_, light_};
+    return now_;
 }
 
 }  // namespace hord::firmware::page

@@ -76,15 +76,10 @@ class Live {
 
     Viewers& viewers_;
     mutable std::mutex mutex_;
-    bool up_ = false;
+    Figures now_;
     Error trouble_{ErrorCode::disconnected, "the station was not asked yet", ""};
-    RegisterSnapshot snapshot_;
     std::deque<RingResult> strip_;
-    LatencyHistogram verdict_, reject_;
-    std::map<std::string, std::uint64_t> by_reason_;
-    std::uint64_t missed_ = 0;
     store::Json picture_;  // of the newest reject; null: none
-    std::optional<double> light_;
     History history_;
     struct Counted {
         std::uint32_t boot = 0;

@@ -35,8 +35,7 @@ Result<PageConfig> read(TomlTable root, const fs::path& file, TomlProblems& prob
         if (!may_be_a_host(name))
             page.problem("names", "\"" + name + "\" is no host's name or address",
                          "write it without a port and without http://");
-        std::transform(name.begin(), name.end(), name.begin(),
-                       [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+        name = lower(name);
     }
     if (!may_be_a_host(config.host))
         page.problem("host", "\"" + config.host + "\" is no address to listen at",
@@ -64,6 +63,12 @@ Result<PageConfig> read(TomlTable root, const fs::path& file, TomlProblems& prob
 }
 
 }  // namespace
+
+std::string lower(std::string_view text) {
+    std::string out(text);
+    std::ranges::transform(out, out.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    return out;
+}
 
 Result<PageConfig> load_page_config(const fs::path& file) {
     TomlProblems problems;

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "common/result.h"
@@ -23,6 +24,8 @@ struct PageConfig {
 
     std::filesystem::path tokens;  // file of people who may command; empty: commands are refused
 };
+
+std::string lower(std::string_view text);  // of ASCII letters
 
 // Relative paths are relative to the file. Fails with invalid_argument (all problems, with their lines), not_found.
 Result<PageConfig> load_page_config(const std::filesystem::path& file);

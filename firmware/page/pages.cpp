@@ -1,11 +1,11 @@
 #include "firmware/page/pages.h"
 
 #include <algorithm>
-#include <cctype>
 #include <chrono>
 
 #include <fmt/format.h>
 
+#include "firmware/core/enum_values.h"
 #include "firmware/page/site.h"
 #include "firmware/store/results/export.h"
 
@@ -19,10 +19,7 @@ constexpr std::string_view kBearer = "Bearer ";
 constexpr auto kFrameTimeout = std::chrono::seconds(5);
 
 Reply refusal(int status, std::string_view what, std::string_view cure) {
-    Reply reply;
-    reply.status = status;
-    reply.body = to_text({{"error", what}, {"cure", cure}});
-    return reply;
+    return {.status = status, .body = to_text({{"error", what}, {"cure", cure}})};
 }
 
 Reply refusal(const Error& error) {
@@ -34,20 +31,9 @@ Reply refusal(const Error& error) {
     return refusal(status, error.what, error.cure);
 }
 
-Reply json_text(std::string text) {
-    Reply reply;
-    reply.body = std::move(text);
-    return reply;
-}
-
+Reply json_text(std::string text) { return {.body = std::move(text)}; }
 Reply json(const Result<Json>& json) { return json ? json_text(to_text(*json)) : refusal(json.error()); }
-
-Reply file(std::string type, std::string body) {
-    Reply reply;
-    reply.type = std::move(type);
-    reply.body = std::move(body);
-    return reply;
-}
+Reply file(std::string_view type, std::string body) { return {.type = std::string(type), .body = std::move(body)}; }
 
 std::string bytes(const std::vector<std::uint8_t>& from) { return {from.begin(), from.end()}; }
 
@@ -64,10 +50,7 @@ std::string host_alone(std::string_view host) {
     } else if (const auto colon = host.find(':'); colon != std::string_view::npos) {
         host = host.substr(0, colon);
     }
-    std::string out(host);
-    std::transform(out.begin(), out.end(), out.begin(),
-                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-    return out;
+    return lower(host);
 }
 
 // Those that the page offers; a recipe is chosen by number, and its limits are not set from here.
@@ -114,12 +97,6 @@ const std::vector<std::pair<std::string, std::string>>& headers_of_every_reply()
     return kHeaders;
 }
 
-Reply Pages::counted(Reply reply) {
-    const std::lock_guard lock(mutex_);
-    ++replies_[reply.status];
-    return reply;
-}
-
 bool Pages::may_be_called(std::string_view given) const {
     const std::string host = host_alone(given);
     if (host == "localhost" || host == "127.0.0.1" || host == "[::1]" || host == host_alone(deps_.config.host))
@@ -127,47 +104,56 @@ bool Pages::may_be_called(std::string_view given) const {
     return std::find(deps_.config.names.begin(), deps_.config.names.end(), host) != deps_.config.names.end();
 }
 
-Reply Pages::answer(const Request& request) {
-    if (auto reply = answer_without_body(request)) return std::move(*reply);
-    return answer_command(request);
+std::optional<Reply> Pages::answer_without_body(const Request& request) {
+    auto reply = reply_without_body(request);
+    const std::lock_guard lock(mutex_);
+    if (reply) ++replies_[reply->status];
+    return reply;
 }
 
-std::optional<Reply> Pages::answer_without_body(const Request& request) {
+Reply Pages::answer_command(const Request& request) {
+    Reply reply = execute(request);
+    const std::lock_guard lock(mutex_);
+    ++replies_[reply.status];
+    return reply;
+}
+
+std::optional<Reply> Pages::reply_without_body(const Request& request) {
     if (request.host.empty() || !may_be_called(request.host)) {
-        return counted(refusal(421, "this page is not called \"" + host_alone(request.host).substr(0, 80) + "\"",
-                               "add the name to page.names in page.toml, or use the address that it listens at"));
+        return refusal(421, "this page is not called \"" + host_alone(request.host).substr(0, 80) + "\"",
+                       "add the name to page.names in page.toml, or use the address that it listens at");
     }
     if (request.path.find('\0') != std::string::npos || request.path.empty() || request.path[0] != '/')
-        return counted(refusal(400, "that is no address of this page", "begin at /"));
+        return refusal(400, "that is no address of this page", "begin at /");
     if (request.method == "POST" && request.path == "/api/command") {
         if (deps_.tokens.empty())
-            return counted(refuse_command(403, "this page only shows",
-                                          "to allow commands, name a file of tokens in page.toml: [actions] tokens",
-                                          request));
+            return refuse_command(403, "this page only shows",
+                                  "to allow commands, name a file of tokens in page.toml: [actions] tokens", request);
         if (!request.content_type.starts_with("application/json"))
-            return counted(
-                refuse_command(415, "a command is JSON", "send {\"command\":\"stop\"} as application/json", request));
+            return refuse_command(415, "a command is JSON", "send {\"command\":\"stop\"} as application/json", request);
         return std::nullopt;
     }
-    if (request.method != "GET" && request.method != "HEAD") {
-        Reply reply = refusal(405, "this page only answers GET", "commands are sent to /api/command with POST");
-        reply.headers.emplace_back("Allow", request.path == "/api/command" ? "POST" : "GET, HEAD");
-        return counted(std::move(reply));
-    }
-    return counted(get(request));
+    if (request.method == "GET" || request.method == "HEAD") return get(request);
+    Reply reply = refusal(405, "this page only answers GET", "commands are sent to /api/command with POST");
+    reply.headers.emplace_back("Allow", request.path == "/api/command" ? "POST" : "GET, HEAD");
+    return reply;
 }
 
 Reply Pages::get(const Request& request) {
     const std::string_view path = request.path;
     for (const EmbeddedFile& known : site_files()) {
         if (path == known.path || (path == "/" && known.path == "/index.html"))
-            return file(std::string(known.type), std::string(known.text));
+            return file(known.type, std::string(known.text));
     }
     if (path == "/metrics") return metrics();
     if (path == "/api/page") {
         Json page = deps_.live.page_json();
         page["actions"] = !deps_.tokens.empty();
         page["version"] = deps_.version;
+        page["reasons"] = Json::array();  // for the search
+        for (const PartReason reason : kValuesOf<PartReason>) {
+            if (reason != PartReason::none) page["reasons"].push_back(name_of(reason));
+        }
         return json(page);
     }
     if (path == "/api/state") return json(deps_.live.state_json());
@@ -202,15 +188,13 @@ Reply Pages::part(const Request& request, std::string_view name, std::string_vie
     if (!key)
         return refusal(400, "that is no part",
                        "write a result's number, or the station's start and the part's number: 4711, 0a1b2c3d-42");
-    if (what != "record.json" && what != "record.tar" && what != "frame.png" && what != "map.png" &&
-        what != "found.json") {
+    constexpr std::string_view kFiles[] = {"record.json", "record.tar", "frame.png", "map.png", "found.json"};
+    if (std::ranges::find(kFiles, what) == std::end(kFiles))
         return refusal(404, "a part has no such file",
                        "ask for record.json, record.tar, frame.png, map.png or found.json");
-    }
     PartKey named = *key;
     std::optional<store::StoredResult> row;
-    const bool wants_row = what.starts_with("record") || named.number;
-    if (wants_row) {
+    if (what.starts_with("record") || named.number) {
         auto found = deps_.results.one(*key);
         if (!found) return refusal(found.error());
         row = std::move(*found);
@@ -237,13 +221,10 @@ Reply Pages::part(const Request& request, std::string_view name, std::string_vie
         }
         const std::string text = to_text(record, 2) + "\n";
         if (what == "record.json") return download(file("application/json", text), base + ".json");
+        std::vector<ArchiveMember> members{{base + "/record.json", text}};
         const std::string frame = kept ? bytes(kept->bytes) : std::string();
-        const std::int64_t time_s = row->time_us / 1'000'000;
-        if (!kept)
-            return download(file("application/x-tar", tar_of({{base + "/record.json", text}}, time_s)), base + ".tar");
-        return download(
-            file("application/x-tar", tar_of({{base + "/record.json", text}, {base + "/frame.png", frame}}, time_s)),
-            base + ".tar");
+        if (kept) members.push_back({base + "/frame.png", frame});
+        return download(file("application/x-tar", tar_of(members, row->time_us / 1'000'000)), base + ".tar");
     }
     if (!kept) return refusal(kept.error());
     if (what == "frame.png") return download(file("image/png", bytes(kept->bytes)), base + ".png");
@@ -277,32 +258,32 @@ Reply Pages::refuse_command(int status, const char* what, const char* cure, cons
     return refusal(status, what, cure);
 }
 
-Reply Pages::answer_command(const Request& request) {
+Reply Pages::execute(const Request& request) {
     // Browsers name the origin of a request: refuse commands from pages of other sites.
     const bool foreign_site =
         !request.fetch_site.empty() && request.fetch_site != "same-origin" && request.fetch_site != "none";
     const bool foreign_origin = !request.origin.empty() && request.origin != "http://" + request.host &&
         request.origin != "https://" + request.host;
     if (foreign_site || foreign_origin)
-        return counted(refuse_command(403, "another site may not command the station",
-                                      "give the command on the page itself", request));
+        return refuse_command(403, "another site may not command the station", "give the command on the page itself",
+                              request);
     const std::string_view shown = request.authorization;
     const auto who = shown.starts_with(kBearer) ? deps_.tokens.owner(shown.substr(kBearer.size())) : std::nullopt;
     if (!who) {
         Reply reply =
             refuse_command(401, "the token is not known", "enter a token of the file that page.toml names", request);
         reply.headers.emplace_back("WWW-Authenticate", "Bearer");
-        return counted(std::move(reply));
+        return reply;
     }
     const Json body = Json::parse(request.body, nullptr, false);
     if (!body.is_object() || !body.contains("command") || !body["command"].is_string())
-        return counted(refuse_command(400, "that is no command", "send {\"command\":\"stop\"}", request));
+        return refuse_command(400, "that is no command", "send {\"command\":\"stop\"}", request);
     const auto name = body["command"].get<std::string>();
     const auto command = command_of(name);
     const auto argument = number_in(body, "argument"), argument2 = number_in(body, "argument2");
     if (!command || !argument || !argument2) {
-        return counted(refuse_command(400, "there is no such command, or its arguments are no whole numbers",
-                                      "use start_continuous, stop, abort, reset, self_test, use_recipe ...", request));
+        return refuse_command(400, "there is no such command, or its arguments are no whole numbers",
+                              "use start_continuous, stop, abort, reset, self_test, use_recipe ...", request);
     }
     const auto done = deps_.command(*command, *argument, *argument2, *who);
     const bool completed = done && done->state == CommandState::completed;
@@ -316,12 +297,11 @@ Reply Pages::answer_command(const Request& request) {
                                   : done ? done->error_name
                                          : done.error().message()));
     if (!done)
-        return counted(
-            refusal(done.error().code == ErrorCode::refused ? 403 : 503, done.error().what, done.error().cure));
+        return refusal(done.error().code == ErrorCode::refused ? 403 : 503, done.error().what, done.error().cure);
     if (!completed)
-        return counted(refusal(409, "the station refuses " + std::string(name_of(*command)) + ": " + done->error_name,
-                               cure_of(done->error)));
-    return counted(json(Json{{"done", name_of(*command)}, {"result", done->result}}));
+        return refusal(409, "the station refuses " + std::string(name_of(*command)) + ": " + done->error_name,
+                       cure_of(done->error));
+    return json(Json{{"done", name_of(*command)}, {"result", done->result}});
 }
 
 }  // namespace hord::firmware::page

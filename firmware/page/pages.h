@@ -44,9 +44,9 @@ struct Request {
 struct Reply {
     int status = 200;
     std::string type = "application/json";
-    std::string body;
-    std::vector<std::pair<std::string, std::string>> headers;  // beside those of every reply
-    bool events = false;                                       // Viewers sends the rest; body is the beginning
+    std::string body = {};
+    std::vector<std::pair<std::string, std::string>> headers = {};  // beside those of every reply
+    bool events = false;                                            // Viewers sends the rest; body is the beginning
 };
 
 // Security headers of every reply: no content of other sites, no framing, no guessing of types.
@@ -74,8 +74,6 @@ class Pages {
     // /api/command has one.
     [[nodiscard]] std::optional<Reply> answer_without_body(const Request& request);
     [[nodiscard]] Reply answer_command(const Request& request);
-    // Both.
-    [[nodiscard]] Reply answer(const Request& request);
 
     void count_turned_away() { ++turned_away_; }
 
@@ -85,7 +83,8 @@ class Pages {
     [[nodiscard]] Reply metrics();
     [[nodiscard]] bool may_be_called(std::string_view host) const;
     [[nodiscard]] Reply refuse_command(int status, const char* what, const char* cure, const Request& request);
-    Reply counted(Reply reply);
+    [[nodiscard]] std::optional<Reply> reply_without_body(const Request& request);
+    [[nodiscard]] Reply execute(const Request& request);
 
     const Dependencies deps_;
     std::timed_mutex frame_mutex_;  // frames are large: one in memory at a time

@@ -1,6 +1,7 @@
 #include "firmware/page/part_picture.h"
 
 #include <algorithm>
+#include <numeric>
 #include <optional>
 
 #include <fmt/format.h>
@@ -8,8 +9,6 @@
 #include "algo/inspection/pipeline.h"
 #include "firmware/diagnostics/map_images.h"
 #include "firmware/diagnostics/verdict_text.h"
-#include "firmware/recipes/recipe_file.h"
-#include "firmware/store/frames/frame_retention.h"
 #include "firmware/store/results/json_text.h"
 
 namespace hord::firmware::page {
@@ -73,57 +72,18 @@ std::optional<FeatureView> chosen(const std::vector<FeatureView>& views, const s
 
 }  // namespace
 
-struct PartPictures::Parts {
-    std::string pipeline_key;  // extents, depth and recipe that `pipeline` was made for
-    algo::Recipe recipe;
-    std::optional<algo::Pipeline> pipeline;
-};
-
-PartPictures::PartPictures() : parts_(std::make_unique<Parts>()) {}
-PartPictures::~PartPictures() = default;
-
 Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kept, const std::string& feature) {
     const std::lock_guard lock(mutex_);
     const std::string id = kept.name + " " + feature;
     for (const auto& [cached_id, drawn] : drawn_) {
         if (cached_id == id) return drawn;
     }
-    const auto unreadable = [&](const std::string& why) {
-        return fail(ErrorCode::unreadable, kept.name + " has metadata that cannot be read (" + why + ")",
-                    "it is no frame that a station has kept");
-    };
-    algo::Extents extents;
-    std::string recipe_text, verdict_then, maps_then;
-    std::uint32_t part = 0;
-    try {
-        const Json metadata = Json::parse(kept.frame.metadata);
-        const Json& grid = metadata.at("grid");
-        extents = {grid.at("m").get<int>(), grid.at("n").get<int>(), grid.at("i").get<int>(), grid.at("j").get<int>()};
-        recipe_text = metadata.at("recipe").get<std::string>();
-        verdict_then = metadata.at("verdict").get<std::string>();
-        maps_then = metadata.at("maps_sha256").get<std::string>();
-        part = metadata.at("part").get<std::uint32_t>();
-    } catch (const Json::exception& error) {
-        return unreadable(error.what());
-    }
-    const FrameView frame = kept.frame.frame.view();
-    Parts& p = *parts_;
-    std::string key =
-        fmt::format("{}x{} {}x{} {} {}", extents.m, extents.n, extents.i, extents.j, frame.bits, recipe_text);
-    if (!p.pipeline || p.pipeline_key != key) {
-        p.pipeline.reset();
-        auto recipe = parse_recipe(recipe_text, kept.name);
-        if (!recipe) return tl::unexpected(recipe.error());
-        auto pipeline = algo::Pipeline::create(extents, frame.bits, *recipe);
-        if (!pipeline) return tl::unexpected(pipeline.error());
-        p.recipe = std::move(*recipe);
-        p.pipeline.emplace(std::move(*pipeline));
-        p.pipeline_key = std::move(key);
-    }
-    const auto inspection = p.pipeline->inspect(frame);
+    const auto inspection = replay_.inspect(kept.frame.frame.view(), kept.metadata, kept.name);
     if (!inspection) return tl::unexpected(inspection.error());
+    const algo::Recipe& recipe = replay_.recipe();
+    const algo::Extents& extents = kept.metadata.grid;
     std::vector<float> nothing;
-    const std::vector<FeatureView> views = views_of(*inspection, p.recipe, nothing);
+    const std::vector<FeatureView> views = views_of(*inspection, recipe, nothing);
     const auto shown = chosen(views, feature, inspection->reason);
     if (!shown) {
         std::string names;
@@ -131,24 +91,24 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
         return fail(ErrorCode::invalid_argument, "there is no map of that name", "ask for one of " + names);
     }
 
-    const std::vector<std::string> labels = labels_of(*inspection, p.recipe);
-    const std::string sentence = explain(*inspection, p.recipe, extents);
+    const std::vector<std::string> labels = labels_of(*inspection, recipe);
+    const std::string sentence = explain(*inspection, recipe, extents);
     const Picture picture =
         hord::firmware::draw(scale_to(shown->title, shown->unit, shown->map, inspection->mask, shown->limit),
                              shown->map, inspection->mask, extents, inspection->defects, labels);
     auto png = encode_png(picture);
     if (!png) return tl::unexpected(png.error());
 
-    Json found{{"part", part},
-               {"verdict", algo::name_of(inspection->verdict)},
-               {"reason", algo::name_of(inspection->reason)},
-               {"score", inspection->score},
+    const store::Judgement now = store::judgement_of(*inspection), &then = kept.metadata.judgement;
+    Json found{{"part", kept.metadata.part},
+               {"verdict", now.verdict},
+               {"reason", now.reason},
+               {"score", now.score},
                {"sentence", sentence},
                {"map", shown->name},
                {"width", picture.width},
                {"height", picture.height},
-               {"same_as_then",
-                store::digest_of_maps(*inspection) == maps_then && algo::name_of(inspection->verdict) == verdict_then}};
+               {"same_as_then", now.maps_sha256 == then.maps_sha256 && now.verdict == then.verdict}};
     Json list = Json::array();
     for (std::size_t k = 0; k < labels.size() && k < 20; ++k) {
         const algo::Defect& d = inspection->defects[k];
@@ -156,28 +116,22 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
     }
     found["defects"] = std::move(list);
     found["defect_count"] = labels.size();
-    auto drawn = std::make_shared<const DrawnPart>(DrawnPart{kept.name, std::move(*png), to_text(found)});
+    auto drawn = std::make_shared<const DrawnPart>(DrawnPart{std::move(*png), to_text(found)});
     drawn_.emplace_front(id, drawn);
     if (drawn_.size() > kMaxCached) drawn_.pop_back();
     return drawn;
 }
 
 double brightest_share(const FrameView& frame) {
-    const int full = (1 << frame.bits) - 1;
-    std::vector<std::uint32_t> counts(static_cast<std::size_t>(full) + 1);
-    std::uint64_t all = 0;
+    const std::uint32_t full = frame.full_scale();
+    std::vector<std::uint64_t> counts(full + 1);
     for (int y = 0; y < frame.height_px; ++y) {
-        const std::byte* row = frame.data + y * frame.stride_bytes;
-        for (int x = 0; x < frame.width_px; ++x, ++all) {
-            int value = 0;
-            if (frame.bits > 8) value = reinterpret_cast<const std::uint16_t*>(row)[x];
-            else value = static_cast<int>(row[x]);
-            ++counts[static_cast<std::size_t>(std::min(value, full))];
-        }
+        for (int x = 0; x < frame.width_px; ++x) ++counts[std::min(frame.sample(x, y), full)];
     }
+    const std::uint64_t all = std::accumulate(counts.begin(), counts.end(), std::uint64_t{0});
     std::uint64_t above = 0;
-    int value = full;
-    while (value > 0 && (above += counts[static_cast<std::size_t>(value)]) <= all / 1000) --value;
+    std::uint32_t value = full;
+    while (value > 0 && (above += counts[value]) <= all / 1000) --value;
     return static_cast<double>(value) / full;
 }
 

@@ -11,11 +11,11 @@
 
 #include "common/result.h"
 #include "firmware/page/kept_frames.h"
+#include "firmware/store/frames/replay.h"
 
 namespace hord::firmware::page {
 
 struct DrawnPart {
-    std::string frame;              // the file's name
     std::vector<std::uint8_t> png;  // the map
     std::string
         found;  // JSON: part, verdict, sentence, map, defects in words, whether the judgement is the same as then
@@ -29,14 +29,10 @@ class PartPictures {
     // at a time.
     Result<std::shared_ptr<const DrawnPart>> draw(const KeptFrame& kept, const std::string& feature);
 
-    PartPictures();
-    ~PartPictures();
-
   private:
     static constexpr std::size_t kMaxCached = 12;
-    struct Parts;
     std::mutex mutex_;
-    std::unique_ptr<Parts> parts_;
+    store::Replay replay_;
     std::deque<std::pair<std::string, std::shared_ptr<const DrawnPart>>> drawn_;  // newest first
 };
 

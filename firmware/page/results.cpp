@@ -4,6 +4,7 @@
 #include <charconv>
 #include <chrono>
 #include <cstring>
+#include <ranges>
 
 #include <fmt/format.h>
 
@@ -26,15 +27,6 @@ std::optional<Int> whole(std::string_view text, int base = 10) {
     const auto read = std::from_chars(text.data(), text.data() + text.size(), value, base);
     if (text.empty() || read.ec != std::errc() || read.ptr != text.data() + text.size()) return std::nullopt;
     return value;
-}
-
-std::int64_t now_us() {
-    return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
-        .count();
-}
-
-tl::unexpected<Error> busy() {
-    return fail(ErrorCode::busy, "others are searching the store", "try again in a moment");
 }
 
 bool is_word(std::string_view text) {
@@ -69,7 +61,7 @@ Result<store::ResultFilter> filter_of(const Fields& fields) {
             if (!limit || *limit < 1 || *limit > Results::kMaxRows) return wrong("write 1 to 200");
             filter.newest = *limit;
         } else if (name == "since" || name == "until") {
-            const auto time = store::parse_utc(value, now_us());
+            const auto time = store::parse_utc(value, store::utc_now());
             if (!time) return tl::unexpected(time.error());
             (name == "since" ? filter.since : filter.until) = *time;
         } else {
@@ -92,38 +84,35 @@ std::optional<PartKey> parse_part_key(std::string_view text) {
     return PartKey{std::nullopt, *boot, *part};
 }
 
-Result<std::unique_ptr<store::StoreReader>> Results::open() const {
+template <class Row>
+Result<std::vector<Row>> Results::read(const store::ResultFilter& filter, Each<Row> each) {
+    const std::unique_lock lock(mutex_, kTimeout);
+    if (!lock) return fail(ErrorCode::busy, "others are searching the store", "try again in a moment");
     if (folder_.empty())
         return fail(ErrorCode::not_found, "this page knows no store", "name it in page.toml: [station] store");
     auto reader = store::StoreReader::open(folder_);
-    if (reader) (*reader)->limit_time(kTimeout);
-    return reader;
+    if (!reader) return tl::unexpected(reader.error());
+    (*reader)->limit_time(kTimeout);
+    std::vector<Row> rows;
+    return ((**reader).*each)(filter, [&](const Row& row) { rows.push_back(row); }).map([&] {
+        return std::move(rows);
+    });
 }
 
 Result<Json> Results::search(const Fields& fields) {
     auto filter = filter_of(fields);
     if (!filter) return tl::unexpected(filter.error());
-    const std::unique_lock lock(mutex_, kTimeout);
-    if (!lock) return busy();
-    auto reader = open();
-    if (!reader) return tl::unexpected(reader.error());
     const auto limit = static_cast<std::size_t>(*filter->newest);
     filter->newest = *filter->newest + 1;  // whether there are more
+    const auto found = read(*filter, &store::StoreReader::each_result);
+    if (!found) return tl::unexpected(found.error());
     Json rows = Json::array();
-    const auto done =
-        (*reader)->each_result(*filter, [&](const StoredResult& r) { rows.push_back(store::to_json(r)); });
-    if (!done) return tl::unexpected(done.error());
-    const bool more = rows.size() > limit;
-    if (more) rows.erase(rows.begin());  // the oldest
-    std::reverse(rows.begin(), rows.end());
-    return Json{{"rows", std::move(rows)}, {"more", more}};
+    for (auto row = found->rbegin(); row != found->rend() && rows.size() < limit; ++row)
+        rows.push_back(store::to_json(*row));
+    return Json{{"rows", std::move(rows)}, {"more", found->size() > limit}};
 }
 
 Result<StoredResult> Results::one(const PartKey& key) {
-    const std::unique_lock lock(mutex_, kTimeout);
-    if (!lock) return busy();
-    auto reader = open();
-    if (!reader) return tl::unexpected(reader.error());
     store::ResultFilter filter;
     filter.newest = 1;
     if (key.number) filter.number = key.number;
@@ -131,24 +120,21 @@ Result<StoredResult> Results::one(const PartKey& key) {
         filter.boot = key.boot;
         filter.part = key.part;
     }
-    std::optional<StoredResult> found;
-    if (auto done = (*reader)->each_result(filter, [&](const StoredResult& r) { found = r; }); !done)
-        return tl::unexpected(done.error());
-    if (!found)
+    auto found = read(filter, &store::StoreReader::each_result);
+    if (!found) return tl::unexpected(found.error());
+    if (found->empty())
         return fail(ErrorCode::not_found, "the store holds no such part",
                     "it was never stored, is not stored yet, or was removed because of its age");
-    return std::move(*found);
+    return std::move(found->front());
 }
 
 Result<Json> Results::changes(std::int64_t most) {
-    const std::unique_lock lock(mutex_, kTimeout);
-    if (!lock) return busy();
-    auto reader = open();
-    if (!reader) return tl::unexpected(reader.error());
     store::ResultFilter filter;
-    filter.newest = std::clamp<std::int64_t>(most, 1, kMaxRows);
+    filter.newest = most;
+    const auto found = read(filter, &store::StoreReader::each_change);
+    if (!found) return tl::unexpected(found.error());
     Json rows = Json::array();
-    const auto done = (*reader)->each_change(filter, [&](const StoredChange& c) {
+    for (const StoredChange& c : *found | std::views::reverse) {
         Json row{{"time", store::format_utc(c.time_us)},
                  {"what", c.what},
                  {"name", c.name},
@@ -158,32 +144,27 @@ Result<Json> Results::changes(std::int64_t most) {
             row["before"] = c.before;
             row["after"] = c.after;
         }
-        rows.insert(rows.begin(), std::move(row));
-    });
-    if (!done) return tl::unexpected(done.error());
+        rows.push_back(std::move(row));
+    }
     return Json{{"rows", std::move(rows)}};
 }
 
 Result<Json> Results::recipe_in_use() {
-    const std::unique_lock lock(mutex_, kTimeout);
-    if (!lock) return busy();
-    auto reader = open();
-    if (!reader) return tl::unexpected(reader.error());
     store::ResultFilter filter;
     filter.what = "recipe";
     filter.newest = 1;
-    std::optional<StoredChange> newest;
-    if (auto done = (*reader)->each_change(filter, [&](const StoredChange& c) { newest = c; }); !done)
-        return tl::unexpected(done.error());
-    if (!newest)
+    const auto found = read(filter, &store::StoreReader::each_change);
+    if (!found) return tl::unexpected(found.error());
+    if (found->empty())
         return fail(ErrorCode::not_found, "the store knows no recipe", "start the station once with its store");
-    return Json{{"name", newest->name},
-                {"time", store::format_utc(newest->time_us)},
-                {"peer", newest->peer},
-                {"text", newest->after}};
+    const StoredChange& newest = found->front();
+    return Json{{"name", newest.name},
+                {"time", store::format_utc(newest.time_us)},
+                {"peer", newest.peer},
+                {"text", newest.after}};
 }
 
-std::string tar_of(std::initializer_list<ArchiveMember> members, std::int64_t time_s) {
+std::string tar_of(std::span<const ArchiveMember> members, std::int64_t time_s) {
     constexpr std::size_t kBlock = 512;
     std::string out;
     for (const ArchiveMember& member : members) {

@@ -4,11 +4,14 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "common/result.h"
 #include "firmware/store/results/json_text.h"
@@ -47,7 +50,13 @@ class Results {
     Result<store::Json> changes(std::int64_t most);
 
   private:
-    Result<std::unique_ptr<store::StoreReader>> open() const;
+    template <class Row>
+    using Each = Result<void> (store::StoreReader::*)(const store::ResultFilter&,
+                                                      const std::function<void(const Row&)>&);
+    // The rows that the store's `each` finds.
+    template <class Row>
+    Result<std::vector<Row>> read(const store::ResultFilter& filter, Each<Row> each);
+
     const std::filesystem::path folder_;
     std::timed_mutex mutex_;
 };
@@ -57,6 +66,6 @@ struct ArchiveMember {
     std::string name;  // at most 99 characters
     std::string_view bytes;
 };
-std::string tar_of(std::initializer_list<ArchiveMember> members, std::int64_t time_s);
+std::string tar_of(std::span<const ArchiveMember> members, std::int64_t time_s);
 
 }  // namespace hord::firmware::page

@@ -182,7 +182,7 @@ class HttpServer final : public httplib::Server {
         current_connection = nullptr;
     }
 
-    // For answer_bytes(): cpp-httplib ends the streams of a server that does not listen.
+    // For serve_connection(): cpp-httplib ends the streams of a server that does not listen.
     void pretend_to_listen() { svr_sock_ = 0; }
 
     // cpp-httplib's backlog is 5 connections. A browser opens 6 at once, and one beyond the backlog waits a second.
@@ -294,12 +294,10 @@ void PageServer::stop() {
     parts_->http.stop();
 }
 
-std::string answer_bytes(Pages& pages, Viewers& viewers, std::string_view bytes) {
+void serve_connection(Pages& pages, Viewers& viewers, ByteStream& stream) {
     HttpServer http(pages, viewers);
     http.pretend_to_listen();
-    MemoryStream stream(bytes);
     http.serve(stream);
-    return std::move(stream.answer);
 }
 
 }  // namespace hord::firmware::page

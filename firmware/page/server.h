@@ -7,13 +7,14 @@
 
 #include <cstdint>
 #include <memory>
-#include <string>
-#include <string_view>
 
 #include "common/result.h"
 #include "firmware/page/pages.h"
+#include "firmware/page/viewers.h"
 
 namespace hord::firmware::page {
+
+class ByteStream;
 
 class PageServer {
   public:
@@ -32,7 +33,7 @@ class PageServer {
     std::unique_ptr<Parts> parts_;
 };
 
-// The reply to the bytes of one connection, by the same parser, without a socket. For tests.
-std::string answer_bytes(Pages& pages, Viewers& viewers, std::string_view bytes);
+// Serves one connection, without a server's socket and threads.
+void serve_connection(Pages& pages, Viewers& viewers, ByteStream& stream);
 
 }  // namespace hord::firmware::page

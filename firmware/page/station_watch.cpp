@@ -1,7 +1,9 @@
 #include "firmware/page/station_watch.h"
 
 #include <algorithm>
+#include <condition_variable>
 #include <ctime>
+#include <mutex>
 #include <span>
 #include <utility>
 
@@ -52,25 +54,14 @@ RingResult result_from(const std::vector<Reading>& readings, std::uint32_t boot)
 StationWatch::StationWatch(modbus::Endpoint endpoint, std::chrono::milliseconds poll, Live& live,
                            std::function<void()> every_round)
     : endpoint_(std::move(endpoint)), poll_(poll), live_(live), every_round_(std::move(every_round)),
-      thread_([this] { work(); }) {}
+      thread_([this](const std::stop_token& stop) { work(stop); }) {}
 
-StationWatch::~StationWatch() {
-    {
-        const std::lock_guard lock(mutex_);
-        ending_ = true;
-    }
-    wake_.notify_all();
-    thread_.join();
-}
-
-bool StationWatch::wait(std::chrono::milliseconds time) {
-    std::unique_lock lock(mutex_);
-    return !wake_.wait_for(lock, time, [this] { return ending_; });
-}
-
-void StationWatch::work() {
+void StationWatch::work(const std::stop_token& stop) {
+    std::mutex mutex;
+    std::unique_lock lock(mutex);
+    std::condition_variable_any pause_over;
     std::chrono::milliseconds pause{0};
-    while (wait(pause)) {
+    for (; !stop.stop_requested(); pause_over.wait_for(lock, stop, pause, [] { return false; })) {
         const auto looked = poll();
         if (!looked) {
             client_.reset();
@@ -90,13 +81,10 @@ void StationWatch::work() {
 }
 
 Result<void> StationWatch::read(BlockId id) {
-    for (const auto& place : places_) {
-        if (place.id != static_cast<std::uint16_t>(id)) continue;
-        auto readings = client_->read_block(place);
-        if (!readings) return tl::unexpected(readings.error());
-        snapshot_.set(id, std::move(*readings));
-    }
-    return {};  // an older station does not have it
+    auto readings = client_->read_block(id);
+    if (readings) snapshot_.set(id, std::move(*readings));
+    else if (readings.error().code != ErrorCode::not_found) return tl::unexpected(readings.error());
+    return {};  // an older station does not have every block
 }
 
 Result<void> StationWatch::poll() {
@@ -105,9 +93,6 @@ Result<void> StationWatch::poll() {
         auto client = modbus::Client::connect(endpoint_, kTimeout);
         if (!client) return tl::unexpected(client.error());
         client_.emplace(std::move(*client));
-        auto places = client_->walk();
-        if (!places) return tl::unexpected(places.error());
-        places_ = std::move(*places);
         snapshot_ = {};
         if (auto done = read(BlockId::ident); !done) return done;
         slow_blocks_at_ = {};

@@ -2,11 +2,8 @@
 // station does not answer.
 #pragma once
 
-#include <atomic>
 #include <chrono>
-#include <condition_variable>
 #include <functional>
-#include <mutex>
 #include <thread>
 
 #include "firmware/page/live.h"
@@ -19,16 +16,12 @@ class StationWatch {
     // `every_round` is called after each poll, on the polling thread.
     StationWatch(modbus::Endpoint endpoint, std::chrono::milliseconds poll, Live& live,
                  std::function<void()> every_round);
-    ~StationWatch();
-    StationWatch(const StationWatch&) = delete;
-    StationWatch& operator=(const StationWatch&) = delete;
 
   private:
-    void work();
+    void work(const std::stop_token& stop);
     Result<void> poll();
     Result<void> read(BlockId id);
     Result<void> follow(std::uint32_t newest, std::uint32_t oldest);
-    bool wait(std::chrono::milliseconds time);  // false: it ends
 
     const modbus::Endpoint endpoint_;
     const std::chrono::milliseconds poll_;
@@ -36,17 +29,13 @@ class StationWatch {
     const std::function<void()> every_round_;
 
     std::optional<modbus::Client> client_;
-    std::vector<modbus::Client::Place> places_;
     RegisterSnapshot snapshot_;
     std::string last_status_;
     std::chrono::steady_clock::time_point slow_blocks_at_{}, sample_at_{};
     std::uint32_t boot_ = 0, seen_ = 0;
     bool began_ = false;
 
-    std::mutex mutex_;
-    std::condition_variable wake_;
-    bool ending_ = false;
-    std::thread thread_;
+    std::jthread thread_;
 };
 
 }  // namespace hord::firmware::page

@@ -18,11 +18,8 @@ namespace {
 
 constexpr std::size_t kLargestFile = 64 * 1024;
 
-std::array<std::uint8_t, 32> digest_of(std::string_view token) {
-    const auto hash = store::sha256({reinterpret_cast<const std::uint8_t*>(token.data()), token.size()});
-    std::array<std::uint8_t, 32> digest{};
-    std::copy(hash.begin(), hash.end(), digest.begin());
-    return digest;
+store::Hash digest_of(std::string_view token) {
+    return store::sha256({reinterpret_cast<const std::uint8_t*>(token.data()), token.size()});
 }
 
 bool printable(std::string_view text) {

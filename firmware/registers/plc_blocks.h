@@ -65,43 +65,42 @@ inline constexpr Register kPlc[] = {
            }),
 };
 
-// 0xFFFF: the feature is not judged, and its limit is not available. commit_recipe takes registers 8202 to 8209.
-inline constexpr double in_thousandths(std::uint16_t limit) {
-    return limit == 0xFFFF ? std::numeric_limits<double>::quiet_NaN() : limit / 1000.0;
+// A limit of the staged recipe. 0xFFFF: the feature is not judged, and its limit is not available. commit_recipe takes
+// registers 8202 to 8209.
+template <auto limit>
+Number in_thousandths(const Source& s) {
+    return from_plc(s, [](const PlcView& view) {
+        const std::uint16_t staged = view.staged.*limit;
+        return staged == 0xFFFF ? std::numeric_limits<double>::quiet_NaN() : staged / 1000.0;
+    });
+}
+template <auto share>
+Number in_ten_thousandths(const Source& s) {
+    return from_plc(s, [](const PlcView& view) { return view.staged.*share / 10000.0; });
 }
 
 inline constexpr Register kRecipe[] = {
     writable(number(8202, Type::u16, "staged_number", "", "number that the recipe will have",
                     plc<&PlcView::staged, &StagedRecipe::number>)),
-    writable(number(
-        8203, Type::u16, "staged_emd_limit", "bin pitches", "largest gradient of the earth mover's distance",
-        [](const Source& s) { return from_plc(s, [](auto& p) { return in_thousandths(p.staged.emd_limit_mbins); }); },
-        {}, 0.001)),
-    writable(number(
-        8204, Type::u16, "staged_frobenius_limit", "bin pitches a lenslet", "largest norm of the deflection's Jacobian",
-        [](const Source& s) {
-            return from_plc(s, [](auto& p) { return in_thousandths(p.staged.frobenius_limit_mbins); });
-        },
-        {}, 0.001)),
-    writable(number(
-        8205, Type::u16, "staged_transmission_limit", "", "least light relative to a typical lenslet, 0 to 1",
-        [](const Source& s) {
-            return from_plc(s, [](auto& p) { return in_thousandths(p.staged.transmission_permille); });
-        },
-        {}, 0.001)),
+    writable(number(8203, Type::u16, "staged_emd_limit", "bin pitches",
+                    "largest gradient of the earth mover's distance", in_thousandths<&StagedRecipe::emd_limit_mbins>,
+                    {}, 0.001)),
+    writable(number(8204, Type::u16, "staged_frobenius_limit", "bin pitches a lenslet",
+                    "largest norm of the deflection's Jacobian", in_thousandths<&StagedRecipe::frobenius_limit_mbins>,
+                    {}, 0.001)),
+    writable(number(8205, Type::u16, "staged_transmission_limit", "",
+                    "least light relative to a typical lenslet, 0 to 1",
+                    in_thousandths<&StagedRecipe::transmission_permille>, {}, 0.001)),
     writable(number(8206, Type::u16, "staged_min_area", "lenslets", "smaller regions are no defects",
                     plc<&PlcView::staged, &StagedRecipe::min_area>)),
     writable(number(8207, Type::s16, "staged_rim_margin", "lenslets",
                     "not judged inside the part's rim; -1: chosen by the station",
                     plc<&PlcView::staged, &StagedRecipe::rim_margin>)),
-    writable(number(
-        8208, Type::u16, "staged_max_saturated_share", "", "more saturated lenslets make the frame unfit, 0 to 1",
-        [](const Source& s) { return from_plc(s, [](auto& p) { return p.staged.max_saturated_permyriad / 10000.0; }); },
-        {}, 0.0001)),
-    writable(number(
-        8209, Type::u16, "staged_min_lit_share", "", "fewer lit lenslets make the frame unfit, 0 to 1",
-        [](const Source& s) { return from_plc(s, [](auto& p) { return p.staged.min_lit_permyriad / 10000.0; }); }, {},
-        0.0001)),
+    writable(number(8208, Type::u16, "staged_max_saturated_share", "",
+                    "more saturated lenslets make the frame unfit, 0 to 1",
+                    in_ten_thousandths<&StagedRecipe::max_saturated_permyriad>, {}, 0.0001)),
+    writable(number(8209, Type::u16, "staged_min_lit_share", "", "fewer lit lenslets make the frame unfit, 0 to 1",
+                    in_ten_thousandths<&StagedRecipe::min_lit_permyriad>, {}, 0.0001)),
     number(8210, Type::bits32, "staged_crc32", "",
            "CRC-32 of registers 8202 to 8209 as they travel: the argument of commit_recipe",
            plc_bits<&PlcView::staged_crc32>),

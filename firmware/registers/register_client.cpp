@@ -14,13 +14,6 @@
 namespace hord::firmware::modbus {
 namespace {
 
-struct FreeContext {
-    void operator()(modbus_t* context) const {
-        modbus_close(context);
-        modbus_free(context);
-    }
-};
-
 constexpr auto kAskAgainAfter = std::chrono::milliseconds(20);
 constexpr std::size_t kMaxBlocks = 64;  // a chain that is longer goes in circles
 
@@ -32,99 +25,78 @@ Result<Endpoint> parse_endpoint(std::string_view text) {
                     "write HOST:PORT, for example 127.0.0.1:502");
     };
     Endpoint endpoint;
-    std::string_view port;
-    if (text.starts_with('[')) {
-        const auto end = text.find(']');
-        if (end == std::string_view::npos) return wrong();
-        endpoint.host = text.substr(1, end - 1);
-        const std::string_view rest = text.substr(end + 1);
-        if (!rest.empty() && !rest.starts_with(':')) return wrong();
-        port = rest.empty() ? rest : rest.substr(1);
-        if (!rest.empty() && port.empty()) return wrong();
-    } else {
-        const auto colon = text.find(':');
-        endpoint.host = text.substr(0, colon);
-        if (colon != std::string_view::npos) {
-            port = text.substr(colon + 1);
-            if (port.empty()) return wrong();
-        }
-    }
+    const std::size_t from = text.starts_with('[') ? 1 : 0;
+    const auto end = text.find(from == 1 ? ']' : ':');
+    if (from == 1 && end == std::string_view::npos) return wrong();
+    endpoint.host = text.substr(from, end - from);
     if (endpoint.host.empty()) return wrong();
-    if (!port.empty()) {
-        const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), endpoint.port);
-        if (error != std::errc{} || end != port.data() + port.size() || endpoint.port == 0) return wrong();
-    }
+    const std::string_view port = end == std::string_view::npos ? "" : text.substr(end + from);
+    if (port.empty()) return endpoint;
+    const auto [rest, error] = std::from_chars(port.data() + 1, port.data() + port.size(), endpoint.port);
+    if (port[0] != ':' || error != std::errc{} || rest != port.data() + port.size() || endpoint.port == 0)
+        return wrong();
     return endpoint;
 }
 
-struct Client::Impl {
-    Endpoint endpoint;
-    std::chrono::milliseconds timeout;
-    std::unique_ptr<modbus_t, FreeContext> context;
+void Client::FreeContext::operator()(modbus_t* context) const {
+    modbus_close(context);
+    modbus_free(context);
+}
 
-    [[nodiscard]] std::string where() const {
-        return fmt::format("Modbus station {}:{}", endpoint.host, endpoint.port);
-    }
+std::string Client::where() const { return fmt::format("Modbus station {}:{}", endpoint_.host, endpoint_.port); }
 
-    Result<void> connect() {
-        if (context) return {};
-        std::unique_ptr<modbus_t, FreeContext> fresh(
-            modbus_new_tcp_pi(endpoint.host.c_str(), std::to_string(endpoint.port).c_str()));
-        if (!fresh) return fail(ErrorCode::invalid_argument, where() + ": not an address", "write HOST:PORT");
-        const auto seconds = static_cast<std::uint32_t>(timeout.count() / 1000);
-        const auto micros = static_cast<std::uint32_t>(timeout.count() % 1000 * 1000);
-        modbus_set_response_timeout(fresh.get(), seconds, micros);
-        modbus_set_byte_timeout(fresh.get(), seconds, micros);
-        errno = 0;
-        if (modbus_connect(fresh.get()) != 0) {
-            // For a name that cannot be resolved libmodbus gives the resolver's answer, which is no errno.
-            const int error = errno;
-            if (error == ETIMEDOUT || error == EINPROGRESS) {
-                return fail(ErrorCode::timeout,
-                            fmt::format("{} does not answer within {} ms", where(), timeout.count()),
-                            "check the address, the cable and the firewall");
-            }
-            return fail(
-                ErrorCode::disconnected,
-                fmt::format("{} cannot be reached: {}", where(), error > 0 ? modbus_strerror(error) : "unknown host"),
-                "check the address, and that the station runs");
-        }
-        context = std::move(fresh);
-        return {};
-    }
-
-    // After a failed call.
-    tl::unexpected<Error> failed(const std::string& doing) {
+Result<void> Client::ensure_connected() {
+    if (context_) return {};
+    std::unique_ptr<modbus_t, FreeContext> fresh(
+        modbus_new_tcp_pi(endpoint_.host.c_str(), std::to_string(endpoint_.port).c_str()));
+    if (!fresh) return fail(ErrorCode::invalid_argument, where() + ": not an address", "write HOST:PORT");
+    const auto seconds = static_cast<std::uint32_t>(timeout_.count() / 1000);
+    const auto micros = static_cast<std::uint32_t>(timeout_.count() % 1000 * 1000);
+    modbus_set_response_timeout(fresh.get(), seconds, micros);
+    modbus_set_byte_timeout(fresh.get(), seconds, micros);
+    errno = 0;
+    if (modbus_connect(fresh.get()) != 0) {
+        // For a name that cannot be resolved libmodbus gives the resolver's answer, which is no errno.
         const int error = errno;
-        if (error > MODBUS_ENOBASE && error < EMBBADCRC) {
-            const char* cure = error == EMBXSBUSY ? "it is executing a command: try again in a moment"
-                : error == EMBXILFUN              ? "who may write is listed in the station's modbus.may_write"
-                                                  : "compare the addresses with `hordctl registers`";
-            return fail(error == EMBXSBUSY ? ErrorCode::busy : ErrorCode::refused,
-                        fmt::format("{} refuses {}: exception {:02} ({})", where(), doing, error - MODBUS_ENOBASE,
-                                    modbus_strerror(error)),
-                        cure);
+        if (error == ETIMEDOUT || error == EINPROGRESS) {
+            return fail(ErrorCode::timeout, fmt::format("{} does not answer within {} ms", where(), timeout_.count()),
+                        "check the address, the cable and the firewall");
         }
-        context.reset();
-        if (error == ETIMEDOUT) {
-            return fail(ErrorCode::timeout,
-                        fmt::format("{} did not answer {} within {} ms", where(), doing, timeout.count()),
-                        "check that the station runs and the network is not overloaded");
-        }
-        return fail(ErrorCode::disconnected,
-                    fmt::format("{}: connection lost during {}: {}", where(), doing, modbus_strerror(error)),
-                    "check that the station runs");
+        return fail(
+            ErrorCode::disconnected,
+            fmt::format("{} cannot be reached: {}", where(), error > 0 ? modbus_strerror(error) : "unknown host"),
+            "check the address, and that the station runs");
     }
-};
+    context_ = std::move(fresh);
+    return {};
+}
 
-Client::Client(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
-Client::~Client() = default;
-Client::Client(Client&&) noexcept = default;
-Client& Client::operator=(Client&&) noexcept = default;
+tl::unexpected<Error> Client::failed(const std::string& doing) {
+    const int error = errno;
+    if (error > MODBUS_ENOBASE && error < EMBBADCRC) {
+        const char* cure = error == EMBXSBUSY ? "it is executing a command: try again in a moment"
+            : error == EMBXILFUN              ? "who may write is listed in the station's modbus.may_write"
+                                              : "compare the addresses with `hordctl registers`";
+        return fail(error == EMBXSBUSY ? ErrorCode::busy : ErrorCode::refused,
+                    fmt::format("{} refuses {}: exception {:02} ({})", where(), doing, error - MODBUS_ENOBASE,
+                                modbus_strerror(error)),
+                    cure);
+    }
+    context_.reset();
+    places_.clear();
+    if (error == ETIMEDOUT) {
+        return fail(ErrorCode::timeout,
+                    fmt::format("{} did not answer {} within {} ms", where(), doing, timeout_.count()),
+                    "check that the station runs and the network is not overloaded");
+    }
+    return fail(ErrorCode::disconnected,
+                fmt::format("{}: connection lost during {}: {}", where(), doing, modbus_strerror(error)),
+                "check that the station runs");
+}
 
 Result<Client> Client::connect(Endpoint endpoint, std::chrono::milliseconds timeout) {
-    Client client(std::make_unique<Impl>(Impl{std::move(endpoint), timeout, nullptr}));
-    if (auto done = client.impl_->connect(); !done) return tl::unexpected(done.error());
+    Client client(std::move(endpoint), timeout);
+    if (auto done = client.ensure_connected(); !done) return tl::unexpected(done.error());
     return client;
 }
 
@@ -133,11 +105,10 @@ Result<std::vector<std::uint16_t>> Client::read(std::uint16_t address, std::size
         return fail(ErrorCode::invalid_argument, fmt::format("{} registers cannot be read in one request", count),
                     "read 1 to 125");
     }
-    if (auto done = impl_->connect(); !done) return tl::unexpected(done.error());
+    if (auto done = ensure_connected(); !done) return tl::unexpected(done.error());
     std::vector<std::uint16_t> words(count);
-    const int done = modbus_read_registers(impl_->context.get(), address, static_cast<int>(count), words.data());
-    if (done != static_cast<int>(count))
-        return impl_->failed(fmt::format("reading {} registers at {}", count, address));
+    const int done = modbus_read_registers(context_.get(), address, static_cast<int>(count), words.data());
+    if (done != static_cast<int>(count)) return failed(fmt::format("reading {} registers at {}", count, address));
     return words;
 }
 
@@ -146,17 +117,16 @@ Result<void> Client::write(std::uint16_t address, std::span<const std::uint16_t>
         return fail(ErrorCode::invalid_argument,
                     fmt::format("{} registers cannot be written in one request", values.size()), "write 1 to 123");
     }
-    if (auto done = impl_->connect(); !done) return tl::unexpected(done.error());
-    const int done =
-        modbus_write_registers(impl_->context.get(), address, static_cast<int>(values.size()), values.data());
+    if (auto done = ensure_connected(); !done) return tl::unexpected(done.error());
+    const int done = modbus_write_registers(context_.get(), address, static_cast<int>(values.size()), values.data());
     if (done != static_cast<int>(values.size()))
-        return impl_->failed(fmt::format("writing {} registers at {}", values.size(), address));
+        return failed(fmt::format("writing {} registers at {}", values.size(), address));
     return {};
 }
 
 Result<std::vector<Client::Place>> Client::walk() {
     const auto not_ours = [&](std::string what) {
-        return fail(ErrorCode::unreadable, fmt::format("{} {}", impl_->where(), what),
+        return fail(ErrorCode::unreadable, fmt::format("{} {}", where(), what),
                     "check that the address is a HORD station's");
     };
     auto first = read(0, 4);
@@ -178,21 +148,18 @@ Result<std::vector<Client::Place>> Client::walk() {
 }
 
 Result<std::vector<Reading>> Client::read_block(BlockId id) {
-    const Block* block = find_block(id);
-    const auto places = walk();
-    if (!places) return tl::unexpected(places.error());
-    for (const Place& place : *places) {
-        if (block != nullptr && place.id == static_cast<std::uint16_t>(id)) return read_block(place);
+    if (places_.empty()) {
+        auto places = walk();
+        if (!places) return tl::unexpected(places.error());
+        places_ = std::move(*places);
     }
-    return fail(ErrorCode::not_found,
-                fmt::format("{} has no block {}", impl_->where(), block != nullptr ? block->name : "of that id"),
-                "update the station's firmware");
-}
-
-Result<std::vector<Reading>> Client::read_block(const Place& place) {
-    const Block& block = *find_block(static_cast<BlockId>(place.id));
-    auto image =
-        read(place.base, std::min<std::size_t>({std::size_t{place.length} + kBlockHeader, block.size(), kMaxRead}));
+    const Block& block = *find_block(id);
+    const auto place = std::ranges::find(places_, static_cast<std::uint16_t>(id), &Place::id);
+    if (place == places_.end())
+        return fail(ErrorCode::not_found, fmt::format("{} has no block {}", where(), block.name),
+                    "update the station's firmware");
+    const auto image =
+        read(place->base, std::min<std::size_t>({std::size_t{place->length} + kBlockHeader, block.size(), kMaxRead}));
     if (!image) return tl::unexpected(image.error());
     return decode(block, *image);
 }
@@ -202,7 +169,7 @@ Result<std::vector<Reading>> Client::read_result(std::uint32_t sequence) {
     if (!slot) return tl::unexpected(slot.error());
     auto readings = decode_slot(*find_block(BlockId::ring), *slot);
     if (readings && readings->front().number != static_cast<double>(sequence)) {
-        return fail(ErrorCode::not_found, fmt::format("{} no longer holds result {}", impl_->where(), sequence),
+        return fail(ErrorCode::not_found, fmt::format("{} no longer holds result {}", where(), sequence),
                     fmt::format("read the last {} results; acknowledge them in time", kRingSlots));
     }
     return readings;
@@ -266,7 +233,7 @@ Result<Client::Reply> Client::command(Command code, std::uint32_t argument, std:
         if (!written) return tl::unexpected(written.error());
         if (!words) return tl::unexpected(words.error());
         return fail(ErrorCode::timeout,
-                    fmt::format("{} has not finished the command within {} ms", impl_->where(), patience.count()),
+                    fmt::format("{} has not finished the command within {} ms", where(), patience.count()),
                     "see hordctl status");
     }
 }

@@ -10,10 +10,13 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "common/result.h"
 #include "firmware/registers/register_map.h"
+
+struct _modbus;  // of libmodbus
 
 namespace hord::firmware::modbus {
 
@@ -42,11 +45,9 @@ class Client {
     };
     [[nodiscard]] Result<std::vector<Place>> walk();
 
-    // One block found by walking the chain, read in one request and decoded. Fails with not_found when the
+    // One block, read in one request and decoded; the chain is walked once a connection. Fails with not_found when the
     // station does not have it.
     [[nodiscard]] Result<std::vector<Reading>> read_block(BlockId id);
-    // The same without the walk: `place` is one of walk()'s, with an id of the register map.
-    [[nodiscard]] Result<std::vector<Reading>> read_block(const Place& place);
 
     // One result of the ring, by its sequence. Fails as read() does, and with not_found when its slot holds
     // another result.
@@ -64,14 +65,19 @@ class Client {
     [[nodiscard]] Result<Reply> command(Command code, std::uint32_t argument, std::uint32_t argument2,
                                         std::chrono::milliseconds patience, std::string_view who = {});
 
-    ~Client();
-    Client(Client&&) noexcept;
-    Client& operator=(Client&&) noexcept;
-
   private:
-    struct Impl;
-    explicit Client(std::unique_ptr<Impl> impl);
-    std::unique_ptr<Impl> impl_;
+    struct FreeContext {
+        void operator()(_modbus* context) const;
+    };
+    Client(Endpoint endpoint, std::chrono::milliseconds timeout) : endpoint_(std::move(endpoint)), timeout_(timeout) {}
+    [[nodiscard]] std::string where() const;
+    Result<void> ensure_connected();
+    tl::unexpected<Error> failed(const std::string& doing);  // after a failed call
+
+    Endpoint endpoint_;
+    std::chrono::milliseconds timeout_;
+    std::unique_ptr<_modbus, FreeContext> context_;  // null: not connected
+    std::vector<Place> places_;                      // of this connection; empty: not walked yet
 };
 
 }  // namespace hord::firmware::modbus

@@ -1,5 +1,6 @@
 // The register map as Markdown, CSV, JSON and Telegraf configuration.
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 
 #include "firmware/registers/register_map.h"
 
@@ -17,36 +18,29 @@ std::string values_of(const Register& row) {
 
 std::string_view name_of(RegisterAccess access) { return access == RegisterAccess::read ? "r" : "rw"; }
 
+constexpr char kMarkdownHead[] = R"(# Register map
+
+<!-- Generated: hordctl registers --format md > docs/registers.md. A test compares it with the code. -->
+
+Map version {}, CRC-32 0x{:08X}. Addresses count from 0, as they travel in the request; tools that count from 1 add one.
+
+- Holding registers (FC 3) and input registers (FC 4) show the same values.
+- 32-bit values: high word first. Text: ASCII, first character in the high byte, padded with zeros.
+- Whole numbers, no floats: value in its unit = register * scale.
+- Not available: 0xFFFF (u16), 0x8000 (s16), 0xFFFFFFFF (u32), 0x80000000 (s32). Values beyond the range stop one short
+  of it. bits16 and bits32 (bit sets, checksums, free-running counters) are always available. Registers of a block that
+  no row names read 0xFFFF.
+- The map is a chain: every block begins with [id, length]; the next block begins `length` registers after that header;
+  id 0xFFFF ends it. Skip ids that you do not know. Id 0 leads across addresses that do not exist (exception 02).
+- One request sees one moment: read a block whole (at most 125 registers) and its values belong together.
+- Bits (FC 1 and 2): 0 to 15 are STATUS `bits`, 16 to 47 `faults_active`, 48 to 79 `faults_latched`; 80 is the lowest
+  bit of the PLC's `heartbeat`, the only bit that can be written.
+- Only rows marked rw can be written, whole values at a time; a value that means "not available" cannot (exception 03).
+- Rows are only ever added. Check `magic` for the byte order, and `map_version` or `map_crc32` for the map.
+)";
+
 std::string as_markdown() {
-    std::string out = fmt::format(
-        "# Register map\n\n"
-        "<!-- Generated: hordctl registers --format md > docs/registers.md. A test compares it with the "
-        "code. -->\n\n"
-        "Map version {}, CRC-32 0x{:08X}. Addresses count from 0, as they travel in the request; tools that "
-        "count from 1 add one.\n\n"
-        "- Holding registers (FC 3) and input registers (FC 4) show the same values.\n"
-        "- 32-bit values: high word first. Text: ASCII, first character in the high byte, padded with "
-        "zeros.\n"
-        "- Whole numbers, no floats: value in its unit = register * scale.\n"
-        "- Not available: 0xFFFF (u16), 0x8000 (s16), 0xFFFFFFFF (u32), 0x80000000 (s32). Values beyond the "
-        "range stop one short of\n"
-        "  it. bits16 and bits32 (bit sets, checksums, free-running counters) are always available. "
-        "Registers of a block that no\n"
-        "  row names read 0xFFFF.\n"
-        "- The map is a chain: every block begins with [id, length]; the next block begins `length` "
-        "registers after that header;\n"
-        "  id 0xFFFF ends it. Skip ids that you do not know. Id 0 leads across addresses that do not exist "
-        "(exception 02).\n"
-        "- One request sees one moment: read a block whole (at most 125 registers) and its values belong "
-        "together.\n"
-        "- Bits (FC 1 and 2): 0 to 15 are STATUS `bits`, 16 to 47 `faults_active`, 48 to 79 "
-        "`faults_latched`; 80 is the lowest\n"
-        "  bit of the PLC's `heartbeat`, the only bit that can be written.\n"
-        "- Only rows marked rw can be written, whole values at a time; a value that means \"not available\" "
-        "cannot (exception 03).\n"
-        "- Rows are only ever added. Check `magic` for the byte order, and `map_version` or `map_crc32` for "
-        "the map.\n",
-        kMapVersion, map_crc32());
+    std::string out = fmt::format(kMarkdownHead, kMapVersion, map_crc32());
     for (const Block& block : register_blocks()) {
         if (block.registers.empty()) continue;
         out += fmt::format("\n## {} at {}\n\n{}. Id {}, length {}.\n\n", block.name, block.base, block.meaning,
@@ -68,15 +62,6 @@ std::string as_markdown() {
     return out;
 }
 
-std::string quoted(std::string_view text) {
-    std::string out = "\"";
-    for (const char c : text) {
-        if (c == '"' || c == '\\') out += '\\';
-        out += c;
-    }
-    return out + '"';
-}
-
 std::string as_csv() {
     std::string out = "block,address,name,type,registers,unit,scale,access,meaning,values\n";
     const auto field = [](std::string_view text) {
@@ -95,37 +80,34 @@ std::string as_csv() {
 }
 
 std::string as_json() {
-    std::string out = fmt::format("{{\"map_version\": {}, \"map_crc32\": {}, \"blocks\": [", kMapVersion, map_crc32());
-    std::string_view comma;
+    using Json = nlohmann::ordered_json;
+    Json blocks = Json::array();
     for (const Block& block : register_blocks()) {
         if (block.registers.empty()) continue;
-        out += fmt::format(
-            "{}\n  {{\"id\": {}, \"name\": {}, \"base\": {}, \"length\": {}, \"slots\": {}, "
-            "\"slot_registers\": {}, "
-            "\"meaning\": {}, \"registers\": "
-            "[",
-            comma, static_cast<int>(block.id), quoted(block.name), block.base, block.length, block.slots,
-            block.slot_words, quoted(block.meaning));
-        comma = ",";
-        std::string_view row_comma;
+        Json registers = Json::array();
         for (const Register& row : block.registers) {
-            out += fmt::format(
-                "{}\n    {{\"address\": {}, \"name\": {}, \"type\": {}, \"registers\": {}, \"unit\": {}, "
-                "\"scale\": {}, \"access\": {}, "
-                "\"meaning\": {}, \"values\": {{",
-                row_comma, row.address, quoted(row.name), quoted(firmware::name_of(row.type)), row.words,
-                quoted(row.unit), row.scale, quoted(name_of(row.access)), quoted(row.meaning));
-            row_comma = ",";
-            std::string_view value_comma;
-            for (const NamedValue& value : row.values) {
-                out += fmt::format("{}\"{}\": {}", value_comma, value.value, quoted(value.name));
-                value_comma = ", ";
-            }
-            out += "}}";
+            Json values = Json::object();
+            for (const NamedValue& value : row.values) values[std::to_string(value.value)] = value.name;
+            registers.push_back({{"address", row.address},
+                                 {"name", row.name},
+                                 {"type", firmware::name_of(row.type)},
+                                 {"registers", row.words},
+                                 {"unit", row.unit},
+                                 {"scale", row.scale},
+                                 {"access", name_of(row.access)},
+                                 {"meaning", row.meaning},
+                                 {"values", std::move(values)}});
         }
-        out += "]}";
+        blocks.push_back({{"id", static_cast<int>(block.id)},
+                          {"name", block.name},
+                          {"base", block.base},
+                          {"length", block.length},
+                          {"slots", block.slots},
+                          {"slot_registers", block.slot_words},
+                          {"meaning", block.meaning},
+                          {"registers", std::move(registers)}});
     }
-    return out + "\n]}\n";
+    return Json{{"map_version", kMapVersion}, {"map_crc32", map_crc32()}, {"blocks", std::move(blocks)}}.dump(1) + "\n";
 }
 
 // Telegraf's modbus input, one request a block. Values that are not available arrive as their sentinel.
@@ -159,22 +141,11 @@ std::string as_telegraf() {
 
 }  // namespace
 
-std::optional<MapFormat> map_format_of(std::string_view name) {
-    if (name == "md") return MapFormat::markdown;
-    if (name == "csv") return MapFormat::csv;
-    if (name == "json") return MapFormat::json;
-    if (name == "telegraf") return MapFormat::telegraf;
-    return std::nullopt;
-}
-
-std::string format_registers(MapFormat format) {
-    switch (format) {
-        case MapFormat::markdown: return as_markdown();
-        case MapFormat::csv: return as_csv();
-        case MapFormat::json: return as_json();
-        case MapFormat::telegraf: return as_telegraf();
-    }
-    return {};
+std::string format_registers(std::string_view format) {
+    return format == "csv"     ? as_csv()
+        : format == "json"     ? as_json()
+        : format == "telegraf" ? as_telegraf()
+                               : as_markdown();
 }
 
 }  // namespace hord::firmware

@@ -55,8 +55,7 @@ void put(const Register& row, std::span<std::uint16_t> words, const RegisterValu
 }
 
 std::string_view name_among(std::span<const NamedValue> values, std::uint32_t value) {
-    const auto found =
-        std::find_if(values.begin(), values.end(), [&](const NamedValue& v) { return v.value == value; });
+    const auto found = std::ranges::find(values, value, &NamedValue::value);
     return found == values.end() ? std::string_view{} : found->name;
 }
 
@@ -99,9 +98,10 @@ Reading take(const Register& row, std::span<const std::uint16_t> words) {
     return reading;
 }
 
-void encode_rows(std::span<const Register> rows, std::size_t base, const RegisterValues& source,
-                 std::span<std::uint16_t> image) {
-    for (const Register& row : rows) put(row, image.subspan(row.address - base, row.words), source);
+// The image's registers from `base` on.
+void encode_rows(const Block& block, std::size_t base, const RegisterValues& source, std::span<std::uint16_t> image) {
+    std::fill(image.begin(), image.end(), std::uint16_t{0xFFFF});
+    for (const Register& row : block.registers) put(row, image.subspan(row.address - base, row.words), source);
 }
 
 std::vector<Reading> decode_rows(std::span<const Register> rows, std::size_t base,
@@ -117,29 +117,20 @@ std::vector<Reading> decode_rows(std::span<const Register> rows, std::size_t bas
 }  // namespace
 
 std::string_view name_of(RegisterType type) {
-    switch (type) {
-        case RegisterType::u16: return "u16";
-        case RegisterType::s16: return "s16";
-        case RegisterType::u32: return "u32";
-        case RegisterType::s32: return "s32";
-        case RegisterType::bits16: return "bits16";
-        case RegisterType::bits32: return "bits32";
-        case RegisterType::text: return "text";
-    }
-    return "unknown";
+    constexpr std::string_view kNames[] = {"u16", "s16", "u32", "s32", "bits16", "bits32", "text"};
+    return kNames[static_cast<std::size_t>(type)];
 }
 
 const Block* find_block(BlockId id) {
     const auto blocks = register_blocks();
-    const auto found = std::find_if(blocks.begin(), blocks.end(), [&](const Block& b) { return b.id == id; });
+    const auto found = std::ranges::find(blocks, id, &Block::id);
     return found == blocks.end() ? nullptr : &*found;
 }
 
 const Register* find_register(BlockId id, std::string_view name) {
     const Block* block = find_block(id);
     if (block == nullptr) return nullptr;
-    const auto found = std::find_if(block->registers.begin(), block->registers.end(),
-                                    [&](const Register& r) { return r.name == name; });
+    const auto found = std::ranges::find(block->registers, name, &Register::name);
     return found == block->registers.end() ? nullptr : &*found;
 }
 
@@ -168,15 +159,13 @@ std::uint32_t crc32_of(std::span<const std::uint16_t> words) {
 }
 
 void encode(const Block& block, const RegisterValues& source, std::span<std::uint16_t> image) {
-    std::fill(image.begin(), image.end(), std::uint16_t{0xFFFF});
+    encode_rows(block, block.base, source, image);
     image[0] = static_cast<std::uint16_t>(block.id);
     image[1] = block.length;
-    encode_rows(block.registers, block.base, source, image);
 }
 
 void encode_slot(const Block& ring, const RegisterValues& source, std::span<std::uint16_t> slot) {
-    std::fill(slot.begin(), slot.end(), std::uint16_t{0xFFFF});
-    encode_rows(ring.registers, ring.base + std::size_t{kBlockHeader}, source, slot);
+    encode_rows(ring, ring.base + std::size_t{kBlockHeader}, source, slot);
 }
 
 Result<std::vector<Reading>> decode(const Block& block, std::span<const std::uint16_t> image) {

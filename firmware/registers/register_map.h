@@ -3,13 +3,8 @@
 // To add a register: its row (station_blocks.h or plc_blocks.h), its value and kMapVersion (register_values.h), and
 // where the value is filled. Then print docs/registers.md again. A released row keeps its address, type and scale.
 //
-// Registers have 16 bits. 32-bit values: high word first. Text: ASCII, first character in the high byte, padded with
-// zeros. Numbers are scaled integers. "Not available" reads 0xFFFF (u16), 0x8000 (s16), 0xFFFFFFFF (u32), 0x80000000
-// (s32); values beyond the range are clamped to one short of it. bits16 and bits32 have no such value. Registers that
-// no row names read 0xFFFF.
-//
-// The map is a chain: every block begins with [id, length]; the next block begins `length` registers after that header;
-// id 0xFFFF ends it. A reader walks the chain from address 0 and skips unknown ids.
+// Registers have 16 bits; a value of 32 bits has its high word first. docs/registers.md says how text, values that are
+// not available, and the chain of blocks are represented.
 #pragma once
 
 #include <cstdint>
@@ -115,9 +110,8 @@ struct Reading {
 // One slot of a ring. Fails with busy when its two sequence numbers differ: it was overwritten during the read.
 [[nodiscard]] Result<std::vector<Reading>> decode_slot(const Block& ring, std::span<const std::uint16_t> slot);
 
-enum class MapFormat : std::uint8_t { markdown, csv, json, telegraf };
-[[nodiscard]] std::optional<MapFormat> map_format_of(std::string_view name);  // md, csv, json, telegraf
-[[nodiscard]] std::string format_registers(MapFormat format);
+// The map as "md", "csv", "json" or a configuration of "telegraf".
+[[nodiscard]] std::string format_registers(std::string_view format);
 
 [[nodiscard]] std::string_view name_of(RegisterType type);
 

@@ -52,6 +52,10 @@ Number maybe(const std::optional<T>& value) {
 }
 // What most rows show: a member of one of the source's structs, named by a pointer to it.
 template <auto member>
+Number snapshot(const Source& s) {
+    return static_cast<double>(s.snapshot.*member);
+}
+template <auto member>
 Number counter(const Source& s) {
     return s.snapshot.counters.*member;
 }

@@ -89,13 +89,9 @@ struct ResultStatistics {
 
 enum class CommandState : std::uint16_t { none = 0, executing = 1, completed = 2, failed = 3 };
 constexpr std::string_view name_of(CommandState state) {
-    switch (state) {
-        case CommandState::none: return "none";
-        case CommandState::executing: return "executing";
-        case CommandState::completed: return "completed";
-        case CommandState::failed: return "failed";
-    }
-    return "unknown";
+    constexpr std::string_view kNames[] = {"none", "executing", "completed", "failed"};
+    const auto number = static_cast<std::size_t>(state);
+    return number < std::size(kNames) ? kNames[number] : "unknown";
 }
 
 enum class CommandError : std::uint16_t {
@@ -115,23 +111,12 @@ enum class CommandError : std::uint16_t {
     cancelled = 13,       // teach: abort, halt or another recipe ended it
 };
 constexpr std::string_view name_of(CommandError error) {
-    switch (error) {
-        case CommandError::none: return "none";
-        case CommandError::unknown_command: return "unknown_command";
-        case CommandError::not_in_this_state: return "not_in_this_state";
-        case CommandError::device_down: return "device_down";
-        case CommandError::bad_argument: return "bad_argument";
-        case CommandError::wrong_checksum: return "wrong_checksum";
-        case CommandError::token_reused: return "token_reused";
-        case CommandError::other_boot: return "other_boot";
-        case CommandError::not_supported: return "not_supported";
-        case CommandError::failed: return "failed";
-        case CommandError::plc_lost: return "plc_lost";
-        case CommandError::not_yet: return "not_yet";
-        case CommandError::no_such_recipe: return "no_such_recipe";
-        case CommandError::cancelled: return "cancelled";
-    }
-    return "unknown";
+    constexpr std::string_view kNames[] = {"none",           "unknown_command", "not_in_this_state", "device_down",
+                                           "bad_argument",   "wrong_checksum",  "token_reused",      "other_boot",
+                                           "not_supported",  "failed",          "plc_lost",          "not_yet",
+                                           "no_such_recipe", "cancelled"};
+    const auto number = static_cast<std::size_t>(error);
+    return number < std::size(kNames) ? kNames[number] : "unknown";
 }
 
 struct CommandRequest {

@@ -52,9 +52,7 @@ inline constexpr Register kIdent[] = {
 };
 
 inline constexpr Register kStatus[] = {
-    number(
-        102, Type::u16, "state", "", "OPC 40100-1 state",
-        [](const Source& s) -> Number { return static_cast<double>(s.snapshot.state); }, kNamesOf<State>),
+    number(102, Type::u16, "state", "", "OPC 40100-1 state", snapshot<&Snapshot::state>, kNamesOf<State>),
     number(
         103, Type::bits16, "bits", "", "what a PLC interlocks on",
         [](const Source& s) -> Number {
@@ -67,7 +65,7 @@ inline constexpr Register kStatus[] = {
         },
         kStatusBits),
     number(104, Type::bits16, "heartbeat", "", "counts while the station lives; wraps",
-           [](const Source& s) -> Number { return s.snapshot.station_heartbeat; }),
+           snapshot<&Snapshot::station_heartbeat>),
     number(105, Type::u16, "plc_heartbeat_age", "ms", "since the PLC's heartbeat last changed",
            [](const Source& s) { return s.extras.plc ? maybe(s.extras.plc->plc_heartbeat_age_ms) : Number{}; }),
     number(106, Type::u32, "last_sequence", "", "newest result; 0: none since this boot",
@@ -81,17 +79,14 @@ inline constexpr Register kStatus[] = {
            [](const Source& s) { return maybe(s.extras.recipe.number); }),
     number(111, Type::bits32, "recipe_crc32", "", "CRC-32 of the recipe in use; 0: not known",
            [](const Source& s) -> Number { return s.extras.recipe.crc32.value_or(0); }),
-    number(
-        113, Type::bits32, "faults_active", "", "faults that are present now",
-        [](const Source& s) -> Number { return s.snapshot.faults_active; }, kFaultBits),
-    number(
-        115, Type::bits32, "faults_latched", "", "faults since the last reset",
-        [](const Source& s) -> Number { return s.snapshot.faults_latched; }, kFaultBits),
-    number(
-        117, Type::u16, "first_fault", "", "the fault that came first since the last reset",
-        [](const Source& s) -> Number { return s.snapshot.first_fault; }, kFirstFaults),
+    number(113, Type::bits32, "faults_active", "", "faults that are present now", snapshot<&Snapshot::faults_active>,
+           kFaultBits),
+    number(115, Type::bits32, "faults_latched", "", "faults since the last reset", snapshot<&Snapshot::faults_latched>,
+           kFaultBits),
+    number(117, Type::u16, "first_fault", "", "the fault that came first since the last reset",
+           snapshot<&Snapshot::first_fault>, kFirstFaults),
     number(118, Type::u32, "parts_on_line", "parts", "between part sensor and rejector",
-           [](const Source& s) -> Number { return s.snapshot.parts_on_line; }),
+           snapshot<&Snapshot::parts_on_line>),
 };
 
 inline constexpr Register kCounters[] = {
@@ -116,46 +111,45 @@ inline constexpr Register kCounters[] = {
 // when the slot was overwritten between two requests of a reader.
 inline Number of_result(const Source& s, double value) { return s.result.sequence == 0 ? Number{} : Number{value}; }
 
-inline Number of_known(const Source& s, std::uint16_t value) {
-    return value == kNoNumber ? Number{} : of_result(s, value);
+template <auto member>
+Number result(const Source& s) {
+    return of_result(s, static_cast<double>(s.result.*member));
+}
+// The same for members that may be kNoNumber.
+template <auto member>
+Number known(const Source& s) {
+    return s.result.*member == kNoNumber ? Number{} : result<member>(s);
 }
 
 template <std::uint16_t base>
 inline constexpr std::array<Register, 16> kResult = {{
     number(base + 0, Type::u32, "sequence", "", "result number since this boot, from 1; 0: no result yet",
            [](const Source& s) -> Number { return s.result.sequence; }),
-    number(base + 2, Type::u32, "part", "", "part number since the start, from 1",
-           [](const Source& s) { return of_result(s, s.result.part); }),
+    number(base + 2, Type::u32, "part", "", "part number since the start, from 1", result<&PartResult::part>),
     number(base + 4, Type::u32, "arrived_s", "s", "when the part reached the sensor: the station's monotonic clock",
            [](const Source& s) { return of_result(s, static_cast<double>(s.result.arrived_ns / 1'000'000'000)); }),
     number(base + 6, Type::u32, "arrived_us", "us", "the same, microseconds within the second",
            [](const Source& s) { return of_result(s, static_cast<double>(s.result.arrived_ns / 1000 % 1'000'000)); }),
-    number(
-        base + 8, Type::u16, "verdict", "", "everything but pass is rejected",
-        [](const Source& s) { return of_result(s, static_cast<double>(s.result.verdict)); }, kNamesOf<PartVerdict>),
-    number(
-        base + 9, Type::u16, "reason", "", "below 16: judged; from 16: a way of not having a verdict",
-        [](const Source& s) { return of_result(s, static_cast<double>(s.result.reason)); }, kNamesOf<PartReason>),
-    number(base + 10, Type::u16, "defects", "", "defects found",
-           [](const Source& s) { return of_result(s, s.result.defects); }),
-    number(
-        base + 11, Type::u32, "score", "", "worst value over its limit: above 1 is rejected",
-        [](const Source& s) { return of_result(s, static_cast<double>(s.result.score)); }, {}, 0.001),
+    number(base + 8, Type::u16, "verdict", "", "everything but pass is rejected", result<&PartResult::verdict>,
+           kNamesOf<PartVerdict>),
+    number(base + 9, Type::u16, "reason", "", "below 16: judged; from 16: a way of not having a verdict",
+           result<&PartResult::reason>, kNamesOf<PartReason>),
+    number(base + 10, Type::u16, "defects", "", "defects found", result<&PartResult::defects>),
+    number(base + 11, Type::u32, "score", "", "worst value over its limit: above 1 is rejected",
+           result<&PartResult::score>, {}, 0.001),
     number(base + 13, Type::u32, "latency", "us", "from the part sensor's edge to the verdict",
-           [](const Source& s) { return of_result(s, s.result.latency_us); }),
+           result<&PartResult::latency_us>),
     number(base + 15, Type::u32, "reject_latency", "us", "from the edge to the confirmed rejection",
            [](const Source& s) {
                return s.result.reject_latency_us == 0 ? Number{} : of_result(s, s.result.reject_latency_us);
            }),
-    number(
-        base + 17, Type::u16, "reject_state", "", "how the rejection ended; without confirmation: failed or late",
-        [](const Source& s) { return of_result(s, static_cast<double>(s.result.reject)); }, kRejectStates),
+    number(base + 17, Type::u16, "reject_state", "", "how the rejection ended; without confirmation: failed or late",
+           result<&PartResult::reject>, kRejectStates),
     number(base + 18, Type::u16, "position_m", "lenslets", "column of the worst defect's centre",
-           [](const Source& s) { return of_known(s, s.result.position_m); }),
+           known<&PartResult::position_m>),
     number(base + 19, Type::u16, "position_n", "lenslets", "row of the worst defect's centre",
-           [](const Source& s) { return of_known(s, s.result.position_n); }),
-    number(base + 20, Type::u16, "recipe", "", "number of the recipe that judged",
-           [](const Source& s) { return of_known(s, s.result.recipe); }),
+           known<&PartResult::position_n>),
+    number(base + 20, Type::u16, "recipe", "", "number of the recipe that judged", known<&PartResult::recipe>),
     number(
         base + 21, Type::bits16, "flags", "", "how the result came about",
         [](const Source& s) -> Number {

@@ -20,8 +20,8 @@
 #include "firmware/station/result_sink.h"
 #include "firmware/station/station.h"
 #include "firmware/store/recorder/station_recorder.h"
-#include "firmware/store/results/memory_store.h"
 #include "lab/soak/invariants.h"
+#include "lab/soak/memory_store.h"
 
 namespace hord::lab {
 

@@ -108,8 +108,8 @@ class CountedResults final : public mqtt::ResultSource {
     const std::int64_t waiting_, begin_us_ = utc_us();
 };
 
-mqtt::AgentOptions options_of(int station, const fs::path& folder) {
-    mqtt::AgentOptions options;
+mqtt::MqttConfig options_of(int station, const fs::path& folder) {
+    mqtt::MqttConfig options;
     options.broker.host = "127.0.0.1";
     options.broker.port = kPort;
     options.node.group = "fleet";
@@ -127,7 +127,7 @@ mqtt::AgentOptions options_of(int station, const fs::path& folder) {
 std::vector<Reading> readings_now() {
     std::vector<Reading> readings;
     const double now = static_cast<double>(utc_us() / 1'000'000 % 1'000'000);
-    for (const BlockId id : mqtt::blocks_told()) {
+    for (const BlockId id : mqtt::published_blocks()) {
         for (const Register& row : find_block(id)->registers) {
             const bool changes = id == BlockId::counters
                 ? row.name == "seen" || row.name == "inspected" || row.name == "pass"
@@ -318,7 +318,7 @@ void real_program(const std::string& program, double rate, int duration_s) {
     Fleet fleet;
     Consumer consumer;
     fs::create_directories(fleet.folder() / "store");
-    auto store = store::SqliteStore::open(fleet.folder() / "store");
+    auto store = store::open_sqlite_store(fleet.folder() / "store");
     if (!store) give_up(store.error().message());
     std::uint32_t written = 0;
     const auto write = [&](int count) {

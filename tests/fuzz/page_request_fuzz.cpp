@@ -5,8 +5,7 @@
 #include <filesystem>
 #include <string_view>
 
-#include "firmware/page/pages.h"
-#include "firmware/page/server.h"
+#include "tests/firmware/page/answer_bytes.h"
 
 namespace {
 
@@ -40,7 +39,8 @@ struct Fuzzed {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     static Fuzzed page;
-    const std::string answer = answer_bytes(page.pages, page.viewers, {reinterpret_cast<const char*>(data), size});
+    const std::string answer =
+        test::answer_bytes(page.pages, page.viewers, {reinterpret_cast<const char*>(data), size});
     if (page.viewers.count() != 0) std::abort();
     if (!answer.empty() && !answer.starts_with("HTTP/1.")) std::abort();
     const std::string_view asked(reinterpret_cast<const char*>(data),

@@ -13,7 +13,7 @@ void add_registers(CLI::App& program, Exit& /*status*/) {
         ->check(CLI::IsMember({"md", "csv", "json", "telegraf"}))
         ->capture_default_str();
     command->footer("Example: hordctl registers --format csv > registers.csv");
-    command->callback([format] { fmt::print("{}", format_registers(*map_format_of(*format))); });
+    command->callback([format] { fmt::print("{}", format_registers(*format)); });
 }
 
 }  // namespace hord::firmware

@@ -1,5 +1,5 @@
 // hordctl results: lists, filters, exports and verifies the results in a store.
-#include <chrono>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -23,12 +23,9 @@ struct ResultsOptions {
 };
 
 Result<void> complete(ResultsOptions& options) {
-    const auto now = std::chrono::time_point_cast<std::chrono::microseconds>(std::chrono::system_clock::now())
-                         .time_since_epoch()
-                         .count();
-    const auto read = [now](const std::string& text, std::optional<store::UtcMicros>& into) -> Result<void> {
+    const auto read = [](const std::string& text, std::optional<store::UtcMicros>& into) -> Result<void> {
         if (text.empty()) return {};
-        const auto time = store::parse_utc(text, now);
+        const auto time = store::parse_utc(text, store::utc_now());
         if (!time) return tl::unexpected(time.error());
         into = *time;
         return {};

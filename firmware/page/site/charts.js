@@ -1,14 +1,14 @@
-// Small line charts as SVG: at most three series, told apart by their dashes as well as by their colours. Each says its last,
-// lowest and highest value in words below it, which is what a screen reader reads.
+// Small line charts as SVG, with at most three series. Dashes and colours tell the series apart. The caption below a chart
+// gives the last, lowest and highest value of each series; screen readers read it.
 "use strict";
 
 const kCharts = [
   { title: "Pace, parts a minute", unit: "", series: [["parts_per_minute", "parts"]] },
   { title: "Verdicts, parts a minute", unit: "", series: [["pass_per_minute", "pass"], ["reject_per_minute", "reject"], ["unfit_per_minute", "unfit"]] },
-  { title: "Edge to verdict, ms", unit: "ms", series: [["latency_p50_ms", "median"], ["latency_p99_ms", "99 of 100"]] },
-  { title: "Edge to confirmed rejection, ms", unit: "ms", series: [["reject_p99_ms", "99 of 100"]] },
-  { title: "Lenslet grid, px", unit: "px", series: [["drift_px", "moved"], ["residual_px", "calibration's residual"]] },
-  { title: "Light: brightest samples of kept frames, % of full scale", unit: "%", series: [["light_percent", "light"]] },
+  { title: "Latency from part sensor to verdict, ms", unit: "ms", series: [["latency_p50_ms", "median"], ["latency_p99_ms", "99th percentile"]] },
+  { title: "Latency from part sensor to confirmed rejection, ms", unit: "ms", series: [["reject_p99_ms", "99th percentile"]] },
+  { title: "Lenslet grid, px", unit: "px", series: [["drift_px", "drift"], ["residual_px", "calibration residual"]] },
+  { title: "Brightest samples of kept frames, % of full scale", unit: "%", series: [["light_percent", "light"]] },
 ];
 
 function svgElement(name, attributes, text) {
@@ -56,7 +56,7 @@ function drawChart(figure, chart, history, span_s) {
       const value = row[k];
       if (value === null || row[0] < end - span_s) { pen = false; continue; }
       path += `${pen ? "L" : "M"}${x(row[0]).toFixed(1)} ${y(value).toFixed(1)}`;
-      if (!pen) path += "h0.1";  // a lone sample is seen, too
+      if (!pen) path += "h0.1";  // a single sample is visible, too
       pen = true;
       least = Math.min(least, value); most = Math.max(most, value); last = value;
     }

@@ -1,9 +1,9 @@
-// Follows the station: everything comes from this page's own server, as events while they last and by asking where they do not.
+// Shows the station's state. All data come from this page's own server: as events, or by polling while there are no events.
 "use strict";
 
 const $ = (id) => document.getElementById(id);
 const kStripShown = 60;
-const seen = { boot: null, reject: null, picture: null, results: new Map(), rejectsUntold: 0, lastRejectWords: "", storeTrouble: "" };
+const seen = { boot: null, reject: null, picture: null, results: new Map(), rejectsNotAnnounced: 0, lastRejectWords: "" };
 
 function element(name, text, className) {
   const made = document.createElement(name);
@@ -11,7 +11,7 @@ function element(name, text, className) {
   if (className) made.className = className;
   return made;
 }
-// Text that did not change is left alone, so that a screen reader does not say it again.
+// Text that has not changed is not written again: a screen reader would repeat it.
 function say(id, text) { if ($(id).textContent !== text) $(id).textContent = text; }
 async function ask(address) {
   const reply = await fetch(address, { cache: "no-store" });
@@ -39,14 +39,14 @@ function figures(id, rows) {
 
 // -- state and faults ----------------------------------------------------------------------------------------------
 
-const kSigns = {  // a shape and a letter for each degree: colour is never alone
+const kSigns = {  // shape, letter and word of each severity: colour is never the only sign
   good: ["M24 4a20 20 0 1 0 .01 0z", "✓", "Good"],
   note: ["M24 2 46 24 24 46 2 24z", "i", "Note"],
   warning: ["M24 3 47 45H1z", "!", "Warning"],
   alarm: ["M15 2h18l13 13v18L33 46H15L2 33V15z", "✕", "Alarm"],
 };
 const kStates = {
-  Preoperational: "The devices are not open yet.", Halted: "Halted: devices closed, lights and run permit off.", Error: "Error: the line must stand until somebody has looked and reset it.",
+  Preoperational: "The devices are not open yet.", Halted: "Halted: devices closed, lights and run permit off.", Error: "Error: the line must stand until somebody has checked it and reset the station.",
   Initialized: "Initialized: devices open, not armed.", Ready: "Ready, but not inspecting.", SingleExecution: "Inspecting one part.", ContinuousExecution: "Inspecting every part.",
 };
 
@@ -78,7 +78,7 @@ function showState(state) {
   document.title = `${degree === "good" ? "" : name + " – "}HORD station`;
   const lamp = (text, on, bad) => `${text}|${on ? (bad ? "bad" : "on") : ""}`;
   document.documentElement.dataset.up = state.up;
-  const lamps = !state.up ? [lamp("Signals: not known", false), lamp("Figures below: as they were last", false)] : [lamp(state.run_permit ? "Run permit: given" : "Run permit: not given", state.run_permit), lamp(state.line_stop ? "LINE STOP" : "No line stop", state.line_stop, true)];
+  const lamps = !state.up ? [lamp("Signals: not known", false), lamp("Values below: the last known ones", false)] : [lamp(state.run_permit ? "Run permit: given" : "Run permit: not given", state.run_permit), lamp(state.line_stop ? "LINE STOP" : "No line stop", state.line_stop, true)];
   if (state.plc_lost) lamps.push(lamp("PLC lost", true, true));
   if (state.results_overrun) lamps.push(lamp("Results lost", true, true));
   if (state.up && state.rows.status) lamps.push(lamp(`State: ${state.rows.status.state}`, true), lamp(`${state.rows.status.parts_on_line ?? 0} on the line`, false));
@@ -90,16 +90,16 @@ function showState(state) {
   if (!state.rows.ident) return;
   const r = state.rows, counters = r.counters || {}, health = r.health || {}, calibration = r.calibration || {}, recipe = r.recipe || {};
   say("serial", `${r.ident.serial && r.ident.serial !== "-" ? r.ident.serial + " " : ""}${r.ident.firmware || ""}`);
-  figures("counts", [["seen", counters.seen, ""], ["pass", counters.pass, ""], ["reject", counters.reject, ""], ["unfit", counters.unfit, ""], ["passed undecided", counters.missed, ""],
+  figures("counts", [["seen", counters.seen, ""], ["pass", counters.pass, ""], ["reject", counters.reject, ""], ["unfit", counters.unfit, ""], ["passed without a verdict", counters.missed, ""],
     ["rejections confirmed", counters.reject_confirmed, ""], ["not confirmed", counters.reject_failed, ""], ["confirmed too late", counters.reject_late, ""]]);
-  figures("times", [["pace", round(health.parts_per_minute, 1), "parts a minute"], ["verdict, median", ms(health.latency_p50), "ms"], ["99 of 100", ms(health.latency_p99), "ms"], ["longest", ms(health.latency_max), "ms"],
-    ["rejection, 99 of 100", ms(health.reject_p99), "ms"], ["frames waiting", health.frames_waiting, ""]]);
-  figures("health", [["calibration's age", calibration.id ? ago(calibration.age) : "no grid file", ""], ["residual", known(calibration.residual) ? calibration.residual.toFixed(3) : null, "px"],
-    ["grid has moved", known(calibration.drift) ? calibration.drift.toFixed(3) : null, "px"], ["brightest light", known(state.light_share) ? (100 * state.light_share).toFixed(0) : null, "% of full scale"],
-    ["light output", round(health.light_output, 1), "% of what it was"], ["dust on the optics", known(health.dust) ? (health.dust === 0 ? "none" : `${health.dust} at (${health.dust_m}, ${health.dust_n})`) : null, known(health.dust) && health.dust > 0 ? "lenslets" : ""],
-    ["frames lost", health.frames_lost, ""], ["frames bad", health.frames_corrupt, ""], ["processor", round(health.processor, 1), "°C"], ["disk free", round(health.disk_free, 1), "%"], ["running for", ago(health.uptime), ""]]);
+  figures("times", [["pace", round(health.parts_per_minute, 1), "parts a minute"], ["verdict, median", ms(health.latency_p50), "ms"], ["verdict, 99th percentile", ms(health.latency_p99), "ms"], ["verdict, longest", ms(health.latency_max), "ms"],
+    ["rejection, 99th percentile", ms(health.reject_p99), "ms"], ["frames waiting", health.frames_waiting, ""]]);
+  figures("health", [["calibration age", calibration.id ? ago(calibration.age) : "no grid file", ""], ["residual", known(calibration.residual) ? calibration.residual.toFixed(3) : null, "px"],
+    ["grid drift", known(calibration.drift) ? calibration.drift.toFixed(3) : null, "px"], ["brightest samples", known(state.light_share) ? (100 * state.light_share).toFixed(0) : null, "% of full scale"],
+    ["light output", round(health.light_output, 1), "% of the reference or the start"], ["dust on the optics", known(health.dust) ? (health.dust === 0 ? "none" : `${health.dust} at (${health.dust_m}, ${health.dust_n})`) : null, known(health.dust) && health.dust > 0 ? "lenslets" : ""],
+    ["frames lost", health.frames_lost, ""], ["frames corrupt", health.frames_corrupt, ""], ["processor", round(health.processor, 1), "°C"], ["disk free", round(health.disk_free, 1), "%"], ["uptime", ago(health.uptime), ""]]);
   figures("recipe", [["number", recipe.number, ""], ["name", recipe.name, ""], ["checksum", known(recipe.crc32) ? (recipe.crc32 >>> 0).toString(16).toUpperCase().padStart(8, "0") : null, ""],
-    ["neighbours may differ by", round(recipe.staged_emd_limit), "bin pitches"], ["slope of deflection", round(recipe.staged_frobenius_limit), "bin pitches a lenslet"], ["least light", round(recipe.staged_transmission_limit), "of a typical lenslet"],
+    ["limit: distance of neighbours", round(recipe.staged_emd_limit), "bin pitches"], ["limit: gradient of the deflection", round(recipe.staged_frobenius_limit), "bin pitches a lenslet"], ["limit: transmission", round(recipe.staged_transmission_limit), "of a typical lenslet"],
     ["smallest defect", recipe.staged_min_area, "lenslets"]]);
   if (recipe.crc32 !== seen.recipe) { seen.recipe = recipe.crc32; if ($("recipe-details").open) showRecipe(); }
 }
@@ -107,7 +107,7 @@ function showState(state) {
 function showFaults(state) {
   const line = (fault, kind) => {
     const item = element("li", undefined, kind === "Active" ? "active" : "");
-    item.append(element("strong", `${fault.name} (${kind === "Active" ? "active" : "over, latched until reset"})`), element("div", fault.meaning), element("div", `Cure: ${fault.cure}`));
+    item.append(element("strong", `${fault.name} (${kind === "Active" ? "active" : "no longer active, latched until reset"})`), element("div", fault.meaning), element("div", `Cure: ${fault.cure}`));
     return item;
   };
   const text = JSON.stringify([state.up, state.faults_active, state.faults_latched]);
@@ -144,12 +144,12 @@ function takeResult(result) {
   addToStrip(result);
   if (result.verdict === "pass") return;
   seen.reject = result;
-  seen.rejectsUntold += 1;
+  seen.rejectsNotAnnounced += 1;
   seen.lastRejectWords = `part ${result.part}, ${result.verdict}, ${result.reason}`;
   showReject(result);
 }
 
-// As the search below has it.
+// The format of the search below.
 function clock(when_ms) {
   return `${new Date(when_ms).toISOString().slice(11, 19)} UTC`;
 }
@@ -158,16 +158,16 @@ function factsOf(result) {
   return `Part ${result.part} at ${clock(result.verdict_ms)}, score ${known(result.score) ? result.score.toFixed(2) : "–"} of its limit, verdict after ${ms(result.latency_us)} ms, rejection ${result.reject.replace("_", " ")}.`;
 }
 
-// A result that did not pass. Its picture mostly came before it; of a part that was never inspected there is none, and nobody shall
-// take an older picture for its own.
+// A part that did not pass. Its picture usually came before its result. A part that was not inspected has none: the older
+// picture is then dimmed and labelled with its own part number.
 function showReject(result) {
   const newest = seen.wanted && seen.wanted.key.slice(0, 8) === result.key.slice(0, 8) ? seen.wanted.part : 0;
-  if (result.part < newest) return;  // the one behind it is shown already
+  if (result.part < newest) return;  // a later part is shown already
   say("reject-facts", factsOf(result));
   if (result.part === newest) return;
   $("reject-card").dataset.key = result.key;
   $("map").classList.add("earlier");
-  say("map-of", seen.picture ? `Picture of part ${seen.picture.split("-")[1]}, an earlier one. Of part ${result.part} none has come.` : "");
+  say("map-of", seen.picture ? `Picture of the earlier part ${seen.picture.split("-")[1]}. There is none of part ${result.part}.` : "");
   say("reject-words", result.verdict === "unfit" ? `Part ${result.part} could not be judged: ${result.reason}.` : `Part ${result.part}: ${result.reason}.`);
   $("reject-defects").replaceChildren();
   links($("reject-links"), result.key);
@@ -183,7 +183,7 @@ function links(place, key) {
 let drawing = false;
 async function showPicture(picture) {
   seen.wanted = picture;
-  if (drawing) return;  // the newest one follows
+  if (drawing) return;  // the loop below goes on to the newest one
   drawing = true;
   try {
     while (seen.wanted.key !== seen.picture) {
@@ -218,8 +218,8 @@ async function showPicture(picture) {
 }
 
 setInterval(() => {  // at most every ten seconds, however fast the line is
-  if (seen.rejectsUntold > 0) say("announce", `${seen.rejectsUntold} rejected; the last: ${seen.lastRejectWords}`);
-  seen.rejectsUntold = 0;
+  if (seen.rejectsNotAnnounced > 0) say("announce", `${seen.rejectsNotAnnounced} rejected; the last: ${seen.lastRejectWords}`);
+  seen.rejectsNotAnnounced = 0;
 }, 10000);
 
 $("strip").addEventListener("keydown", (event) => {
@@ -236,7 +236,7 @@ async function showPart(key) {
   const map = $("part-map");
   map.hidden = true;
   say("part-title", `Part ${key}`);
-  say("part-words", "Reading its record ...");
+  say("part-words", "Loading its record ...");
   $("part-facts").replaceChildren();
   $("part").showModal();
   try {
@@ -249,7 +249,7 @@ async function showPart(key) {
     map.alt = `Feature map of part ${found.part}. ${found.sentence}`;
     map.src = `/parts/${key}/map.png`;
     map.hidden = false;
-    say("part-words", found.sentence + (found.same_as_then ? "" : " (judged again today, and not the same to the bit as then)"));
+    say("part-words", found.sentence + (found.same_as_then ? "" : " (inspected again just now; the result differs from the first inspection)"));
   } catch (error) {
     say("part-words", error.message);
   }
@@ -324,7 +324,7 @@ $("changes-again").addEventListener("click", showChanges);
 let span = "15m";
 async function showCharts() {
   if (document.hidden) return;
-  try { drawCharts($("charts"), await ask(`/api/history?span=${span}`), span === "24h" ? 86400 : 900); } catch { /* the next round tells more */ }
+  try { drawCharts($("charts"), await ask(`/api/history?span=${span}`), span === "24h" ? 86400 : 900); } catch { /* tried again in five seconds */ }
 }
 document.querySelectorAll("[data-span]").forEach((button) => button.addEventListener("click", () => {
   span = button.dataset.span;
@@ -336,8 +336,8 @@ setInterval(showCharts, 5000);
 // -- commands ------------------------------------------------------------------------------------------------------
 
 const kWhat = {
-  start_continuous: "Start: the station inspects every part, and the run permit is given.", stop: "Stop: what is on the line is finished, then no part is inspected.",
-  reset: "Acknowledge and reset: latched faults are cleared. Only after somebody has looked at the line.", self_test: "Self-test: one flash and one frame of the empty line are judged.",
+  start_continuous: "Start: the station inspects every part, and the run permit is given.", stop: "Stop: the parts on the line are finished, then no part is inspected.",
+  reset: "Acknowledge and reset: latched faults are cleared. Only after somebody has checked the line.", self_test: "Self-test: one flash and one frame of the empty line are judged.",
   abort: "Abort: everything on the line is rejected.", halt: "Halt: devices are closed, lights and run permit go off.",
 };
 async function command(name) {
@@ -374,7 +374,7 @@ try { stored = localStorage.getItem("theme") || "system"; } catch { /* private w
 setTheme(kThemes.includes(stored) ? stored : "system");
 $("theme").addEventListener("click", () => setTheme(kThemes[(kThemes.indexOf($("theme").dataset.theme) + 1) % kThemes.length]));
 
-// -- the line to this page's server --------------------------------------------------------------------------------
+// -- connection to this page's server --------------------------------------------------------------------------------
 
 async function loadPage() {
   const all = await ask("/api/page");
@@ -383,8 +383,10 @@ async function loadPage() {
     seen.boot = all.results[all.results.length - 1].key.slice(0, 8);
   }
   all.results.slice(-kStripShown).forEach(takeResult);
-  seen.rejectsUntold = 0;
+  seen.rejectsNotAnnounced = 0;
   if (all.picture) showPicture(all.picture);
+  const reasons = document.querySelector('[name="reason"]');
+  if (reasons.options.length === 1) reasons.append(...all.reasons.map((reason) => element("option", reason)));
   $("actions").hidden = !all.actions;
   $("actions-none").hidden = all.actions;
   say("version", `hord-page ${all.version}`);
@@ -393,22 +395,19 @@ async function loadPage() {
 function follow() {
   const events = new EventSource("/api/events");
   let polling = null;
-  const poll = () => loadPage().then(() => say("link", "asking every two seconds")).catch(() => say("link", "This page's server does not answer. What is shown is old."));
+  const poll = () => loadPage().then(() => say("link", "polling every two seconds")).catch(() => say("link", "This page's server does not answer. The values shown are old."));
   events.addEventListener("page", () => { clearInterval(polling); polling = null; loadPage().then(() => say("link", "live")).catch(() => {}); });
   events.addEventListener("overrun", () => loadPage().catch(() => {}));
   events.addEventListener("state", (event) => showState(JSON.parse(event.data)));
   events.addEventListener("result", (event) => takeResult(JSON.parse(event.data)));
   events.addEventListener("picture", (event) => showPicture(JSON.parse(event.data)));
   events.onerror = () => {
-    say("link", "This page's server does not answer. What is shown is old.");
+    say("link", "This page's server does not answer. The values shown are old.");
     if (!polling) { polling = setInterval(poll, 2000); poll(); }
     if (events.readyState === EventSource.CLOSED) { events.close(); setTimeout(() => { clearInterval(polling); follow(); }, 15000); }
   };
 }
 
-const kReasons = ["neighbours-disagree", "deflection-gradient", "absorption", "too-dark", "saturated", "nothing-to-see", "not-registered", "verdict-late", "frame-lost", "frame-stale", "frame-duplicate", "frame-short", "frame-corrupt", "strobe-failed",
-  "parts-too-close", "station-not-running", "device-lost", "line-full", "edge-lost", "inspector-failed", "plc-lost"];
-document.querySelector('[name="reason"]').append(...kReasons.map((reason) => element("option", reason)));
 follow();
 showCharts();
 showChanges();

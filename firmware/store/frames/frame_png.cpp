@@ -38,14 +38,10 @@ Result<AnnotatedFrame> read_annotated_frame(const std::filesystem::path& file) {
 }
 
 std::string digest_of_samples(const FrameView& frame) {
-    std::vector<std::uint8_t> samples;
     const auto row_bytes = static_cast<std::size_t>(frame.width_px) * static_cast<std::size_t>(frame.sample_bytes());
-    samples.reserve(row_bytes * static_cast<std::size_t>(frame.height_px));
-    for (int y = 0; y < frame.height_px; ++y) {
-        const auto* row = reinterpret_cast<const std::uint8_t*>(frame.data + y * frame.stride_bytes);
-        samples.insert(samples.end(), row, row + row_bytes);
-    }
-    return to_hex(sha256(samples));
+    Sha256 sum;
+    for (int y = 0; y < frame.height_px; ++y) sum.add({frame.row8(y), row_bytes});
+    return to_hex(sum.digest());
 }
 
 }  // namespace hord::firmware::store

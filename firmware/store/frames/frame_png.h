@@ -1,7 +1,7 @@
 // A frame and its metadata as one lossless PNG.
 //
 // Grey, 8 or 16 bits; 9- to 15-bit samples are right-aligned and their depth stands in sBIT. The metadata is UTF-8 text
-// (JSON, frame_retention.h) in an iTXt chunk "hord". Any thread.
+// (JSON, frame_metadata.h) in an iTXt chunk "hord". Any thread.
 #pragma once
 
 #include <cstdint>

@@ -8,6 +8,7 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
+#include "firmware/store/frames/frame_metadata.h"
 #include "firmware/store/frames/frame_png.h"
 #include "firmware/store/results/hash_chain.h"
 #include "firmware/store/results/records.h"
@@ -26,32 +27,14 @@ std::string file_time(UtcMicros time_us) {
     return fmt::format("{:%Y%m%dT%H%M%SZ}", utc);
 }
 
-void append(std::vector<std::uint8_t>& bytes, algo::Map map) {
-    const auto* from = reinterpret_cast<const std::uint8_t*>(map.data());
-    bytes.insert(bytes.end(), from, from + map.size_bytes());
-}
-
-std::vector<std::uint8_t> bytes_of_maps(const algo::Inspection& inspection) {
-    std::vector<std::uint8_t> bytes;
-    bytes.reserve(inspection.mask.size() * (3 * sizeof(float) + 1));
-    for (const algo::Map map : {inspection.gradient, inspection.frobenius, inspection.transmission}) append(bytes, map);
-    // Without a comparison of neighbours only the z-scores may be there.
-    if (!inspection.compares) append(bytes, inspection.z_score);
-    bytes.insert(bytes.end(), inspection.mask.begin(), inspection.mask.end());
-    return bytes;
-}
-
 }  // namespace
-
-std::string digest_of_maps(const algo::Inspection& inspection) { return to_hex(sha256(bytes_of_maps(inspection))); }
 
 // A frame and its inspection. Allocates at its first use and keeps the memory.
 struct FrameRetention::Buffer {
     std::uint32_t part = 0, trigger = 0;
     const char* role = "";
     UtcMicros time_us = 0;
-    std::vector<std::byte> samples;
-    int width_px = 0, height_px = 0, bits = 8;
+    Frame samples;
     std::vector<std::uint8_t> maps;
     std::vector<algo::Defect> defects;
     algo::Verdict verdict = algo::Verdict::unfit;
@@ -61,23 +44,18 @@ struct FrameRetention::Buffer {
 
     void fill(std::uint32_t number, const FrameView& frame, const algo::Inspection& inspection) {
         part = number;
-        width_px = frame.width_px;
-        height_px = frame.height_px;
-        bits = frame.bits;
-        const auto row_bytes = static_cast<std::size_t>(width_px) * static_cast<std::size_t>(frame.sample_bytes());
-        samples.resize(row_bytes * static_cast<std::size_t>(height_px));
-        for (int y = 0; y < height_px; ++y) {
-            std::memcpy(samples.data() + static_cast<std::size_t>(y) * row_bytes, frame.data + y * frame.stride_bytes,
+        const FrameView kept = samples.view();
+        if (kept.width_px != frame.width_px || kept.height_px != frame.height_px || kept.bits != frame.bits)
+            samples = Frame(frame.width_px, frame.height_px, frame.bits);
+        const std::size_t row_bytes = samples.bytes().size() / static_cast<std::size_t>(frame.height_px);
+        for (int y = 0; y < frame.height_px; ++y)
+            std::memcpy(samples.bytes().subspan(static_cast<std::size_t>(y) * row_bytes).data(), frame.row8(y),
                         row_bytes);
-        }
         maps = bytes_of_maps(inspection);
         defects.assign(inspection.defects.begin(), inspection.defects.end());
         verdict = inspection.verdict;
         reason = inspection.reason;
         score = inspection.score;
-    }
-    [[nodiscard]] FrameView view() const {
-        return {samples.data(), width_px, height_px, static_cast<std::ptrdiff_t>(width_px) * (bits > 8 ? 2 : 1), bits};
     }
 };
 
@@ -86,17 +64,10 @@ FrameRetention::FrameRetention(Open open, FrameRetentionOptions options, std::fu
     : open_(std::move(open)), options_(std::move(options)), utc_now_(std::move(utc_now)),
       listener_(std::move(listener)) {
     for (std::size_t k = 0; k < options_.buffers; ++k) free_.push_back(std::make_unique<Buffer>());
-    if (options_.thread) thread_ = std::thread([this] { work(); });
+    if (options_.thread) thread_ = std::jthread([this](const std::stop_token& stop) { work(stop); });
 }
 
-FrameRetention::~FrameRetention() {
-    {
-        const std::lock_guard lock(mutex_);
-        ending_ = true;
-    }
-    wake_.notify_all();
-    if (thread_.joinable()) thread_.join();
-}
+FrameRetention::~FrameRetention() = default;
 
 void FrameRetention::set_recipe(const std::string& text) {
     auto shared = std::make_shared<const std::string>(text);
@@ -203,19 +174,14 @@ void FrameRetention::drop(std::unique_lock<std::mutex>& lock, const Error& error
 
 // -- writing
 
-void FrameRetention::work() {
+void FrameRetention::work(const std::stop_token& stop) {
     std::unique_lock lock(mutex_);
     while (true) {
-        if (!wake_.wait_for(lock, kTrimEvery, [this] { return ending_ || !waiting_.empty(); })) {
-            if (archive_ == nullptr) continue;
-            lock.unlock();
-            (void)archive_->trim();  // what stays wrong is told when the next frame comes
-            lock.lock();
-            continue;
-        }
-        if (waiting_.empty()) return;
+        const bool waits = wake_.wait_for(lock, stop, kTrimEvery, [this] { return !waiting_.empty(); });
+        if (!waits && stop.stop_requested()) return;
         lock.unlock();
-        (void)step();
+        if (waits) (void)step();
+        else if (archive_ != nullptr) (void)archive_->trim();  // what stays wrong is told when the next frame comes
         lock.lock();
     }
 }
@@ -241,7 +207,7 @@ void FrameRetention::write(Buffer& buffer) {
             if (!opened) return tl::unexpected(opened.error());
             archive_ = std::move(*opened);
         }
-        const auto png = encode_png(buffer.view(), metadata_of(buffer));
+        const auto png = encode_png(buffer.samples.view(), metadata_of(buffer));
         if (!png) return tl::unexpected(png.error());
         return archive_->add(fmt::format("{}-p{}-{}", file_time(buffer.time_us), buffer.part, buffer.role), *png);
     }();
@@ -254,25 +220,21 @@ void FrameRetention::write(Buffer& buffer) {
 }
 
 std::string FrameRetention::metadata_of(const Buffer& buffer) const {
-    const algo::Extents& e = options_.extents;
-    Json json{{"hord", 1},
-              {"station", options_.station},
-              {"software", options_.software},
-              {"boot", options_.boot},
-              {"part", buffer.part},
-              {"time_us", buffer.time_us},
-              {"role", buffer.role}};
-    if (buffer.trigger != 0) json["trigger"] = buffer.trigger;
-    json["grid"] = {{"m", e.m}, {"n", e.n}, {"i", e.i}, {"j", e.j}};
-    json["bits"] = buffer.bits;
-    json["verdict"] = algo::name_of(buffer.verdict);
-    json["reason"] = algo::name_of(buffer.reason);
-    json["score"] = buffer.score;
-    json["defects"] = to_json(buffer.defects);
-    json["maps_sha256"] = to_hex(sha256(buffer.maps));
-    json["samples_sha256"] = digest_of_samples(buffer.view());
-    json["recipe"] = *buffer.recipe;
-    return to_line(json);
+    FrameMetadata data;
+    data.station = options_.station;
+    data.software = options_.software;
+    data.boot = options_.boot;
+    data.part = buffer.part;
+    data.time_us = buffer.time_us;
+    data.role = buffer.role;
+    data.trigger = buffer.trigger;
+    data.grid = options_.extents;
+    data.bits = buffer.samples.bits();
+    data.judgement = {std::string(name_of(buffer.verdict)), std::string(name_of(buffer.reason)), buffer.score,
+                      to_json(buffer.defects), to_hex(sha256(buffer.maps))};
+    data.samples_sha256 = digest_of_samples(buffer.samples.view());
+    data.recipe = *buffer.recipe;
+    return data.to_json();
 }
 
 }  // namespace hord::firmware::store

@@ -4,13 +4,7 @@
 // PNGs and adds them to the archive. When the disk is too slow, frames are dropped and counted; verdicts and results
 // are not affected.
 //
-// The metadata of a frame is one JSON object with everything that replay needs:
-//   station, software, boot, part, time_us
-//   role         "reject" (the part did not pass), "before" and "after" such a part (`trigger`), "sample"
-//   grid, bits   extents of the light field, bits a sample
-//   recipe       the whole text of the recipe that judged it
-//   verdict, reason, score, defects          of the inspection, to the bit
-//   maps_sha256, samples_sha256              of the feature maps, and of the frame's samples
+// frame_metadata.h says what is kept with a frame.
 #pragma once
 
 #include <condition_variable>
@@ -29,9 +23,6 @@
 #include "firmware/store/results/result_store.h"
 
 namespace hord::firmware::store {
-
-// SHA-256 of the feature maps of an inspection.
-std::string digest_of_maps(const algo::Inspection& inspection);
 
 struct FrameRetentionOptions {
     algo::Extents extents = {};
@@ -55,8 +46,6 @@ class FrameRetention {
     FrameRetention(Open open, FrameRetentionOptions options, std::function<UtcMicros()> utc_now,
                    Listener listener = {});
     ~FrameRetention();  // writes the waiting frames if the disk works
-    FrameRetention(const FrameRetention&) = delete;
-    FrameRetention& operator=(const FrameRetention&) = delete;
 
     // Any thread. The text of the recipe in use from now on.
     void set_recipe(const std::string& text);
@@ -79,7 +68,7 @@ class FrameRetention {
   private:
     struct Buffer;
     using Handle = std::unique_ptr<Buffer>;
-    void work();
+    void work(const std::stop_token& stop);
     void write(Buffer& buffer);
     void trigger(std::uint32_t part, Handle buffer);
     void enqueue(Handle buffer, const char* role, std::uint32_t trigger);
@@ -93,7 +82,7 @@ class FrameRetention {
     std::unique_ptr<FrameArchive> archive_;  // used by the writing thread only
 
     mutable std::mutex mutex_;  // guards the rest
-    std::condition_variable wake_;
+    std::condition_variable_any wake_;
     std::vector<Handle> free_;
     std::deque<Handle> recent_;         // passed and not kept so far, newest last
     std::deque<Handle> waiting_;        // to be written
@@ -102,8 +91,7 @@ class FrameRetention {
     int after_ = 0;
     std::uint32_t trigger_ = 0;
     Counts counts_;
-    bool ending_ = false;
-    std::thread thread_;
+    std::jthread thread_;
 };
 
 }  // namespace hord::firmware::store

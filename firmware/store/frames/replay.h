@@ -3,26 +3,15 @@
 #pragma once
 
 #include <filesystem>
-#include <map>
-#include <memory>
 #include <optional>
 #include <string>
-#include <vector>
+#include <utility>
 
 #include "algo/inspection/pipeline.h"
 #include "common/result.h"
-#include "firmware/store/results/json_text.h"
+#include "firmware/store/frames/frame_metadata.h"
 
 namespace hord::firmware::store {
-
-// The archived result of an inspection.
-struct Judgement {
-    std::string verdict, reason;
-    float score = 0;
-    Json defects;             // all of them
-    std::string maps_sha256;  // of everything behind it
-    bool operator==(const Judgement&) const = default;
-};
 
 struct Replayed {
     std::string frame;  // the file's name
@@ -40,15 +29,21 @@ std::string to_json_line(const Replayed& replayed);
 class Replay {
   public:
     // With this recipe; without one each frame is inspected with the recipe in its metadata.
-    explicit Replay(std::optional<algo::Recipe> recipe = std::nullopt);
-    ~Replay();
+    explicit Replay(std::optional<algo::Recipe> recipe = std::nullopt) : given_(std::move(recipe)) {}
 
     // Fails with unreadable (damaged, or no metadata), invalid_argument (the recipe does not fit its light field).
     Result<Replayed> judge(const std::filesystem::path& file);
 
+    // The inspection of a frame that was read already, valid until the next one. `name`: for messages.
+    Result<algo::Inspection> inspect(const FrameView& frame, const FrameMetadata& metadata, const std::string& name);
+    [[nodiscard]] const algo::Recipe& recipe() const { return recipe_; }  // of the last inspection
+
   private:
-    struct Parts;
-    std::unique_ptr<Parts> parts_;
+    const std::optional<algo::Recipe> given_;
+    // The pipeline of the last frame is reused while recipe and extents stay the same.
+    std::string known_;  // recipe text and extents that `pipeline_` was made for
+    algo::Recipe recipe_;
+    std::optional<algo::Pipeline> pipeline_;
 };
 
 }  // namespace hord::firmware::store

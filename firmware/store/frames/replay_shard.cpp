@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <cstdio>
 #include <cstring>
 #include <fstream>
 #include <map>
@@ -12,13 +11,11 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <sha256.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "common/file_writing.h"
-#include "firmware/store/results/hash_chain.h"
 #include "firmware/store/results/json_text.h"
 
 namespace hord::firmware::store {
@@ -27,24 +24,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::string_view kFrame = "{\"frame\":\"", kTrailer = "{\"records\":", kHeader = "{\"hord_replay\":";
+constexpr std::size_t kWrittenAtOnce = 1U << 16U;
 constexpr std::size_t kLongestLine = 16U << 20U;  // a frame with every defect there can be
-
-class Sum {
-  public:
-    Sum() { SHA256Init(&context_); }
-    void add(std::string_view bytes) {
-        SHA256Update(&context_, reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size());
-    }
-    [[nodiscard]] std::string hex() const {
-        SHA256_CTX copy = context_;
-        Hash hash{};
-        SHA256Final(hash.data(), &copy);
-        return to_hex(hash);
-    }
-
-  private:
-    SHA256_CTX context_{};
-};
 
 std::string header_of(const ReplayIdentity& id, const Shard& shard) {
     return to_text({{"hord_replay", 1},
@@ -86,25 +67,25 @@ void count(std::string_view line, ReplayTally& tally) {
 }  // namespace
 
 std::string archive_identity(const std::vector<ArchivedFile>& frames) {
-    Sum sum;
+    Sha256 sum;
     for (const ArchivedFile& frame : frames) sum.add(fmt::format("{} {}\n", written_name(frame), frame.bytes));
-    return sum.hex();
+    return to_hex(sum.digest());
 }
 
 std::string text_identity(std::string_view text) {
-    Sum sum;
+    Sha256 sum;
     sum.add(text);
-    return sum.hex();
+    return to_hex(sum.digest());
 }
 
 Result<std::string> program_identity() {
     std::ifstream in("/proc/self/exe", std::ios::binary);
-    Sum sum;
+    Sha256 sum;
     std::array<char, 1U << 16U> bytes{};
     while (in.read(bytes.data(), bytes.size()) || in.gcount() > 0)
-        sum.add({bytes.data(), static_cast<std::size_t>(in.gcount())});
+        sum.add(std::string_view(bytes.data(), static_cast<std::size_t>(in.gcount())));
     if (!in.eof()) return fail(ErrorCode::io, "the program's own file cannot be read", "mount /proc");
-    return sum.hex();
+    return to_hex(sum.digest());
 }
 
 std::string unreadable_line(const std::string& frame, ErrorCode why) {
@@ -114,72 +95,54 @@ std::string unreadable_line(const std::string& frame, ErrorCode why) {
 
 // -- writing
 
-struct ShardWriter::Parts {
-    fs::path file;
-    std::string beside;
-    std::FILE* out = nullptr;
-    Sum sum;
-    ReplayTally tally;
-
-    Parts() = default;
-    Parts(const Parts&) = delete;
-    Parts& operator=(const Parts&) = delete;
-    ~Parts() {
-        if (out != nullptr) std::fclose(out);
-        if (!beside.empty()) ::unlink(beside.c_str());
-    }
-    [[nodiscard]] tl::unexpected<Error> failed(int why) const {
-        return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(why) + ")",
-                    why == ENOSPC ? "free space on its disk" : "check the folder's owner and its disk");
-    }
-    Result<void> write(std::string_view line) {
-        const std::array<std::string_view, 2> both{line, "\n"};
-        for (const std::string_view bytes : both) {
-            sum.add(bytes);
-            if (std::fwrite(bytes.data(), 1, bytes.size(), out) != bytes.size()) return failed(errno);
-        }
-        return {};
-    }
-};
-
-ShardWriter::ShardWriter(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
-ShardWriter::ShardWriter(ShardWriter&&) noexcept = default;
-ShardWriter::~ShardWriter() = default;
+ShardWriter::~ShardWriter() {
+    if (fd_) ::unlink(beside_.c_str());
+}
 
 Result<ShardWriter> ShardWriter::create(const fs::path& file, const ReplayIdentity& identity, const Shard& shard) {
-    auto parts = std::make_unique<Parts>();
-    parts->file = file;
+    ShardWriter writer(file);
     // A unique temporary name: two workers may write the same shard when one was believed dead.
     std::string beside = file.string() + ".part.XXXXXX";
-    const int fd = ::mkostemp(beside.data(), O_CLOEXEC);
-    if (fd < 0) return parts->failed(errno);
-    parts->beside = beside;
-    ::fchmod(fd, 0644);
-    parts->out = ::fdopen(fd, "wb");
-    if (parts->out == nullptr) {
-        const int why = errno;
-        ::close(fd);
-        return parts->failed(why);
-    }
-    if (auto done = parts->write(header_of(identity, shard)); !done) return tl::unexpected(done.error());
-    return ShardWriter(std::move(parts));
+    writer.fd_.reset(::mkostemp(beside.data(), O_CLOEXEC));
+    if (!writer.fd_) return writer.failed(errno);
+    writer.beside_ = std::move(beside);
+    ::fchmod(writer.fd_.get(), 0644);
+    if (auto done = writer.write(header_of(identity, shard)); !done) return tl::unexpected(done.error());
+    return writer;
+}
+
+tl::unexpected<Error> ShardWriter::failed(int why) const {
+    return fail(ErrorCode::io, file_.string() + " cannot be written (" + std::strerror(why) + ")",
+                why == ENOSPC ? "free space on its disk" : "check the folder's owner and its disk");
+}
+
+Result<void> ShardWriter::write(std::string_view line) {
+    waiting_.append(line).append("\n");
+    return waiting_.size() < kWrittenAtOnce ? Result<void>{} : flush();
+}
+
+Result<void> ShardWriter::flush() {
+    sum_.add(waiting_);
+    const int why = common::write_all(fd_.get(), std::as_bytes(std::span(waiting_)));
+    waiting_.clear();
+    if (why != 0) return failed(why);
+    return {};
 }
 
 Result<void> ShardWriter::add(std::string_view line) {
-    count(line, parts_->tally);
-    return parts_->write(line);
+    count(line, tally_);
+    return write(line);
 }
 
 Result<ReplayTally> ShardWriter::finish() {
-    Parts& p = *parts_;
-    const ReplayTally tally = p.tally;
-    if (auto done = p.write(trailer_of(tally, p.sum.hex())); !done) return tl::unexpected(done.error());
-    if (std::fflush(p.out) != 0 || ::fsync(::fileno(p.out)) != 0) return p.failed(errno);
-    if (std::fclose(std::exchange(p.out, nullptr)) != 0) return p.failed(errno);
-    if (::rename(p.beside.c_str(), p.file.c_str()) != 0) return p.failed(errno);
-    p.beside.clear();
-    if (const int why = common::sync_folder_of(p.file); why != 0) return p.failed(why);
-    return tally;
+    if (auto done = flush(); !done) return tl::unexpected(done.error());
+    if (auto done = write(trailer_of(tally_, to_hex(sum_.digest()))).and_then([&] { return flush(); }); !done)
+        return tl::unexpected(done.error());
+    if (::fsync(fd_.get()) != 0 || ::rename(beside_.c_str(), file_.c_str()) != 0) return failed(errno);
+    int why = fd_.close();
+    if (why == 0) why = common::sync_folder_of(file_);
+    if (why != 0) return failed(why);
+    return tally_;
 }
 
 // -- merging
@@ -222,10 +185,10 @@ class ShardReader {
 
     // True: line() is the next frame's. False: the end of a complete shard.
     Result<bool> next() {
-        Sum before = sum_;
+        const Sha256 before = sum_;
         if (auto read = next_line(); !read) return tl::unexpected(read.error());
         if (line_.starts_with(kTrailer)) {
-            if (line_ != trailer_of(tally_, before.hex())) return torn("its checksum is another");
+            if (line_ != trailer_of(tally_, to_hex(before.digest()))) return torn("its checksum is another");
             if (in_.peek() != std::ifstream::traits_type::eof()) return torn("something follows its end");
             line_.clear();
             return false;
@@ -268,7 +231,7 @@ class ShardReader {
     std::string line_, frame_;
     ReplayIdentity identity_;
     Shard shard_;
-    Sum sum_;
+    Sha256 sum_;
     ReplayTally tally_;
 };
 
@@ -337,10 +300,14 @@ Result<ReplayTally> merge_shards(const std::vector<fs::path>& files, const fs::p
 
     const auto later = [&](std::size_t a, std::size_t b) { return shards[a].frame() > shards[b].frame(); };
     std::priority_queue<std::size_t, std::vector<std::size_t>, decltype(later)> waiting(later);
-    for (std::size_t k = 0; k < shards.size(); ++k) {
+    const auto advance = [&](std::size_t k) -> Result<void> {
         const auto more = shards[k].next();
         if (!more) return tl::unexpected(more.error());
         if (*more) waiting.push(k);
+        return {};
+    };
+    for (std::size_t k = 0; k < shards.size(); ++k) {
+        if (auto done = advance(k); !done) return tl::unexpected(done.error());
     }
     std::uint64_t frames = 0;
     std::string last;
@@ -354,10 +321,8 @@ Result<ReplayTally> merge_shards(const std::vector<fs::path>& files, const fs::p
                         "replay all shards with one software");
         }
         last = shard.frame();
-        if (auto done = writer->add(shard.line()); !done) return tl::unexpected(done.error());
-        const auto more = shard.next();
-        if (!more) return tl::unexpected(more.error());
-        if (*more) waiting.push(first);
+        if (auto done = writer->add(shard.line()).and_then([&] { return advance(first); }); !done)
+            return tl::unexpected(done.error());
     }
     if (frames != shards.front().identity().frames) {
         return fail(

@@ -10,14 +10,16 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <memory>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "common/result.h"
+#include "common/unique_fd.h"
 #include "firmware/store/frames/frame_archive.h"
 #include "firmware/store/frames/replay_run.h"
+#include "firmware/store/results/hash_chain.h"
 
 namespace hord::firmware::store {
 
@@ -45,7 +47,7 @@ class ShardWriter {
     // Writes beside `file`. Fails with io.
     static Result<ShardWriter> create(const std::filesystem::path& file, const ReplayIdentity& identity,
                                       const Shard& shard);
-    ShardWriter(ShardWriter&&) noexcept;
+    ShardWriter(ShardWriter&&) = default;
     ShardWriter& operator=(ShardWriter&&) = delete;
     ~ShardWriter();  // unfinished: nothing is left
 
@@ -53,9 +55,17 @@ class ShardWriter {
     Result<ReplayTally> finish();             // durable, under its name
 
   private:
-    struct Parts;
-    explicit ShardWriter(std::unique_ptr<Parts> parts);
-    std::unique_ptr<Parts> parts_;
+    explicit ShardWriter(std::filesystem::path file) : file_(std::move(file)) {}
+    [[nodiscard]] tl::unexpected<Error> failed(int why) const;
+    Result<void> write(std::string_view line);
+    Result<void> flush();
+
+    std::filesystem::path file_;
+    std::string beside_;  // the temporary file
+    common::UniqueFd fd_;
+    std::string waiting_;  // not written yet
+    Sha256 sum_;           // of what was written
+    ReplayTally tally_;
 };
 
 // The line of a frame that cannot be replayed.

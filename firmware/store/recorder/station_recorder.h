@@ -40,7 +40,6 @@ class StationRecorder final : public ResultSink {
     void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) override;
 
     [[nodiscard]] StoreQueueState state() const { return queue_.state(); }
-    [[nodiscard]] const FrameRetention* frames() const { return frames_.get(); }
     // Tests without a thread.
     bool step() { return queue_.step(); }
 

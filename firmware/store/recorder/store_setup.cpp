@@ -1,11 +1,11 @@
 #include "firmware/store/recorder/store_setup.h"
 
 #include <algorithm>
-#include <chrono>
 #include <fstream>
 #include <iterator>
 
 #include "firmware/station/station.h"
+#include "firmware/store/results/export.h"
 #include "firmware/store/results/sqlite_store.h"
 
 namespace hord::firmware {
@@ -14,11 +14,6 @@ namespace {
 constexpr std::int64_t kDayMicros = 86'400'000'000;
 constexpr std::uint64_t kMegabyte = 1'000'000;
 constexpr std::size_t kFramesInMemory = 256 * kMegabyte;  // bytes; hordd.service has a ceiling
-
-store::UtcMicros utc_now() {
-    return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
-        .count();
-}
 
 std::string text_of(const std::filesystem::path& file) {
     std::ifstream in(file, std::ios::binary);
@@ -91,7 +86,7 @@ std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, cons
             return store::FrameArchive::open(folder / store::kFramesFolder, limits);
         };
         frames = std::make_unique<store::FrameRetention>(
-            open, options, utc_now,
+            open, options, store::utc_now,
             store::FrameRetention::Listener{raise(faults, kFaultPictures), clear(faults, kFaultPictures)});
     }
 
@@ -102,13 +97,9 @@ std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, cons
     options.queue.retention.keep_us = wanted.keep_days * kDayMicros;
     options.queue.retention.max_bytes = static_cast<std::uint64_t>(wanted.keep_mb) * kMegabyte;
     options.ignored_part = Station::kTestPart;
-    const auto open = [folder]() -> Result<std::unique_ptr<store::ResultStore>> {
-        auto opened = store::SqliteStore::open(folder);
-        if (!opened) return tl::unexpected(opened.error());
-        return std::unique_ptr<store::ResultStore>(std::move(*opened));
-    };
+    const auto open = [folder] { return store::open_sqlite_store(folder); };
     auto recorder = std::make_unique<store::StationRecorder>(
-        loop, utc_now, open, std::move(options),
+        loop, store::utc_now, open, std::move(options),
         store::StoreQueue::Listener{raise(faults, kFaultStore), clear(faults, kFaultStore)}, std::move(frames));
     note_configuration(*recorder, config);
     recorder->in_use(store::ChangeRecord::What::recipe, recorded.recipe_name, recorded.recipe);

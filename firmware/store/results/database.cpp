@@ -83,13 +83,16 @@ Result<void> Statement::bind(std::span<const Value> values) {
     return {};
 }
 
-Result<bool> Statement::step() {
-    const int code = sqlite3_step(statement_);
-    if (code == SQLITE_ROW) return true;
-    if (code == SQLITE_DONE) return false;
-    auto error = database_->failed(code);  // before the reset, which may clear the message
+Result<void> Statement::run(std::span<const Value> values, const std::function<void(const Statement&)>& take) {
+    if (auto bound = bind(values); !bound) return bound;
+    int code = SQLITE_OK;
+    while ((code = sqlite3_step(statement_)) == SQLITE_ROW) {
+        if (take) take(*this);
+    }
+    Result<void> done;
+    if (code != SQLITE_DONE) done = database_->failed(code);  // before the reset, which may clear the message
     sqlite3_reset(statement_);
-    return error;
+    return done;
 }
 
 int Statement::columns() const { return sqlite3_column_count(statement_); }
@@ -110,15 +113,16 @@ Value Statement::value(int column) const {
     }
 }
 
-Result<void> Statement::run(std::span<const Value> values) {
-    if (auto bound = bind(values); !bound) return bound;
-    while (true) {
-        auto row = step();
-        if (!row) return tl::unexpected(row.error());
-        if (!*row) break;
-    }
-    sqlite3_reset(statement_);
-    return {};
+std::int64_t Statement::integer(int column) const {
+    const Value read = value(column);
+    const auto* integer = std::get_if<std::int64_t>(&read);
+    return integer != nullptr ? *integer : 0;
+}
+
+std::string Statement::text(int column) const {
+    const Value read = value(column);
+    const auto* text = std::get_if<std::string>(&read);
+    return text != nullptr ? *text : std::string();
 }
 
 // -- the connection
@@ -134,9 +138,7 @@ Result<std::unique_ptr<Database>> Database::open(const std::filesystem::path& fi
     }
     std::unique_ptr<Database> database(new Database(file));
     int flags = SQLITE_OPEN_NOMUTEX;
-    if (access == Access::read || access == Access::read_at_rest) flags |= SQLITE_OPEN_READONLY;
-    if (access == Access::write) flags |= SQLITE_OPEN_READWRITE;
-    if (access == Access::create) flags |= SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
+    flags |= access == Access::create ? SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE : SQLITE_OPEN_READONLY;
     std::string name = file.string();
     if (access == Access::read_at_rest) {
         flags |= SQLITE_OPEN_URI;
@@ -174,20 +176,21 @@ Result<void> Database::execute(const std::string& sql) {
     return {};
 }
 
-Result<Value> Database::get(std::string_view sql, std::span<const Value> values) {
+Result<void> Database::run(std::string_view sql, std::span<const Value> values,
+                           const std::function<void(const Statement&)>& take) {
     auto statement = prepare(sql);
     if (!statement) return tl::unexpected(statement.error());
-    if (auto bound = statement->bind(values); !bound) return tl::unexpected(bound.error());
-    auto row = statement->step();
-    if (!row) return tl::unexpected(row.error());
-    return *row ? statement->value(0) : Value{};
+    return statement->run(values, take);
+}
+
+Result<Value> Database::get(std::string_view sql, std::span<const Value> values) {
+    Value value;
+    return run(sql, values, [&](const Statement& row) { value = row.value(0); }).map([&] { return std::move(value); });
 }
 
 Result<std::int64_t> Database::get_integer(std::string_view sql, std::span<const Value> values) {
-    auto value = get(sql, values);
-    if (!value) return tl::unexpected(value.error());
-    const auto* integer = std::get_if<std::int64_t>(&*value);
-    return integer != nullptr ? *integer : 0;
+    std::int64_t value = 0;
+    return run(sql, values, [&](const Statement& row) { value = row.integer(0); }).map([&] { return value; });
 }
 
 // -- transactions

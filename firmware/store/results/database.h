@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -33,19 +34,19 @@ class Statement {
     Statement& operator=(Statement&&) = delete;
     ~Statement();
 
-    // Resets the statement and binds ?1, ?2 ...
-    Result<void> bind(std::span<const Value> values);
-    // True: value() reads the next row. False: no more rows.
-    Result<bool> step();
+    // Binds ?1, ?2 ... and runs the statement to its end; `take` reads the row that the statement is at.
+    Result<void> run(std::span<const Value> values, const std::function<void(const Statement&)>& take = {});
+
+    // Of the current row.
     [[nodiscard]] int columns() const;
     [[nodiscard]] Value value(int column) const;
-
-    // bind() and step() to the end, for statements without rows.
-    Result<void> run(std::span<const Value> values);
+    [[nodiscard]] std::int64_t integer(int column) const;  // 0 for other types
+    [[nodiscard]] std::string text(int column) const;      // empty for other types
 
   private:
     friend class Database;
     Statement(Database& database, sqlite3_stmt* statement) : database_(&database), statement_(statement) {}
+    Result<void> bind(std::span<const Value> values);
     Database* database_;
     sqlite3_stmt* statement_;
 };
@@ -53,7 +54,7 @@ class Statement {
 class Database {
   public:
     // read_at_rest: no other process writes while it is open; makes no files and takes no lock.
-    enum class Access : std::uint8_t { read, read_at_rest, write, create };
+    enum class Access : std::uint8_t { read, read_at_rest, create };
 
     // `vfs`: SQLite VFS, for tests; empty: the system's. Fails with not_found, unreadable (damaged, or
     // not a database), io (no permission, full disk).
@@ -65,7 +66,9 @@ class Database {
 
     Result<Statement> prepare(std::string_view sql);
     Result<void> execute(const std::string& sql);  // one or more statements, rows ignored
-    // The first value of the first row; NULL without rows.
+    Result<void> run(std::string_view sql, std::span<const Value> values,
+                     const std::function<void(const Statement&)>& take = {});
+    // For statements with one row at most: its first value; NULL and 0 without a row.
     Result<Value> get(std::string_view sql, std::span<const Value> values = {});
     Result<std::int64_t> get_integer(std::string_view sql, std::span<const Value> values = {});
 
@@ -73,10 +76,10 @@ class Database {
     void limit_time(std::chrono::milliseconds most);
 
     [[nodiscard]] const std::filesystem::path& file() const { return file_; }
-    [[nodiscard]] tl::unexpected<Error> failed(int code) const;
 
   private:
     friend class Statement;
+    [[nodiscard]] tl::unexpected<Error> failed(int code) const;
     explicit Database(std::filesystem::path file) : file_(std::move(file)) {}
     std::filesystem::path file_;
     sqlite3* handle_ = nullptr;

@@ -1,6 +1,7 @@
 #include "firmware/store/results/export.h"
 
 #include <charconv>
+#include <chrono>
 #include <cstdio>
 #include <ctime>
 #include <set>
@@ -25,31 +26,49 @@ std::string csv_field(std::string_view text) {
     return quoted + '"';
 }
 
-// As the float that it was: 0.321..., not the digits of its double.
-std::string score_text(const std::optional<double>& score) {
-    return score ? fmt::format("{}", static_cast<float>(*score)) : std::string();
+// A row's keys as the head of a CSV file.
+std::string csv_head(const Json& row) {
+    std::string line;
+    for (const auto& [key, value] : row.items()) line += (line.empty() ? "" : ",") + key;
+    return line;
 }
 
-// What a table of results shows of the defects: the kinds that occur, and where the worst one is.
-struct DefectSummary {
-    std::string kinds, m, n;
-};
-DefectSummary summary_of(const std::string& defects) {
-    DefectSummary summary;
-    const Json list = Json::parse(defects, nullptr, false);
-    if (!list.is_array()) return summary;
-    std::set<std::string> kinds;
-    for (const auto& defect : list) {
-        if (!defect.is_object()) continue;
-        if (summary.m.empty()) {
-            summary.m = fmt::format("{}", defect.value("m", 0.0F));
-            summary.n = fmt::format("{}", defect.value("n", 0.0F));
-        }
-        kinds.insert(defect.value("kind", std::string()));
+std::string csv_line(const Json& row) {
+    std::vector<std::string> fields;
+    for (const auto& [key, value] : row.items()) {
+        if (value.is_string()) fields.push_back(csv_field(value.get_ref<const std::string&>()));
+        else fields.push_back(value.is_null() ? "" : to_line(value));
     }
-    for (const std::string& kind : kinds) summary.kinds += (summary.kinds.empty() ? "" : " ") + kind;
-    return summary;
+    return fmt::format("{}", fmt::join(fields, ","));
 }
+
+// The kinds of defects that occur, each once.
+std::string kinds_of(const Json& defects) {
+    std::set<std::string> kinds;
+    for (const auto& defect : defects) {
+        if (defect.is_object()) kinds.insert(defect.value("kind", std::string()));
+    }
+    return fmt::format("{}", fmt::join(kinds, " "));
+}
+
+// to_json() without nested values: of the defects the kinds that occur, and where the worst one is.
+Json flat_row(const StoredResult& result) {
+    Json row = to_json(result), flat;
+    const Json& defects = row["defects"];
+    const Json worst = defects.is_array() && !defects.empty() && defects[0].is_object() ? defects[0] : Json();
+    for (const auto& [key, value] : row.items()) {
+        if (key == "defect_count") flat["defects"] = value;
+        else if (key != "defects") flat[key] = value;
+        if (key != "defects") continue;
+        flat["kinds"] = kinds_of(defects);
+        flat["worst_m"] = worst.contains("m") ? worst["m"] : Json();
+        flat["worst_n"] = worst.contains("n") ? worst["n"] : Json();
+    }
+    return flat;
+}
+
+constexpr char kResultTable[] = "{:>10}  {:<24} {:>8}  {:<7} {:<20} {:>8} {:>7}  {:<20} {:>10}  {:<10} {}";
+constexpr char kChangeTable[] = "{:<24} {:<13} {:<24} {:<24} {}";
 
 std::string one_line(const std::string& text) {
     if (text.find('\n') == std::string::npos && text.size() <= 60) return text;
@@ -58,16 +77,17 @@ std::string one_line(const std::string& text) {
 
 }  // namespace
 
+UtcMicros utc_now() {
+    using namespace std::chrono;
+    return duration_cast<microseconds>(system_clock::now().time_since_epoch()).count();
+}
+
 std::string format_utc(UtcMicros time_us) {
-    UtcMicros seconds = time_us / kSecondMicros, micros = time_us % kSecondMicros;
-    if (micros < 0) {
-        micros += kSecondMicros;
-        --seconds;
-    }
-    const auto time = static_cast<std::time_t>(seconds);
-    std::tm utc{};
-    gmtime_r(&time, &utc);
-    return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z", utc, micros / 1000);
+    using std::chrono::floor;
+    const std::chrono::sys_time<std::chrono::microseconds> time{std::chrono::microseconds(time_us)};
+    const auto second = floor<std::chrono::seconds>(time);
+    return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z", fmt::gmtime(std::chrono::system_clock::to_time_t(second)),
+                       floor<std::chrono::milliseconds>(time - second).count());
 }
 
 Result<UtcMicros> parse_utc(std::string_view text, UtcMicros now_us) {
@@ -102,18 +122,10 @@ Result<UtcMicros> parse_utc(std::string_view text, UtcMicros now_us) {
     return static_cast<UtcMicros>(time) * kSecondMicros;
 }
 
-std::string csv_head_of_results() {
-    return "number,time,boot,sequence,part,verdict,reason,score,defects,kinds,worst_m,worst_n,latency_us,reject,reject_"
-           "latency_us,recipe,recipe_change,calibration,software";
-}
-
-std::string to_csv(const StoredResult& r) {
-    const DefectSummary defects = summary_of(r.defects);
-    return fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}", r.number, format_utc(r.time_us),
-                       r.boot, r.sequence, r.part, r.verdict, r.reason, score_text(r.score), r.defect_count,
-                       csv_field(defects.kinds), defects.m, defects.n, r.latency_us, r.reject, r.reject_latency_us,
-                       csv_field(r.recipe), r.recipe_change, csv_field(r.calibration), csv_field(r.software));
-}
+std::string csv_head_of_results() { return csv_head(flat_row({})); }
+std::string csv_head_of_changes() { return csv_head(to_json(StoredChange{})); }
+std::string to_csv(const StoredResult& result) { return csv_line(flat_row(result)); }
+std::string to_csv(const StoredChange& change) { return csv_line(to_json(change)); }
 
 Json to_json(const StoredResult& r) {
     Json defects = Json::parse(r.defects, nullptr, false);
@@ -137,26 +149,6 @@ Json to_json(const StoredResult& r) {
             {"software", r.software}};
 }
 
-std::string table_head_of_results() {
-    return fmt::format("{:>10}  {:<24} {:>8}  {:<7} {:<20} {:>8} {:>7}  {:<20} {:>10}  {:<10} {}", "number",
-                       "time (UTC)", "part", "verdict", "reason", "score", "defects", "kinds", "latency ms", "reject",
-                       "recipe");
-}
-
-std::string to_table(const StoredResult& r) {
-    return fmt::format("{:>10}  {:<24} {:>8}  {:<7} {:<20} {:>8} {:>7}  {:<20} {:>10.1f}  {:<10} {}", r.number,
-                       format_utc(r.time_us), r.part, r.verdict, r.reason,
-                       r.score ? fmt::format("{:.3f}", *r.score) : "", r.defect_count, summary_of(r.defects).kinds,
-                       static_cast<double>(r.latency_us) / 1000.0, r.reject, r.recipe);
-}
-
-std::string csv_head_of_changes() { return "number,time,run,what,peer,token,name,before,after"; }
-
-std::string to_csv(const StoredChange& c) {
-    return fmt::format("{},{},{},{},{},{},{},{},{}", c.number, format_utc(c.time_us), c.run, c.what, csv_field(c.peer),
-                       c.token, csv_field(c.name), csv_field(c.before), csv_field(c.after));
-}
-
 Json to_json(const StoredChange& c) {
     return {{"number", c.number}, {"time", format_utc(c.time_us)},
             {"run", c.run},       {"what", c.what},
@@ -165,14 +157,26 @@ Json to_json(const StoredChange& c) {
             {"after", c.after}};
 }
 
+std::string table_head_of_results() {
+    return fmt::format(kResultTable, "number", "time (UTC)", "part", "verdict", "reason", "score", "defects", "kinds",
+                       "latency ms", "reject", "recipe");
+}
+
 std::string table_head_of_changes() {
-    return fmt::format("{:<24} {:<13} {:<24} {:<24} {}", "time (UTC)", "what", "who", "name", "before -> after");
+    return fmt::format(kChangeTable, "time (UTC)", "what", "who", "name", "before -> after");
+}
+
+std::string to_table(const StoredResult& r) {
+    return fmt::format(kResultTable, r.number, format_utc(r.time_us), r.part, r.verdict, r.reason,
+                       r.score ? fmt::format("{:.3f}", *r.score) : "", r.defect_count,
+                       kinds_of(Json::parse(r.defects, nullptr, false)),
+                       fmt::format("{:.1f}", static_cast<double>(r.latency_us) / 1000.0), r.reject, r.recipe);
 }
 
 std::string to_table(const StoredChange& c) {
     const std::string who = c.peer.empty() ? "station" : c.token != 0 ? fmt::format("{} #{}", c.peer, c.token) : c.peer;
-    return fmt::format("{:<24} {:<13} {:<24} {:<24} {} -> {}", format_utc(c.time_us), c.what, who, c.name,
-                       one_line(c.before), one_line(c.after));
+    return fmt::format(kChangeTable, format_utc(c.time_us), c.what, who, c.name,
+                       one_line(c.before) + " -> " + one_line(c.after));
 }
 
 }  // namespace hord::firmware::store

@@ -11,6 +11,8 @@
 
 namespace hord::firmware::store {
 
+UtcMicros utc_now();  // by the machine's clock
+
 // "2026-11-21T07:15:00.250Z"
 std::string format_utc(UtcMicros time_us);
 

@@ -3,35 +3,35 @@
 #include <algorithm>
 #include <bit>
 #include <charconv>
+#include <optional>
 
-#include <sha2.h>
-#include <sys/types.h>
+#include <fmt/format.h>
 
 namespace hord::firmware::store {
 namespace {
 
-class Sha256 {
-  public:
-    Sha256() { SHA256Init(&context_); }
-    void add(std::span<const std::uint8_t> bytes) { SHA256Update(&context_, bytes.data(), bytes.size()); }
-    void add(std::string_view text) { add({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()}); }
-    void add(std::uint8_t byte) { add(std::span<const std::uint8_t>(&byte, 1)); }
-    void add_word(std::uint64_t word) {
-        std::array<std::uint8_t, 8> bytes{};
-        for (std::size_t k = 0; k < bytes.size(); ++k) bytes[k] = static_cast<std::uint8_t>(word >> (8 * k));
-        add(bytes);
-    }
-    [[nodiscard]] Hash digest() {
-        Hash hash{};
-        SHA256Final(hash.data(), &context_);
-        return hash;
-    }
+// One value of a row: its type, its length or its eight bytes, and its bytes.
+void add_value(Sha256& sum, char type, std::optional<std::uint64_t> word = {},
+               std::span<const std::uint8_t> bytes = {}) {
+    sum.add(std::string_view(&type, 1));
+    std::array<std::uint8_t, 8> little_endian{};
+    for (std::size_t k = 0; k < 8; ++k) little_endian[k] = static_cast<std::uint8_t>(word.value_or(0) >> (8 * k));
+    if (word) sum.add(little_endian);
+    sum.add(bytes);
+}
 
-  private:
-    SHA2_CTX context_{};
-};
+std::span<const std::uint8_t> bytes_of(std::string_view text) {
+    return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
+}
 
 }  // namespace
+
+Hash Sha256::digest() const {
+    SHA2_CTX copy = context_;
+    Hash hash{};
+    SHA256Final(hash.data(), &copy);
+    return hash;
+}
 
 Hash sha256(std::span<const std::uint8_t> bytes) {
     Sha256 sum;
@@ -53,34 +53,21 @@ Hash follow(const Hash& before, std::span<const Value> row) {
     sum.add(before);
     for (const Value& value : row) {
         if (const auto* integer = std::get_if<std::int64_t>(&value)) {
-            sum.add('i');
-            sum.add_word(static_cast<std::uint64_t>(*integer));
+            add_value(sum, 'i', static_cast<std::uint64_t>(*integer));
         } else if (const auto* real = std::get_if<double>(&value)) {
-            sum.add('f');
-            sum.add_word(std::bit_cast<std::uint64_t>(*real));
+            add_value(sum, 'f', std::bit_cast<std::uint64_t>(*real));
         } else if (const auto* text = std::get_if<std::string>(&value)) {
-            sum.add('t');
-            sum.add_word(text->size());
-            sum.add(*text);
+            add_value(sum, 't', text->size(), bytes_of(*text));
         } else if (const auto* blob = std::get_if<Blob>(&value)) {
-            sum.add('b');
-            sum.add_word(blob->size());
-            sum.add(*blob);
+            add_value(sum, 'b', blob->size(), *blob);
         } else {
-            sum.add('n');
+            add_value(sum, 'n');
         }
     }
     return sum.digest();
 }
 
-std::string to_hex(std::span<const std::uint8_t> bytes) {
-    std::string text;
-    for (const std::uint8_t byte : bytes) {
-        text += "0123456789abcdef"[byte >> 4U];
-        text += "0123456789abcdef"[byte & 15U];
-    }
-    return text;
-}
+std::string to_hex(std::span<const std::uint8_t> bytes) { return fmt::format("{:02x}", fmt::join(bytes, "")); }
 
 std::optional<Hash> hash_from_hex(std::string_view text) {
     Hash hash{};

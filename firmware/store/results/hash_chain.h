@@ -14,11 +14,25 @@
 #include <string>
 #include <string_view>
 
+#include <sha2.h>
+
 #include "firmware/store/results/database.h"
 
 namespace hord::firmware::store {
 
 using Hash = std::array<std::uint8_t, 32>;
+
+// SHA-256 over bytes that come one after the other.
+class Sha256 {
+  public:
+    Sha256() { SHA256Init(&context_); }
+    void add(std::span<const std::uint8_t> bytes) { SHA256Update(&context_, bytes.data(), bytes.size()); }
+    void add(std::string_view text) { add({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()}); }
+    [[nodiscard]] Hash digest() const;  // of what was added so far
+
+  private:
+    SHA2_CTX context_{};
+};
 
 Hash sha256(std::span<const std::uint8_t> bytes);
 Hash genesis(std::string_view store_id, std::string_view chain);

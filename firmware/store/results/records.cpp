@@ -17,13 +17,8 @@ Value real(float value) { return std::isfinite(value) ? Value(static_cast<double
 }  // namespace
 
 std::string_view name_of(ChangeRecord::What what) {
-    switch (what) {
-        case ChangeRecord::What::recipe: return "recipe";
-        case ChangeRecord::What::configuration: return "configuration";
-        case ChangeRecord::What::calibration: return "calibration";
-        case ChangeRecord::What::lost: return "lost";
-    }
-    return "unknown";
+    constexpr std::string_view kNames[] = {"recipe", "configuration", "calibration", "lost"};
+    return kNames[static_cast<std::size_t>(what)];
 }
 
 std::string to_line(const Json& json) {

@@ -1,7 +1,7 @@
 // The records of a store, and the interface of a store.
 //
-// SqliteStore writes to a disk; StoreQueue (store_queue.h) queues for it. Tests and the soak use MemoryStore, which
-// simulates full, failing and slow disks.
+// open_sqlite_store() opens the one on a disk; StoreQueue (store_queue.h) queues for it. Tests and the soak use
+// MemoryStore (lab/soak), which simulates full, failing and slow disks.
 #pragma once
 
 #include <cstddef>

@@ -11,13 +11,10 @@ constexpr std::array<std::string_view, 17> kResultColumns{
     "number",  "v",      "run",        "entry",        "time_us", "sequence",   "part",
     "verdict", "reason", "score",      "defect_count", "defects", "latency_us", "reject_latency_us",
     "reject",  "recipe", "calibration"};
-constexpr std::array<int, kSchemaVersion> kResultCounts{17, 17};
 constexpr std::array<std::string_view, 10> kCommandColumns{"number", "v",     "run",  "entry",  "time_us",
                                                            "peer",   "token", "name", "before", "after"};
-constexpr std::array<int, kSchemaVersion> kCommandCounts{10, 10};
 constexpr std::array<std::string_view, 11> kChangeColumns{"number", "v",     "run",  "entry",  "time_us", "what",
                                                           "peer",   "token", "name", "before", "after"};
-constexpr std::array<int, kSchemaVersion> kChangeCounts{11, 11};
 
 // Version 1. Never edited: what comes later is a step of its own in migrate_schema().
 constexpr const char* kVersion1 = R"(
@@ -46,19 +43,14 @@ constexpr const char* kVersion2 =
 
 }  // namespace
 
-const ChainTable kResults{"results", kResultColumns, kResultCounts};
-const ChainTable kCommands{"commands", kCommandColumns, kCommandCounts};
-const ChainTable kChanges{"changes", kChangeColumns, kChangeCounts};
+const ChainTable kResults{"results", kResultColumns};
+const ChainTable kCommands{"commands", kCommandColumns};
+const ChainTable kChanges{"changes", kChangeColumns};
 
-std::span<const ChainTable* const> chain_tables() {
-    static constexpr std::array<const ChainTable*, 3> kAll{&kChanges, &kCommands, &kResults};
-    return kAll;
-}
-
-std::string ChainTable::select(std::string_view rest) const {
-    std::string sql = "SELECT ";
-    for (const std::string_view column : columns) sql.append(column).append(", ");
-    return sql.append("hash FROM ").append(name).append(" ").append(rest);
+Result<std::string> read_store_id(Database& database) {
+    std::string id;
+    return database.run("SELECT value FROM meta WHERE key = 'id'", {}, [&](const Statement& row) { id = row.text(0); })
+        .map([&] { return std::move(id); });
 }
 
 Result<Age> check_schema(Database& database) {
@@ -86,9 +78,7 @@ Result<void> create_schema(Database& database, const std::string& id) {
     auto transaction = Transaction::begin(database);
     if (!transaction) return tl::unexpected(transaction.error());
     if (auto done = database.execute(kVersion1); !done) return done;
-    auto insert = database.prepare("INSERT INTO meta VALUES ('id', ?1)");
-    if (!insert) return tl::unexpected(insert.error());
-    if (auto done = insert->run(std::array<Value, 1>{id}); !done) return done;
+    if (auto done = database.run("INSERT INTO meta VALUES ('id', ?1)", std::array<Value, 1>{id}); !done) return done;
     if (auto done = database.execute("PRAGMA application_id = " + std::to_string(kApplicationId)); !done) return done;
     if (auto done = database.execute("PRAGMA user_version = 1"); !done) return done;
     if (auto migrated = migrate_schema(database); !migrated) return tl::unexpected(migrated.error());

@@ -8,7 +8,7 @@
 //   acknowledged  the newest result of each run that a PLC has acknowledged
 //
 // results, commands and changes are three hash chains. `number` counts from 1 without gaps, over restarts. `v` is the
-// schema version of the row; its hash covers the columns of that version, so a migration changes no existing row.
+// schema version of the row. A row's hash covers the columns that its version had: those of today in versions 1 and 2.
 // Retention removes the oldest results and commands; changes are never removed.
 #pragma once
 
@@ -26,21 +26,20 @@ constexpr int kSchemaVersion = 2;
 
 struct ChainTable {
     std::string_view name;
-    std::span<const std::string_view> columns;                      // all but `hash`, which is the last of the table
-    std::span<const int> columns_of_version;                        // how many of them version 1, 2 ... had
-    [[nodiscard]] std::string select(std::string_view rest) const;  // "SELECT columns, hash FROM name " + rest
+    std::span<const std::string_view> columns;  // all but `hash`, which is the last of the table
 };
 extern const ChainTable kResults, kCommands, kChanges;
-std::span<const ChainTable* const> chain_tables();
 
 // Column indices that the three tables share.
-constexpr std::size_t kNumberColumn = 0, kVersionColumn = 1, kRunColumn = 2, kEntryColumn = 3, kTimeColumn = 4;
+constexpr int kNumberColumn = 0, kVersionColumn = 1, kRunColumn = 2;
 
 enum class Age : std::uint8_t { empty, older, current };
 
 // The file's schema against kSchemaVersion. Fails with unsupported (written by newer software), unreadable (not a
 // store).
 Result<Age> check_schema(Database& database);
+
+Result<std::string> read_store_id(Database& database);
 
 // Creates the tables of an empty file in one transaction. `id`: the store's random id.
 Result<void> create_schema(Database& database, const std::string& id);

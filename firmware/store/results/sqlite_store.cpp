@@ -6,6 +6,7 @@
 #include <cstring>
 #include <optional>
 #include <random>
+#include <ranges>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -46,17 +47,12 @@ std::string random_id() {
     return to_hex(bytes);
 }
 
-std::string insert_sql(const ChainTable& table) {
-    std::string sql = "INSERT INTO " + std::string(table.name) + " VALUES (?1";
-    for (std::size_t k = 2; k <= table.columns.size() + 1; ++k) sql += fmt::format(", ?{}", k);
-    return sql + ")";
-}
-
 // Appends rows to one chain.
 class HashChain {
   public:
     static Result<HashChain> open(Database& database, const ChainTable& table, const std::string& store_id) {
-        auto insert = database.prepare(insert_sql(table));
+        auto insert = database.prepare(fmt::format("INSERT INTO {} VALUES (?{})", table.name,
+                                                   fmt::join(std::views::iota(1UL, table.columns.size() + 2), ", ?")));
         if (!insert) return tl::unexpected(insert.error());
         auto set_head = database.prepare("INSERT OR REPLACE INTO heads VALUES (?1, ?2, ?3)");
         if (!set_head) return tl::unexpected(set_head.error());
@@ -112,230 +108,188 @@ struct InUse {
     [[nodiscard]] Value reference() const { return number == 0 ? Value{} : Value(number); }
 };
 
-}  // namespace
-
-struct SqliteStore::Parts {
-    common::UniqueFd lock;
-    SqliteStoreOptions options;
-    std::unique_ptr<Database> database;
-    std::optional<HashChain> results, commands, changes;
-    bool broken = false;
-
-    std::int64_t run = 0;
-    bool adopted = false;          // the run was in the file already: it was opened again after an error
-    std::uint64_t last_entry = 0;  // of this run
-    std::uint32_t last_sequence = 0;
-    std::array<InUse, 3> in_use{};  // by ChangeRecord::What: recipe, configuration, calibration
-
+class SqliteStore final : public ResultStore {
+  public:
+    SqliteStore(common::UniqueFd lock, const SqliteStoreOptions& options, std::unique_ptr<Database> database)
+        : lock_(std::move(lock)), options_(options), database_(std::move(database)) {}
+    // Brings the file up to date and reads what is in use.
     Result<void> prepare();
-    Result<void> load();
-    Result<void> close_batch(Transaction& transaction);
+
+  private:
+    Result<void> do_write(std::span<const Entry> entries) override;
+    Result<bool> do_prune(const Retention& retention, UtcMicros now_us) override;
 
     Result<void> store(std::uint64_t entry, const StartRecord& start);
     Result<void> store(std::uint64_t entry, const ChangeRecord& change);
     Result<void> store(std::uint64_t entry, const CommandRecord& command) {
-        return commands->append(run, entry, command.time_us, values_of(command));
+        return commands_->append(run_, entry, command.time_us, values_of(command));
     }
-    Result<void> store(std::uint64_t entry, const ResultRecord& result);
-    Result<void> store(std::uint64_t entry, const AcknowledgeRecord& acknowledge);
+    Result<void> store(std::uint64_t entry, const ResultRecord& result) {
+        return results_->append(run_, entry, result.time_us,
+                                values_of(result, in_use(ChangeRecord::What::recipe).reference(),
+                                          in_use(ChangeRecord::What::calibration).reference()));
+    }
+    Result<void> store(std::uint64_t /*entry*/, const AcknowledgeRecord& acknowledge) {
+        return database_->run(
+            "INSERT OR REPLACE INTO acknowledged VALUES (?1, ?2, ?3, ?4)",
+            std::array<Value, 4>{run_, std::int64_t{acknowledge.sequence}, acknowledge.time_us, acknowledge.peer});
+    }
+    Result<void> close_batch(Transaction& transaction);
     Result<bool> prune(const ChainTable& table, const Retention& retention, UtcMicros now_us);
+    InUse& in_use(ChangeRecord::What what) { return in_use_[static_cast<std::size_t>(what)]; }
+
+    common::UniqueFd lock_;
+    const SqliteStoreOptions options_;
+    const std::unique_ptr<Database> database_;
+    std::optional<HashChain> results_, commands_, changes_;
+    bool broken_ = false;
+
+    std::int64_t run_ = 0;
+    bool adopted_ = false;           // the run was in the file already: it was opened again after an error
+    std::uint64_t last_entry_ = 0;   // of this run
+    std::array<InUse, 3> in_use_{};  // by ChangeRecord::What: recipe, configuration, calibration
 };
 
 // -- opening
 
-Result<std::unique_ptr<SqliteStore>> SqliteStore::open(const fs::path& folder, const SqliteStoreOptions& options) {
-    std::error_code error;
-    fs::create_directory(folder, error);
-    if (!fs::is_directory(folder)) {
-        return fail(ErrorCode::io,
-                    "the folder " + folder.string() + " cannot be made" + (error ? " (" + error.message() + ")" : ""),
-                    "create it and give it to the station's user (store.folder)");
-    }
-    auto lock = lock_folder(folder);
-    if (!lock) return tl::unexpected(lock.error());
-    auto database = Database::open(folder / kStoreFile, Database::Access::create, options.vfs);
-    if (!database) return tl::unexpected(database.error());
-    auto parts = std::make_unique<Parts>(Parts{std::move(*lock), options, std::move(*database), {}, {}, {}});
-    if (auto done = parts->prepare(); !done) return tl::unexpected(done.error());
-    if (auto done = parts->load(); !done) return tl::unexpected(done.error());
-    return std::unique_ptr<SqliteStore>(new SqliteStore(std::move(parts)));
-}
-
-SqliteStore::SqliteStore(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
-SqliteStore::~SqliteStore() = default;
-std::uint32_t SqliteStore::last_sequence() const { return parts_->last_sequence; }
-
-Result<void> SqliteStore::Parts::prepare() {
-    const auto age = check_schema(*database);
+Result<void> SqliteStore::prepare() {
+    const auto age = check_schema(*database_);
     if (!age) return tl::unexpected(age.error());
     if (*age == Age::empty) {
         // auto_vacuum sets the layout of the file: it must be the first statement.
-        if (auto done = database->execute("PRAGMA auto_vacuum = INCREMENTAL"); !done) return done;
+        if (auto done = database_->execute("PRAGMA auto_vacuum = INCREMENTAL"); !done) return done;
     }
     // Bounds the write-ahead log: a checkpoint every 1000 pages (SQLite's default), and 16 MB after a burst.
-    if (auto done = database->execute(
+    if (auto done = database_->execute(
             "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA journal_size_limit = 16777216; "
             "PRAGMA temp_store = MEMORY");
         !done) {
         return done;
     }
     if (*age == Age::empty) {
-        if (auto done = create_schema(*database, random_id()); !done) return done;
+        if (auto done = create_schema(*database_, random_id()); !done) return done;
     }
-    const auto id = database->get("SELECT value FROM meta WHERE key = 'id'");
+    const auto id = read_store_id(*database_);
     if (!id) return tl::unexpected(id.error());
-    const auto* text = std::get_if<std::string>(&*id);
     // Begun even without a migration: a store that cannot be written fails here.
-    auto transaction = Transaction::begin(*database);
+    auto transaction = Transaction::begin(*database_);
     if (!transaction) return tl::unexpected(transaction.error());
     int from = kSchemaVersion;
     if (*age == Age::older) {
-        const auto migrated = migrate_schema(*database);
+        const auto migrated = migrate_schema(*database_);
         if (!migrated) return tl::unexpected(migrated.error());
         from = *migrated;
     }
     for (auto [chain, table] :
-         {std::pair(&results, &kResults), std::pair(&commands, &kCommands), std::pair(&changes, &kChanges)}) {
-        auto opened = HashChain::open(*database, *table, text != nullptr ? *text : "");
+         {std::pair(&results_, &kResults), std::pair(&commands_, &kCommands), std::pair(&changes_, &kChanges)}) {
+        auto opened = HashChain::open(*database_, *table, *id);
         if (!opened) return tl::unexpected(opened.error());
         chain->emplace(std::move(*opened));
+    }
+    for (std::size_t k = 0; k < in_use_.size(); ++k) {
+        const std::array<Value, 1> what{std::string(name_of(static_cast<ChangeRecord::What>(k)))};
+        const auto done =
+            database_->run("SELECT number, after FROM changes WHERE what = ?1 ORDER BY number DESC LIMIT 1", what,
+                           [&](const Statement& row) {
+                               in_use_[k] = {row.integer(0), row.text(1)};
+                           });
+        if (!done) return done;
     }
     if (from == kSchemaVersion) return {};
     const std::vector<Value> row{std::string("migration"), std::string(),        std::int64_t{0},
                                  std::string("schema"),    std::to_string(from), std::to_string(kSchemaVersion)};
-    if (auto done = changes->append(0, 0, 0, row); !done) return done;
+    if (auto done = changes_->append(0, 0, 0, row); !done) return done;
     return close_batch(*transaction);
-}
-
-// The state of the last run in the file.
-Result<void> SqliteStore::Parts::load() {
-    for (std::size_t k = 0; k < in_use.size(); ++k) {
-        auto newest =
-            database->prepare("SELECT number, after FROM changes WHERE what = ?1 ORDER BY number DESC LIMIT 1");
-        if (!newest) return tl::unexpected(newest.error());
-        const Value what = std::string(name_of(static_cast<ChangeRecord::What>(k)));
-        if (auto bound = newest->bind(std::span(&what, 1)); !bound) return bound;
-        auto row = newest->step();
-        if (!row) return tl::unexpected(row.error());
-        if (*row) in_use[k] = {std::get<std::int64_t>(newest->value(0)), std::get<std::string>(newest->value(1))};
-    }
-    return {};
 }
 
 // -- writing
 
 Result<void> SqliteStore::do_write(std::span<const Entry> entries) {
-    if (parts_->broken) return fail(ErrorCode::internal, "the store failed before", "open it again");
-    parts_->broken = true;
-    auto transaction = Transaction::begin(*parts_->database);
+    if (broken_) return fail(ErrorCode::internal, "the store failed before", "open it again");
+    broken_ = true;
+    auto transaction = Transaction::begin(*database_);
     if (!transaction) return tl::unexpected(transaction.error());
     for (const Entry& entry : entries) {
-        if (entry.number != 0 && entry.number <= parts_->last_entry) continue;
-        auto done = std::visit([&](const auto& record) { return parts_->store(entry.number, record); }, entry.record);
+        if (entry.number != 0 && entry.number <= last_entry_) continue;
+        auto done = std::visit([&](const auto& record) { return store(entry.number, record); }, entry.record);
         if (!done) return done;
-        if (entry.number != 0) parts_->last_entry = entry.number;
+        if (entry.number != 0) last_entry_ = entry.number;
     }
-    if (auto done = parts_->close_batch(*transaction); !done) return done;
-    parts_->broken = false;
+    if (auto done = close_batch(*transaction); !done) return done;
+    broken_ = false;
     return {};
 }
 
-Result<void> SqliteStore::Parts::close_batch(Transaction& transaction) {
-    for (std::optional<HashChain>* chain : {&results, &commands, &changes}) {
+Result<void> SqliteStore::close_batch(Transaction& transaction) {
+    for (std::optional<HashChain>* chain : {&results_, &commands_, &changes_}) {
         if (auto done = (*chain)->write_head(); !done) return done;
     }
     return transaction.commit();
 }
 
 // A run that the file already has continues: the store was opened again after an error.
-Result<void> SqliteStore::Parts::store(std::uint64_t entry, const StartRecord& start) {
-    auto newest = database->prepare(
-        "SELECT number, time_us, after FROM changes WHERE what = 'start' ORDER BY number DESC LIMIT 1");
-    if (!newest) return tl::unexpected(newest.error());
-    const auto row = newest->step();
-    if (!row) return tl::unexpected(row.error());
+Result<void> SqliteStore::store(std::uint64_t entry, const StartRecord& start) {
     std::string before;
-    last_entry = 0;
-    last_sequence = 0;
-    adopted = false;
-    if (*row) {
-        before = std::get<std::string>(newest->value(2));
-        if (std::get<std::int64_t>(newest->value(1)) == start.time_us && before == to_json_line(start)) {
-            run = std::get<std::int64_t>(newest->value(0));
-            for (const char* sql : {"SELECT iif(run = ?1, entry, 0) FROM results ORDER BY number DESC LIMIT 1",
-                                    "SELECT iif(run = ?1, entry, 0) FROM commands ORDER BY number DESC LIMIT 1",
-                                    "SELECT max(entry) FROM changes WHERE run = ?1"}) {
-                const auto last = database->get_integer(sql, std::array<Value, 1>{run});
-                if (!last) return tl::unexpected(last.error());
-                last_entry = std::max(last_entry, static_cast<std::uint64_t>(*last));
-            }
-            const auto sequence =
-                database->get_integer("SELECT iif(run = ?1, sequence, 0) FROM results ORDER BY number DESC LIMIT 1",
-                                      std::array<Value, 1>{run});
-            if (!sequence) return tl::unexpected(sequence.error());
-            last_sequence = static_cast<std::uint32_t>(*sequence);
-            adopted = true;
-            return {};
-        }
+    last_entry_ = 0;
+    adopted_ = false;
+    const auto read =
+        database_->run("SELECT number, time_us, after FROM changes WHERE what = 'start' ORDER BY number DESC LIMIT 1",
+                       {}, [&](const Statement& row) {
+                           run_ = row.integer(0);
+                           before = row.text(2);
+                           adopted_ = row.integer(1) == start.time_us && before == to_json_line(start);
+                       });
+    if (!read) return read;
+    if (!adopted_) {
+        run_ = changes_->next_number();
+        return changes_->append(run_, entry, start.time_us, values_of(start, before));
     }
-    run = changes->next_number();
-    return changes->append(run, entry, start.time_us, values_of(start, before));
+    for (const char* sql : {"SELECT iif(run = ?1, entry, 0) FROM results ORDER BY number DESC LIMIT 1",
+                            "SELECT iif(run = ?1, entry, 0) FROM commands ORDER BY number DESC LIMIT 1",
+                            "SELECT max(entry) FROM changes WHERE run = ?1"}) {
+        const auto last = database_->get_integer(sql, std::array<Value, 1>{run_});
+        if (!last) return tl::unexpected(last.error());
+        last_entry_ = std::max(last_entry_, static_cast<std::uint64_t>(*last));
+    }
+    return {};
 }
 
-Result<void> SqliteStore::Parts::store(std::uint64_t entry, const ChangeRecord& change) {
-    const auto what = static_cast<std::size_t>(change.what);
-    if (what >= in_use.size()) return changes->append(run, entry, change.time_us, values_of(change));
-    if (entry == 0 && adopted) return {};  // the file knows better: it may have more than its writer was told
-    InUse& now = in_use[what];
+Result<void> SqliteStore::store(std::uint64_t entry, const ChangeRecord& change) {
+    if (change.what == ChangeRecord::What::lost)
+        return changes_->append(run_, entry, change.time_us, values_of(change));
+    if (entry == 0 && adopted_) return {};  // the file knows better: it may have more than its writer was told
+    InUse& now = in_use(change.what);
     if (change.if_new && now.number != 0 && now.after == change.after) return {};
     ChangeRecord written = change;
     if (change.if_new) written.before = now.after;
-    now = {changes->next_number(), change.after};
-    return changes->append(run, entry, change.time_us, values_of(written));
-}
-
-Result<void> SqliteStore::Parts::store(std::uint64_t entry, const ResultRecord& result) {
-    last_sequence = result.result.sequence;
-    const auto reference = [this](ChangeRecord::What what) {
-        return in_use[static_cast<std::size_t>(what)].reference();
-    };
-    return results->append(
-        run, entry, result.time_us,
-        values_of(result, reference(ChangeRecord::What::recipe), reference(ChangeRecord::What::calibration)));
-}
-
-Result<void> SqliteStore::Parts::store(std::uint64_t /*entry*/, const AcknowledgeRecord& acknowledge) {
-    auto upsert = database->prepare("INSERT OR REPLACE INTO acknowledged VALUES (?1, ?2, ?3, ?4)");
-    if (!upsert) return tl::unexpected(upsert.error());
-    return upsert->run(
-        std::array<Value, 4>{run, std::int64_t{acknowledge.sequence}, acknowledge.time_us, acknowledge.peer});
+    now = {changes_->next_number(), change.after};
+    return changes_->append(run_, entry, change.time_us, values_of(written));
 }
 
 // -- retention
 
 Result<bool> SqliteStore::do_prune(const Retention& retention, UtcMicros now_us) {
-    if (parts_->broken) return fail(ErrorCode::internal, "the store failed before", "open it again");
-    parts_->broken = true;
+    if (broken_) return fail(ErrorCode::internal, "the store failed before", "open it again");
+    broken_ = true;
     bool more = false;
     for (const ChainTable* table : {&kResults, &kCommands}) {
-        const auto done = parts_->prune(*table, retention, now_us);
+        const auto done = prune(*table, retention, now_us);
         if (!done) return done;
         more = more || *done;
     }
     // Returns free pages to the file system, a few at a time.
-    if (auto done = parts_->database->execute("PRAGMA incremental_vacuum(4096)"); !done)
-        return tl::unexpected(done.error());
-    parts_->broken = false;
+    if (auto done = database_->execute("PRAGMA incremental_vacuum(4096)"); !done) return tl::unexpected(done.error());
+    broken_ = false;
     return more;
 }
 
-Result<bool> SqliteStore::Parts::prune(const ChainTable& table, const Retention& retention, UtcMicros now_us) {
+Result<bool> SqliteStore::prune(const ChainTable& table, const Retention& retention, UtcMicros now_us) {
     const std::string name(table.name);
     std::array<std::int64_t, 5> known{};
     const std::array<std::string, 5> questions{"SELECT min(number) FROM " + name, "SELECT max(number) FROM " + name,
                                                "PRAGMA page_count", "PRAGMA freelist_count", "PRAGMA page_size"};
     for (std::size_t k = 0; k < known.size(); ++k) {
-        const auto answer = database->get_integer(questions[k]);
+        const auto answer = database_->get_integer(questions[k]);
         if (!answer) return tl::unexpected(answer.error());
         known[k] = *answer;
     }
@@ -345,17 +299,14 @@ Result<bool> SqliteStore::Parts::prune(const ChainTable& table, const Retention&
     // By age: all rows before the first one that is young enough. A clock that was set back only keeps rows longer.
     std::int64_t remove_to = first - 1;
     bool more = false;
-    const std::int64_t furthest = std::min(last - 1, first + options.rows_in_one_prune - 1);
+    const std::int64_t furthest = std::min(last - 1, first + options_.rows_in_one_prune - 1);
     if (retention.keep_us > 0) {
-        auto rows = database->prepare("SELECT number, time_us FROM " + name + " WHERE number <= ?1 ORDER BY number");
-        if (!rows) return tl::unexpected(rows.error());
-        if (auto bound = rows->bind(std::array<Value, 1>{furthest}); !bound) return tl::unexpected(bound.error());
-        while (true) {
-            const auto row = rows->step();
-            if (!row) return row;
-            if (!*row || std::get<std::int64_t>(rows->value(1)) >= now_us - retention.keep_us) break;
-            remove_to = std::get<std::int64_t>(rows->value(0));
-        }
+        // The unary + keeps SQLite from the index by time: the rows are read in order, and only the old ones.
+        const auto young = database_->get_integer(
+            "SELECT number FROM " + name + " WHERE number <= ?1 AND +time_us >= ?2 ORDER BY number LIMIT 1",
+            std::array<Value, 2>{furthest, now_us - retention.keep_us});
+        if (!young) return tl::unexpected(young.error());
+        remove_to = *young == 0 ? furthest : *young - 1;
         more = remove_to == furthest && furthest < last - 1;
     }
     // By size: the share of the rows above the limit, and 1 % more, so that not every call has to remove rows.
@@ -368,24 +319,39 @@ Result<bool> SqliteStore::Parts::prune(const ChainTable& table, const Retention&
     }
     if (remove_to < first) return false;
 
-    auto transaction = Transaction::begin(*database);
+    auto transaction = Transaction::begin(*database_);
     if (!transaction) return tl::unexpected(transaction.error());
-    const auto hash = database->get("SELECT hash FROM " + name + " WHERE number = ?1", std::array<Value, 1>{remove_to});
+    const std::array<Value, 1> to{remove_to};
+    const auto hash = database_->get("SELECT hash FROM " + name + " WHERE number = ?1", to);
     if (!hash) return tl::unexpected(hash.error());
     const auto* bytes = std::get_if<Blob>(&*hash);
-    auto remove = database->prepare("DELETE FROM " + name + " WHERE number <= ?1");
-    if (!remove) return tl::unexpected(remove.error());
-    if (auto done = remove->run(std::array<Value, 1>{remove_to}); !done) return tl::unexpected(done.error());
     // verify needs this row when the chain begins after row 1.
     const std::string what =
         to_text({{"from", first}, {"to", remove_to}, {"hash", bytes != nullptr ? to_hex(*bytes) : ""}});
-    if (auto done = changes->append(
-            run, 0, now_us, {std::string("retention"), std::string(), std::int64_t{0}, name, std::string(), what});
-        !done) {
-        return tl::unexpected(done.error());
+    const std::vector<Value> row{std::string("retention"), std::string(), std::int64_t{0}, name, std::string(), what};
+    return database_->run("DELETE FROM " + name + " WHERE number <= ?1", to)
+        .and_then([&] { return changes_->append(run_, 0, now_us, row); })
+        .and_then([&] { return close_batch(*transaction); })
+        .map([&] { return more; });
+}
+
+}  // namespace
+
+Result<std::unique_ptr<ResultStore>> open_sqlite_store(const fs::path& folder, const SqliteStoreOptions& options) {
+    std::error_code error;
+    fs::create_directory(folder, error);
+    if (!fs::is_directory(folder)) {
+        return fail(ErrorCode::io,
+                    "the folder " + folder.string() + " cannot be made" + (error ? " (" + error.message() + ")" : ""),
+                    "create it and give it to the station's user (store.folder)");
     }
-    if (auto done = close_batch(*transaction); !done) return tl::unexpected(done.error());
-    return more;
+    auto lock = lock_folder(folder);
+    if (!lock) return tl::unexpected(lock.error());
+    auto database = Database::open(folder / kStoreFile, Database::Access::create, options.vfs);
+    if (!database) return tl::unexpected(database.error());
+    auto store = std::make_unique<SqliteStore>(std::move(*lock), options, std::move(*database));
+    if (auto done = store->prepare(); !done) return tl::unexpected(done.error());
+    return std::unique_ptr<ResultStore>(std::move(store));
 }
 
 }  // namespace hord::firmware::store

@@ -16,24 +16,10 @@ struct SqliteStoreOptions {
     std::int64_t rows_in_one_prune = 20'000;
 };
 
-class SqliteStore final : public ResultStore {
-  public:
-    // Creates the folder (not its parents) and the file if missing, migrates an older file, and locks the folder.
-    // Blocks. Fails with busy (another program writes this store), unsupported (written by newer software), unreadable
-    // (damaged), io (no permission, read-only, full disk, no such parent folder).
-    static Result<std::unique_ptr<SqliteStore>> open(const std::filesystem::path& folder,
-                                                     const SqliteStoreOptions& options = {});
-    ~SqliteStore() override;
-
-    // The newest stored result of this run; 0: none.
-    [[nodiscard]] std::uint32_t last_sequence() const;
-
-  private:
-    struct Parts;
-    explicit SqliteStore(std::unique_ptr<Parts> parts);
-    Result<void> do_write(std::span<const Entry> entries) override;
-    Result<bool> do_prune(const Retention& retention, UtcMicros now_us) override;
-    std::unique_ptr<Parts> parts_;
-};
+// Creates the folder (not its parents) and the file if missing, migrates an older file, and locks the folder. Blocks.
+// Fails with busy (another program writes this store), unsupported (written by newer software), unreadable (damaged),
+// io (no permission, read-only, full disk, no such parent folder).
+Result<std::unique_ptr<ResultStore>> open_sqlite_store(const std::filesystem::path& folder,
+                                                       const SqliteStoreOptions& options = {});
 
 }  // namespace hord::firmware::store

@@ -21,16 +21,7 @@ StoreQueue::StoreQueue(Open open, StoreQueueOptions options, StartRecord start, 
                        Listener listener)
     : open_(std::move(open)), options_(options), start_(std::move(start)), utc_now_(std::move(utc_now)),
       listener_(std::move(listener)) {
-    if (options_.thread) thread_ = std::thread([this] { work(); });
-}
-
-StoreQueue::~StoreQueue() {
-    {
-        const std::lock_guard lock(mutex_);
-        ending_ = true;
-    }
-    wake_.notify_all();
-    if (thread_.joinable()) thread_.join();
+    if (options_.thread) thread_ = std::jthread([this](const std::stop_token& stop) { work(stop); });
 }
 
 void StoreQueue::add(Record record) {
@@ -74,24 +65,24 @@ StoreQueueState StoreQueue::state() const {
 
 // -- the queue's thread
 
-void StoreQueue::work() {
+void StoreQueue::work(const std::stop_token& stop) {
     std::unique_lock lock(mutex_);
     write_one_batch(lock);  // opens the store: what is wrong with it is known before the first part comes
     while (true) {
         if (failing_) {
-            wake_.wait_for(lock, options_.retry_every, [this] { return ending_; });
+            wake_.wait_for(lock, stop, options_.retry_every, [] { return false; });
         } else {
             // Wait for a record, then for commit_every, unless an acknowledgement or a full batch waits.
-            wake_.wait_for(lock, options_.prune_every, [this] { return ending_ || urgent_ || !waiting_.empty(); });
-            wake_.wait_for(lock, options_.commit_every,
-                           [this] { return ending_ || urgent_ || waiting_.size() >= options_.batch; });
+            wake_.wait_for(lock, stop, options_.prune_every, [this] { return urgent_ || !waiting_.empty(); });
+            wake_.wait_for(lock, stop, options_.commit_every,
+                           [this] { return urgent_ || waiting_.size() >= options_.batch; });
         }
+        const bool ending = stop.stop_requested();
         urgent_ = false;
         bool good = write_one_batch(lock);
-        while (good && (ending_ || waiting_.size() >= options_.batch) && !waiting_.empty())
-            good = write_one_batch(lock);
+        while (good && (ending || waiting_.size() >= options_.batch) && !waiting_.empty()) good = write_one_batch(lock);
         if (good) prune(lock);
-        if (ending_) break;
+        if (ending) break;
     }
     if (waiting_.empty()) return;
     const Error error{ErrorCode::io,

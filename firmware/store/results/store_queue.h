@@ -55,9 +55,7 @@ class StoreQueue {
     // `start` describes the run. `utc_now` and `listener` are called on the queue's thread.
     StoreQueue(Open open, StoreQueueOptions options, StartRecord start, std::function<UtcMicros()> utc_now,
                Listener listener = {});
-    ~StoreQueue();  // writes the waiting records if the store works
-    StoreQueue(const StoreQueue&) = delete;
-    StoreQueue& operator=(const StoreQueue&) = delete;
+    // The destructor writes the waiting records if the store works.
 
     // Any thread.
     void add(Record record);
@@ -72,7 +70,7 @@ class StoreQueue {
     bool step();
 
   private:
-    void work();
+    void work(const std::stop_token& stop);
     bool write_one_batch(std::unique_lock<std::mutex>& lock);
     void note_written(const std::vector<Entry>& batch);
     void prune(std::unique_lock<std::mutex>& lock);
@@ -92,7 +90,7 @@ class StoreQueue {
     hal::TimePoint next_prune_{};
 
     mutable std::mutex mutex_;  // guards the rest
-    std::condition_variable wake_;
+    std::condition_variable_any wake_;
     std::deque<Entry> waiting_;
     std::uint64_t counted_ = 0;
     std::size_t in_flight_ = 0;
@@ -100,8 +98,8 @@ class StoreQueue {
     std::uint32_t lost_from_ = 0, lost_to_ = 0;  // sequences of the next report
     std::uint32_t reported_to_ = 0;              // last sequence of the waiting report
     std::uint32_t durable_ = 0;
-    bool failing_ = false, urgent_ = false, ending_ = false;
-    std::thread thread_;
+    bool failing_ = false, urgent_ = false;
+    std::jthread thread_;
 };
 
 }  // namespace hord::firmware::store

@@ -1,23 +1,12 @@
 #include "firmware/store/results/store_reader.h"
 
-#include <array>
-
+#include "firmware/store/results/database.h"
 #include "firmware/store/results/json_text.h"
 #include "firmware/store/results/schema.h"
 #include "firmware/store/results/sqlite_store.h"
-#include "firmware/store/results/store_reader_parts.h"
 
 namespace hord::firmware::store {
 namespace {
-
-std::int64_t integer(const Value& value) {
-    const auto* integer = std::get_if<std::int64_t>(&value);
-    return integer != nullptr ? *integer : 0;
-}
-std::string text(Value value) {
-    auto* text = std::get_if<std::string>(&value);
-    return text != nullptr ? std::move(*text) : std::string();
-}
 
 // A WHERE clause that grows.
 class Conditions {
@@ -49,7 +38,7 @@ void add_times(Conditions& where, const ResultFilter& filter) {
 
 }  // namespace
 
-void StoreReader::limit_time(std::chrono::milliseconds most) { parts_->database->limit_time(most); }
+void StoreReader::limit_time(std::chrono::milliseconds most) { database_->limit_time(most); }
 
 Result<std::unique_ptr<StoreReader>> StoreReader::open(const std::filesystem::path& folder) {
     auto database = Database::open(folder / kStoreFile, Database::Access::read);
@@ -74,22 +63,18 @@ Result<std::unique_ptr<StoreReader>> StoreReader::open(const std::filesystem::pa
         return fail(ErrorCode::unsupported, (*database)->file().string() + " was written by older software",
                     "start the station once: it brings the store up to date");
     }
-    const auto id = (*database)->get("SELECT value FROM meta WHERE key = 'id'");
+    auto id = read_store_id(**database);
     if (!id) return tl::unexpected(id.error());
-    auto parts = std::make_unique<Parts>();
-    parts->database = std::move(*database);
-    parts->id = text(*id);
-    return std::unique_ptr<StoreReader>(new StoreReader(std::move(parts)));
+    return std::unique_ptr<StoreReader>(new StoreReader(std::move(*database), std::move(*id)));
 }
 
-StoreReader::StoreReader(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
+StoreReader::StoreReader(std::unique_ptr<Database> database, std::string id)
+    : database_(std::move(database)), id_(std::move(id)) {}
 StoreReader::~StoreReader() = default;
-
-const std::string& StoreReader::id() const { return parts_->id; }
 
 // The head knows it even when retention has removed every row.
 Result<std::int64_t> StoreReader::newest_number() {
-    return parts_->database->get_integer(
+    return database_->get_integer(
         "SELECT max(coalesce((SELECT number FROM heads WHERE chain = 'results'), 0), coalesce((SELECT max(number) FROM "
         "results), 0))");
 }
@@ -119,52 +104,41 @@ Result<void> StoreReader::each_result(const ResultFilter& filter,
     const std::string chosen = "SELECT * FROM results " + where.sql();
     const std::string inner = filter.oldest ? chosen + " ORDER BY number LIMIT " + std::to_string(*filter.oldest)
                                             : newest_of(chosen, filter.newest);
-    auto rows = parts_->database->prepare(
+    const std::string sql =
         "SELECT r.number, r.run, r.time_us, s.after, r.sequence, r.part, r.verdict, r.reason, r.reject, r.score, "
-        "r.defect_count, r.defects, "
-        "r.latency_us, r.reject_latency_us, r.recipe, p.name, c.name FROM (" +
+        "r.defect_count, r.defects, r.latency_us, r.reject_latency_us, r.recipe, p.name, c.name FROM (" +
         inner +
-        ") r "
-        "LEFT JOIN changes s ON s.number = r.run LEFT JOIN changes p ON p.number = r.recipe LEFT JOIN changes c ON "
-        "c.number = r.calibration "
-        "ORDER BY r.number");
-    if (!rows) return tl::unexpected(rows.error());
-    if (auto bound = rows->bind(where.values()); !bound) return bound;
+        ") r LEFT JOIN changes s ON s.number = r.run LEFT JOIN changes p ON p.number = r.recipe "
+        "LEFT JOIN changes c ON c.number = r.calibration ORDER BY r.number";
     std::int64_t known_run = -1;
-    std::uint32_t boot = 0;
-    std::string software;
-    while (true) {
-        const auto row = rows->step();
-        if (!row) return tl::unexpected(row.error());
-        if (!*row) return {};
-        StoredResult result;
-        result.number = integer(rows->value(0));
-        result.run = integer(rows->value(1));
-        result.time_us = integer(rows->value(2));
+    StoredResult result;
+    return database_->run(sql, where.values(), [&](const Statement& row) {
+        result.number = row.integer(0);
+        result.run = row.integer(1);
+        result.time_us = row.integer(2);
         if (result.run != known_run) {
             known_run = result.run;
-            const Json start = Json::parse(text(rows->value(3)), nullptr, false);
-            boot = start.is_object() ? start.value("boot", 0U) : 0U;
-            software = start.is_object() ? start.value("software", std::string()) : std::string();
+            const Json start = Json::parse(row.text(3), nullptr, false);
+            result.boot = start.is_object() ? start.value("boot", 0U) : 0U;
+            result.software = start.is_object() ? start.value("software", std::string()) : std::string();
         }
-        result.boot = boot;
-        result.software = software;
-        result.sequence = static_cast<std::uint32_t>(integer(rows->value(4)));
-        result.part = static_cast<std::uint32_t>(integer(rows->value(5)));
-        result.verdict = text(rows->value(6));
-        result.reason = algo::present_reason_name(text(rows->value(7)));
-        result.reject = text(rows->value(8));
-        const Value score = rows->value(9);
-        if (const auto* real = std::get_if<double>(&score)) result.score = *real;
-        result.defect_count = integer(rows->value(10));
-        result.defects = text(rows->value(11));
-        result.latency_us = integer(rows->value(12));
-        result.reject_latency_us = integer(rows->value(13));
-        result.recipe_change = integer(rows->value(14));
-        result.recipe = text(rows->value(15));
-        result.calibration = text(rows->value(16));
+        result.sequence = static_cast<std::uint32_t>(row.integer(4));
+        result.part = static_cast<std::uint32_t>(row.integer(5));
+        result.verdict = row.text(6);
+        result.reason = algo::present_reason_name(row.text(7));
+        result.reject = row.text(8);
+        const Value score = row.value(9);
+        const auto* real = std::get_if<double>(&score);
+        result.score = real != nullptr ? std::optional(*real) : std::nullopt;
+        result.defect_count = row.integer(10);
+        result.defects = row.text(11);
+        result.latency_us = row.integer(12);
+        result.reject_latency_us = row.integer(13);
+        result.recipe_change = row.integer(14);
+        result.recipe = row.text(15);
+        result.calibration = row.text(16);
         take(result);
-    }
+    });
 }
 
 Result<void> StoreReader::each_change(const ResultFilter& filter,
@@ -183,25 +157,19 @@ Result<void> StoreReader::each_change(const ResultFilter& filter,
     const std::string sql = filter.newest
         ? "SELECT * FROM (" + both + newest_first + " LIMIT " + std::to_string(*filter.newest) + ")" + order
         : both + order;
-    auto rows = parts_->database->prepare(sql);
-    if (!rows) return tl::unexpected(rows.error());
-    if (auto bound = rows->bind(where.values()); !bound) return bound;
-    while (true) {
-        const auto row = rows->step();
-        if (!row) return tl::unexpected(row.error());
-        if (!*row) return {};
+    return database_->run(sql, where.values(), [&](const Statement& row) {
         StoredChange change;
-        change.number = integer(rows->value(0));
-        change.run = integer(rows->value(1));
-        change.time_us = integer(rows->value(2));
-        change.what = text(rows->value(3));
-        change.peer = text(rows->value(4));
-        change.token = static_cast<std::uint32_t>(integer(rows->value(5)));
-        change.name = text(rows->value(6));
-        change.before = text(rows->value(7));
-        change.after = text(rows->value(8));
+        change.number = row.integer(0);
+        change.run = row.integer(1);
+        change.time_us = row.integer(2);
+        change.what = row.text(3);
+        change.peer = row.text(4);
+        change.token = static_cast<std::uint32_t>(row.integer(5));
+        change.name = row.text(6);
+        change.before = row.text(7);
+        change.after = row.text(8);
         take(change);
-    }
+    });
 }
 
 }  // namespace hord::firmware::store

@@ -13,6 +13,8 @@
 
 namespace hord::firmware::store {
 
+class Database;
+
 // A row of results, with what it refers to.
 struct StoredResult {
     std::int64_t number = 0, run = 0;
@@ -69,8 +71,8 @@ class StoreReader {
     static Result<std::unique_ptr<StoreReader>> open(const std::filesystem::path& folder);
     ~StoreReader();
 
-    [[nodiscard]] const std::string& id() const;  // random, of this store
-    Result<std::int64_t> newest_number();         // of results; 0: none yet
+    [[nodiscard]] const std::string& id() const { return id_; }  // random, of this store
+    Result<std::int64_t> newest_number();                        // of results; 0: none yet
     // Later calls fail with timeout after `most`: a long read blocks the checkpoint of the station's write-ahead log.
     void limit_time(std::chrono::milliseconds most);
 
@@ -84,9 +86,9 @@ class StoreReader {
     Result<Verification> verify(const std::vector<ChainHead>& noted = {});
 
   private:
-    struct Parts;
-    explicit StoreReader(std::unique_ptr<Parts> parts);
-    std::unique_ptr<Parts> parts_;
+    StoreReader(std::unique_ptr<Database> database, std::string id);
+    const std::unique_ptr<Database> database_;
+    const std::string id_;
 };
 
 }  // namespace hord::firmware::store

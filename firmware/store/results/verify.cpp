@@ -6,7 +6,7 @@
 
 #include "firmware/store/results/json_text.h"
 #include "firmware/store/results/schema.h"
-#include "firmware/store/results/store_reader_parts.h"
+#include "firmware/store/results/store_reader.h"
 
 namespace hord::firmware::store {
 namespace {
@@ -31,14 +31,10 @@ class ChainCheck {
     // `known_changes`: the numbers that rows may refer to.
     Result<void> run(std::int64_t known_changes) {
         if (auto done = find_begin(); !done) return done;
-        auto all = database_.prepare(table_.select("ORDER BY number"));
-        if (!all) return tl::unexpected(all.error());
-        while (true) {
-            const auto row = all->step();
-            if (!row) return tl::unexpected(row.error());
-            if (!*row) break;
-            check_row(*all, known_changes);
-        }
+        const std::string all =
+            fmt::format("SELECT {}, hash FROM {} ORDER BY number", fmt::join(table_.columns, ", "), name_);
+        const auto check = [&](const Statement& row) { check_row(row, known_changes); };
+        if (auto done = database_.run(all, {}, check); !done) return done;
         if (auto done = check_head(); !done) return done;
         for (const ChainHead& head : noted_) {
             if (head.number > head_.number)
@@ -86,12 +82,7 @@ class ChainCheck {
 
     void check_row(const Statement& row, std::int64_t known_changes) {
         const int hash_column = row.columns() - 1;
-        const auto read_integer = [&row](std::size_t column) {
-            const Value value = row.value(static_cast<int>(column));
-            const auto* integer = std::get_if<std::int64_t>(&value);
-            return integer != nullptr ? *integer : std::int64_t{-1};
-        };
-        const std::int64_t number = read_integer(kNumberColumn), version = read_integer(kVersionColumn);
+        const std::int64_t number = row.integer(kNumberColumn), version = row.integer(kVersionColumn);
         const std::int64_t expected = head_.rows == 0 ? begin_ + 1 : head_.number + 1;
         if (head_.rows == 0) head_.first = number;
         if (number > expected) {
@@ -103,11 +94,8 @@ class ChainCheck {
         head_.number = number;
 
         std::vector<Value> values;
-        bool good = version >= 1 && version <= static_cast<std::int64_t>(table_.columns_of_version.size());
-        const int covered = good ? table_.columns_of_version[static_cast<std::size_t>(version - 1)] : hash_column;
-        for (int column = 0; column < covered; ++column) values.push_back(row.value(column));
-        for (int column = covered; column < hash_column; ++column)
-            good = good && std::holds_alternative<std::monostate>(row.value(column));
+        for (int column = 0; column < hash_column; ++column) values.push_back(row.value(column));
+        const bool good = version >= 1 && version <= kSchemaVersion;
         const Hash hash = follow(before_, values);
         const Value stored = row.value(hash_column);
         if (!good || !equals(stored, hash)) {
@@ -119,7 +107,7 @@ class ChainCheck {
         if (const auto* blob = std::get_if<Blob>(&stored); blob != nullptr && blob->size() == before_.size()) {
             std::copy(blob->begin(), blob->end(), before_.begin());
         }
-        if (read_integer(kRunColumn) > known_changes)
+        if (row.integer(kRunColumn) > known_changes)
             problem(fmt::format("row {} belongs to a run that the changes do not know", number));
         for (const ChainHead& head : noted_) {
             if (head.number == number && head.hash != to_hex(before_))
@@ -161,24 +149,18 @@ class ChainCheck {
 
 Result<Verification> StoreReader::verify(const std::vector<ChainHead>& noted) {
     Verification verification;
-    Database& database = *parts_->database;
+    Database& database = *database_;
     // One read transaction: a consistent view while the station writes.
     if (auto done = database.execute("BEGIN"); !done) return tl::unexpected(done.error());
     const auto checked = [&]() -> Result<void> {
-        auto pages = database.prepare("PRAGMA integrity_check");
-        if (!pages) return tl::unexpected(pages.error());
-        while (true) {
-            const auto row = pages->step();
-            if (!row) return tl::unexpected(row.error());
-            if (!*row) break;
-            const Value value = pages->value(0);
-            const auto* text = std::get_if<std::string>(&value);
-            if (text != nullptr && *text != "ok") verification.problems.push_back("file: " + *text);
-        }
+        const auto read_page = [&](const Statement& row) {
+            if (row.text(0) != "ok") verification.problems.push_back("file: " + row.text(0));
+        };
+        if (auto done = database.run("PRAGMA integrity_check", {}, read_page); !done) return done;
         const auto changes = database.get_integer("SELECT max(number) FROM changes");
         if (!changes) return tl::unexpected(changes.error());
-        for (const ChainTable* table : chain_tables()) {
-            ChainCheck check(database, parts_->id, *table, noted);
+        for (const ChainTable* table : {&kChanges, &kCommands, &kResults}) {
+            ChainCheck check(database, id_, *table, noted);
             if (auto done = check.run(*changes); !done) return done;
             verification.heads.push_back(check.head());
             verification.problems.insert(verification.problems.end(), check.told().begin(), check.told().end());

@@ -7,7 +7,9 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "firmware/core/enum_values.h"
 #include "firmware/page/site.h"
+#include "tests/firmware/page/answer_bytes.h"
 #include "tests/firmware/page/small_page.h"
 
 // tests/fuzz/page_request_fuzz.cpp, linked here with its corpus.
@@ -50,6 +52,14 @@ TEST(PageRequests, the_site_names_no_outside_address_and_needs_no_inline_script)
         EXPECT_THAT(text, Not(HasSubstr("innerHTML"))) << file.path;
         EXPECT_THAT(text, Not(HasSubstr("onclick="))) << file.path;
     }
+}
+
+TEST(PageRequests, the_page_learns_every_reason_that_its_search_offers) {
+    SmallPage page;
+    const Json reasons = Json::parse(page.get("/api/page").body)["reasons"];
+    EXPECT_EQ(reasons.size(), kValuesOf<PartReason>.size() - 1);  // all but "none"
+    EXPECT_EQ(reasons.front(), name_of(PartReason::neighbours_disagree));
+    EXPECT_EQ(reasons.back(), name_of(PartReason::plc_lost));
 }
 
 TEST(PageRequests, two_on_one_connection_are_answered_one_after_the_other) {
@@ -117,16 +127,16 @@ TEST(PageRequests, too_much_or_too_strange_is_refused) {
 
 TEST(PageCommands, need_a_token_and_are_recorded_with_its_owner) {
     SmallPage page;
-    EXPECT_EQ(page.pages.answer(page.command(R"({"command":"stop"})")).status, 200);
+    EXPECT_EQ(page.reply_to(page.command(R"({"command":"stop"})")).status, 200);
     ASSERT_EQ(page.commands.size(), 1U);
     EXPECT_EQ(page.commands[0].code, Command::stop);
     EXPECT_EQ(page.commands[0].who, "anna");
     EXPECT_THAT(page.log.back(), HasSubstr("stop for anna from 127.0.0.1"));
     for (const char* token : {"", "0123456789abcdef0123456", "wrong-wrong-wrong-wrong-wrong"})
-        EXPECT_EQ(page.pages.answer(page.command(R"({"command":"stop"})", token)).status, 401);
+        EXPECT_EQ(page.reply_to(page.command(R"({"command":"stop"})", token)).status, 401);
     Request bare = page.command(R"({"command":"stop"})");
     bare.authorization = kToken;
-    EXPECT_EQ(page.pages.answer(bare).status, 401);
+    EXPECT_EQ(page.reply_to(bare).status, 401);
     EXPECT_EQ(page.commands.size(), 1U);
     for (const std::string& line : page.log) EXPECT_THAT(line, Not(HasSubstr(kToken)));
     EXPECT_THAT(page.get("/metrics").body, HasSubstr("hord_page_commands_total{outcome=\"refused\"} 4\n"));
@@ -134,7 +144,7 @@ TEST(PageCommands, need_a_token_and_are_recorded_with_its_owner) {
 
 TEST(PageCommands, without_tokens_nobody_commands) {
     SmallPage page("");
-    const Reply reply = page.pages.answer(page.command(R"({"command":"stop"})"));
+    const Reply reply = page.reply_to(page.command(R"({"command":"stop"})"));
     EXPECT_EQ(reply.status, 403);
     EXPECT_THAT(reply.body, HasSubstr("page.toml"));
     EXPECT_TRUE(page.commands.empty());
@@ -146,7 +156,7 @@ TEST(PageCommands, are_not_taken_from_another_site_or_in_another_form) {
     const auto with = [&](auto change) {
         Request request = page.command(R"({"command":"stop"})");
         change(request);
-        return page.pages.answer(request).status;
+        return page.reply_to(request).status;
     };
     EXPECT_EQ(with([](Request& r) { r.origin = "http://evil.example"; }), 403);
     EXPECT_EQ(with([](Request& r) { r.origin = "null"; }), 403);
@@ -199,7 +209,7 @@ TEST(PageCommands, a_body_that_is_too_large_packed_or_chunked_is_not_read) {
 TEST(PageCommands, what_the_station_refuses_is_told_with_its_cure) {
     SmallPage page;
     page.answer = {CommandState::failed, CommandError::device_down, 0, "device_down"};
-    const Reply reply = page.pages.answer(page.command(R"({"command":"arm"})"));
+    const Reply reply = page.reply_to(page.command(R"({"command":"arm"})"));
     EXPECT_EQ(reply.status, 409);
     EXPECT_THAT(reply.body, HasSubstr("device_down"));
     EXPECT_THAT(reply.body, HasSubstr("see the active faults"));

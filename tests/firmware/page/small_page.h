@@ -74,7 +74,11 @@ class SmallPage {
         request.path = path;
         request.query = std::move(query);
         request.host = "127.0.0.1:8070";
-        return pages.answer(request);
+        return reply_to(request);
+    }
+    Reply reply_to(const Request& request) {
+        if (auto reply = pages.answer_without_body(request)) return std::move(*reply);
+        return pages.answer_command(request);
     }
     Request command(const std::string& body, const std::string& token = kToken) {
         Request request;

@@ -17,7 +17,7 @@ namespace hord::test {
 namespace {
 
 namespace fs = std::filesystem;
-using firmware::store::SqliteStore;
+using firmware::store::open_sqlite_store;
 using firmware::store::test::result;
 using firmware::store::test::start;
 using ::testing::HasSubstr;
@@ -30,7 +30,7 @@ class WrittenStore {
   public:
     explicit WrittenStore(const std::string& folder) {
         fs::create_directories(folder);
-        auto opened = SqliteStore::open(folder);
+        auto opened = open_sqlite_store(folder);
         if (!opened) throw std::runtime_error(opened.error().message());
         store_ = std::move(*opened);
     }
@@ -48,7 +48,7 @@ class WrittenStore {
     [[nodiscard]] std::uint32_t written() const { return written_; }
 
   private:
-    std::unique_ptr<SqliteStore> store_;
+    std::unique_ptr<firmware::store::ResultStore> store_;
     std::uint32_t written_ = 0;
 };
 

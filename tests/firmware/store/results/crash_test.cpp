@@ -34,13 +34,8 @@ std::uint64_t number_from_environment(const char* name, std::uint64_t otherwise)
     options.commit_every = std::chrono::milliseconds(1);
     options.prune_every = std::chrono::milliseconds(3);
     options.retention.max_bytes = 1'500'000;
-    StoreQueue queue(
-        [&]() -> Result<std::unique_ptr<ResultStore>> {
-            auto store = SqliteStore::open(folder);
-            if (!store) return tl::unexpected(store.error());
-            return std::unique_ptr<ResultStore>(std::move(*store));
-        },
-        options, start(boot), [] { return kNoon; });
+    StoreQueue queue([&]() -> Result<std::unique_ptr<ResultStore>> { return open_sqlite_store(folder); }, options,
+                     start(boot), [] { return kNoon; });
     for (std::uint32_t sequence = 1;; ++sequence) {
         if (sequence % 64 == 1)
             queue.add(recipe("r" + std::to_string(sequence), std::string(200, static_cast<char>('a' + sequence % 26))));
@@ -98,7 +93,7 @@ TEST(Crash, no_acknowledged_result_is_lost_and_the_store_stays_whole) {
         const std::uint32_t acknowledged = live_and_die(folder, boot, std::chrono::microseconds(random() % longest));
         if (acknowledged == 0 && !std::filesystem::exists(folder / kStoreFile)) continue;
         // Opened as the station does at its next start, which repairs what the kill left behind.
-        const auto store = SqliteStore::open(folder);
+        const auto store = open_sqlite_store(folder);
         if (!store) {
             ++damaged;
             ADD_FAILURE() << "crash " << boot << ": " << store.error().message();

@@ -100,8 +100,8 @@ class Story {
     std::uint64_t count_ = 0;
 };
 
-inline std::unique_ptr<SqliteStore> open(const TempFolder& folder, const SqliteStoreOptions& options = {}) {
-    auto store = SqliteStore::open(folder.path(), options);
+inline std::unique_ptr<ResultStore> open(const TempFolder& folder, const SqliteStoreOptions& options = {}) {
+    auto store = open_sqlite_store(folder.path(), options);
     EXPECT_TRUE(store) << store.error().message();
     return store ? std::move(*store) : nullptr;
 }

@@ -40,7 +40,7 @@ TEST(Migration, that_fails_leaves_the_older_file_as_it_was) {
     write(folder, Story().add_results(1, 40));
     turn_into_version_1(folder);
     sql(folder, "CREATE TABLE results_not_passed (in_the_way)");
-    EXPECT_FALSE(SqliteStore::open(folder.path()));
+    EXPECT_FALSE(open_sqlite_store(folder.path()));
     EXPECT_EQ(sql_integer(folder, "PRAGMA user_version"), 1U);
     sql(folder, "DROP TABLE results_not_passed");
     write(folder, Story(start(8)).add_results(1, 2));

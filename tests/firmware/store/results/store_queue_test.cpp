@@ -3,7 +3,7 @@
 
 #include <future>
 
-#include "firmware/store/results/memory_store.h"
+#include "lab/soak/memory_store.h"
 #include "tests/firmware/store/results/samples.h"
 
 namespace hord::firmware::store::test {
@@ -191,7 +191,7 @@ TEST(StoreQueue, starts_a_new_file_when_somebody_moved_a_damaged_one_away) {
     const TempFolder folder;
     bool fails = false;
     const auto opener = [&]() -> Result<std::unique_ptr<ResultStore>> {
-        auto store = SqliteStore::open(folder.path());
+        auto store = open_sqlite_store(folder.path());
         if (!store) return tl::unexpected(store.error());
         return std::unique_ptr<ResultStore>(std::make_unique<Fragile>(std::move(*store), fails));
     };
@@ -242,13 +242,8 @@ TEST(StoreQueue, never_makes_the_line_wait_for_the_disk) {
 TEST(StoreQueue, with_its_thread_keeps_what_is_acknowledged_and_the_rest_at_the_end) {
     const TempFolder folder;
     {
-        StoreQueue queue(
-            [&]() -> Result<std::unique_ptr<ResultStore>> {
-                auto store = SqliteStore::open(folder.path());
-                if (!store) return tl::unexpected(store.error());
-                return std::unique_ptr<ResultStore>(std::move(*store));
-            },
-            {.commit_every = std::chrono::hours(1)}, start(), [] { return kNoon; });
+        StoreQueue queue([&]() -> Result<std::unique_ptr<ResultStore>> { return open_sqlite_store(folder.path()); },
+                         {.commit_every = std::chrono::hours(1)}, start(), [] { return kNoon; });
         for (std::uint32_t k = 1; k <= 100; ++k) queue.add(result(k));
         while (queue.acknowledge("plc", kNoon, 100) == Kept::not_yet)
             std::this_thread::yield();  // does not wait for the hour

@@ -1,0 +1,81 @@
+#include "firmware/store/frames/frame_metadata.h"
+
+#include "firmware/store/results/hash_chain.h"
+#include "firmware/store/results/records.h"
+
+namespace hord::firmware::store {
+
+std::vector<std::uint8_t> bytes_of_maps(const algo::Inspection& inspection) {
+    std::vector<std::uint8_t> bytes;
+    bytes.reserve(inspection.mask.size() * (3 * sizeof(float) + 1));
+    const auto append = [&](algo::Map map) {
+        const auto* from = reinterpret_cast<const std::uint8_t*>(map.data());
+        bytes.insert(bytes.end(), from, from + map.size_bytes());
+    };
+    for (const algo::Map map : {inspection.gradient, inspection.frobenius, inspection.transmission}) append(map);
+    // Without a comparison of neighbours only the z-scores may be there.
+    if (!inspection.compares) append(inspection.z_score);
+    bytes.insert(bytes.end(), inspection.mask.begin(), inspection.mask.end());
+    return bytes;
+}
+
+Judgement judgement_of(const algo::Inspection& inspection) {
+    return {std::string(name_of(inspection.verdict)), std::string(name_of(inspection.reason)), inspection.score,
+            to_json(inspection.defects), to_hex(sha256(bytes_of_maps(inspection)))};
+}
+
+Json to_json(const Judgement& j) {
+    return {{"verdict", j.verdict},
+            {"reason", j.reason},
+            {"score", j.score},
+            {"defects", j.defects},
+            {"maps_sha256", j.maps_sha256}};
+}
+
+std::string FrameMetadata::to_json() const {
+    Json json{{"hord", 1},    {"station", station}, {"software", software}, {"boot", boot},
+              {"part", part}, {"time_us", time_us}, {"role", role}};
+    if (trigger != 0) json["trigger"] = trigger;
+    json["grid"] = {{"m", grid.m}, {"n", grid.n}, {"i", grid.i}, {"j", grid.j}};
+    json["bits"] = bits;
+    json.update(store::to_json(judgement));
+    json["samples_sha256"] = samples_sha256;
+    json["recipe"] = recipe;
+    return to_line(json);
+}
+
+Result<FrameMetadata> FrameMetadata::from_json(const std::string& text, const std::string& name) {
+    FrameMetadata data;
+    try {
+        const Json json = Json::parse(text);
+        data.station = json.value("station", "");
+        data.software = json.value("software", "");
+        data.boot = json.at("boot").get<std::uint32_t>();
+        data.part = json.at("part").get<std::uint32_t>();
+        data.time_us = json.value("time_us", UtcMicros{0});
+        data.role = json.at("role").get<std::string>();
+        data.trigger = json.value("trigger", 0U);
+        const Json& grid = json.at("grid");
+        data.grid = {grid.at("m").get<int>(), grid.at("n").get<int>(), grid.at("i").get<int>(),
+                     grid.at("j").get<int>()};
+        data.bits = json.value("bits", 8);
+        data.judgement = {json.at("verdict").get<std::string>(),
+                          std::string(algo::present_reason_name(json.at("reason").get<std::string>())),
+                          json.at("score").get<float>(), Json::array(), json.at("maps_sha256").get<std::string>()};
+        for (const Json& d : json.at("defects")) {  // numbers as floats, as the inspection gave them
+            data.judgement.defects.push_back({{"m", d.at("m").get<float>()},
+                                              {"n", d.at("n").get<float>()},
+                                              {"area", d.at("area").get<std::uint32_t>()},
+                                              {"peak", d.at("peak").get<float>()},
+                                              {"kind", d.at("kind").get<std::string>()}});
+        }
+        data.samples_sha256 = json.at("samples_sha256").get<std::string>();
+        data.recipe = json.at("recipe").get<std::string>();
+    } catch (const Json::exception& error) {
+        return fail(ErrorCode::unreadable, name + " has metadata that cannot be read (" + error.what() + ")",
+                    "name frames that a station has kept");
+    }
+    return data;
+}
+
+}  // namespace hord::firmware::store
