@@ -13,7 +13,7 @@
 namespace hord::common {
 namespace {
 
-constexpr png_uint_32 kLargestSide = 65'536;
+constexpr png_uint_32 kLargestSide = 32'768;  // larger than any light field
 // Deflate encodes at most 258 bytes in 2 bits.
 constexpr std::uint64_t kMaxUnpacked = 258 * 8 / 2;
 constexpr int kMaxTexts = 16;
@@ -23,6 +23,7 @@ constexpr png_alloc_size_t kLongestText = 8'000'000;
 // here, outside the functions that call libpng.
 struct Job {
     std::string why;
+    const char* not_grey = nullptr;  // what the file is instead
     std::vector<png_bytep> rows;
     // writing
     std::vector<std::uint8_t> written;
@@ -137,9 +138,16 @@ void read_all(const Reader& from, Job& job, const std::string& keyword) {
     }
     png_read_info(from.png, from.info);
     const int depth = png_get_bit_depth(from.png, from.info);
-    if (png_get_color_type(from.png, from.info) != PNG_COLOR_TYPE_GRAY || (depth != 8 && depth != 16)) {
-        png_error(from.png, "it is not a grey frame of 8 or 16 bits");
+    switch (png_get_color_type(from.png, from.info)) {
+        case PNG_COLOR_TYPE_GRAY:
+            job.not_grey = depth == 8 || depth == 16 ? nullptr : "less than 8 bits a sample";
+            break;
+        case PNG_COLOR_TYPE_GRAY_ALPHA: job.not_grey = "grey with alpha"; break;
+        case PNG_COLOR_TYPE_PALETTE: job.not_grey = "palette"; break;
+        case PNG_COLOR_TYPE_RGB_ALPHA: job.not_grey = "colour with alpha"; break;
+        default: job.not_grey = "colour"; break;
     }
+    if (job.not_grey != nullptr) return;
     int bits = depth;
     png_color_8p significant = nullptr;
     if (png_get_sBIT(from.png, from.info, &significant) != 0 && depth == 16 && significant->gray > 8 &&
@@ -210,8 +218,11 @@ Result<GreyPng> decode_grey_png(std::span<const std::uint8_t> bytes, std::string
     job.to_read = bytes;
     const Reader reader(job);
     if (reader.info != nullptr) read_all(reader, job, note_keyword);
+    if (job.not_grey != nullptr)
+        return fail(ErrorCode::unsupported, std::string(name) + " is not a grey frame (" + job.not_grey + ")",
+                    "save it as 8- or 16-bit grey PNG, TIFF or binary PGM, one channel");
     if (!job.done)
-        return fail(ErrorCode::unreadable, std::string(name) + " is damaged (" + job.why + ")",
+        return fail(ErrorCode::unreadable, std::string(name) + " is truncated or damaged (" + job.why + ")",
                     "record or copy it again");
     return std::move(job.read);
 }

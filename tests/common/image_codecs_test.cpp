@@ -180,7 +180,7 @@ TEST(PngCodec, colour_and_small_depths_are_refused_by_name) {
     ASSERT_TRUE(cv::imencode(".png", cv::Mat(4, 4, CV_8UC3, cv::Scalar(1, 2, 3)), file));
     const auto read = decode_grey_png(file, "colour.png");
     ASSERT_FALSE(read);
-    EXPECT_EQ(read.error().code, ErrorCode::unreadable);
+    EXPECT_EQ(read.error().code, ErrorCode::unsupported);
     EXPECT_THAT(read.error().what, testing::AllOf(HasSubstr("colour.png"), HasSubstr("not a grey frame")));
 }
 
@@ -190,8 +190,8 @@ void put_big_endian(Bytes& file, std::size_t at, std::uint32_t value) {
 
 TEST(PngCodec, takes_no_memory_that_the_file_cannot_fill) {
     Bytes file = *encode_grey_png(pattern(8, 8, 16).view());
-    put_big_endian(file, 16, 60'000);  // width and height, 7.2 GB of samples
-    put_big_endian(file, 20, 60'000);
+    put_big_endian(file, 16, 30'000);  // width and height, 1.8 GB of samples
+    put_big_endian(file, 20, 30'000);
     put_big_endian(file, 29, static_cast<std::uint32_t>(crc32(0, file.data() + 12, 17)));
     const auto read = decode_grey_png(file, "huge.png");
     ASSERT_FALSE(read);
