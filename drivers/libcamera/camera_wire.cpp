@@ -17,7 +17,7 @@
 namespace hord::drivers {
 namespace {
 
-constexpr std::size_t kBuffersMax = LibcameraSensorOptions::kMaxBuffers, kTextMax = 60'000;
+constexpr std::size_t kBuffersMax = CameraSensor::kMaxBuffers, kTextMax = 60'000;
 
 template <class Number>
 bool read_number(std::string_view text, Number& number) {

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "drivers/hal/camera_sensor.h"
 #include "firmware/config/module_profiles.h"
 #include "firmware/config/toml_values.h"
 
@@ -49,7 +50,7 @@ void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::p
     sensor.integer("width_px", video.width_px, 0, 65'535);
     sensor.integer("height_px", video.height_px, 0, 65'535);
     sensor.integer("bits", video.bits, 8, 16);
-    sensor.integer("buffers", video.buffers, video.kMinBuffers, video.kMaxBuffers);
+    sensor.integer("buffers", video.buffers, drivers::CameraSensor::kMinBuffers, drivers::CameraSensor::kMaxBuffers);
     if (video.bits != 8 && video.bits != 10 && video.bits != 12 && video.bits != 16) {
         sensor.problem("bits", "is no depth that a video device has", "use 8, 10, 12 or 16");
     }
