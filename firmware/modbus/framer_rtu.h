@@ -35,9 +35,6 @@ class FramerRtu {
     // (unit 0: executed, not answered) is complete, or none are left. Call again with the rest.
     [[nodiscard]] std::optional<Request> take(std::span<const std::uint8_t>& bytes, hal::TimePoint at);
 
-    // Frames with a wrong CRC or of unknown length, since the start.
-    [[nodiscard]] std::uint64_t damaged() const { return damaged_; }
-
   private:
     // State of the frame that begins in frame_.
     enum class Shape : std::uint8_t { incomplete, frame, damaged };
@@ -50,7 +47,6 @@ class FramerRtu {
     std::size_t filled_ = 0;
     bool deaf_ = false;
     std::optional<hal::TimePoint> last_at_;
-    std::uint64_t damaged_ = 0;
 };
 
 // Appends the CRC to `frame`, which holds unit, PDU and room for two bytes more.

@@ -25,25 +25,15 @@ struct SerialOptions {
     bool operator==(const SerialOptions&) const = default;
 };
 
-struct SerialStatistics {
-    std::uint64_t requests = 0, exceptions = 0, broadcasts = 0, damaged = 0;
-};
-
 class RtuServer {
   public:
     // Loop thread. Fails with not_found or refused (the device), busy (another program has it), unsupported
     // (the baud rate, or a driver without RS-485), invalid_argument (the unit), io.
     [[nodiscard]] static Result<std::unique_ptr<RtuServer>> open(hal::EventLoop& loop, RegisterModel& model,
                                                                  SerialOptions options);
-
-    // The same on a line already open and configured; it is not opened again when it is lost.
-    [[nodiscard]] static Result<std::unique_ptr<RtuServer>> adopt(hal::EventLoop& loop, RegisterModel& model, int fd,
-                                                                  SerialOptions options);
     ~RtuServer();
     RtuServer(const RtuServer&) = delete;
     RtuServer& operator=(const RtuServer&) = delete;
-
-    [[nodiscard]] SerialStatistics statistics() const;  // loop thread
 
   private:
     struct Impl;
