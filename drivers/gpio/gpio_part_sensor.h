@@ -35,9 +35,6 @@ class GpioPartSensor final : public hal::PartSensor {
                                                         Lines lines = request_input);
     ~GpioPartSensor() override;
 
-    [[nodiscard]] std::uint64_t bounces() const { return filter_ ? filter_->bounces() : 0; }  // since start
-    [[nodiscard]] std::uint64_t lost() const { return filter_ ? filter_->lost() : 0; }
-
   private:
     GpioPartSensor(hal::EventLoop& loop, const GpioPartSensorOptions& options, Lines lines);
     Result<void> do_start(Listener& listener) override;

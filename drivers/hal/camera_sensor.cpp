@@ -22,7 +22,9 @@ Result<void> CameraSensor::begin(std::shared_ptr<CameraStream> stream, int fd, L
     }
     if (std::ranges::any_of(memory, [&](const auto& buffer) { return buffer.size() < needed; }))
         return fail(ErrorCode::io, name_ + ": a buffer is smaller than a frame", "look at the kernel's log");
-    if (auto watched = watch(fd); !watched) return watched;
+    if (fd >= 0) {
+        if (auto watched = watch(fd); !watched) return watched;
+    }
     if (layout_ != Layout::plain) stream->unpacked.assign(memory.size(), std::vector<std::uint16_t>(width * height));
     listener_ = &listener;
     lost_ = false;

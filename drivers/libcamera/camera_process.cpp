@@ -84,7 +84,7 @@ class CameraChild {
         }
         return std::unique_ptr<CameraChild>(new CameraChild(pid, std::move(station_end)));
     }
-    ~CameraChild() { end({}); }
+    ~CameraChild() { end(kTimeToEnd); }
     CameraChild(const CameraChild&) = delete;
     CameraChild& operator=(const CameraChild&) = delete;
 
@@ -121,10 +121,8 @@ class CameraProcess final : public CameraPort {
 
     Result<CameraFormat> look() override {
         auto answer = run(CameraCommand::look);
-        if (child_) child_->end(kTimeToEnd);
         child_.reset();
-        if (!answer) return tl::unexpected(answer.error());
-        return answer->format;
+        return answer.map([](const CameraAnswer& there) { return there.format; });
     }
 
     Result<std::shared_ptr<const Memory>> start(Listener& listener) override {
@@ -132,7 +130,6 @@ class CameraProcess final : public CameraPort {
         auto answer = run(CameraCommand::start);
         auto memory = answer ? map(*answer) : tl::unexpected(answer.error());
         if (!memory) {
-            if (child_) child_->end(kTimeToEnd);
             child_.reset();
             return memory;
         }

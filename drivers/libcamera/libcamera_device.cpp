@@ -13,8 +13,8 @@
 #include <libcamera/property_ids.h>
 #include <libcamera/version.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
+#include "common/unique_fd.h"
 #include "drivers/libcamera/camera_device.h"
 #include "drivers/libcamera/libcamera_options.h"
 
@@ -102,9 +102,9 @@ class LibcameraDevice final : public CameraDevice {
     }
 
     bool is_there() override {
-        return std::ranges::all_of(nodes_, [](int node) {
+        return std::ranges::all_of(nodes_, [](const common::UniqueFd& node) {
             struct stat status {};
-            return ::fstat(node, &status) == 0 && status.st_nlink > 0;
+            return ::fstat(node.get(), &status) == 0 && status.st_nlink > 0;
         });
     }
 
@@ -125,10 +125,9 @@ class LibcameraDevice final : public CameraDevice {
         for (auto entry = std::filesystem::directory_iterator("/dev", error);
              !error && entry != std::filesystem::directory_iterator(); entry.increment(error)) {
             if (!entry->path().filename().string().starts_with("video")) continue;
-            const int node = ::open(entry->path().c_str(), O_PATH | O_CLOEXEC);
+            common::UniqueFd node(::open(entry->path().c_str(), O_PATH | O_CLOEXEC));
             struct stat status {};
-            if (node >= 0 && ::fstat(node, &status) == 0 && is_mine(status.st_rdev)) nodes_.push_back(node);
-            else if (node >= 0) ::close(node);
+            if (node && ::fstat(node.get(), &status) == 0 && is_mine(status.st_rdev)) nodes_.push_back(std::move(node));
         }
     }
     [[nodiscard]] bool is_mine(dev_t device) const {
@@ -141,7 +140,6 @@ class LibcameraDevice final : public CameraDevice {
     }
 
     void let_go() {
-        for (const int node : nodes_) ::close(node);
         nodes_.clear();
         config_.reset();
         if (camera_ && std::exchange(acquired_, false)) camera_->release();
@@ -292,7 +290,7 @@ class LibcameraDevice final : public CameraDevice {
     std::unique_ptr<libcamera::CameraConfiguration> config_;
     std::unique_ptr<libcamera::FrameBufferAllocator> allocator_;
     std::vector<std::unique_ptr<libcamera::Request>> requests_;
-    std::vector<int> nodes_;
+    std::vector<common::UniqueFd> nodes_;
     CameraPort::Listener* listener_ = nullptr;
     bool acquired_ = false;
     std::atomic<bool> streams_ = false;

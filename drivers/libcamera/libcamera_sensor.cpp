@@ -2,27 +2,36 @@
 
 #include <algorithm>
 #include <atomic>
+#include <utility>
 
-#include "drivers/hal/spsc_queue.h"
+#include "drivers/hal/thread_safe_queue.h"
 #include "drivers/libcamera/camera_process.h"
 
 namespace hord::drivers {
 
 // What the camera's thread writes to, and the memory that leases keep alive.
-struct LibcameraSensor::Stream final : CameraStream, CameraPort::Listener {
-    explicit Stream(CameraPort& p) : port(p) {}
+struct LibcameraSensor::Stream final : CameraStream, CameraPort::Listener, std::enable_shared_from_this<Stream> {
+    explicit Stream(LibcameraSensor& s) : loop(s.loop_), port(*s.port_), sensor(&s) {}
+    hal::EventLoop& loop;
     CameraPort& port;
-    SpscQueue<CameraFrame, 2 * kMaxBuffers> frames;
+    LibcameraSensor* sensor;  // loop's thread; null when stopped
+    ThreadSafeQueue<CameraFrame> frames;
     std::atomic<bool> gone{false};
     std::shared_ptr<const CameraPort::Memory> keep;
 
     Result<void> queue(std::uint32_t buffer) override { return port.queue(buffer); }
     void on_camera_frame(const CameraFrame& frame) noexcept override {
-        (void)frames.push(frame);  // never full: it has room for twice the camera's buffers
+        frames.push(frame);
+        wake();
     }
     void on_camera_gone() noexcept override {
         gone = true;
-        frames.notify();
+        wake();
+    }
+    void wake() {
+        loop.post([self = shared_from_this()] {
+            if (self->sensor != nullptr) self->sensor->on_ready();
+        });
     }
 };
 
@@ -50,16 +59,17 @@ Result<std::unique_ptr<LibcameraSensor>> LibcameraSensor::open(hal::EventLoop& l
 }
 
 Result<void> LibcameraSensor::do_start(Listener& listener) {
-    auto stream = std::make_shared<Stream>(*port_);
-    if (stream->frames.fd() < 0)
-        return fail(ErrorCode::io, name_ + ": no descriptor for its frames", "raise the limit of open files");
+    auto stream = std::make_shared<Stream>(*this);
     auto memory = port_->start(*stream);
-    if (!memory) return tl::unexpected(memory.error());
+    if (!memory) {
+        stream->sensor = nullptr;
+        return tl::unexpected(memory.error());
+    }
     stream->keep = std::move(*memory);
     stream->memory = *stream->keep;
-    auto begun = begin(stream, stream->frames.fd(), listener);
-    if (begun) stream_ = std::move(stream);
-    else port_->stop();
+    stream_ = stream;
+    auto begun = begin(std::move(stream), -1, listener);
+    if (!begun) do_stop();
     return begun;
 }
 
@@ -86,7 +96,6 @@ void LibcameraSensor::watch_for_silence() {
 void LibcameraSensor::on_ready() {
     const auto stream = stream_;
     if (!stream) return;
-    stream->frames.acknowledge();
     while (const auto frame = stream->frames.pop()) {
         last_frame_ = loop_.now();
         deliver(*frame);
@@ -97,8 +106,9 @@ void LibcameraSensor::on_ready() {
 
 void LibcameraSensor::do_stop() {
     loop_.cancel(silence_timer_);
-    const auto stream = end();
-    stream_.reset();
+    end();
+    const auto stream = std::exchange(stream_, nullptr);
+    stream->sensor = nullptr;
     port_->stop();  // until then the camera's thread uses `stream`
 }
 

@@ -1,4 +1,4 @@
-// A lenslet sensor behind libcamera (camera_sensor.h). The camera's thread queues completed frames without blocking.
+// A lenslet sensor behind libcamera (camera_sensor.h).
 //
 // A process without access to the kernel's device events is not notified when a camera goes away while it holds its
 // buffers. So a camera is lost if it delivered no frame at all for kSilence after a triggered exposure.
