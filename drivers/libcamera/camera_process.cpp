@@ -30,13 +30,7 @@ constexpr auto kTimeToEnd = 2s;  // then the process is killed
 
 struct Mapped {
     CameraPort::Memory memory;
-    std::vector<std::pair<void*, std::size_t>> maps;
-    Mapped() = default;
-    Mapped(const Mapped&) = delete;
-    Mapped& operator=(const Mapped&) = delete;
-    ~Mapped() {
-        for (const auto& [data, size] : maps) ::munmap(data, size);
-    }
+    std::vector<std::shared_ptr<void>> maps;
 };
 
 // The process and the station's end of its socket.
@@ -178,7 +172,7 @@ class CameraProcess final : public CameraPort {
                             "look at the kernel's log");
                 continue;
             }
-            mapped->maps.emplace_back(data, buffer.offset + buffer.bytes);
+            mapped->maps.emplace_back(data, [size = buffer.offset + buffer.bytes](void* p) { ::munmap(p, size); });
             mapped->memory.emplace_back(static_cast<const std::byte*>(data) + buffer.offset, buffer.bytes);
         }
         for (const CameraBuffer& buffer : answer.buffers) ::close(buffer.fd);  // the mapping stays

@@ -10,8 +10,7 @@
 #include <type_traits>
 #include <vector>
 
-#include "drivers/libcamera/camera_device.h"
-#include "drivers/libcamera/libcamera_options.h"
+#include "drivers/libcamera/camera_host.h"
 
 namespace hord::drivers {
 

@@ -5,7 +5,6 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
-#include <mutex>
 #include <optional>
 
 #include <fcntl.h>
@@ -15,8 +14,7 @@
 #include <sys/stat.h>
 
 #include "common/unique_fd.h"
-#include "drivers/libcamera/camera_device.h"
-#include "drivers/libcamera/libcamera_options.h"
+#include "drivers/libcamera/camera_host.h"
 
 namespace hord::drivers {
 namespace {
@@ -31,24 +29,6 @@ std::unique_ptr<libcamera::CameraConfiguration> configuration_for(libcamera::Cam
 #else
     return camera.generateConfiguration({role});
 #endif
-}
-
-// The process's only camera manager; it exists while a camera is in use.
-Result<std::shared_ptr<libcamera::CameraManager>> manager() {
-    static std::mutex mutex;
-    static std::weak_ptr<libcamera::CameraManager> only;
-    const std::scoped_lock lock(mutex);
-    if (auto there = only.lock()) return there;
-    std::shared_ptr<libcamera::CameraManager> made(new libcamera::CameraManager, [](libcamera::CameraManager* m) {
-        m->stop();
-        delete m;
-    });
-    if (const int error = made->start(); error != 0) {
-        return fail(ErrorCode::io, std::string("libcamera does not start: ") + std::strerror(-error),
-                    "join the group video; see cam -l");
-    }
-    only = made;
-    return made;
 }
 
 std::optional<ControlValue> value_of(ControlType type, std::int64_t value) {
@@ -149,9 +129,11 @@ class LibcameraDevice final : public CameraDevice {
 
     // Finds the camera, acquires it and negotiates the format.
     Result<CameraFormat> take() {
-        auto there = manager();
-        if (!there) return tl::unexpected(there.error());
-        manager_ = std::move(*there);
+        manager_ = std::make_unique<libcamera::CameraManager>();
+        if (const int error = manager_->start(); error != 0) {
+            return fail(ErrorCode::io, std::string("libcamera does not start: ") + std::strerror(-error),
+                        "join the group video; see cam -l");
+        }
         std::vector<std::string> ids;
         for (const auto& camera : manager_->cameras()) ids.push_back(camera->id());
         const auto chosen = choose_camera(ids, request_.camera);
@@ -285,7 +267,7 @@ class LibcameraDevice final : public CameraDevice {
 
     const LibcameraSensorOptions request_;
     std::string id_;
-    std::shared_ptr<libcamera::CameraManager> manager_;
+    std::unique_ptr<libcamera::CameraManager> manager_;  // the process may have one
     std::shared_ptr<libcamera::Camera> camera_;
     std::unique_ptr<libcamera::CameraConfiguration> config_;
     std::unique_ptr<libcamera::FrameBufferAllocator> allocator_;

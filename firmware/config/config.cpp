@@ -6,7 +6,6 @@
 #include "algo/frame/extents.h"
 #include "common/toml_fields.h"
 #include "firmware/config/device_sections.h"
-#include "firmware/config/toml_values.h"
 
 namespace hord::firmware {
 namespace {

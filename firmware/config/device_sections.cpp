@@ -5,7 +5,6 @@
 
 #include "drivers/hal/camera_sensor.h"
 #include "firmware/config/module_profiles.h"
-#include "firmware/config/toml_values.h"
 
 namespace hord::firmware {
 

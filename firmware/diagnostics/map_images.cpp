@@ -194,12 +194,6 @@ Picture montage(std::span<const MontageRow> rows) {
     return to_picture(sheet);
 }
 
-Picture reduced(const Picture& picture, int factor) {
-    cv::Mat small;
-    cv::resize(to_mat(picture), small, {picture.width / factor, picture.height / factor}, 0, 0, cv::INTER_AREA);
-    return to_picture(small);
-}
-
 Result<std::vector<std::uint8_t>> encode_png(const Picture& picture) {
     return common::encode_bgr_png(picture.width, picture.height, picture.bgr);
 }

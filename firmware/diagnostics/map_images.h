@@ -52,9 +52,6 @@ struct MontageRow {
 };
 Picture montage(std::span<const MontageRow> rows);
 
-// The picture at 1/factor of its size, averaged.
-Picture reduced(const Picture& picture, int factor);
-
 // The picture as the bytes of a PNG file. Fails with invalid_argument (no pixels), internal.
 Result<std::vector<std::uint8_t>> encode_png(const Picture& picture);
 

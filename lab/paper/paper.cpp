@@ -6,6 +6,8 @@
 #include <numbers>
 
 #include <fmt/format.h>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "lab/experiment/scenes.h"
 #include "lab/paper/paper_vary.h"
@@ -22,6 +24,16 @@ constexpr double kAbsorberTransmission = 0.5;
 constexpr std::array<View, kViews> kAllViews = {View::emd,         View::frobenius, View::transmission,
                                                 View::telecentric, View::emd_even,  View::frobenius_even};
 enum SceneNumber : std::size_t { kClean, kCut, kBubble, kAbsorber, kScenes };
+
+// The picture at 1/factor of its size, averaged.
+Picture reduced(const Picture& picture, int factor) {
+    const cv::Mat whole(picture.height, picture.width, CV_8UC3, const_cast<unsigned char*>(picture.bgr.data()));
+    Picture small{picture.width / factor, picture.height / factor, {}};
+    small.bgr.resize(3 * static_cast<std::size_t>(small.width) * static_cast<std::size_t>(small.height));
+    cv::Mat to(small.height, small.width, CV_8UC3, small.bgr.data());
+    cv::resize(whole, to, to.size(), 0, 0, cv::INTER_AREA);
+    return small;
+}
 
 std::array<sim::Scene, kScenes> scenes_of_figure(int lenslets, std::uint64_t seed) {
     std::array<sim::Scene, kScenes> scenes;
