@@ -3,9 +3,8 @@
 // An edge counts when the line was stable for `debounce` after it. It has the time stamp of the first raw edge of its
 // bounce burst, so debouncing delays the report and not the time stamp. Pure: no device, no clock.
 //
-// The kernel reads the level shortly after the interrupt. If it reads late, an edge shows a level that was already
-// over. A burst of a single raw edge that shows the unchanged level means that both edges of a part were missed: they
-// count as lost. A burst of several raw edges that ends at the unchanged level is a spike and reports nothing.
+// The kernel reads the level shortly after the interrupt. A single raw edge that shows the unchanged level means that
+// both edges of a part were missed. Several raw edges that end at the unchanged level are a spike and report nothing.
 #pragma once
 
 #include <algorithm>

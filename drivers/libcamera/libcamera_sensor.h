@@ -1,7 +1,7 @@
 // A lenslet sensor behind libcamera (camera_sensor.h).
 //
-// A process without access to the kernel's device events is not notified when a camera goes away while it holds its
-// buffers. So a camera is lost if it delivered no frame at all for kSilence after a triggered exposure.
+// A camera is lost if it delivered no frame for kSilence after a triggered exposure: not every process is notified when
+// it goes away.
 #pragma once
 
 #include <memory>

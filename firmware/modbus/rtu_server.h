@@ -18,8 +18,7 @@ struct SerialOptions {
     int baud = 19200;              // 1200 to 921600
     Parity parity = Parity::even;  // none: with two stop bits, as the specification requires
     std::uint8_t unit = 1;         // 1 to 247
-    bool rs485 = true;  // the kernel switches the transmitter (TIOCSRS485); false: RS-232, or an adapter that
-                        // does it itself
+    bool rs485 = true;  // the kernel switches the transmitter (TIOCSRS485); false: RS-232 or the adapter does
     hal::Duration gap = std::chrono::milliseconds(20);  // a longer silence ends a frame
     bool may_write = true;
     bool operator==(const SerialOptions&) const = default;

@@ -1,8 +1,5 @@
 #include "firmware/recipes/recipe_file.h"
 
-#include <fstream>
-#include <sstream>
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -14,13 +11,6 @@ namespace {
 using ::testing::HasSubstr;
 
 const std::filesystem::path kDeploy = std::filesystem::path(HORD_SOURCE_DIR) / "deploy";
-
-std::string text_of(const std::filesystem::path& file) {
-    std::ifstream in(file);
-    std::stringstream text;
-    text << in.rdbuf();
-    return text.str();
-}
 
 TEST(Recipe, the_documented_file_is_the_defaults) {
     const auto file = load_recipe(kDeploy / "recipes/default.toml");
