@@ -2,9 +2,7 @@
 #pragma once
 
 #include <array>
-#include <cstddef>
 #include <cstdint>
-#include <span>
 #include <string_view>
 
 namespace hord::common {
@@ -14,9 +12,6 @@ class Crc32 {
     constexpr void add(std::uint8_t byte) { crc_ = kTable[(crc_ ^ byte) & 0xFFU] ^ (crc_ >> 8U); }
     constexpr void add(std::string_view text) {
         for (const char c : text) add(static_cast<std::uint8_t>(c));
-    }
-    constexpr void add(std::span<const std::byte> bytes) {
-        for (const std::byte b : bytes) add(static_cast<std::uint8_t>(b));
     }
     [[nodiscard]] constexpr std::uint32_t value() const { return ~crc_; }
 

@@ -2,7 +2,6 @@
 
 #include <cerrno>
 #include <cstring>
-#include <fstream>
 #include <string>
 #include <system_error>
 
@@ -15,33 +14,36 @@ namespace hord::common {
 
 namespace fs = std::filesystem;
 
+namespace {
+
+// Writes FILE + suffix and renames it. Returns 0 or errno; FILE + suffix is removed then.
+int replace(const fs::path& file, const char* suffix, mode_t mode, bool sync, std::span<const std::byte> bytes) {
+    const std::string unfinished = file.string() + suffix;
+    UniqueFd fd(::open(unfinished.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, mode));
+    if (!fd) return errno;
+    int error = write_all(fd.get(), bytes);
+    if (error == 0 && sync && ::fsync(fd.get()) != 0) error = errno;
+    if (error == 0) error = fd.close();
+    if (error == 0 && ::rename(unfinished.c_str(), file.c_str()) != 0) error = errno;
+    if (error != 0) ::unlink(unfinished.c_str());
+    return error;
+}
+
+}  // namespace
+
 Result<void> write_atomically(const fs::path& file, std::span<const std::uint8_t> bytes) {
     const fs::path folder = file.parent_path();
     if (std::error_code error; !folder.empty() && !fs::is_directory(folder, error)) {
         return fail(ErrorCode::not_found, "the folder " + folder.string() + " does not exist", "create it first");
     }
-    const fs::path unfinished = file.string() + ".part";
-    std::ofstream out(unfinished, std::ios::binary);
-    out.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-    out.close();
-    std::error_code error;
-    if (out) fs::rename(unfinished, file, error);
-    if (out && !error) return {};
-    const std::string why = error ? " (" + error.message() + ")" : "";
-    fs::remove(unfinished, error);
-    return fail(ErrorCode::io, file.string() + " cannot be written" + why,
+    const int error = replace(file, ".part", 0666, false, std::as_bytes(bytes));
+    if (error == 0) return {};
+    return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(error) + ")",
                 "check that its folder may be written to and has space");
 }
 
 Result<void> write_durably(const fs::path& file, std::string_view text) {
-    const std::string unfinished = file.string() + ".new";
-    UniqueFd fd(::open(unfinished.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644));
-    const bool opened = static_cast<bool>(fd);
-    int error = opened ? write_all(fd.get(), std::as_bytes(std::span(text))) : errno;
-    if (error == 0 && ::fsync(fd.get()) != 0) error = errno;
-    if (error == 0) error = fd.close();
-    if (error == 0 && ::rename(unfinished.c_str(), file.c_str()) != 0) error = errno;
-    if (error != 0 && opened) ::unlink(unfinished.c_str());
+    int error = replace(file, ".new", 0644, true, std::as_bytes(std::span(text)));
     if (error == 0) error = sync_folder_of(file);
     if (error == 0) return {};
     return fail(ErrorCode::io, file.string() + " cannot be written: " + std::strerror(error),

@@ -13,7 +13,7 @@
 namespace hord::common {
 namespace {
 
-constexpr png_uint_32 kLargestSide = 65'536;
+constexpr png_uint_32 kLargestSide = 32'768;  // larger than any light field
 // Deflate encodes at most 258 bytes in 2 bits.
 constexpr std::uint64_t kMaxUnpacked = 258 * 8 / 2;
 constexpr int kMaxTexts = 16;
@@ -23,6 +23,7 @@ constexpr png_alloc_size_t kLongestText = 8'000'000;
 // here, outside the functions that call libpng.
 struct Job {
     std::string why;
+    const char* not_grey = nullptr;  // what the file is instead
     std::vector<png_bytep> rows;
     // writing
     std::vector<std::uint8_t> written;
@@ -32,36 +33,29 @@ struct Job {
     bool done = false;
 };
 
-struct Writer {
-    explicit Writer(Job& job);
-    ~Writer() { png_destroy_write_struct(&png, &info); }
-    Writer(const Writer&) = delete;
-    Writer& operator=(const Writer&) = delete;
-    png_structp png = nullptr;
-    png_infop info = nullptr;
-};
-
-struct Reader {
-    explicit Reader(Job& job);
-    ~Reader() { png_destroy_read_struct(&png, &info, nullptr); }
-    Reader(const Reader&) = delete;
-    Reader& operator=(const Reader&) = delete;
-    png_structp png = nullptr;
-    png_infop info = nullptr;
-};
-
 void on_error(png_structp png, png_const_charp why) {
     static_cast<Job*>(png_get_error_ptr(png))->why = why;
     png_longjmp(png, 1);
 }
 void on_warning(png_structp /*png*/, png_const_charp /*why*/) {}
 
-Writer::Writer(Job& job) : png(png_create_write_struct(PNG_LIBPNG_VER_STRING, &job, on_error, on_warning)) {
-    if (png != nullptr) info = png_create_info_struct(png);
-}
-Reader::Reader(Job& job) : png(png_create_read_struct(PNG_LIBPNG_VER_STRING, &job, on_error, on_warning)) {
-    if (png != nullptr) info = png_create_info_struct(png);
-}
+// libpng's two structures, to write with or to read with.
+struct Png {
+    Png(Job& job, bool writes)
+        : writing(writes), png((writes ? png_create_write_struct : png_create_read_struct)(PNG_LIBPNG_VER_STRING, &job,
+                                                                                           on_error, on_warning)) {
+        if (png != nullptr) info = png_create_info_struct(png);
+    }
+    ~Png() {
+        if (writing) png_destroy_write_struct(&png, &info);
+        else png_destroy_read_struct(&png, &info, nullptr);
+    }
+    Png(const Png&) = delete;
+    Png& operator=(const Png&) = delete;
+    const bool writing;
+    png_structp png;
+    png_infop info = nullptr;
+};
 
 bool append(std::vector<std::uint8_t>& to, png_bytep bytes, std::size_t count) {
     try {
@@ -92,7 +86,7 @@ struct Layout {
     int significant_bits = 0;  // 0: no sBIT
 };
 
-void write_all(const Writer& to, Job& job, const Layout& layout, const PngPacking& packing, png_textp note) {
+void write_all(const Png& to, Job& job, const Layout& layout, const PngPacking& packing, png_textp note) {
     if (setjmp(png_jmpbuf(to.png)) != 0) return;
     png_set_write_fn(to.png, &job, on_write, on_flush);
     png_set_compression_level(to.png, packing.level);
@@ -116,13 +110,13 @@ void write_all(const Writer& to, Job& job, const Layout& layout, const PngPackin
 }
 
 Result<std::vector<std::uint8_t>> encode(Job& job, const Layout& layout, const PngPacking& packing, png_textp note) {
-    const Writer writer(job);
+    const Png writer(job, true);
     if (writer.info != nullptr) write_all(writer, job, layout, packing, note);
     if (!job.done) return fail(ErrorCode::internal, "a picture cannot be made a PNG (" + job.why + ")", "report it");
     return std::move(job.written);
 }
 
-void read_all(const Reader& from, Job& job, const std::string& keyword) {
+void read_all(const Png& from, Job& job, const std::string& keyword) {
     if (setjmp(png_jmpbuf(from.png)) != 0) return;
     png_set_read_fn(from.png, &job, on_read);
     png_set_crc_action(from.png, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);
@@ -137,9 +131,16 @@ void read_all(const Reader& from, Job& job, const std::string& keyword) {
     }
     png_read_info(from.png, from.info);
     const int depth = png_get_bit_depth(from.png, from.info);
-    if (png_get_color_type(from.png, from.info) != PNG_COLOR_TYPE_GRAY || (depth != 8 && depth != 16)) {
-        png_error(from.png, "it is not a grey frame of 8 or 16 bits");
+    switch (png_get_color_type(from.png, from.info)) {
+        case PNG_COLOR_TYPE_GRAY:
+            job.not_grey = depth == 8 || depth == 16 ? nullptr : "less than 8 bits a sample";
+            break;
+        case PNG_COLOR_TYPE_GRAY_ALPHA: job.not_grey = "grey with alpha"; break;
+        case PNG_COLOR_TYPE_PALETTE: job.not_grey = "palette"; break;
+        case PNG_COLOR_TYPE_RGB_ALPHA: job.not_grey = "colour with alpha"; break;
+        default: job.not_grey = "colour"; break;
     }
+    if (job.not_grey != nullptr) return;
     int bits = depth;
     png_color_8p significant = nullptr;
     if (png_get_sBIT(from.png, from.info, &significant) != 0 && depth == 16 && significant->gray > 8 &&
@@ -208,10 +209,13 @@ Result<GreyPng> decode_grey_png(std::span<const std::uint8_t> bytes, std::string
                                 const std::string& note_keyword) {
     Job job;
     job.to_read = bytes;
-    const Reader reader(job);
+    const Png reader(job, false);
     if (reader.info != nullptr) read_all(reader, job, note_keyword);
+    if (job.not_grey != nullptr)
+        return fail(ErrorCode::unsupported, std::string(name) + " is not a grey frame (" + job.not_grey + ")",
+                    "save it as 8- or 16-bit grey PNG, TIFF or binary PGM, one channel");
     if (!job.done)
-        return fail(ErrorCode::unreadable, std::string(name) + " is damaged (" + job.why + ")",
+        return fail(ErrorCode::unreadable, std::string(name) + " is truncated or damaged (" + job.why + ")",
                     "record or copy it again");
     return std::move(job.read);
 }

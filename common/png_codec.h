@@ -42,7 +42,7 @@ struct GreyPng {
 
 // Grey of 8 or 16 bits, interlaced or not. Checks every chunk's checksum. Memory is limited: for the samples to what
 // the bytes can decompress to, for a note to 8 MB; other chunks are skipped. `name` is used in the message. Fails with
-// unreadable.
+// unreadable (truncated, damaged) and unsupported (not grey).
 Result<GreyPng> decode_grey_png(std::span<const std::uint8_t> bytes, std::string_view name,
                                 const std::string& note_keyword = {});
 

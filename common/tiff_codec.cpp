@@ -15,7 +15,7 @@
 namespace hord::common {
 namespace {
 
-constexpr std::uint32_t kLargestSide = 65'536;
+constexpr std::uint32_t kLargestSide = 32'768;  // larger than any light field
 // Highest compression ratio: LZW, at most 4096 bytes (its table's longest chain) in a code of 12 bits. Deflate has
 // 1032, PackBits 64.
 constexpr std::uint64_t kMaxUnpacked = 4096 * 8 / 12;
@@ -49,6 +49,8 @@ tmsize_t on_read(thandle_t handle, void* to, tmsize_t count) {
         if (file.why.empty()) file.why = "its tags or parts overlap";
         return 0;
     }
+    // libtiff takes some short reads for zeros.
+    if (!file.writing && copied < static_cast<std::uint64_t>(count) && file.why.empty()) file.why = "it is cut off";
     if (copied > 0) std::memcpy(to, (file.writing ? file.written.data() : file.to_read.data()) + file.at, copied);
     file.at += copied;
     return static_cast<tmsize_t>(copied);
@@ -142,6 +144,7 @@ class GreyReader {
 
     // Empty if the image can be read, else the reason.
     [[nodiscard]] std::string unsupported() const {
+        if (TIFFLastDirectory(tiff_.get()) == 0) return "it holds more than one image";
         if (const auto samples = tag<std::uint16_t>(tiff_, TIFFTAG_SAMPLESPERPIXEL); samples != 1)
             return std::to_string(samples) + " samples a pixel";
         if (bits_ != 8 && bits_ != 16) return std::to_string(bits_) + " bits a sample";
@@ -245,9 +248,10 @@ bool write(const Tiff& tiff, int width_px, int height_px, std::span<const float>
 Result<Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::string_view name) {
     MemoryFile file{.to_read = bytes};
     const auto damaged = [&](const std::string& why) {
-        return fail(ErrorCode::unreadable,
-                    std::string(name) + " is damaged (" + (why.empty() ? "its samples are cut off" : why) + ")",
-                    "record or copy it again");
+        return fail(
+            ErrorCode::unreadable,
+            std::string(name) + " is truncated or damaged (" + (why.empty() ? "its samples are cut off" : why) + ")",
+            "record or copy it again");
     };
     const Tiff tiff = open(file);
     if (!tiff) return damaged(file.why);
@@ -258,7 +262,7 @@ Result<Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::string_
     }
     if (const std::string why = reader.damaged(); !why.empty()) return damaged(why);
     Frame frame;
-    if (!reader.read(frame)) return damaged(file.why);
+    if (!reader.read(frame) || !file.why.empty()) return damaged(file.why);
     return frame;
 }
 

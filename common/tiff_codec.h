@@ -11,10 +11,10 @@
 
 namespace hord::common {
 
-// The first image: one channel of 8 or 16 bits, unsigned, in strips or tiles, either byte order, uncompressed or with
+// The only image: one channel of 8 or 16 bits, unsigned, in strips or tiles, either byte order, uncompressed or with
 // LZW, deflate or PackBits; turned by its orientation tag. Memory and time are limited to what the bytes can decompress
 // to. `name` is used in the message. Fails with unreadable (damaged, truncated), unsupported (another layout or
-// compression).
+// compression, several images).
 Result<Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::string_view name);
 
 // One channel of 32-bit floats, uncompressed, in this machine's byte order. `values` has width * height, row by row.

@@ -54,6 +54,37 @@ struct TomlTable::Node {
         problems->add(line > 0 ? fmt::format("{}:{}: {}{}: {}", name, line, path, key, what)
                                : fmt::format("{}: {}{}: {}", name, path, key, what));
     }
+    // None: the key is absent, or its value is not of this type, which is a problem.
+    template <class T>
+    std::optional<T> value(std::string_view key, std::string_view wrong) {
+        const toml::node* node = find(key);
+        if (node == nullptr) return std::nullopt;
+        auto value = node->value_exact<T>();
+        if (!value) report(*node, key, wrong);
+        return value;
+    }
+    template <class T>
+    std::optional<T> in_range(std::string_view key, std::optional<T> value, T low, T high) {
+        if (!value || (*value >= low && *value <= high)) return value;
+        report(*find(key), key, fmt::format("{} is out of range: use {} to {}", *value, low, high));
+        return std::nullopt;
+    }
+    template <class T, class Accept>
+    std::optional<std::vector<T>> list(std::string_view key, std::string_view wrong, Accept accept) {
+        const toml::node* node = find(key);
+        if (node == nullptr) return std::nullopt;
+        std::vector<T> values;
+        const toml::array* array = node->as_array();
+        bool good = array != nullptr;
+        for (std::size_t k = 0; good && k < array->size(); ++k) {
+            const std::optional<T> element = (*array)[k].value<T>();
+            good = element && accept((*array)[k], *element);
+            if (good) values.push_back(*element);
+        }
+        if (good) return values;
+        report(*node, key, wrong);
+        return std::nullopt;
+    }
     std::shared_ptr<Node> add_sub_table(const toml::table& sub, std::string sub_path) {
         auto node = std::make_shared<Node>(Node{file, &sub, name, std::move(sub_path), problems, {}, {}});
         sub_tables.push_back(node);
@@ -84,96 +115,44 @@ TomlTable TomlTable::parse_file(const std::filesystem::path& file, TomlProblems&
 
 std::optional<double> TomlTable::read_number(std::string_view key, double low, double high) {
     const toml::node* node = node_->find(key);
-    if (node == nullptr) return std::nullopt;
-    const auto value = node->is_integer() ? std::optional(static_cast<double>(node->as_integer()->get()))
-        : node->is_floating_point()       ? std::optional(node->as_floating_point()->get())
-                                          : std::nullopt;
-    if (!value) {
-        node_->report(*node, key, "is not a number: write one without quotes");
-        return std::nullopt;
-    }
-    if (!(*value >= low && *value <= high)) {
-        node_->report(*node, key, fmt::format("{} is out of range: use {} to {}", *value, low, high));
-        return std::nullopt;
-    }
-    return value;
+    const auto value = node != nullptr && node->is_integer()
+        ? std::optional(static_cast<double>(node->as_integer()->get()))
+        : node_->value<double>(key, "is not a number: write one without quotes");
+    return node_->in_range(key, value, low, high);
 }
 
 std::optional<std::int64_t> TomlTable::read_integer(std::string_view key, std::int64_t low, std::int64_t high) {
-    const toml::node* node = node_->find(key);
-    if (node == nullptr) return std::nullopt;
-    if (!node->is_integer()) {
-        node_->report(*node, key, "is not a whole number: write one without quotes or decimals");
-        return std::nullopt;
-    }
-    const std::int64_t value = node->as_integer()->get();
-    if (value < low || value > high) {
-        node_->report(*node, key, fmt::format("{} is out of range: use {} to {}", value, low, high));
-        return std::nullopt;
-    }
-    return value;
-}
-
-void TomlTable::number(std::string_view key, double& value, double low, double high) {
-    if (auto read = read_number(key, low, high)) value = *read;
-}
-
-void TomlTable::number(std::string_view key, float& value, double low, double high) {
-    if (auto read = read_number(key, low, high)) value = static_cast<float>(*read);
+    const auto value = node_->value<std::int64_t>(key, "is not a whole number: write one without quotes or decimals");
+    return node_->in_range(key, value, low, high);
 }
 
 void TomlTable::boolean(std::string_view key, bool& value) {
-    const toml::node* node = node_->find(key);
-    if (node == nullptr) return;
-    if (!node->is_boolean()) return node_->report(*node, key, "is neither true nor false");
-    value = node->as_boolean()->get();
+    if (const auto read = node_->value<bool>(key, "is neither true nor false")) value = *read;
 }
 
 void TomlTable::text(std::string_view key, std::string& value) {
-    const toml::node* node = node_->find(key);
-    if (node == nullptr) return;
-    if (!node->is_string()) return node_->report(*node, key, "is not a text: write it in quotes");
-    value = node->as_string()->get();
+    if (auto read = node_->value<std::string>(key, "is not a text: write it in quotes")) value = std::move(*read);
 }
 
 void TomlTable::numbers(std::string_view key, std::vector<double>& values, std::size_t min_count,
                         std::size_t max_count) {
-    const toml::node* node = node_->find(key);
-    if (node == nullptr) return;
-    std::vector<double> read;
-    const toml::array* array = node->as_array();
-    bool good = array != nullptr;
-    if (array != nullptr) {
-        for (const toml::node& element : *array) {
-            const auto number = element.value<double>();
-            good = good && element.is_number() && number && std::isfinite(*number);
-            read.push_back(number.value_or(0));
-        }
+    auto read = node_->list<double>(
+        key, "is not a list of numbers: write [1.0, 2.0]",
+        [](const toml::node& element, double number) { return element.is_number() && std::isfinite(number); });
+    if (!read) return;
+    if (read->size() < min_count || read->size() > max_count) {
+        return problem(key, fmt::format("has {} numbers", read->size()),
+                       min_count == max_count ? fmt::format("give {}", min_count)
+                                              : fmt::format("give {} to {}", min_count, max_count));
     }
-    if (!good) return node_->report(*node, key, "is not a list of numbers: write [1.0, 2.0]");
-    if (read.size() < min_count || read.size() > max_count) {
-        return node_->report(*node, key,
-                             min_count == max_count
-                                 ? fmt::format("has {} numbers: give {}", read.size(), min_count)
-                                 : fmt::format("has {} numbers: give {} to {}", read.size(), min_count, max_count));
-    }
-    values = std::move(read);
+    values = std::move(*read);
 }
 
 void TomlTable::texts(std::string_view key, std::vector<std::string>& values) {
-    const toml::node* node = node_->find(key);
-    if (node == nullptr) return;
-    std::vector<std::string> read;
-    const toml::array* array = node->as_array();
-    bool good = array != nullptr;
-    if (array != nullptr) {
-        for (const toml::node& element : *array) {
-            good = good && element.is_string();
-            read.push_back(element.value_or(std::string()));
-        }
-    }
-    if (!good) return node_->report(*node, key, "is not a list of texts: write [\"a\", \"b\"]");
-    values = std::move(read);
+    auto read =
+        node_->list<std::string>(key, "is not a list of texts: write [\"a\", \"b\"]",
+                                 [](const toml::node& element, const std::string&) { return element.is_string(); });
+    if (read) values = std::move(*read);
 }
 
 std::optional<std::size_t> TomlTable::choice(std::string_view key, std::span<const std::string_view> names) {

@@ -11,6 +11,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <initializer_list>
 #include <memory>
 #include <optional>
 #include <span>
@@ -44,8 +45,11 @@ class TomlTable {
 
     // Each reads one key. An absent key does not change `value`; a wrong type or a value outside [low, high] adds a
     // problem and does not change it either. An integer is accepted as a number, but not the reverse.
-    void number(std::string_view key, double& value, double low, double high);
-    void number(std::string_view key, float& value, double low, double high);
+    template <class Float>
+    requires std::is_floating_point_v<Float>
+    void number(std::string_view key, Float& value, double low, double high) {
+        if (auto read = read_number(key, low, high)) value = static_cast<Float>(*read);
+    }
     template <class Int>
     requires std::is_integral_v<Int>
     void integer(std::string_view key, Int& value, std::int64_t low, std::int64_t high) {
@@ -56,8 +60,12 @@ class TomlTable {
     void numbers(std::string_view key, std::vector<double>& values, std::size_t min_count, std::size_t max_count);
     void texts(std::string_view key, std::vector<std::string>& values);
 
-    // One of the given names, as an index into them.
+    // One of the given names, as an index into them; in the second form also as the enumerator or bool of that number.
     [[nodiscard]] std::optional<std::size_t> choice(std::string_view key, std::span<const std::string_view> names);
+    template <class Value>
+    void choice(std::string_view key, std::initializer_list<std::string_view> names, Value& value) {
+        if (const auto read = choice(key, std::span(names.begin(), names.size()))) value = static_cast<Value>(*read);
+    }
 
     // A sub-table, empty if absent. An array of tables, empty if absent.
     [[nodiscard]] TomlTable table(std::string_view key);

@@ -120,13 +120,6 @@ struct SdEventLoop::Loop {
         static_cast<Watch*>(watch)->callback();
         return 0;
     }
-
-    static int on_signal(sd_event_source* source, const signalfd_siginfo*, void* self) {
-        auto& loop = *static_cast<Loop*>(self);
-        loop.signal = sd_event_source_get_signal(source);
-        loop.stop = true;
-        return 0;
-    }
 };
 
 SdEventLoop::SdEventLoop(std::unique_ptr<Loop> loop) : loop_(std::move(loop)) {}
@@ -134,29 +127,26 @@ SdEventLoop::~SdEventLoop() = default;
 
 Result<std::unique_ptr<SdEventLoop>> SdEventLoop::open() {
     auto loop = std::make_unique<Loop>();
-    if (const int r = sd_event_new(&loop->event); r < 0) return io_error("the event loop cannot be made", r);
+    int r = sd_event_new(&loop->event);
     loop->post_fd.reset(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
-    if (!loop->post_fd) return io_error("the event loop cannot be made", -errno);
-    if (const int r =
-            sd_event_add_io(loop->event, &loop->post_source, loop->post_fd.get(), EPOLLIN, &Loop::on_post, loop.get());
-        r < 0) {
-        return io_error("the event loop cannot be made", r);
-    }
+    if (r >= 0 && !loop->post_fd) r = -errno;
+    if (r >= 0)
+        r = sd_event_add_io(loop->event, &loop->post_source, loop->post_fd.get(), EPOLLIN, &Loop::on_post, loop.get());
     // Accuracy 1 us; sd-event's default is 250 ms, to save power.
-    if (const int r =
-            sd_event_add_time(loop->event, &loop->time_source, CLOCK_MONOTONIC, 0, 1, &Loop::on_time, loop.get());
-        r < 0) {
-        return io_error("the event loop has no timer", r);
-    }
+    if (r >= 0)
+        r = sd_event_add_time(loop->event, &loop->time_source, CLOCK_MONOTONIC, 0, 1, &Loop::on_time, loop.get());
+    if (r < 0) return io_error("the event loop cannot be made", r);
     sd_event_source_set_enabled(loop->time_source, SD_EVENT_OFF);
     return std::unique_ptr<SdEventLoop>(new SdEventLoop(std::move(loop)));
 }
 
 Result<void> SdEventLoop::stop_on_signals(std::initializer_list<int> signals) {
     for (const int signal : signals) {
-        const int r = sd_event_add_signal(loop_->event, nullptr, signal | SD_EVENT_SIGNAL_PROCMASK, &Loop::on_signal,
-                                          loop_.get());
-        if (r < 0) return io_error("signals cannot be watched", r);
+        auto watched = on_signal(signal, [loop = loop_.get(), signal] {
+            loop->signal = signal;
+            loop->stop = true;
+        });
+        if (!watched) return watched;
     }
     return {};
 }

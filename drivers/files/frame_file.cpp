@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cctype>
-#include <cstring>
 #include <fstream>
 #include <string>
 #include <string_view>
@@ -11,10 +11,10 @@
 #include <utility>
 #include <vector>
 
+#include "algo/frame/extents.h"
 #include "common/file_writing.h"
 #include "common/png_codec.h"
 #include "common/tiff_codec.h"
-#include "drivers/files/frame_header.h"
 
 namespace hord::drivers {
 namespace {
@@ -53,20 +53,29 @@ Result<Bytes> read_bytes(const fs::path& file) {
     return bytes;
 }
 
-Result<void> check_expected(const std::string& name, const FrameHeader& header, const ExpectedFrame& expected) {
-    const int width = expected.width_px > 0 ? expected.width_px : header.width_px;
-    const int height = expected.height_px > 0 ? expected.height_px : header.height_px;
-    if (header.width_px != width || header.height_px != height) {
+Result<void> check_size(const std::string& name, std::uint64_t width, std::uint64_t height) {
+    constexpr std::uint64_t kLargestSide = std::uint64_t{algo::kMaxLenslets} * algo::kMaxBins;
+    if (width > 0 && height > 0 && width <= kLargestSide && height <= kLargestSide) return {};
+    return fail(ErrorCode::unsupported,
+                name + " is " + std::to_string(width) + "x" + std::to_string(height) + " pixels; a frame has 1 to " +
+                    std::to_string(kLargestSide) + " a side",
+                "give a frame of the lenslet sensor");
+}
+
+Result<void> check_expected(const std::string& name, const Frame& frame, const ExpectedFrame& expected) {
+    const int width = expected.width_px > 0 ? expected.width_px : frame.width_px();
+    const int height = expected.height_px > 0 ? expected.height_px : frame.height_px();
+    if (frame.width_px() != width || frame.height_px() != height) {
         return fail(ErrorCode::invalid_argument,
-                    name + " is " + size_text(header.width_px, header.height_px) + " pixels, expected " +
+                    name + " is " + size_text(frame.width_px(), frame.height_px()) + " pixels, expected " +
                         size_text(width, height),
                     "give frames of the configured sensor, or correct the configured size");
     }
     // A file with two bytes a sample may have any depth from 9 to 16 bits.
-    if (expected.bits != 0 && (expected.bits > 8) != (header.bits > 8)) {
+    if (expected.bits != 0 && (expected.bits > 8) != (frame.bits() > 8)) {
         return fail(
             ErrorCode::invalid_argument,
-            name + " has " + std::to_string(header.bits) + "-bit samples, expected " + std::to_string(expected.bits),
+            name + " has " + std::to_string(frame.bits()) + "-bit samples, expected " + std::to_string(expected.bits),
             "correct the configured bits, or record the frame again");
     }
     return {};
@@ -89,58 +98,76 @@ Result<void> check_range(const std::string& name, const Frame& frame) {
     return {};
 }
 
-void copy_pgm(std::span<const std::byte> bytes, const FrameHeader& header, Frame& frame) {
-    const auto to = frame.bytes();
-    const std::byte* from = bytes.data() + header.samples_at;
-    if (header.bits <= 8) {
-        std::memcpy(to.data(), from, to.size());
-    } else {  // PGM is big-endian
-        for (std::size_t k = 0; k + 1 < to.size(); k += 2) {
-            to[k] = from[k + 1];
-            to[k + 1] = from[k];
-        }
+// "P5", width, height, maximum, each after white space or a comment; then one white space and the samples, big-endian.
+Result<Frame> decode_pgm(std::string_view file, const std::string& name) {
+    const auto refuse = [&](const std::string& why) {
+        return fail(ErrorCode::unreadable, name + " is " + why, "record or copy it again");
+    };
+    std::size_t at = 2;
+    const auto byte = [&] { return at < file.size() ? file[at] : '\0'; };
+    const auto is_space = [](char c) { return c == ' ' || (c >= '\t' && c <= '\r'); };
+    const auto next_number = [&] {  // 0: there is none
+        while (is_space(byte()) || byte() == '#')
+            at = byte() == '#' ? std::min(file.find('\n', at), file.size()) : at + 1;
+        std::uint64_t value = 0;
+        for (; byte() >= '0' && byte() <= '9'; ++at)
+            value = std::min<std::uint64_t>(value * 10 + static_cast<std::uint64_t>(byte() - '0'), 1U << 30U);
+        return value;
+    };
+    const std::uint64_t width = next_number(), height = next_number(), maximum = next_number();
+    if (!is_space(byte()))
+        return refuse(at >= file.size() ? "truncated (its header is cut off)" : "damaged (its PGM header has no size)");
+    if (maximum == 0 || maximum > 65535) return refuse("damaged (its PGM maximum is not in 1..65535)");
+    if (auto good = check_size(name, width, height); !good) return tl::unexpected(good.error());
+    const auto samples = file.substr(at + 1);
+    const int bits = std::max(8, static_cast<int>(std::bit_width(maximum)));
+    const std::uint64_t needed = width * height * (bits > 8 ? 2 : 1);
+    if (samples.size() < needed) {
+        return refuse("truncated (" + std::to_string(samples.size()) + " of " + std::to_string(needed) +
+                      " bytes of samples)");
     }
+    Frame frame(static_cast<int>(width), static_cast<int>(height), bits);
+    const auto to = frame.bytes();
+    const std::size_t swap = bits > 8 ? 1 : 0;
+    for (std::size_t k = 0; k < to.size(); ++k) to[k] = std::byte(samples[k ^ swap]);
+    return frame;
 }
 
-Result<Frame> decode(std::span<const std::byte> bytes, const FrameHeader& header, const std::string& name) {
-    const std::span packed(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size());
-    Result<Frame> frame;
-    if (header.format == FrameHeader::Format::tiff) {
-        frame = common::decode_grey_tiff(packed, name);
-    } else {
-        frame = common::decode_grey_png(packed, name).map([](common::GreyPng&& png) { return std::move(png.frame); });
-    }
-    if (frame &&
-        (frame->width_px() != header.width_px || frame->height_px() != header.height_px ||
-         frame->bits() != header.bits)) {
-        return fail(ErrorCode::unreadable, name + " is damaged (its samples are not what its header says)",
-                    "record or copy it again");
-    }
-    return frame;
+Result<Frame> decode(std::span<const std::byte> bytes, const std::string& name) {
+    using namespace std::string_view_literals;
+    constexpr const char* kUseGrey = "save it as 8- or 16-bit grey PNG, TIFF or binary PGM, one channel";
+    const std::span file(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size());
+    const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    if (text.empty())
+        return fail(ErrorCode::unreadable, name + " is truncated (it is empty)", "record or copy it again");
+    if (text.starts_with("\x89PNG\r\n\x1a\n"sv))
+        return common::decode_grey_png(file, name).map([](common::GreyPng&& png) { return std::move(png.frame); });
+    if (text.starts_with("II*\0"sv) || text.starts_with("MM\0*"sv)) return common::decode_grey_tiff(file, name);
+    if (text.starts_with("P5")) return decode_pgm(text, name);
+    if (text.starts_with("P6") || text.starts_with("P3"))
+        return fail(ErrorCode::unsupported, name + " is not a grey frame (a colour PPM)", kUseGrey);
+    if (text.starts_with("P2"))
+        return fail(ErrorCode::unsupported, name + " is a text PGM", "save it as binary PGM (P5)");
+    if (text.starts_with("\xFF\xD8\xFF"))
+        return fail(ErrorCode::unsupported, name + " is a JPEG, which loses what is measured here", kUseGrey);
+    return fail(ErrorCode::unreadable, name + " is not a PNG, TIFF or binary PGM image", kUseGrey);
 }
 
 }  // namespace
 
 Result<Frame> decode_frame(std::span<const std::byte> bytes, const std::string& name, const ExpectedFrame& expected) {
-    const auto header = read_frame_header(bytes, name);
-    if (!header) return tl::unexpected(header.error());
-    if (auto good = check_expected(name, *header, expected); !good) return tl::unexpected(good.error());
-    const int bits = expected.bits != 0 ? expected.bits : header->bits;
-    Frame frame;
-    if (header->format == FrameHeader::Format::pgm) {
-        frame = Frame(header->width_px, header->height_px, bits);
-        copy_pgm(bytes, *header, frame);
-    } else {
-        auto decoded = decode(bytes, *header, name);
-        if (!decoded) return tl::unexpected(decoded.error());
-        frame = std::move(*decoded);
-        if (frame.bits() != bits) {
-            Frame narrower(frame.width_px(), frame.height_px(), bits);
-            std::ranges::copy(frame.bytes(), narrower.bytes().begin());
-            frame = std::move(narrower);
-        }
+    auto frame = decode(bytes, name);
+    if (!frame) return frame;
+    auto good =
+        check_size(name, static_cast<std::uint64_t>(frame->width_px()), static_cast<std::uint64_t>(frame->height_px()));
+    if (good) good = check_expected(name, *frame, expected);
+    if (!good) return tl::unexpected(good.error());
+    if (expected.bits != 0 && frame->bits() != expected.bits) {
+        Frame narrower(frame->width_px(), frame->height_px(), expected.bits);
+        std::ranges::copy(frame->bytes(), narrower.bytes().begin());
+        frame = std::move(narrower);
     }
-    if (auto good = check_range(name, frame); !good) return tl::unexpected(good.error());
+    if (good = check_range(name, *frame); !good) return tl::unexpected(good.error());
     return frame;
 }
 

@@ -1,24 +1,17 @@
 #include "drivers/files/recorded_frames.h"
 
 #include <algorithm>
-#include <system_error>
 
 namespace hord::drivers {
 
 namespace fs = std::filesystem;
 
-RecordedFrames::RecordedFrames(hal::EventLoop& loop, const RecordedFramesOptions& options)
-    : loop_(loop), options_(options), slots_(std::make_unique<Slot[]>(static_cast<std::size_t>(options.buffers))) {}
-
 Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(hal::EventLoop& loop,
-                                                             const std::vector<fs::path>& files_or_folders,
-                                                             const RecordedFramesOptions& options) {
-    if (options.buffers < 1)
-        return fail(ErrorCode::invalid_argument, "recorded frames need at least one buffer", "set buffers to 4");
+                                                             const std::vector<fs::path>& files_or_folders) {
     auto files = list_frames(files_or_folders);
     if (!files) return tl::unexpected(files.error());
-    std::unique_ptr<RecordedFrames> sensor(new RecordedFrames(loop, options));
-    ExpectedFrame expected = options.expected;
+    std::unique_ptr<RecordedFrames> sensor(new RecordedFrames(loop));
+    ExpectedFrame expected;
     Error all;
     for (const fs::path& file : *files) {
         auto frame = read_frame(file, expected);
@@ -29,7 +22,6 @@ Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(hal::EventLoop& loo
         }
         expected = {frame->width_px(), frame->height_px(), frame->bits()};
         sensor->frames_.push_back(std::move(*frame));
-        sensor->files_.push_back(file);
     }
     if (!all.what.empty()) return tl::unexpected(all);
     return sensor;
@@ -37,7 +29,7 @@ Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(hal::EventLoop& loo
 
 hal::SensorFormat RecordedFrames::do_format() const {
     const Frame& first = frames_.front();
-    return {first.width_px(), first.height_px(), first.bits(), options_.buffers};
+    return {first.width_px(), first.height_px(), first.bits(), kBuffers};
 }
 
 Result<void> RecordedFrames::do_start(Listener& listener) {
@@ -49,27 +41,26 @@ Result<void> RecordedFrames::do_start(Listener& listener) {
 
 Error RecordedFrames::used_up() const {
     return {ErrorCode::disconnected, "all " + std::to_string(frames_.size()) + " recorded frames are played",
-            "stop and start to play them again, or let them repeat"};
+            "stop and start to play them again"};
 }
 
 Result<void> RecordedFrames::do_trigger(const hal::ExposureRequest& request) {
     if (lost_) return tl::unexpected(used_up());
-    if (sequence_ == frames_.size() && !options_.repeat) {
+    if (sequence_ == frames_.size()) {
         lost_ = true;
         lost_timer_ = loop_.call_after({}, [this] { listener_->on_sensor_lost(used_up()); });
         return tl::unexpected(used_up());
     }
-    for (std::uint32_t k = 0; k < static_cast<std::uint32_t>(options_.buffers); ++k) {
+    for (std::uint32_t k = 0; k < slots_.size(); ++k) {
         Slot& slot = slots_[k];
         if (slot.state.load(std::memory_order_acquire) != State::free) continue;
         slot.state.store(State::exposing, std::memory_order_relaxed);
-        const Frame& frame = frames_[sequence_ % frames_.size()];
+        const Frame& frame = frames_[sequence_];
         slot.info = {.sequence = ++sequence_,
                      .exposure_start = std::max(request.start, loop_.now()),
                      .bytes_used = frame.bytes().size(),
                      .corrupt = false};
-        slot.timer =
-            loop_.call_at(slot.info.exposure_start + request.length + options_.readout, [this, k] { deliver(k); });
+        slot.timer = loop_.call_at(slot.info.exposure_start + request.length + kReadout, [this, k] { deliver(k); });
         return {};
     }
     return fail(ErrorCode::busy, "every frame buffer is lent or filling",
@@ -79,15 +70,14 @@ Result<void> RecordedFrames::do_trigger(const hal::ExposureRequest& request) {
 void RecordedFrames::deliver(std::uint32_t number) {
     Slot& slot = slots_[number];
     slot.state.store(State::lent, std::memory_order_relaxed);
-    const Frame& frame = frames_[(slot.info.sequence - 1) % frames_.size()];
+    const Frame& frame = frames_[slot.info.sequence - 1];
     listener_->on_frame(hal::FrameLease(*this, number, frame.view(), slot.info));
 }
 
 void RecordedFrames::do_stop() {
     listener_ = nullptr;
     loop_.cancel(lost_timer_);
-    for (int k = 0; k < options_.buffers; ++k) {
-        Slot& slot = slots_[static_cast<std::size_t>(k)];
+    for (Slot& slot : slots_) {
         if (slot.state.load(std::memory_order_acquire) != State::exposing) continue;
         loop_.cancel(slot.timer);
         slot.state.store(State::free, std::memory_order_release);

@@ -1,13 +1,13 @@
-// A sensor that plays recorded frames: one file a trigger, sorted by name.
+// A sensor that plays recorded frames: one file a trigger, sorted by name. After the last one the device is lost.
 //
 // open() reads and checks all files and keeps them in memory: a bad file is refused before the line runs, and a trigger
 // does not read a file. Leases refer to that memory without a copy.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <filesystem>
 #include <memory>
-#include <string>
 #include <vector>
 
 #include "drivers/files/frame_file.h"
@@ -16,28 +16,18 @@
 
 namespace hord::drivers {
 
-struct RecordedFramesOptions {
-    ExpectedFrame expected;                                // 0: as in the first file; all others must be the same
-    int buffers = 4;                                       // frames that can be leased at the same time
-    hal::Duration readout = std::chrono::milliseconds(1);  // from the end of the exposure to delivery
-    bool repeat = false;  // starts again after the last file; else the device is lost then
-};
-
 class RecordedFrames final : public hal::Sensor {
   public:
+    static constexpr int kBuffers = 4;  // frames that can be leased at the same time
+    static constexpr hal::Duration kReadout = std::chrono::milliseconds(1);  // from the exposure's end to delivery
+
     // Loop thread; blocks while it reads. Folders as in list_frames(). Fails with not_found (no such file or folder, no
-    // frame in it), invalid_argument (buffers < 1, frames of different formats), or as read_frame() does; names every
-    // bad file.
+    // frame in it), invalid_argument (frames of different formats), or as read_frame() does; names every bad file.
     static Result<std::unique_ptr<RecordedFrames>> open(hal::EventLoop& loop,
-                                                        const std::vector<std::filesystem::path>& files_or_folders,
-                                                        const RecordedFramesOptions& options = {});
+                                                        const std::vector<std::filesystem::path>& files_or_folders);
     ~RecordedFrames() override { stop(); }
 
     [[nodiscard]] std::size_t count() const { return frames_.size(); }
-    // The file of the frame with this sequence number (from 1, since start).
-    [[nodiscard]] const std::filesystem::path& file_of(std::uint32_t sequence) const {
-        return files_[(sequence - 1) % files_.size()];
-    }
 
   private:
     enum class State : std::uint8_t { free, exposing, lent };
@@ -46,7 +36,7 @@ class RecordedFrames final : public hal::Sensor {
         hal::FrameInfo info;
         hal::EventLoop::TimerId timer{};
     };
-    RecordedFrames(hal::EventLoop& loop, const RecordedFramesOptions& options);
+    explicit RecordedFrames(hal::EventLoop& loop) : loop_(loop) {}
     [[nodiscard]] hal::SensorFormat do_format() const override;
     Result<void> do_start(Listener& listener) override;
     Result<void> do_trigger(const hal::ExposureRequest& request) override;
@@ -58,10 +48,8 @@ class RecordedFrames final : public hal::Sensor {
     [[nodiscard]] Error used_up() const;
 
     hal::EventLoop& loop_;
-    RecordedFramesOptions options_;
-    std::vector<std::filesystem::path> files_;
     std::vector<Frame> frames_;
-    std::unique_ptr<Slot[]> slots_;
+    std::array<Slot, kBuffers> slots_;
     Listener* listener_ = nullptr;
     std::uint32_t sequence_ = 0;
     bool lost_ = false;

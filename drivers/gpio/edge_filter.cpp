@@ -46,20 +46,15 @@ void EdgeFilter::settle(hal::TimePoint now, bool active, std::vector<Edge>& edge
 void EdgeFilter::end_burst(bool active, std::vector<Edge>& edges) {
     const BounceBurst burst = *std::exchange(burst_, std::nullopt);
     if (active != active_) {
-        bounces_ += burst.edges - 1;
         append(active, burst.first, burst.lost, edges);
         return;
     }
     const bool part_missed = burst.edges == 1;
-    bounces_ += part_missed ? 0 : burst.edges;
-    const std::uint32_t lost = burst.lost + (part_missed ? 2 : 0);
-    lost_since_edge_ += lost;
-    lost_ += lost;
+    lost_since_edge_ += burst.lost + (part_missed ? 2 : 0);
 }
 
 void EdgeFilter::append(bool active, hal::TimePoint at, std::uint32_t lost, std::vector<Edge>& edges) {
     active_ = active;
-    lost_ += lost;
     sequence_ += std::exchange(lost_since_edge_, 0U) + lost + 1;
     edges.push_back({active, at, sequence_});
 }

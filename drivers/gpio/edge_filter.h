@@ -3,9 +3,8 @@
 // An edge counts when the line was stable for `debounce` after it. It has the time stamp of the first raw edge of its
 // bounce burst, so debouncing delays the report and not the time stamp. Pure: no device, no clock.
 //
-// The kernel reads the level shortly after the interrupt. If it reads late, an edge shows a level that was already
-// over. A burst of a single raw edge that shows the unchanged level means that both edges of a part were missed: they
-// count as lost. A burst of several raw edges that ends at the unchanged level is a spike: they count as bounces.
+// The kernel reads the level shortly after the interrupt. A single raw edge that shows the unchanged level means that
+// both edges of a part were missed. Several raw edges that end at the unchanged level are a spike and report nothing.
 #pragma once
 
 #include <algorithm>
@@ -44,8 +43,6 @@ class EdgeFilter {
     void settle(hal::TimePoint now, bool active, std::vector<Edge>& edges);
 
     [[nodiscard]] bool bouncing_too_long() const { return burst_ && burst_->last - burst_->first > max_burst_; }
-    [[nodiscard]] std::uint64_t bounces() const { return bounces_; }  // raw edges that belong to no part
-    [[nodiscard]] std::uint64_t lost() const { return lost_; }        // edges counted as lost
 
   private:
     struct BounceBurst {
@@ -65,7 +62,6 @@ class EdgeFilter {
     std::optional<hal::TimePoint> unexplained_since_;  // the level differs without an edge
     std::uint32_t sequence_ = 0;
     std::uint32_t lost_since_edge_ = 0;  // the next edge's sequence number skips them
-    std::uint64_t bounces_ = 0, lost_ = 0;
 };
 
 // An encoder's counts with their times: the position at a part's edge is needed later, when the edge is certain.

@@ -1,12 +1,8 @@
 // GPIO lines of the kernel's character device, by libgpiod: outputs that are off when they are requested, and inputs
 // that report edges with the kernel's time stamps.
 //
-// The build selects gpio_lines_v1.cpp (libgpiod 1.6) or gpio_lines_v2.cpp (2.x) by the installed version.
-//
-// When the holder of a line releases it or is killed, the kernel closes the request and the chip's driver decides about
-// the level: some make the line an input (a pull resistor then decides), some keep the level. So a light needs a pull
-// resistor that turns it off, and the cleanup after a killed holder requests the lines once more: request_outputs()
-// drives them to off.
+// When the holder of a line releases it or is killed, the chip's driver decides about the level. So a light needs a
+// pull resistor that turns it off, and the cleanup after a killed holder calls request_outputs() once more.
 #pragma once
 
 #include <cstdint>
@@ -54,16 +50,9 @@ Result<std::unique_ptr<GpioInput>> request_input(const GpioLine& line, GpioEdges
 
 [[nodiscard]] std::string gpiod_version();
 
-// Shared by both implementations.
 namespace gpio {
-[[nodiscard]] std::vector<std::string> chip_paths();  // /dev/gpiochip*, in the order of their numbers
-[[nodiscard]] std::string name_of(const GpioLine& line);
-[[nodiscard]] int offset_of(const std::string& line);  // -1: not a number
-tl::unexpected<Error> no_chip(const GpioLine& line, const std::string& labels, bool some_denied);
-tl::unexpected<Error> two_chips(const GpioLine& line, const std::string& one, const std::string& other);
-tl::unexpected<Error> no_line(const GpioLine& line);
-tl::unexpected<Error> named_twice(const GpioLine& line);
-tl::unexpected<Error> failed(const GpioLine& line, const char* what, int error, const std::string& holder = {});
+[[nodiscard]] std::string name_of(const GpioLine& line);  // for messages
+[[nodiscard]] int offset_of(const std::string& line);     // -1: not a number
 }  // namespace gpio
 
 }  // namespace hord::drivers

@@ -1,12 +1,11 @@
 // A light barrier on a GPIO line, and optionally an encoder's line.
 //
-// Edges have the kernel's time stamps and are debounced (edge_filter.h); active means covered. A line that bounces for
-// too long and a chip that went away are reported as a loss of the sensor. An edge that the kernel could not keep
-// leaves a gap in the sequence. The kernel does not signal that a chip went away: the driver finds it within
-// kCheckEvery.
+// Edges have the kernel's time stamps and are debounced (edge_filter.h); active means covered. An edge that the kernel
+// could not keep leaves a gap in the sequence. A line that bounces for too long, a chip that went away (found within
+// kCheckEvery) and lost encoder counts are reported as a loss of the sensor.
 //
 // An encoder with one line counts activations and does not know the direction: tracking by it needs a conveyor that
-// never runs backwards. Lost counts lose the position, and are reported as a loss of the sensor.
+// never runs backwards.
 #pragma once
 
 #include <functional>
@@ -34,9 +33,6 @@ class GpioPartSensor final : public hal::PartSensor {
     static Result<std::unique_ptr<GpioPartSensor>> open(hal::EventLoop& loop, const GpioPartSensorOptions& options,
                                                         Lines lines = request_input);
     ~GpioPartSensor() override;
-
-    [[nodiscard]] std::uint64_t bounces() const { return filter_ ? filter_->bounces() : 0; }  // since start
-    [[nodiscard]] std::uint64_t lost() const { return filter_ ? filter_->lost() : 0; }
 
   private:
     GpioPartSensor(hal::EventLoop& loop, const GpioPartSensorOptions& options, Lines lines);

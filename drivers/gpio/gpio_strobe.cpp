@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <condition_variable>
+#include <functional>
 #include <mutex>
-#include <optional>
 #include <thread>
 #include <utility>
 
@@ -19,13 +19,8 @@ using hal::TimePoint;
 // The state of one start(): members of the loop thread, of the driver's thread, and those shared under the mutex. Held
 // by shared_ptr because posted callbacks may run after stop().
 struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
-    struct Event {  // from the driver's thread to the loop
-        std::optional<StrobeReport> report;
-        Error why_lost;  // without a report
-    };
-
     hal::EventLoop& loop;
-    ThreadSafeQueue<Event> events;
+    ThreadSafeQueue<std::function<void()>> events;  // from the driver's thread to the loop
 
     // Loop thread.
     hal::Strobe::Listener* listener = nullptr;
@@ -49,13 +44,7 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
     void deliver_events() {
         while (const auto event = events.pop()) {
             if (listener == nullptr) return;  // stopped by the previous callback, or before
-            if (event->report) {
-                listener->on_strobe(*event->report);
-                continue;
-            }
-            lost = true;
-            report_unlit();
-            if (listener != nullptr) listener->on_strobe_lost(event->why_lost);
+            (*event)();
         }
     }
 
@@ -74,12 +63,15 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
 
     // ---- the driver's thread
 
-    void send(Event event) {
+    void send(std::function<void()> event) {
         events.push(std::move(event));
         loop.post([self = shared_from_this()] { self->deliver_events(); });
     }
-    void not_lit(const StrobePulse& pulse) {
-        send({StrobeReport{.exposure = pulse.exposure, .lit = false, .start = loop.now(), .width = {}}, {}});
+    void report(const StrobeReport& report) {
+        send([this, report] { listener->on_strobe(report); });
+    }
+    void report_not_lit(const StrobePulse& pulse) {
+        report({.exposure = pulse.exposure, .lit = false, .start = loop.now(), .width = {}});
     }
 
     // Waits until `due`, the last kSpinTime without sleeping. Releases the mutex while it waits. False: stop requested.
@@ -109,7 +101,7 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
             const TimePoint now = loop.now();
             const bool may_check = begin - now > kCheckMargin;
             if (may_check && now >= check_at) {
-                if (!check_lines(lock)) return;
+                if (!turn_off(lock)) return;
                 check_at = loop.now() + kCheckEvery;
                 continue;
             }
@@ -133,7 +125,10 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
     // False: the lines are lost.
     bool flash(std::unique_lock<std::mutex>& lock, const StrobePulse& pulse) {
         const TimePoint on = loop.now();
-        if (on >= pulse.start + pulse.width) return skip(lock, pulse);  // its exposure may be over
+        if (on >= pulse.start + pulse.width) {  // its exposure may be over
+            report_not_lit(pulse);
+            return turn_off(lock);
+        }
         lock.unlock();
         auto done = outputs->set(pulse.channels);
         lock.lock();
@@ -143,29 +138,19 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
         const Duration width = loop.now() - on;
         spent.spend(pulse.channels, on, width);
         if (done && !off) done = off;
-        if (!done) {
-            lose(pulse, done.error());
-            lock.lock();
-            return false;
+        if (done) {
+            report({.exposure = pulse.exposure, .lit = true, .start = on, .width = width});
+        } else {
+            report_not_lit(pulse);
+            lose(done.error());
         }
-        send({StrobeReport{.exposure = pulse.exposure, .lit = true, .start = on, .width = width}, {}});
         lock.lock();
-        return true;
+        return done.has_value();
     }
 
-    // For a pulse that would be too late: lights nothing, but writes the lines and so checks them.
-    bool skip(std::unique_lock<std::mutex>& lock, const StrobePulse& pulse) {
-        lock.unlock();
-        const auto off = outputs->set(0);
-        if (off) not_lit(pulse);
-        else lose(pulse, off.error());
-        lock.lock();
-        return off.has_value();
-    }
-
-    // Writes "off" again while nothing is lit and no pulse is near. The kernel does not signal that a chip went away;
-    // without this check the loss would show at the next pulse. False: the lines are lost.
-    bool check_lines(std::unique_lock<std::mutex>& lock) {
+    // Writes "off" again. The kernel does not signal that a chip went away; without this check the loss would show at
+    // the next pulse. False: the lines are lost.
+    bool turn_off(std::unique_lock<std::mutex>& lock) {
         lock.unlock();
         const auto off = outputs->set(0);
         if (!off) lose(off.error());
@@ -174,14 +159,13 @@ struct GpioStrobe::Session : std::enable_shared_from_this<Session> {
     }
 
     // A line that cannot be set may be on. Releasing the lines is the only way left to turn it off.
-    void lose(const StrobePulse& pulse, const Error& why) {
-        outputs.reset();
-        not_lit(pulse);
-        lose(why);
-    }
     void lose(const Error& why) {
         outputs.reset();
-        send({std::nullopt, why});
+        send([this, why] {
+            lost = true;
+            report_unlit();
+            if (listener != nullptr) listener->on_strobe_lost(why);
+        });
     }
 };
 

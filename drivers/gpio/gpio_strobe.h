@@ -1,17 +1,14 @@
 // Collimator LEDs on GPIO lines, one line a channel.
 //
-// The driver's own thread switches them. It sleeps until shortly before a change and then polls the clock; it has the
-// scheduling policy of the thread that calls start(). A report gives the time just before the line was switched on and
-// the width until just after it was switched off: the light was on within that time.
+// The driver's own thread switches them, with the scheduling policy of the thread that calls start(). A report gives
+// the time just before the line was switched on and the width until just after it was switched off.
 //
 // Each channel's limits are enforced twice: by fire() on the requested pulses, and by the thread on the pulses as they
-// happened. The thread lets a light rest from its real end, so it may begin a pulse late, and drops a pulse whose time
-// is over. A thread that the system does not schedule cannot switch a light off: the LED driver's own one-shot must
-// limit that.
+// happened. A light rests from its real end; a pulse may begin late, and is dropped when its time is over. A thread
+// that the system does not schedule cannot switch a light off: the LED driver's own one-shot must limit that.
 //
 // The lights are off when open() returns, between pulses, after every failure, after stop() and in the destructor. The
-// lines are held from open() on. While no pulse is near, the thread writes "off" every kCheckEvery: a chip that went
-// away is then reported as lost before a part needs the light. For the state after a kill see gpio_lines.h.
+// lines are held from open() on. For the state after a kill see gpio_lines.h.
 #pragma once
 
 #include <functional>
@@ -30,9 +27,9 @@ class GpioStrobe final : public hal::Strobe {
     static constexpr std::size_t kMaxPending = 64;  // pulses accepted and not yet begun
     // The thread polls the clock for this time before a change, instead of sleeping.
     static constexpr hal::Duration kSpinTime = std::chrono::microseconds(100);
+    // "Off" is written again this often, but not within the margin before a pulse.
     static constexpr hal::Duration kCheckEvery = std::chrono::milliseconds(50);
-    static constexpr hal::Duration kCheckMargin =
-        std::chrono::milliseconds(10);  // no check this shortly before a pulse
+    static constexpr hal::Duration kCheckMargin = std::chrono::milliseconds(10);
 
     using Lines = std::function<Result<std::unique_ptr<GpioOutputs>>()>;
 

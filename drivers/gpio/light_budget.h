@@ -25,16 +25,11 @@ class LightBudget {
         each(channels, [&](std::size_t k) { at = std::max(at, rested_[k]); });
         return at;
     }
-    // The longest pulse that all `channels` allow.
-    [[nodiscard]] hal::Duration max_on(std::uint32_t channels) const {
-        hal::Duration longest = hal::Duration::max();
-        each(channels, [&](std::size_t k) { longest = std::min(longest, limits_[k].max_on); });
-        return longest;
-    }
-
     // Fails with invalid_argument (too long for a channel), busy (a channel still rests at `start`).
     [[nodiscard]] Result<void> check(std::uint32_t channels, hal::TimePoint start, hal::Duration width) const {
-        if (const hal::Duration longest = max_on(channels); width > longest) {
+        hal::Duration longest = hal::Duration::max();
+        each(channels, [&](std::size_t k) { longest = std::min(longest, limits_[k].max_on); });
+        if (width > longest) {
             return fail(ErrorCode::invalid_argument,
                         "strobe pulse of " + std::to_string(width.count()) + " ns is longer than the " +
                             std::to_string(longest.count()) + " ns that a channel's LED stands",

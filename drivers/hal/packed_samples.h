@@ -1,5 +1,6 @@
 // Unpacks rows of 10- and 12-bit samples in MIPI packing (V4L2's Y10P and Y12P) to 16-bit samples, right-aligned. The
-// high eight bits of each sample are a byte of its own; one more byte holds the low bits of the group.
+// high eight bits of each sample are a byte of its own; one more byte holds the low bits of the group, the first
+// sample's in its lowest bits.
 #pragma once
 
 #include <cstddef>
@@ -8,32 +9,25 @@
 
 namespace hord::drivers {
 
-// Bytes of a row of `width` samples, without padding; an incomplete last group has all of its bytes.
-[[nodiscard]] constexpr std::size_t packed10_bytes(std::size_t width) { return (width + 3) / 4 * 5; }
-[[nodiscard]] constexpr std::size_t packed12_bytes(std::size_t width) { return (width + 1) / 2 * 3; }
-[[nodiscard]] constexpr std::size_t packed_row_bytes(int bits, std::size_t width) {  // 10 or 12 bits
-    return bits == 10 ? packed10_bytes(width) : packed12_bytes(width);
+// Samples a group: four in five bytes, or two in three.
+[[nodiscard]] constexpr std::size_t packed_group(int bits) { return bits == 10 ? 4 : 2; }
+
+// Bytes of a row of `width` samples of 10 or 12 bits, without padding; an incomplete last group has all of its bytes.
+[[nodiscard]] constexpr std::size_t packed_row_bytes(int bits, std::size_t width) {
+    const std::size_t group = packed_group(bits);
+    return (width + group - 1) / group * (group + 1);
 }
 
-// Four samples in five bytes: the fifth holds the low two bits of the first in its lowest two, and so on. `row` has
-// packed10_bytes(samples.size()).
-inline void unpack10(std::span<const std::byte> row, std::span<std::uint16_t> samples) {
+// `row` has packed_row_bytes(kBits, samples.size()).
+template <int kBits>
+void unpack(std::span<const std::byte> row, std::span<std::uint16_t> samples) {
+    constexpr std::size_t kGroup = packed_group(kBits);
+    constexpr unsigned kLowBits = kBits - 8;
     for (std::size_t x = 0; x < samples.size(); ++x) {
-        const std::size_t group = x / 4 * 5, k = x % 4;
-        const auto high = std::to_integer<unsigned>(row[group + k]),
-                   low = std::to_integer<unsigned>(row[group + 4]) >> (2 * k);
-        samples[x] = static_cast<std::uint16_t>((high << 2U) | (low & 3U));
-    }
-}
-
-// Two samples in three bytes: the third holds the low four bits of the first in its lowest four. `row` has
-// packed12_bytes(samples.size()).
-inline void unpack12(std::span<const std::byte> row, std::span<std::uint16_t> samples) {
-    for (std::size_t x = 0; x < samples.size(); ++x) {
-        const std::size_t group = x / 2 * 3, k = x % 2;
-        const auto high = std::to_integer<unsigned>(row[group + k]),
-                   low = std::to_integer<unsigned>(row[group + 2]) >> (4 * k);
-        samples[x] = static_cast<std::uint16_t>((high << 4U) | (low & 15U));
+        const std::size_t at = x / kGroup * (kGroup + 1), k = x % kGroup;
+        const auto high = std::to_integer<unsigned>(row[at + k]),
+                   low = std::to_integer<unsigned>(row[at + kGroup]) >> (kLowBits * k);
+        samples[x] = static_cast<std::uint16_t>((high << kLowBits) | (low & ((1U << kLowBits) - 1U)));
     }
 }
 
@@ -45,7 +39,7 @@ inline std::size_t unpack_rows(const std::byte* frame, std::size_t stride, std::
     const std::size_t row_bytes = packed_row_bytes(bits, width);
     std::size_t row = 0;
     for (; row < height && row * stride + row_bytes <= bytes_used; ++row) {
-        (bits == 10 ? unpack10 : unpack12)({frame + row * stride, row_bytes}, samples.subspan(row * width, width));
+        (bits == 10 ? unpack<10> : unpack<12>)({frame + row * stride, row_bytes}, samples.subspan(row * width, width));
     }
     return row * width * sizeof(std::uint16_t);
 }

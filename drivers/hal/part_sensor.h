@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <optional>
 
-#include "common/result.h"
 #include "drivers/hal/clock.h"
+#include "drivers/hal/device.h"
 
 namespace hord::hal {
 
@@ -23,33 +23,20 @@ struct EncoderReading {
     std::int64_t counts = 0;  // grows while the conveyor moves
 };
 
-class PartSensor {
+class PartSensorListener {
   public:
-    // Called on the loop's thread.
-    class Listener {
-      public:
-        virtual void on_edge(const PartEdge& edge) = 0;
-        virtual void on_encoder(const EncoderReading& reading) = 0;
-        virtual void on_part_sensor_lost(
-            const Error& error) = 0;  // delivered once; stop() and start() again to recover
+    virtual void on_edge(const PartEdge& edge) = 0;
+    virtual void on_encoder(const EncoderReading& reading) = 0;
+    virtual void on_part_sensor_lost(const Error& error) = 0;  // delivered once; stop() and start() again to recover
 
-      protected:
-        ~Listener() = default;
-    };
+  protected:
+    ~PartSensorListener() = default;
+};
 
-    virtual ~PartSensor() = default;
-
-    // Loop thread, does not block. Edges and encoder readings go to `listener` until stop().
-    // Fails with not_found or busy (the line), invalid_argument when already started. After a failure nothing runs.
-    Result<void> start(Listener& listener);
-
-    // Loop thread. No call reaches the listener after it returns. Harmless when not started.
-    void stop();
-
-  private:
-    virtual Result<void> do_start(Listener& listener) = 0;
-    virtual void do_stop() = 0;
-    bool started_ = false;
+// start() does not block. It fails with not_found or busy (the line).
+class PartSensor : public Device<PartSensorListener> {
+  protected:
+    PartSensor() : Device("the part sensor") {}
 };
 
 }  // namespace hord::hal

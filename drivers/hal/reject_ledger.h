@@ -69,7 +69,6 @@ class RejectLedger {
         }
     }
 
-    [[nodiscard]] std::size_t pending() const { return pending_; }
     void clear() { *this = RejectLedger{}; }
 
   private:

@@ -3,8 +3,8 @@
 
 #include <cstdint>
 
-#include "common/result.h"
 #include "drivers/hal/clock.h"
+#include "drivers/hal/device.h"
 
 namespace hord::hal {
 
@@ -26,24 +26,21 @@ struct RejectReport {
     TimePoint at;  // when the write was acknowledged, at the latest when the output moved; or when it was given up
 };
 
-class Rejector {
+class RejectorListener {
   public:
-    // Called on the loop's thread.
-    class Listener {
-      public:
-        virtual void on_reject(const RejectReport& report) = 0;  // exactly one for every accepted reject()
-        virtual void on_rejector_link(bool up, const Error& why_down) = 0;
+    virtual void on_reject(const RejectReport& report) = 0;  // exactly one for every accepted reject()
+    virtual void on_rejector_link(bool up, const Error& why_down) = 0;
 
-      protected:
-        ~Listener() = default;
-    };
+  protected:
+    ~RejectorListener() = default;
+};
 
-    virtual ~Rejector() = default;
-
-    // Loop thread, does not block. The link is down until on_rejector_link(true); the driver tries to reach the module
-    // until stop(). Fails with invalid_argument only (a bad address, a second start).
-    Result<void> start(Listener& listener);
-
+// start() does not block. The link is down until on_rejector_link(true); the driver tries to reach the module until
+// stop(). It fails with invalid_argument only (a bad address).
+// stop() sets the outputs to their safe state (permit down, ejector as configured) before the link closes. Commands not
+// yet settled are reported as failed before it returns. It may block for at most one response time-out.
+class Rejector : public Device<RejectorListener> {
+  public:
     // Loop thread, does not block. The ejector acts within [start, start + width) or not at all: later it would hit a
     // neighbour. With the link down a command is accepted and reported as failed. Fails with disconnected (not
     // started), busy (its queue is full), invalid_argument (width <= 0).
@@ -52,17 +49,12 @@ class Rejector {
     // Loop thread, does not block. The permit drops when the link goes down. Idempotent.
     void set_run_permit(bool permit);
 
-    // Loop thread. Outputs to their safe state (permit down, ejector as configured) before the link closes. Commands
-    // not yet settled are reported as failed before it returns; no call reaches the listener afterwards. May block for
-    // at most one response time-out.
-    void stop();
+  protected:
+    Rejector() : Device("the rejector") {}
 
   private:
-    virtual Result<void> do_start(Listener& listener) = 0;
     virtual Result<void> do_reject(const RejectCommand& command) = 0;
     virtual void do_set_run_permit(bool permit) = 0;
-    virtual void do_stop() = 0;
-    bool started_ = false;
 };
 
 }  // namespace hord::hal

@@ -2,11 +2,11 @@
 #pragma once
 
 #include <cstdint>
-#include <utility>
+#include <memory>
 
 #include "common/frame.h"
-#include "common/result.h"
 #include "drivers/hal/clock.h"
+#include "drivers/hal/device.h"
 
 namespace hord::hal {
 
@@ -39,68 +39,50 @@ class FrameLease {
   public:
     FrameLease() = default;
     FrameLease(Sensor& owner, std::uint32_t slot, FrameView view, FrameInfo info)
-        : owner_(&owner), slot_(slot), view_(view), info_(info) {}
-    FrameLease(FrameLease&& other) noexcept
-        : owner_(std::exchange(other.owner_, nullptr)), slot_(other.slot_), view_(other.view_), info_(other.info_) {}
-    FrameLease& operator=(FrameLease&& other) noexcept {
-        if (this != &other) {
-            give_back();
-            owner_ = std::exchange(other.owner_, nullptr);
-            slot_ = other.slot_;
-            view_ = other.view_;
-            info_ = other.info_;
-        }
-        return *this;
-    }
-    ~FrameLease() { give_back(); }
+        : owner_(&owner, {slot}), view_(view), info_(info) {}
 
     [[nodiscard]] explicit operator bool() const { return owner_ != nullptr; }
     [[nodiscard]] const FrameView& view() const { return view_; }
     [[nodiscard]] const FrameInfo& info() const { return info_; }
-    void give_back() noexcept;
+    void give_back() noexcept { owner_.reset(); }
 
   private:
-    Sensor* owner_ = nullptr;
-    std::uint32_t slot_ = 0;
+    struct GiveBack {
+        std::uint32_t slot;
+        void operator()(Sensor* owner) const noexcept;
+    };
+    std::unique_ptr<Sensor, GiveBack> owner_;
     FrameView view_;
     FrameInfo info_;
 };
 
-class Sensor {
+class SensorListener {
   public:
-    // Called on the loop's thread.
-    class Listener {
-      public:
-        virtual void on_frame(FrameLease frame) = 0;
-        virtual void on_sensor_lost(const Error& error) = 0;  // delivered once; stop() and start() again to recover
+    virtual void on_frame(FrameLease frame) = 0;
+    virtual void on_sensor_lost(const Error& error) = 0;  // delivered once; stop() and start() again to recover
 
-      protected:
-        ~Listener() = default;
-    };
+  protected:
+    ~SensorListener() = default;
+};
 
-    virtual ~Sensor() = default;
-
+// start() fails with not_found, unsupported (the format; lists what there is), busy, io. Leased frames stay readable
+// after stop() until they are given back.
+class Sensor : public Device<SensorListener> {
+  public:
     [[nodiscard]] SensorFormat format() const { return do_format(); }
-
-    // Loop thread. Fails with not_found, unsupported (the format; lists what there is), busy, io.
-    Result<void> start(Listener& listener);
 
     // Loop thread, does not block. Requests one frame. It may come late or never: the caller watches the deadline.
     // Fails with disconnected (not started or lost), busy (no free buffer), invalid_argument (length <= 0).
     Result<void> trigger(const ExposureRequest& request);
 
-    // Loop thread. No call reaches the listener after it returns; leased frames stay readable until they are given
-    // back.
-    void stop();
+  protected:
+    Sensor() : Device("the sensor") {}
 
   private:
     friend class FrameLease;
     [[nodiscard]] virtual SensorFormat do_format() const = 0;
-    virtual Result<void> do_start(Listener& listener) = 0;
     virtual Result<void> do_trigger(const ExposureRequest& request) = 0;
-    virtual void do_stop() = 0;
     virtual void do_give_back(std::uint32_t slot) noexcept = 0;  // any thread
-    bool started_ = false;
 };
 
 }  // namespace hord::hal

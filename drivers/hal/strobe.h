@@ -3,8 +3,8 @@
 
 #include <cstdint>
 
-#include "common/result.h"
 #include "drivers/hal/clock.h"
+#include "drivers/hal/device.h"
 
 namespace hord::hal {
 
@@ -29,40 +29,32 @@ struct StrobeReport {
     Duration width{};  // the measured one
 };
 
-class Strobe {
+class StrobeListener {
   public:
-    // Called on the loop's thread.
-    class Listener {
-      public:
-        virtual void on_strobe(const StrobeReport& report) = 0;  // exactly one for every accepted fire()
-        virtual void on_strobe_lost(const Error& error) = 0;
+    virtual void on_strobe(const StrobeReport& report) = 0;  // exactly one for every accepted fire()
+    virtual void on_strobe_lost(const Error& error) = 0;
 
-      protected:
-        ~Listener() = default;
-    };
+  protected:
+    ~StrobeListener() = default;
+};
 
-    virtual ~Strobe() = default;
-
-    // Loop thread. Lights are off when it returns, whatever it returns.
-    Result<void> start(Listener& listener);
-
+// Lights are off when start() returns, whatever it returns. stop() turns all lights off at once; pulses not yet begun
+// are forgotten and reported as not lit.
+class Strobe : public Device<StrobeListener> {
+  public:
     // Loop thread, does not block. Schedules one pulse.
     // Fails with invalid_argument (no such channel, width not in (0, max_on]), busy (inside min_rest of a pulse
     // already accepted), disconnected (not started or lost). After a failure nothing is lit.
     Result<void> fire(const StrobePulse& pulse);
 
-    // Loop thread. All lights off at once; pulses not yet begun are forgotten and reported as not lit. Harmless when
-    // not started.
-    void stop();
-
     [[nodiscard]] StrobeLimits limits() const { return do_limits(); }
 
+  protected:
+    Strobe() : Device("the strobe") {}
+
   private:
-    virtual Result<void> do_start(Listener& listener) = 0;
     virtual Result<void> do_fire(const StrobePulse& pulse) = 0;
-    virtual void do_stop() = 0;
     [[nodiscard]] virtual StrobeLimits do_limits() const = 0;
-    bool started_ = false;
     TimePoint busy_until_{};
     bool ever_fired_ = false;
 };

@@ -1,23 +1,24 @@
 #include "drivers/libcamera/camera_port.h"
 
 #include <algorithm>
-#include <array>
 
 namespace hord::drivers {
 namespace {
 
+// The best of a depth first.
 struct Known {
     int bits;
     const char* name;
-    bool packed;
+    bool packed = false, green = false;
 };
-constexpr std::array<Known, 6> kGrey = {{{8, "R8", false},
-                                         {10, "R10", false},
-                                         {10, "R10_CSI2P", true},
-                                         {12, "R12", false},
-                                         {12, "R12_CSI2P", true},
-                                         {16, "R16", false}}};
-constexpr std::array<const char*, 2> kColour = {"BGR888", "RGB888"};
+constexpr Known kFormats[] = {{8, "R8"},
+                              {10, "R10"},
+                              {10, "R10_CSI2P", true},
+                              {12, "R12"},
+                              {12, "R12_CSI2P", true},
+                              {16, "R16"},
+                              {8, "BGR888", false, true},
+                              {8, "RGB888", false, true}};
 
 std::string list_of(std::span<const std::string> names) {
     std::string out;
@@ -30,16 +31,11 @@ std::string list_of(std::span<const std::string> names) {
 Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> there, int bits,
                                       bool green) {
     std::string wanted;
-    for (const Known& known : kGrey) {
-        if (known.bits != bits) continue;
+    for (const Known& known : kFormats) {
+        if (known.bits != bits || (known.green && !green)) continue;
         wanted += (wanted.empty() ? "" : " or ") + std::string(known.name);
-        if (std::ranges::find(there, known.name) != there.end()) return GreyFormat{known.name, bits, known.packed};
-    }
-    if (green && bits == 8) {
-        for (const char* const colour : kColour) {
-            wanted += std::string(" or ") + colour;
-            if (std::ranges::find(there, colour) != there.end()) return GreyFormat{colour, bits, false, true};
-        }
+        if (std::ranges::find(there, known.name) != there.end())
+            return GreyFormat{known.name, bits, known.packed, known.green};
     }
     if (wanted.empty())
         return fail(ErrorCode::unsupported, camera + ": no format with " + std::to_string(bits) + " bits is known",

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "common/result.h"
-#include "drivers/hal/clock.h"
+#include "drivers/hal/camera_sensor.h"
 
 namespace hord::drivers {
 
@@ -34,15 +34,6 @@ struct CameraFormat {
     int width_px = 0, height_px = 0;
     GreyFormat grey;
     std::ptrdiff_t stride_bytes = 0;
-};
-
-struct CameraFrame {
-    std::uint32_t buffer = 0;
-    std::uint32_t sequence = 0;
-    hal::TimePoint stamp;
-    bool stamp_of_start = false;  // of the exposure; else of its end
-    std::size_t bytes_used = 0;
-    bool corrupt = false;
 };
 
 class CameraPort {

@@ -30,13 +30,7 @@ constexpr auto kTimeToEnd = 2s;  // then the process is killed
 
 struct Mapped {
     CameraPort::Memory memory;
-    std::vector<std::pair<void*, std::size_t>> maps;
-    Mapped() = default;
-    Mapped(const Mapped&) = delete;
-    Mapped& operator=(const Mapped&) = delete;
-    ~Mapped() {
-        for (const auto& [data, size] : maps) ::munmap(data, size);
-    }
+    std::vector<std::shared_ptr<void>> maps;
 };
 
 // The process and the station's end of its socket.
@@ -84,7 +78,7 @@ class CameraChild {
         }
         return std::unique_ptr<CameraChild>(new CameraChild(pid, std::move(station_end)));
     }
-    ~CameraChild() { end({}); }
+    ~CameraChild() { end(kTimeToEnd); }
     CameraChild(const CameraChild&) = delete;
     CameraChild& operator=(const CameraChild&) = delete;
 
@@ -121,10 +115,8 @@ class CameraProcess final : public CameraPort {
 
     Result<CameraFormat> look() override {
         auto answer = run(CameraCommand::look);
-        if (child_) child_->end(kTimeToEnd);
         child_.reset();
-        if (!answer) return tl::unexpected(answer.error());
-        return answer->format;
+        return answer.map([](const CameraAnswer& there) { return there.format; });
     }
 
     Result<std::shared_ptr<const Memory>> start(Listener& listener) override {
@@ -132,7 +124,6 @@ class CameraProcess final : public CameraPort {
         auto answer = run(CameraCommand::start);
         auto memory = answer ? map(*answer) : tl::unexpected(answer.error());
         if (!memory) {
-            if (child_) child_->end(kTimeToEnd);
             child_.reset();
             return memory;
         }
@@ -181,7 +172,7 @@ class CameraProcess final : public CameraPort {
                             "look at the kernel's log");
                 continue;
             }
-            mapped->maps.emplace_back(data, buffer.offset + buffer.bytes);
+            mapped->maps.emplace_back(data, [size = buffer.offset + buffer.bytes](void* p) { ::munmap(p, size); });
             mapped->memory.emplace_back(static_cast<const std::byte*>(data) + buffer.offset, buffer.bytes);
         }
         for (const CameraBuffer& buffer : answer.buffers) ::close(buffer.fd);  // the mapping stays

@@ -3,119 +3,77 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <charconv>
 #include <cstring>
-#include <sstream>
-#include <string_view>
 
+#include <nlohmann/json.hpp>
 #include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "drivers/libcamera/libcamera_options.h"
-
 namespace hord::drivers {
+
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(LibcameraSensorOptions, camera, width_px, height_px, bits, buffers, green, controls)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(GreyFormat, name, bits, packed, green)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(CameraFormat, width_px, height_px, grey, stride_bytes)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(CameraBuffer, offset, bytes)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(CameraAnswer, format, buffers)
+
 namespace {
 
-constexpr std::size_t kBuffersMax = LibcameraSensorOptions::kMaxBuffers, kTextMax = 60'000;
+using Json = nlohmann::json;
 
-template <class Number>
-bool read_number(std::string_view text, Number& number) {
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
-    return error == std::errc() && end == text.data() + text.size();
-}
+constexpr std::size_t kBuffersMax = CameraSensor::kMaxBuffers, kTextMax = 60'000;
+
+std::string text_of(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
 
 // One line: the text may come from a device.
 std::string line_of(std::string text) {
     std::ranges::replace(text, '\n', ' ');
-    return text;
+    return text.substr(0, kTextMax / 8);
 }
 
 std::optional<Result<CameraAnswer>> understand(const std::string& text, std::vector<int>& fds) {
-    std::istringstream in(text);
-    std::string kind;
-    std::getline(in, kind);
-    if (kind == "error") {
-        int code = 0;
-        std::string number, what, cure;
-        if (!std::getline(in, number) || !read_number(number, code) || !std::getline(in, what)) return std::nullopt;
-        std::getline(in, cure);
-        return tl::unexpected(Error{static_cast<ErrorCode>(code), what, cure});
-    }
-    if (kind != "ok") return std::nullopt;
-    CameraAnswer answer;
-    CameraFormat& format = answer.format;
-    std::size_t buffers = 0;
-    if (!(in >> format.width_px >> format.height_px >> format.stride_bytes >> format.grey.bits >> format.grey.packed >>
-          format.grey.green >> buffers))
+    try {
+        const Json json = Json::parse(text);
+        if (const auto error = json.find("error"); error != json.end())
+            return tl::unexpected(Error{error->at(0).get<ErrorCode>(), error->at(1), error->at(2)});
+        auto answer = json.get<CameraAnswer>();
+        if (answer.buffers.size() != fds.size()) return std::nullopt;
+        for (std::size_t k = 0; k < fds.size(); ++k) answer.buffers[k].fd = fds[k];
+        fds.clear();
+        return answer;
+    } catch (const Json::exception&) {
         return std::nullopt;
-    if (buffers != fds.size()) return std::nullopt;
-    for (const int fd : fds) {
-        CameraBuffer buffer{fd};
-        if (!(in >> buffer.offset >> buffer.bytes)) return std::nullopt;
-        answer.buffers.push_back(buffer);
     }
-    in >> format.grey.name;
-    fds.clear();
-    return answer;
 }
 
 }  // namespace
 
-std::vector<std::string> camera_arguments(CameraCommand command, const LibcameraSensorOptions& r) {
-    std::vector<std::string> out{command == CameraCommand::look ? "look" : "start", r.camera};
-    for (const int number : {r.width_px, r.height_px, r.bits, r.buffers, r.green ? 1 : 0})
-        out.push_back(std::to_string(number));
-    for (const auto& [name, value] : r.controls) {
-        out.push_back(name);
-        out.push_back(std::to_string(value));
-    }
-    return out;
+std::vector<std::string> camera_arguments(CameraCommand command, const LibcameraSensorOptions& request) {
+    return {command == CameraCommand::look ? "look" : "start", text_of(request)};
 }
 
 std::optional<CameraArguments> parse_camera_arguments(const std::vector<std::string>& arguments) {
-    if (arguments.size() < 7 || arguments.size() % 2 == 0 || (arguments[0] != "look" && arguments[0] != "start"))
-        return std::nullopt;
-    CameraArguments order{arguments[0] == "look" ? CameraCommand::look : CameraCommand::start,
-                          {.camera = arguments[1]}};
-    LibcameraSensorOptions& r = order.request;
-    int green = 0;
-    if (!read_number(arguments[2], r.width_px) || !read_number(arguments[3], r.height_px) ||
-        !read_number(arguments[4], r.bits) || !read_number(arguments[5], r.buffers) ||
-        !read_number(arguments[6], green)) {
+    if (arguments.size() != 2 || (arguments[0] != "look" && arguments[0] != "start")) return std::nullopt;
+    try {
+        return CameraArguments{arguments[0] == "look" ? CameraCommand::look : CameraCommand::start,
+                               Json::parse(arguments[1]).get<LibcameraSensorOptions>()};
+    } catch (const Json::exception&) {
         return std::nullopt;
     }
-    r.green = green != 0;
-    for (std::size_t k = 7; k < arguments.size(); k += 2) {
-        std::int64_t value = 0;
-        if (!read_number(arguments[k + 1], value)) return std::nullopt;
-        r.controls.emplace_back(arguments[k], value);
-    }
-    return order;
 }
 
 bool send_answer(int socket, const Result<CameraAnswer>& answer) {
-    std::ostringstream out;
+    Json json;
     std::vector<int> fds;
     if (answer) {
-        const CameraFormat& f = answer->format;
-        out << "ok\n"
-            << f.width_px << ' ' << f.height_px << ' ' << f.stride_bytes << ' ' << f.grey.bits << ' ' << f.grey.packed
-            << ' ' << f.grey.green << ' ' << answer->buffers.size();
-        for (const CameraBuffer& buffer : answer->buffers) {
-            out << ' ' << buffer.offset << ' ' << buffer.bytes;
-            fds.push_back(buffer.fd);
-        }
-        out << ' ' << f.grey.name;
+        json = *answer;
+        for (const CameraBuffer& buffer : answer->buffers) fds.push_back(buffer.fd);
     } else {
-        out << "error\n"
-            << static_cast<int>(answer.error().code) << '\n'
-            << line_of(answer.error().what) << '\n'
-            << line_of(answer.error().cure);
+        json["error"] = {answer.error().code, line_of(answer.error().what), line_of(answer.error().cure)};
     }
-    std::string text = out.str();
-    text.resize(std::min(text.size(), kTextMax));
-    if (fds.size() > kBuffersMax) return false;
+    std::string text = text_of(json);
+    if (text.size() > kTextMax || fds.size() > kBuffersMax) return false;
     iovec part{text.data(), text.size()};
     msghdr message{};
     message.msg_iov = &part;

@@ -1,5 +1,5 @@
 // The protocol between the station (camera_process.h) and the process that holds its camera (camera_host.h), on a pair
-// of SOCK_SEQPACKET sockets. The command is the process's arguments. Its first message is the answer, as text, with the
+// of SOCK_SEQPACKET sockets. The command is the process's arguments. Its first message is the answer, as JSON, with the
 // buffers' descriptors; then it sends CameraEvents and receives the numbers of buffers to fill again. Both ends are of
 // the same package version.
 #pragma once
@@ -10,8 +10,7 @@
 #include <type_traits>
 #include <vector>
 
-#include "drivers/libcamera/camera_device.h"
-#include "drivers/libcamera/libcamera_options.h"
+#include "drivers/libcamera/camera_host.h"
 
 namespace hord::drivers {
 

@@ -5,7 +5,6 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
-#include <mutex>
 #include <optional>
 
 #include <fcntl.h>
@@ -13,10 +12,9 @@
 #include <libcamera/property_ids.h>
 #include <libcamera/version.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
-#include "drivers/libcamera/camera_device.h"
-#include "drivers/libcamera/libcamera_options.h"
+#include "common/unique_fd.h"
+#include "drivers/libcamera/camera_host.h"
 
 namespace hord::drivers {
 namespace {
@@ -31,24 +29,6 @@ std::unique_ptr<libcamera::CameraConfiguration> configuration_for(libcamera::Cam
 #else
     return camera.generateConfiguration({role});
 #endif
-}
-
-// The process's only camera manager; it exists while a camera is in use.
-Result<std::shared_ptr<libcamera::CameraManager>> manager() {
-    static std::mutex mutex;
-    static std::weak_ptr<libcamera::CameraManager> only;
-    const std::scoped_lock lock(mutex);
-    if (auto there = only.lock()) return there;
-    std::shared_ptr<libcamera::CameraManager> made(new libcamera::CameraManager, [](libcamera::CameraManager* m) {
-        m->stop();
-        delete m;
-    });
-    if (const int error = made->start(); error != 0) {
-        return fail(ErrorCode::io, std::string("libcamera does not start: ") + std::strerror(-error),
-                    "join the group video; see cam -l");
-    }
-    only = made;
-    return made;
 }
 
 std::optional<ControlValue> value_of(ControlType type, std::int64_t value) {
@@ -102,9 +82,9 @@ class LibcameraDevice final : public CameraDevice {
     }
 
     bool is_there() override {
-        return std::ranges::all_of(nodes_, [](int node) {
+        return std::ranges::all_of(nodes_, [](const common::UniqueFd& node) {
             struct stat status {};
-            return ::fstat(node, &status) == 0 && status.st_nlink > 0;
+            return ::fstat(node.get(), &status) == 0 && status.st_nlink > 0;
         });
     }
 
@@ -125,10 +105,9 @@ class LibcameraDevice final : public CameraDevice {
         for (auto entry = std::filesystem::directory_iterator("/dev", error);
              !error && entry != std::filesystem::directory_iterator(); entry.increment(error)) {
             if (!entry->path().filename().string().starts_with("video")) continue;
-            const int node = ::open(entry->path().c_str(), O_PATH | O_CLOEXEC);
+            common::UniqueFd node(::open(entry->path().c_str(), O_PATH | O_CLOEXEC));
             struct stat status {};
-            if (node >= 0 && ::fstat(node, &status) == 0 && is_mine(status.st_rdev)) nodes_.push_back(node);
-            else if (node >= 0) ::close(node);
+            if (node && ::fstat(node.get(), &status) == 0 && is_mine(status.st_rdev)) nodes_.push_back(std::move(node));
         }
     }
     [[nodiscard]] bool is_mine(dev_t device) const {
@@ -141,7 +120,6 @@ class LibcameraDevice final : public CameraDevice {
     }
 
     void let_go() {
-        for (const int node : nodes_) ::close(node);
         nodes_.clear();
         config_.reset();
         if (camera_ && std::exchange(acquired_, false)) camera_->release();
@@ -151,9 +129,11 @@ class LibcameraDevice final : public CameraDevice {
 
     // Finds the camera, acquires it and negotiates the format.
     Result<CameraFormat> take() {
-        auto there = manager();
-        if (!there) return tl::unexpected(there.error());
-        manager_ = std::move(*there);
+        manager_ = std::make_unique<libcamera::CameraManager>();
+        if (const int error = manager_->start(); error != 0) {
+            return fail(ErrorCode::io, std::string("libcamera does not start: ") + std::strerror(-error),
+                        "join the group video; see cam -l");
+        }
         std::vector<std::string> ids;
         for (const auto& camera : manager_->cameras()) ids.push_back(camera->id());
         const auto chosen = choose_camera(ids, request_.camera);
@@ -287,12 +267,12 @@ class LibcameraDevice final : public CameraDevice {
 
     const LibcameraSensorOptions request_;
     std::string id_;
-    std::shared_ptr<libcamera::CameraManager> manager_;
+    std::unique_ptr<libcamera::CameraManager> manager_;  // the process may have one
     std::shared_ptr<libcamera::Camera> camera_;
     std::unique_ptr<libcamera::CameraConfiguration> config_;
     std::unique_ptr<libcamera::FrameBufferAllocator> allocator_;
     std::vector<std::unique_ptr<libcamera::Request>> requests_;
-    std::vector<int> nodes_;
+    std::vector<common::UniqueFd> nodes_;
     CameraPort::Listener* listener_ = nullptr;
     bool acquired_ = false;
     std::atomic<bool> streams_ = false;

@@ -9,7 +9,6 @@
 namespace hord::drivers {
 
 struct LibcameraSensorOptions {
-    static constexpr int kMinBuffers = 2, kMaxBuffers = 32;
     std::string camera = {};          // its id, as `cam -l` prints it; empty: the only one there is
     int width_px = 0, height_px = 0;  // 0: as the camera proposes
     int bits = 8;                     // 8, 10, 12 or 16

@@ -35,21 +35,13 @@ bool is_damage(int error) {
 
 }  // namespace
 
-struct CoilLink::Context {
-    modbus_t* modbus = nullptr;
-    explicit Context(modbus_t* m) : modbus(m) {}
-    ~Context() {
-        if (modbus == nullptr) return;
-        modbus_close(modbus);
-        modbus_free(modbus);
-    }
-    Context(const Context&) = delete;
-    Context& operator=(const Context&) = delete;
-};
+void CoilLink::CloseContext::operator()(modbus_t* context) const {
+    modbus_close(context);
+    modbus_free(context);
+}
 
-CoilLink::CoilLink(const hal::Clock& clock, ModuleAddress address)
-    : clock_(clock), address_(std::move(address)), gap_(frame_gap(address_)) {}
-CoilLink::~CoilLink() = default;
+CoilLink::CoilLink(const hal::Clock& clock, ModuleAddress address, Duration response_timeout)
+    : clock_(clock), address_(std::move(address)), timeout_(response_timeout), gap_(frame_gap(address_)) {}
 
 std::string CoilLink::name() const {
     if (address_.serial) return address_.serial->device + " unit " + std::to_string(address_.unit);
@@ -59,34 +51,34 @@ std::string CoilLink::which(const char* thing, int number) const {
     return std::string(thing) + " " + std::to_string(number) + " of the rejector module at " + name();
 }
 
-void CoilLink::wait_at_most(Duration timeout) {
+void CoilLink::limit_wait(Duration timeout) {
     if (give_up_ != hal::TimePoint::max()) timeout = std::min(timeout, give_up_ - clock_.now());
     const auto us =
         std::max<std::int64_t>(1000, std::chrono::duration_cast<std::chrono::microseconds>(timeout).count());
-    modbus_set_response_timeout(context_->modbus, static_cast<std::uint32_t>(us / 1000000),
+    modbus_set_response_timeout(context_.get(), static_cast<std::uint32_t>(us / 1000000),
                                 static_cast<std::uint32_t>(us % 1000000));
     // Without a time-out between bytes the one above limits the whole answer, also of a module that sends slowly.
-    modbus_set_byte_timeout(context_->modbus, 0, 0);
+    modbus_set_byte_timeout(context_.get(), 0, 0);
 }
 
-Result<void> CoilLink::connect(Duration timeout) {
+Result<void> CoilLink::connect() {
     close();
     const auto& serial = address_.serial;
-    context_ = std::make_unique<Context>(
+    context_.reset(
         serial ? modbus_new_rtu(serial->device.c_str(), serial->baud, serial->parity, 8, serial->parity == 'N' ? 2 : 1)
                : modbus_new_tcp_pi(address_.host.c_str(), std::to_string(address_.port).c_str()));
     const char* keys = serial ? "rejector.device and rejector.baud" : "rejector.host and rejector.port";
-    if (context_->modbus == nullptr)
+    if (!context_)
         return fail(ErrorCode::io, "no Modbus context for the rejector at " + name(), std::string("check ") + keys);
-    modbus_set_slave(context_->modbus, address_.unit);
-    wait_at_most(timeout);
+    modbus_set_slave(context_.get(), address_.unit);
+    limit_wait(timeout_);
     int error = 0;
-    if (modbus_connect(context_->modbus) != 0) error = errno;
-    if (error == 0 && serial && serial->rs485 && modbus_rtu_set_serial_mode(context_->modbus, MODBUS_RTU_RS485) != 0)
+    if (modbus_connect(context_.get()) != 0) error = errno;
+    if (error == 0 && serial && serial->rs485 && modbus_rtu_set_serial_mode(context_.get(), MODBUS_RTU_RS485) != 0)
         error = errno;
     if (error == 0) {
         connected_ = true;
-        if (serial) discard(gap_, timeout);  // bytes from before
+        if (serial) discard(gap_);  // bytes from before
         return {};
     }
     context_.reset();
@@ -124,32 +116,36 @@ void CoilLink::keep_gap() const {
     if (left > 0ns) std::this_thread::sleep_for(left);
 }
 
-// Discards bytes until none arrived for `silence`, for `longest` at most.
-void CoilLink::discard(Duration silence, Duration longest) {
-    const hal::TimePoint end = std::min(clock_.now() + longest, give_up_);
+// Bytes as they come; 0: none within `wait`, or the line is gone.
+std::size_t CoilLink::read_bytes(std::span<std::uint8_t> bytes, Duration wait) const {
+    pollfd ready{modbus_get_socket(context_.get()), POLLIN, 0};
+    const timespec until{wait.count() / 1'000'000'000, wait.count() % 1'000'000'000};
+    if (ppoll(&ready, 1, &until, nullptr) <= 0) return 0;
+    return static_cast<std::size_t>(std::max<ssize_t>(0, ::read(ready.fd, bytes.data(), bytes.size())));
+}
+
+// Discards bytes until none arrived for `silence`, for the response time-out at most.
+void CoilLink::discard(Duration silence) {
+    const hal::TimePoint end = std::min(clock_.now() + timeout_, give_up_);
     std::array<std::uint8_t, 256> bytes{};
     for (hal::TimePoint at = clock_.now(); at < end; at = clock_.now()) {
-        pollfd ready{modbus_get_socket(context_->modbus), POLLIN, 0};
-        const Duration wait = std::min(silence, end - at);
-        const timespec until{wait.count() / 1'000'000'000, wait.count() % 1'000'000'000};
-        if (ppoll(&ready, 1, &until, nullptr) <= 0) break;
-        if (::read(ready.fd, bytes.data(), bytes.size()) <= 0) break;
+        if (read_bytes(bytes, std::min(silence, end - at)) == 0) break;
     }
     last_byte_ = clock_.now();
 }
 
 // One request and its answer. A serial line can be used again afterwards, also after an error.
 template <class Request>
-Result<void> CoilLink::exchange(const std::string& what, Duration timeout, Again again, Request request) {
+Result<void> CoilLink::exchange(const std::string& what, Again again, Request request, Duration timeout) {
     if (!connected_) return failed(what, ENOTCONN);
     for (int attempt = 0;; ++attempt) {
         if (address_.serial) {
             keep_gap();
-            modbus_flush(context_->modbus);
+            modbus_flush(context_.get());
         }
         const hal::TimePoint from = clock_.now();
-        wait_at_most(timeout);
-        const bool done = request(context_->modbus);
+        limit_wait(timeout);
+        const bool done = request(context_.get());
         const int error = done ? 0 : errno;
         last_byte_ = clock_.now();
         if (done || is_exception(error)) {
@@ -158,7 +154,7 @@ Result<void> CoilLink::exchange(const std::string& what, Duration timeout, Again
         }
         const bool damaged = is_damage(error);
         if (!address_.serial || (!damaged && error != ETIMEDOUT)) return failed(what, error);
-        discard(damaged ? gap_ : timeout, timeout);
+        discard(damaged ? gap_ : timeout);
         if (again == Again::no) {
             return fail(ErrorCode::io, what + ": " + modbus_strerror(error),
                         "check the line's cable, termination and shield");
@@ -167,58 +163,48 @@ Result<void> CoilLink::exchange(const std::string& what, Duration timeout, Again
     }
 }
 
-Result<bool> CoilLink::read(int coil, Duration timeout) {
+Result<bool> CoilLink::read_bit(const char* thing, int number, int (*function)(modbus_t*, int, int, std::uint8_t*)) {
     std::uint8_t value = 0;
-    auto done = exchange(which("coil", coil) + " cannot be read", timeout, Again::yes,
-                         [&](modbus_t* m) { return modbus_read_bits(m, coil, 1, &value) == 1; });
-    if (!done) return tl::unexpected(done.error());
-    return value != 0;
+    return exchange(which(thing, number) + " cannot be read", Again::yes,
+                    [&](modbus_t* m) { return function(m, number, 1, &value) == 1; })
+        .map([&] { return value != 0; });
 }
 
-Result<bool> CoilLink::read_input(int number, Duration timeout) {
-    std::uint8_t value = 0;
-    auto done = exchange(which("input", number) + " cannot be read", timeout, Again::yes,
-                         [&](modbus_t* m) { return modbus_read_input_bits(m, number, 1, &value) == 1; });
-    if (!done) return tl::unexpected(done.error());
-    return value != 0;
+Result<bool> CoilLink::read(int coil) { return read_bit("coil", coil, modbus_read_bits); }
+
+Result<bool> CoilLink::read_input(int number) { return read_bit("input", number, modbus_read_input_bits); }
+
+Result<std::vector<std::uint16_t>> CoilLink::read_registers(RegisterKind kind, int number, int count) {
+    const bool input = kind == RegisterKind::input;
+    std::vector<std::uint16_t> values(static_cast<std::size_t>(count));
+    return exchange(which(input ? "input register" : "register", number) + " cannot be read", Again::yes,
+                    [&](modbus_t* m) {
+                        const auto function = input ? modbus_read_input_registers : modbus_read_registers;
+                        return function(m, number, count, values.data()) == count;
+                    })
+        .map([&] { return std::move(values); });
 }
 
-Result<void> CoilLink::write_register(int number, int value, Duration timeout) {
-    return exchange(which("register", number) + " cannot be written", timeout, Again::yes, [&](modbus_t* m) {
+Result<void> CoilLink::write_register(int number, int value) {
+    return exchange(which("register", number) + " cannot be written", Again::yes, [&](modbus_t* m) {
         return modbus_write_register(m, number, static_cast<std::uint16_t>(value)) == 1;
     });
 }
 
-Result<std::uint16_t> CoilLink::read_register(int number, Duration timeout) {
-    std::uint16_t value = 0;
-    auto done = exchange(which("register", number) + " cannot be read", timeout, Again::yes,
-                         [&](modbus_t* m) { return modbus_read_registers(m, number, 1, &value) == 1; });
-    if (!done) return tl::unexpected(done.error());
-    return value;
-}
-
-Result<std::vector<std::uint16_t>> CoilLink::read_input_registers(int number, int count, Duration timeout) {
-    std::vector<std::uint16_t> values(static_cast<std::size_t>(count));
-    auto done = exchange(which("input register", number) + " cannot be read", timeout, Again::yes, [&](modbus_t* m) {
-        return modbus_read_input_registers(m, number, count, values.data()) == count;
-    });
-    if (!done) return tl::unexpected(done.error());
-    return values;
-}
-
-Result<void> CoilLink::write_coil(const std::string& what, int coil, bool on, int read_at, Duration timeout,
-                                  bool must_read_back) {
-    const hal::TimePoint by = clock_.now() + timeout;
+Result<void> CoilLink::write(int coil, bool on, std::optional<int> read_at) {
+    const std::string what = which("coil", coil) + " cannot be written";
+    const hal::TimePoint by = clock_.now() + timeout_;
     const auto written =
-        exchange(what, timeout, Again::no, [&](modbus_t* m) { return modbus_write_bit(m, coil, on ? 1 : 0) == 1; });
+        exchange(what, Again::no, [&](modbus_t* m) { return modbus_write_bit(m, coil, on ? 1 : 0) == 1; });
     if (!written && (!connected_ || written.error().code == ErrorCode::refused)) return written;
     acknowledged_ = clock_.now();
-    if (written && !must_read_back) return {};
+    if (written && !read_at) return {};
+    const int back_at = read_at.value_or(coil);
     std::uint8_t value = 0;
-    const auto read_it = [&](modbus_t* m) { return modbus_read_bits(m, read_at, 1, &value) == 1; };
-    const auto back =
-        exchange(which("coil", read_at) + " cannot be read back", address_.serial ? timeout : by - clock_.now(),
-                 written ? Again::yes : Again::no, read_it);
+    const auto back = exchange(
+        which("coil", back_at) + " cannot be read back", written ? Again::yes : Again::no,
+        [&](modbus_t* m) { return modbus_read_bits(m, back_at, 1, &value) == 1; },
+        address_.serial ? timeout_ : by - clock_.now());
     if (!back && !written && connected_ && back.error().code == ErrorCode::io)
         return failed(what, ETIMEDOUT);  // no answer to the read either
     if (!back) return back;
@@ -229,38 +215,27 @@ Result<void> CoilLink::write_coil(const std::string& what, int coil, bool on, in
                 "check that nothing else writes it, that the output is not forced, and rejector.profile");
 }
 
-Result<void> CoilLink::write(int coil, bool on, int read_at, Duration timeout) {
-    return write_coil(which("coil", coil) + " cannot be written", coil, on, read_at, timeout, true);
-}
-
-Result<void> CoilLink::command(int coil, bool on, Duration timeout) {
-    return write_coil(which("coil", coil) + " cannot be written", coil, on, coil, timeout, false);
-}
-
-Result<std::string> CoilLink::identify(Duration timeout) {
+Result<std::string> CoilLink::identify() {
     const std::string what = "the rejector module at " + name();
     if (!connected_) return failed(what + " cannot be asked what it is", ENOTCONN);
     if (address_.serial) keep_gap();
-    modbus_flush(context_->modbus);
+    modbus_flush(context_.get());
     const std::array<std::uint8_t, 5> request{static_cast<std::uint8_t>(address_.unit), 43, 14, 1, 0};
     // libmodbus cannot parse this answer: it is read here until its end or a pause.
     std::vector<std::uint8_t> answer;
     const std::size_t head = address_.serial ? 1 : 7;
-    if (modbus_send_raw_request(context_->modbus, request.data(), static_cast<int>(request.size())) > 0) {
-        const hal::TimePoint end = clock_.now() + timeout;
+    if (modbus_send_raw_request(context_.get(), request.data(), static_cast<int>(request.size())) > 0) {
+        const hal::TimePoint end = clock_.now() + timeout_;
         for (hal::TimePoint at = clock_.now(); at < end && answer.size() < 260; at = clock_.now()) {
-            const bool complete = address_.serial
-                ? false
-                : answer.size() >= 6 && answer.size() >= 6U + static_cast<std::size_t>(answer[4] << 8 | answer[5]);
-            if (complete) break;
-            pollfd ready{modbus_get_socket(context_->modbus), POLLIN, 0};
-            const Duration wait = address_.serial && !answer.empty() ? std::min<Duration>(end - at, 20ms) : end - at;
-            const timespec until{wait.count() / 1'000'000'000, wait.count() % 1'000'000'000};
-            if (ppoll(&ready, 1, &until, nullptr) <= 0) break;
+            // A TCP answer says its length; a serial one ends with a pause.
+            if (!address_.serial && answer.size() >= 6 &&
+                answer.size() >= 6U + static_cast<std::size_t>(answer[4] << 8 | answer[5]))
+                break;
             std::array<std::uint8_t, 260> bytes{};
-            const ssize_t count = ::read(ready.fd, bytes.data(), bytes.size());
-            if (count <= 0) break;
-            answer.insert(answer.end(), bytes.begin(), bytes.begin() + count);
+            const std::size_t count =
+                read_bytes(bytes, address_.serial && !answer.empty() ? std::min<Duration>(end - at, 20ms) : end - at);
+            if (count == 0) break;
+            answer.insert(answer.end(), bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(count));
         }
     }
     close();

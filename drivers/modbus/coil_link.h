@@ -1,11 +1,13 @@
 // The connection to a Modbus module by libmodbus: TCP, or a serial line (RTU). Blocking, one thread.
 //
-// Lost answers: over TCP a late answer would be read as the answer to the next request, so a time-out closes the
-// connection. On a serial line everything that arrives within one more time-out is discarded, and the line is used
-// again. After a damaged answer a read is repeated; a coil's write is not, its effect is found by reading back.
+// A lost answer closes a TCP connection: it could be read as the answer to the next request. A serial line is used
+// again when what arrives within one more time-out is discarded. After a damaged answer a read is repeated; a coil's
+// write is not, its effect is found by reading back.
 #pragma once
 
 #include <memory>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -13,20 +15,19 @@
 #include "drivers/hal/clock.h"
 #include "drivers/modbus/modbus_options.h"
 
+struct _modbus;  // libmodbus's context
+
 namespace hord::drivers {
 
 class CoilLink {
   public:
     // Nothing is opened yet.
-    CoilLink(const hal::Clock& clock, ModuleAddress address);
-    ~CoilLink();
-    CoilLink(const CoilLink&) = delete;
-    CoilLink& operator=(const CoilLink&) = delete;
+    CoilLink(const hal::Clock& clock, ModuleAddress address, hal::Duration response_timeout);
 
-    // Each call takes `timeout` at most (resolving the name in `host` may take longer). On a serial line: twice that if
-    // one answer is lost or damaged, four times if the module is gone. connect() fails with not_found (the name or the
-    // device), timeout, disconnected, io.
-    Result<void> connect(hal::Duration timeout);
+    // Each call takes the response time-out at most (resolving the name in `host` may take longer). On a serial line:
+    // twice that if one answer is lost or damaged, four times if the module is gone. connect() fails with not_found
+    // (the name or the device), timeout, disconnected, io.
+    Result<void> connect();
     void close();
     [[nodiscard]] bool connected() const { return connected_; }
     // All further calls return at `by`, whatever their time-out.
@@ -36,20 +37,18 @@ class CoilLink {
     // timeout or disconnected (the connection is closed), io (a serial line: the answer was lost, the connection
     // stays).
 
-    // Writes a coil and reads it back at `read_at`.
-    Result<void> write(int coil, bool on, int read_at, hal::Duration timeout);
-    // Writes a coil that need not read back as written. On a serial line, if the answer was lost, it must.
-    Result<void> command(int coil, bool on, hal::Duration timeout);
-    Result<bool> read(int coil, hal::Duration timeout);
-    Result<bool> read_input(int number, hal::Duration timeout);
-    // A serial line may write the register twice.
-    Result<void> write_register(int number, int value, hal::Duration timeout);
-    Result<std::vector<std::uint16_t>> read_input_registers(int number, int count, hal::Duration timeout);
-    Result<std::uint16_t> read_register(int number, hal::Duration timeout);
+    // Writes a coil and reads it back at `read_at`. Without `read_at` it need not read back as written, unless the
+    // answer was lost on a serial line.
+    Result<void> write(int coil, bool on, std::optional<int> read_at = {});
+    Result<bool> read(int coil);
+    Result<bool> read_input(int number);
+    Result<void> write_register(int number, int value);  // a serial line may write it twice
+    enum class RegisterKind : std::uint8_t { holding, input };
+    Result<std::vector<std::uint16_t>> read_registers(RegisterKind kind, int number, int count);
 
     // "vendor product revision", by Read Device Identification (function 43/14). Fails with unsupported if the module
     // does not have it. Closes the connection, because a late answer could follow.
-    Result<std::string> identify(hal::Duration timeout);
+    Result<std::string> identify();
 
     // An upper estimate of recent response times; zero before the first answer.
     [[nodiscard]] hal::Duration typical_response() const { return typical_response_; }
@@ -58,27 +57,34 @@ class CoilLink {
     [[nodiscard]] std::string name() const;
 
   private:
-    struct Context;
+    struct CloseContext {
+        void operator()(_modbus* context) const;
+    };
     enum class Again { yes, no };
     tl::unexpected<Error> failed(const std::string& what, int error);
-    void wait_at_most(hal::Duration timeout);
+    void limit_wait(hal::Duration timeout);
     template <class Request>
-    Result<void> exchange(const std::string& what, hal::Duration timeout, Again again, Request request);
-    Result<void> write_coil(const std::string& what, int coil, bool on, int read_at, hal::Duration timeout,
-                            bool must_read_back);
+    Result<void> exchange(const std::string& what, Again again, Request request) {
+        return exchange(what, again, std::move(request), timeout_);
+    }
+    template <class Request>
+    Result<void> exchange(const std::string& what, Again again, Request request, hal::Duration timeout);
+    Result<bool> read_bit(const char* thing, int number, int (*function)(_modbus*, int, int, std::uint8_t*));
     void keep_gap() const;
-    void discard(hal::Duration silence, hal::Duration longest);
+    std::size_t read_bytes(std::span<std::uint8_t> bytes, hal::Duration wait) const;
+    void discard(hal::Duration silence);
     [[nodiscard]] std::string which(const char* thing, int number) const;
 
     const hal::Clock& clock_;
     const ModuleAddress address_;
+    const hal::Duration timeout_;
     const hal::Duration gap_;  // between two frames of a serial line
     bool connected_ = false;
     hal::TimePoint last_byte_{};
     hal::TimePoint give_up_ = hal::TimePoint::max();
     hal::Duration typical_response_{};
     hal::TimePoint acknowledged_{};
-    std::unique_ptr<Context> context_;
+    std::unique_ptr<_modbus, CloseContext> context_;
 };
 
 }  // namespace hord::drivers

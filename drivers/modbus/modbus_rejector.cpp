@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <condition_variable>
+#include <functional>
 #include <mutex>
 #include <optional>
 #include <thread>
@@ -14,7 +15,6 @@
 #include "drivers/modbus/rejector_module.h"
 
 namespace hord::drivers {
-namespace {
 
 using hal::Duration;
 using hal::RejectCommand;
@@ -23,20 +23,12 @@ using hal::TimePoint;
 using Outcome = RejectReport::Outcome;
 using namespace std::chrono_literals;
 
-}  // namespace
-
 // The state of one start(): members of the loop thread, of the driver's thread, and those shared under the mutex. Held
 // by shared_ptr because posted callbacks may run after stop().
 struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
     struct Job {
         std::size_t slot = 0;  // of the ledger
         RejectCommand command;
-    };
-    struct Event {                           // from the driver's thread to the loop
-        std::optional<std::size_t> settled;  // a ledger slot; none: the link changed, or a settled command was repeated
-        RejectReport report;
-        std::optional<bool> link;
-        Error why_down;
     };
     struct Unconfirmed {  // acknowledged, but the confirm sensor has not seen the part
         Job job;
@@ -45,7 +37,7 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
 
     hal::EventLoop& loop;
     const ModbusRejectorOptions options;
-    ThreadSafeQueue<Event> events;
+    ThreadSafeQueue<std::function<void()>> events;  // from the driver's thread to the loop
 
     // Loop thread.
     hal::Rejector::Listener* listener = nullptr;
@@ -76,18 +68,17 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
     void deliver_events() {
         while (const auto event = events.pop()) {
             if (listener == nullptr) return;  // stopped by the previous callback, or before
-            if (event->link) {
-                listener->on_rejector_link(*event->link, event->why_down);
-                continue;
-            }
-            std::uint32_t owed = event->settled ? ledger.settle(*event->settled, event->report) : 1;
-            for (; owed > 0 && listener != nullptr; --owed) listener->on_reject(event->report);
+            (*event)();
         }
+    }
+
+    void deliver(const RejectReport& report, std::uint32_t times) {
+        for (; times > 0 && listener != nullptr; --times) listener->on_reject(report);
     }
 
     // ---- either thread
 
-    void send(Event event) {
+    void send(std::function<void()> event) {
         events.push(std::move(event));
         loop.post([self = shared_from_this()] { self->deliver_events(); });
     }
@@ -97,14 +88,16 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
     [[nodiscard]] TimePoint now() const { return loop.now(); }
 
     void report(const Job& job, Outcome outcome, TimePoint at) {
-        send({.settled = job.slot, .report = {job.command.part, outcome, at}, .link = {}, .why_down = {}});
+        send([this, slot = job.slot, report = RejectReport{job.command.part, outcome, at}] {
+            deliver(report, ledger.settle(slot, report));
+        });
     }
     void report(const Job& job, Outcome outcome) { report(job, outcome, now()); }
 
     void report_link(bool up, const Error& why_down = {}) {
         if (reported_link == up) return;
         reported_link = up;
-        send({.settled = {}, .report = {}, .link = up, .why_down = why_down});
+        send([this, up, why_down] { listener->on_rejector_link(up, why_down); });
     }
 
     void link_failed(const Error& why) {
@@ -341,7 +334,7 @@ Result<void> ModbusRejector::do_reject(const RejectCommand& command) {
                         "space the rejects, or check that the module answers");
         case hal::RejectLedger::Entered::repeat: return {};
         case hal::RejectLedger::Entered::settled:
-            session_->send({.settled = {}, .report = entry.report, .link = {}, .why_down = {}});
+            session_->send([session = session_.get(), report = entry.report] { session->deliver(report, 1); });
             return {};
         case hal::RejectLedger::Entered::fresh: break;
     }

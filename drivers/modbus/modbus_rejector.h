@@ -2,16 +2,14 @@
 //
 // The driver's own thread writes; reports come on the loop's thread. A coil is written and then read back: this proves
 // the module's register, not the valve. With a confirm sensor, only the arrival of the ejected part confirms a command.
+// Commands have priority: checks, the watchdog and the confirm sensor are served between them.
 //
 // No command is ever written twice. After a lost answer it may or may not have acted; it is reported as failed unless
-// the coil reads back as written. Over TCP the connection is then opened again, and the first write on a new connection
-// is the safe state, which ends a pulse whose answer was lost. A serial line is used again when it is silent
-// (coil_link.h).
+// the coil reads back as written. The first write on a new TCP connection is the safe state, which ends a pulse whose
+// answer was lost.
 //
-// A module with a watchdog sets its outputs to 0 when it loses the link; the driver sets and triggers the watchdog.
-// Wire the ejector energise-to-pass if a bad part must not pass then, and the run permit so that 0 stops the line.
-//
-// Commands have priority: checks, the watchdog and the confirm sensor are served between them.
+// Wire the ejector energise-to-pass if a bad part must not pass without a link, and the run permit so that 0 stops the
+// line.
 #pragma once
 
 #include <memory>

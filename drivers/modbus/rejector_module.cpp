@@ -8,14 +8,13 @@ using namespace std::chrono_literals;
 using hal::Duration;
 
 Result<void> RejectorModule::connect() {
-    const Duration timeout = options_.response_timeout;
     const ModuleMap& map = options_.map;
-    if (auto done = link_.connect(timeout); !done) return done;
+    if (auto done = link_.connect(); !done) return done;
     if (map.alarm_coil >= 0) {
-        const auto alarm = link_.read(map.alarm_coil, timeout);
+        const auto alarm = link_.read(map.alarm_coil);
         if (!alarm) return tl::unexpected(alarm.error());
         if (*alarm) {
-            if (auto done = link_.command(map.alarm_coil, true, timeout); !done) return done;
+            if (auto done = link_.write(map.alarm_coil, true); !done) return done;
         }
     }
     if (options_.watchdog > 0ns) {
@@ -23,14 +22,14 @@ Result<void> RejectorModule::connect() {
     }
     if (times_pulse() && map.pulse_width_register >= 0) {
         const auto units = static_cast<int>(options_.module_pulse / map.pulse_width_unit);
-        if (auto done = link_.write_register(map.pulse_width_register, units, timeout); !done) return done;
+        if (auto done = link_.write_register(map.pulse_width_register, units); !done) return done;
     }
     if (options_.confirm_input >= 0) {
         const auto present = read_confirm_sensor();
         if (!present) return tl::unexpected(present.error());
         part_present_ = *present;
     }
-    auto done = times_pulse() ? link_.command(pulse_coil(), false, timeout) : end_pulse();
+    auto done = times_pulse() ? link_.write(pulse_coil(), false) : end_pulse();
     if (done) done = set_permit(false);
     return done;
 }
@@ -38,10 +37,9 @@ Result<void> RejectorModule::connect() {
 // The time can only be set, and an expired watchdog only releases the outputs, while it is stopped.
 Result<void> RejectorModule::start_watchdog() {
     const ModuleMap& map = options_.map;
-    const Duration timeout = options_.response_timeout;
-    auto done = link_.write_register(map.watchdog_stop_register, map.watchdog_stop_value, timeout);
+    auto done = link_.write_register(map.watchdog_stop_register, map.watchdog_stop_value);
     const auto units = static_cast<int>((options_.watchdog + map.watchdog_unit - 1ns) / map.watchdog_unit);
-    if (done) done = link_.write_register(map.watchdog_time_register, units, timeout);
+    if (done) done = link_.write_register(map.watchdog_time_register, units);
     // Twice: one of the two values differs from the one that an earlier station left in the register.
     for (int k = 0; k < 2 && done; ++k) done = trigger_watchdog();
     return done;
@@ -50,30 +48,29 @@ Result<void> RejectorModule::start_watchdog() {
 Result<void> RejectorModule::trigger_watchdog() {
     last_trigger_ = last_trigger_ == 1 ? 2 : 1;
     watchdog_due_ = clock_.now() + options_.watchdog / 3;
-    return link_.write_register(options_.map.watchdog_trigger_register, last_trigger_, options_.response_timeout);
+    return link_.write_register(options_.map.watchdog_trigger_register, last_trigger_);
 }
 
-Result<void> RejectorModule::write_output(int coil, bool on, Duration timeout) {
-    return link_.write(coil, on, coil + options_.map.read_back_offset, timeout);
+Result<void> RejectorModule::write_output(int coil, bool on) {
+    return link_.write(coil, on, coil + options_.map.read_back_offset);
 }
 
 Result<void> RejectorModule::start_pulse() {
-    return times_pulse() ? link_.command(pulse_coil(), true, options_.response_timeout)
-                         : write_output(options_.ejector_coil, coil_value(true), options_.response_timeout);
+    return times_pulse() ? link_.write(pulse_coil(), true) : write_output(options_.ejector_coil, coil_value(true));
 }
 
 Result<void> RejectorModule::end_pulse() {
     if (times_pulse()) return {};
-    return write_output(options_.ejector_coil, coil_value(false), options_.response_timeout);
+    return write_output(options_.ejector_coil, coil_value(false));
 }
 
 Result<void> RejectorModule::set_permit(bool permit) {
     if (options_.permit_coil < 0) return {};
-    return write_output(options_.permit_coil, permit, options_.response_timeout);
+    return write_output(options_.permit_coil, permit);
 }
 
 Result<void> RejectorModule::check_coil(int coil, int read_at, bool expected) {
-    const auto value = link_.read(read_at, options_.response_timeout);
+    const auto value = link_.read(read_at);
     if (!value) return tl::unexpected(value.error());
     if (*value == expected) return {};
     return fail(ErrorCode::disconnected,
@@ -92,7 +89,7 @@ Result<void> RejectorModule::check_permit(bool permit) {
 }
 
 Result<bool> RejectorModule::read_confirm_sensor() {
-    return link_.read_input(options_.confirm_input, options_.response_timeout).map([&](bool value) {
+    return link_.read_input(options_.confirm_input).map([&](bool value) {
         return value != options_.confirm_active_low;
     });
 }
@@ -103,13 +100,12 @@ Result<bool> RejectorModule::part_arrived() {
 
 void RejectorModule::make_safe(hal::TimePoint by) {
     link_.give_up_at(by);
-    if (link_.connected() && times_pulse()) (void)link_.command(pulse_coil(), false, by - clock_.now());
+    if (link_.connected() && times_pulse()) (void)link_.write(pulse_coil(), false);
     for (const int coil : {times_pulse() ? -1 : options_.ejector_coil, options_.permit_coil}) {
-        if (coil >= 0 && link_.connected()) (void)write_output(coil, false, by - clock_.now());
+        if (coil >= 0 && link_.connected()) (void)write_output(coil, false);
     }
     if (link_.connected() && options_.watchdog > 0ns) {
-        (void)link_.write_register(options_.map.watchdog_stop_register, options_.map.watchdog_stop_value,
-                                   by - clock_.now());
+        (void)link_.write_register(options_.map.watchdog_stop_register, options_.map.watchdog_stop_value);
     }
     link_.close();
 }

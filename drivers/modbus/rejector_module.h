@@ -10,7 +10,7 @@ namespace hord::drivers {
 class RejectorModule {
   public:
     RejectorModule(const hal::Clock& clock, const ModbusRejectorOptions& options)
-        : clock_(clock), options_(options), link_(clock, options.address) {}
+        : clock_(clock), options_(options), link_(clock, options.address, options.response_timeout) {}
 
     // True: the module times the pulse by itself (module_pulse), and end_pulse() has nothing to write.
     [[nodiscard]] bool times_pulse() const { return options_.module_pulse > hal::Duration::zero(); }
@@ -42,7 +42,7 @@ class RejectorModule {
   private:
     [[nodiscard]] bool coil_value(bool act) const { return act != options_.energise_to_pass; }
     [[nodiscard]] int pulse_coil() const { return options_.ejector_coil + options_.map.pulse_coil_offset; }
-    Result<void> write_output(int coil, bool on, hal::Duration timeout);
+    Result<void> write_output(int coil, bool on);
     Result<void> check_coil(int coil, int read_at, bool expected);
     Result<bool> read_confirm_sensor();
     Result<void> start_watchdog();

@@ -9,7 +9,6 @@
 namespace hord::drivers {
 
 struct V4l2SensorOptions {
-    static constexpr int kMinBuffers = 2, kMaxBuffers = 32;
     std::string device = "/dev/video0";
     int width_px = 0, height_px = 0;                             // 0: as the device is set
     int bits = 8;                                                // 8: GREY, 10: Y10 or Y10P, 12: Y12 or Y12P, 16: Y16

@@ -4,8 +4,6 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
-#include <map>
-#include <mutex>
 #include <span>
 
 #include <fcntl.h>
@@ -19,11 +17,6 @@
 
 namespace hord::drivers {
 namespace {
-
-using hal::TimePoint;
-
-constexpr auto kBuffersMax =
-    static_cast<std::uint32_t>(V4l2SensorOptions::kMaxBuffers);  // a lease's slot is generation * kBuffersMax + buffer
 
 int request(int fd, unsigned long code, void* argument) {
     for (;;) {
@@ -71,52 +64,46 @@ tl::unexpected<Error> failed(const std::string& device, const char* what, int er
                                                    : "look at the kernel's log");
 }
 
+v4l2_buffer mapped_buffer() {
+    v4l2_buffer buffer{};
+    buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    buffer.memory = V4L2_MEMORY_MMAP;
+    return buffer;
+}
+
+// Requests `count` mapped buffers of the driver. 0 frees them all.
+int request_buffers(int fd, std::uint32_t& count) {
+    v4l2_requestbuffers buffers{};
+    buffers.count = count;
+    buffers.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    buffers.memory = V4L2_MEMORY_MMAP;
+    const int r = request(fd, VIDIOC_REQBUFS, &buffers);
+    count = buffers.count;
+    return r;
+}
+
 }  // namespace
 
-struct V4l2Sensor::Stream {
+struct V4l2Sensor::Stream final : CameraStream {
     common::UniqueFd fd;  // closing it also ends streaming and frees the buffers
-    std::vector<std::pair<void*, std::size_t>> maps;
-    Depth depth{};
-    std::vector<std::vector<std::uint16_t>> unpacked;  // of each buffer, for packed formats
 
-    ~Stream() {
-        for (const auto& [data, size] : maps) munmap(data, size);
+    ~Stream() override {
+        for (const auto& mapped : memory) munmap(const_cast<std::byte*>(mapped.data()), mapped.size());
     }
-    // The device's own buffer, or the unpacked samples and their size in `bytes_used`.
-    FrameView view_of(std::uint32_t index, const hal::SensorFormat& format, std::ptrdiff_t stride_bytes,
-                      std::size_t& bytes_used) {
-        const auto* data = static_cast<const std::byte*>(maps[index].first);
-        if (!depth.packed) return {data, format.width_px, format.height_px, stride_bytes, format.bits};
-        const auto width = static_cast<std::size_t>(format.width_px);
-        std::vector<std::uint16_t>& samples = unpacked[index];
-        bytes_used = unpack_rows(data, static_cast<std::size_t>(stride_bytes), bytes_used, depth.bits, width, samples);
-        return {reinterpret_cast<const std::byte*>(samples.data()), format.width_px, format.height_px,
-                static_cast<std::ptrdiff_t>(width * sizeof(std::uint16_t)), format.bits};
-    }
-    int queue(std::uint32_t index) const {
-        v4l2_buffer buffer{};
-        buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-        buffer.memory = V4L2_MEMORY_MMAP;
+    Result<void> queue(std::uint32_t index) override {
+        v4l2_buffer buffer = mapped_buffer();
         buffer.index = index;
-        return request(fd.get(), VIDIOC_QBUF, &buffer);
+        if (request(fd.get(), VIDIOC_QBUF, &buffer) == 0) return {};
+        return fail(ErrorCode::io, std::string("a buffer cannot be queued: ") + std::strerror(errno));
     }
-};
-
-struct V4l2Sensor::LeaseTable {
-    std::mutex mutex;
-    std::uint32_t generation = 0;
-    std::shared_ptr<Stream> stream;                         // null when stopped
-    std::map<std::uint32_t, std::shared_ptr<Stream>> lent;  // by slot: keeps an earlier stream's memory mapped
 };
 
 V4l2Sensor::V4l2Sensor(hal::EventLoop& loop, const V4l2SensorOptions& options)
-    : loop_(loop), options_(options), leases_(std::make_unique<LeaseTable>()) {}
+    : CameraSensor(loop, options.device), options_(options) {}
 V4l2Sensor::~V4l2Sensor() { stop(); }
 
 Result<std::unique_ptr<V4l2Sensor>> V4l2Sensor::open(hal::EventLoop& loop, const V4l2SensorOptions& options) {
-    if (options.buffers < V4l2SensorOptions::kMinBuffers || options.buffers > V4l2SensorOptions::kMaxBuffers) {
-        return fail(ErrorCode::invalid_argument, "sensor.buffers must be in 2..32", "set it to 4");
-    }
+    if (auto good = check_buffers(options.buffers); !good) return tl::unexpected(good.error());
     std::unique_ptr<V4l2Sensor> sensor(new V4l2Sensor(loop, options));
     auto stream = sensor->open_stream();
     if (!stream) return tl::unexpected(stream.error());
@@ -125,7 +112,7 @@ Result<std::unique_ptr<V4l2Sensor>> V4l2Sensor::open(hal::EventLoop& loop, const
 
 // Opens the device, agrees on the format, sets the controls.
 Result<std::shared_ptr<V4l2Sensor::Stream>> V4l2Sensor::open_stream() {
-    const std::string& device = options_.device;
+    const std::string& device = name_;
     auto stream = std::make_shared<Stream>();
     stream->fd.reset(::open(device.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
     if (!stream->fd) return failed(device, "cannot be opened", errno);
@@ -150,6 +137,7 @@ Result<std::shared_ptr<V4l2Sensor::Stream>> V4l2Sensor::open_stream() {
     const std::uint32_t width = options_.width_px > 0 ? static_cast<std::uint32_t>(options_.width_px) : pixel.width;
     const std::uint32_t height = options_.height_px > 0 ? static_cast<std::uint32_t>(options_.height_px) : pixel.height;
     bool agreed = false;
+    Depth used{};
     for (const Depth& depth : kDepths) {
         if (agreed || depth.bits != options_.bits) continue;
         pixel.width = width;
@@ -160,7 +148,7 @@ Result<std::shared_ptr<V4l2Sensor::Stream>> V4l2Sensor::open_stream() {
         const bool accepted = request(stream->fd.get(), VIDIOC_S_FMT, &format) == 0;
         if (!accepted && errno == EBUSY) return failed(device, "its format cannot be set", EBUSY);
         agreed = accepted && pixel.pixelformat == depth.fourcc && pixel.width == width && pixel.height == height;
-        stream->depth = depth;
+        used = depth;
     }
     if (!agreed) {
         std::string wanted;
@@ -172,7 +160,7 @@ Result<std::shared_ptr<V4l2Sensor::Stream>> V4l2Sensor::open_stream() {
                         std::to_string(height) + "; it has " + formats_of(stream->fd.get()),
                     "set sensor.bits and the frame's size to what the device has (v4l2-ctl --list-formats-ext)");
     }
-    if (stream->depth.packed && pixel.bytesperline < packed_row_bytes(stream->depth.bits, width)) {
+    if (used.packed && pixel.bytesperline < packed_row_bytes(used.bits, width)) {
         return fail(ErrorCode::io, device + ": a row is shorter than its samples", "look at the kernel's log");
     }
     for (const auto& [name, value] : options_.controls) {
@@ -194,163 +182,62 @@ Result<std::shared_ptr<V4l2Sensor::Stream>> V4l2Sensor::open_stream() {
     // One buffer stays with the device, so that the others can all be lent.
     format_ = {static_cast<int>(width), static_cast<int>(height), options_.bits, options_.buffers - 1};
     stride_bytes_ = static_cast<std::ptrdiff_t>(pixel.bytesperline);
+    layout_ = used.packed ? Layout::mipi : Layout::plain;
     return stream;
 }
 
 Result<void> V4l2Sensor::do_start(Listener& listener) {
     auto opened = open_stream();
     if (!opened) return tl::unexpected(opened.error());
-    const std::shared_ptr<Stream> stream = *opened;
-    v4l2_requestbuffers buffers{};
-    buffers.count = static_cast<std::uint32_t>(options_.buffers);
-    buffers.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    buffers.memory = V4L2_MEMORY_MMAP;
-    if (request(stream->fd.get(), VIDIOC_REQBUFS, &buffers) != 0)
-        return failed(options_.device, "gives no buffers", errno);
-    if (buffers.count < static_cast<std::uint32_t>(options_.buffers)) {
-        return fail(ErrorCode::io, options_.device + " gives only " + std::to_string(buffers.count) + " buffers",
-                    "set fewer sensor.buffers");
-    }
-    for (std::uint32_t k = 0; k < static_cast<std::uint32_t>(options_.buffers); ++k) {
-        v4l2_buffer buffer{};
-        buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-        buffer.memory = V4L2_MEMORY_MMAP;
+    Stream& stream = **opened;
+    const int fd = stream.fd.get();
+    const auto wanted = static_cast<std::uint32_t>(options_.buffers);
+    std::uint32_t count = wanted;
+    if (request_buffers(fd, count) != 0) return failed(name_, "gives no buffers", errno);
+    for (std::uint32_t k = 0; k < std::min(count, wanted); ++k) {
+        v4l2_buffer buffer = mapped_buffer();
         buffer.index = k;
-        if (request(stream->fd.get(), VIDIOC_QUERYBUF, &buffer) != 0)
-            return failed(options_.device, "does not describe its buffers", errno);
-        void* data =
-            mmap(nullptr, buffer.length, PROT_READ, MAP_SHARED, stream->fd.get(), static_cast<off_t>(buffer.m.offset));
-        if (data == MAP_FAILED) return failed(options_.device, "its buffers cannot be mapped", errno);
-        stream->maps.emplace_back(data, buffer.length);
-        if (buffer.length < static_cast<std::size_t>(stride_bytes_) * static_cast<std::size_t>(format_.height_px)) {
-            return fail(ErrorCode::io, options_.device + ": a buffer is smaller than a frame",
-                        "look at the kernel's log");
-        }
-        if (stream->queue(k) != 0) return failed(options_.device, "a buffer cannot be queued", errno);
-    }
-    if (stream->depth.packed) {
-        const auto samples = static_cast<std::size_t>(format_.width_px) * static_cast<std::size_t>(format_.height_px);
-        stream->unpacked.assign(stream->maps.size(), std::vector<std::uint16_t>(samples));
+        if (request(fd, VIDIOC_QUERYBUF, &buffer) != 0) return failed(name_, "does not describe its buffers", errno);
+        void* data = mmap(nullptr, buffer.length, PROT_READ, MAP_SHARED, fd, static_cast<off_t>(buffer.m.offset));
+        if (data == MAP_FAILED) return failed(name_, "its buffers cannot be mapped", errno);
+        stream.memory.emplace_back(static_cast<const std::byte*>(data), buffer.length);
+        if (!stream.queue(k)) return failed(name_, "a buffer cannot be queued", errno);
     }
     int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    if (request(stream->fd.get(), VIDIOC_STREAMON, &type) != 0)
-        return failed(options_.device, "does not stream", errno);
-    auto watch = loop_.watch(stream->fd.get(), hal::EventLoop::Readiness::readable, [this] { on_ready(); });
-    if (!watch) return tl::unexpected(watch.error());
-    watch_ = *watch;
-    listener_ = &listener;
-    lost_ = false;
-    waiting_.clear();
-    untriggered_in_stream_ = 0;
-    const std::scoped_lock lock(leases_->mutex);
-    ++leases_->generation;
-    leases_->stream = stream;
-    return {};
-}
-
-Result<void> V4l2Sensor::do_trigger(const hal::ExposureRequest& exposure) {
-    if (lost_) return fail(ErrorCode::disconnected, options_.device + " is gone", "stop it and start it again");
-    const std::scoped_lock lock(leases_->mutex);
-    const auto lent =
-        std::ranges::count_if(leases_->lent, [&](const auto& loan) { return loan.second == leases_->stream; });
-    if (static_cast<std::size_t>(lent) + waiting_.size() >= static_cast<std::size_t>(format_.buffers)) {
-        return fail(ErrorCode::busy, options_.device + ": every buffer is lent or filling",
-                    "give frames back sooner, or set more sensor.buffers");
-    }
-    waiting_.push_back(exposure);
-    return {};
+    if (request(fd, VIDIOC_STREAMON, &type) != 0) return failed(name_, "does not stream", errno);
+    fd_ = fd;
+    return begin(std::move(*opened), fd, listener);
 }
 
 void V4l2Sensor::on_ready() {
-    std::shared_ptr<Stream> stream;
-    std::uint32_t generation = 0;
-    {
-        const std::scoped_lock lock(leases_->mutex);
-        stream = leases_->stream;
-        generation = leases_->generation;
-    }
-    if (!stream) return;
-    v4l2_buffer buffer{};
-    buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    buffer.memory = V4L2_MEMORY_MMAP;
-    if (request(stream->fd.get(), VIDIOC_DQBUF, &buffer) != 0) {
-        if (errno == EAGAIN) return;
-        return lose("frames stopped", errno);
-    }
-    if (buffer.index >= stream->maps.size()) return lose("it named a buffer that does not exist", EIO);
-    if (!watch_again(stream->fd.get())) return lose("it cannot be waited for", EIO);
-    // The kernel's monotonic time stamp of the exposure's start or end is truncated to microseconds: the latest time
-    // that it can stand for.
-    const TimePoint stamp{std::chrono::seconds(buffer.timestamp.tv_sec) +
-                          std::chrono::microseconds(buffer.timestamp.tv_usec) + std::chrono::nanoseconds(999)};
-    const bool of_start = (buffer.flags & V4L2_BUF_FLAG_TSTAMP_SRC_MASK) == V4L2_BUF_FLAG_TSTAMP_SRC_SOE;
-    const auto began = [&](const hal::ExposureRequest& asked) { return of_start ? stamp : stamp - asked.length; };
-    if (waiting_.empty() || began(waiting_.front()) < waiting_.front().start) {
-        ++untriggered_;
-        ++untriggered_in_stream_;
-        if (stream->queue(buffer.index) != 0) lose("a buffer cannot be queued", errno);
+    v4l2_buffer buffer = mapped_buffer();
+    if (request(fd_, VIDIOC_DQBUF, &buffer) != 0) {
+        if (errno != EAGAIN) lose(name_ + ": frames stopped: " + std::strerror(errno));
         return;
     }
-    const TimePoint start = began(waiting_.front());
-    waiting_.erase(waiting_.begin());
-    const std::uint32_t slot = generation * kBuffersMax + buffer.index;
-    {
-        const std::scoped_lock lock(leases_->mutex);
-        leases_->lent[slot] = stream;
-    }
-    std::size_t bytes_used = buffer.bytesused;
-    const FrameView view = stream->view_of(buffer.index, format_, stride_bytes_, bytes_used);
-    const hal::FrameInfo info{.sequence = buffer.sequence - untriggered_in_stream_,
-                              .exposure_start = start,
-                              .bytes_used = bytes_used,
-                              .corrupt = (buffer.flags & V4L2_BUF_FLAG_ERROR) != 0};
-    listener_->on_frame(hal::FrameLease(*this, slot, view, info));
-}
-
-// Watches the descriptor again after every frame: v4l2loopback 0.12 never wakes a waiter that was registered while a
-// frame was readable.
-bool V4l2Sensor::watch_again(int fd) {
-    loop_.unwatch(watch_);
-    auto watch = loop_.watch(fd, hal::EventLoop::Readiness::readable, [this] { on_ready(); });
-    if (!watch) return false;
-    watch_ = *watch;
-    return true;
-}
-
-void V4l2Sensor::do_give_back(std::uint32_t slot) noexcept {
-    const std::scoped_lock lock(leases_->mutex);
-    const auto lease = leases_->lent.find(slot);
-    if (lease == leases_->lent.end()) return;
-    if (lease->second == leases_->stream)
-        (void)lease->second->queue(slot % kBuffersMax);  // a failure shows as lost frames
-    leases_->lent.erase(lease);                          // the last lease of an earlier stream unmaps and closes it
-}
-
-void V4l2Sensor::lose(const char* what, int error) {
-    lost_ = true;
-    loop_.unwatch(watch_);
-    waiting_.clear();
-    const Error why{ErrorCode::disconnected, options_.device + ": " + what + ": " + std::strerror(error),
-                    "check the cable; stop it and start it again"};
-    lost_timer_ = loop_.call_after({}, [this, why] { listener_->on_sensor_lost(why); });
+    // Watched again after every frame: v4l2loopback 0.12 never wakes a waiter that was registered while a frame was
+    // readable.
+    if (const auto watched = watch(fd_); !watched) return lose(name_ + ": " + watched.error().what);
+    // The kernel's monotonic time stamp is truncated to microseconds: the latest time that it can stand for.
+    const hal::TimePoint stamp{std::chrono::seconds(buffer.timestamp.tv_sec) +
+                               std::chrono::microseconds(buffer.timestamp.tv_usec) + std::chrono::nanoseconds(999)};
+    deliver({.buffer = buffer.index,
+             .sequence = buffer.sequence,
+             .stamp = stamp,
+             .stamp_of_start = (buffer.flags & V4L2_BUF_FLAG_TSTAMP_SRC_MASK) == V4L2_BUF_FLAG_TSTAMP_SRC_SOE,
+             .bytes_used = buffer.bytesused,
+             .corrupt = (buffer.flags & V4L2_BUF_FLAG_ERROR) != 0});
 }
 
 void V4l2Sensor::do_stop() {
-    listener_ = nullptr;
-    loop_.cancel(lost_timer_);
-    if (!lost_) loop_.unwatch(watch_);
-    waiting_.clear();
-    const std::scoped_lock lock(leases_->mutex);
-    const std::shared_ptr<Stream> stream = std::exchange(leases_->stream, nullptr);
+    const auto stream = end();
     int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    (void)request(stream->fd.get(), VIDIOC_STREAMOFF, &type);
+    (void)request(fd_, VIDIOC_STREAMOFF, &type);
     // Frees the device's queue, so that streaming can start again while frames are leased: their memory stays mapped
     // until the last lease ends. A driver that cannot orphan mapped buffers refuses; then a restart waits for the
     // leases.
-    v4l2_requestbuffers none{};
-    none.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    none.memory = V4L2_MEMORY_MMAP;
-    (void)request(stream->fd.get(), VIDIOC_REQBUFS, &none);
+    std::uint32_t none = 0;
+    (void)request_buffers(fd_, none);
 }
 
 }  // namespace hord::drivers

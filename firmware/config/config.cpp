@@ -1,13 +1,11 @@
 #include "firmware/config/config.h"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 
 #include "algo/frame/extents.h"
 #include "common/toml_fields.h"
 #include "firmware/config/device_sections.h"
-#include "firmware/config/toml_values.h"
 
 namespace hord::firmware {
 namespace {
@@ -34,9 +32,15 @@ void macro(TomlTable& table, std::string_view key, int& bins_i, int& bins_j) {
     bins_j = j;
 }
 
+// A path that starts at `folder` if it is relative; empty if the key is empty, or absent without a default.
+std::filesystem::path path(TomlTable& table, std::string_view key, const std::filesystem::path& folder,
+                           std::string text = {}) {
+    table.text(key, text);
+    return text.empty() ? std::filesystem::path() : folder / text;
+}
+
 void read_line(TomlTable line, CoreConfig& core) {
-    constexpr std::array<std::string_view, 2> kinds{"time", "encoder"};
-    if (const auto kind = line.choice("tracking", kinds)) core.by_encoder = *kind == 1;
+    line.choice("tracking", {"time", "encoder"}, core.by_encoder);
     ms(line, "transport_ms", core.transport, 1, 600'000);
     line.integer("transport_counts", core.transport_counts, 1, 1'000'000'000);
     ms(line, "encoder_timeout_ms", core.encoder_timeout, 1, 60'000);
@@ -87,13 +91,11 @@ void read_modbus(TomlTable table, TcpServer& value) {
 }
 
 void read_serial(TomlTable table, SerialLine& value) {
-    constexpr std::array<std::string_view, 3> parities{"none", "even", "odd"};
     modbus::SerialOptions line;
     line.device.clear();
     table.text("device", line.device);
     table.integer("baud", line.baud, 1200, 921'600);
-    if (const auto parity = table.choice("parity", parities))
-        line.parity = static_cast<modbus::SerialOptions::Parity>(*parity);
+    table.choice("parity", {"none", "even", "odd"}, line.parity);
     table.integer("unit", line.unit, 1, 247);
     table.boolean("rs485", line.rs485);
     table.boolean("may_write", line.may_write);
@@ -102,22 +104,15 @@ void read_serial(TomlTable table, SerialLine& value) {
 }
 
 void read_plc(TomlTable plc, PlcConfig& value, CoreConfig& core) {
-    constexpr std::array<std::string_view, 3> policies{"none", "stop", "reject_all"};
-    if (const auto policy = plc.choice("policy", policies)) core.plc_policy = static_cast<PlcPolicy>(*policy);
+    plc.choice("policy", {"none", "stop", "reject_all"}, core.plc_policy);
     ms(plc, "timeout_ms", value.timeout, 200, 60'000);
 }
 
 void read_inspection(TomlTable inspection, InspectionConfig& value, const std::filesystem::path& folder) {
     macro(inspection, "macro", value.bins_i, value.bins_j);
-    std::string grid;
-    inspection.text("grid", grid);
-    if (!grid.empty()) value.grid = folder / grid;
-    std::string recipe;
-    inspection.text("recipe", recipe);
-    if (!recipe.empty()) value.recipe = folder / recipe;
-    std::string recipes = "recipes";
-    inspection.text("recipes", recipes);
-    if (!recipes.empty()) value.recipes = folder / recipes;
+    value.grid = path(inspection, "grid", folder);
+    value.recipe = path(inspection, "recipe", folder);
+    value.recipes = path(inspection, "recipes", folder, "recipes");
     inspection.integer("threads", value.threads, 1, 64);
     inspection.integer("queue", value.queue, 1, 256);
 }
@@ -131,9 +126,7 @@ void read_optics(TomlTable optics, OpticsConfig& value) {
 
 void read_store(TomlTable store, StoreConfig& value, const std::filesystem::path& folder) {
     store.boolean("enabled", value.enabled);
-    std::string where;
-    store.text("folder", where);
-    if (!where.empty()) value.folder = folder / where;
+    value.folder = path(store, "folder", folder);
     store.integer("keep_days", value.keep_days, 0, 36'500);
     store.integer("keep_mb", value.keep_mb, 0, 10'000'000);
     store.integer("frames_mb", value.frames_mb, 0, 100'000'000);

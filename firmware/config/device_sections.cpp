@@ -1,11 +1,10 @@
 #include "firmware/config/device_sections.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
+#include "drivers/hal/camera_sensor.h"
 #include "firmware/config/module_profiles.h"
-#include "firmware/config/toml_values.h"
 
 namespace hord::firmware {
 
@@ -15,14 +14,11 @@ namespace {
 
 // Reads a GPIO line from the keys "chip", "line", "active_low" and, for an input, "bias" of `table`.
 drivers::GpioLine gpio_line(TomlTable& table, bool input) {
-    constexpr std::array<std::string_view, 4> biases{"as-is", "disabled", "pull-up", "pull-down"};
     drivers::GpioLine line;
     table.text("chip", line.chip);
     table.text("line", line.line);
     table.boolean("active_low", line.active_low);
-    if (input) {
-        if (const auto bias = table.choice("bias", biases)) line.bias = static_cast<drivers::GpioLine::Bias>(*bias);
-    }
+    if (input) table.choice("bias", {"as-is", "disabled", "pull-up", "pull-down"}, line.bias);
     return line;
 }
 
@@ -36,8 +32,8 @@ void check_gpio_line(TomlTable& table, const drivers::GpioLine& line) {
 }  // namespace
 
 void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::path& folder) {
-    constexpr std::array<std::string_view, 4> kinds{"simulated", "frames", "v4l2", "libcamera"};
-    const auto kind = sensor.choice("backend", kinds);
+    int backend = 0;
+    sensor.choice("backend", {"simulated", "frames", "v4l2", "libcamera"}, backend);
     std::string frames;
     sensor.text("folder", frames);
     drivers::V4l2SensorOptions video;
@@ -49,7 +45,7 @@ void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::p
     sensor.integer("width_px", video.width_px, 0, 65'535);
     sensor.integer("height_px", video.height_px, 0, 65'535);
     sensor.integer("bits", video.bits, 8, 16);
-    sensor.integer("buffers", video.buffers, video.kMinBuffers, video.kMaxBuffers);
+    sensor.integer("buffers", video.buffers, drivers::CameraSensor::kMinBuffers, drivers::CameraSensor::kMaxBuffers);
     if (video.bits != 8 && video.bits != 10 && video.bits != 12 && video.bits != 16) {
         sensor.problem("bits", "is no depth that a video device has", "use 8, 10, 12 or 16");
     }
@@ -62,11 +58,11 @@ void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::p
                             "name the control as v4l2-ctl --list-ctrls, or cam --list-controls, calls it");
         if (!control.has("value")) control.problem("value", "is missing", "say what the control is set to");
     }
-    if (kind == 2) value = video;
-    if (kind == 3)
+    if (backend == 2) value = video;
+    if (backend == 3)
         value = drivers::LibcameraSensorOptions{camera,        video.width_px, video.height_px, video.bits,
                                                 video.buffers, green,          video.controls};
-    if (kind != 1) return;
+    if (backend != 1) return;
     if (frames.empty()) sensor.problem("folder", "is missing", "name the folder of the recorded frames");
     value = FrameFolder{folder / frames};
 }
@@ -138,10 +134,8 @@ void check_module(TomlTable& rejector, const drivers::ModbusRejectorOptions& mod
 }  // namespace
 
 void read_rejector(TomlTable rejector, RejectorConfig& value, CoreConfig& core) {
-    constexpr std::array<std::string_view, 2> kinds{"simulated", "modbus"};
-    constexpr std::array<std::string_view, 2> sides{"reject", "pass"};
-    constexpr std::array<std::string_view, 3> parities{"none", "even", "odd"};
-    const auto kind = rejector.choice("backend", kinds);
+    bool real = false;
+    rejector.choice("backend", {"simulated", "modbus"}, real);
     drivers::ModbusRejectorOptions modbus;
     drivers::ModuleAddress& address = modbus.address;
     drivers::SerialSettings serial;
@@ -149,14 +143,16 @@ void read_rejector(TomlTable rejector, RejectorConfig& value, CoreConfig& core) 
     rejector.integer("port", address.port, 1, 65535);
     rejector.text("device", serial.device);
     rejector.integer("baud", serial.baud, 1200, 921'600);
-    if (const auto parity = rejector.choice("parity", parities)) serial.parity = "NEO"[*parity];
+    std::size_t parity = 1;
+    rejector.choice("parity", {"none", "even", "odd"}, parity);
+    serial.parity = "NEO"[parity];
     rejector.boolean("rs485", serial.rs485);
     if (!serial.device.empty()) address.serial = serial;
     rejector.integer("unit", address.unit, 0, 255);
     read_module(rejector, modbus.map);
     rejector.integer("reject_coil", modbus.ejector_coil, 0, 65535);
     rejector.integer("run_permit_coil", modbus.permit_coil, 0, 65535);
-    if (const auto side = rejector.choice("energise_to", sides)) modbus.energise_to_pass = *side == 1;
+    rejector.choice("energise_to", {"reject", "pass"}, modbus.energise_to_pass);
     ms(rejector, "module_pulse_ms", modbus.module_pulse, 0, 10'000);
     rejector.integer("confirm_input", modbus.confirm_input, -1, 65535);
     rejector.boolean("confirm_active_low", modbus.confirm_active_low);
@@ -168,7 +164,7 @@ void read_rejector(TomlTable rejector, RejectorConfig& value, CoreConfig& core) 
     ms(rejector, "pulse_ms", core.reject_pulse, 0.1, 10'000);
     ms(rejector, "confirm_timeout_ms", core.confirm_timeout, 1, 60'000);
     check_module(rejector, modbus, core);
-    if (kind == 1) value = modbus;
+    if (real) value = modbus;
     else value = SimulatedRejector{modbus};
 }
 
@@ -199,8 +195,8 @@ void check_light(TomlTable& table, const CoreConfig& core, const drivers::LightL
 }  // namespace
 
 void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core) {
-    constexpr std::array<std::string_view, 2> kinds{"simulated", "gpio"};
-    const auto kind = strobe.choice("backend", kinds);
+    bool real = false;
+    strobe.choice("backend", {"simulated", "gpio"}, real);
     strobe.integer("channels", value.channels, 1, 32);
     read_limits(strobe, value.limits);
     std::vector<TomlTable> channels = strobe.tables("channel");
@@ -208,7 +204,7 @@ void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core) {
     for (TomlTable& table : channels) {
         auto& channel = gpio.emplace_back(drivers::GpioStrobeChannel{gpio_line(table, false), value.limits});
         read_limits(table, channel.limits);
-        if (kind != 1) continue;
+        if (!real) continue;
         check_gpio_line(table, channel.line);
         for (std::size_t k = 0; k + 1 < gpio.size(); ++k) {
             if (gpio[k].line.chip == channel.line.chip && gpio[k].line.line == channel.line.line) {
@@ -216,7 +212,7 @@ void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core) {
             }
         }
     }
-    if (kind == 1) {
+    if (real) {
         if (gpio.empty() || gpio.size() > 32)
             strobe.problem("channel", "must be there 1 to 32 times",
                            "describe every collimator in a [[strobe.channel]]");
@@ -245,8 +241,8 @@ void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core) {
 }
 
 void read_part_sensor(TomlTable sensor, PartSensorConfig& value, const CoreConfig& core) {
-    constexpr std::array<std::string_view, 2> kinds{"simulated", "gpio"};
-    const auto kind = sensor.choice("backend", kinds);
+    bool real = false;
+    sensor.choice("backend", {"simulated", "gpio"}, real);
     drivers::GpioPartSensorOptions gpio;
     gpio.line = gpio_line(sensor, true);
     us(sensor, "debounce_us", gpio.debounce, 0, 100'000);
@@ -255,7 +251,7 @@ void read_part_sensor(TomlTable sensor, PartSensorConfig& value, const CoreConfi
     const drivers::GpioLine encoder_line = gpio_line(encoder, true);
     ms(encoder, "every_ms", gpio.encoder_every, 1, 1000);
     if (has_encoder) gpio.encoder = encoder_line;
-    if (kind != 1) return;
+    if (!real) return;
     check_gpio_line(sensor, gpio.line);
     if (has_encoder) check_gpio_line(encoder, encoder_line);
     if (core.by_encoder && !has_encoder) {

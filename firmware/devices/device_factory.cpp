@@ -12,7 +12,6 @@
 #include "drivers/libcamera/libcamera_sensor.h"
 #include "drivers/modbus/modbus_rejector.h"
 #include "drivers/v4l2/v4l2_sensor.h"
-#include "firmware/devices/module_description.h"
 #include "hal_sim/cell/cell.h"
 #include "hal_sim/cell/production.h"
 #include "hal_sim/cell/rendered_frames.h"
@@ -68,13 +67,13 @@ bool needs_cell(const Config& config) {
 
 class ChosenBackends final : public Backends {
   public:
-    static Result<std::unique_ptr<Backends>> make(hal::EventLoop& loop, const Config& config,
-                                                  const SimulationOptions& simulation) {
-        auto made = std::unique_ptr<ChosenBackends>(new ChosenBackends(loop));
-        if (auto done = made->open_lights(loop, config); !done) return tl::unexpected(done.error());
-        if (auto done = made->open_camera(loop, config, simulation); !done) return tl::unexpected(done.error());
-        if (auto done = made->open_rejector(loop, config, simulation); !done) return tl::unexpected(done.error());
-        return made;
+    explicit ChosenBackends(hal::EventLoop& loop) : loop_(loop) {}
+
+    Result<void> open_all(const Config& config, const SimulationOptions& simulation) {
+        auto done = open_lights(config);
+        if (done) done = open_camera(config, simulation);
+        if (done) done = open_rejector(config, simulation);
+        return done;
     }
 
     hal::PartSensor& part_sensor() override { return part_sensor_ ? *part_sensor_ : cell_->part_sensor(); }
@@ -110,24 +109,22 @@ class ChosenBackends final : public Backends {
     }
 
   private:
-    explicit ChosenBackends(hal::EventLoop& loop) : loop_(loop) {}
-
     // Before the other devices: the lights are off from now on.
-    Result<void> open_lights(hal::EventLoop& loop, const Config& config) {
-        auto strobe = open_strobe(loop, config);
+    Result<void> open_lights(const Config& config) {
+        auto strobe = open_strobe(loop_, config);
         if (!strobe) return tl::unexpected(strobe.error());
         strobe_ = std::move(*strobe);
-        auto part_sensor = open_part_sensor(loop, config);
+        auto part_sensor = open_part_sensor(loop_, config);
         if (!part_sensor) return tl::unexpected(part_sensor.error());
         part_sensor_ = std::move(*part_sensor);
         return {};
     }
 
     // The sensor, and the simulated cell if any device is simulated.
-    Result<void> open_camera(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
+    Result<void> open_camera(const Config& config, const SimulationOptions& simulation) {
         sim::CellOptions options = cell_options(config, simulation);
         sim::FrameSource* source = &tokens_;
-        auto sensor = open_sensor(loop, config);
+        auto sensor = open_sensor(loop_, config);
         if (!sensor) return tl::unexpected(sensor.error());
         sensor_ = std::move(*sensor);
         if (const auto* recorded = dynamic_cast<const drivers::RecordedFrames*>(sensor_.get()))
@@ -151,19 +148,19 @@ class ChosenBackends final : public Backends {
             source = rendered_.get();
         }
         if (!needs_cell(config)) return {};
-        auto cell = sim::SimulatedCell::make(loop, *source, options);
+        auto cell = sim::SimulatedCell::make(loop_, *source, options);
         if (!cell) return tl::unexpected(cell.error());
         cell_ = std::move(*cell);
         return {};
     }
 
-    Result<void> open_rejector(hal::EventLoop& loop, const Config& config, const SimulationOptions& simulation) {
+    Result<void> open_rejector(const Config& config, const SimulationOptions& simulation) {
         const auto* configured = std::get_if<drivers::ModbusRejectorOptions>(&config.rejector);
         if (configured == nullptr && !simulation.own_coil_module) return {};
         drivers::ModbusRejectorOptions options =
             configured != nullptr ? *configured : std::get<SimulatedRejector>(config.rejector).module;
         if (simulation.own_coil_module) {
-            auto module = sim::CoilModule::open(loop, simulation.realtime);
+            auto module = sim::CoilModule::open(loop_, simulation.realtime);
             if (!module) return tl::unexpected(module.error());
             module_ = std::move(*module);
             // A plain module: pulses, watchdog and confirm sensor of the configured one are not simulated.
@@ -174,15 +171,15 @@ class ChosenBackends final : public Backends {
             options.confirm_input = -1;
             // The coils move the simulated ejector and the belt. The belt stops when the run permit drops, as a PLC
             // stops it; before the first permit it runs.
-            module_->on_coil([this, &loop, ejector = options.ejector_coil, permit = options.permit_coil,
+            module_->on_coil([this, ejector = options.ejector_coil, permit = options.permit_coil,
                               acts_at = !options.energise_to_pass](int moved, bool on, hal::TimePoint at) {
                 if (!cell_) return;
                 if (moved == ejector)
-                    loop.post([this, open = on == acts_at, at] { cell_->world().set_ejector(open, at); });
-                if (moved == permit) loop.post([this, on] { on ? cell_->world().resume() : cell_->world().halt(); });
+                    loop_.post([this, open = on == acts_at, at] { cell_->world().set_ejector(open, at); });
+                if (moved == permit) loop_.post([this, on] { on ? cell_->world().resume() : cell_->world().halt(); });
             });
         }
-        modbus_ = std::make_unique<drivers::ModbusRejector>(loop, options);
+        modbus_ = std::make_unique<drivers::ModbusRejector>(loop_, options);
         modbus_options_ = std::move(options);
         return {};
     }
@@ -226,7 +223,9 @@ Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Con
 
 Result<std::unique_ptr<Backends>> Backends::open(hal::EventLoop& loop, const Config& config,
                                                  const SimulationOptions& options) {
-    return ChosenBackends::make(loop, config, options);
+    auto chosen = std::make_unique<ChosenBackends>(loop);
+    if (auto done = chosen->open_all(config, options); !done) return tl::unexpected(done.error());
+    return chosen;
 }
 
 }  // namespace hord::firmware

@@ -36,6 +36,10 @@ Result<std::unique_ptr<hal::Strobe>> open_strobe(hal::EventLoop& loop, const Con
 Result<std::unique_ptr<hal::PartSensor>> open_part_sensor(hal::EventLoop& loop, const Config& config);
 Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Config& config);
 
+// What a rejector's module says of itself: its name and the state of its outputs. Changes nothing; blocks for up to a
+// few response time-outs. Fails as the link to the module does.
+Result<std::string> describe_module(const hal::Clock& clock, const drivers::ModbusRejectorOptions& options);
+
 class Backends {
   public:
     // Fails as the devices' open() and the rendering do. `loop` must outlive the devices.

@@ -8,7 +8,6 @@
 #include "drivers/libcamera/camera_process.h"
 #include "drivers/modbus/modbus_rejector.h"
 #include "firmware/devices/active_calibration.h"
-#include "firmware/devices/module_description.h"
 #include "firmware/recipes/recipe_file.h"
 
 namespace hord::firmware {

@@ -1,8 +1,10 @@
-#include "firmware/devices/module_description.h"
+// What a rejector's module says of itself.
+#include <algorithm>
 
 #include <fmt/format.h>
 
 #include "drivers/modbus/coil_link.h"
+#include "firmware/devices/device_factory.h"
 
 namespace hord::firmware {
 namespace {
@@ -12,13 +14,12 @@ constexpr const char* kUnknown = "a module that does not say what it is";
 // From the registers in which its maker keeps it, else by Read Device Identification (function 43/14).
 std::string identity_of(drivers::CoilLink& link, const drivers::ModbusRejectorOptions& options) {
     const drivers::ModuleMap& map = options.map;
-    if (map.name_register >= 0 && map.name_words == 0) {
-        const auto number = link.read_register(map.name_register, options.response_timeout);
-        return number ? map.name_prefix + std::to_string(*number) : std::string(kUnknown);
-    }
     if (map.name_register >= 0) {
-        const auto words = link.read_input_registers(map.name_register, map.name_words, options.response_timeout);
+        using Kind = drivers::CoilLink::RegisterKind;
+        const auto words = link.read_registers(map.name_words == 0 ? Kind::holding : Kind::input, map.name_register,
+                                               std::max(1, map.name_words));
         if (!words) return kUnknown;
+        if (map.name_words == 0) return map.name_prefix + std::to_string(words->front());
         std::string text;
         for (const std::uint16_t word : *words) {
             for (const int letter : {word >> 8, word & 0xFF}) {
@@ -27,18 +28,18 @@ std::string identity_of(drivers::CoilLink& link, const drivers::ModbusRejectorOp
         }
         return text;
     }
-    return link.identify(options.response_timeout).value_or(kUnknown);
+    return link.identify().value_or(kUnknown);
 }
 
 }  // namespace
 
 Result<std::string> describe_module(const hal::Clock& clock, const drivers::ModbusRejectorOptions& options) {
-    drivers::CoilLink link(clock, options.address);
-    if (auto connected = link.connect(options.response_timeout); !connected) return tl::unexpected(connected.error());
+    drivers::CoilLink link(clock, options.address, options.response_timeout);
+    if (auto connected = link.connect(); !connected) return tl::unexpected(connected.error());
     std::string outputs;
     const auto add_output = [&](const char* what, int coil) -> Result<void> {
         if (coil < 0) return {};
-        const auto value = link.read(coil + options.map.read_back_offset, options.response_timeout);
+        const auto value = link.read(coil + options.map.read_back_offset);
         if (!value) return tl::unexpected(value.error());
         outputs += fmt::format("; {} (coil {}) is {}", what, coil, *value ? 1 : 0);
         return {};
@@ -46,7 +47,7 @@ Result<std::string> describe_module(const hal::Clock& clock, const drivers::Modb
     if (auto done = add_output("ejector", options.ejector_coil); !done) return tl::unexpected(done.error());
     if (auto done = add_output("run permit", options.permit_coil); !done) return tl::unexpected(done.error());
     if (options.confirm_input >= 0) {
-        const auto value = link.read_input(options.confirm_input, options.response_timeout);
+        const auto value = link.read_input(options.confirm_input);
         if (!value) return tl::unexpected(value.error());
         outputs += fmt::format("; confirm sensor (input {}) is {}", options.confirm_input, *value ? 1 : 0);
     }

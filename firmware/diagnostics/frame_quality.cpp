@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -21,6 +22,10 @@ constexpr double kStrayLight = 0.05;                 // of the lit frame
 double median_or_nan(std::vector<double>& values) {
     return values.empty() ? std::numeric_limits<double>::quiet_NaN() : common::upper_median(std::span(values));
 }
+
+constexpr const char* kLessLight = "less light: shorten timing.strobe_us or lower the sensor's gain";
+
+Judgement judged(bool good, std::string found, const char* cure) { return {good, std::move(found), good ? "" : cure}; }
 
 }  // namespace
 
@@ -66,52 +71,37 @@ Result<FrameQuality> quality_of(const FrameView& frame, const algo::Extents& ext
 }
 
 Judgement judge_exposure(const FrameQuality& q) {
-    Judgement made{true,
-                   fmt::format("brightest bins at {:.0f} % of full scale, {:.1f} % of the lenslets lit", 100 * q.bright,
-                               100 * q.lit),
-                   ""};
-    if (q.bright < kDimmest || q.lit < kLit) {
-        made.good = false;
-        made.cure =
-            "more light: lengthen timing.strobe_us (within the LED's limits) or raise the sensor's gain; check that a "
-            "collimator points at the sensor and nothing covers it";
-    } else if (q.bright > kBrightest) {
-        made.good = false;
-        made.cure = "less light: shorten timing.strobe_us or lower the sensor's gain";
-    }
-    return made;
+    const bool bright = q.bright >= kDimmest && q.lit >= kLit;
+    return judged(bright && q.bright <= kBrightest,
+                  fmt::format("brightest bins at {:.0f} % of full scale, {:.1f} % of the lenslets lit", 100 * q.bright,
+                              100 * q.lit),
+                  bright
+                      ? kLessLight
+                      : "more light: lengthen timing.strobe_us (within the LED's limits) or raise the sensor's gain; "
+                        "check that a collimator points at the sensor and nothing covers it");
 }
 
 Judgement judge_saturation(const FrameQuality& q, const algo::Recipe& recipe) {
-    Judgement made{
+    return judged(
         q.saturated <= recipe.max_saturated_share,
         fmt::format("{:.2f} % of the lenslets (at most {:.2f} %)", 100 * q.saturated, 100 * recipe.max_saturated_share),
-        ""};
-    if (!made.good) made.cure = "less light: shorten timing.strobe_us or lower the sensor's gain";
-    return made;
+        kLessLight);
 }
 
 Judgement judge_focus(const FrameQuality& q) {
     if (std::isnan(q.spot_bins)) return {false, "no lenslet is lit", "see to the exposure first"};
-    Judgement made{q.spot_bins <= kFocused * q.unfocused_bins,
-                   fmt::format("spots of {:.2f} bins RMS (at most {:.2f}; without any focus {:.2f})", q.spot_bins,
-                               kFocused * q.unfocused_bins, q.unfocused_bins),
-                   ""};
-    if (!made.good)
-        made.cure =
-            "focus the collimator and the lenslet array's distance to the sensor; clear the field of parts; where "
-            "frames are raw, calibrate (hordctl calibrate)";
-    return made;
+    return judged(q.spot_bins <= kFocused * q.unfocused_bins,
+                  fmt::format("spots of {:.2f} bins RMS (at most {:.2f}; without any focus {:.2f})", q.spot_bins,
+                              kFocused * q.unfocused_bins, q.unfocused_bins),
+                  "focus the collimator and the lenslet array's distance to the sensor; clear the field of parts; "
+                  "where frames are raw, calibrate (hordctl calibrate)");
 }
 
 Judgement judge_dark(const FrameQuality& dark, const FrameQuality& lit) {
     const double share = lit.mean > 0 ? dark.mean / lit.mean : 1;
-    Judgement made{share <= kStrayLight, fmt::format("{:.1f} % of the lit frame's light", 100 * share), ""};
-    if (!made.good)
-        made.cure =
-            "keep room light off the sensor, and check that the strobe is off between parts; or the sensor's black "
-            "level is above the recipe's dark_dn: lower it";
-    return made;
+    return judged(share <= kStrayLight, fmt::format("{:.1f} % of the lit frame's light", 100 * share),
+                  "keep room light off the sensor, and check that the strobe is off between parts; or the sensor's "
+                  "black level is above the recipe's dark_dn: lower it");
 }
 
 }  // namespace hord::firmware

@@ -12,9 +12,8 @@ struct sockaddr;
 
 namespace hord::firmware::modbus {
 
-// A network as in the configuration: "192.0.2.0/24", "2001:db8::/32", or one address. IPv4 is stored as IPv4-mapped
-// IPv6
-// (::ffff:a.b.c.d).
+// A network as in the configuration: "192.0.2.0/24", "2001:db8::/32", or one address. IPv4 is stored as
+// ::ffff:a.b.c.d.
 struct Network {
     std::array<std::uint8_t, 16> address{};
     int prefix_bits = 128;  // of the 128

@@ -54,130 +54,107 @@ Exception check_range(std::size_t address, std::size_t count, std::size_t most) 
     return address + count > 0x10000 ? Exception::illegal_address : Exception::none;
 }
 
-std::size_t answer_read_bits(RegisterModel& model, Bytes request, Reply& reply) {
-    if (request.size() != 5) return reply.refuse(Exception::illegal_value);
-    const std::uint16_t address = word_at(request, 1);
+// The answers write their reply after its function code, or return the exception that takes its place.
+
+Exception read_bits(RegisterModel& model, Bytes request, Reply& reply) {
+    if (request.size() != 5) return Exception::illegal_value;
     const std::size_t count = word_at(request, 3);
-    if (const auto wrong = check_range(address, count, kMaxReadBits); wrong != Exception::none)
-        return reply.refuse(wrong);
+    if (const auto wrong = check_range(word_at(request, 1), count, kMaxReadBits); wrong != Exception::none)
+        return wrong;
     std::array<bool, kMaxReadBits> bits{};
-    if (const auto wrong = model.read_bits(address, std::span(bits).first(count)); wrong != Exception::none)
-        return reply.refuse(wrong);
+    const auto wrong = model.read_bits(word_at(request, 1), std::span(bits).first(count));
     reply.byte((count + 7) / 8);
     for (std::size_t k = 0; k < count; k += 8) {
         unsigned packed = 0;
         for (std::size_t bit = 0; bit < 8 && k + bit < count; ++bit) packed |= (bits[k + bit] ? 1U : 0U) << bit;
         reply.byte(packed);
     }
-    return reply.size();
+    return wrong;
 }
 
-std::size_t answer_with_registers(RegisterModel& model, std::uint16_t address, std::size_t count, Reply& reply) {
+Exception read_words(RegisterModel& model, std::uint16_t address, std::size_t count, Reply& reply) {
+    if (const auto wrong = check_range(address, count, kMaxReadRegisters); wrong != Exception::none) return wrong;
     std::array<std::uint16_t, kMaxReadRegisters> words{};
-    if (const auto wrong = model.read_registers(address, std::span(words).first(count)); wrong != Exception::none) {
-        return reply.refuse(wrong);
-    }
+    const auto wrong = model.read_registers(address, std::span(words).first(count));
     reply.byte(2 * count);
     for (std::size_t k = 0; k < count; ++k) reply.word(words[k]);
-    return reply.size();
+    return wrong;
 }
 
-std::size_t answer_read_registers(RegisterModel& model, Bytes request, Reply& reply) {
-    if (request.size() != 5) return reply.refuse(Exception::illegal_value);
-    const std::uint16_t address = word_at(request, 1);
-    const std::size_t count = word_at(request, 3);
-    const auto wrong = check_range(address, count, kMaxReadRegisters);
-    return wrong != Exception::none ? reply.refuse(wrong) : answer_with_registers(model, address, count, reply);
+// `data`: two bytes a word.
+Exception write_words(RegisterModel& model, const Origin& origin, std::uint16_t address, Bytes data) {
+    std::array<std::uint16_t, kMaxWriteRegisters> words{};
+    for (std::size_t k = 0; k < data.size() / 2; ++k) words[k] = word_at(data, 2 * k);
+    return model.write_registers(origin, address, std::span<const std::uint16_t>(words).first(data.size() / 2));
+}
+
+Exception read_registers(RegisterModel& model, Bytes request, Reply& reply) {
+    if (request.size() != 5) return Exception::illegal_value;
+    return read_words(model, word_at(request, 1), word_at(request, 3), reply);
 }
 
 // FC 5, 6: the reply repeats the request.
-std::size_t answer_write_one(RegisterModel& model, const Origin& origin, Bytes request, Reply& reply) {
-    if (request.size() != 5) return reply.refuse(Exception::illegal_value);
+Exception write_one(RegisterModel& model, const Origin& origin, Bytes request, Reply& reply) {
+    if (request.size() != 5) return Exception::illegal_value;
     const std::uint16_t address = word_at(request, 1), value = word_at(request, 3);
-    Exception wrong = Exception::none;
-    if (request[0] == 5) {
-        if (value != 0xFF00 && value != 0) return reply.refuse(Exception::illegal_value);
-        const bool on = value != 0;
-        wrong = model.write_bits(origin, address, std::span(&on, 1));
-    } else {
-        wrong = model.write_registers(origin, address, std::span(&value, 1));
-    }
-    if (wrong != Exception::none) return reply.refuse(wrong);
     reply.bytes(request.subspan(1));
-    return reply.size();
+    if (request[0] == 6) return model.write_registers(origin, address, std::span(&value, 1));
+    if (value != 0xFF00 && value != 0) return Exception::illegal_value;
+    const bool on = value != 0;
+    return model.write_bits(origin, address, std::span(&on, 1));
 }
 
 // FC 15, 16: the reply repeats address and count.
-std::size_t answer_write_many(RegisterModel& model, const Origin& origin, Bytes request, Reply& reply) {
-    if (request.size() < 6) return reply.refuse(Exception::illegal_value);
+Exception write_many(RegisterModel& model, const Origin& origin, Bytes request, Reply& reply) {
+    if (request.size() < 6) return Exception::illegal_value;
     const bool bits = request[0] == 15;
     const std::uint16_t address = word_at(request, 1);
-    const std::size_t count = word_at(request, 3);
+    const std::size_t count = word_at(request, 3), size = bits ? (count + 7) / 8 : 2 * count;
     if (const auto wrong = check_range(address, count, bits ? kMaxWriteBits : kMaxWriteRegisters);
         wrong != Exception::none) {
-        return reply.refuse(wrong);
+        return wrong;
     }
-    const std::size_t data = bits ? (count + 7) / 8 : 2 * count;
-    if (request[5] != data || request.size() != 6 + data) return reply.refuse(Exception::illegal_value);
-    Exception wrong = Exception::none;
-    if (bits) {
-        std::array<bool, kMaxWriteBits> values{};
-        for (std::size_t k = 0; k < count; ++k) values[k] = (request[6 + k / 8] >> (k % 8) & 1U) != 0;
-        wrong = model.write_bits(origin, address, std::span(values).first(count));
-    } else {
-        std::array<std::uint16_t, kMaxWriteRegisters> values{};
-        for (std::size_t k = 0; k < count; ++k) values[k] = word_at(request, 6 + 2 * k);
-        wrong = model.write_registers(origin, address, std::span(values).first(count));
-    }
-    if (wrong != Exception::none) return reply.refuse(wrong);
+    if (request[5] != size || request.size() != 6 + size) return Exception::illegal_value;
     reply.bytes(request.subspan(1, 4));
-    return reply.size();
+    const Bytes data = request.subspan(6);
+    if (!bits) return write_words(model, origin, address, data);
+    std::array<bool, kMaxWriteBits> values{};
+    for (std::size_t k = 0; k < count; ++k) values[k] = (data[k / 8] >> (k % 8) & 1U) != 0;
+    return model.write_bits(origin, address, std::span(values).first(count));
 }
 
 // FC 22: register = (register AND and_mask) OR (or_mask AND NOT and_mask).
-std::size_t answer_mask_write(RegisterModel& model, const Origin& origin, Bytes request, Reply& reply) {
-    if (request.size() != 7) return reply.refuse(Exception::illegal_value);
+Exception mask_write(RegisterModel& model, const Origin& origin, Bytes request, Reply& reply) {
+    if (request.size() != 7) return Exception::illegal_value;
     const std::uint16_t address = word_at(request, 1);
     const unsigned and_mask = word_at(request, 3), or_mask = word_at(request, 5);
     std::uint16_t value = 0;
-    if (const auto wrong = model.read_registers(address, std::span(&value, 1)); wrong != Exception::none)
-        return reply.refuse(wrong);
+    if (const auto wrong = model.read_registers(address, std::span(&value, 1)); wrong != Exception::none) return wrong;
     value = static_cast<std::uint16_t>((value & and_mask) | (or_mask & ~and_mask & 0xFFFFU));
-    if (const auto wrong = model.write_registers(origin, address, std::span<const std::uint16_t>(&value, 1));
-        wrong != Exception::none) {
-        return reply.refuse(wrong);
-    }
     reply.bytes(request.subspan(1));
-    return reply.size();
+    return model.write_registers(origin, address, std::span<const std::uint16_t>(&value, 1));
 }
 
-// FC 23: the write comes first.
-std::size_t answer_read_write(RegisterModel& model, const Origin& origin, Bytes request, Reply& reply) {
-    if (request.size() < 10) return reply.refuse(Exception::illegal_value);
+// FC 23: the write comes first. If the read would fail, nothing is written.
+Exception read_write(RegisterModel& model, const Origin& origin, Bytes request, Reply& reply) {
+    if (request.size() < 10) return Exception::illegal_value;
     const std::uint16_t read_at = word_at(request, 1), write_at = word_at(request, 5);
     const std::size_t read_count = word_at(request, 3), write_count = word_at(request, 7);
-    if (const auto wrong = check_range(read_at, read_count, kMaxReadRegisters); wrong != Exception::none)
-        return reply.refuse(wrong);
+    if (const auto wrong = check_range(read_at, read_count, kMaxReadRegisters); wrong != Exception::none) return wrong;
     if (const auto wrong = check_range(write_at, write_count, kMaxReadWriteRegisters); wrong != Exception::none)
-        return reply.refuse(wrong);
-    if (request[9] != 2 * write_count || request.size() != 10 + 2 * write_count)
-        return reply.refuse(Exception::illegal_value);
-    // If the read would fail, refuse before the write.
+        return wrong;
+    if (request[9] != 2 * write_count || request.size() != 10 + 2 * write_count) return Exception::illegal_value;
     std::array<std::uint16_t, kMaxReadRegisters> before{};
-    if (const auto wrong = model.read_registers(read_at, std::span(before).first(read_count)); wrong != Exception::none)
-        return reply.refuse(wrong);
-    std::array<std::uint16_t, kMaxReadWriteRegisters> values{};
-    for (std::size_t k = 0; k < write_count; ++k) values[k] = word_at(request, 10 + 2 * k);
-    const auto wrong =
-        model.write_registers(origin, write_at, std::span<const std::uint16_t>(values).first(write_count));
-    return wrong != Exception::none ? reply.refuse(wrong) : answer_with_registers(model, read_at, read_count, reply);
+    auto wrong = model.read_registers(read_at, std::span(before).first(read_count));
+    if (wrong == Exception::none) wrong = write_words(model, origin, write_at, request.subspan(10));
+    return wrong == Exception::none ? read_words(model, read_at, read_count, reply) : wrong;
 }
 
 // FC 43/14. Stream access (1 basic, 2 regular, 3 extended) continues in a later request when the reply is full;
 // 4 requests one object.
-std::size_t answer_identification(const RegisterModel& model, Bytes request, Reply& reply) {
-    if (request.size() < 2 || request[1] != 14) return reply.refuse(Exception::illegal_function);
-    if (request.size() != 4 || request[2] < 1 || request[2] > 4) return reply.refuse(Exception::illegal_value);
+Exception identify(const RegisterModel& model, Bytes request, Reply& reply) {
+    if (request.size() < 2 || request[1] != 14) return Exception::illegal_function;
+    if (request.size() != 4 || request[2] < 1 || request[2] > 4) return Exception::illegal_value;
     const std::uint8_t kind = request[2];
     constexpr std::array<std::size_t, 5> kEnd{0, 0x03, 0x80, 0x100, 0x100};
     constexpr std::size_t kLongest = kMaxPdu - 9;  // seven bytes before the first object, two of its own
@@ -186,7 +163,7 @@ std::size_t answer_identification(const RegisterModel& model, Bytes request, Rep
     };
 
     std::size_t object = request[3];
-    if (kind == 4 && object_text(object).empty()) return reply.refuse(Exception::illegal_address);
+    if (kind == 4 && object_text(object).empty()) return Exception::illegal_address;
     if (kind != 4 && (object >= kEnd[kind] || object_text(object).empty()))
         object = 0;  // required by the specification
     const std::size_t end = kind == 4 ? object + 1 : kEnd[kind];
@@ -210,7 +187,28 @@ std::size_t answer_identification(const RegisterModel& model, Bytes request, Rep
         reply.text(text);
         ++reply.at(more + 2);
     }
-    return reply.size();
+    return Exception::none;
+}
+
+Exception answer(RegisterModel& model, const Origin& origin, Bytes request, Reply& reply) {
+    switch (request[0]) {
+        case 1:
+        case 2: return read_bits(model, request, reply);
+        case 3:
+        case 4: return read_registers(model, request, reply);
+        case 43: return identify(model, request, reply);
+        default: break;
+    }
+    if (!origin.may_write) return Exception::illegal_function;
+    switch (request[0]) {
+        case 5:
+        case 6: return write_one(model, origin, request, reply);
+        case 15:
+        case 16: return write_many(model, origin, request, reply);
+        case 22: return mask_write(model, origin, request, reply);
+        case 23: return read_write(model, origin, request, reply);
+        default: return Exception::illegal_function;
+    }
 }
 
 }  // namespace
@@ -225,26 +223,9 @@ Exception RegisterModel::write_bits(const Origin&, std::uint16_t, std::span<cons
 std::string_view RegisterModel::identification(std::uint8_t) const { return {}; }
 
 std::size_t dispatch(RegisterModel& model, const Origin& origin, Bytes request, std::span<std::uint8_t, kMaxPdu> out) {
-    const std::uint8_t function = request[0];
-    Reply reply(function, out);
-    switch (function) {
-        case 1:
-        case 2: return answer_read_bits(model, request, reply);
-        case 3:
-        case 4: return answer_read_registers(model, request, reply);
-        case 43: return answer_identification(model, request, reply);
-        default: break;
-    }
-    if (!origin.may_write) return reply.refuse(Exception::illegal_function);
-    switch (function) {
-        case 5:
-        case 6: return answer_write_one(model, origin, request, reply);
-        case 15:
-        case 16: return answer_write_many(model, origin, request, reply);
-        case 22: return answer_mask_write(model, origin, request, reply);
-        case 23: return answer_read_write(model, origin, request, reply);
-        default: return reply.refuse(Exception::illegal_function);
-    }
+    Reply reply(request[0], out);
+    const Exception wrong = answer(model, origin, request, reply);
+    return wrong == Exception::none ? reply.size() : reply.refuse(wrong);
 }
 
 }  // namespace hord::firmware::modbus

@@ -7,57 +7,28 @@ namespace {
 
 constexpr std::size_t kCrc = 2;
 
-// Size of the whole frame; 0: the byte that determines it has not arrived; nothing: unknown function.
-std::optional<std::size_t> request_size(std::span<const std::uint8_t> frame) {
-    const auto counted = [&](std::size_t at) { return frame.size() > at ? at + 1 + frame[at] + kCrc : std::size_t{0}; };
-    if (frame.size() < 2) return 0;
-    switch (frame[1]) {
-        case 1:
-        case 2:
-        case 3:
-        case 4:
-        case 5:
-        case 6: return 6 + kCrc;
-        case 7:
-        case 11:
-        case 12:
-        case 17: return 2 + kCrc;
-        case 8: return 6 + kCrc;
-        case 15:
-        case 16: return counted(6);
-        case 20:
-        case 21: return counted(2);
-        case 22: return 8 + kCrc;
-        case 23: return counted(10);
-        case 24: return 4 + kCrc;
-        case 43: return 5 + kCrc;
-        default: return std::nullopt;
-    }
-}
+// The size of frames, without CRC, by function code.
+struct FrameSize {
+    std::uint8_t first, last;  // function codes
+    std::size_t fixed;
+    std::size_t count_at = 0;  // not 0: this byte counts those that follow it
+};
+constexpr FrameSize kRequests[] = {{1, 6, 6},       {7, 7, 2},   {8, 8, 6},      {11, 12, 2},
+                                   {15, 16, 0, 6},  {17, 17, 2}, {20, 21, 0, 2}, {22, 22, 8},
+                                   {23, 23, 0, 10}, {24, 24, 4}, {43, 43, 5}};
+constexpr FrameSize kReplies[] = {{1, 4, 0, 2},   {5, 6, 6},      {7, 7, 3},      {8, 8, 6},
+                                  {11, 11, 6},    {12, 12, 0, 2}, {15, 16, 6},    {17, 17, 0, 2},
+                                  {20, 21, 0, 2}, {22, 22, 8},    {23, 23, 0, 2}, {0x80, 0xFF, 3}};
 
-std::optional<std::size_t> reply_size(std::span<const std::uint8_t> frame) {
+// Of the whole frame; 0: the byte that determines it has not arrived; nothing: unknown function.
+std::optional<std::size_t> size_of(std::span<const FrameSize> known, std::span<const std::uint8_t> frame) {
     if (frame.size() < 2) return 0;
-    if (frame[1] >= 0x80) return 3 + kCrc;
-    switch (frame[1]) {
-        case 1:
-        case 2:
-        case 3:
-        case 4:
-        case 12:
-        case 17:
-        case 20:
-        case 21:
-        case 23: return frame.size() > 2 ? 3 + frame[2] + kCrc : std::size_t{0};
-        case 5:
-        case 6:
-        case 8:
-        case 11:
-        case 15:
-        case 16: return 6 + kCrc;
-        case 7: return 3 + kCrc;
-        case 22: return 8 + kCrc;
-        default: return std::nullopt;
+    for (const FrameSize& size : known) {
+        if (frame[1] < size.first || frame[1] > size.last) continue;
+        if (size.count_at == 0) return size.fixed + kCrc;
+        return frame.size() > size.count_at ? size.count_at + 1 + frame[size.count_at] + kCrc : 0;
     }
+    return std::nullopt;
 }
 
 }  // namespace
@@ -86,7 +57,7 @@ FramerRtu::Shape FramerRtu::shape(std::size_t& size) const {
     const auto there = std::span(frame_).first(filled_);
     const bool ours = filled_ > 0 && (frame_[0] == unit_ || frame_[0] == 0);
     bool possible = false;
-    for (const auto& known : {request_size(there), ours ? std::nullopt : reply_size(there)}) {
+    for (const auto& known : {size_of(kRequests, there), ours ? std::nullopt : size_of(kReplies, there)}) {
         if (!known || *known > kMaxRtuFrame) continue;
         if (*known == 0 || *known > filled_) {
             possible = true;
@@ -101,7 +72,6 @@ FramerRtu::Shape FramerRtu::shape(std::size_t& size) const {
 std::optional<Request> FramerRtu::take(std::span<const std::uint8_t>& bytes, hal::TimePoint at) {
     if (bytes.empty()) return std::nullopt;
     if (last_at_ && at - *last_at_ > gap_) {
-        if (filled_ > 0) ++damaged_;
         filled_ = 0;
         deaf_ = false;
     }
@@ -117,7 +87,6 @@ std::optional<Request> FramerRtu::take(std::span<const std::uint8_t>& bytes, hal
         switch (shape(size)) {
             case Shape::incomplete: break;
             case Shape::damaged:
-                ++damaged_;
                 filled_ = 0;
                 deaf_ = true;
                 break;

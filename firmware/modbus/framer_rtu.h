@@ -1,12 +1,10 @@
-// Modbus RTU framing for a server on a serial line: bytes with arrival times in, requests out. No I/O; 256 bytes of
-// memory.
+// Modbus RTU framing for a server on a serial line: bytes with arrival times in, requests out. No I/O.
 //
 //     unit (1)  PDU (1..253)  CRC-16 (2, low byte first)
 //
 // The length follows from the function code: a request is complete with its last byte, without a timer. A silence of
 // `gap` starts a new frame. After a frame with a wrong CRC or of unknown length, everything up to the next silence is
-// discarded: a disturbance costs at most the request that it hits, and no request starts in the middle of other bytes.
-// Frames for other units and their replies are skipped; the next frame may follow without a silence.
+// discarded, so no request starts in the middle of other bytes. Frames for other units and their replies are skipped.
 #pragma once
 
 #include <array>
@@ -35,9 +33,6 @@ class FramerRtu {
     // (unit 0: executed, not answered) is complete, or none are left. Call again with the rest.
     [[nodiscard]] std::optional<Request> take(std::span<const std::uint8_t>& bytes, hal::TimePoint at);
 
-    // Frames with a wrong CRC or of unknown length, since the start.
-    [[nodiscard]] std::uint64_t damaged() const { return damaged_; }
-
   private:
     // State of the frame that begins in frame_.
     enum class Shape : std::uint8_t { incomplete, frame, damaged };
@@ -50,7 +45,6 @@ class FramerRtu {
     std::size_t filled_ = 0;
     bool deaf_ = false;
     std::optional<hal::TimePoint> last_at_;
-    std::uint64_t damaged_ = 0;
 };
 
 // Appends the CRC to `frame`, which holds unit, PDU and room for two bytes more.

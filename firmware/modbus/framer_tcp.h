@@ -31,8 +31,6 @@ class FramerTcp {
     [[nodiscard]] std::optional<Request> take(std::span<const std::uint8_t>& bytes);
 
     [[nodiscard]] bool broken() const { return broken_; }
-    // Inside a frame that is not complete.
-    [[nodiscard]] bool partial() const { return filled_ > 0; }
 
   private:
     std::array<std::uint8_t, kMaxTcpFrame> frame_{};

@@ -13,6 +13,7 @@
 #include <termios.h>
 #include <unistd.h>
 
+#include "common/unique_fd.h"
 #include "firmware/modbus/framer_rtu.h"
 
 namespace hord::firmware::modbus {
@@ -68,9 +69,9 @@ Result<void> set_up(int fd, const SerialOptions& options) {
     return {};
 }
 
-Result<int> open_line(const SerialOptions& options) {
-    const int fd = ::open(options.device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
-    if (fd < 0) {
+Result<common::UniqueFd> open_line(const SerialOptions& options) {
+    common::UniqueFd fd(::open(options.device.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
+    if (!fd) {
         const int error = errno;
         const ErrorCode code = error == EBUSY   ? ErrorCode::busy
             : error == EACCES || error == EPERM ? ErrorCode::refused
@@ -78,14 +79,9 @@ Result<int> open_line(const SerialOptions& options) {
         return fail(code, fmt::format("serial line {} cannot be opened: {}", options.device, std::strerror(error)),
                     "check the name, the group dialout, and that no other program uses it");
     }
-    auto done = set_up(fd, options);
-    if (done && ::ioctl(fd, TIOCEXCL) != 0) {
-        done = fail(ErrorCode::busy, fmt::format("serial line {} is in use", options.device), "stop the other program");
-    }
-    if (!done) {
-        ::close(fd);
-        return tl::unexpected(done.error());
-    }
+    if (auto done = set_up(fd.get(), options); !done) return tl::unexpected(done.error());
+    if (::ioctl(fd.get(), TIOCEXCL) != 0)
+        return fail(ErrorCode::busy, fmt::format("serial line {} is in use", options.device), "stop the other program");
     return fd;
 }
 
@@ -95,59 +91,49 @@ struct RtuServer::Impl {
     hal::EventLoop& loop;
     RegisterModel& model;
     const SerialOptions options;
-    const bool reopens;
-    const std::string peer;
-    int fd = -1;
+    common::UniqueFd fd;
     hal::EventLoop::WatchId watch = hal::EventLoop::WatchId::none;
     hal::EventLoop::TimerId retry = hal::EventLoop::TimerId::none;
     FramerRtu framer;
     std::array<std::uint8_t, kMaxRtuFrame> reply{};
     std::size_t filled = 0, sent = 0;
-    SerialStatistics statistics;
 
-    Impl(hal::EventLoop& l, RegisterModel& m, SerialOptions o, bool again)
-        : loop(l), model(m), options(std::move(o)), reopens(again), peer(options.device),
-          framer(options.unit, options.gap) {}
+    Impl(hal::EventLoop& l, RegisterModel& m, SerialOptions o)
+        : loop(l), model(m), options(std::move(o)), framer(options.unit, options.gap) {}
     ~Impl() {
         loop.cancel(retry);
-        drop();
+        loop.unwatch(watch);
     }
     Impl(const Impl&) = delete;
     Impl& operator=(const Impl&) = delete;
 
-    void drop() {
-        if (fd < 0) return;
-        loop.unwatch(std::exchange(watch, hal::EventLoop::WatchId::none));
-        ::close(std::exchange(fd, -1));
-    }
-
-    Result<void> begin(int line) {
-        fd = line;
+    Result<void> open() {
+        auto line = open_line(options);
+        if (!line) return tl::unexpected(line.error());
+        fd = std::move(*line);
         return wait_for(hal::EventLoop::Readiness::readable);
     }
 
     Result<void> wait_for(hal::EventLoop::Readiness what) {
         loop.unwatch(std::exchange(watch, hal::EventLoop::WatchId::none));
-        auto made = what == hal::EventLoop::Readiness::readable ? loop.watch(fd, what, [this] { on_readable(); })
-                                                                : loop.watch(fd, what, [this] { on_writable(); });
+        auto made = what == hal::EventLoop::Readiness::readable ? loop.watch(fd.get(), what, [this] { on_readable(); })
+                                                                : loop.watch(fd.get(), what, [this] { on_writable(); });
         if (!made) return tl::unexpected(made.error());
         watch = *made;
         return {};
     }
 
     void lost() {
-        drop();
-        if (!reopens) return;
+        loop.unwatch(std::exchange(watch, hal::EventLoop::WatchId::none));
+        fd.reset();
         retry = loop.call_after(kRetry, [this] {
-            retry = hal::EventLoop::TimerId::none;
-            auto line = open_line(options);
-            if (!line || !begin(*line)) lost();
+            if (!open()) lost();
         });
     }
 
     void on_readable() {
         std::array<std::uint8_t, kMaxRtuFrame> input;
-        const ssize_t count = ::read(fd, input.data(), input.size());
+        const ssize_t count = ::read(fd.get(), input.data(), input.size());
         if (count < 0 && (errno == EAGAIN || errno == EINTR)) return;
         if (count <= 0) return lost();
         std::span<const std::uint8_t> bytes(input.data(), static_cast<std::size_t>(count));
@@ -159,13 +145,9 @@ struct RtuServer::Impl {
     // Only the newest request is answered: a master that sends again has given up the older one.
     void answer(const Request& request) {
         std::array<std::uint8_t, kMaxPdu> pdu{};
-        const std::size_t size = dispatch(model, {.peer = peer, .may_write = options.may_write}, request.pdu, pdu);
-        ++statistics.requests;
-        if ((pdu[0] & 0x80U) != 0) ++statistics.exceptions;
-        if (request.unit == 0) {
-            ++statistics.broadcasts;
-            return;
-        }
+        const std::size_t size =
+            dispatch(model, {.peer = options.device, .may_write = options.may_write}, request.pdu, pdu);
+        if (request.unit == 0) return;  // a broadcast
         reply[0] = options.unit;
         std::copy_n(pdu.begin(), size, reply.begin() + 1);
         write_crc16(std::span(reply).first(size + 3));
@@ -174,7 +156,7 @@ struct RtuServer::Impl {
     }
 
     void send_reply() {
-        const ssize_t count = ::write(fd, reply.data() + sent, filled - sent);
+        const ssize_t count = ::write(fd.get(), reply.data() + sent, filled - sent);
         if (count < 0 && errno != EAGAIN && errno != EINTR) return lost();
         if (count > 0) sent += static_cast<std::size_t>(count);
         const bool done = sent == filled;
@@ -183,7 +165,7 @@ struct RtuServer::Impl {
     }
 
     void on_writable() {
-        ::tcflush(fd, TCIFLUSH);
+        ::tcflush(fd.get(), TCIFLUSH);
         send_reply();
     }
 };
@@ -196,24 +178,9 @@ Result<std::unique_ptr<RtuServer>> RtuServer::open(hal::EventLoop& loop, Registe
         return fail(ErrorCode::invalid_argument, fmt::format("{} is not a unit of a serial line", options.unit),
                     "use 1 to 247");
     }
-    auto line = open_line(options);
-    if (!line) return tl::unexpected(line.error());
-    auto impl = std::make_unique<Impl>(loop, model, std::move(options), true);
-    if (auto begun = impl->begin(*line); !begun) return tl::unexpected(begun.error());
+    auto impl = std::make_unique<Impl>(loop, model, std::move(options));
+    if (auto opened = impl->open(); !opened) return tl::unexpected(opened.error());
     return std::unique_ptr<RtuServer>(new RtuServer(std::move(impl)));
-}
-
-Result<std::unique_ptr<RtuServer>> RtuServer::adopt(hal::EventLoop& loop, RegisterModel& model, int fd,
-                                                    SerialOptions options) {
-    auto impl = std::make_unique<Impl>(loop, model, std::move(options), false);
-    if (auto begun = impl->begin(fd); !begun) return tl::unexpected(begun.error());
-    return std::unique_ptr<RtuServer>(new RtuServer(std::move(impl)));
-}
-
-SerialStatistics RtuServer::statistics() const {
-    SerialStatistics now = impl_->statistics;
-    now.damaged = impl_->framer.damaged();
-    return now;
 }
 
 }  // namespace hord::firmware::modbus

@@ -18,15 +18,10 @@ struct SerialOptions {
     int baud = 19200;              // 1200 to 921600
     Parity parity = Parity::even;  // none: with two stop bits, as the specification requires
     std::uint8_t unit = 1;         // 1 to 247
-    bool rs485 = true;  // the kernel switches the transmitter (TIOCSRS485); false: RS-232, or an adapter that
-                        // does it itself
+    bool rs485 = true;  // the kernel switches the transmitter (TIOCSRS485); false: RS-232 or the adapter does
     hal::Duration gap = std::chrono::milliseconds(20);  // a longer silence ends a frame
     bool may_write = true;
     bool operator==(const SerialOptions&) const = default;
-};
-
-struct SerialStatistics {
-    std::uint64_t requests = 0, exceptions = 0, broadcasts = 0, damaged = 0;
 };
 
 class RtuServer {
@@ -35,15 +30,9 @@ class RtuServer {
     // (the baud rate, or a driver without RS-485), invalid_argument (the unit), io.
     [[nodiscard]] static Result<std::unique_ptr<RtuServer>> open(hal::EventLoop& loop, RegisterModel& model,
                                                                  SerialOptions options);
-
-    // The same on a line already open and configured; it is not opened again when it is lost.
-    [[nodiscard]] static Result<std::unique_ptr<RtuServer>> adopt(hal::EventLoop& loop, RegisterModel& model, int fd,
-                                                                  SerialOptions options);
     ~RtuServer();
     RtuServer(const RtuServer&) = delete;
     RtuServer& operator=(const RtuServer&) = delete;
-
-    [[nodiscard]] SerialStatistics statistics() const;  // loop thread
 
   private:
     struct Impl;

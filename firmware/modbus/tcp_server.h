@@ -1,13 +1,9 @@
 // The Modbus TCP server: on the event loop, never blocking, with bounded memory.
 //
-// A client cannot block others:
-//  - slow or partial requests wait in the connection's own framer;
-//  - replies that are not read: its requests are no longer read;
-//  - garbage: the first wrong header closes the connection;
-//  - many requests: a few a turn, then the other connections;
-//  - many connections: a new one always gets a slot. Closed for it is, in this order, one that never completed a
-//  request,
-//    one that completed few, the one idle for longest.
+// A client cannot block others. Slow or partial requests wait in the connection's own framer. A client that does not
+// read its replies is not read. The first wrong header closes the connection. A turn serves a few requests of each. A
+// new connection always gets a slot: closed for it is one that never completed a request, else one that completed few,
+// else the one idle for longest.
 #pragma once
 
 #include <cstdint>

@@ -1,6 +1,5 @@
 // A frame file from anywhere: it is a frame that its bytes can hold, or an error that names it. The first byte chooses
-// the door: a frame file, a TIFF without the check of its header before, or a kept frame. A PNG's checksums are made
-// right, or nothing would get past them.
+// the door: a frame file, a TIFF, or a kept frame. A PNG's checksums are made right, or nothing would get past them.
 #include <cstdlib>
 #include <cstring>
 #include <vector>

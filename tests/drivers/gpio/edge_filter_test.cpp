@@ -40,8 +40,6 @@ TEST_F(EdgeFilterTest, a_bouncing_edge_is_one_edge_at_the_time_of_the_first_boun
     EXPECT_EQ(filter.due(), at(500us));
     settle(true, 500us);
     EXPECT_THAT(edges, ElementsAre(edge(true, 0us, 1)));
-    EXPECT_EQ(filter.bounces(), 6U);
-    EXPECT_EQ(filter.lost(), 0U);
 }
 
 TEST_F(EdgeFilterTest, edges_that_are_read_late_are_separated_by_their_time_stamps) {
@@ -58,8 +56,6 @@ TEST_F(EdgeFilterTest, a_spike_that_is_over_within_the_debounce_is_no_part) {
     feed(false, 60us);
     settle(false, 260us);
     EXPECT_THAT(edges, IsEmpty());
-    EXPECT_EQ(filter.bounces(), 2U);
-    EXPECT_EQ(filter.lost(), 0U);
 }
 
 TEST_F(EdgeFilterTest, edges_that_the_kernel_lost_leave_a_gap) {
@@ -68,7 +64,6 @@ TEST_F(EdgeFilterTest, edges_that_the_kernel_lost_leave_a_gap) {
     feed(false, 2ms, 4);
     settle(false, 3ms);
     EXPECT_THAT(edges, ElementsAre(edge(true, 0us, 1), edge(false, 2ms, 6)));
-    EXPECT_EQ(filter.lost(), 4U);
 }
 
 TEST_F(EdgeFilterTest, a_part_whose_edges_were_both_read_too_late_to_see_it_leaves_a_gap_before_the_next) {
@@ -85,7 +80,6 @@ TEST_F(EdgeFilterTest, a_level_without_an_edge_is_an_edge_with_a_gap) {
     EXPECT_THAT(edges, IsEmpty());  // its edge may still be queued
     settle(true, 55ms);
     EXPECT_THAT(edges, ElementsAre(edge(true, 55ms, 2)));
-    EXPECT_EQ(filter.lost(), 1U);
     settle(true, 105ms);
     EXPECT_EQ(edges.size(), 1U);
 }
@@ -103,7 +97,6 @@ TEST_F(EdgeFilterTest, a_level_whose_edge_is_still_queued_is_no_loss) {
     settle(false, 61ms);
     EXPECT_THAT(edges,
                 ElementsAre(edge(true, 5ms, 1), edge(false, 40ms, 2), edge(true, 41ms, 3), edge(false, 60ms, 4)));
-    EXPECT_EQ(filter.lost(), 0U);
 }
 
 TEST_F(EdgeFilterTest, the_level_decides_when_the_last_edge_was_read_too_late) {

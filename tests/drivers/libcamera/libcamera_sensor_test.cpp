@@ -10,7 +10,6 @@
 #include <poll.h>
 
 #include "drivers/event_loop/event_loop_sd.h"
-#include "drivers/hal/spsc_queue.h"
 #include "drivers/libcamera/camera_process.h"
 #include "drivers/libcamera/libcamera_options.h"
 #include "tests/drivers/libcamera/fake_camera.h"
@@ -76,47 +75,6 @@ TEST(Libcamera, that_lacks_the_camera_says_so) {
     EXPECT_EQ(absent.error().code, ErrorCode::not_found);
     EXPECT_THAT(absent.error().what, AllOf(HasSubstr("\"no-such-camera\""), HasSubstr("cameras: ")));
     EXPECT_FALSE(libcamera_version().empty());
-}
-
-TEST(SpscQueue, keeps_the_order_is_bounded_and_is_readable_only_while_it_has_items) {
-    SpscQueue<int, 3> queue;
-    const auto rings = [&] {
-        pollfd ready{queue.fd(), POLLIN, 0};
-        return poll(&ready, 1, 0) == 1;
-    };
-    EXPECT_FALSE(rings());
-    EXPECT_FALSE(queue.pop());
-    for (int k = 1; k <= 3; ++k) EXPECT_TRUE(queue.push(k));
-    EXPECT_FALSE(queue.push(4)) << "full, and it did not wait";
-    EXPECT_TRUE(rings());
-    queue.acknowledge();
-    EXPECT_FALSE(rings());
-    for (int k = 1; k <= 3; ++k) EXPECT_EQ(queue.pop(), k);
-    EXPECT_FALSE(queue.pop());
-    EXPECT_TRUE(queue.push(5));
-    EXPECT_TRUE(rings());
-    EXPECT_EQ(queue.pop(), 5);
-}
-
-TEST(SpscQueue, between_two_threads_loses_nothing_and_changes_no_order) {
-    SpscQueue<std::uint64_t, 8> queue;
-    constexpr std::uint64_t kItems = 20'000;
-    std::thread camera([&] {
-        for (std::uint64_t k = 1; k <= kItems; ++k) {
-            while (!queue.push(k * k)) std::this_thread::yield();
-        }
-    });
-    std::uint64_t next = 1;
-    while (next <= kItems) {
-        pollfd ready{queue.fd(), POLLIN, 0};
-        ASSERT_EQ(poll(&ready, 1, 120'000), 1);
-        queue.acknowledge();
-        while (const auto item = queue.pop()) {
-            ASSERT_EQ(*item, next * next);
-            ++next;
-        }
-    }
-    camera.join();
 }
 
 struct Ear final : hal::Sensor::Listener {

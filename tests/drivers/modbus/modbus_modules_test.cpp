@@ -79,9 +79,9 @@ TEST_F(Module, whose_permit_fell_by_itself_is_noticed) {
     start_and_wait();
     rejector_->set_run_permit(true);
     ASSERT_TRUE(run_until([&] { return module_->coil(kPermit); }));
-    CoilLink other(*loop_, options_.address);
-    ASSERT_TRUE(other.connect(10s));
-    ASSERT_TRUE(other.command(kPermit, false, 10s));
+    CoilLink other(*loop_, options_.address, 10s);
+    ASSERT_TRUE(other.connect());
+    ASSERT_TRUE(other.write(kPermit, false));
     EXPECT_TRUE(run_until([&] { return ear_.changes == 3 && ear_.up; }));
     EXPECT_THAT(ear_.why_down.what, HasSubstr("coil 1 is 0"));
 }
@@ -142,14 +142,14 @@ TEST_F(Module, that_lacks_what_is_asked_for_is_refused_at_start) {
 }
 
 TEST_F(Module, says_what_it_is_where_it_can) {
-    CoilLink plain(*loop_, options_.address);
-    ASSERT_TRUE(plain.connect(10s));
-    EXPECT_EQ(plain.identify(10s).value_or("nothing"), "HORD coil module 1.0");
+    CoilLink plain(*loop_, options_.address, 10s);
+    ASSERT_TRUE(plain.connect());
+    EXPECT_EQ(plain.identify().value_or("nothing"), "HORD coil module 1.0");
     EXPECT_FALSE(plain.connected());
     play({.kind = test::ModuleKind::wago}, "wago-750");
-    CoilLink wago(*loop_, options_.address);
-    ASSERT_TRUE(wago.connect(10s));
-    const auto none = wago.identify(10s);
+    CoilLink wago(*loop_, options_.address, 10s);
+    ASSERT_TRUE(wago.connect());
+    const auto none = wago.identify();
     ASSERT_FALSE(none);
     EXPECT_EQ(none.error().code, ErrorCode::unsupported);
 }

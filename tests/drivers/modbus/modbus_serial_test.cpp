@@ -113,9 +113,9 @@ TEST_F(SerialRejector, impossible_settings_are_refused) {
 }
 
 TEST_F(SerialRejector, the_module_says_what_it_is) {
-    CoilLink link(*loop_, options_.address);
-    ASSERT_TRUE(link.connect(10s));
-    const auto name = link.identify(10s);
+    CoilLink link(*loop_, options_.address, 10s);
+    ASSERT_TRUE(link.connect());
+    const auto name = link.identify();
     ASSERT_TRUE(name) << name.error().message();
     EXPECT_EQ(*name, "HORD coil module 1.0");
 }

@@ -48,18 +48,18 @@ std::vector<std::byte> bytes(std::initializer_list<int> values) {
 TEST(PackedSamples, ten_bits_have_their_low_two_in_every_fifth_byte) {
     std::vector<std::uint16_t> samples(6);
     // 0x3FF, 0x000, 0x155, 0x2AA; then 0x001, 0x200 in a group that is half full.
-    unpack10(bytes({0xFF, 0x00, 0x55, 0xAA, 0b10'01'00'11, 0x00, 0x80, 0x00, 0x00, 0b00'00'00'01}), samples);
+    unpack<10>(bytes({0xFF, 0x00, 0x55, 0xAA, 0b10'01'00'11, 0x00, 0x80, 0x00, 0x00, 0b00'00'00'01}), samples);
     EXPECT_THAT(samples, testing::ElementsAre(0x3FF, 0x000, 0x155, 0x2AA, 0x001, 0x200));
-    EXPECT_EQ(packed10_bytes(6), 10U);
-    EXPECT_EQ(packed10_bytes(8), 10U);
+    EXPECT_EQ(packed_row_bytes(10, 6), 10U);
+    EXPECT_EQ(packed_row_bytes(10, 8), 10U);
 }
 
 TEST(PackedSamples, twelve_bits_have_their_low_four_in_every_third_byte) {
     std::vector<std::uint16_t> samples(3);
-    unpack12(bytes({0xFF, 0x12, 0x3F, 0xAB, 0x00, 0x0C}), samples);
+    unpack<12>(bytes({0xFF, 0x12, 0x3F, 0xAB, 0x00, 0x0C}), samples);
     EXPECT_THAT(samples, testing::ElementsAre(0xFFF, 0x123, 0xABC));
-    EXPECT_EQ(packed12_bytes(3), 6U);
-    EXPECT_EQ(packed12_bytes(4), 6U);
+    EXPECT_EQ(packed_row_bytes(12, 3), 6U);
+    EXPECT_EQ(packed_row_bytes(12, 4), 6U);
 }
 
 }  // namespace

@@ -72,7 +72,6 @@ TEST_F(Line, broadcasts_are_taken_and_other_units_passed_over) {
     ASSERT_EQ(requests.size(), 2U);
     EXPECT_EQ(requests[0][0], 6);
     EXPECT_EQ(requests[1][0], 3);
-    EXPECT_EQ(framer.damaged(), 0U);
 }
 
 TEST_F(Line, a_damaged_frame_is_no_request_and_the_next_after_a_silence_is) {
@@ -84,7 +83,6 @@ TEST_F(Line, a_damaged_frame_is_no_request_and_the_next_after_a_silence_is) {
     silence();
     hear(with_crc({17, 3, 0, 0, 0, 1}));
     EXPECT_EQ(requests.size(), 1U);
-    EXPECT_EQ(framer.damaged(), 1U);
 }
 
 TEST_F(Line, a_truncated_frame_is_forgotten_in_the_silence) {
@@ -150,7 +148,6 @@ TEST_F(Line, random_bytes_never_make_a_request_for_us_but_with_a_good_crc) {
         silence();
     }
     EXPECT_THAT(requests, IsEmpty());
-    EXPECT_GT(framer.damaged(), 1000U);
 }
 
 }  // namespace

@@ -53,7 +53,6 @@ TEST(FramerTcp, one_frame_is_one_request) {
     EXPECT_EQ(requests[0].transaction, 0x1501);
     EXPECT_EQ(requests[0].unit, 0xFF);
     EXPECT_THAT(requests[0].pdu, ElementsAre(0x03, 0x00, 0x6B, 0x00, 0x03));
-    EXPECT_FALSE(framer.partial());
 }
 
 TEST(FramerTcp, nothing_comes_of_a_frame_without_its_last_byte) {
@@ -63,7 +62,6 @@ TEST(FramerTcp, nothing_comes_of_a_frame_without_its_last_byte) {
             requests_in(framer, Bytes(kReadThree.begin(), kReadThree.begin() + static_cast<std::ptrdiff_t>(size)))
                 .empty());
         EXPECT_FALSE(framer.broken());
-        EXPECT_EQ(framer.partial(), size > 0);
     }
 }
 
@@ -129,7 +127,6 @@ TEST(FramerTcp, however_the_stream_is_cut_the_requests_are_the_same) {
         FramerTcp framer;
         EXPECT_EQ(requests_in(framer, stream, cuts), sent);
         EXPECT_FALSE(framer.broken());
-        EXPECT_FALSE(framer.partial());
     }
 }
 

@@ -1,6 +1,5 @@
 // A V4L2 device in the sensor's contract suite, where there is one: HORD_V4L2_DEVICE names it (an 8-bit GREY source),
 // and HORD_V4L2_LOSE is the command that makes it fail.
-#include <cstdio>
 #include <cstdlib>
 
 #include "drivers/v4l2/v4l2_sensor.h"
@@ -17,11 +16,6 @@ class V4l2Harness final : public SensorHarness {
         auto opened = drivers::V4l2Sensor::open(loop(), options);
         EXPECT_TRUE(opened) << opened.error().message();
         sensor_ = std::move(*opened);
-    }
-    ~V4l2Harness() override {
-        if (testing::Test::HasFailure())
-            std::printf("frames that nobody had asked for: %llu\n",
-                        static_cast<unsigned long long>(sensor_->untriggered()));
     }
     hal::Sensor& device() override { return *sensor_; }
     bool lose() override {

@@ -1,0 +1,134 @@
+#include "drivers/hal/camera_sensor.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "drivers/hal/packed_samples.h"
+
+namespace hord::drivers {
+
+Result<void> CameraSensor::check_buffers(int buffers) {
+    if (buffers >= kMinBuffers && buffers <= kMaxBuffers) return {};
+    return fail(ErrorCode::invalid_argument, "sensor.buffers must be in 2..32", "set it to 4");
+}
+
+Result<void> CameraSensor::begin(std::shared_ptr<CameraStream> stream, int fd, Listener& listener) {
+    const auto& memory = stream->memory;
+    const auto width = static_cast<std::size_t>(format_.width_px), height = static_cast<std::size_t>(format_.height_px);
+    const std::size_t needed = static_cast<std::size_t>(stride_bytes_) * height;
+    if (memory.size() <= static_cast<std::size_t>(format_.buffers)) {
+        return fail(ErrorCode::io, name_ + " gives only " + std::to_string(memory.size()) + " buffers",
+                    "set fewer sensor.buffers");
+    }
+    if (std::ranges::any_of(memory, [&](const auto& buffer) { return buffer.size() < needed; }))
+        return fail(ErrorCode::io, name_ + ": a buffer is smaller than a frame", "look at the kernel's log");
+    if (fd >= 0) {
+        if (auto watched = watch(fd); !watched) return watched;
+    }
+    if (layout_ != Layout::plain) stream->unpacked.assign(memory.size(), std::vector<std::uint16_t>(width * height));
+    listener_ = &listener;
+    lost_ = false;
+    waiting_.clear();
+    untriggered_ = 0;
+    const std::scoped_lock lock(mutex_);
+    ++generation_;
+    stream_ = std::move(stream);
+    return {};
+}
+
+Result<void> CameraSensor::watch(int fd) {
+    loop_.unwatch(watch_);
+    return loop_.watch(fd, hal::EventLoop::Readiness::readable, [this] { on_ready(); })
+        .map([this](hal::EventLoop::WatchId watch) { watch_ = watch; });
+}
+
+Result<void> CameraSensor::do_trigger(const hal::ExposureRequest& request) {
+    if (lost_) return fail(ErrorCode::disconnected, name_ + " is gone", "stop it and start it again");
+    const std::scoped_lock lock(mutex_);
+    const auto lent = std::ranges::count_if(lent_, [&](const auto& lease) { return lease.second == stream_; });
+    if (static_cast<std::size_t>(lent) + waiting_.size() >= static_cast<std::size_t>(format_.buffers)) {
+        return fail(ErrorCode::busy, name_ + ": every buffer is lent or filling",
+                    "give frames back sooner, or set more sensor.buffers");
+    }
+    waiting_.push_back(request);
+    return {};
+}
+
+void CameraSensor::deliver(const CameraFrame& frame) {
+    const auto began = [&](const hal::ExposureRequest& exposure) {
+        return frame.stamp_of_start ? frame.stamp : frame.stamp - exposure.length;
+    };
+    const bool triggered = !waiting_.empty() && began(waiting_.front()) >= waiting_.front().start;
+    std::shared_ptr<CameraStream> stream;
+    std::uint32_t slot = 0;
+    {
+        const std::scoped_lock lock(mutex_);
+        stream = stream_;
+        if (frame.buffer >= stream->memory.size()) return lose(name_ + " named a buffer that does not exist");
+        if (!triggered) {
+            ++untriggered_;
+            if (const auto queued = stream->queue(frame.buffer); !queued) lose(name_ + ": " + queued.error().what);
+            return;
+        }
+        slot = generation_ * static_cast<std::uint32_t>(kMaxBuffers) + frame.buffer;
+        lent_[slot] = stream;
+    }
+    hal::FrameInfo info{.sequence = frame.sequence - untriggered_,
+                        .exposure_start = began(waiting_.front()),
+                        .bytes_used = frame.bytes_used,
+                        .corrupt = frame.corrupt};
+    waiting_.erase(waiting_.begin());
+    const FrameView view = view_of(*stream, frame.buffer, info.bytes_used);
+    listener_->on_frame(hal::FrameLease(*this, slot, view, info));
+}
+
+// The camera's own buffer, or the unpacked samples and their size in `bytes_used`.
+FrameView CameraSensor::view_of(CameraStream& stream, std::uint32_t buffer, std::size_t& bytes_used) const {
+    const std::byte* data = stream.memory[buffer].data();
+    FrameView view{data, format_.width_px, format_.height_px, stride_bytes_, format_.bits};
+    if (layout_ == Layout::plain) return view;
+    const auto width = static_cast<std::size_t>(format_.width_px), height = static_cast<std::size_t>(format_.height_px),
+               stride = static_cast<std::size_t>(stride_bytes_);
+    std::vector<std::uint16_t>& samples = stream.unpacked[buffer];
+    auto* const bytes = reinterpret_cast<std::byte*>(samples.data());
+    if (layout_ == Layout::mipi) {
+        bytes_used = unpack_rows(data, stride, bytes_used, format_.bits, width, samples);
+    } else {
+        std::size_t y = 0;  // complete rows
+        for (; y < height && y * stride + 3 * width <= bytes_used; ++y) {
+            for (std::size_t x = 0; x < width; ++x) bytes[y * width + x] = data[y * stride + 3 * x + 1];
+        }
+        bytes_used = y * width;
+    }
+    view.data = bytes;
+    view.stride_bytes = static_cast<std::ptrdiff_t>(format_.width_px) * view.sample_bytes();
+    return view;
+}
+
+void CameraSensor::do_give_back(std::uint32_t slot) noexcept {
+    const std::scoped_lock lock(mutex_);
+    const auto lease = lent_.find(slot);
+    if (lease == lent_.end()) return;
+    // A failure shows as lost frames.
+    if (lease->second == stream_) (void)stream_->queue(slot % static_cast<std::uint32_t>(kMaxBuffers));
+    lent_.erase(lease);  // the last lease of an earlier stream frees it
+}
+
+void CameraSensor::lose(const std::string& what) {
+    if (std::exchange(lost_, true)) return;
+    loop_.unwatch(watch_);
+    waiting_.clear();
+    const Error why{ErrorCode::disconnected, what, "check its cable; stop it and start it again"};
+    lost_timer_ = loop_.call_after({}, [this, why] { listener_->on_sensor_lost(why); });
+}
+
+std::shared_ptr<CameraStream> CameraSensor::end() {
+    listener_ = nullptr;
+    loop_.cancel(lost_timer_);
+    loop_.unwatch(watch_);
+    waiting_.clear();
+    const std::scoped_lock lock(mutex_);
+    return std::exchange(stream_, nullptr);
+}
+
+}  // namespace hord::drivers

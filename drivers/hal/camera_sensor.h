@@ -1,0 +1,87 @@
+// What the sensors of real cameras share: frames are matched with triggers, buffers are lent and queued again.
+//
+// The pipeline reads the camera's buffer; returning the lease queues it again. Only packed and colour formats are
+// copied. The camera runs free or is triggered by wire. A frame answers the oldest open trigger, unless its exposure
+// began before that trigger's start. A frame without a trigger is queued again and leaves no gap in the sequence.
+#pragma once
+
+#include <cstddef>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "drivers/hal/event_loop.h"
+#include "drivers/hal/sensor.h"
+
+namespace hord::drivers {
+
+struct CameraFrame {
+    std::uint32_t buffer = 0;
+    std::uint32_t sequence = 0;
+    hal::TimePoint stamp;
+    bool stamp_of_start = false;  // of the exposure; else of its end
+    std::size_t bytes_used = 0;
+    bool corrupt = false;
+};
+
+// One start() to its stop(). Leases keep it alive.
+struct CameraStream {
+    std::vector<std::span<const std::byte>> memory;    // of each buffer
+    std::vector<std::vector<std::uint16_t>> unpacked;  // the same for packed and colour formats
+    virtual ~CameraStream() = default;
+    virtual Result<void> queue(std::uint32_t buffer) = 0;  // any thread
+};
+
+class CameraSensor : public hal::Sensor {
+  public:
+    static constexpr int kMinBuffers = 2, kMaxBuffers = 32;
+
+  protected:
+    // mipi: packed samples (packed_samples.h). green: three bytes a pixel; the middle one is used.
+    enum class Layout : std::uint8_t { plain, mipi, green };
+
+    CameraSensor(hal::EventLoop& loop, std::string name) : loop_(loop), name_(std::move(name)) {}
+
+    static Result<void> check_buffers(int buffers);  // fails with invalid_argument
+
+    // on_ready() is called whenever `fd` is readable; -1: the camera has another way. Set format_, stride_bytes_ and
+    // layout_ before.
+    Result<void> begin(std::shared_ptr<CameraStream> stream, int fd, Listener& listener);
+    Result<void> watch(int fd);
+    virtual void on_ready() = 0;
+    void deliver(const CameraFrame& frame);
+    void lose(const std::string& what);
+    std::shared_ptr<CameraStream> end();  // from now on no returned buffer is queued again
+
+    [[nodiscard]] bool is_running() const { return listener_ != nullptr && !lost_; }
+    Result<void> do_trigger(const hal::ExposureRequest& request) override;
+
+    hal::EventLoop& loop_;
+    const std::string name_;  // for messages
+    hal::SensorFormat format_;
+    std::ptrdiff_t stride_bytes_ = 0;
+    Layout layout_ = Layout::plain;
+    std::vector<hal::ExposureRequest> waiting_;  // triggers without a frame
+
+  private:
+    [[nodiscard]] hal::SensorFormat do_format() const final { return format_; }
+    void do_give_back(std::uint32_t slot) noexcept final;
+    FrameView view_of(CameraStream& stream, std::uint32_t buffer, std::size_t& bytes_used) const;
+
+    Listener* listener_ = nullptr;
+    bool lost_ = false;
+    hal::EventLoop::WatchId watch_{};
+    hal::EventLoop::TimerId lost_timer_{};
+    std::uint32_t untriggered_ = 0;  // frames since start
+
+    // A lease's slot is generation * kMaxBuffers + buffer: a lease of an earlier stream is returned to that stream.
+    std::mutex mutex_;
+    std::uint32_t generation_ = 0;
+    std::shared_ptr<CameraStream> stream_;                         // null when stopped
+    std::map<std::uint32_t, std::shared_ptr<CameraStream>> lent_;  // by slot
+};
+
+}  // namespace hord::drivers

@@ -1,0 +1,280 @@
+#include "firmware/recipes/recipe_file.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "firmware/recipes/recipe_folder.h"
+
+namespace hord::firmware {
+namespace {
+
+using ::testing::HasSubstr;
+
+const std::filesystem::path kDeploy = std::filesystem::path(HORD_SOURCE_DIR) / "deploy";
+
+TEST(Recipe, the_documented_file_is_the_defaults) {
+    const auto numbered = load_numbered_recipe(kDeploy / "recipes/default.toml");
+    ASSERT_TRUE(numbered) << numbered.error().what;
+    const algo::Recipe* file = &numbered->recipe;
+    const algo::Recipe d;
+    EXPECT_EQ(
+        std::tie(file->name, file->dark_dn, file->min_sum_dn, file->saturated_dn, file->min_area, file->rim_margin),
+        std::tie(d.name, d.dark_dn, d.min_sum_dn, d.saturated_dn, d.min_area, d.rim_margin));
+    EXPECT_EQ(std::tie(file->emd_limit_bins, file->frobenius_limit_bins, file->transmission_limit,
+                       file->max_saturated_share, file->min_lit_share),
+              std::tie(d.emd_limit_bins, d.frobenius_limit_bins, d.transmission_limit, d.max_saturated_share,
+                       d.min_lit_share));
+    EXPECT_EQ(std::tie(file->gradient, file->slopes, file->light), std::tie(d.gradient, d.slopes, d.light));
+    EXPECT_TRUE(file->zones.empty());
+}
+
+TEST(Recipe, zones_are_circles_and_polygons) {
+    const auto recipe = parse_recipe(R"(
+[[zone]]
+shape = "circle"
+centre = [55, 54.5]
+radius = 40
+[[zone]]
+use = "ignore"
+shape = "polygon"
+corners = [10, 11, 20, 10, 20, 30]
+)",
+                                     "r.toml");
+    ASSERT_TRUE(recipe) << recipe.error().what;
+    ASSERT_EQ(recipe->zones.size(), 2U);
+    EXPECT_EQ(recipe->zones[0].use, algo::Zone::Use::inspect);
+    EXPECT_FLOAT_EQ(recipe->zones[0].centre.n, 54.5F);
+    EXPECT_FLOAT_EQ(recipe->zones[0].radius, 40.0F);
+    EXPECT_EQ(recipe->zones[1].use, algo::Zone::Use::ignore);
+    ASSERT_EQ(recipe->zones[1].corners.size(), 3U);
+    EXPECT_FLOAT_EQ(recipe->zones[1].corners[0].n, 11.0F);
+}
+
+TEST(Recipe, zones_may_be_in_mm_from_the_middle_of_the_field) {
+    const std::string text = R"(
+[scale]
+lenslet_mm = 0.216
+[[zone]]
+use = "ignore"
+shape = "circle"
+centre_mm = [-3.1, 1.7]
+radius_mm = 0.3
+[[zone]]
+shape = "polygon"
+corners_mm = [-5, -5, 5, -5, 0, 5]
+)";
+    const auto recipe = parse_numbered_recipe(text, "r.toml");
+    ASSERT_TRUE(recipe) << recipe.error().message();
+    const auto& zones = recipe->recipe.zones;
+    ASSERT_EQ(zones.size(), 2U);
+    EXPECT_EQ(zones[0].unit, algo::Zone::Unit::mm);
+    EXPECT_EQ(zones[0].centre.m, -3.1F);
+    EXPECT_EQ(zones[0].radius, 0.3F);
+    EXPECT_EQ(zones[1].corners[2].n, 5);
+    // Writing and reading returns the same values, bit for bit.
+    const std::string written = format_recipe(*recipe);
+    EXPECT_THAT(written, HasSubstr("centre_mm = [-3.1, 1.7]\nradius_mm = 0.3\n"));
+    EXPECT_THAT(written, HasSubstr("corners_mm = [-5, -5, 5, -5, 0, 5]\n"));
+    const auto again = parse_numbered_recipe(written, "again.toml");
+    ASSERT_TRUE(again) << again.error().message();
+    EXPECT_EQ(crc32_of(*again), crc32_of(*recipe));
+    EXPECT_EQ(again->recipe.zones[0].unit, algo::Zone::Unit::mm);
+}
+
+TEST(Recipe, zones_in_mixed_units_or_without_the_lenslets_size_are_refused) {
+    const auto problems = [](std::string_view text) {
+        const auto recipe = parse_numbered_recipe(text, "r.toml");
+        return recipe ? std::string() : recipe.error().message();
+    };
+    const std::string scale = "[scale]\nlenslet_mm = 0.2\n";
+    const std::string in_mm = "[[zone]]\nshape = \"circle\"\ncentre_mm = [0, 0]\nradius_mm = 1\n";
+    EXPECT_EQ(problems(scale + in_mm), "");
+    EXPECT_THAT(problems(in_mm),
+                AllOf(HasSubstr("is in mm, and the size of a lenslet is not known"),
+                      HasSubstr("give [scale] lenslet_mm"), HasSubstr("r.toml:2")));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"circle\"\ncentre = [0, 0]\nradius_mm = 1\n"),
+                HasSubstr("radius_mm: stands beside a place without _mm"));
+    EXPECT_THAT(problems(scale + in_mm + "[[zone]]\nshape = \"circle\"\ncentre = [5, 5]\nradius = 2\n"),
+                HasSubstr("has another unit than the zones before it"));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"circle\"\ncentre_mm = [0, 0]\n"),
+                HasSubstr("radius_mm: is missing"));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"polygon\"\ncorners_mm = [0, 0, 1, 0, 1]\n"),
+                HasSubstr("corners_mm"));
+    EXPECT_THAT(problems(scale + "[[zone]]\nshape = \"polygon\"\ncorners_mm = [0, 0, 1, 0, 1, 1, 2]\n"),
+                HasSubstr("give x and y of each corner"));
+}
+
+TEST(Recipe, problems_of_zones_are_told_with_their_cure) {
+    const auto problems = [](std::string_view text) {
+        const auto recipe = parse_recipe(text, "r.toml");
+        return recipe ? std::string("no problem") : recipe.error().what;
+    };
+    EXPECT_THAT(problems("[[zone]]\nshape = \"circle\"\n"), HasSubstr("write centre = [m, n]"));
+    EXPECT_THAT(problems("[[zone]]\nuse = \"ignore\"\n"), HasSubstr("shape: is missing"));
+    EXPECT_THAT(problems("[[zone]]\nshape = \"polygon\"\ncorners = [1,2,3,4,5,6,7]\n"),
+                HasSubstr("give m and n of each corner"));
+    EXPECT_THAT(problems("[[zone]]\nshape = \"polygon\"\ncorners = [1,2,3,4]\n"), HasSubstr("has 4 numbers"));
+    EXPECT_THAT(problems("[limits]\nemd_bin = 1\n"), HasSubstr("did you mean emd_bins?"));
+    EXPECT_THAT(problems("[limits]\nemd_bins = 0\n"), HasSubstr("out of range"));
+}
+
+TEST(Recipe, what_it_says_survives_being_written_and_read) {
+    const auto recipe = parse_numbered_recipe(R"(
+name = "quo\"te \\ ä"
+number = 12
+version = 4
+rim_margin = 2
+[light]
+dark_dn = 7
+min_lit_share = 0.0512
+[limits]
+emd_bins = 0.123456
+transmission = 0.333
+[[zone]]
+shape = "circle"
+centre = [5.25, 6]
+radius = 2.5
+[[zone]]
+use = "ignore"
+shape = "polygon"
+corners = [1, 2, 3, 4, 5.5, 0.1]
+)",
+                                              "r.toml");
+    ASSERT_TRUE(recipe) << recipe.error().what;
+    const std::string text = format_recipe(*recipe);
+    const auto again = parse_numbered_recipe(text, "again.toml");
+    ASSERT_TRUE(again) << again.error().what;
+    EXPECT_EQ(format_recipe(*again), text);
+    EXPECT_EQ(again->recipe.name, recipe->recipe.name);
+    EXPECT_EQ(again->number, 12);
+    EXPECT_EQ(again->version, 4U);
+    EXPECT_EQ(again->recipe.emd_limit_bins, recipe->recipe.emd_limit_bins);
+    ASSERT_EQ(again->recipe.zones.size(), 2U);
+    EXPECT_EQ(again->recipe.zones[1].corners.size(), 3U);
+    EXPECT_EQ(crc32_of(*again), crc32_of(*recipe));
+    NumberedRecipe other = *recipe;
+    other.recipe.zones[0].radius = 2.6F;
+    EXPECT_NE(crc32_of(other), crc32_of(*recipe));
+}
+
+// Text and checksum of a recipe without `features` never change: stations have stored them.
+TEST(Recipe, the_usual_features_are_not_written) {
+    const std::string text = format_recipe({});
+    EXPECT_EQ(text.find("features"), std::string::npos);
+    EXPECT_EQ(text,
+              format_recipe(*parse_numbered_recipe("features = [\"transmission\", \"emd\", \"jacobian-frobenius\"]\n",
+                                                   "r.toml")));
+    EXPECT_EQ(crc32_of(NumberedRecipe{}), 0x2571D927U);  // computed then
+}
+
+TEST(Recipe, features_are_chosen_and_survive_being_written_and_read) {
+    const struct {
+        const char* text;
+        std::optional<algo::Feature> gradient;
+        bool slopes, light;
+        float limit;
+    } cases[] = {
+        {"features = [\"chi2\", \"jacobian-frobenius\"]\n[limits]\nchi2 = 0.4\nfrobenius_bins = 0.3\n",
+         algo::Feature::chi2, true, false, 0.4F},
+        {"features = [\"marginal\"]\n[limits]\nmarginal_bins = 0.7\n", algo::Feature::marginal, false, false, 0.7F},
+        {"features = [\"hellinger\", \"transmission\"]\n[limits]\nhellinger = 0.2\ntransmission = 0.8\n",
+         algo::Feature::hellinger, false, true, 0.2F},
+        {"features = [\"emd\"]\n[limits]\nemd_bins = 0.5\n", algo::Feature::emd, false, false, 0.5F},
+        {"features = [\"transmission\"]\n", std::nullopt, false, true, 0},
+    };
+    for (const auto& c : cases) {
+        const auto read = parse_numbered_recipe(c.text, "r.toml");
+        ASSERT_TRUE(read) << read.error().what;
+        const auto again = parse_numbered_recipe(format_recipe(*read), "again.toml");
+        ASSERT_TRUE(again) << again.error().what;
+        for (const algo::Recipe& recipe : {read->recipe, again->recipe}) {
+            EXPECT_EQ(recipe.gradient, c.gradient) << c.text;
+            EXPECT_EQ(recipe.slopes, c.slopes);
+            EXPECT_EQ(recipe.light, c.light);
+            EXPECT_EQ(limit_of_gradient(recipe), c.limit);
+            EXPECT_TRUE(problems(recipe, {40, 36, 9, 9}).empty());
+        }
+        EXPECT_EQ(crc32_of(*again), crc32_of(*read));
+        EXPECT_NE(crc32_of(*read), crc32_of(NumberedRecipe{}));
+    }
+}
+
+TEST(Recipe, features_that_contradict_are_told_with_their_cure) {
+    const auto said = [](std::string_view text) {
+        const auto recipe = parse_recipe(text, "r.toml");
+        return recipe ? std::string("no problem") : recipe.error().what;
+    };
+    EXPECT_THAT(said("features = [\"emd\", \"emd\"]\n"), HasSubstr("r.toml:1: features: has emd twice"));
+    EXPECT_THAT(
+        said("features = [\"edm\"]\n"),
+        HasSubstr("has edm, which is none: use emd, marginal, hellinger, chi2, jacobian-frobenius, transmission"));
+    EXPECT_THAT(said("features = [\"sliced\"]\n"), HasSubstr("has sliced, by which no part is judged"));
+    EXPECT_THAT(said("features = [\"reference-chi2\"]\n"), HasSubstr("has reference-chi2, by which no part is judged"));
+    EXPECT_THAT(said("features = [\"emd\", \"hellinger\"]\n[limits]\nhellinger = 1\n"),
+                HasSubstr("has hellinger beside emd: compare neighbours by one distance"));
+    EXPECT_THAT(said("features = []\n"), HasSubstr("leaves nothing to judge parts by"));
+    EXPECT_THAT(said("features = [\"transmission\"]\n[limits]\ntransmission = 0\n"),
+                HasSubstr("leaves nothing to judge parts by"));
+    EXPECT_THAT(said("features = [\"chi2\"]\n"), HasSubstr("limits.chi2: is missing"));
+    EXPECT_THAT(said("features = [\"chi2\"]\n[limits]\nchi2 = 3.5\n"), HasSubstr("out of range"));
+    EXPECT_THAT(said("features = [\"transmission\"]\n[limits]\nemd_bins = 1\n"),
+                HasSubstr("r.toml:3: limits.emd_bins: is a limit of emd, which is not among the features"));
+    EXPECT_THAT(said("[limits]\nchi2 = 1\n"),
+                HasSubstr("is a limit of chi2, which is not among the features: remove it, or add that to features"));
+    EXPECT_THAT(said("features = [\"emd\"]\n[limits]\nfrobenius_bins = 1\ntransmission = 0.5\n"),
+                HasSubstr("is a limit of transmission"));
+    // An invalid value that was set without a file, as by registers, is refused when it is written and read.
+    NumberedRecipe changed;
+    changed.recipe.slopes = false;
+    changed.recipe.frobenius_limit_bins = 0.7F;
+    EXPECT_THAT(said(format_recipe(changed)), HasSubstr("is a limit of jacobian-frobenius"));
+}
+
+TEST(Recipe, for_another_program_and_with_a_broken_seal_is_refused) {
+    EXPECT_FALSE(parse_numbered_recipe("schema = 2\n", "r.toml"));
+    const auto broken = parse_numbered_recipe("crc32 = \"12345678\"\n", "r.toml");
+    ASSERT_FALSE(broken);
+    EXPECT_THAT(broken.error().what, HasSubstr("r.toml:1"));
+}
+
+// Reading a file refuses what the pipeline would refuse, with its line.
+TEST(Recipe, limits_that_no_pipeline_takes_are_refused_at_reading) {
+    for (const char* text : {"[limits]\ntransmission = 1\n", "[light]\nsaturated_dn = 65536\n",
+                             "[light]\ndark_dn = 200\nsaturated_dn = 100\n"}) {
+        const auto recipe = parse_numbered_recipe(text, "r.toml");
+        EXPECT_FALSE(recipe) << text;
+    }
+}
+
+TEST(RecipeFolder, finds_by_number_and_says_why_it_cannot) {
+    const auto folder = std::filesystem::temp_directory_path() / ("hord-recipes-" + std::to_string(::getpid()));
+    std::filesystem::create_directories(folder);
+    const auto write = [&](const char* name, const char* text) { std::ofstream(folder / name) << text; };
+    write("a.toml", "number = 1\n");
+    write("b.toml", "number = 2\n");
+    write("notes.txt", "number = 3\n");
+    EXPECT_TRUE(find_recipe(folder, 2));
+    EXPECT_EQ(find_recipe(folder, 3).error().code, ErrorCode::not_found);
+    write("c.toml", "number = 1\n");
+    EXPECT_EQ(find_recipe(folder, 1).error().code, ErrorCode::refused);
+    write("c.toml", "nubmer = 3\n");
+    EXPECT_THAT(find_recipe(folder, 3).error().what, HasSubstr("c.toml:1"));
+    EXPECT_TRUE(find_recipe(folder, 1));
+    EXPECT_EQ(find_recipe(folder / "none", 1).error().code, ErrorCode::not_found);
+
+    NumberedRecipe in_use;
+    in_use.number = 5;
+    ASSERT_TRUE(remember_recipe(folder / "in-use", 0xAB, in_use));
+    EXPECT_EQ(remembered_recipe(folder / "in-use", 0xAB)->value().number, 5);
+    EXPECT_FALSE(remembered_recipe(folder / "in-use", 0xAC)->has_value());  // another one is configured meanwhile
+    EXPECT_FALSE(remembered_recipe(folder / "nowhere", 0xAB)->has_value());
+    in_use.reference_file = folder / "gone.hordref";
+    ASSERT_TRUE(remember_recipe(folder / "in-use", 0xAB, in_use));
+    const auto lost = remembered_recipe(folder / "in-use", 0xAB);
+    ASSERT_FALSE(lost);
+    EXPECT_THAT(lost.error().what, HasSubstr("gone.hordref"));
+    std::filesystem::remove_all(folder);
+}
+
+}  // namespace
+}  // namespace hord::firmware
