@@ -71,11 +71,6 @@ double EmdBounds::upper(Order order) const {
     return difference_.count == 0 ? 0 : plan_in_order(orders_[static_cast<std::size_t>(order)]) / unit_ + margin_;
 }
 
-Bracket EmdBounds::operator()(const Hord& a, const Hord& b) {
-    set_pair(a, b);
-    return {lower(), std::min(upper(Order::by_lines), upper(Order::by_columns))};
-}
-
 // Visits the bins in order; the first surplus moves to the first deficit until one is used up, and so on.
 double EmdBounds::plan_in_order(const BinOrder& order) const {
     // Bins visited and not yet balanced: all with surplus (> 0), or all with deficit.

@@ -311,14 +311,8 @@ struct Kernel {
     }
 };
 
-HORD_FOR_EACH_ISA(int32_kernel, void, Kernel<std::int32_t>::template solve,
-                  (const TransportBatch<std::int32_t>& batch, const TransportBatchCosts& costs,
-                   TransportAnswer<std::int32_t>& answer),
-                  (batch, costs, answer))
-HORD_FOR_EACH_ISA(double_kernel, void, Kernel<double>::template solve,
-                  (const TransportBatch<double>& batch, const TransportBatchCosts& costs,
-                   TransportAnswer<double>& answer),
-                  (batch, costs, answer))
+HORD_FOR_EACH_ISA(int32_kernel, Kernel<std::int32_t>::template solve)
+HORD_FOR_EACH_ISA(double_kernel, Kernel<double>::template solve)
 
 }  // namespace
 

@@ -337,9 +337,7 @@ HORD_ALWAYS_INLINE Outcome solve_body(TransportWorkspace& workspace, const Trans
     return Problem<(Bytes < 32 ? Bytes : 32)>(workspace, problem).solve(start);
 }
 
-HORD_FOR_EACH_ISA(solve_for, Outcome, solve_body,
-                  (TransportWorkspace & workspace, const Transport& problem, const TransportStep* start),
-                  (workspace, problem, start))
+HORD_FOR_EACH_ISA(solve_for, solve_body)
 
 }  // namespace
 

@@ -54,10 +54,8 @@ HORD_ALWAYS_INLINE void mixed_8bit(const Regridder::WeightedSources& f, int bins
         store<Words>((sum + std::uint16_t{128}) >> 8, to + k);
     }
 }
-HORD_FOR_EACH_ISA(mixed_for, void, mixed, (const Regridder::WeightedSources& f, int bins, std::uint16_t* to),
-                  (f, bins, to))
-HORD_FOR_EACH_ISA(mixed_8bit_for, void, mixed_8bit, (const Regridder::WeightedSources& f, int bins, std::uint16_t* to),
-                  (f, bins, to))
+HORD_FOR_EACH_ISA(mixed_for, mixed)
+HORD_FOR_EACH_ISA(mixed_8bit_for, mixed_8bit)
 
 }  // namespace
 

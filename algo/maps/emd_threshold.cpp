@@ -17,11 +17,10 @@ constexpr int kBandRows = 16;  // the undecided pairs of a band are solved in ba
 
 struct Worker {
     Worker(const Extents& e, const GroundDistance& ground, EmdSolver s)
-        : window(e), reference(e), across(ground), down(ground), solver(std::move(s)),
+        : window(e), across(ground), down(ground), solver(std::move(s)),
           gradients(static_cast<std::size_t>(kBandRows * e.m)), open(gradients.size()) {}
     RowWindow window;
-    HordRow reference;
-    EmdBounds across, down;  // of a lenslet; against a reference only the first
+    EmdBounds across, down;  // of a lenslet
     EmdSolver solver;
     std::vector<EmdGradient> gradients;  // of the undecided lenslets
     std::vector<std::size_t> open;       // indices of the undecided lenslets
@@ -47,7 +46,6 @@ struct EmdThresholdMap::State {
     template <class Band>
     DecisionMap in_bands(float the_limit, Band compute);
     void decide_band(Worker& worker, const FrameView& frame, int first, int last);
-    void decide_band_against(Worker& worker, const FrameView& frame, const FrameView& reference, int first, int last);
     EmdGradient* decide_by_bounds(Worker& worker, std::size_t k, int weight_x, int weight_y);
     void decide_open(Worker& worker);
 };
@@ -120,29 +118,6 @@ void EmdThresholdMap::State::decide_band(Worker& worker, const FrameView& frame,
     });
 }
 
-void EmdThresholdMap::State::decide_band_against(Worker& worker, const FrameView& frame, const FrameView& reference,
-                                                 int first, int last) {
-    worker.down.set_pair({}, {});
-    for (int n = first; n < last; ++n) {
-        const HordRow& row = worker.window.decode(frame, levels, n);
-        decode_row(reference, extents, levels, n, worker.reference);
-        for (int m = 0; m < extents.m; ++m) {
-            const std::size_t k = at(m, n);
-            mask[k] = static_cast<std::uint8_t>(row.mask()[static_cast<std::size_t>(m)] |
-                                                (worker.reference.has_hord(m) ? kValid : kBorder));
-            at_or_above[k] = 0;
-            if ((mask[k] & kNoGradient) != 0) continue;
-            const Hord here = row.hord(m), expected = worker.reference.hord(m);
-            ++worker.pairs;
-            worker.across.set_pair(here, expected);
-            EmdGradient* open = decide_by_bounds(worker, k, 1, 0);
-            if (open == nullptr) continue;
-            worker.solver.submit(here, expected, &open->x);
-            ++worker.solved;
-        }
-    }
-}
-
 Result<EmdThresholdMap> EmdThresholdMap::create(const Extents& extents, int bits, const LightLevels& levels,
                                                 const GroundDistance& ground, int threads) {
     if (auto valid = check(extents); !valid) return tl::unexpected(valid.error());
@@ -172,19 +147,6 @@ Result<DecisionMap> EmdThresholdMap::decide(const FrameView& frame, float limit)
         return fail(ErrorCode::invalid_argument, "a limit that is not a number",
                     "give one in the ground distance's unit");
     return s.in_bands(limit, [&](Worker& worker, int first, int last) { s.decide_band(worker, frame, first, last); });
-}
-
-Result<DecisionMap> EmdThresholdMap::decide_against(const FrameView& frame, const FrameView& reference, float limit) {
-    State& s = *state_;
-    for (const FrameView& view : {frame, reference}) {
-        if (auto valid = check_frame(view, s.extents, s.bits); !valid) return tl::unexpected(valid.error());
-    }
-    if (std::isnan(limit))
-        return fail(ErrorCode::invalid_argument, "a limit that is not a number",
-                    "give one in the ground distance's unit");
-    return s.in_bands(limit, [&](Worker& worker, int first, int last) {
-        s.decide_band_against(worker, frame, reference, first, last);
-    });
 }
 
 EmdThresholdMap::EmdThresholdMap(std::unique_ptr<State> state) : state_(std::move(state)) {}

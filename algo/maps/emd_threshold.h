@@ -35,8 +35,6 @@ class EmdThresholdMap {
     // limit: in the ground distance's unit. The spans stay valid until the next call. Fails with invalid_argument if a
     // frame's size or depth differs from create()'s, or the limit is NaN.
     Result<DecisionMap> decide(const FrameView& frame, float limit);
-    // The same for the distance from the HORD of a reference frame at the same place.
-    Result<DecisionMap> decide_against(const FrameView& frame, const FrameView& reference, float limit);
 
     EmdThresholdMap(EmdThresholdMap&&) noexcept;
     EmdThresholdMap& operator=(EmdThresholdMap&&) noexcept;

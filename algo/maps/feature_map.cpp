@@ -66,10 +66,8 @@ struct FeatureMapper::State {
     FeatureMap in_bands(Band compute);
     void finish(Worker::Pairwise& worker, int first, int last);
     void neighbours_band(Worker::Pairwise& worker, const FrameView& frame, int first, int last, bool goes_on);
-    template <class ReferenceRow>
-    void reference_band(Worker::Pairwise& worker, const FrameView& frame, ReferenceRow reference_row, int first,
+    void reference_band(Worker::Pairwise& worker, const FrameView& frame, const FrameView& reference, int first,
                         int last);
-    [[nodiscard]] Result<void> check_reference() const;
 };
 
 // Calls compute(worker, first row, row after the last, whether they follow the worker's previous rows) for all bands.
@@ -123,31 +121,23 @@ void FeatureMapper::State::neighbours_band(Worker::Pairwise& worker, const Frame
     finish(worker, first, last);
 }
 
-// reference_row(n)(m) is the reference HORD of lenslet (m, n).
-template <class ReferenceRow>
-void FeatureMapper::State::reference_band(Worker::Pairwise& worker, const FrameView& frame, ReferenceRow reference_row,
+void FeatureMapper::State::reference_band(Worker::Pairwise& worker, const FrameView& frame, const FrameView& reference,
                                           int first, int last) {
+    HordRow& expected = worker.reference;
     for (int n = first; n < last; ++n) {
         const HordRow& row = worker.window.decode(frame, levels, n);
-        const auto reference = reference_row(n);
+        decode_row(reference, extents, levels, n, expected, worker.isa);
         for (int m = 0; m < extents.m; ++m) {
             const std::size_t k = at(m, n);
             EmdGradient& difference = worker.gradients[k - at(0, first)];
             difference = {0, 0, 1, 0};
             std::uint8_t flags = row.mask()[static_cast<std::size_t>(m)];
-            const Hord expected = reference(m);
-            if (expected.sum == 0) flags |= kBorder;
-            if ((flags & kNoGradient) == 0) worker.submit(row.hord(m), expected, &difference.x, flags);
+            if (!expected.has_hord(m)) flags |= kBorder;
+            if ((flags & kNoGradient) == 0) worker.submit(row.hord(m), expected.hord(m), &difference.x, flags);
             mask[k] = flags;
         }
     }
     finish(worker, first, last);
-}
-
-Result<void> FeatureMapper::State::check_reference() const {
-    if (is_distance(feature)) return {};
-    return fail(ErrorCode::invalid_argument, std::string(name_of(feature)) + " compares neighbours",
-                "give a distance to compare with a reference");
 }
 
 Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, const LightLevels& levels,
@@ -200,34 +190,14 @@ Result<FeatureMap> FeatureMapper::against(const FrameView& frame, const FrameVie
     for (const FrameView& view : {frame, reference}) {
         if (auto valid = check_frame(view, s.extents, s.bits); !valid) return tl::unexpected(valid.error());
     }
-    if (auto valid = s.check_reference(); !valid) return tl::unexpected(valid.error());
-    return s.in_bands([&](Worker& worker, int first, int last, bool /*goes_on*/) {
-        if (worker.soa)
-            return worker.soa->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
-        const auto decoded = [&](int n) {
-            HordRow& row = worker.pairwise->reference;
-            decode_row(reference, s.extents, s.levels, n, row, worker.pairwise->isa);
-            return [&row](int m) { return row.has_hord(m) ? row.hord(m) : Hord{}; };
-        };
-        s.reference_band(*worker.pairwise, frame, decoded, first, last);
-    });
-}
-
-Result<FeatureMap> FeatureMapper::against(const FrameView& frame, std::span<const Hord> reference) {
-    State& s = *state_;
-    if (auto valid = check_frame(frame, s.extents, s.bits); !valid) return tl::unexpected(valid.error());
-    if (auto valid = s.check_reference(); !valid) return tl::unexpected(valid.error());
-    if (reference.size() != s.extents.lenslets()) {
-        return fail(ErrorCode::invalid_argument, std::to_string(reference.size()) + " reference HORDs",
-                    "give one a lenslet: " + std::to_string(s.extents.lenslets()));
+    if (!is_distance(s.feature)) {
+        return fail(ErrorCode::invalid_argument, std::string(name_of(s.feature)) + " compares neighbours",
+                    "give a distance to compare with a reference");
     }
     return s.in_bands([&](Worker& worker, int first, int last, bool /*goes_on*/) {
         if (worker.soa)
             return worker.soa->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
-        const auto given = [&](int n) {
-            return [row = reference.subspan(s.at(0, n))](int m) { return row[static_cast<std::size_t>(m)]; };
-        };
-        s.reference_band(*worker.pairwise, frame, given, first, last);
+        s.reference_band(*worker.pairwise, frame, reference, first, last);
     });
 }
 

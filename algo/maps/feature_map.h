@@ -53,10 +53,8 @@ class FeatureMapper {
     // create()'s.
     Result<FeatureMap> over_neighbours(const FrameView& frame);
 
-    // Also fails if the feature is not a distance. `reference`: a frame, decoded like the first one; or a HORD per
-    // lenslet, row by row, sum 0 where there is none.
+    // Also fails if the feature is not a distance. `reference`: a frame, decoded like the first one.
     Result<FeatureMap> against(const FrameView& frame, const FrameView& reference);
-    Result<FeatureMap> against(const FrameView& frame, std::span<const Hord> reference);
 
     FeatureMapper(FeatureMapper&&) noexcept;
     FeatureMapper& operator=(FeatureMapper&&) noexcept;

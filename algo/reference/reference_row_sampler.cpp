@@ -114,14 +114,8 @@ HORD_ALWAYS_INLINE void interpolate_columns(const ReferenceRowSampler::ColumnTap
     store(sum, lanes.share + first);
 }
 
-HORD_FOR_EACH_ISA(interpolate_rows_for, void, interpolate_rows,
-                  (const ReferenceRowSampler::RowTaps& from, const BinRect& bins, const BinRect& lit, int bin_columns,
-                   float* out),
-                  (from, bins, lit, bin_columns, out))
-HORD_FOR_EACH_ISA(interpolate_columns_for, void, interpolate_columns,
-                  (const ReferenceRowSampler::ColumnTaps& taps, int first, const BinRect& bins, const float* light,
-                   ReferenceRowSampler::Lanes& lanes, float* out, int pitch),
-                  (taps, first, bins, light, lanes, out, pitch))
+HORD_FOR_EACH_ISA(interpolate_rows_for, interpolate_rows)
+HORD_FOR_EACH_ISA(interpolate_columns_for, interpolate_columns)
 
 }  // namespace
 

@@ -298,17 +298,10 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, TemplateFitter::
     store(all - noise.lit * (not_lit * per_read + soft * narrowed), fits.degrees + first);
 }
 
-HORD_FOR_EACH_ISA(load8_for, void, load_masses,
-                  (const LensletSamples<std::uint8_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark,
-                   Work& work),
-                  (samples, extents, dark, work))
-HORD_FOR_EACH_ISA(load16_for, void, load_masses,
-                  (const LensletSamples<std::uint16_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark,
-                   Work& work),
-                  (samples, extents, dark, work))
-HORD_FOR_EACH_ISA(scatter_for, void, scatter, (Work & work), (work))
-HORD_FOR_EACH_ISA(fit_for, void, fit, (Work & work, const Extents& extents, TemplateFitter::Fits& fits),
-                  (work, extents, fits))
+HORD_FOR_EACH_ISA(load8_for, load_masses, std::uint8_t)
+HORD_FOR_EACH_ISA(load16_for, load_masses, std::uint16_t)
+HORD_FOR_EACH_ISA(scatter_for, scatter)
+HORD_FOR_EACH_ISA(fit_for, fit)
 
 }  // namespace
 

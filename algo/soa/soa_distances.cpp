@@ -61,18 +61,9 @@ struct Kernel {
     }
 };
 
-HORD_FOR_EACH_ISA(add_chi2, void, Kernel<Feature::chi2>::template add_up,
-                  (const float* a, const float* b, std::size_t stride, const Lit& lit, int along_x,
-                   float* __restrict squared),
-                  (a, b, stride, lit, along_x, squared))
-HORD_FOR_EACH_ISA(add_hellinger, void, Kernel<Feature::hellinger>::template add_up,
-                  (const float* a, const float* b, std::size_t stride, const Lit& lit, int along_x,
-                   float* __restrict squared),
-                  (a, b, stride, lit, along_x, squared))
-HORD_FOR_EACH_ISA(add_marginal, void, Kernel<Feature::marginal>::template add_up,
-                  (const float* a, const float* b, std::size_t stride, const Lit& lit, int along_x,
-                   float* __restrict squared),
-                  (a, b, stride, lit, along_x, squared))
+HORD_FOR_EACH_ISA(add_chi2, Kernel<Feature::chi2>::template add_up)
+HORD_FOR_EACH_ISA(add_hellinger, Kernel<Feature::hellinger>::template add_up)
+HORD_FOR_EACH_ISA(add_marginal, Kernel<Feature::marginal>::template add_up)
 
 template <int Bytes>
 HORD_ALWAYS_INLINE void divide(const std::int32_t* moment, const std::uint32_t* sum, int count,
@@ -97,12 +88,8 @@ HORD_ALWAYS_INLINE void slopes(const SoaDistances::MeanRows& r, bool centroid, i
         values[m] = static_cast<float>(raw * 0x1p-25);
     }
 }
-HORD_FOR_EACH_ISA(divide_for, void, divide,
-                  (const std::int32_t* moment, const std::uint32_t* sum, int count, std::int32_t* mean),
-                  (moment, sum, count, mean))
-HORD_FOR_EACH_ISA(slopes_for, void, slopes,
-                  (const SoaDistances::MeanRows& rows, bool centroid, int count, float* values),
-                  (rows, centroid, count, values))
+HORD_FOR_EACH_ISA(divide_for, divide)
+HORD_FOR_EACH_ISA(slopes_for, slopes)
 
 SoaUse use_of(Feature feature) {
     switch (feature) {
@@ -327,16 +314,6 @@ void SoaDistances::against(const FrameView& frame, const FrameView& reference, c
     for (int n = first; n < last; ++n) {
         rows_[0].decode(frame, levels, n);
         rows_[1].decode(reference, levels, n);
-        compare_with_reference(values + std::ptrdiff_t{n} * extents_.m, mask + std::ptrdiff_t{n} * extents_.m);
-    }
-}
-
-void SoaDistances::against(const FrameView& frame, std::span<const Hord> reference, const LightLevels& levels,
-                           int first, int last, float* values, std::uint8_t* mask) {
-    const auto columns = static_cast<std::size_t>(extents_.m);
-    for (int n = first; n < last; ++n) {
-        rows_[0].decode(frame, levels, n);
-        rows_[1].assign(reference.subspan(static_cast<std::size_t>(n) * columns, columns));
         compare_with_reference(values + std::ptrdiff_t{n} * extents_.m, mask + std::ptrdiff_t{n} * extents_.m);
     }
 }

@@ -105,21 +105,4 @@ void SoaRow::decode(const FrameView& frame, const LightLevels& levels, int n) {
     }
 }
 
-void SoaRow::assign(std::span<const Hord> row) {
-    constexpr LightLevels kNoThresholds{0, 1, 1U << 17};
-    const int of_a_line = kLanes * extents_.i + SoaBlock::kReadAhead;
-    std::uint16_t* const samples = work_->copied;
-    for (int block = 0; block < blocks_; ++block) {
-        std::fill_n(samples, extents_.j * of_a_line, std::uint16_t{0});
-        for (int l = 0; l < std::min(kLanes, extents_.m - block * kLanes); ++l) {
-            const Hord& hord = row[static_cast<std::size_t>(block * kLanes + l)];
-            if (hord.sum == 0) continue;
-            for (int j = 0; j < extents_.j; ++j)
-                std::copy_n(hord.mass + j * extents_.i, extents_.i, samples + j * of_a_line + l * extents_.i);
-        }
-        gather16_(samples, of_a_line, extents_, kNoThresholds, outputs_, work_->block);
-        store_block(block);
-    }
-}
-
 }  // namespace hord::algo

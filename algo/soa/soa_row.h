@@ -40,9 +40,6 @@ class SoaRow {
     // Decodes lenslet row n of a checked frame.
     void decode(const FrameView& frame, const LightLevels& levels, int n);
 
-    // The same from decoded HORDs; sum 0: no HORD.
-    void assign(std::span<const Hord> row);
-
     [[nodiscard]] int blocks() const { return blocks_; }
     // Array k, from lenslet 0 on; 0 for lenslets without a HORD.
     [[nodiscard]] const float* array(int k) const {

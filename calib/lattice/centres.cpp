@@ -50,8 +50,7 @@ HORD_ALWAYS_INLINE Responses responses(const float* kernels, const float* light,
     }
     return out;
 }
-HORD_FOR_EACH_ISA(responses_for, Responses, responses, (const float* kernels, const float* light, std::ptrdiff_t size),
-                  (kernels, light, size))
+HORD_FOR_EACH_ISA(responses_for, responses)
 
 }  // namespace
 

@@ -14,7 +14,6 @@
 #include <vector>
 
 #include "algo/frame/mask.h"
-#include "algo/maps/emd_anytime.h"
 #include "algo/maps/emd_threshold.h"
 #include "algo/maps/feature_map.h"
 #include "algo/recipe/recipe.h"
@@ -77,11 +76,6 @@ std::uint64_t of_frames(const Extents& e, const FrameView& frame, const FrameVie
     }
     const auto ground = *GroundDistance::between_bins(e.i, e.j);
     sum.add(EmdThresholdMap::create(e, frame.bits, levels, ground)->decide(frame, 1)->at_or_above);
-    int pieces = 3;
-    auto anytime = AnytimeEmdMap::create(e, frame.bits, levels, ground);
-    const auto brackets = anytime->start(frame, [&] { return pieces-- > 0; });
-    sum.add(brackets->lower);
-    sum.add(brackets->upper);
     return sum.value;
 }
 
