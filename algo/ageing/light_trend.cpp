@@ -74,8 +74,7 @@ float LightTrend::typical_light(const Inspection& inspection) {
     int count = 0;
     for (const int n : light_rows_) {
         for (const int m : light_columns_) {
-            const auto k =
-                static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(m);
+            const std::size_t k = extents_.index(m, n);
             if ((inspection.mask[k] & (kNoHord | kNotJudged)) == 0)
                 typical_[static_cast<std::size_t>(count++)] = static_cast<float>(inspection.sums[k]);
         }

@@ -18,7 +18,6 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
 #include <span>
 
 #include "algo/emd/ground_distance.h"
@@ -26,6 +25,7 @@
 #include "algo/features/feature.h"
 #include "algo/frame/hord.h"
 #include "algo/simd/isa.h"
+#include "common/opaque.h"
 #include "common/result.h"
 
 namespace hord::algo {
@@ -60,14 +60,10 @@ class Distance {
     // Results since create() that are kBhattacharyyaLimit instead of a distance.
     [[nodiscard]] std::uint64_t saturated() const;
 
-    Distance(Distance&&) noexcept;
-    Distance& operator=(Distance&&) noexcept;
-    ~Distance();
-
   private:
     struct State;
-    explicit Distance(std::unique_ptr<State> state);
-    std::unique_ptr<State> state_;
+    explicit Distance(common::Opaque<State> state) : state_(std::move(state)) {}
+    common::Opaque<State> state_;
 };
 
 }  // namespace hord::algo

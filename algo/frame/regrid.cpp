@@ -169,7 +169,7 @@ void Regridder::decode_row(const FrameView& raw, int n, std::span<std::uint16_t>
     const int stride = extents_.m * extents_.i;
     for (int m = 0; m < extents_.m; ++m) {
         const Source& source =
-            sources_[static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(m)];
+            sources_[extents_.index(m, n)];
         // Sources without a weight read the same samples as one with a weight.
         const std::uint16_t* from[kAround];
         std::uint32_t weight[kAround];

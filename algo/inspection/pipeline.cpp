@@ -140,9 +140,6 @@ struct Pipeline::Workspace {
     };
     std::optional<Comparison> comparison;  // if the recipe has a reference
 
-    [[nodiscard]] std::size_t at(int m, int n) const {
-        return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m);
-    }
     void compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times);
     template <class Rows>
     void compute_band(Rows& rows, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
@@ -199,7 +196,7 @@ void Pipeline::Workspace::finish_decoding(EmdRows& rows, int n, bool in_band) {
     mean_deflections(hords, rows.deflections_of(n));
     rows.window.compact_row(n);
     if (!in_band) return;
-    const auto row = static_cast<std::ptrdiff_t>(at(0, n));
+    const auto row = static_cast<std::ptrdiff_t>(extents.index(0, n));
     std::ranges::copy(rows.deflections_of(n), deflections.begin() + row);
     std::ranges::copy(hords.sums(), sums.begin() + row);
 }
@@ -207,10 +204,10 @@ void Pipeline::Workspace::finish_decoding(EmdRows& rows, int n, bool in_band) {
 void Pipeline::Workspace::finish_decoding(SoaRows& rows, int n, bool in_band) {
     if (!in_band) return;
     const SoaRow& row = rows.distances.loaded(n);
-    std::copy_n(row.sums().begin(), extents.m, sums.begin() + static_cast<std::ptrdiff_t>(at(0, n)));
+    std::copy_n(row.sums().begin(), extents.m, sums.begin() + static_cast<std::ptrdiff_t>(extents.index(0, n)));
     for (int m = 0; m < extents.m; ++m) {
         const bool dark = (row.mask()[static_cast<std::size_t>(m)] & kDark) != 0;
-        deflections[at(m, n)] = dark ? Deflection{} : rows.distances.deflection(m, n);
+        deflections[extents.index(m, n)] = dark ? Deflection{} : rows.distances.deflection(m, n);
     }
 }
 
@@ -218,7 +215,7 @@ void Pipeline::Workspace::finish_decoding(SoaRows& rows, int n, bool in_band) {
 void Pipeline::Workspace::compare_row(EmdRows& rows, int n) {
     const RowWindow& window = rows.window;
     for (int m = 0; m < extents.m; ++m) {
-        const std::size_t k = at(m, n);
+        const std::size_t k = extents.index(m, n);
         EmdGradient& submitted = rows.gradients[rows.submitted++];
         submitted = {};
         Jacobian jacobian;
@@ -238,19 +235,19 @@ void Pipeline::Workspace::compare_row(EmdRows& rows, int n) {
 
 void Pipeline::Workspace::compare_row(SoaRows& rows, int n) {
     SoaDistances& distances = rows.distances;
-    std::uint8_t* const of_row = mask.data() + at(0, n);
+    std::uint8_t* const of_row = mask.data() + extents.index(0, n);
     distances.mark_row(n, of_row);
-    if (!gradient.empty()) distances.compare_row(n, gradient.data() + at(0, n), of_row);
-    if (!frobenius.empty()) distances.slopes_row(n, frobenius.data() + at(0, n), of_row);
+    if (!gradient.empty()) distances.compare_row(n, gradient.data() + extents.index(0, n), of_row);
+    if (!frobenius.empty()) distances.slopes_row(n, frobenius.data() + extents.index(0, n), of_row);
     if (spectral.empty()) return;
     for (int m = 0; m < extents.m; ++m)
-        store_norms(at(m, n), (of_row[m] & kNoGradient) == 0 ? distances.jacobian(m, n) : Jacobian{});
+        store_norms(extents.index(m, n), (of_row[m] & kNoGradient) == 0 ? distances.jacobian(m, n) : Jacobian{});
 }
 
 // Solves the submitted EMD gradients and writes them to the map; `last` is the row after theirs.
 void Pipeline::Workspace::finish_gradients(EmdRows& rows, int last) {
     rows.solver.finish();
-    float* out = gradient.data() + at(0, last) - rows.submitted;
+    float* out = gradient.data() + extents.index(0, last) - rows.submitted;
     for (std::size_t k = 0; k < rows.submitted; ++k) out[k] = static_cast<float>(rows.gradients[k].norm());
     rows.submitted = 0;
 }
@@ -292,9 +289,9 @@ Registered Pipeline::Workspace::compare_with_reference(const FrameView& frame) {
         ReferenceComparer& comparer = *workers[static_cast<std::size_t>(worker)].comparer;
         const auto columns = static_cast<std::size_t>(extents.m);
         for (int n = band * kBandRows; n < std::min((band + 1) * kBandRows, extents.n); ++n) {
-            comparer.compare_row(frame, std::span<const std::uint32_t>(sums).subspan(at(0, n), columns),
-                                 std::span<const std::uint8_t>(mask).subspan(at(0, n), columns), n, pose,
-                                 registered.light, std::span(comparison->differences).subspan(at(0, n), columns));
+            comparer.compare_row(frame, std::span<const std::uint32_t>(sums).subspan(extents.index(0, n), columns),
+                                 std::span<const std::uint8_t>(mask).subspan(extents.index(0, n), columns), n, pose,
+                                 registered.light, std::span(comparison->differences).subspan(extents.index(0, n), columns));
         }
     });
     return registered;
@@ -325,7 +322,7 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
         if (!solver) return tl::unexpected(solver.error());
         made.emd.emplace(extents, std::move(*solver));
     }
-    return Pipeline(std::make_unique<Workspace>(extents, bits, recipe, maps, std::move(*pool), std::move(workers)));
+    return Pipeline(common::make_opaque<Workspace>(extents, bits, recipe, maps, std::move(*pool), std::move(workers)));
 }
 
 Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
@@ -373,10 +370,5 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
     total.lap(result.times.total_ns);
     return result;
 }
-
-Pipeline::Pipeline(std::unique_ptr<Workspace> workspace) : workspace_(std::move(workspace)) {}
-Pipeline::Pipeline(Pipeline&&) noexcept = default;
-Pipeline& Pipeline::operator=(Pipeline&&) noexcept = default;
-Pipeline::~Pipeline() = default;
 
 }  // namespace hord::algo

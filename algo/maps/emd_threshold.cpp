@@ -39,10 +39,6 @@ struct EmdThresholdMap::State {
     std::vector<std::uint8_t> at_or_above, mask;
     float limit = 0;
 
-    [[nodiscard]] std::size_t at(int m, int n) const {
-        return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m);
-    }
-
     template <class Band>
     DecisionMap in_bands(float the_limit, Band compute);
     void decide_band(Worker& worker, const FrameView& frame, int first, int last);
@@ -100,7 +96,7 @@ void EmdThresholdMap::State::decide_band(Worker& worker, const FrameView& frame,
     window.stream(frame, levels, first, last, false, [&](int n) {
         for (int m = 0; m < extents.m; ++m) {
             const auto near = window.neighbours(m, n);
-            const std::size_t k = at(m, n);
+            const std::size_t k = extents.index(m, n);
             mask[k] = near.mask;
             at_or_above[k] = 0;
             if ((near.mask & kNoGradient) != 0) continue;
@@ -125,7 +121,7 @@ Result<EmdThresholdMap> EmdThresholdMap::create(const Extents& extents, int bits
     if (auto valid = check_bins(ground, extents); !valid) return tl::unexpected(valid.error());
     auto pool = RowThreadPool::create(threads);
     if (!pool) return tl::unexpected(pool.error());
-    auto state = std::make_unique<State>();
+    auto state = common::make_opaque<State>();
     state->extents = extents;
     state->bits = bits;
     state->levels = levels;
@@ -148,10 +144,5 @@ Result<DecisionMap> EmdThresholdMap::decide(const FrameView& frame, float limit)
                     "give one in the ground distance's unit");
     return s.in_bands(limit, [&](Worker& worker, int first, int last) { s.decide_band(worker, frame, first, last); });
 }
-
-EmdThresholdMap::EmdThresholdMap(std::unique_ptr<State> state) : state_(std::move(state)) {}
-EmdThresholdMap::EmdThresholdMap(EmdThresholdMap&&) noexcept = default;
-EmdThresholdMap& EmdThresholdMap::operator=(EmdThresholdMap&&) noexcept = default;
-EmdThresholdMap::~EmdThresholdMap() = default;
 
 }  // namespace hord::algo

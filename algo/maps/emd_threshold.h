@@ -8,11 +8,11 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
 #include <span>
 
 #include "algo/emd/ground_distance.h"
 #include "algo/frame/decode.h"
+#include "common/opaque.h"
 
 namespace hord::algo {
 
@@ -36,14 +36,10 @@ class EmdThresholdMap {
     // frame's size or depth differs from create()'s, or the limit is NaN.
     Result<DecisionMap> decide(const FrameView& frame, float limit);
 
-    EmdThresholdMap(EmdThresholdMap&&) noexcept;
-    EmdThresholdMap& operator=(EmdThresholdMap&&) noexcept;
-    ~EmdThresholdMap();
-
   private:
     struct State;
-    explicit EmdThresholdMap(std::unique_ptr<State> state);
-    std::unique_ptr<State> state_;
+    explicit EmdThresholdMap(common::Opaque<State> state) : state_(std::move(state)) {}
+    common::Opaque<State> state_;
 };
 
 }  // namespace hord::algo

@@ -58,10 +58,6 @@ struct FeatureMapper::State {
     std::vector<float> values;
     std::vector<std::uint8_t> mask;
 
-    [[nodiscard]] std::size_t at(int m, int n) const {
-        return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m);
-    }
-
     template <class Band>
     FeatureMap in_bands(Band compute);
     void finish(Worker::Pairwise& worker, int first, int last);
@@ -92,7 +88,7 @@ FeatureMap FeatureMapper::State::in_bands(Band compute) {
 // Writes the values of rows first .. last-1, which have been submitted.
 void FeatureMapper::State::finish(Worker::Pairwise& worker, int first, int last) {
     worker.distance.finish();
-    const std::size_t from = at(0, first), count = at(0, last) - from;
+    const std::size_t from = extents.index(0, first), count = extents.index(0, last) - from;
     for (std::size_t k = 0; k < count; ++k) {
         values[from + k] = static_cast<float>(worker.gradients[k].norm());
         worker.at_limit += (mask[from + k] & kAtLimit) != 0 ? 1U : 0U;
@@ -105,8 +101,8 @@ void FeatureMapper::State::neighbours_band(Worker::Pairwise& worker, const Frame
     window.stream(frame, levels, first, last, goes_on, [&](int n) {
         for (int m = 0; m < extents.m; ++m) {
             const auto near = window.neighbours(m, n);
-            const std::size_t k = at(m, n);
-            EmdGradient& gradient = worker.gradients[k - at(0, first)];
+            const std::size_t k = extents.index(m, n);
+            EmdGradient& gradient = worker.gradients[k - extents.index(0, first)];
             gradient = {};
             std::uint8_t flags = near.mask;
             if ((near.mask & kNoGradient) == 0) {
@@ -128,8 +124,8 @@ void FeatureMapper::State::reference_band(Worker::Pairwise& worker, const FrameV
         const HordRow& row = worker.window.decode(frame, levels, n);
         decode_row(reference, extents, levels, n, expected, worker.isa);
         for (int m = 0; m < extents.m; ++m) {
-            const std::size_t k = at(m, n);
-            EmdGradient& difference = worker.gradients[k - at(0, first)];
+            const std::size_t k = extents.index(m, n);
+            EmdGradient& difference = worker.gradients[k - extents.index(0, first)];
             difference = {0, 0, 1, 0};
             std::uint8_t flags = row.mask()[static_cast<std::size_t>(m)];
             if (!expected.has_hord(m)) flags |= kBorder;
@@ -152,7 +148,7 @@ Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, co
         return fail(ErrorCode::unsupported, "an instruction set that this processor does not have", "use best_isa()");
     auto pool = RowThreadPool::create(options.threads);
     if (!pool) return tl::unexpected(pool.error());
-    auto state = std::make_unique<State>();
+    auto state = common::make_opaque<State>();
     state->extents = extents;
     state->bits = bits;
     state->levels = levels;
@@ -200,10 +196,5 @@ Result<FeatureMap> FeatureMapper::against(const FrameView& frame, const FrameVie
         s.reference_band(*worker.pairwise, frame, reference, first, last);
     });
 }
-
-FeatureMapper::FeatureMapper(std::unique_ptr<State> state) : state_(std::move(state)) {}
-FeatureMapper::FeatureMapper(FeatureMapper&&) noexcept = default;
-FeatureMapper& FeatureMapper::operator=(FeatureMapper&&) noexcept = default;
-FeatureMapper::~FeatureMapper() = default;
 
 }  // namespace hord::algo

@@ -15,13 +15,13 @@
 
 #include <cstdint>
 #include <functional>
-#include <memory>
 #include <span>
 
 #include "algo/features/distance.h"
 #include "algo/features/feature.h"
 #include "algo/frame/decode.h"
 #include "algo/frame/mask.h"
+#include "common/opaque.h"
 
 namespace hord::algo {
 
@@ -56,14 +56,10 @@ class FeatureMapper {
     // Also fails if the feature is not a distance. `reference`: a frame, decoded like the first one.
     Result<FeatureMap> against(const FrameView& frame, const FrameView& reference);
 
-    FeatureMapper(FeatureMapper&&) noexcept;
-    FeatureMapper& operator=(FeatureMapper&&) noexcept;
-    ~FeatureMapper();
-
   private:
     struct State;
-    explicit FeatureMapper(std::unique_ptr<State> state);
-    std::unique_ptr<State> state_;
+    explicit FeatureMapper(common::Opaque<State> state) : state_(std::move(state)) {}
+    common::Opaque<State> state_;
 };
 
 }  // namespace hord::algo

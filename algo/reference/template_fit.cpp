@@ -306,12 +306,10 @@ HORD_FOR_EACH_ISA(fit_for, fit)
 }  // namespace
 
 TemplateFitter::TemplateFitter(const Extents& extents, Isa isa)
-    : extents_(extents), at_once_(lanes_at_once(isa)), work_(std::make_unique<Work>()), load8_(load8_for(isa)),
+    : extents_(extents), at_once_(lanes_at_once(isa)), work_(common::make_opaque<Work>()), load8_(load8_for(isa)),
       load16_(load16_for(isa)), scatter_(scatter_for(isa)), fit_(fit_for(isa)) {
     work_->lanes = at_once_;
 }
-TemplateFitter::TemplateFitter(TemplateFitter&&) noexcept = default;
-TemplateFitter::~TemplateFitter() = default;
 
 void TemplateFitter::load_masses(const LensletSamples<std::uint8_t> (&samples)[kLanes], std::uint32_t dark) {
     load8_(samples, extents_, dark, *work_);

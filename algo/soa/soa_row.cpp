@@ -30,16 +30,13 @@ SoaRow::SoaRow(const Extents& extents, SoaUse use, Isa isa, bool moments)
                                                                           : extents.bins()),
       stride_(lenslets_of(extents) + 2 * kPad), values_(static_cast<std::size_t>(arrays_) * stride_),
       lit_(static_cast<std::size_t>(blocks_)), sums_(lenslets_of(extents)), moments_x_(sums_.size()),
-      moments_y_(sums_.size()), mask_(sums_.size()), work_(std::make_unique<Work>()), gather8_(SoaBlock::gather8(isa)),
+      moments_y_(sums_.size()), mask_(sums_.size()), work_(common::make_opaque<Work>()), gather8_(SoaBlock::gather8(isa)),
       gather16_(SoaBlock::gather16(isa)), shares_(SoaBlock::shares(isa)), marginals_(SoaBlock::marginals(isa)) {
     if (use != SoaUse::marginals) return;
     for (Lit& lit : lit_) {
         for (int k = 0; k < arrays_; ++k) lit[static_cast<std::size_t>(k / 64)] |= std::uint64_t{1} << (k % 64);
     }
 }
-
-SoaRow::SoaRow(SoaRow&&) noexcept = default;
-SoaRow::~SoaRow() = default;
 
 template <class Sample>
 void SoaRow::decode_samples(const FrameView& frame, const LightLevels& levels, int n) {

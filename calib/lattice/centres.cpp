@@ -275,7 +275,7 @@ void CentreFinder::Kernels::calibrate_gain(std::span<const algo::PixelPoint> cen
 
 Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<const algo::PixelPoint> seeds,
                                          double pitch_px) {
-    auto kernels = std::make_unique<Kernels>(image);
+    auto kernels = common::make_opaque<Kernels>(image);
     std::vector<algo::PixelPoint> starts(seeds.begin(), seeds.end());
     if (starts.size() > kMaxSeeds) starts.resize(kMaxSeeds);
 
@@ -316,11 +316,6 @@ Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<cons
                 fmt::format("only {} of {} lenslets near the middle look like one another", spots.size(), seeds.size()),
                 "light the lenslets evenly, below saturation, and focus the sensor on them");
 }
-
-CentreFinder::CentreFinder(std::unique_ptr<Kernels> kernels) : kernels_(std::move(kernels)) {}
-CentreFinder::CentreFinder(CentreFinder&&) noexcept = default;
-CentreFinder& CentreFinder::operator=(CentreFinder&&) noexcept = default;
-CentreFinder::~CentreFinder() = default;
 
 std::optional<Spot> CentreFinder::measure(algo::PixelPoint at, double most_px) const {
     return kernels_->measure(at, most_px);
