@@ -43,6 +43,10 @@ inline constexpr std::array kGridModels{GridModelKind::similarity, GridModelKind
 // The name of a parameter: tx, ty, a, b ... or x_u2v1 for the factor of u^2 v in x.
 [[nodiscard]] std::string parameter_name(GridModelKind model, int index);
 
+inline constexpr double kHalfSqrt3 = 0.86602540378443864676;  // between the rows of a hexagonal lattice, pitches
+// 1 if the row (or column) of this number is shifted, else 0.
+constexpr int shifted(int index, int parity) { return static_cast<int>(static_cast<unsigned>(index + parity) & 1U); }
+
 struct PixelPoint {
     double x_px = 0, y_px = 0;
 };

@@ -9,7 +9,6 @@
 namespace hord::algo {
 namespace {
 
-constexpr double kHalfSqrt3 = 0.86602540378443864676;
 constexpr int kMaxSteps = 20;
 constexpr double kSettled = 1e-6;  // px
 
@@ -30,8 +29,6 @@ std::optional<LensletGrid::Uv> place_of(const LensletGrid& grid, PixelPoint want
     }
     return std::nullopt;
 }
-
-int shifted(int index, int parity) { return static_cast<int>(static_cast<unsigned>(index + parity) & 1U); }
 
 // (sum of w * sample + 128) >> 8, of four lenslets.
 template <int>
@@ -168,8 +165,7 @@ void Regridder::decode_row(const FrameView& raw, int n, std::span<std::uint16_t>
     const int bins = extents_.bins();
     const int stride = extents_.m * extents_.i;
     for (int m = 0; m < extents_.m; ++m) {
-        const Source& source =
-            sources_[extents_.index(m, n)];
+        const Source& source = sources_[extents_.index(m, n)];
         // Sources without a weight read the same samples as one with a weight.
         const std::uint16_t* from[kAround];
         std::uint32_t weight[kAround];

@@ -58,8 +58,7 @@ class CentreFinder {
 
     [[nodiscard]] double window_radius_px() const;
     [[nodiscard]] Immunity immunity() const;
-    [[nodiscard]] double typical_amplitude_dn() const;      // median of the lenslets learned from
-    [[nodiscard]] std::span<const double> profile() const;  // T(r), one value each 0.05 px, 1 at the top
+    [[nodiscard]] double typical_amplitude_dn() const;  // median of the lenslets learned from
 
   private:
     struct Kernels;
