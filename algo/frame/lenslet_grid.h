@@ -73,6 +73,10 @@ struct LensletGrid {
     std::vector<PixelPoint> shifts_px;
 
     [[nodiscard]] bool contains(int m, int n) const { return m >= 0 && n >= 0 && m < columns && n < rows; }
+    // Whether a point lies on a pixel of the frame.
+    [[nodiscard]] bool in_frame(PixelPoint p) const {
+        return p.x_px >= -0.5 && p.y_px >= -0.5 && p.x_px < width_px - 0.5 && p.y_px < height_px - 0.5;
+    }
     // Of lenslet (m, n) in arrays of columns x rows, row by row.
     [[nodiscard]] std::size_t index(int m, int n) const {
         return static_cast<std::size_t>(n) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(m);

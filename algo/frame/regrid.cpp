@@ -166,26 +166,17 @@ void Regridder::decode_row(const FrameView& raw, int n, std::span<std::uint16_t>
     const int stride = extents_.m * extents_.i;
     for (int m = 0; m < extents_.m; ++m) {
         const Source& source = sources_[extents_.index(m, n)];
-        // Sources without a weight read the same samples as one with a weight.
-        const std::uint16_t* from[kAround];
-        std::uint32_t weight[kAround];
-        bool dark = true;
-        for (int k = 0; k < kAround; ++k) {
-            weight[k] = source.weight[k];
-            if (weight[k] == 0) continue;
-            from[k] = row(raw, source.n[k]) + static_cast<std::ptrdiff_t>(source.m[k]) * bins;
-            dark = false;
-        }
+        WeightedSources sources{};
         const std::uint16_t* any = nullptr;
-        for (int k = 0; k < kAround && any == nullptr; ++k) any = weight[k] > 0 ? from[k] : nullptr;
         for (int k = 0; k < kAround; ++k) {
-            if (weight[k] == 0) from[k] = any;
+            if (source.weight[k] == 0) continue;
+            sources.weight[k] = source.weight[k];
+            sources.from[k] = any = row(raw, source.n[k]) + static_cast<std::ptrdiff_t>(source.m[k]) * bins;
         }
-        if (dark) {
+        if (any == nullptr) {
             std::fill(mixed_.begin(), mixed_.end(), std::uint16_t{0});
         } else {
-            const WeightedSources sources{{from[0], from[1], from[2], from[3]},
-                                          {weight[0], weight[1], weight[2], weight[3]}};
+            std::ranges::replace(sources.from, nullptr, any);  // reads the same samples, without a weight
             (raw.bits > 8 ? mix_ : mix_8bit_)(sources, bins, mixed_.data());
         }
         for (int j = 0; j < extents_.j; ++j)

@@ -39,29 +39,9 @@ struct EmdThresholdMap::State {
     std::vector<std::uint8_t> at_or_above, mask;
     float limit = 0;
 
-    template <class Band>
-    DecisionMap in_bands(float the_limit, Band compute);
     void decide_band(Worker& worker, const FrameView& frame, int first, int last);
     EmdGradient* decide_by_bounds(Worker& worker, std::size_t k, int weight_x, int weight_y);
-    void decide_open(Worker& worker);
 };
-
-template <class Band>
-DecisionMap EmdThresholdMap::State::in_bands(float the_limit, Band compute) {
-    limit = the_limit;
-    for (Worker& worker : workers) worker.pairs = worker.solved = 0;
-    pool->share_out((extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
-        Worker& w = workers[static_cast<std::size_t>(worker)];
-        compute(w, band * kBandRows, std::min((band + 1) * kBandRows, extents.n));
-        decide_open(w);
-    });
-    DecisionMap map{at_or_above, mask, 0, 0};
-    for (const Worker& worker : workers) {
-        map.pairs += worker.pairs;
-        map.solved += worker.solved;
-    }
-    return map;
-}
 
 // Decides by the bounds, cheapest first. Returns null if they decide; else where to write the exact distances.
 EmdGradient* EmdThresholdMap::State::decide_by_bounds(Worker& worker, std::size_t k, int weight_x, int weight_y) {
@@ -82,13 +62,6 @@ EmdGradient* EmdThresholdMap::State::decide_by_bounds(Worker& worker, std::size_
     EmdGradient& gradients = worker.gradients[worker.undecided++];
     gradients = {0, 0, weight_x, weight_y};
     return &gradients;
-}
-
-void EmdThresholdMap::State::decide_open(Worker& worker) {
-    worker.solver.finish();
-    for (std::size_t u = 0; u < worker.undecided; ++u)
-        at_or_above[worker.open[u]] = static_cast<float>(worker.gradients[u].norm()) >= limit ? 1 : 0;
-    worker.undecided = 0;
 }
 
 void EmdThresholdMap::State::decide_band(Worker& worker, const FrameView& frame, int first, int last) {
@@ -112,6 +85,10 @@ void EmdThresholdMap::State::decide_band(Worker& worker, const FrameView& frame,
             worker.solved += 2;
         }
     });
+    worker.solver.finish();
+    for (std::size_t u = 0; u < worker.undecided; ++u)
+        at_or_above[worker.open[u]] = static_cast<float>(worker.gradients[u].norm()) >= limit ? 1 : 0;
+    worker.undecided = 0;
 }
 
 Result<EmdThresholdMap> EmdThresholdMap::create(const Extents& extents, int bits, const LightLevels& levels,
@@ -142,7 +119,18 @@ Result<DecisionMap> EmdThresholdMap::decide(const FrameView& frame, float limit)
     if (std::isnan(limit))
         return fail(ErrorCode::invalid_argument, "a limit that is not a number",
                     "give one in the ground distance's unit");
-    return s.in_bands(limit, [&](Worker& worker, int first, int last) { s.decide_band(worker, frame, first, last); });
+    s.limit = limit;
+    for (Worker& worker : s.workers) worker.pairs = worker.solved = 0;
+    s.pool->share_out((s.extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
+        s.decide_band(s.workers[static_cast<std::size_t>(worker)], frame, band * kBandRows,
+                      std::min((band + 1) * kBandRows, s.extents.n));
+    });
+    DecisionMap map{s.at_or_above, s.mask, 0, 0};
+    for (const Worker& worker : s.workers) {
+        map.pairs += worker.pairs;
+        map.solved += worker.solved;
+    }
+    return map;
 }
 
 }  // namespace hord::algo

@@ -42,9 +42,7 @@ std::vector<std::uint8_t> lenslet_coverage(const algo::LensletGrid& grid, std::s
     for (int n = 0; n < grid.rows; ++n) {
         for (int m = 0; m < grid.columns; ++m) {
             const PixelPoint at = grid.centre_px(m, n);
-            if (!(at.x_px >= -0.5 && at.y_px >= -0.5 && at.x_px < grid.width_px - 0.5 &&
-                  at.y_px < grid.height_px - 0.5))
-                continue;
+            if (!grid.in_frame(at)) continue;
             const std::size_t k = grid.index(m, n);
             places.inside[k] = 1;
             whole[k] = complete(at) ? 1 : 0;
