@@ -321,9 +321,8 @@ HORD_FOR_EACH_ISA(marginals_for, compute_marginals)
 
 }  // namespace
 
-SoaBlock::Gather<std::uint8_t> SoaBlock::gather8(Isa isa) { return gather8_for(isa); }
-SoaBlock::Gather<std::uint16_t> SoaBlock::gather16(Isa isa) { return gather16_for(isa); }
-SoaBlock::Shares SoaBlock::shares(Isa isa) { return shares_for(isa); }
-SoaBlock::Marginals SoaBlock::marginals(Isa isa) { return marginals_for(isa); }
+SoaBlock::Kernels SoaBlock::kernels(Isa isa) {
+    return {gather8_for(isa), gather16_for(isa), shares_for(isa), marginals_for(isa)};
+}
 
 }  // namespace hord::algo

@@ -30,8 +30,8 @@ SoaRow::SoaRow(const Extents& extents, SoaUse use, Isa isa, bool moments)
                                                                           : extents.bins()),
       stride_(lenslets_of(extents) + 2 * kPad), values_(static_cast<std::size_t>(arrays_) * stride_),
       lit_(static_cast<std::size_t>(blocks_)), sums_(lenslets_of(extents)), moments_x_(sums_.size()),
-      moments_y_(sums_.size()), mask_(sums_.size()), work_(common::make_opaque<Work>()), gather8_(SoaBlock::gather8(isa)),
-      gather16_(SoaBlock::gather16(isa)), shares_(SoaBlock::shares(isa)), marginals_(SoaBlock::marginals(isa)) {
+      moments_y_(sums_.size()), mask_(sums_.size()), work_(common::make_opaque<Work>()),
+      kernels_(SoaBlock::kernels(isa)) {
     if (use != SoaUse::marginals) return;
     for (Lit& lit : lit_) {
         for (int k = 0; k < arrays_; ++k) lit[static_cast<std::size_t>(k / 64)] |= std::uint64_t{1} << (k % 64);
@@ -61,9 +61,9 @@ void SoaRow::decode_samples(const FrameView& frame, const LightLevels& levels, i
             samples = copied;
         }
         if constexpr (sizeof(Sample) == 1) {
-            gather8_(samples, line_stride, extents_, levels, outputs_, work);
+            kernels_.gather8(samples, line_stride, extents_, levels, outputs_, work);
         } else {
-            gather16_(samples, line_stride, extents_, levels, outputs_, work);
+            kernels_.gather16(samples, line_stride, extents_, levels, outputs_, work);
         }
         store_block(block);
     }
@@ -83,7 +83,7 @@ void SoaRow::store_block(int block) {
     std::copy_n(work.moment_y, kLanes, moments_y_.begin() + static_cast<std::ptrdiff_t>(m));
     if (use_ == SoaUse::sums) return;
     float* const first = values_.data() + kPad + m;
-    if (use_ == SoaUse::marginals) return marginals_(work, extents_, stride_, first);
+    if (use_ == SoaUse::marginals) return kernels_.marginals(work, extents_, stride_, first);
     Lit& before = lit_[static_cast<std::size_t>(block)];
     for (std::size_t w = 0; w < before.size(); ++w) {
         for (std::uint64_t gone = before[w] & ~work.lit[w]; gone != 0; gone &= gone - 1) {
@@ -91,7 +91,7 @@ void SoaRow::store_block(int block) {
         }
     }
     before = work.lit;
-    shares_(work, stride_, use_ == SoaUse::roots, first);
+    kernels_.shares(work, stride_, use_ == SoaUse::roots, first);
 }
 
 void SoaRow::decode(const FrameView& frame, const LightLevels& levels, int n) {

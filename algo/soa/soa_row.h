@@ -73,10 +73,7 @@ class SoaRow {
     std::vector<std::int32_t> moments_x_, moments_y_;
     std::vector<std::uint8_t> mask_;
     common::Opaque<Work> work_;
-    SoaBlock::Gather<std::uint8_t> gather8_;
-    SoaBlock::Gather<std::uint16_t> gather16_;
-    SoaBlock::Shares shares_;
-    SoaBlock::Marginals marginals_;
+    SoaBlock::Kernels kernels_;
 };
 
 }  // namespace hord::algo
