@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <span>
-#include <string>
 
+#include "algo/ageing/subsample.h"
 #include "algo/frame/flood.h"
 
 namespace hord::algo {
@@ -31,11 +31,7 @@ DustEstimator::DustEstimator(const Extents& extents, int window)
 }
 
 Result<DustEstimator> DustEstimator::create(const Extents& extents, int window) {
-    if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
-    if (window < kMinWindow || window > kMaxWindow) {
-        return fail(ErrorCode::invalid_argument, "a window of " + std::to_string(window) + " parts",
-                    "use " + std::to_string(kMinWindow) + " to " + std::to_string(kMaxWindow));
-    }
+    if (auto fine = check_window(extents, window, kMinWindow, kMaxWindow); !fine) return tl::unexpected(fine.error());
     return DustEstimator(extents, window);
 }
 
@@ -84,8 +80,7 @@ void DustEstimator::mark_defects(const Inspection& inspection) {
         for (int n = from(defect.n); n <= to(defect.n, extents_.n); ++n) {
             for (int m = from(defect.m); m <= to(defect.m, extents_.m); ++m) {
                 const float right = static_cast<float>(m) - defect.m, below = static_cast<float>(n) - defect.n;
-                if (right * right + below * below <= radius * radius)
-                    now_[extents_.index(m, n)] |= kResponds;
+                if (right * right + below * below <= radius * radius) now_[extents_.index(m, n)] |= kResponds;
             }
         }
     }

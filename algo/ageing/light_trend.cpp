@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string>
 #include <utility>
 
 #include "algo/ageing/subsample.h"
@@ -30,11 +29,7 @@ LightTrend::LightTrend(const Extents& extents, int window)
 }
 
 Result<LightTrend> LightTrend::create(const Extents& extents, int window) {
-    if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
-    if (window < kMinWindow || window > kMaxWindow) {
-        return fail(ErrorCode::invalid_argument, "a window of " + std::to_string(window) + " parts",
-                    "use " + std::to_string(kMinWindow) + " to " + std::to_string(kMaxWindow));
-    }
+    if (auto fine = check_window(extents, window, kMinWindow, kMaxWindow); !fine) return tl::unexpected(fine.error());
     return LightTrend(extents, window);
 }
 

@@ -32,21 +32,20 @@ namespace hord::algo {
 
 inline constexpr double kBhattacharyyaLimit = 0x1.0a2b23f3bab73p+4;  // 24 ln 2
 
+struct DistanceOptions {
+    std::span<const Direction> directions = {};       // one per bin, in bin pitches; empty: bins one pitch apart
+    double threshold = GroundDistance::kNoThreshold;  // of the ground distance, for the emd features
+};
+
 // Not thread-safe. Allocates only in create().
 class Distance {
   public:
-    struct Options {
-        std::span<const Direction> directions = {};       // one per bin, in bin pitches; empty: bins one pitch apart
-        double threshold = GroundDistance::kNoThreshold;  // of the ground distance, for the emd features
-    };
+    using Options = DistanceOptions;
 
     // Fails with invalid_argument when the feature is not a distance, or as GroundDistance does.
     // `isa`: as for EmdSolver::create.
-    static Result<Distance> create(Feature feature, int bins_i, int bins_j, const Options& options,
+    static Result<Distance> create(Feature feature, int bins_i, int bins_j, const Options& options = {},
                                    Isa isa = best_isa());
-    static Result<Distance> create(Feature feature, int bins_i, int bins_j) {
-        return create(feature, bins_i, bins_j, Options{});
-    }
 
     // 0 when either HORD is dark (sum 0); callers mask those.
     [[nodiscard]] double operator()(const Hord& a, const Hord& b);

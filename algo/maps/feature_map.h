@@ -31,23 +31,22 @@ struct FeatureMap {
     std::uint64_t at_limit = 0;          // lenslets flagged kAtLimit
 };
 
+struct FeatureMapOptions {
+    Distance::Options distance = {};  // ground distance: direction map, threshold
+    int threads = 1;                  // including the calling one
+    Isa isa = best_isa();             // same values for each, to the bit
+};
+
 // Not thread-safe.
 class FeatureMapper {
   public:
-    struct Options {
-        Distance::Options distance = {};  // ground distance: direction map, threshold
-        int threads = 1;                  // including the calling one
-        Isa isa = best_isa();             // same values for each, to the bit
-    };
+    using Options = FeatureMapOptions;
 
     // Fails with invalid_argument if the feature does not compare (transmission), or extents, bits, threads or the
     // ground distance are invalid; with busy if no thread can be started; with unsupported if the processor lacks
     // `isa`.
     static Result<FeatureMapper> create(const Extents& extents, int bits, const LightLevels& levels, Feature feature,
-                                        const Options& options);
-    static Result<FeatureMapper> create(const Extents& extents, int bits, const LightLevels& levels, Feature feature) {
-        return create(extents, bits, levels, feature, Options{});
-    }
+                                        const Options& options = {});
 
     // The spans stay valid until the next call. Fails with invalid_argument if the frame's size or depth differs from
     // create()'s.
