@@ -166,9 +166,7 @@ void RimFinder::enclose() {
 // leaves the field. The window's count of part lenslets is updated from row to row and column to column.
 void RimFinder::mark_rim(std::span<std::uint8_t> mask) {
     const int side = 2 * margin_ + 1;
-    const auto part_at = [&](int m, int n) {
-        return (state_[extents_.index(m, n)] & kPart) != 0 ? 1 : 0;
-    };
+    const auto part_at = [&](int m, int n) { return (state_[extents_.index(m, n)] & kPart) != 0 ? 1 : 0; };
     std::ranges::fill(part_in_column_, 0);
     for (int n = 0; n < std::min(margin_, extents_.n); ++n) {
         for (int m = 0; m < extents_.m; ++m) part_in_column_[static_cast<std::size_t>(m)] += part_at(m, n);

@@ -143,8 +143,7 @@ ReferenceSampler::ReferenceHord ReferenceSampler::read(double m, double n, doubl
     taps.light = static_cast<float>(light);
     taps.clip = static_cast<float>(static_cast<double>(reference_.sensor.clip_dn) / reference_hord.light);
     const int lines = (reference_hord.lit.last - reference_hord.lit.first) / kLine + 1;
-    reference_hord.written = {std::min(reference_hord.lit.first, static_cast<int>(stride) - lines * kLine),
-                              lines};
+    reference_hord.written = {std::min(reference_hord.lit.first, static_cast<int>(stride) - lines * kLine), lines};
     reference_hord.share = static_cast<double>(gather_(taps, reference_hord.written, bins));
     reference_hord.has_hord = reference_hord.share > 0;
     return reference_hord;

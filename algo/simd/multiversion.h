@@ -45,7 +45,6 @@ HORD_ALWAYS_INLINE V max(const V& a, const V& b) {
     return a < b ? b : a;
 }
 
-
 #if defined(__x86_64__)
 #define HORD_AVX2 "avx2,bmi,bmi2,popcnt"
 // Clang does not know prefer-vector-width and would ignore the whole list.
@@ -78,9 +77,9 @@ struct IsaVariants<R (*)(Arguments...), Body> {
 
 }  // namespace hord::algo
 
-#define HORD_FOR_EACH_ISA(NAME, BODY, ...)                                                                     \
-    constexpr auto NAME = ::hord::algo::IsaVariants<                                                           \
-        decltype(&BODY<16 __VA_OPT__(, ) __VA_ARGS__>),                                                        \
-        decltype([](auto bytes, auto&... arguments) __attribute__((always_inline)) {                           \
-            return BODY<decltype(bytes)::value __VA_OPT__(, ) __VA_ARGS__>(arguments...);                      \
-        })>::choose;
+#define HORD_FOR_EACH_ISA(NAME, BODY, ...)                                                                          \
+    constexpr auto NAME =                                                                                           \
+        ::hord::algo::IsaVariants<decltype(&BODY<16 __VA_OPT__(, ) __VA_ARGS__>),                                   \
+                                  decltype([](auto bytes, auto&... arguments) __attribute__((always_inline)) {      \
+                                      return BODY<decltype(bytes)::value __VA_OPT__(, ) __VA_ARGS__>(arguments...); \
+                                  })>::choose;

@@ -118,8 +118,7 @@ TEST(FeatureMap, against_a_reference_is_the_distance_at_the_same_place) {
             const bool both = field.hords[k].sum > 0 && wanted.hords[k].sum > 0;
             compared += both ? 1U : 0U;
             ASSERT_EQ((map->mask[k] & kNoGradient) == 0, both);
-            ASSERT_NEAR(map->values[k],
-                        both ? static_cast<float>((*distance)(field.hords[k], wanted.hords[k])) : 0.0F,
+            ASSERT_NEAR(map->values[k], both ? static_cast<float>((*distance)(field.hords[k], wanted.hords[k])) : 0.0F,
                         tolerance(feature));
         }
         EXPECT_GT(compared, e.lenslets() / 2);
