@@ -42,44 +42,26 @@ Result<DriftEstimator> DriftEstimator::create(const Extents& extents, const Ligh
     return DriftEstimator(extents, levels, zero);
 }
 
-void DriftEstimator::restart() {
-    for (Sample& sample : samples_) sample.values = 0;
-    in_window_ = 0;
-    has_base_ = from_calibration_ = false;
-    parts_ = 0;
-    latest_.reset();
-}
-
 bool DriftEstimator::add(const FrameView& frame) {
-    std::size_t lit = 0;
-    std::size_t k = 0;
+    std::size_t lit = 0, k = 0;
     for (const int n : rows_) {
-        hord::algo::decode_row(frame, extents_, levels_, n, row_);
+        decode_row(frame, extents_, levels_, n, row_);
         for (const int m : columns_) {
-            const auto at = static_cast<std::size_t>(m);
             Sample& sample = samples_[k];
-            if (row_.has_hord(m)) {
+            sample.lit = row_.has_hord(m);
+            if (sample.lit) {
+                const auto at = static_cast<std::size_t>(m);
                 const Deflection d = mean_deflection(row_.sums()[at], row_.moments_x()[at], row_.moments_y()[at]);
                 const std::size_t place = k * kWindow + static_cast<std::size_t>(sample.values);
                 window_x_[place] = d.x.to_float_rounded();
                 window_y_[place] = d.y.to_float_rounded();
-                ++sample.values;
                 ++lit;
             }
             ++k;
         }
     }
-    if (lit * 10 < samples_.size()) {  // a dark frame: remove its values again
-        k = 0;
-        for (const int n : rows_) {
-            hord::algo::decode_row(frame, extents_, levels_, n, row_);
-            for (const int m : columns_) {
-                if (row_.has_hord(m)) --samples_[k].values;
-                ++k;
-            }
-        }
-        return false;
-    }
+    if (lit * 10 < samples_.size()) return false;  // a dark frame: the next one overwrites its values
+    for (Sample& sample : samples_) sample.values += sample.lit ? 1 : 0;
     ++parts_;
     if (++in_window_ < kWindow) return false;
     const std::optional<Drift> before = std::exchange(latest_, std::nullopt);

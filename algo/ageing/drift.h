@@ -23,7 +23,7 @@ struct Drift {
     double turn_rad = 0, growth = 0;            // growth 0.001: a thousandth larger
     double largest_bins = 0;                    // the largest shift anywhere in the field
     double noise_bins = 0;                      // standard deviation of largest_bins, from the residuals
-    std::int64_t parts = 0;                     // since the start or restart()
+    std::int64_t parts = 0;                     // since the start
     bool since_calibration = false;             // else since the first parts
 };
 
@@ -43,9 +43,6 @@ class DriftEstimator {
     // None until the first window, after the baseline if there is one.
     [[nodiscard]] const std::optional<Drift>& latest() const { return latest_; }
 
-    // Starts again: the next parts are the baseline (after a change of calibration or recipe).
-    void restart();
-
   private:
     DriftEstimator(const Extents& extents, const LightLevels& levels, DriftZero zero);
     struct Sample {
@@ -53,6 +50,7 @@ class DriftEstimator {
         float base_x = 0, base_y = 0, weight = 0;  // median and 1 / variance of the baseline; weight 0: too few values
         int values = 0;                            // in this window
         bool outermost = false;
+        bool lit = false;  // in this frame
     };
     struct WindowMedian {
         float x = 0, y = 0, weight = 0;  // of a lenslet; 1 / variance of the median

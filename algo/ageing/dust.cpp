@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string>
+#include <span>
+
+#include "algo/ageing/subsample.h"
+#include "algo/frame/flood.h"
 
 namespace hord::algo {
 namespace {
@@ -24,15 +27,11 @@ DustEstimator::DustEstimator(const Extents& extents, int window)
       checked_(now_.size()), responded_(now_.size()), speck_(now_.size()),
       tile_checked_(static_cast<std::size_t>(tiles_m_ * tiles_n_)), tile_responded_(tile_checked_.size()),
       evidence_(std::log(static_cast<double>(now_.size()) / kFalseAlarms)) {
-    queue_.reserve(now_.size());
+    queue_.resize(now_.size());
 }
 
 Result<DustEstimator> DustEstimator::create(const Extents& extents, int window) {
-    if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
-    if (window < kMinWindow || window > kMaxWindow) {
-        return fail(ErrorCode::invalid_argument, "a window of " + std::to_string(window) + " parts",
-                    "use " + std::to_string(kMinWindow) + " to " + std::to_string(kMaxWindow));
-    }
+    if (auto fine = check_window(extents, window, kMinWindow, kMaxWindow); !fine) return tl::unexpected(fine.error());
     return DustEstimator(extents, window);
 }
 
@@ -55,7 +54,7 @@ void DustEstimator::mark_dips(const Inspection& inspection) {
     for (int n = 0; n < extents_.n; ++n) {
         const bool down = n >= reach_ && n < extents_.n - reach_;
         for (int m = 0; m < extents_.m; ++m) {
-            const std::size_t k = static_cast<std::size_t>(n) * row + static_cast<std::size_t>(m);
+            const std::size_t k = extents_.index(m, n);
             if ((now_[k] & kChecked) == 0) continue;
             const bool across = m >= reach_ && m < extents_.m - reach_ && both(k - far, k + far);
             float expected = across ? light(k - far) + light(k + far) : 0;  // twice
@@ -81,9 +80,7 @@ void DustEstimator::mark_defects(const Inspection& inspection) {
         for (int n = from(defect.n); n <= to(defect.n, extents_.n); ++n) {
             for (int m = from(defect.m); m <= to(defect.m, extents_.m); ++m) {
                 const float right = static_cast<float>(m) - defect.m, below = static_cast<float>(n) - defect.n;
-                if (right * right + below * below <= radius * radius)
-                    now_[static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) +
-                         static_cast<std::size_t>(m)] |= kResponds;
+                if (right * right + below * below <= radius * radius) now_[extents_.index(m, n)] |= kResponds;
             }
         }
     }
@@ -149,16 +146,16 @@ bool DustEstimator::is_speck(std::size_t k, std::size_t tile) const {
 }
 
 // The speck of `seed`: all lenslets connected over kTogether lenslets.
-Speck DustEstimator::grow_speck(std::size_t seed) {
-    const auto row = static_cast<std::size_t>(extents_.m);
+Speck DustEstimator::grow_speck(std::uint32_t seed) {
+    const std::size_t count = flood(extents_, seed, kTogether, Connected::at_corners_too, queue_, [&](std::size_t k) {
+        if (speck_[k] != kWaits) return false;
+        speck_[k] = kSpeck;
+        return true;
+    });
     Speck speck;
     double m_sum = 0, n_sum = 0, weights = 0, best = 0, parts = 1;
-    queue_.clear();
-    queue_.push_back(static_cast<std::uint32_t>(seed));
-    speck_[seed] = kSpeck;
-    for (std::size_t next = 0; next < queue_.size(); ++next) {
-        const std::size_t k = queue_[next];
-        const int m = static_cast<int>(k % row), n = static_cast<int>(k / row);
+    for (const std::uint32_t k : std::span(queue_).first(count)) {
+        const int m = static_cast<int>(k) % extents_.m, n = static_cast<int>(k) / extents_.m;
         const double share = static_cast<double>(responded_[k]) / checked_[k];
         ++speck.lenslets;
         if (share > best) {
@@ -166,14 +163,6 @@ Speck DustEstimator::grow_speck(std::size_t seed) {
             parts = checked_[k];
         }
         m_sum += share * m, n_sum += share * n, weights += share;
-        for (int below = std::max(0, n - kTogether); below <= std::min(extents_.n - 1, n + kTogether); ++below) {
-            for (int right = std::max(0, m - kTogether); right <= std::min(extents_.m - 1, m + kTogether); ++right) {
-                const std::size_t other = static_cast<std::size_t>(below) * row + static_cast<std::size_t>(right);
-                if (speck_[other] != kWaits) continue;
-                speck_[other] = kSpeck;
-                queue_.push_back(static_cast<std::uint32_t>(other));
-            }
-        }
     }
     speck.m = static_cast<float>(m_sum / weights);
     speck.n = static_cast<float>(n_sum / weights);
@@ -209,9 +198,8 @@ void DustEstimator::close_window() {
         latest_->pose_spread =
             std::sqrt(std::max(0.0, std::min(xx_ / count - square(x_ / count), yy_ / count - square(y_ / count))));
     }
-    for (k = 0; k < speck_.size(); ++k) {
-        if (speck_[k] != kWaits) continue;
-        list(grow_speck(k));
+    for (std::uint32_t seed = 0; seed < speck_.size(); ++seed) {
+        if (speck_[seed] == kWaits) list(grow_speck(seed));
     }
     std::ranges::fill(checked_, std::uint16_t{0});
     std::ranges::fill(responded_, std::uint16_t{0});

@@ -57,8 +57,6 @@ class DustEstimator {
     [[nodiscard]] const std::optional<DustFound>& latest() const { return latest_; }
     void restart();
 
-    [[nodiscard]] int reach() const { return reach_; }
-
   private:
     DustEstimator(const Extents& extents, int window);
     void mark_dips(const Inspection& inspection);
@@ -69,7 +67,7 @@ class DustEstimator {
     }
     void count_tiles();
     [[nodiscard]] bool is_speck(std::size_t lenslet, std::size_t tile) const;
-    [[nodiscard]] Speck grow_speck(std::size_t seed);
+    [[nodiscard]] Speck grow_speck(std::uint32_t seed);
     void list(const Speck& speck);
 
     Extents extents_;

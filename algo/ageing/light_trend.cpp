@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string>
 #include <utility>
 
 #include "algo/ageing/subsample.h"
@@ -30,11 +29,7 @@ LightTrend::LightTrend(const Extents& extents, int window)
 }
 
 Result<LightTrend> LightTrend::create(const Extents& extents, int window) {
-    if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
-    if (window < kMinWindow || window > kMaxWindow) {
-        return fail(ErrorCode::invalid_argument, "a window of " + std::to_string(window) + " parts",
-                    "use " + std::to_string(kMinWindow) + " to " + std::to_string(kMaxWindow));
-    }
+    if (auto fine = check_window(extents, window, kMinWindow, kMaxWindow); !fine) return tl::unexpected(fine.error());
     return LightTrend(extents, window);
 }
 
@@ -74,8 +69,7 @@ float LightTrend::typical_light(const Inspection& inspection) {
     int count = 0;
     for (const int n : light_rows_) {
         for (const int m : light_columns_) {
-            const auto k =
-                static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(m);
+            const std::size_t k = extents_.index(m, n);
             if ((inspection.mask[k] & (kNoHord | kNotJudged)) == 0)
                 typical_[static_cast<std::size_t>(count++)] = static_cast<float>(inspection.sums[k]);
         }

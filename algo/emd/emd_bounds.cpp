@@ -40,17 +40,13 @@ void EmdBounds::set_pair(const Hord& a, const Hord& b) {
     if (a.sum == 0 || b.sum == 0) return;
     expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit);
     unit_ = static_cast<double>(a.sum) * static_cast<double>(b.sum);
-    const OccupiedBins lit(a.mass, b.mass, ground_.bins());
-    for (int w = 0; w < lit.words(); ++w) {
-        for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
-            const int k = w * 64 + __builtin_ctzll(rest);
-            const std::int64_t d = std::int64_t{a.mass[k]} * b.sum - std::int64_t{b.mass[k]} * a.sum;
-            difference_.bin[static_cast<std::size_t>(difference_.count)] = static_cast<std::uint8_t>(k);
-            difference_.mass[static_cast<std::size_t>(difference_.count)] = static_cast<double>(d);
-            difference_.count += d != 0 ? 1 : 0;
-            not_shared_ += std::max(d, std::int64_t{0});
-        }
-    }
+    OccupiedBins(a.mass, b.mass, ground_.bins()).for_each([&](int k) {
+        const std::int64_t d = std::int64_t{a.mass[k]} * b.sum - std::int64_t{b.mass[k]} * a.sum;
+        difference_.bin[static_cast<std::size_t>(difference_.count)] = static_cast<std::uint8_t>(k);
+        difference_.mass[static_cast<std::size_t>(difference_.count)] = static_cast<double>(d);
+        difference_.count += d != 0 ? 1 : 0;
+        not_shared_ += std::max(d, std::int64_t{0});
+    });
 }
 
 double EmdBounds::lower() const {
@@ -69,11 +65,6 @@ double EmdBounds::upper_by_mass() const {
 
 double EmdBounds::upper(Order order) const {
     return difference_.count == 0 ? 0 : plan_in_order(orders_[static_cast<std::size_t>(order)]) / unit_ + margin_;
-}
-
-Bracket EmdBounds::operator()(const Hord& a, const Hord& b) {
-    set_pair(a, b);
-    return {lower(), std::min(upper(Order::by_lines), upper(Order::by_columns))};
 }
 
 // Visits the bins in order; the first surplus moves to the first deficit until one is used up, and so on.

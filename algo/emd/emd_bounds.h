@@ -16,11 +16,6 @@
 
 namespace hord::algo {
 
-struct Bracket {
-    double lower = 0;
-    double upper = 0;
-};
-
 // Not thread-safe. Allocates only in its constructor.
 class EmdBounds {
   public:
@@ -33,9 +28,6 @@ class EmdBounds {
     [[nodiscard]] double upper_by_mass() const;
     enum class Order : std::uint8_t { by_lines, by_columns };
     [[nodiscard]] double upper(Order order) const;
-
-    // set_pair(), then the tightest bounds.
-    [[nodiscard]] Bracket operator()(const Hord& a, const Hord& b);
 
   private:
     struct BinOrder {

@@ -232,7 +232,7 @@ void EmdSolver::State::finish() {
 Result<EmdSolver> EmdSolver::create(const GroundDistance& ground, Isa isa) {
     if (!has(isa))
         return fail(ErrorCode::unsupported, "an instruction set that this processor does not have", "use best_isa()");
-    return EmdSolver(std::make_unique<State>(ground, isa));
+    return EmdSolver(common::make_opaque<State>(ground, isa));
 }
 
 double EmdSolver::distance(const Hord& a, const Hord& b) {
@@ -247,10 +247,5 @@ CompactFunction EmdSolver::compact() const { return state_->sparse.compact; }
 void EmdSolver::finish() { state_->finish(); }
 
 const EmdSolver::Counters& EmdSolver::counters() const { return state_->counters; }
-
-EmdSolver::EmdSolver(std::unique_ptr<State> state) : state_(std::move(state)) {}
-EmdSolver::EmdSolver(EmdSolver&&) noexcept = default;
-EmdSolver& EmdSolver::operator=(EmdSolver&&) noexcept = default;
-EmdSolver::~EmdSolver() = default;
 
 }  // namespace hord::algo

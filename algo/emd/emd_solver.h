@@ -24,11 +24,11 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
 
 #include "algo/emd/ground_distance.h"
 #include "algo/emd/sparse_hord.h"
 #include "algo/frame/hord.h"
+#include "common/opaque.h"
 #include "common/result.h"
 
 namespace hord::algo {
@@ -67,14 +67,10 @@ class EmdSolver {
     };
     [[nodiscard]] const Counters& counters() const;
 
-    EmdSolver(EmdSolver&&) noexcept;
-    EmdSolver& operator=(EmdSolver&&) noexcept;
-    ~EmdSolver();
-
   private:
     struct State;
-    explicit EmdSolver(std::unique_ptr<State> state);
-    std::unique_ptr<State> state_;
+    explicit EmdSolver(common::Opaque<State> state) : state_(std::move(state)) {}
+    common::Opaque<State> state_;
 };
 
 }  // namespace hord::algo

@@ -164,9 +164,7 @@ HORD_ALWAYS_INLINE void solve(const KnapsackBatch& batch, const TransportBatchCo
     knapsacks.answer(answer);
 }
 
-HORD_FOR_EACH_ISA(solve_for, void, solve,
-                  (const KnapsackBatch& batch, const TransportBatchCosts& costs, KnapsackAnswer& answer),
-                  (batch, costs, answer))
+HORD_FOR_EACH_ISA(solve_for, solve)
 
 }  // namespace
 

@@ -21,17 +21,12 @@ using Whole = std::conditional_t<std::is_same_v<Mass, std::int32_t>, std::int32_
 
 template <class Mass>
 void keep_side(const Hord& h, std::uint32_t other_sum, int bins, ResidualSide<Mass>& side) {
-    const OccupiedBins lit(h.mass, bins);
     side.count = 0;
-    for (int w = 0; w < lit.words(); ++w) {
-        for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
-            const int k = w * 64 + __builtin_ctzll(rest);
-            side.mass[index(side.count)] =
-                static_cast<Mass>(Whole<Mass>{h.mass[k]} * static_cast<Whole<Mass>>(other_sum));
-            side.bin[index(side.count)] = static_cast<std::uint8_t>(k);
-            ++side.count;
-        }
-    }
+    OccupiedBins(h.mass, h.mass, bins).for_each([&](int k) {
+        side.mass[index(side.count)] = static_cast<Mass>(Whole<Mass>{h.mass[k]} * static_cast<Whole<Mass>>(other_sum));
+        side.bin[index(side.count)] = static_cast<std::uint8_t>(k);
+        ++side.count;
+    });
 }
 
 }  // namespace
@@ -57,19 +52,15 @@ void find_residual(const Hord& a, const Hord& b, int bins, Residual<Mass>& resid
     const auto sum_b = static_cast<Whole<Mass>>(b.sum);
     auto& [surplus, deficit] = residual.side;
     std::size_t n_surplus = 0, n_deficit = 0;
-    const OccupiedBins lit(mass_a, mass_b, bins);
-    for (int w = 0; w < lit.words(); ++w) {
-        for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
-            const int k = w * 64 + __builtin_ctzll(rest);
-            const Whole<Mass> d = Whole<Mass>{mass_a[k]} * sum_b - Whole<Mass>{mass_b[k]} * sum_a;
-            surplus.mass[n_surplus] = static_cast<Mass>(d);
-            surplus.bin[n_surplus] = static_cast<std::uint8_t>(k);
-            n_surplus += d > 0 ? 1U : 0U;
-            deficit.mass[n_deficit] = static_cast<Mass>(-d);
-            deficit.bin[n_deficit] = static_cast<std::uint8_t>(k);
-            n_deficit += d < 0 ? 1U : 0U;
-        }
-    }
+    OccupiedBins(mass_a, mass_b, bins).for_each([&](int k) {
+        const Whole<Mass> d = Whole<Mass>{mass_a[k]} * sum_b - Whole<Mass>{mass_b[k]} * sum_a;
+        surplus.mass[n_surplus] = static_cast<Mass>(d);
+        surplus.bin[n_surplus] = static_cast<std::uint8_t>(k);
+        n_surplus += d > 0 ? 1U : 0U;
+        deficit.mass[n_deficit] = static_cast<Mass>(-d);
+        deficit.bin[n_deficit] = static_cast<std::uint8_t>(k);
+        n_deficit += d < 0 ? 1U : 0U;
+    });
     surplus.count = static_cast<int>(n_surplus);
     deficit.count = static_cast<int>(n_deficit);
 }

@@ -302,23 +302,13 @@ struct Batch {
     }
 };
 
-template <class Mass>
-struct Kernel {
-    template <int Bytes>
-    HORD_ALWAYS_INLINE static void solve(const TransportBatch<Mass>& batch, const TransportBatchCosts& costs,
-                                         TransportAnswer<Mass>& answer) {
-        Batch<Bytes, Mass>(batch, costs, answer).solve();
-    }
-};
-
-HORD_FOR_EACH_ISA(int32_kernel, void, Kernel<std::int32_t>::template solve,
-                  (const TransportBatch<std::int32_t>& batch, const TransportBatchCosts& costs,
-                   TransportAnswer<std::int32_t>& answer),
-                  (batch, costs, answer))
-HORD_FOR_EACH_ISA(double_kernel, void, Kernel<double>::template solve,
-                  (const TransportBatch<double>& batch, const TransportBatchCosts& costs,
-                   TransportAnswer<double>& answer),
-                  (batch, costs, answer))
+template <int Bytes, class Mass>
+HORD_ALWAYS_INLINE void solve(const TransportBatch<Mass>& batch, const TransportBatchCosts& costs,
+                              TransportAnswer<Mass>& answer) {
+    Batch<Bytes, Mass>(batch, costs, answer).solve();
+}
+HORD_FOR_EACH_ISA(int32_kernel, solve, std::int32_t)
+HORD_FOR_EACH_ISA(double_kernel, solve, double)
 
 }  // namespace
 

@@ -337,17 +337,12 @@ HORD_ALWAYS_INLINE Outcome solve_body(TransportWorkspace& workspace, const Trans
     return Problem<(Bytes < 32 ? Bytes : 32)>(workspace, problem).solve(start);
 }
 
-HORD_FOR_EACH_ISA(solve_for, Outcome, solve_body,
-                  (TransportWorkspace & workspace, const Transport& problem, const TransportStep* start),
-                  (workspace, problem, start))
+HORD_FOR_EACH_ISA(solve_for, solve_body)
 
 }  // namespace
 
 TransportSimplex::TransportSimplex(const double* cost, int bins, double largest_cost, Isa isa)
-    : workspace_(std::make_unique<TransportWorkspace>(cost, bins, largest_cost)), solve_(solve_for(isa)) {}
-TransportSimplex::~TransportSimplex() = default;
-TransportSimplex::TransportSimplex(TransportSimplex&&) noexcept = default;
-TransportSimplex& TransportSimplex::operator=(TransportSimplex&&) noexcept = default;
+    : workspace_(common::make_opaque<TransportWorkspace>(cost, bins, largest_cost)), solve_(solve_for(isa)) {}
 
 Outcome TransportSimplex::solve(const Transport& problem, const TransportStep* start) {
     return solve_(*workspace_, problem, start);

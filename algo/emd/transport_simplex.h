@@ -15,9 +15,9 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
 
 #include "algo/simd/isa.h"
+#include "common/opaque.h"
 
 namespace hord::algo {
 
@@ -48,9 +48,6 @@ class TransportSimplex {
 
     // `cost`: bins x bins costs, copied. A problem has at most `bins` rows and columns.
     TransportSimplex(const double* cost, int bins, double largest_cost, Isa isa);
-    ~TransportSimplex();
-    TransportSimplex(TransportSimplex&&) noexcept;
-    TransportSimplex& operator=(TransportSimplex&&) noexcept;
 
     struct Outcome {
         double cost = 0;  // sum of mass times cost over the plan
@@ -63,7 +60,7 @@ class TransportSimplex {
 
   private:
     using Solve = Outcome (*)(TransportWorkspace& workspace, const Transport& problem, const TransportStep* start);
-    std::unique_ptr<TransportWorkspace> workspace_;
+    common::Opaque<TransportWorkspace> workspace_;
     Solve solve_;
 };
 

@@ -24,14 +24,10 @@ constexpr double kSliceScale = 0.19509032201612825;
 template <class Visit>
 void for_each_lit(const Hord& a, const Hord& b, int bins, Visit visit) {
     expect_no_overflow(a.sum < kSumLimit && b.sum < kSumLimit);
-    const OccupiedBins lit(a.mass, b.mass, bins);
-    for (int w = 0; w < lit.words(); ++w) {
-        for (std::uint64_t rest = lit.word(w); rest != 0; rest &= rest - 1) {
-            const int k = w * 64 + __builtin_ctzll(rest);
-            visit(k, static_cast<double>(std::int64_t{a.mass[k]} * b.sum),
-                  static_cast<double>(std::int64_t{b.mass[k]} * a.sum));
-        }
-    }
+    OccupiedBins(a.mass, b.mass, bins).for_each([&](int k) {
+        visit(k, static_cast<double>(std::int64_t{a.mass[k]} * b.sum),
+              static_cast<double>(std::int64_t{b.mass[k]} * a.sum));
+    });
 }
 
 // Natural logarithm of x in (0, 1], from exact operations only: |error| < 2^-50 * (1 + |ln x|).
@@ -140,7 +136,7 @@ Result<Distance> Distance::create(Feature feature, int bins_i, int bins_j, const
         : GroundDistance::between_directions(bins_i, bins_j, options.directions, norm, options.threshold);
     if (!ground) return tl::unexpected(ground.error());
 
-    auto state = std::make_unique<State>();
+    auto state = common::make_opaque<State>();
     state->feature = feature;
     state->bins = ground->bins();
     state->directions.assign(ground->directions().begin(), ground->directions().end());
@@ -186,10 +182,5 @@ void Distance::finish() {
 }
 
 std::uint64_t Distance::saturated() const { return state_->saturated; }
-
-Distance::Distance(std::unique_ptr<State> state) : state_(std::move(state)) {}
-Distance::Distance(Distance&&) noexcept = default;
-Distance& Distance::operator=(Distance&&) noexcept = default;
-Distance::~Distance() = default;
 
 }  // namespace hord::algo

@@ -18,7 +18,6 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
 #include <span>
 
 #include "algo/emd/ground_distance.h"
@@ -26,27 +25,27 @@
 #include "algo/features/feature.h"
 #include "algo/frame/hord.h"
 #include "algo/simd/isa.h"
+#include "common/opaque.h"
 #include "common/result.h"
 
 namespace hord::algo {
 
 inline constexpr double kBhattacharyyaLimit = 0x1.0a2b23f3bab73p+4;  // 24 ln 2
 
+struct DistanceOptions {
+    std::span<const Direction> directions = {};       // one per bin, in bin pitches; empty: bins one pitch apart
+    double threshold = GroundDistance::kNoThreshold;  // of the ground distance, for the emd features
+};
+
 // Not thread-safe. Allocates only in create().
 class Distance {
   public:
-    struct Options {
-        std::span<const Direction> directions = {};       // one per bin, in bin pitches; empty: bins one pitch apart
-        double threshold = GroundDistance::kNoThreshold;  // of the ground distance, for the emd features
-    };
+    using Options = DistanceOptions;
 
     // Fails with invalid_argument when the feature is not a distance, or as GroundDistance does.
     // `isa`: as for EmdSolver::create.
-    static Result<Distance> create(Feature feature, int bins_i, int bins_j, const Options& options,
+    static Result<Distance> create(Feature feature, int bins_i, int bins_j, const Options& options = {},
                                    Isa isa = best_isa());
-    static Result<Distance> create(Feature feature, int bins_i, int bins_j) {
-        return create(feature, bins_i, bins_j, Options{});
-    }
 
     // 0 when either HORD is dark (sum 0); callers mask those.
     [[nodiscard]] double operator()(const Hord& a, const Hord& b);
@@ -60,14 +59,10 @@ class Distance {
     // Results since create() that are kBhattacharyyaLimit instead of a distance.
     [[nodiscard]] std::uint64_t saturated() const;
 
-    Distance(Distance&&) noexcept;
-    Distance& operator=(Distance&&) noexcept;
-    ~Distance();
-
   private:
     struct State;
-    explicit Distance(std::unique_ptr<State> state);
-    std::unique_ptr<State> state_;
+    explicit Distance(common::Opaque<State> state) : state_(std::move(state)) {}
+    common::Opaque<State> state_;
 };
 
 }  // namespace hord::algo

@@ -94,14 +94,8 @@ HORD_ALWAYS_INLINE void lenslets(const Sample* samples, std::ptrdiff_t line_stri
     }
 }
 
-HORD_FOR_EACH_ISA(lenslets8, void, lenslets,
-                  (const std::uint8_t* samples, std::ptrdiff_t line_stride, const Extents& extents,
-                   const LightLevels& levels, int count, Decoded to),
-                  (samples, line_stride, extents, levels, count, to))
-HORD_FOR_EACH_ISA(lenslets16, void, lenslets,
-                  (const std::uint16_t* samples, std::ptrdiff_t line_stride, const Extents& extents,
-                   const LightLevels& levels, int count, Decoded to),
-                  (samples, line_stride, extents, levels, count, to))
+HORD_FOR_EACH_ISA(lenslets8, lenslets, std::uint8_t)
+HORD_FOR_EACH_ISA(lenslets16, lenslets, std::uint16_t)
 
 }  // namespace
 
@@ -135,20 +129,6 @@ Result<void> check_frame(const FrameView& frame, const Extents& extents, int bit
                     "align the frame's rows to two bytes");
     }
     return {};
-}
-
-Hord decode_hord(const FrameView& frame, const Extents& extents, const LightLevels& levels, int m, int n,
-                 std::span<std::uint16_t> masses) {
-    std::uint32_t sum = 0;
-    std::size_t k = 0;
-    for (int j = 0; j < extents.j; ++j) {
-        for (int i = 0; i < extents.i; ++i, ++k) {
-            const std::uint32_t sample = frame.sample(m * extents.i + i, n * extents.j + j);
-            masses[k] = static_cast<std::uint16_t>(sample - std::min(sample, levels.dark));
-            sum += masses[k];
-        }
-    }
-    return {masses.data(), sum};
 }
 
 void decode_row(const FrameView& frame, const Extents& extents, const LightLevels& levels, int n, HordRow& row,

@@ -64,10 +64,6 @@ class HordRow {
 Result<void> check_frame(const FrameView& frame, const Extents& extents, int bits);
 Result<void> check_bits(int bits);
 
-// The HORD of one lenslet, identical to that of decode_row. `masses` has room for all bins.
-Hord decode_hord(const FrameView& frame, const Extents& extents, const LightLevels& levels, int m, int n,
-                 std::span<std::uint16_t> masses);
-
 // Decodes lenslet row n of a checked frame. The result does not depend on `isa`, which this processor must have.
 void decode_row(const FrameView& frame, const Extents& extents, const LightLevels& levels, int n, HordRow& row,
                 Isa isa = best_isa());

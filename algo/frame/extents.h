@@ -5,6 +5,7 @@
 // section 2.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 
@@ -24,6 +25,18 @@ struct Extents {
         return static_cast<std::size_t>(m) * static_cast<std::size_t>(n);
     }
     [[nodiscard]] constexpr int bins() const { return i * j; }
+
+    // Of lenslet (m, n) in an array with one value a lenslet, row by row.
+    [[nodiscard]] constexpr std::size_t index(int column, int row) const {
+        return static_cast<std::size_t>(row) * static_cast<std::size_t>(m) + static_cast<std::size_t>(column);
+    }
+    // Calls visit(m, n) for every lenslet of the field at most `reach` columns and rows away, row by row.
+    template <class Visit>
+    void for_each_around(int column, int row, int reach, Visit&& visit) const {
+        for (int y = std::max(0, row - reach); y <= std::min(n - 1, row + reach); ++y) {
+            for (int x = std::max(0, column - reach); x <= std::min(m - 1, column + reach); ++x) visit(x, y);
+        }
+    }
 
     // Image size of the macro-pixel frame of this light field: sample (m,n,i,j) is at column m*I+i, row n*J+j.
     [[nodiscard]] constexpr int width_px() const { return m * i; }

@@ -7,11 +7,21 @@
 namespace hord::algo {
 namespace {
 
-constexpr double kHalfSqrt3 = 0.86602540378443864676;
+// In the order of GridModelKind.
+struct ModelTraits {
+    std::string_view name;
+    int parameters;
+};
+constexpr std::array<ModelTraits, kGridModels.size()> kTraits{{{"similarity", 4},
+                                                               {"affine", 6},
+                                                               {"homography", 8},
+                                                               {"homography+k1", 9},
+                                                               {"homography+k1+k2+centre", 12},
+                                                               {"cubic", 20},
+                                                               {"quintic", 42}}};
+const ModelTraits& traits(GridModelKind model) { return kTraits[static_cast<std::size_t>(model)]; }
 
 int order_of(GridModelKind model) { return model == GridModelKind::quintic ? 5 : 3; }
-
-int shifted(int index, int parity) { return static_cast<int>(static_cast<unsigned>(index + parity) & 1U); }
 
 // Terms u^p v^q, p + q <= order, in the order 1, u, v, u2, uv, v2, ...; `coefficients` holds them in the same order.
 double polynomial(int order, const double* coefficients, double u, double v) {
@@ -30,31 +40,8 @@ double polynomial(int order, const double* coefficients, double u, double v) {
 
 }  // namespace
 
-std::string_view name_of(GridModelKind model) {
-    switch (model) {
-        case GridModelKind::similarity: return "similarity";
-        case GridModelKind::affine: return "affine";
-        case GridModelKind::homography: return "homography";
-        case GridModelKind::radial1: return "homography+k1";
-        case GridModelKind::radial2: return "homography+k1+k2+centre";
-        case GridModelKind::cubic: return "cubic";
-        case GridModelKind::quintic: return "quintic";
-    }
-    return "?";
-}
-
-int parameter_count(GridModelKind model) {
-    switch (model) {
-        case GridModelKind::similarity: return 4;
-        case GridModelKind::affine: return 6;
-        case GridModelKind::homography: return 8;
-        case GridModelKind::radial1: return 9;
-        case GridModelKind::radial2: return 12;
-        case GridModelKind::cubic: return 20;
-        case GridModelKind::quintic: return 42;
-    }
-    return 0;
-}
+std::string_view name_of(GridModelKind model) { return traits(model).name; }
+int parameter_count(GridModelKind model) { return traits(model).parameters; }
 
 std::string_view name_of(LatticeKind kind) { return kind == LatticeKind::square ? "square" : "hexagonal"; }
 

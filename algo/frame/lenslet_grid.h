@@ -43,6 +43,10 @@ inline constexpr std::array kGridModels{GridModelKind::similarity, GridModelKind
 // The name of a parameter: tx, ty, a, b ... or x_u2v1 for the factor of u^2 v in x.
 [[nodiscard]] std::string parameter_name(GridModelKind model, int index);
 
+inline constexpr double kHalfSqrt3 = 0.86602540378443864676;  // between the rows of a hexagonal lattice, pitches
+// 1 if the row (or column) of this number is shifted, else 0.
+constexpr int shifted(int index, int parity) { return static_cast<int>(static_cast<unsigned>(index + parity) & 1U); }
+
 struct PixelPoint {
     double x_px = 0, y_px = 0;
 };
@@ -69,6 +73,10 @@ struct LensletGrid {
     std::vector<PixelPoint> shifts_px;
 
     [[nodiscard]] bool contains(int m, int n) const { return m >= 0 && n >= 0 && m < columns && n < rows; }
+    // Whether a point lies on a pixel of the frame.
+    [[nodiscard]] bool in_frame(PixelPoint p) const {
+        return p.x_px >= -0.5 && p.y_px >= -0.5 && p.x_px < width_px - 0.5 && p.y_px < height_px - 0.5;
+    }
     // Of lenslet (m, n) in arrays of columns x rows, row by row.
     [[nodiscard]] std::size_t index(int m, int n) const {
         return static_cast<std::size_t>(n) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(m);

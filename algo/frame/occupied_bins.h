@@ -16,14 +16,18 @@ constexpr int kMaxBinCount = kMaxBins * kMaxBins;
 
 class OccupiedBins {
   public:
-    // Bins with light in one HORD, or in either of two.
-    OccupiedBins(const std::uint16_t* mass, int bins) : OccupiedBins(mass, mass, bins) {}
+    // Bins with light in either of two HORDs.
     OccupiedBins(const std::uint16_t* a, const std::uint16_t* b, int bins) : words_((bins + 63) / 64) {
         for (int w = 0; w < words_; ++w) word_[w] = word_of(a + w * 64, b + w * 64, std::min(bins - w * 64, 64), w > 0);
     }
 
-    [[nodiscard]] int words() const { return words_; }
-    [[nodiscard]] std::uint64_t word(int w) const { return word_[w]; }
+    // Calls visit(bin) for each, in ascending order.
+    template <class Visit>
+    void for_each(Visit&& visit) const {
+        for (int w = 0; w < words_; ++w) {
+            for (std::uint64_t rest = word_[w]; rest != 0; rest &= rest - 1) visit(w * 64 + __builtin_ctzll(rest));
+        }
+    }
 
   private:
     // Sixteen bins at a time; the last sixteen overlap the previous ones.

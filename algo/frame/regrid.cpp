@@ -9,7 +9,6 @@
 namespace hord::algo {
 namespace {
 
-constexpr double kHalfSqrt3 = 0.86602540378443864676;
 constexpr int kMaxSteps = 20;
 constexpr double kSettled = 1e-6;  // px
 
@@ -30,8 +29,6 @@ std::optional<LensletGrid::Uv> place_of(const LensletGrid& grid, PixelPoint want
     }
     return std::nullopt;
 }
-
-int shifted(int index, int parity) { return static_cast<int>(static_cast<unsigned>(index + parity) & 1U); }
 
 // (sum of w * sample + 128) >> 8, of four lenslets.
 template <int>
@@ -54,10 +51,8 @@ HORD_ALWAYS_INLINE void mixed_8bit(const Regridder::WeightedSources& f, int bins
         store<Words>((sum + std::uint16_t{128}) >> 8, to + k);
     }
 }
-HORD_FOR_EACH_ISA(mixed_for, void, mixed, (const Regridder::WeightedSources& f, int bins, std::uint16_t* to),
-                  (f, bins, to))
-HORD_FOR_EACH_ISA(mixed_8bit_for, void, mixed_8bit, (const Regridder::WeightedSources& f, int bins, std::uint16_t* to),
-                  (f, bins, to))
+HORD_FOR_EACH_ISA(mixed_for, mixed)
+HORD_FOR_EACH_ISA(mixed_8bit_for, mixed_8bit)
 
 }  // namespace
 
@@ -170,28 +165,18 @@ void Regridder::decode_row(const FrameView& raw, int n, std::span<std::uint16_t>
     const int bins = extents_.bins();
     const int stride = extents_.m * extents_.i;
     for (int m = 0; m < extents_.m; ++m) {
-        const Source& source =
-            sources_[static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(m)];
-        // Sources without a weight read the same samples as one with a weight.
-        const std::uint16_t* from[kAround];
-        std::uint32_t weight[kAround];
-        bool dark = true;
-        for (int k = 0; k < kAround; ++k) {
-            weight[k] = source.weight[k];
-            if (weight[k] == 0) continue;
-            from[k] = row(raw, source.n[k]) + static_cast<std::ptrdiff_t>(source.m[k]) * bins;
-            dark = false;
-        }
+        const Source& source = sources_[extents_.index(m, n)];
+        WeightedSources sources{};
         const std::uint16_t* any = nullptr;
-        for (int k = 0; k < kAround && any == nullptr; ++k) any = weight[k] > 0 ? from[k] : nullptr;
         for (int k = 0; k < kAround; ++k) {
-            if (weight[k] == 0) from[k] = any;
+            if (source.weight[k] == 0) continue;
+            sources.weight[k] = source.weight[k];
+            sources.from[k] = any = row(raw, source.n[k]) + static_cast<std::ptrdiff_t>(source.m[k]) * bins;
         }
-        if (dark) {
+        if (any == nullptr) {
             std::fill(mixed_.begin(), mixed_.end(), std::uint16_t{0});
         } else {
-            const WeightedSources sources{{from[0], from[1], from[2], from[3]},
-                                          {weight[0], weight[1], weight[2], weight[3]}};
+            std::ranges::replace(sources.from, nullptr, any);  // reads the same samples, without a weight
             (raw.bits > 8 ? mix_ : mix_8bit_)(sources, bins, mixed_.data());
         }
         for (int j = 0; j < extents_.j; ++j)

@@ -199,8 +199,7 @@ template <class Sample, class Sum>
 void Resampler::decode_lenslets(const FrameView& raw, int n, std::uint16_t* out, int line_stride,
                                 int lenslet_stride) const {
     for (int m = 0; m < extents_.m; ++m) {
-        const auto lenslet =
-            static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(m);
+        const std::size_t lenslet = extents_.index(m, n);
         const std::int32_t place_x = place_x_[lenslet];
         const std::int32_t place_y = place_y_[lenslet];
         const std::ptrdiff_t from_start = static_cast<std::ptrdiff_t>(m) * lenslet_stride;

@@ -58,6 +58,11 @@ DefectKind kind_of(const Region& r) {
 }  // namespace
 
 struct DefectFinder::Workspace {
+    Workspace(const Extents& e, const Recipe& recipe)
+        : extents(e), gradient_limit(limit_of_gradient(recipe)), frobenius_limit(recipe.frobenius_limit_bins),
+          transmission_limit(recipe.light ? recipe.transmission_limit : 0), min_area(recipe.min_area),
+          flagged(e.n, e.m) {}
+
     Extents extents;
     float gradient_limit, frobenius_limit, transmission_limit;
     std::uint32_t min_area;
@@ -83,24 +88,11 @@ struct DefectFinder::Workspace {
 };
 
 DefectFinder::DefectFinder(const Extents& extents, const Recipe& recipe)
-    : workspace_(std::make_unique<Workspace>(Workspace{extents,
-                                                       limit_of_gradient(recipe),
-                                                       recipe.frobenius_limit_bins,
-                                                       recipe.light ? recipe.transmission_limit : 0,
-                                                       recipe.min_area,
-                                                       cv::Mat1b(extents.n, extents.m),
-                                                       {},
-                                                       {},
-                                                       {},
-                                                       {},
-                                                       {}})) {
+    : workspace_(common::make_opaque<Workspace>(extents, recipe)) {
     // Else OpenCV starts a thread pool, which inherits signal mask and scheduling policy of the first caller.
     static const bool single_threaded = (cv::setNumThreads(1), true);
     static_cast<void>(single_threaded);
 }
-DefectFinder::~DefectFinder() = default;
-DefectFinder::DefectFinder(DefectFinder&&) noexcept = default;
-DefectFinder& DefectFinder::operator=(DefectFinder&&) noexcept = default;
 
 Result<FoundDefects> DefectFinder::find(const Features& features) {
     Workspace& w = *workspace_;

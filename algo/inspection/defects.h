@@ -18,12 +18,12 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
 #include <span>
 
 #include "algo/frame/extents.h"
 #include "algo/recipe/recipe.h"
 #include "algo/verdict/verdict.h"
+#include "common/opaque.h"
 
 namespace hord::algo {
 
@@ -44,16 +44,13 @@ struct FoundDefects {
 class DefectFinder {
   public:
     DefectFinder(const Extents& extents, const Recipe& recipe);
-    ~DefectFinder();
-    DefectFinder(DefectFinder&&) noexcept;
-    DefectFinder& operator=(DefectFinder&&) noexcept;
 
     // Allocates only if a lenslet exceeds a limit. Fails with internal if OpenCV does.
     Result<FoundDefects> find(const Features& features);
 
   private:
     struct Workspace;
-    std::unique_ptr<Workspace> workspace_;
+    common::Opaque<Workspace> workspace_;
 };
 
 }  // namespace hord::algo

@@ -73,25 +73,17 @@ struct EmdRows {
     std::vector<EmdGradient> gradients;                  // of the submitted rows, one after the other
     std::size_t submitted = 0;                           // gradients
 
-    void decode(const FrameView& frame, const LightLevels& levels, int n) { window.decode(frame, levels, n); }
+    void load(const FrameView& frame, const LightLevels& levels, int n) { window.decode(frame, levels, n); }
     [[nodiscard]] std::vector<Deflection>& deflections_of(int n) {
         return deflections[static_cast<std::size_t>(n % 3)];
     }
     [[nodiscard]] Deflection deflection(int m, int n) { return deflections_of(n)[static_cast<std::size_t>(m)]; }
 };
 
-// A thread's rows where neighbours are compared by another distance or not at all: decoded into the SoA layout, which
-// is three times as fast.
-struct SoaRows {
-    SoaDistances distances;
-
-    void decode(const FrameView& frame, const LightLevels& levels, int n) { distances.load(frame, levels, n); }
-};
-
 // The working memory of one thread.
 struct Worker {
-    std::optional<EmdRows> emd;
-    std::optional<SoaRows> soa;
+    std::optional<EmdRows> emd;                 // if neighbours are compared by the EMD;
+    std::optional<SoaDistances> soa;            // else decoded into the SoA layout, which is three times as fast
     std::optional<ReferenceComparer> comparer;  // if the recipe has a reference
 };
 
@@ -140,18 +132,15 @@ struct Pipeline::Workspace {
     };
     std::optional<Comparison> comparison;  // if the recipe has a reference
 
-    [[nodiscard]] std::size_t at(int m, int n) const {
-        return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m);
-    }
     void compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times);
     template <class Rows>
     void compute_band(Rows& rows, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
     void finish_decoding(EmdRows& rows, int n, bool in_band);
-    void finish_decoding(SoaRows& rows, int n, bool in_band);
+    void finish_decoding(SoaDistances& rows, int n, bool in_band);
     void compare_row(EmdRows& rows, int n);
-    void compare_row(SoaRows& rows, int n);
+    void compare_row(SoaDistances& rows, int n);
     void finish_gradients(EmdRows& rows, int last);
-    void finish_gradients(SoaRows&, int) {}
+    void finish_gradients(SoaDistances&, int) {}
     void store_norms(std::size_t k, const Jacobian& jacobian);
     [[nodiscard]] std::span<const float> judged_slopes() const {
         return recipe.slopes ? std::span<const float>(frobenius) : std::span<const float>();
@@ -181,7 +170,7 @@ void Pipeline::Workspace::compute_band(Rows& rows, const FrameView& frame, int f
                                        StageTimes& times) {
     const auto in_band = [&](int n) { return n >= first && n < last; };
     for (int n = std::max(first - 1, 0); n < std::min(last + 1, extents.n); ++n) {
-        rows.decode(frame, levels, n);
+        rows.load(frame, levels, n);
         watch.lap(times.decode_ns);
         finish_decoding(rows, n, in_band(n));
         watch.lap(times.hord_ns);
@@ -199,18 +188,18 @@ void Pipeline::Workspace::finish_decoding(EmdRows& rows, int n, bool in_band) {
     mean_deflections(hords, rows.deflections_of(n));
     rows.window.compact_row(n);
     if (!in_band) return;
-    const auto row = static_cast<std::ptrdiff_t>(at(0, n));
+    const auto row = static_cast<std::ptrdiff_t>(extents.index(0, n));
     std::ranges::copy(rows.deflections_of(n), deflections.begin() + row);
     std::ranges::copy(hords.sums(), sums.begin() + row);
 }
 
-void Pipeline::Workspace::finish_decoding(SoaRows& rows, int n, bool in_band) {
+void Pipeline::Workspace::finish_decoding(SoaDistances& rows, int n, bool in_band) {
     if (!in_band) return;
-    const SoaRow& row = rows.distances.loaded(n);
-    std::copy_n(row.sums().begin(), extents.m, sums.begin() + static_cast<std::ptrdiff_t>(at(0, n)));
+    const SoaRow& row = rows.loaded(n);
+    std::copy_n(row.sums().begin(), extents.m, sums.begin() + static_cast<std::ptrdiff_t>(extents.index(0, n)));
     for (int m = 0; m < extents.m; ++m) {
         const bool dark = (row.mask()[static_cast<std::size_t>(m)] & kDark) != 0;
-        deflections[at(m, n)] = dark ? Deflection{} : rows.distances.deflection(m, n);
+        deflections[extents.index(m, n)] = dark ? Deflection{} : rows.deflection(m, n);
     }
 }
 
@@ -218,7 +207,7 @@ void Pipeline::Workspace::finish_decoding(SoaRows& rows, int n, bool in_band) {
 void Pipeline::Workspace::compare_row(EmdRows& rows, int n) {
     const RowWindow& window = rows.window;
     for (int m = 0; m < extents.m; ++m) {
-        const std::size_t k = at(m, n);
+        const std::size_t k = extents.index(m, n);
         EmdGradient& submitted = rows.gradients[rows.submitted++];
         submitted = {};
         Jacobian jacobian;
@@ -236,21 +225,20 @@ void Pipeline::Workspace::compare_row(EmdRows& rows, int n) {
     if (rows.submitted == rows.gradients.size()) finish_gradients(rows, n + 1);
 }
 
-void Pipeline::Workspace::compare_row(SoaRows& rows, int n) {
-    SoaDistances& distances = rows.distances;
-    std::uint8_t* const of_row = mask.data() + at(0, n);
-    distances.mark_row(n, of_row);
-    if (!gradient.empty()) distances.compare_row(n, gradient.data() + at(0, n), of_row);
-    if (!frobenius.empty()) distances.slopes_row(n, frobenius.data() + at(0, n), of_row);
+void Pipeline::Workspace::compare_row(SoaDistances& rows, int n) {
+    std::uint8_t* const of_row = mask.data() + extents.index(0, n);
+    rows.mark_row(n, of_row);
+    if (!gradient.empty()) rows.compare_row(n, gradient.data() + extents.index(0, n), of_row);
+    if (!frobenius.empty()) rows.slopes_row(n, frobenius.data() + extents.index(0, n), of_row);
     if (spectral.empty()) return;
     for (int m = 0; m < extents.m; ++m)
-        store_norms(at(m, n), (of_row[m] & kNoGradient) == 0 ? distances.jacobian(m, n) : Jacobian{});
+        store_norms(extents.index(m, n), (of_row[m] & kNoGradient) == 0 ? rows.jacobian(m, n) : Jacobian{});
 }
 
 // Solves the submitted EMD gradients and writes them to the map; `last` is the row after theirs.
 void Pipeline::Workspace::finish_gradients(EmdRows& rows, int last) {
     rows.solver.finish();
-    float* out = gradient.data() + at(0, last) - rows.submitted;
+    float* out = gradient.data() + extents.index(0, last) - rows.submitted;
     for (std::size_t k = 0; k < rows.submitted; ++k) out[k] = static_cast<float>(rows.gradients[k].norm());
     rows.submitted = 0;
 }
@@ -292,9 +280,10 @@ Registered Pipeline::Workspace::compare_with_reference(const FrameView& frame) {
         ReferenceComparer& comparer = *workers[static_cast<std::size_t>(worker)].comparer;
         const auto columns = static_cast<std::size_t>(extents.m);
         for (int n = band * kBandRows; n < std::min((band + 1) * kBandRows, extents.n); ++n) {
-            comparer.compare_row(frame, std::span<const std::uint32_t>(sums).subspan(at(0, n), columns),
-                                 std::span<const std::uint8_t>(mask).subspan(at(0, n), columns), n, pose,
-                                 registered.light, std::span(comparison->differences).subspan(at(0, n), columns));
+            comparer.compare_row(frame, std::span<const std::uint32_t>(sums).subspan(extents.index(0, n), columns),
+                                 std::span<const std::uint8_t>(mask).subspan(extents.index(0, n), columns), n, pose,
+                                 registered.light,
+                                 std::span(comparison->differences).subspan(extents.index(0, n), columns));
         }
     });
     return registered;
@@ -315,8 +304,7 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
         Worker& made = workers.emplace_back();
         if (recipe.reference) made.comparer.emplace(*recipe.reference, widest_isa(), reference_soa);
         if (recipe.gradient != Feature::emd) {
-            made.soa.emplace(
-                SoaDistances(extents, recipe.gradient.value_or(Feature::jacobian_frobenius), best_isa(), true));
+            made.soa.emplace(extents, recipe.gradient.value_or(Feature::jacobian_frobenius), best_isa(), true);
             continue;
         }
         const auto ground = GroundDistance::between_bins(extents.i, extents.j);
@@ -325,7 +313,7 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
         if (!solver) return tl::unexpected(solver.error());
         made.emd.emplace(extents, std::move(*solver));
     }
-    return Pipeline(std::make_unique<Workspace>(extents, bits, recipe, maps, std::move(*pool), std::move(workers)));
+    return Pipeline(common::make_opaque<Workspace>(extents, bits, recipe, maps, std::move(*pool), std::move(workers)));
 }
 
 Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
@@ -373,10 +361,5 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
     total.lap(result.times.total_ns);
     return result;
 }
-
-Pipeline::Pipeline(std::unique_ptr<Workspace> workspace) : workspace_(std::move(workspace)) {}
-Pipeline::Pipeline(Pipeline&&) noexcept = default;
-Pipeline& Pipeline::operator=(Pipeline&&) noexcept = default;
-Pipeline::~Pipeline() = default;
 
 }  // namespace hord::algo

@@ -6,7 +6,6 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
 #include <optional>
 #include <span>
 
@@ -16,6 +15,7 @@
 #include "algo/reference/registration.h"
 #include "algo/verdict/verdict.h"
 #include "common/frame.h"
+#include "common/opaque.h"
 
 namespace hord::algo {
 
@@ -69,14 +69,10 @@ class Pipeline {
     // Fails with invalid_argument if the frame's size or bit depth is not that given to create().
     Result<Inspection> inspect(const FrameView& frame, NowNs now = nullptr);
 
-    Pipeline(Pipeline&&) noexcept;
-    Pipeline& operator=(Pipeline&&) noexcept;
-    ~Pipeline();
-
   private:
     struct Workspace;
-    explicit Pipeline(std::unique_ptr<Workspace> workspace);
-    std::unique_ptr<Workspace> workspace_;
+    explicit Pipeline(common::Opaque<Workspace> workspace) : workspace_(std::move(workspace)) {}
+    common::Opaque<Workspace> workspace_;
 };
 
 }  // namespace hord::algo

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
+#include "algo/frame/flood.h"
 #include "algo/frame/mask.h"
 
 namespace hord::algo {
@@ -93,22 +95,12 @@ void ReferenceDefects::score_lenslets(const ComparedFrame& c, std::span<float> z
 // The connected lenslets at or above grow_score, from `seed` on.
 ReferenceDefects::Region ReferenceDefects::grow_region(std::uint32_t seed, const ComparedFrame& c) {
     const float grow = recipe_.grow_score / recipe_.reject_score;
+    const std::size_t count = flood(extents_, seed, 1, Connected::at_corners_too, queue_, [&](std::size_t k) {
+        return severity_[k] >= grow && std::exchange(visited_[k], std::uint8_t{1}) == 0;
+    });
     Region r;
-    std::size_t count = 0;
-    const auto visit = [&](int m, int n) {
-        if (m < 0 || n < 0 || m >= extents_.m || n >= extents_.n) return;
-        const auto k = static_cast<std::uint32_t>(n * extents_.m + m);
-        if (visited_[k] != 0 || severity_[k] < grow) return;
-        visited_[k] = 1;
-        queue_[count++] = k;
-    };
-    visit(static_cast<int>(seed) % extents_.m, static_cast<int>(seed) / extents_.m);
-    for (std::size_t q = 0; q < count; ++q) {
-        const std::uint32_t k = queue_[q];
+    for (const std::uint32_t k : std::span(queue_).first(count)) {
         const int m = static_cast<int>(k) % extents_.m, n = static_cast<int>(k) / extents_.m;
-        for (int y = n - 1; y <= n + 1; ++y) {
-            for (int x = m - 1; x <= m + 1; ++x) visit(x, y);
-        }
         const Scores& s = scores_[k];
         const float in_noise = severity_[k] * recipe_.reject_score,
                     by_reference = z_score_of(s, c.differences[k], recipe_.reject_score);

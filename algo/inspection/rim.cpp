@@ -38,7 +38,7 @@ RimFinder::RimFinder(const Extents& extents, int margin)
     for (int n = 0; n < extents.n; ++n) {
         const bool whole_row = n == 0 || n == extents.n - 1;
         for (int m = 0; m < extents.m; m += whole_row ? 1 : extents.m - 1)
-            ring_.push_back(static_cast<std::uint32_t>(n * extents.m + m));
+            ring_.push_back(static_cast<std::uint32_t>(extents.index(m, n)));
     }
     ring_values_.resize(ring_.size());
 }
@@ -82,32 +82,30 @@ bool RimFinder::find_free_light(std::span<const Deflection> deflections, std::sp
 
 // Step 2. Sets kReached or kUnreached everywhere.
 void RimFinder::reach_free_field() {
-    const auto around = [&](int m, int n, auto&& holds) {  // for every lenslet of the field in the 3x3 around (m, n)
-        for (int y = std::max(n - 1, 0); y <= std::min(n + 1, extents_.n - 1); ++y) {
-            for (int x = std::max(m - 1, 0); x <= std::min(m + 1, extents_.m - 1); ++x) {
-                if (!holds(state_[static_cast<std::size_t>(y * extents_.m + x)])) return false;
-            }
-        }
-        return true;
-    };
     std::size_t k = 0;
     for (int n = 0; n < extents_.n; ++n) {
         for (int m = 0; m < extents_.m; ++m, ++k) {
-            if (around(m, n, [](std::uint8_t state) { return (state & kFree) != 0; })) state_[k] |= kWide;
+            if ((state_[k] & kFree) == 0) continue;
+            unsigned common = kFree;
+            extents_.for_each_around(m, n, 1, [&](int x, int y) { common &= state_[extents_.index(x, y)]; });
+            if (common != 0) state_[k] |= kWide;
         }
     }
     for (const std::uint32_t at : ring_) {
         if ((state_[at] & kFree) != 0) state_[at] |= kWide;  // outside the field light is free
     }
     for (const std::uint32_t at : ring_) {
-        if ((state_[at] & (kWide | kReached)) == kWide) flood(at, kWide, kReached, false);
+        if ((state_[at] & (kWide | kReached)) == kWide) mark_connected(at, kWide, kReached, Connected::at_sides);
     }
     k = 0;
     for (int n = 0; n < extents_.n; ++n) {
         for (int m = 0; m < extents_.m; ++m, ++k) {
-            const bool next_to_reached =
-                !around(m, n, [](std::uint8_t state) { return (state & (kWide | kReached)) != (kWide | kReached); });
-            if ((state_[k] & kFree) != 0 && next_to_reached) state_[k] |= kReached;
+            if ((state_[k] & (kFree | kReached)) == kFree) {
+                extents_.for_each_around(m, n, 1, [&](int x, int y) {
+                    const std::uint8_t state = state_[extents_.index(x, y)];
+                    if ((state & (kWide | kReached)) == (kWide | kReached)) state_[k] |= kReached;
+                });
+            }
             if ((state_[k] & kReached) == 0) state_[k] |= kUnreached;
         }
     }
@@ -117,7 +115,7 @@ void RimFinder::reach_free_field() {
 void RimFinder::keep_large_parts() {
     for (std::uint32_t k = 0; k < state_.size(); ++k) {
         if ((state_[k] & (kUnreached | kCounted)) != kUnreached) continue;
-        const std::size_t count = flood(k, kUnreached, kCounted, true);
+        const std::size_t count = mark_connected(k, kUnreached, kCounted, Connected::at_corners_too);
         if (count * kSmallestPart < state_.size()) continue;
         for (std::size_t q = 0; q < count; ++q) state_[queue_[q]] |= kPart;
     }
@@ -125,25 +123,13 @@ void RimFinder::keep_large_parts() {
 
 // Marks every lenslet that is connected to `seed` through lenslets with the bit `through`. Returns their number; queue_
 // holds them.
-std::size_t RimFinder::flood(std::uint32_t seed, std::uint8_t through, std::uint8_t mark, bool diagonally) {
-    std::size_t count = 0;
-    const auto visit = [&](int m, int n) {
-        if (m < 0 || n < 0 || m >= extents_.m || n >= extents_.n) return;
-        const auto k = static_cast<std::uint32_t>(n * extents_.m + m);
-        if ((state_[k] & (through | mark)) != through) return;
+std::size_t RimFinder::mark_connected(std::uint32_t seed, std::uint8_t through, std::uint8_t mark,
+                                      Connected connected) {
+    return flood(extents_, seed, 1, connected, queue_, [&](std::size_t k) {
+        if ((state_[k] & (through | mark)) != through) return false;
         state_[k] |= mark;
-        queue_[count++] = k;
-    };
-    visit(static_cast<int>(seed) % extents_.m, static_cast<int>(seed) / extents_.m);
-    for (std::size_t q = 0; q < count; ++q) {
-        const int m = static_cast<int>(queue_[q]) % extents_.m, n = static_cast<int>(queue_[q]) / extents_.m;
-        for (int y = -1; y <= 1; ++y) {
-            for (int x = -1; x <= 1; ++x) {
-                if (diagonally || x == 0 || y == 0) visit(m + x, n + y);
-            }
-        }
-    }
-    return count;
+        return true;
+    });
 }
 
 // Step 3, second half. Sets kInside between lenslets of the part in a row or a column; everywhere if there is no part.
@@ -180,9 +166,7 @@ void RimFinder::enclose() {
 // leaves the field. The window's count of part lenslets is updated from row to row and column to column.
 void RimFinder::mark_rim(std::span<std::uint8_t> mask) {
     const int side = 2 * margin_ + 1;
-    const auto part_at = [&](int m, int n) {
-        return (state_[static_cast<std::size_t>(n * extents_.m + m)] & kPart) != 0 ? 1 : 0;
-    };
+    const auto part_at = [&](int m, int n) { return (state_[extents_.index(m, n)] & kPart) != 0 ? 1 : 0; };
     std::ranges::fill(part_in_column_, 0);
     for (int n = 0; n < std::min(margin_, extents_.n); ++n) {
         for (int m = 0; m < extents_.m; ++m) part_in_column_[static_cast<std::size_t>(m)] += part_at(m, n);

@@ -10,6 +10,7 @@
 
 #include "algo/features/deflection.h"
 #include "algo/frame/extents.h"
+#include "algo/frame/flood.h"
 
 namespace hord::algo {
 
@@ -35,7 +36,7 @@ class RimFinder {
     void keep_large_parts();
     void enclose();
     void mark_rim(std::span<std::uint8_t> mask);
-    std::size_t flood(std::uint32_t seed, std::uint8_t through, std::uint8_t mark, bool diagonally);
+    std::size_t mark_connected(std::uint32_t seed, std::uint8_t through, std::uint8_t mark, Connected connected);
 
     Extents extents_;
     int margin_;

@@ -17,11 +17,10 @@ constexpr int kBandRows = 16;  // the undecided pairs of a band are solved in ba
 
 struct Worker {
     Worker(const Extents& e, const GroundDistance& ground, EmdSolver s)
-        : window(e), reference(e), across(ground), down(ground), solver(std::move(s)),
+        : window(e), across(ground), down(ground), solver(std::move(s)),
           gradients(static_cast<std::size_t>(kBandRows * e.m)), open(gradients.size()) {}
     RowWindow window;
-    HordRow reference;
-    EmdBounds across, down;  // of a lenslet; against a reference only the first
+    EmdBounds across, down;  // of a lenslet
     EmdSolver solver;
     std::vector<EmdGradient> gradients;  // of the undecided lenslets
     std::vector<std::size_t> open;       // indices of the undecided lenslets
@@ -40,34 +39,9 @@ struct EmdThresholdMap::State {
     std::vector<std::uint8_t> at_or_above, mask;
     float limit = 0;
 
-    [[nodiscard]] std::size_t at(int m, int n) const {
-        return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m);
-    }
-
-    template <class Band>
-    DecisionMap in_bands(float the_limit, Band compute);
     void decide_band(Worker& worker, const FrameView& frame, int first, int last);
-    void decide_band_against(Worker& worker, const FrameView& frame, const FrameView& reference, int first, int last);
     EmdGradient* decide_by_bounds(Worker& worker, std::size_t k, int weight_x, int weight_y);
-    void decide_open(Worker& worker);
 };
-
-template <class Band>
-DecisionMap EmdThresholdMap::State::in_bands(float the_limit, Band compute) {
-    limit = the_limit;
-    for (Worker& worker : workers) worker.pairs = worker.solved = 0;
-    pool->share_out((extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
-        Worker& w = workers[static_cast<std::size_t>(worker)];
-        compute(w, band * kBandRows, std::min((band + 1) * kBandRows, extents.n));
-        decide_open(w);
-    });
-    DecisionMap map{at_or_above, mask, 0, 0};
-    for (const Worker& worker : workers) {
-        map.pairs += worker.pairs;
-        map.solved += worker.solved;
-    }
-    return map;
-}
 
 // Decides by the bounds, cheapest first. Returns null if they decide; else where to write the exact distances.
 EmdGradient* EmdThresholdMap::State::decide_by_bounds(Worker& worker, std::size_t k, int weight_x, int weight_y) {
@@ -90,19 +64,12 @@ EmdGradient* EmdThresholdMap::State::decide_by_bounds(Worker& worker, std::size_
     return &gradients;
 }
 
-void EmdThresholdMap::State::decide_open(Worker& worker) {
-    worker.solver.finish();
-    for (std::size_t u = 0; u < worker.undecided; ++u)
-        at_or_above[worker.open[u]] = static_cast<float>(worker.gradients[u].norm()) >= limit ? 1 : 0;
-    worker.undecided = 0;
-}
-
 void EmdThresholdMap::State::decide_band(Worker& worker, const FrameView& frame, int first, int last) {
     RowWindow& window = worker.window;
     window.stream(frame, levels, first, last, false, [&](int n) {
         for (int m = 0; m < extents.m; ++m) {
             const auto near = window.neighbours(m, n);
-            const std::size_t k = at(m, n);
+            const std::size_t k = extents.index(m, n);
             mask[k] = near.mask;
             at_or_above[k] = 0;
             if ((near.mask & kNoGradient) != 0) continue;
@@ -118,29 +85,10 @@ void EmdThresholdMap::State::decide_band(Worker& worker, const FrameView& frame,
             worker.solved += 2;
         }
     });
-}
-
-void EmdThresholdMap::State::decide_band_against(Worker& worker, const FrameView& frame, const FrameView& reference,
-                                                 int first, int last) {
-    worker.down.set_pair({}, {});
-    for (int n = first; n < last; ++n) {
-        const HordRow& row = worker.window.decode(frame, levels, n);
-        decode_row(reference, extents, levels, n, worker.reference);
-        for (int m = 0; m < extents.m; ++m) {
-            const std::size_t k = at(m, n);
-            mask[k] = static_cast<std::uint8_t>(row.mask()[static_cast<std::size_t>(m)] |
-                                                (worker.reference.has_hord(m) ? kValid : kBorder));
-            at_or_above[k] = 0;
-            if ((mask[k] & kNoGradient) != 0) continue;
-            const Hord here = row.hord(m), expected = worker.reference.hord(m);
-            ++worker.pairs;
-            worker.across.set_pair(here, expected);
-            EmdGradient* open = decide_by_bounds(worker, k, 1, 0);
-            if (open == nullptr) continue;
-            worker.solver.submit(here, expected, &open->x);
-            ++worker.solved;
-        }
-    }
+    worker.solver.finish();
+    for (std::size_t u = 0; u < worker.undecided; ++u)
+        at_or_above[worker.open[u]] = static_cast<float>(worker.gradients[u].norm()) >= limit ? 1 : 0;
+    worker.undecided = 0;
 }
 
 Result<EmdThresholdMap> EmdThresholdMap::create(const Extents& extents, int bits, const LightLevels& levels,
@@ -150,7 +98,7 @@ Result<EmdThresholdMap> EmdThresholdMap::create(const Extents& extents, int bits
     if (auto valid = check_bins(ground, extents); !valid) return tl::unexpected(valid.error());
     auto pool = RowThreadPool::create(threads);
     if (!pool) return tl::unexpected(pool.error());
-    auto state = std::make_unique<State>();
+    auto state = common::make_opaque<State>();
     state->extents = extents;
     state->bits = bits;
     state->levels = levels;
@@ -171,25 +119,18 @@ Result<DecisionMap> EmdThresholdMap::decide(const FrameView& frame, float limit)
     if (std::isnan(limit))
         return fail(ErrorCode::invalid_argument, "a limit that is not a number",
                     "give one in the ground distance's unit");
-    return s.in_bands(limit, [&](Worker& worker, int first, int last) { s.decide_band(worker, frame, first, last); });
-}
-
-Result<DecisionMap> EmdThresholdMap::decide_against(const FrameView& frame, const FrameView& reference, float limit) {
-    State& s = *state_;
-    for (const FrameView& view : {frame, reference}) {
-        if (auto valid = check_frame(view, s.extents, s.bits); !valid) return tl::unexpected(valid.error());
-    }
-    if (std::isnan(limit))
-        return fail(ErrorCode::invalid_argument, "a limit that is not a number",
-                    "give one in the ground distance's unit");
-    return s.in_bands(limit, [&](Worker& worker, int first, int last) {
-        s.decide_band_against(worker, frame, reference, first, last);
+    s.limit = limit;
+    for (Worker& worker : s.workers) worker.pairs = worker.solved = 0;
+    s.pool->share_out((s.extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
+        s.decide_band(s.workers[static_cast<std::size_t>(worker)], frame, band * kBandRows,
+                      std::min((band + 1) * kBandRows, s.extents.n));
     });
+    DecisionMap map{s.at_or_above, s.mask, 0, 0};
+    for (const Worker& worker : s.workers) {
+        map.pairs += worker.pairs;
+        map.solved += worker.solved;
+    }
+    return map;
 }
-
-EmdThresholdMap::EmdThresholdMap(std::unique_ptr<State> state) : state_(std::move(state)) {}
-EmdThresholdMap::EmdThresholdMap(EmdThresholdMap&&) noexcept = default;
-EmdThresholdMap& EmdThresholdMap::operator=(EmdThresholdMap&&) noexcept = default;
-EmdThresholdMap::~EmdThresholdMap() = default;
 
 }  // namespace hord::algo

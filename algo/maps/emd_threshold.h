@@ -8,11 +8,11 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
 #include <span>
 
 #include "algo/emd/ground_distance.h"
 #include "algo/frame/decode.h"
+#include "common/opaque.h"
 
 namespace hord::algo {
 
@@ -35,17 +35,11 @@ class EmdThresholdMap {
     // limit: in the ground distance's unit. The spans stay valid until the next call. Fails with invalid_argument if a
     // frame's size or depth differs from create()'s, or the limit is NaN.
     Result<DecisionMap> decide(const FrameView& frame, float limit);
-    // The same for the distance from the HORD of a reference frame at the same place.
-    Result<DecisionMap> decide_against(const FrameView& frame, const FrameView& reference, float limit);
-
-    EmdThresholdMap(EmdThresholdMap&&) noexcept;
-    EmdThresholdMap& operator=(EmdThresholdMap&&) noexcept;
-    ~EmdThresholdMap();
 
   private:
     struct State;
-    explicit EmdThresholdMap(std::unique_ptr<State> state);
-    std::unique_ptr<State> state_;
+    explicit EmdThresholdMap(common::Opaque<State> state) : state_(std::move(state)) {}
+    common::Opaque<State> state_;
 };
 
 }  // namespace hord::algo

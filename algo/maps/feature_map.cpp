@@ -58,18 +58,12 @@ struct FeatureMapper::State {
     std::vector<float> values;
     std::vector<std::uint8_t> mask;
 
-    [[nodiscard]] std::size_t at(int m, int n) const {
-        return static_cast<std::size_t>(n) * static_cast<std::size_t>(extents.m) + static_cast<std::size_t>(m);
-    }
-
     template <class Band>
     FeatureMap in_bands(Band compute);
     void finish(Worker::Pairwise& worker, int first, int last);
     void neighbours_band(Worker::Pairwise& worker, const FrameView& frame, int first, int last, bool goes_on);
-    template <class ReferenceRow>
-    void reference_band(Worker::Pairwise& worker, const FrameView& frame, ReferenceRow reference_row, int first,
+    void reference_band(Worker::Pairwise& worker, const FrameView& frame, const FrameView& reference, int first,
                         int last);
-    [[nodiscard]] Result<void> check_reference() const;
 };
 
 // Calls compute(worker, first row, row after the last, whether they follow the worker's previous rows) for all bands.
@@ -94,7 +88,7 @@ FeatureMap FeatureMapper::State::in_bands(Band compute) {
 // Writes the values of rows first .. last-1, which have been submitted.
 void FeatureMapper::State::finish(Worker::Pairwise& worker, int first, int last) {
     worker.distance.finish();
-    const std::size_t from = at(0, first), count = at(0, last) - from;
+    const std::size_t from = extents.index(0, first), count = extents.index(0, last) - from;
     for (std::size_t k = 0; k < count; ++k) {
         values[from + k] = static_cast<float>(worker.gradients[k].norm());
         worker.at_limit += (mask[from + k] & kAtLimit) != 0 ? 1U : 0U;
@@ -107,8 +101,8 @@ void FeatureMapper::State::neighbours_band(Worker::Pairwise& worker, const Frame
     window.stream(frame, levels, first, last, goes_on, [&](int n) {
         for (int m = 0; m < extents.m; ++m) {
             const auto near = window.neighbours(m, n);
-            const std::size_t k = at(m, n);
-            EmdGradient& gradient = worker.gradients[k - at(0, first)];
+            const std::size_t k = extents.index(m, n);
+            EmdGradient& gradient = worker.gradients[k - extents.index(0, first)];
             gradient = {};
             std::uint8_t flags = near.mask;
             if ((near.mask & kNoGradient) == 0) {
@@ -123,31 +117,23 @@ void FeatureMapper::State::neighbours_band(Worker::Pairwise& worker, const Frame
     finish(worker, first, last);
 }
 
-// reference_row(n)(m) is the reference HORD of lenslet (m, n).
-template <class ReferenceRow>
-void FeatureMapper::State::reference_band(Worker::Pairwise& worker, const FrameView& frame, ReferenceRow reference_row,
+void FeatureMapper::State::reference_band(Worker::Pairwise& worker, const FrameView& frame, const FrameView& reference,
                                           int first, int last) {
+    HordRow& expected = worker.reference;
     for (int n = first; n < last; ++n) {
         const HordRow& row = worker.window.decode(frame, levels, n);
-        const auto reference = reference_row(n);
+        decode_row(reference, extents, levels, n, expected, worker.isa);
         for (int m = 0; m < extents.m; ++m) {
-            const std::size_t k = at(m, n);
-            EmdGradient& difference = worker.gradients[k - at(0, first)];
+            const std::size_t k = extents.index(m, n);
+            EmdGradient& difference = worker.gradients[k - extents.index(0, first)];
             difference = {0, 0, 1, 0};
             std::uint8_t flags = row.mask()[static_cast<std::size_t>(m)];
-            const Hord expected = reference(m);
-            if (expected.sum == 0) flags |= kBorder;
-            if ((flags & kNoGradient) == 0) worker.submit(row.hord(m), expected, &difference.x, flags);
+            if (!expected.has_hord(m)) flags |= kBorder;
+            if ((flags & kNoGradient) == 0) worker.submit(row.hord(m), expected.hord(m), &difference.x, flags);
             mask[k] = flags;
         }
     }
     finish(worker, first, last);
-}
-
-Result<void> FeatureMapper::State::check_reference() const {
-    if (is_distance(feature)) return {};
-    return fail(ErrorCode::invalid_argument, std::string(name_of(feature)) + " compares neighbours",
-                "give a distance to compare with a reference");
 }
 
 Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, const LightLevels& levels,
@@ -162,7 +148,7 @@ Result<FeatureMapper> FeatureMapper::create(const Extents& extents, int bits, co
         return fail(ErrorCode::unsupported, "an instruction set that this processor does not have", "use best_isa()");
     auto pool = RowThreadPool::create(options.threads);
     if (!pool) return tl::unexpected(pool.error());
-    auto state = std::make_unique<State>();
+    auto state = common::make_opaque<State>();
     state->extents = extents;
     state->bits = bits;
     state->levels = levels;
@@ -200,40 +186,15 @@ Result<FeatureMap> FeatureMapper::against(const FrameView& frame, const FrameVie
     for (const FrameView& view : {frame, reference}) {
         if (auto valid = check_frame(view, s.extents, s.bits); !valid) return tl::unexpected(valid.error());
     }
-    if (auto valid = s.check_reference(); !valid) return tl::unexpected(valid.error());
-    return s.in_bands([&](Worker& worker, int first, int last, bool /*goes_on*/) {
-        if (worker.soa)
-            return worker.soa->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
-        const auto decoded = [&](int n) {
-            HordRow& row = worker.pairwise->reference;
-            decode_row(reference, s.extents, s.levels, n, row, worker.pairwise->isa);
-            return [&row](int m) { return row.has_hord(m) ? row.hord(m) : Hord{}; };
-        };
-        s.reference_band(*worker.pairwise, frame, decoded, first, last);
-    });
-}
-
-Result<FeatureMap> FeatureMapper::against(const FrameView& frame, std::span<const Hord> reference) {
-    State& s = *state_;
-    if (auto valid = check_frame(frame, s.extents, s.bits); !valid) return tl::unexpected(valid.error());
-    if (auto valid = s.check_reference(); !valid) return tl::unexpected(valid.error());
-    if (reference.size() != s.extents.lenslets()) {
-        return fail(ErrorCode::invalid_argument, std::to_string(reference.size()) + " reference HORDs",
-                    "give one a lenslet: " + std::to_string(s.extents.lenslets()));
+    if (!is_distance(s.feature)) {
+        return fail(ErrorCode::invalid_argument, std::string(name_of(s.feature)) + " compares neighbours",
+                    "give a distance to compare with a reference");
     }
     return s.in_bands([&](Worker& worker, int first, int last, bool /*goes_on*/) {
         if (worker.soa)
             return worker.soa->against(frame, reference, s.levels, first, last, s.values.data(), s.mask.data());
-        const auto given = [&](int n) {
-            return [row = reference.subspan(s.at(0, n))](int m) { return row[static_cast<std::size_t>(m)]; };
-        };
-        s.reference_band(*worker.pairwise, frame, given, first, last);
+        s.reference_band(*worker.pairwise, frame, reference, first, last);
     });
 }
-
-FeatureMapper::FeatureMapper(std::unique_ptr<State> state) : state_(std::move(state)) {}
-FeatureMapper::FeatureMapper(FeatureMapper&&) noexcept = default;
-FeatureMapper& FeatureMapper::operator=(FeatureMapper&&) noexcept = default;
-FeatureMapper::~FeatureMapper() = default;
 
 }  // namespace hord::algo

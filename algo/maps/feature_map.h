@@ -15,13 +15,13 @@
 
 #include <cstdint>
 #include <functional>
-#include <memory>
 #include <span>
 
 #include "algo/features/distance.h"
 #include "algo/features/feature.h"
 #include "algo/frame/decode.h"
 #include "algo/frame/mask.h"
+#include "common/opaque.h"
 
 namespace hord::algo {
 
@@ -31,41 +31,34 @@ struct FeatureMap {
     std::uint64_t at_limit = 0;          // lenslets flagged kAtLimit
 };
 
+struct FeatureMapOptions {
+    Distance::Options distance = {};  // ground distance: direction map, threshold
+    int threads = 1;                  // including the calling one
+    Isa isa = best_isa();             // same values for each, to the bit
+};
+
 // Not thread-safe.
 class FeatureMapper {
   public:
-    struct Options {
-        Distance::Options distance = {};  // ground distance: direction map, threshold
-        int threads = 1;                  // including the calling one
-        Isa isa = best_isa();             // same values for each, to the bit
-    };
+    using Options = FeatureMapOptions;
 
     // Fails with invalid_argument if the feature does not compare (transmission), or extents, bits, threads or the
     // ground distance are invalid; with busy if no thread can be started; with unsupported if the processor lacks
     // `isa`.
     static Result<FeatureMapper> create(const Extents& extents, int bits, const LightLevels& levels, Feature feature,
-                                        const Options& options);
-    static Result<FeatureMapper> create(const Extents& extents, int bits, const LightLevels& levels, Feature feature) {
-        return create(extents, bits, levels, feature, Options{});
-    }
+                                        const Options& options = {});
 
     // The spans stay valid until the next call. Fails with invalid_argument if the frame's size or depth differs from
     // create()'s.
     Result<FeatureMap> over_neighbours(const FrameView& frame);
 
-    // Also fails if the feature is not a distance. `reference`: a frame, decoded like the first one; or a HORD per
-    // lenslet, row by row, sum 0 where there is none.
+    // Also fails if the feature is not a distance. `reference`: a frame, decoded like the first one.
     Result<FeatureMap> against(const FrameView& frame, const FrameView& reference);
-    Result<FeatureMap> against(const FrameView& frame, std::span<const Hord> reference);
-
-    FeatureMapper(FeatureMapper&&) noexcept;
-    FeatureMapper& operator=(FeatureMapper&&) noexcept;
-    ~FeatureMapper();
 
   private:
     struct State;
-    explicit FeatureMapper(std::unique_ptr<State> state);
-    std::unique_ptr<State> state_;
+    explicit FeatureMapper(common::Opaque<State> state) : state_(std::move(state)) {}
+    common::Opaque<State> state_;
 };
 
 }  // namespace hord::algo

@@ -5,7 +5,12 @@
 // not depend on the thread that computes it.
 #pragma once
 
+#include <condition_variable>
 #include <memory>
+#include <mutex>
+#include <thread>
+#include <type_traits>
+#include <vector>
 
 #include "common/result.h"
 
@@ -41,10 +46,26 @@ class RowThreadPool {
 
   private:
     using Call = void (*)(void* context, int worker, int band);
-    struct State;
-    explicit RowThreadPool(std::unique_ptr<State> state);
+    struct Share {
+        int next = 0, end = 0;  // bands
+        [[nodiscard]] int left() const { return end - next; }
+    };
+    RowThreadPool() = default;
     void share_out(int bands, Call call, void* context);
-    std::unique_ptr<State> state_;
+    int next_band(int worker);
+    void work(int worker, std::unique_lock<std::mutex>& lock);
+    void serve(int worker);
+
+    std::mutex mutex_;
+    std::condition_variable wake_, done_;
+    std::vector<std::thread> others_;
+    bool closing_ = false;
+    // The current work. `round_` counts share_out() calls: a new number wakes the threads.
+    unsigned round_ = 0;
+    Call call_ = nullptr;
+    void* context_ = nullptr;
+    std::vector<Share> shares_;  // one per worker
+    int busy_ = 0;               // others that have not finished this round
 };
 
 }  // namespace hord::algo

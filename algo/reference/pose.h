@@ -12,6 +12,12 @@
 
 namespace hord::algo {
 
+// std::floor as an int, without a library call.
+constexpr int floor_of(double v) {
+    const int towards_zero = static_cast<int>(v);
+    return towards_zero - (v < towards_zero ? 1 : 0);
+}
+
 struct Pose {
     double x = 0, y = 0;  // shift, lenslets, to the right and down
     double sine = 0;      // of the turn, from x towards y

@@ -3,6 +3,7 @@
 // inspection.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <vector>
@@ -31,6 +32,26 @@ enum class Deviation : std::uint8_t {
     shape,             // the remainder of the HORD's difference
 };
 inline constexpr std::size_t kDeviations = 4;
+
+// A rectangle of bins, both ends included; empty by default.
+struct BinRect {
+    std::int16_t left = 0, right = -1, top = 0, bottom = -1;
+
+    [[nodiscard]] bool none() const { return right < left; }
+    [[nodiscard]] int columns() const { return right - left + 1; }
+    [[nodiscard]] int rows() const { return bottom - top + 1; }
+    [[nodiscard]] bool has(int i, int j) const { return i >= left && i <= right && j >= top && j <= bottom; }
+    [[nodiscard]] bool has(const BinRect& r) const {
+        return r.none() || (has(r.left, r.top) && has(r.right, r.bottom));
+    }
+    void cover(const BinRect& r) {
+        if (r.none()) return;
+        if (none()) *this = r;
+        left = std::min(left, r.left), right = std::max(right, r.right), top = std::min(top, r.top),
+        bottom = std::max(bottom, r.bottom);
+    }
+    friend bool operator==(const BinRect&, const BinRect&) = default;
+};
 
 struct Reference {
     static constexpr int kShareBits = 15;                               // a share of the light is Q0.15,

@@ -14,11 +14,6 @@ static_assert(kCopiedLine >= (kMaxBins + 7) / 8 * 8);
 constexpr float kEdgeCurvatureBins = 0.2F,
                 kEdgeCurvatureLight = 0.1F;  // second differences of a reference map: what interpolation cannot follow
 
-constexpr int floor_of(double v) {
-    const int towards_zero = static_cast<int>(v);
-    return towards_zero - (v < towards_zero ? 1 : 0);
-}
-
 // e^x, x >= 0, by operations that IEEE 754 rounds alike on every machine.
 double exact_exp(double x) {
     int halved = 0;
@@ -72,7 +67,7 @@ ReferenceComparer::ReferenceComparer(const Reference& reference, Isa isa, std::s
 
 void ReferenceComparer::find_edges() {
     const Extents& e = reference_.extents;
-    const auto at = [&](int m, int n) { return static_cast<std::size_t>(n * e.m + m); };
+    const auto at = [&](int m, int n) { return e.index(m, n); };
     for (int n = 0; n < e.n; ++n) {
         for (int m = 0; m < e.m; ++m) {
             if (reference_.mask[at(m, n)] == kOutside) continue;
@@ -87,9 +82,7 @@ void ReferenceComparer::find_edges() {
             };
             if (m > 0 && m + 1 < e.m) check_curvature(at(m - 1, n), at(m, n), at(m + 1, n));
             if (n > 0 && n + 1 < e.n) check_curvature(at(m, n - 1), at(m, n), at(m, n + 1));
-            for (int y = std::max(0, n - 2); edge && y <= std::min(e.n - 1, n + 2); ++y) {
-                for (int x = std::max(0, m - 2); x <= std::min(e.m - 1, m + 2); ++x) edge_[at(x, y)] = 1;
-            }
+            if (edge) e.for_each_around(m, n, 2, [&](int x, int y) { edge_[at(x, y)] = 1; });
         }
     }
 }
@@ -150,25 +143,6 @@ LensletSamples<Sample> ReferenceComparer::copy_of(const LensletSamples<Sample>& 
     return {copied, kCopiedLine};
 }
 
-void ReferenceComparer::compare_row(const HordRow& row, int n, const PoseMap& pose, double light,
-                                    std::span<Difference> out) {
-    start_row(pose, n, light);
-    const Extents& e = reference_.extents;
-    for (int m = 0; m < e.m; ++m) {
-        const auto k = static_cast<std::size_t>(m);
-        out[k] = {};
-        if ((row.mask()[k] & kSaturated) != 0) continue;
-        int lane = add_to_group(m, n, row.sums()[k], row.has_hord(m), out[k]);
-        if (lane < 0) {
-            compare(group_.wide, 0);
-            lane = add_to_group(m, n, row.sums()[k], row.has_hord(m), out[k]);
-        }
-        const LensletSamples<std::uint16_t> samples{row.hord(m).mass, e.i};
-        group_.wide[lane] = m + 1 < e.m ? samples : copy_of(samples, lane);
-    }
-    compare(group_.wide, 0);
-}
-
 void ReferenceComparer::compare_row(const FrameView& frame, std::span<const std::uint32_t> sums,
                                     std::span<const std::uint8_t> mask, int n, const PoseMap& pose, double light,
                                     std::span<Difference> out) {
@@ -211,10 +185,7 @@ void ReferenceComparer::compare(LensletSamples<Sample> (&samples)[kLanes], std::
         ReferenceSampler::ReferenceHord& reference_hord = alone[l];
         reference_hord = sampler_.read(g.at[l].m, g.at[l].n, light_,
                                        sampled_bins_.data() + static_cast<std::size_t>(l) * reference_.stride());
-        if (!reference_hord.has_hord) continue;
-        const auto bin = [](int place) { return static_cast<std::int16_t>(place - 1); };
-        lit.cover({bin(reference_hord.lit.left()), bin(reference_hord.lit.right()), bin(reference_hord.lit.top()),
-                   bin(reference_hord.lit.bottom())});
+        if (reference_hord.has_hord) lit.cover(reference_hord.lit.bins);
     }
     const int at_once = fitter_.at_once();
     if (!lit.none()) {
@@ -326,14 +297,12 @@ void ReferenceComparer::measure_large_shift(int lane, Difference& out) const {
     const int columns = reference_.extents.m, at_m = static_cast<int>(out.at) % columns,
               at_n = static_cast<int>(out.at) / columns;
     float least_x = 8, most_x = -8, least_y = 8, most_y = -8;
-    for (int y = std::max(0, at_n - 1); y <= std::min(reference_.extents.n - 1, at_n + 1); ++y) {
-        for (int x = std::max(0, at_m - 1); x <= std::min(columns - 1, at_m + 1); ++x) {
-            const auto k = static_cast<std::size_t>(y * columns + x);
-            if (reference_.mask[k] != kValid) continue;
-            least_x = std::min(least_x, reference_.x[k]), most_x = std::max(most_x, reference_.x[k]);
-            least_y = std::min(least_y, reference_.y[k]), most_y = std::max(most_y, reference_.y[k]);
-        }
-    }
+    reference_.extents.for_each_around(at_m, at_n, 1, [&](int x, int y) {
+        const std::size_t k = reference_.extents.index(x, y);
+        if (reference_.mask[k] != kValid) return;
+        least_x = std::min(least_x, reference_.x[k]), most_x = std::max(most_x, reference_.x[k]);
+        least_y = std::min(least_y, reference_.y[k]), most_y = std::max(most_y, reference_.y[k]);
+    });
     const double far =
         kLargeShiftBins + static_cast<double>(std::max(0.0F, std::max(most_x - least_x, most_y - least_y)));
     if (moved_x * moved_x + moved_y * moved_y <= far * far) return;

@@ -46,10 +46,8 @@ class ReferenceComparer {
     explicit ReferenceComparer(const Reference& reference, Isa isa = widest_isa(),
                                std::shared_ptr<const ReferenceSoa> soa = nullptr);
 
-    // Compares row n of a part; `light` is its typical light over the reference's. Writes one Difference a lenslet.
-    void compare_row(const HordRow& row, int n, const PoseMap& pose, double light, std::span<Difference> out);
-    // The same from the frame, with sums and masks that were decoded with the reference's light levels. The Difference
-    // of a kOutside lenslet is not written.
+    // Compares row n of a part, whose sums and masks were decoded with the reference's light levels. `light`: the
+    // part's typical light over the reference's. Writes one Difference a lenslet, but none of a kOutside one.
     void compare_row(const FrameView& frame, std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask,
                      int n, const PoseMap& pose, double light, std::span<Difference> out);
 

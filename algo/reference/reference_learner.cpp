@@ -51,8 +51,9 @@ class Learner {
     Result<Learned> run();
 
   private:
-    Result<Frame> frame(std::size_t part);
-    void decode(const FrameView& frame, Part& part, bool with_shares);
+    Result<Frame> decode(std::size_t of, Part& part, bool with_shares = false);
+    Registered find(const ReferenceMaps& reference, const Part& part, std::uint32_t parts);
+    bool find_pose(std::size_t k, const Part& part);
     Result<bool> find_poses_from(std::size_t origin);
     void centre_poses();
     Result<void> learn_mean_hords(bool register_again);
@@ -89,22 +90,19 @@ class Learner {
     std::optional<SpreadEstimate> spread_;
 };
 
-Result<Frame> Learner::frame(std::size_t part) {
-    auto frame = frame_of_(part);
+// Reads and decodes the frame of part `of`.
+Result<Frame> Learner::decode(std::size_t of, Part& part, bool with_shares) {
+    auto frame = frame_of_(of);
     if (!frame) return frame;
     if (auto fine = check_frame(frame->view(), extents_, reference_.bits); !fine) return tl::unexpected(fine.error());
     tick();
-    return frame;
-}
-
-void Learner::decode(const FrameView& frame, Part& part, bool with_shares) {
     const std::size_t count = extents_.lenslets(), stride = reference_.stride();
     part.sums.resize(count), part.deflections.resize(count), part.mask.resize(count);
     part.light.resize(count), part.x.resize(count), part.y.resize(count);
     if (with_shares) part.shares.assign(count * stride, 0);
     for (int n = 0; n < extents_.n; ++n) {
-        decode_row(frame, extents_, reference_.levels, n, row_);
-        const std::size_t at = static_cast<std::size_t>(n) * static_cast<std::size_t>(extents_.m);
+        decode_row(frame->view(), extents_, reference_.levels, n, row_);
+        const std::size_t at = extents_.index(0, n);
         mean_deflections(row_, std::span(part.deflections).subspan(at, static_cast<std::size_t>(extents_.m)));
         for (int m = 0; m < extents_.m; ++m) {
             const std::size_t k = at + static_cast<std::size_t>(m);
@@ -121,6 +119,24 @@ void Learner::decode(const FrameView& frame, Part& part, bool with_shares) {
             }
         }
     }
+    return frame;
+}
+
+Registered Learner::find(const ReferenceMaps& reference, const Part& part, std::uint32_t parts) {
+    return registrar_.find(reference, part.deflections, part.sums, part.mask,
+                           static_cast<double>(reference_.sensor.electrons_per_dn), parts);
+}
+
+// Registers a part to the reference as learned so far; leaves it out if that fails.
+bool Learner::find_pose(std::size_t k, const Part& part) {
+    const Registered found = find(reference_.maps(), part, reference_.parts);
+    if (!found.found()) {
+        leave_out(k, explain(found.outcome));
+        return false;
+    }
+    poses_[k] = found.pose;
+    lights_[k] = found.light;
+    return true;
 }
 
 void Learner::leave_out(std::size_t part, std::string why) {
@@ -141,17 +157,12 @@ Result<void> Learner::enough() const {
 
 // Pass 1, with part `origin` as the reference. False if most parts cannot be registered to it.
 Result<bool> Learner::find_poses_from(std::size_t origin) {
-    auto first = frame(origin);
-    if (!first) return tl::unexpected(first.error());
     Part reference, part;
-    decode(first->view(), reference, false);
+    if (auto first = decode(origin, reference); !first) return tl::unexpected(first.error());
     std::vector<LeftOut> out;
     for (std::size_t k = 0; k < count_; ++k) {
-        auto one = frame(k);
-        if (!one) return tl::unexpected(one.error());
-        decode(one->view(), part, false);
-        const Registered found = registrar_.find(reference.maps(), part.deflections, part.sums, part.mask,
-                                                 static_cast<double>(reference_.sensor.electrons_per_dn), 1);
+        if (auto one = decode(k, part); !one) return tl::unexpected(one.error());
+        const Registered found = find(reference.maps(), part, 1);
         if (!found.found()) {
             out.push_back({k, explain(found.outcome)});
             continue;
@@ -181,20 +192,18 @@ void Learner::centre_poses() {
 // Adds a part's HORDs at the places of the reference's lenslets.
 void Learner::add_reference_hord(const Part& part, const PoseMap& pose, double light) {
     const std::size_t stride = reference_.stride();
-    const auto columns = static_cast<std::size_t>(extents_.m);
     std::size_t k = 0;
     for (int n = 0; n < extents_.n; ++n) {
         for (int m = 0; m < extents_.m; ++m, ++k) {
             const auto p = pose.to_part(m, n);
-            const auto at = [&](int x, int y) {
-                return static_cast<std::size_t>(y) * columns + static_cast<std::size_t>(x);
+            const auto window_without = [&](std::uint8_t bits) {
+                return InterpolationWindow::of(
+                    p.m, p.n, extents_, [&](int x, int y) { return (part.mask[extents_.index(x, y)] & bits) == 0; });
             };
-            auto near = InterpolationWindow::of(p.m, p.n, extents_,
-                                                [&](int x, int y) { return (part.mask[at(x, y)] & kNoHord) == 0; });
+            auto near = window_without(kNoHord);
             const bool dark = !near.found;
             if (dark) {
-                near = InterpolationWindow::of(p.m, p.n, extents_,
-                                               [&](int x, int y) { return (part.mask[at(x, y)] & kSaturated) == 0; });
+                near = window_without(kSaturated);
                 if (!near.found) continue;
                 near.along = CubicWeights::linear_at(p.m - std::floor(p.m)),
                 near.across = CubicWeights::linear_at(p.n - std::floor(p.n));
@@ -205,7 +214,7 @@ void Learner::add_reference_hord(const Part& part, const PoseMap& pose, double l
                 for (int c = 0; c < 4; ++c) {
                     const double w = near.along.of[c] * near.across.of[r];
                     if (w == 0) continue;
-                    const std::size_t from = at(near.m + c, near.n + r);
+                    const std::size_t from = extents_.index(near.m + c, near.n + r);
                     sum += w * static_cast<double>(part.sums[from]);
                     if (dark) continue;
                     const std::uint16_t* share = part.shares.data() + from * stride;
@@ -225,21 +234,17 @@ void Learner::add_reference_hord(const Part& part, const PoseMap& pose, double l
 void Learner::drop_noise(std::size_t k, double least) {
     float* const bins = reference_hords_.data() + k * reference_.stride();
     const auto limit = static_cast<float>(least);
-    std::array<bool, kMaxBins * kMaxBins> keep{};
-    const auto at = [&](int i, int j) { return static_cast<std::size_t>(j * extents_.i + i); };
+    std::vector<bool> keep(reference_.stride());  // the border, too
     for (int j = 0; j < extents_.j; ++j) {
         for (int i = 0; i < extents_.i; ++i) {
             if (bins[reference_.place(i, j)] < limit) continue;
-            for (int y = std::max(0, j - 1); y <= std::min(extents_.j - 1, j + 1); ++y) {
-                for (int x = std::max(0, i - 1); x <= std::min(extents_.i - 1, i + 1); ++x) keep[at(x, y)] = true;
+            for (int y = j - 1; y <= j + 1; ++y) {
+                for (int x = i - 1; x <= i + 1; ++x) keep[reference_.place(x, y)] = true;
             }
         }
     }
-    for (int j = 0; j < extents_.j; ++j) {
-        for (int i = 0; i < extents_.i; ++i) {
-            float& share = bins[reference_.place(i, j)];
-            if (!keep[at(i, j)] || share < limit / 3) share = 0;
-        }
+    for (std::size_t place = 0; place < keep.size(); ++place) {
+        if (!keep[place] || bins[place] < limit / 3) bins[place] = 0;
     }
 }
 
@@ -293,20 +298,8 @@ Result<void> Learner::learn_mean_hords(bool register_again) {
     std::vector<double> lights;
     for (std::size_t k = 0; k < count_; ++k) {
         if (left_out_[k]) continue;
-        auto one = frame(k);
-        if (!one) return tl::unexpected(one.error());
-        decode(one->view(), part, true);
-        if (register_again) {
-            const Registered found =
-                registrar_.find(reference_.maps(), part.deflections, part.sums, part.mask,
-                                static_cast<double>(reference_.sensor.electrons_per_dn), reference_.parts);
-            if (!found.found()) {
-                leave_out(k, explain(found.outcome));
-                continue;
-            }
-            poses_[k] = found.pose;
-            lights_[k] = found.light;
-        }
+        if (auto one = decode(k, part, true); !one) return tl::unexpected(one.error());
+        if (register_again && !find_pose(k, part)) continue;
         add_reference_hord(part, PoseMap(*poses_[k], extents_), lights_[k]);
         lights.push_back(lights_[k]);
     }
@@ -333,27 +326,21 @@ Result<void> Learner::learn_spread() {
     spread_.emplace(extents_);
     for (std::size_t p = 0; p < count_; ++p) {
         if (left_out_[p]) continue;
-        auto one = frame(p);
+        const auto one = decode(p, part);
         if (!one) return tl::unexpected(one.error());
-        decode(one->view(), part, false);
-        const Registered found =
-            registrar_.find(reference_.maps(), part.deflections, part.sums, part.mask,
-                            static_cast<double>(reference_.sensor.electrons_per_dn), reference_.parts);
-        if (!found.found()) {
-            leave_out(p, explain(found.outcome));
-            continue;
-        }
-        poses_[p] = found.pose;
+        if (!find_pose(p, part)) continue;
         auto emd = mappers[0]->over_neighbours(one->view());
         if (!emd) return tl::unexpected(emd.error());
         auto frobenius = mappers[1]->over_neighbours(one->view());
         if (!frobenius) return tl::unexpected(frobenius.error());
-        const PoseMap pose(found.pose, extents_);
+        const PoseMap pose(*poses_[p], extents_);
         for (int n = 0; n < extents_.n; ++n) {
-            decode_row(one->view(), extents_, reference_.levels, n, row_);
-            comparer.compare_row(row_, n, pose, found.light, differences);
+            const std::size_t first = extents_.index(0, n);
+            comparer.compare_row(one->view(), std::span(part.sums).subspan(first, differences.size()),
+                                 std::span(part.mask).subspan(first, differences.size()), n, pose, lights_[p],
+                                 differences);
             for (std::size_t m = 0; m < differences.size(); ++m) {
-                const std::size_t k = static_cast<std::size_t>(n) * differences.size() + m;
+                const std::size_t k = first + m;
                 spread_->add(static_cast<std::uint32_t>(p), differences[m], emd->values[k], frobenius->values[k]);
             }
         }

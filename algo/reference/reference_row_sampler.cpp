@@ -12,11 +12,6 @@ namespace {
 constexpr int kLanes = kReferenceLanes, kBlockPair = ReferenceRowSampler::kBlockPair,
               kCubicRows = ReferenceSoa::kCubicRows, kMaxRows = ReferenceSoa::kMaxRows;
 
-constexpr int floor_of(double v) {
-    const int towards_zero = static_cast<int>(v);
-    return towards_zero - (v < towards_zero ? 1 : 0);
-}
-
 constexpr QuantisedCubic quantised_of(const CubicWeights& w) {
     QuantisedCubic q{};
     int sum = 0;
@@ -114,14 +109,8 @@ HORD_ALWAYS_INLINE void interpolate_columns(const ReferenceRowSampler::ColumnTap
     store(sum, lanes.share + first);
 }
 
-HORD_FOR_EACH_ISA(interpolate_rows_for, void, interpolate_rows,
-                  (const ReferenceRowSampler::RowTaps& from, const BinRect& bins, const BinRect& lit, int bin_columns,
-                   float* out),
-                  (from, bins, lit, bin_columns, out))
-HORD_FOR_EACH_ISA(interpolate_columns_for, void, interpolate_columns,
-                  (const ReferenceRowSampler::ColumnTaps& taps, int first, const BinRect& bins, const float* light,
-                   ReferenceRowSampler::Lanes& lanes, float* out, int pitch),
-                  (taps, first, bins, light, lanes, out, pitch))
+HORD_FOR_EACH_ISA(interpolate_rows_for, interpolate_rows)
+HORD_FOR_EACH_ISA(interpolate_columns_for, interpolate_columns)
 
 }  // namespace
 
@@ -134,14 +123,11 @@ ReferenceSoa::ReferenceSoa(const Reference& reference)
       light_(blocks_of_.size()) {
     const Extents& e = reference.extents;
     const std::size_t stride = reference.stride();
-    const auto lenslet = [&](int m, int n) {
-        return static_cast<std::size_t>(n) * static_cast<std::size_t>(e.m) + static_cast<std::size_t>(m);
-    };
     std::vector<BinRect> own(blocks_of_.size());  // of this row alone
     std::vector<std::uint16_t> has_hord(blocks_of_.size());
     for (int n = 0; n < e.n; ++n) {
         for (int m = 0; m < e.m; ++m) {
-            const std::size_t at = index(n, m / kLanes), k = lenslet(m, n);
+            const std::size_t at = index(n, m / kLanes), k = e.index(m, n);
             light_[at].of[m % kLanes] = reference.light[k];
             const std::uint16_t* share = reference.shares.data() + k * stride;
             BinRect lit;
@@ -180,7 +166,7 @@ ReferenceSoa::ReferenceSoa(const Reference& reference)
                 for (int i = stored.left; i <= stored.right; ++i, ++to) {
                     for (int c = 0; c < columns; ++c)
                         to->of[c] = static_cast<float>(
-                            reference.shares[lenslet(b * kLanes + c, n) * stride + reference.place(i, j)]);
+                            reference.shares[e.index(b * kLanes + c, n) * stride + reference.place(i, j)]);
                 }
             }
         }

@@ -13,7 +13,6 @@
 // 2^23 and is exact in floats, in any order. Then floats, lane by lane: the same bits on every instruction set.
 #pragma once
 
-#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -22,26 +21,6 @@
 #include "algo/simd/isa.h"
 
 namespace hord::algo {
-
-// A rectangle of bins, both ends included; empty by default.
-struct BinRect {
-    std::int16_t left = 0, right = -1, top = 0, bottom = -1;
-
-    [[nodiscard]] bool none() const { return right < left; }
-    [[nodiscard]] int columns() const { return right - left + 1; }
-    [[nodiscard]] int rows() const { return bottom - top + 1; }
-    [[nodiscard]] bool has(int i, int j) const { return i >= left && i <= right && j >= top && j <= bottom; }
-    [[nodiscard]] bool has(const BinRect& r) const {
-        return r.none() || (has(r.left, r.top) && has(r.right, r.bottom));
-    }
-    void cover(const BinRect& r) {
-        if (r.none()) return;
-        if (none()) *this = r;
-        left = std::min(left, r.left), right = std::max(right, r.right), top = std::min(top, r.top),
-        bottom = std::max(bottom, r.bottom);
-    }
-    friend bool operator==(const BinRect&, const BinRect&) = default;
-};
 
 // Lenslets that are compared together, and columns of a block.
 inline constexpr int kReferenceLanes = 16;

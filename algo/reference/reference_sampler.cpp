@@ -88,11 +88,6 @@ auto gather_for(Isa isa) { return isa == Isa::portable ? gather_portable : gathe
 auto gather_for(Isa) { return gather_portable; }
 #endif
 
-constexpr int floor_of(double v) {
-    const int towards_zero = static_cast<int>(v);
-    return towards_zero - (v < towards_zero ? 1 : 0);
-}
-
 }  // namespace
 
 ReferenceSampler::ReferenceSampler(const Reference& reference, Isa isa)
@@ -102,27 +97,26 @@ ReferenceSampler::ReferenceSampler(const Reference& reference, Isa isa)
         const std::uint16_t* share = reference.shares.data() + k * stride;
         for (std::size_t place = 0; place < stride; ++place) {
             if (share[place] == 0) continue;
-            lit_[k].cover(static_cast<int>(place), static_cast<int>(place % pitch), static_cast<int>(place / pitch));
+            const auto column = static_cast<std::int16_t>(place % pitch - 1),
+                       row = static_cast<std::int16_t>(place / pitch - 1), at = static_cast<std::int16_t>(place);
+            lit_[k].cover({{column, column, row, row}, at, at});
         }
     }
 }
 
 ReferenceSampler::ReferenceHord ReferenceSampler::read(double m, double n, double light, float* bins) const {
     const Extents& e = reference_.extents;
-    const auto columns = static_cast<std::size_t>(e.m), stride = reference_.stride();
-    const auto index = [&](int x, int y) {
-        return static_cast<std::size_t>(y) * columns + static_cast<std::size_t>(x);
-    };
+    const std::size_t stride = reference_.stride();
     const int floor_m = floor_of(m), floor_n = floor_of(n);
     Taps taps;
     double sum = 0;
     std::uint8_t mask = 0;
     ReferenceHord reference_hord;
     const auto near = InterpolationWindow::of(
-        m, n, e, [&](int x, int y) { return (reference_.mask[index(x, y)] & (kOutside | kDark)) == 0; });
+        m, n, e, [&](int x, int y) { return (reference_.mask[e.index(x, y)] & (kOutside | kDark)) == 0; });
     // With dark lenslets around: the light alone, by linear interpolation.
     const auto around = near.found ? near : InterpolationWindow::of(m, n, e, [&](int x, int y) {
-        return (reference_.mask[index(x, y)] & kOutside) == 0;
+        return (reference_.mask[e.index(x, y)] & kOutside) == 0;
     });
     if (!around.found) return reference_hord;
     const QuantisedCubic along = quantised(near.found ? around.along : CubicWeights::linear_at(m - floor_m)),
@@ -132,7 +126,7 @@ ReferenceSampler::ReferenceHord ReferenceSampler::read(double m, double n, doubl
         for (int c = 0; c < 4; ++c) {
             const int w = along.of[c] * across.of[r];
             if (w == 0) continue;
-            const std::size_t k = index(around.m + c, around.n + r);
+            const std::size_t k = e.index(around.m + c, around.n + r);
             mask |= reference_.mask[k];
             sum += w * static_cast<double>(reference_.light[k]);
             reference_hord.lit.cover(lit_[k]);
@@ -145,12 +139,11 @@ ReferenceSampler::ReferenceHord ReferenceSampler::read(double m, double n, doubl
     reference_hord.has_light = true;
     reference_hord.light = sum * 0x1p-14;
     reference_hord.share = light;
-    if ((mask & kDark) != 0 || !(reference_hord.light > 0) || reference_hord.lit.none()) return reference_hord;
+    if ((mask & kDark) != 0 || !(reference_hord.light > 0) || reference_hord.lit.bins.none()) return reference_hord;
     taps.light = static_cast<float>(light);
     taps.clip = static_cast<float>(static_cast<double>(reference_.sensor.clip_dn) / reference_hord.light);
-    const int lines = (reference_hord.lit.last() - reference_hord.lit.first()) / kLine + 1;
-    reference_hord.written = {std::min<int>(reference_hord.lit.first(), static_cast<int>(stride) - lines * kLine),
-                              lines};
+    const int lines = (reference_hord.lit.last - reference_hord.lit.first) / kLine + 1;
+    reference_hord.written = {std::min(reference_hord.lit.first, static_cast<int>(stride) - lines * kLine), lines};
     reference_hord.share = static_cast<double>(gather_(taps, reference_hord.written, bins));
     reference_hord.has_hord = reference_hord.share > 0;
     return reference_hord;

@@ -6,7 +6,9 @@
 // 2^14 * 2^15 < 2^30 (int32, exact). Then floats, lane by lane: the same bits on every instruction set.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "algo/reference/pose.h"
@@ -15,32 +17,14 @@
 
 namespace hord::algo {
 
-// The range of places (Reference::place), columns and rows of a reference HORD that have light, border bins included.
-class LitPlaces {
-  public:
-    void cover(int place, int column, int row) { cover(all_of(place, column, row)); }
-    void cover(const LitPlaces& other) { maxima_ = other.maxima_ > maxima_ ? other.maxima_ : maxima_; }
+// The bins of a reference HORD that have light; the first and the last of their places (Reference::place).
+struct LitPlaces {
+    BinRect bins;
+    int first = std::numeric_limits<int>::max(), last = 0;
 
-    [[nodiscard]] bool none() const { return last() == 0; }
-    [[nodiscard]] int first() const { return -maxima_[0]; }
-    [[nodiscard]] int last() const { return maxima_[1]; }
-    [[nodiscard]] int left() const { return -maxima_[2]; }
-    [[nodiscard]] int right() const { return maxima_[3]; }
-    [[nodiscard]] int top() const { return -maxima_[4]; }
-    [[nodiscard]] int bottom() const { return maxima_[5]; }
-
-  private:
-    using Maxima = std::int16_t __attribute__((vector_size(16)));  // minima are stored negated: one instruction for all
-    static constexpr std::int16_t kFar = 32767;
-    Maxima maxima_{-kFar, 0, -kFar, 0, -kFar, 0, 0, 0};
-
-    static LitPlaces all_of(int place, int column, int row) {
-        const auto p = static_cast<std::int16_t>(place), c = static_cast<std::int16_t>(column),
-                   r = static_cast<std::int16_t>(row);
-        const auto minus = [](std::int16_t v) { return static_cast<std::int16_t>(-v); };
-        LitPlaces lit;
-        lit.maxima_ = Maxima{minus(p), p, minus(c), c, minus(r), r, 0, 0};
-        return lit;
+    void cover(const LitPlaces& other) {
+        bins.cover(other.bins);
+        first = std::min(first, other.first), last = std::max(last, other.last);
     }
 };
 

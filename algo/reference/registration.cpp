@@ -63,26 +63,30 @@ struct Normal {
     }
 };
 
-}  // namespace
+// Value and derivatives of a map at a point, by cubic interpolation of the 4x4 lenslets around it.
+struct MapAt {
+    double value = 0, by_m = 0, by_n = 0;
+    double curvature = 0;  // change of the slope over a lenslet, large at edges
+};
+class CubicReader {
+  public:
+    CubicReader(const Extents& extents, std::span<const std::uint8_t> mask) : extents_(extents), mask_(mask) {}
+    bool move_to(double m, double n);         // false if the 4x4 are not inside the field
+    [[nodiscard]] std::uint8_t mask() const;  // the bits of all 4x4, combined
+    [[nodiscard]] MapAt read(std::span<const float> map) const;
 
-const char* explain(Registered::Outcome outcome) {
-    switch (outcome) {
-        case Registered::Outcome::found: return "it lies where the reference's parts do";
-        case Registered::Outcome::too_little: return "too little of it is seen to find where it lies";
-        case Registered::Outcome::too_far:
-            return "it lies too far from where the reference's parts did, or is turned too much";
-        case Registered::Outcome::foreign: return "it does not look like the reference's parts";
-        case Registered::Outcome::unsettled: return "where it lies cannot be settled";
-    }
-    return "";
-}
+  private:
+    Extents extents_;
+    std::span<const std::uint8_t> mask_;
+    std::size_t corner_ = 0;
+    float wm_[4] = {}, wn_[4] = {}, dm_[4] = {}, dn_[4] = {};
+};
 
 bool CubicReader::move_to(double m, double n) {
     const double floor_m = std::floor(m), floor_n = std::floor(n);
     const int first_m = static_cast<int>(floor_m) - 1, first_n = static_cast<int>(floor_n) - 1;
     if (first_m < 0 || first_n < 0 || first_m + 3 >= extents_.m || first_n + 3 >= extents_.n) return false;
-    corner_ =
-        static_cast<std::size_t>(first_n) * static_cast<std::size_t>(extents_.m) + static_cast<std::size_t>(first_m);
+    corner_ = extents_.index(first_m, first_n);
     const auto keep = [](const CubicWeights& from, float(&to)[4]) {
         for (int k = 0; k < 4; ++k) to[k] = static_cast<float>(from.of[k]);
     };
@@ -122,13 +126,27 @@ MapAt CubicReader::read(std::span<const float> map) const {
     return at;
 }
 
+}  // namespace
+
+const char* explain(Registered::Outcome outcome) {
+    switch (outcome) {
+        case Registered::Outcome::found: return "it lies where the reference's parts do";
+        case Registered::Outcome::too_little: return "too little of it is seen to find where it lies";
+        case Registered::Outcome::too_far:
+            return "it lies too far from where the reference's parts did, or is turned too much";
+        case Registered::Outcome::foreign: return "it does not look like the reference's parts";
+        case Registered::Outcome::unsettled: return "where it lies cannot be settled";
+    }
+    return "";
+}
+
 Registrar::Registrar(const Extents& extents) : extents_(extents) {
     const int step = std::max(1, (std::max(extents.m, extents.n) + kSampledSide / 2) / kSampledSide);
     for (const bool coarse : {true, false}) {
         for (int n = step / 2, row = 0; n < extents.n; n += step, ++row) {
             for (int m = step / 2, column = 0; m < extents.m; m += step, ++column) {
                 if ((row % 2 == 0 && column % 2 == 0) == coarse)
-                    sample_.push_back({static_cast<std::uint32_t>(n * extents.m + m), static_cast<double>(m),
+                    sample_.push_back({static_cast<std::uint32_t>(extents.index(m, n)), static_cast<double>(m),
                                        static_cast<double>(n)});
             }
         }

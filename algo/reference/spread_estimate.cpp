@@ -93,16 +93,14 @@ void SpreadEstimate::finish(double parts, Reference& reference) const {
             for (int m = 0; m < extents_.m; ++m) {
                 double sum = 0, number = 0;
                 tails.clear();
-                for (int y = std::max(0, n - 1); y <= std::min(extents_.n - 1, n + 1); ++y) {
-                    for (int x = std::max(0, m - 1); x <= std::min(extents_.m - 1, m + 1); ++x) {
-                        const auto k = static_cast<std::size_t>(y * extents_.m + x);
-                        if (2 * (w == 0 ? sums_[k].count : sums_[k].hords) < parts) continue;
-                        sum += static_cast<double>(trimmed_excess[w][k]);
-                        number += 1;
-                        tails.push_back(static_cast<double>(tail[k]));
-                    }
-                }
-                spread[static_cast<std::size_t>(n * extents_.m + m)] = std::max(
+                extents_.for_each_around(m, n, 1, [&](int x, int y) {
+                    const std::size_t k = extents_.index(x, y);
+                    if (2 * (w == 0 ? sums_[k].count : sums_[k].hords) < parts) return;
+                    sum += static_cast<double>(trimmed_excess[w][k]);
+                    number += 1;
+                    tails.push_back(static_cast<double>(tail[k]));
+                });
+                spread[extents_.index(m, n)] = std::max(
                     kMinSpread[w], static_cast<float>(number > 0 ? std::max(sum / number, median_or_0(tails)) : 0));
             }
         }

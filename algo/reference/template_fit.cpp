@@ -298,27 +298,18 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, TemplateFitter::
     store(all - noise.lit * (not_lit * per_read + soft * narrowed), fits.degrees + first);
 }
 
-HORD_FOR_EACH_ISA(load8_for, void, load_masses,
-                  (const LensletSamples<std::uint8_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark,
-                   Work& work),
-                  (samples, extents, dark, work))
-HORD_FOR_EACH_ISA(load16_for, void, load_masses,
-                  (const LensletSamples<std::uint16_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark,
-                   Work& work),
-                  (samples, extents, dark, work))
-HORD_FOR_EACH_ISA(scatter_for, void, scatter, (Work & work), (work))
-HORD_FOR_EACH_ISA(fit_for, void, fit, (Work & work, const Extents& extents, TemplateFitter::Fits& fits),
-                  (work, extents, fits))
+HORD_FOR_EACH_ISA(load8_for, load_masses, std::uint8_t)
+HORD_FOR_EACH_ISA(load16_for, load_masses, std::uint16_t)
+HORD_FOR_EACH_ISA(scatter_for, scatter)
+HORD_FOR_EACH_ISA(fit_for, fit)
 
 }  // namespace
 
 TemplateFitter::TemplateFitter(const Extents& extents, Isa isa)
-    : extents_(extents), at_once_(lanes_at_once(isa)), work_(std::make_unique<Work>()), load8_(load8_for(isa)),
+    : extents_(extents), at_once_(lanes_at_once(isa)), work_(common::make_opaque<Work>()), load8_(load8_for(isa)),
       load16_(load16_for(isa)), scatter_(scatter_for(isa)), fit_(fit_for(isa)) {
     work_->lanes = at_once_;
 }
-TemplateFitter::TemplateFitter(TemplateFitter&&) noexcept = default;
-TemplateFitter::~TemplateFitter() = default;
 
 void TemplateFitter::load_masses(const LensletSamples<std::uint8_t> (&samples)[kLanes], std::uint32_t dark) {
     load8_(samples, extents_, dark, *work_);

@@ -18,11 +18,11 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 
 #include "algo/frame/extents.h"
 #include "algo/reference/reference_row_sampler.h"
 #include "algo/simd/isa.h"
+#include "common/opaque.h"
 
 namespace hord::algo {
 
@@ -48,8 +48,6 @@ class TemplateFitter {
 
     // Allocates all memory.
     TemplateFitter(const Extents& extents, Isa isa);
-    TemplateFitter(TemplateFitter&&) noexcept;
-    ~TemplateFitter();
 
     // Loads the masses of sixteen lenslets: samples less `dark`, not below 0. Reads `readable()` samples from the start
     // of each line.
@@ -95,7 +93,7 @@ class TemplateFitter {
 
     Extents extents_;
     int at_once_;
-    std::unique_ptr<Work> work_;
+    common::Opaque<Work> work_;
     void (*load8_)(const LensletSamples<std::uint8_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark,
                    Work& work);
     void (*load16_)(const LensletSamples<std::uint16_t> (&samples)[kLanes], const Extents& extents, std::uint32_t dark,

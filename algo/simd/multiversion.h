@@ -1,8 +1,8 @@
 // The words for one machine vector, and the macro that compiles a kernel for every instruction set. Include in kernels'
 // .cpp files only. Names follow Google Highway. Fixed numbers of lanes: algo/simd/vec.h.
 //
-// HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS) compiles the always-inlined template BODY<vector bytes>
-// for each instruction set and defines NAME(Isa), which returns a pointer to the matching function.
+// HORD_FOR_EACH_ISA(NAME, BODY, types...) compiles the always-inlined template BODY<vector bytes, types...> for each
+// instruction set and defines NAME(Isa), which returns a pointer to the matching function.
 #pragma once
 
 #include <cstring>
@@ -45,8 +45,6 @@ HORD_ALWAYS_INLINE V max(const V& a, const V& b) {
     return a < b ? b : a;
 }
 
-}  // namespace hord::algo
-
 #if defined(__x86_64__)
 #define HORD_AVX2 "avx2,bmi,bmi2,popcnt"
 // Clang does not know prefer-vector-width and would ignore the whole list.
@@ -55,17 +53,33 @@ HORD_ALWAYS_INLINE V max(const V& a, const V& b) {
 #else
 #define HORD_AVX512 HORD_AVX2 ",avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi2,prefer-vector-width=512"
 #endif
-#define HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS)                                   \
-    [[gnu::target(HORD_AVX2)]] static RETURN NAME##_avx2 SIGNATURE { return BODY<32> ARGUMENTS; }     \
-    [[gnu::target(HORD_AVX512)]] static RETURN NAME##_avx512 SIGNATURE { return BODY<64> ARGUMENTS; } \
-    static RETURN NAME##_portable SIGNATURE { return BODY<16> ARGUMENTS; }                            \
-    static auto NAME(::hord::algo::Isa isa) {                                                         \
-        return isa == ::hord::algo::Isa::avx512 ? NAME##_avx512                                       \
-            : isa == ::hord::algo::Isa::avx2    ? NAME##_avx2                                         \
-                                                : NAME##_portable;                                       \
-    }
-#else
-#define HORD_FOR_EACH_ISA(NAME, RETURN, BODY, SIGNATURE, ARGUMENTS)        \
-    static RETURN NAME##_portable SIGNATURE { return BODY<16> ARGUMENTS; } \
-    static auto NAME(::hord::algo::Isa) { return NAME##_portable; }
 #endif
+
+// The functions of one kernel. Body is called with the vector bytes, as an integral constant, and the arguments.
+template <class Function, class Body>
+struct IsaVariants;
+template <class R, class... Arguments, class Body>
+struct IsaVariants<R (*)(Arguments...), Body> {
+    using Function = R (*)(Arguments...);
+    template <int Bytes>
+    using VectorBytes = std::integral_constant<int, Bytes>;
+    static R portable(Arguments... arguments) { return Body{}(VectorBytes<16>{}, arguments...); }
+#if defined(__x86_64__)
+    [[gnu::target(HORD_AVX2)]] static R avx2(Arguments... arguments) { return Body{}(VectorBytes<32>{}, arguments...); }
+    [[gnu::target(HORD_AVX512)]] static R avx512(Arguments... arguments) {
+        return Body{}(VectorBytes<64>{}, arguments...);
+    }
+    static Function choose(Isa isa) { return isa == Isa::avx512 ? avx512 : isa == Isa::avx2 ? avx2 : portable; }
+#else
+    static Function choose(Isa) { return portable; }
+#endif
+};
+
+}  // namespace hord::algo
+
+#define HORD_FOR_EACH_ISA(NAME, BODY, ...)                                                                          \
+    constexpr auto NAME =                                                                                           \
+        ::hord::algo::IsaVariants<decltype(&BODY<16 __VA_OPT__(, ) __VA_ARGS__>),                                   \
+                                  decltype([](auto bytes, auto&... arguments) __attribute__((always_inline)) {      \
+                                      return BODY<decltype(bytes)::value __VA_OPT__(, ) __VA_ARGS__>(arguments...); \
+                                  })>::choose;

@@ -314,25 +314,15 @@ HORD_ALWAYS_INLINE void compute_marginals(const SoaBlock& block, const Extents& 
     along(block.line, extents.j - 1);
 }
 
-HORD_FOR_EACH_ISA(gather8_for, void, gather,
-                  (const std::uint8_t* samples, std::ptrdiff_t stride, const Extents& extents,
-                   const LightLevels& levels, Outputs outputs, SoaBlock& block),
-                  (samples, stride, extents, levels, outputs, block))
-HORD_FOR_EACH_ISA(gather16_for, void, gather,
-                  (const std::uint16_t* samples, std::ptrdiff_t stride, const Extents& extents,
-                   const LightLevels& levels, Outputs outputs, SoaBlock& block),
-                  (samples, stride, extents, levels, outputs, block))
-HORD_FOR_EACH_ISA(shares_for, void, compute_shares,
-                  (const SoaBlock& block, std::size_t stride, bool roots, float* first), (block, stride, roots, first))
-HORD_FOR_EACH_ISA(marginals_for, void, compute_marginals,
-                  (const SoaBlock& block, const Extents& extents, std::size_t stride, float* first),
-                  (block, extents, stride, first))
+HORD_FOR_EACH_ISA(gather8_for, gather, std::uint8_t)
+HORD_FOR_EACH_ISA(gather16_for, gather, std::uint16_t)
+HORD_FOR_EACH_ISA(shares_for, compute_shares)
+HORD_FOR_EACH_ISA(marginals_for, compute_marginals)
 
 }  // namespace
 
-SoaBlock::Gather<std::uint8_t> SoaBlock::gather8(Isa isa) { return gather8_for(isa); }
-SoaBlock::Gather<std::uint16_t> SoaBlock::gather16(Isa isa) { return gather16_for(isa); }
-SoaBlock::Shares SoaBlock::shares(Isa isa) { return shares_for(isa); }
-SoaBlock::Marginals SoaBlock::marginals(Isa isa) { return marginals_for(isa); }
+SoaBlock::Kernels SoaBlock::kernels(Isa isa) {
+    return {gather8_for(isa), gather16_for(isa), shares_for(isa), marginals_for(isa)};
+}
 
 }  // namespace hord::algo

@@ -48,15 +48,17 @@ struct SoaBlock {
     template <class Sample>
     using Gather = void (*)(const Sample* samples, std::ptrdiff_t stride, const Extents& extents,
                             const LightLevels& levels, Outputs outputs, SoaBlock& block);
-    static Gather<std::uint8_t> gather8(Isa isa);
-    static Gather<std::uint16_t> gather16(Isa isa);
-
     // Write to arrays `stride` apart: h of the lit bins or its square roots; cumulative marginals, I-1 along x, J-1
     // along y.
     using Shares = void (*)(const SoaBlock& block, std::size_t stride, bool roots, float* first);
-    static Shares shares(Isa isa);
     using Marginals = void (*)(const SoaBlock& block, const Extents& extents, std::size_t stride, float* first);
-    static Marginals marginals(Isa isa);
+    struct Kernels {
+        Gather<std::uint8_t> gather8;
+        Gather<std::uint16_t> gather16;
+        Shares shares;
+        Marginals marginals;
+    };
+    static Kernels kernels(Isa isa);
 };
 
 }  // namespace hord::algo

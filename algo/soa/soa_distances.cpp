@@ -33,46 +33,33 @@ HORD_ALWAYS_INLINE float squared_distance(float x, float y) {
     return x * x + y * y;
 }
 
-template <Feature kFeature>
-struct Kernel {
-    template <int Bytes>
-    HORD_ALWAYS_INLINE static void add_up(const float* a, const float* b, std::size_t stride, const Lit& lit,
-                                          int along_x, float* __restrict squared) {
-        float x[kLanes] = {}, y[kLanes] = {};
-        if constexpr (kFeature == Feature::marginal) {
-            for (int k = 0; k < along_x; ++k, a += stride, b += stride) {
-                for (int l = 0; l < kLanes; ++l) x[l] += term<kFeature>(a[l], b[l]);
-            }
-            const int arrays = __builtin_popcountll(lit[0]);
-            for (int k = along_x; k < arrays; ++k, a += stride, b += stride) {
-                for (int l = 0; l < kLanes; ++l) y[l] += term<kFeature>(a[l], b[l]);
-            }
-        } else {
-            for (std::size_t w = 0; w < lit.size(); ++w) {
-                for (std::uint64_t rest = lit[w]; rest != 0; rest &= rest - 1) {
-                    const std::size_t at = (w * 64 + static_cast<std::size_t>(__builtin_ctzll(rest))) * stride;
-                    for (int l = 0; l < kLanes; ++l)
-                        x[l] +=
-                            term<kFeature>(a[at + static_cast<std::size_t>(l)], b[at + static_cast<std::size_t>(l)]);
-                }
+template <int Bytes, Feature kFeature>
+HORD_ALWAYS_INLINE void add_up(const float* a, const float* b, std::size_t stride, const Lit& lit, int along_x,
+                               float* __restrict squared) {
+    float x[kLanes] = {}, y[kLanes] = {};
+    if constexpr (kFeature == Feature::marginal) {
+        for (int k = 0; k < along_x; ++k, a += stride, b += stride) {
+            for (int l = 0; l < kLanes; ++l) x[l] += term<kFeature>(a[l], b[l]);
+        }
+        const int arrays = __builtin_popcountll(lit[0]);
+        for (int k = along_x; k < arrays; ++k, a += stride, b += stride) {
+            for (int l = 0; l < kLanes; ++l) y[l] += term<kFeature>(a[l], b[l]);
+        }
+    } else {
+        for (std::size_t w = 0; w < lit.size(); ++w) {
+            for (std::uint64_t rest = lit[w]; rest != 0; rest &= rest - 1) {
+                const std::size_t at = (w * 64 + static_cast<std::size_t>(__builtin_ctzll(rest))) * stride;
+                for (int l = 0; l < kLanes; ++l)
+                    x[l] += term<kFeature>(a[at + static_cast<std::size_t>(l)], b[at + static_cast<std::size_t>(l)]);
             }
         }
-        for (int l = 0; l < kLanes; ++l) squared[l] = squared_distance<kFeature>(x[l], y[l]);
     }
-};
+    for (int l = 0; l < kLanes; ++l) squared[l] = squared_distance<kFeature>(x[l], y[l]);
+}
 
-HORD_FOR_EACH_ISA(add_chi2, void, Kernel<Feature::chi2>::template add_up,
-                  (const float* a, const float* b, std::size_t stride, const Lit& lit, int along_x,
-                   float* __restrict squared),
-                  (a, b, stride, lit, along_x, squared))
-HORD_FOR_EACH_ISA(add_hellinger, void, Kernel<Feature::hellinger>::template add_up,
-                  (const float* a, const float* b, std::size_t stride, const Lit& lit, int along_x,
-                   float* __restrict squared),
-                  (a, b, stride, lit, along_x, squared))
-HORD_FOR_EACH_ISA(add_marginal, void, Kernel<Feature::marginal>::template add_up,
-                  (const float* a, const float* b, std::size_t stride, const Lit& lit, int along_x,
-                   float* __restrict squared),
-                  (a, b, stride, lit, along_x, squared))
+HORD_FOR_EACH_ISA(add_chi2, add_up, Feature::chi2)
+HORD_FOR_EACH_ISA(add_hellinger, add_up, Feature::hellinger)
+HORD_FOR_EACH_ISA(add_marginal, add_up, Feature::marginal)
 
 template <int Bytes>
 HORD_ALWAYS_INLINE void divide(const std::int32_t* moment, const std::uint32_t* sum, int count,
@@ -97,12 +84,8 @@ HORD_ALWAYS_INLINE void slopes(const SoaDistances::MeanRows& r, bool centroid, i
         values[m] = static_cast<float>(raw * 0x1p-25);
     }
 }
-HORD_FOR_EACH_ISA(divide_for, void, divide,
-                  (const std::int32_t* moment, const std::uint32_t* sum, int count, std::int32_t* mean),
-                  (moment, sum, count, mean))
-HORD_FOR_EACH_ISA(slopes_for, void, slopes,
-                  (const SoaDistances::MeanRows& rows, bool centroid, int count, float* values),
-                  (rows, centroid, count, values))
+HORD_FOR_EACH_ISA(divide_for, divide)
+HORD_FOR_EACH_ISA(slopes_for, slopes)
 
 SoaUse use_of(Feature feature) {
     switch (feature) {
@@ -161,27 +144,13 @@ void SoaDistances::load(const FrameView& frame, const LightLevels& levels, int n
     divide_(r.moments_y().data(), r.sums().data(), count, means.y.data());
 }
 
-// Of two single lenslets, in the order of a lane of add_up().
+// Of two single lenslets: those in the first lane.
 float SoaDistances::squared_alone(const SoaRow& a, int m_a, const SoaRow& b, int m_b) const {
     Lit lit = a.lit(m_a / kLanes);
     unite(lit, b.lit(m_b / kLanes));
-    const float* p = a.array(0) + m_a;
-    const float* q = b.array(0) + m_b;
-    float x = 0, y = 0;
-    if (feature_ == Feature::marginal) {
-        const int arrays = __builtin_popcountll(lit[0]);
-        for (int k = 0; k < arrays; ++k, p += stride_, q += stride_)
-            (k < along_x_ ? x : y) += term<Feature::marginal>(*p, *q);
-        return squared_distance<Feature::marginal>(x, y);
-    }
-    const bool is_chi2 = feature_ == Feature::chi2;
-    for (std::size_t w = 0; w < lit.size(); ++w) {
-        for (std::uint64_t rest = lit[w]; rest != 0; rest &= rest - 1) {
-            const std::size_t at = (w * 64 + static_cast<std::size_t>(__builtin_ctzll(rest))) * stride_;
-            x += is_chi2 ? term<Feature::chi2>(p[at], q[at]) : term<Feature::hellinger>(p[at], q[at]);
-        }
-    }
-    return is_chi2 ? squared_distance<Feature::chi2>(x, y) : squared_distance<Feature::hellinger>(x, y);
+    float squares[kLanes];
+    add_up_(a.array(0) + m_a, b.array(0) + m_b, stride_, lit, along_x_, squares);
+    return squares[0];
 }
 
 Jacobian SoaDistances::jacobian(int m, int n) const {
@@ -327,16 +296,6 @@ void SoaDistances::against(const FrameView& frame, const FrameView& reference, c
     for (int n = first; n < last; ++n) {
         rows_[0].decode(frame, levels, n);
         rows_[1].decode(reference, levels, n);
-        compare_with_reference(values + std::ptrdiff_t{n} * extents_.m, mask + std::ptrdiff_t{n} * extents_.m);
-    }
-}
-
-void SoaDistances::against(const FrameView& frame, std::span<const Hord> reference, const LightLevels& levels,
-                           int first, int last, float* values, std::uint8_t* mask) {
-    const auto columns = static_cast<std::size_t>(extents_.m);
-    for (int n = first; n < last; ++n) {
-        rows_[0].decode(frame, levels, n);
-        rows_[1].assign(reference.subspan(static_cast<std::size_t>(n) * columns, columns));
         compare_with_reference(values + std::ptrdiff_t{n} * extents_.m, mask + std::ptrdiff_t{n} * extents_.m);
     }
 }

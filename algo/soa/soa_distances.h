@@ -37,8 +37,6 @@ class SoaDistances {
                          std::uint8_t* mask, bool goes_on = false);
     void against(const FrameView& frame, const FrameView& reference, const LightLevels& levels, int first, int last,
                  float* values, std::uint8_t* mask);
-    void against(const FrameView& frame, std::span<const Hord> reference, const LightLevels& levels, int first,
-                 int last, float* values, std::uint8_t* mask);
 
     // The same row by row, for callers that also need the rows (algo/inspection/pipeline.h): load() rows n-1, n and n+1
     // of those that exist, then compute row n. Deflections and the Jacobian only if deflections are kept.

@@ -30,16 +30,13 @@ SoaRow::SoaRow(const Extents& extents, SoaUse use, Isa isa, bool moments)
                                                                           : extents.bins()),
       stride_(lenslets_of(extents) + 2 * kPad), values_(static_cast<std::size_t>(arrays_) * stride_),
       lit_(static_cast<std::size_t>(blocks_)), sums_(lenslets_of(extents)), moments_x_(sums_.size()),
-      moments_y_(sums_.size()), mask_(sums_.size()), work_(std::make_unique<Work>()), gather8_(SoaBlock::gather8(isa)),
-      gather16_(SoaBlock::gather16(isa)), shares_(SoaBlock::shares(isa)), marginals_(SoaBlock::marginals(isa)) {
+      moments_y_(sums_.size()), mask_(sums_.size()), work_(common::make_opaque<Work>()),
+      kernels_(SoaBlock::kernels(isa)) {
     if (use != SoaUse::marginals) return;
     for (Lit& lit : lit_) {
         for (int k = 0; k < arrays_; ++k) lit[static_cast<std::size_t>(k / 64)] |= std::uint64_t{1} << (k % 64);
     }
 }
-
-SoaRow::SoaRow(SoaRow&&) noexcept = default;
-SoaRow::~SoaRow() = default;
 
 template <class Sample>
 void SoaRow::decode_samples(const FrameView& frame, const LightLevels& levels, int n) {
@@ -64,9 +61,9 @@ void SoaRow::decode_samples(const FrameView& frame, const LightLevels& levels, i
             samples = copied;
         }
         if constexpr (sizeof(Sample) == 1) {
-            gather8_(samples, line_stride, extents_, levels, outputs_, work);
+            kernels_.gather8(samples, line_stride, extents_, levels, outputs_, work);
         } else {
-            gather16_(samples, line_stride, extents_, levels, outputs_, work);
+            kernels_.gather16(samples, line_stride, extents_, levels, outputs_, work);
         }
         store_block(block);
     }
@@ -86,7 +83,7 @@ void SoaRow::store_block(int block) {
     std::copy_n(work.moment_y, kLanes, moments_y_.begin() + static_cast<std::ptrdiff_t>(m));
     if (use_ == SoaUse::sums) return;
     float* const first = values_.data() + kPad + m;
-    if (use_ == SoaUse::marginals) return marginals_(work, extents_, stride_, first);
+    if (use_ == SoaUse::marginals) return kernels_.marginals(work, extents_, stride_, first);
     Lit& before = lit_[static_cast<std::size_t>(block)];
     for (std::size_t w = 0; w < before.size(); ++w) {
         for (std::uint64_t gone = before[w] & ~work.lit[w]; gone != 0; gone &= gone - 1) {
@@ -94,7 +91,7 @@ void SoaRow::store_block(int block) {
         }
     }
     before = work.lit;
-    shares_(work, stride_, use_ == SoaUse::roots, first);
+    kernels_.shares(work, stride_, use_ == SoaUse::roots, first);
 }
 
 void SoaRow::decode(const FrameView& frame, const LightLevels& levels, int n) {
@@ -102,23 +99,6 @@ void SoaRow::decode(const FrameView& frame, const LightLevels& levels, int n) {
         decode_samples<std::uint16_t>(frame, levels, n);
     } else {
         decode_samples<std::uint8_t>(frame, levels, n);
-    }
-}
-
-void SoaRow::assign(std::span<const Hord> row) {
-    constexpr LightLevels kNoThresholds{0, 1, 1U << 17};
-    const int of_a_line = kLanes * extents_.i + SoaBlock::kReadAhead;
-    std::uint16_t* const samples = work_->copied;
-    for (int block = 0; block < blocks_; ++block) {
-        std::fill_n(samples, extents_.j * of_a_line, std::uint16_t{0});
-        for (int l = 0; l < std::min(kLanes, extents_.m - block * kLanes); ++l) {
-            const Hord& hord = row[static_cast<std::size_t>(block * kLanes + l)];
-            if (hord.sum == 0) continue;
-            for (int j = 0; j < extents_.j; ++j)
-                std::copy_n(hord.mass + j * extents_.i, extents_.i, samples + j * of_a_line + l * extents_.i);
-        }
-        gather16_(samples, of_a_line, extents_, kNoThresholds, outputs_, work_->block);
-        store_block(block);
     }
 }
 

@@ -9,7 +9,6 @@
 #pragma once
 
 #include <cstdint>
-#include <memory>
 #include <span>
 #include <vector>
 
@@ -17,6 +16,7 @@
 #include "algo/simd/aligned.h"
 #include "algo/simd/isa.h"
 #include "algo/soa/soa_block.h"
+#include "common/opaque.h"
 
 namespace hord::algo {
 
@@ -34,14 +34,9 @@ class SoaRow {
 
     // `moments` false: moments are 0 and decoding is faster.
     SoaRow(const Extents& extents, SoaUse use, Isa isa, bool moments = true);
-    SoaRow(SoaRow&&) noexcept;
-    ~SoaRow();
 
     // Decodes lenslet row n of a checked frame.
     void decode(const FrameView& frame, const LightLevels& levels, int n);
-
-    // The same from decoded HORDs; sum 0: no HORD.
-    void assign(std::span<const Hord> row);
 
     [[nodiscard]] int blocks() const { return blocks_; }
     // Array k, from lenslet 0 on; 0 for lenslets without a HORD.
@@ -77,11 +72,8 @@ class SoaRow {
     std::vector<std::uint32_t> sums_;
     std::vector<std::int32_t> moments_x_, moments_y_;
     std::vector<std::uint8_t> mask_;
-    std::unique_ptr<Work> work_;
-    SoaBlock::Gather<std::uint8_t> gather8_;
-    SoaBlock::Gather<std::uint16_t> gather16_;
-    SoaBlock::Shares shares_;
-    SoaBlock::Marginals marginals_;
+    common::Opaque<Work> work_;
+    SoaBlock::Kernels kernels_;
 };
 
 }  // namespace hord::algo

@@ -26,10 +26,6 @@ constexpr double kGrowCentres = 900;
 constexpr std::size_t kSplitCentres = 1500, kFewestSplit = 250;
 constexpr double kSplitPixels = 400'000;  // of all their windows together, to limit the time
 
-bool inside(const WhiteImage& image, PixelPoint p) {
-    return p.x_px >= -0.5 && p.y_px >= -0.5 && p.x_px < image.width_px() - 0.5 && p.y_px < image.height_px() - 0.5;
-}
-
 // A grid with the lattice's steps, lenslet (0, 0) at the seed; u and v are about 1 at the frame's corners.
 LensletGrid grid_of(const Lattice& lattice, const WhiteImage& image) {
     LensletGrid grid;
@@ -90,7 +86,7 @@ std::vector<Index> lenslets_inside(const LensletGrid& grid, const LensletGrid& s
             const LensletGrid::Uv uv = grid.uv(m, n);
             if (uv.u < low_u || uv.u > high_u || uv.v < low_v || uv.v > high_v) continue;
             const PixelPoint at = grid.at(uv);
-            if (inside(image, at)) out.push_back({m, n, at});
+            if (grid.in_frame(at)) out.push_back({m, n, at});
         }
     }
     return out;

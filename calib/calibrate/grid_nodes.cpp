@@ -16,9 +16,7 @@ std::vector<GridCalibration::Node> GridCalibration::nodes() const {
     for (int n = 0; n < grid.rows; ++n) {
         for (int m = 0; m < grid.columns; ++m) {
             const PixelPoint p = grid.centre_px(m, n);
-            if (p.x_px >= -0.5 && p.y_px >= -0.5 && p.x_px < grid.width_px - 0.5 && p.y_px < grid.height_px - 0.5) {
-                out.push_back({m, n, p, measured[grid.index(m, n)]});
-            }
+            if (grid.in_frame(p)) out.push_back({m, n, p, measured[grid.index(m, n)]});
         }
     }
     return out;

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <fstream>
 #include <iterator>
@@ -27,10 +28,52 @@ std::uint64_t fnv1a(std::string_view bytes) {
     return hash.value();
 }
 
+// The keys of a table whose values are plain numbers, in the file's order.
+template <class Owner, class Number>
+struct Key {
+    const char* name;
+    Number Owner::*value;
+};
+using S = GridStatistics;
+constexpr Key<S, int> kCounts[] = {{"complete", &S::complete}, {"found", &S::found},         {"missing", &S::missing},
+                                   {"rejected", &S::rejected}, {"saturated", &S::saturated}, {"blocks", &S::blocks}};
+constexpr Key<S, double> kResiduals[] = {{"rms_x_px", &S::rms_x_px},
+                                         {"rms_y_px", &S::rms_y_px},
+                                         {"max_px", &S::max_px},
+                                         {"cv_x_rms_px", &S::cv_x_rms_px},
+                                         {"cv_y_rms_px", &S::cv_y_rms_px},
+                                         {"noise_px", &S::noise_px},
+                                         {"correlation_inflation", &S::correlation_inflation}};
+constexpr Key<LensletShifts, double> kShifts[] = {{"rms_px", &LensletShifts::rms_px},
+                                                  {"share", &LensletShifts::share},
+                                                  {"left_x_px", &LensletShifts::left_x_px},
+                                                  {"left_y_px", &LensletShifts::left_y_px}};
+using D = DirectionStatistics;
+constexpr Key<D, double> kDirections[] = {{"left_out_x_px", &D::left_out_x_px},
+                                          {"left_out_y_px", &D::left_out_y_px},
+                                          {"noise_px", &D::noise_px},
+                                          {"scale_px_a_rad", &D::scale_px_a_rad},
+                                          {"scale_sigma", &D::scale_sigma},
+                                          {"stage_rotation_rad", &D::stage_rotation_rad},
+                                          {"stage_rotation_sigma", &D::stage_rotation_sigma}};
+
 // Shortest digits that read back as the same number, and a decimal point.
 std::string number(double value) {
     std::string digits = fmt::format("{}", value);
     return digits.find_first_of(".en") == std::string::npos ? digits + ".0" : digits;
+}
+std::string number(int value) { return fmt::format("{}", value); }
+
+template <class Owner, class Number, std::size_t N>
+std::string to_toml(const Owner& from, const Key<Owner, Number> (&keys)[N]) {
+    std::string lines;
+    for (const auto& [name, value] : keys) lines += fmt::format("{} = {}\n", name, number(from.*value));
+    return lines;
+}
+
+template <class Owner, std::size_t N>
+void read(common::TomlTable& table, const Key<Owner, double> (&keys)[N], Owner& to, double low, double high) {
+    for (const auto& [name, value] : keys) table.number(name, to.*value, low, high);
 }
 
 std::string list(const std::vector<double>& values) {
@@ -54,12 +97,10 @@ std::string directions_to_toml(const algo::DirectionMap& map, const DirectionSta
     return fmt::format(
         "\n[directions]\nname = \"{}\"\nreason = {}\nparameters = {}\nsigma = {}\nspan_rad = {}\nradius_px = "
         "{}\nzero_x_px = {}\nzero_y_px = {}\n"
-        "captures = {}\nleft_out_x_px = {}\nleft_out_y_px = {}\nnoise_px = {}\nscale_px_a_rad = {}\nscale_sigma = {}\n"
-        "stage_rotation_rad = {}\nstage_rotation_sigma = {}\nmirrored = {}\n",
+        "captures = {}\n{}mirrored = {}\n",
         name_of(map.model), toml_string(s.reason), list(map.parameters), list(s.sigma), number(map.span_rad),
-        number(map.radius_px), number(map.zero_px.x_px), number(map.zero_px.y_px), s.captures, number(s.left_out_x_px),
-        number(s.left_out_y_px), number(s.noise_px), number(s.scale_px_a_rad), number(s.scale_sigma),
-        number(s.stage_rotation_rad), number(s.stage_rotation_sigma), s.mirrored);
+        number(map.radius_px), number(map.zero_px.x_px), number(map.zero_px.y_px), s.captures, to_toml(s, kDirections),
+        s.mirrored);
 }
 
 void read_model(common::TomlTable& table, algo::GridModelKind& to) {
@@ -81,15 +122,7 @@ void read_directions(common::TomlTable table, GridFile& file) {
     table.number("zero_y_px", map.zero_px.y_px, -kAny, kAny);
     table.integer("captures", s.captures, 0, 1'000'000);
     table.boolean("mirrored", s.mirrored);
-    for (const auto& [key, value] : {std::pair<const char*, double*>{"left_out_x_px", &s.left_out_x_px},
-                                     {"left_out_y_px", &s.left_out_y_px},
-                                     {"noise_px", &s.noise_px},
-                                     {"scale_px_a_rad", &s.scale_px_a_rad},
-                                     {"scale_sigma", &s.scale_sigma},
-                                     {"stage_rotation_rad", &s.stage_rotation_rad},
-                                     {"stage_rotation_sigma", &s.stage_rotation_sigma}}) {
-        table.number(key, *value, -kAny, kAny);
-    }
+    read(table, kDirections, s, -kAny, kAny);
 }
 
 // A line a lattice row.
@@ -103,12 +136,7 @@ std::string shifts_to_toml(const algo::LensletGrid& grid, double algo::PixelPoin
 }
 
 void read_shifts(common::TomlTable table, algo::LensletGrid& grid, LensletShifts& s) {
-    for (const auto& [key, value] : {std::pair<const char*, double*>{"rms_px", &s.rms_px},
-                                     {"share", &s.share},
-                                     {"left_x_px", &s.left_x_px},
-                                     {"left_y_px", &s.left_y_px}}) {
-        table.number(key, *value, 0, 1e300);
-    }
+    read(table, kShifts, s, 0, 1e300);
     const std::size_t count = static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows);
     std::vector<double> x, y;
     table.numbers("x", x, count, count);
@@ -158,10 +186,7 @@ GridFile file_of(const GridCalibration& calibration, const GridStamp& stamp) {
 
 void add_directions(GridFile& file, const DirectionFit& fit) {
     file.directions = fit.map;
-    file.direction_statistics = {
-        fit.sigma,          fit.captures,    fit.left_out_x_px,      fit.left_out_y_px,        fit.noise_px,
-        fit.scale_px_a_rad, fit.scale_sigma, fit.stage_rotation_rad, fit.stage_rotation_sigma, fit.mirrored,
-        fit.reason};
+    file.direction_statistics = static_cast<const DirectionStatistics&>(fit);
 }
 
 std::string to_toml(const GridFile& file) {
@@ -182,18 +207,10 @@ std::string to_toml(const GridFile& file) {
         "{}\nradius_px = {}\n\n",
         name_of(grid.model), toml_string(file.reason), list(grid.parameters), list(file.sigma), toml_string(file.fixed),
         number(grid.middle_x_px), number(grid.middle_y_px), number(grid.radius_px));
-    body += fmt::format(
-        "[residuals]\ncomplete = {}\nfound = {}\nmissing = {}\nrejected = {}\nsaturated = {}\nblocks = {}\nrms_x_px = "
-        "{}\nrms_y_px = {}\n"
-        "max_px = {}\ncv_x_rms_px = {}\ncv_y_rms_px = {}\nnoise_px = {}\ncorrelation_inflation = {}\n",
-        s.complete, s.found, s.missing, s.rejected, s.saturated, s.blocks, number(s.rms_x_px), number(s.rms_y_px),
-        number(s.max_px), number(s.cv_x_rms_px), number(s.cv_y_rms_px), number(s.noise_px),
-        number(s.correlation_inflation));
+    body += "[residuals]\n" + to_toml(s, kCounts) + to_toml(s, kResiduals);
     if (!grid.shifts_px.empty()) {
-        body += fmt::format("\n[lenslets]\nrms_px = {}\nshare = {}\nleft_x_px = {}\nleft_y_px = {}\nx = {}y = {}",
-                            number(s.shifts.rms_px), number(s.shifts.share), number(s.shifts.left_x_px),
-                            number(s.shifts.left_y_px), shifts_to_toml(grid, &algo::PixelPoint::x_px),
-                            shifts_to_toml(grid, &algo::PixelPoint::y_px));
+        body += "\n[lenslets]\n" + to_toml(s.shifts, kShifts) + "x = " + shifts_to_toml(grid, &algo::PixelPoint::x_px) +
+            "y = " + shifts_to_toml(grid, &algo::PixelPoint::y_px);
     }
     if (file.directions) body += directions_to_toml(*file.directions, file.direction_statistics);
     return fmt::format("{}{:016x}\"\n{}", kChecksumKey, fnv1a(body), body);
@@ -253,23 +270,8 @@ Result<GridFile> parse_grid(std::string_view text, std::string_view name) {
     model_table.number("radius_px", grid.radius_px, 1e-9, kAny);
     auto residuals = root.table("residuals");
     GridStatistics& s = file.statistics;
-    for (const auto& [key, value] : {std::pair<const char*, int*>{"complete", &s.complete},
-                                     {"found", &s.found},
-                                     {"missing", &s.missing},
-                                     {"rejected", &s.rejected},
-                                     {"saturated", &s.saturated},
-                                     {"blocks", &s.blocks}}) {
-        residuals.integer(key, *value, 0, 100'000'000);
-    }
-    for (const auto& [key, value] : {std::pair<const char*, double*>{"rms_x_px", &s.rms_x_px},
-                                     {"rms_y_px", &s.rms_y_px},
-                                     {"max_px", &s.max_px},
-                                     {"cv_x_rms_px", &s.cv_x_rms_px},
-                                     {"cv_y_rms_px", &s.cv_y_rms_px},
-                                     {"noise_px", &s.noise_px},
-                                     {"correlation_inflation", &s.correlation_inflation}}) {
-        residuals.number(key, *value, 0, 1e300);
-    }
+    for (const auto& [key, value] : kCounts) residuals.integer(key, s.*value, 0, 100'000'000);
+    read(residuals, kResiduals, s, 0, 1e300);
     if (version >= 2 && root.has("lenslets")) read_shifts(root.table("lenslets"), grid, s.shifts);
     if (root.has("directions")) read_directions(root.table("directions"), file);
     root.refuse_unknown_keys();

@@ -35,16 +35,6 @@ struct GridStatistics {
     LensletShifts shifts = {};  // all 0 if the grid has none
 };
 
-// Quality of the direction map; px.
-struct DirectionStatistics {
-    std::vector<double> sigma;  // of its parameters; 0 if fixed
-    int captures = 0;           // including the empty field
-    double left_out_x_px = 0, left_out_y_px = 0, noise_px = 0;
-    double scale_px_a_rad = 0, scale_sigma = 0, stage_rotation_rad = 0, stage_rotation_sigma = 0;
-    bool mirrored = false;
-    std::string reason;  // why this model
-};
-
 struct GridFile {
     algo::LensletGrid grid;
     std::optional<algo::DirectionMap> directions;  // none: calibrated without tilts

@@ -53,7 +53,7 @@ void reject_by(const algo::LensletGrid& grid, std::span<Observation> observation
     for (std::size_t k = 0; k < distance.size(); ++k) observations[k].used = distance[k] < most;
 }
 
-// Fits the selected model to up to kFitCentres centres: parameters, covariance, unobservable parameters.
+// Fits the selected model to up to kFitCentres centres: parameters, their standard errors, unobservable ones.
 Result<void> finish(const algo::LensletGrid& start, std::vector<Point> points, GridFit& fit) {
     const Blocks blocks = sort_into_blocks(points);
     auto solved = solve(start, points);
@@ -68,15 +68,10 @@ Result<void> finish(const algo::LensletGrid& start, std::vector<Point> points, G
     fit.correlation_inflation = inflation_of(*solved, blocks, inverse, variance);
     const auto count = static_cast<Eigen::Index>(fit.grid.parameters.size());
     fit.sigma.assign(static_cast<std::size_t>(count), 0.0);
-    fit.covariance.assign(static_cast<std::size_t>(count * count), 0.0);
     if (inverse.size() == 0) return {};
-    for (Eigen::Index r = 0; r < count; ++r) {
-        for (Eigen::Index c = 0; c < count; ++c)
-            fit.covariance[static_cast<std::size_t>(r * count + c)] =
-                inverse(r, c) * variance * fit.correlation_inflation;
+    for (Eigen::Index r = 0; r < count; ++r)
         fit.sigma[static_cast<std::size_t>(r)] =
             std::sqrt(std::max(0.0, inverse(r, r) * variance * fit.correlation_inflation));
-    }
     return {};
 }
 

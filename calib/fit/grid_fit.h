@@ -57,7 +57,6 @@ struct GridFit {
     std::vector<ModelReport> candidates;
     std::string reason;                      // why this model, one line
     std::vector<double> sigma;               // one a parameter; 0 where it is fixed
-    std::vector<double> covariance;          // row by row, parameters x parameters; 0 where fixed
     std::vector<Unobservable> unobservable;  // fixed: their values mean nothing
     double noise_px = 0;                     // of one centre and axis, from the residuals
     double correlation_inflation = 1;        // factor of the covariance (inflation_of)
@@ -70,8 +69,7 @@ struct GridFit {
 
 struct FitOptions {
     std::optional<algo::GridModelKind> only;  // this model, without selection
-    algo::GridModelKind highest = algo::GridModelKind::quintic;
-    bool single_lenslets = true;  // lenslets may have shifts of their own
+    bool single_lenslets = true;              // lenslets may have shifts of their own
 };
 
 // Fits a grid to the centres. Kind, stagger, parity, size and normalisation are those of `frame`, whose parameters are

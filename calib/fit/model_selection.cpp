@@ -73,8 +73,7 @@ ModelSelection select_model(const algo::LensletGrid& frame, std::vector<Point> s
     algo::LensletGrid previous = first_similarity(frame, sample);
     std::optional<Validation> best;
     for (const GridModelKind model : models) {
-        if (model > options.highest ||
-            (options.only && model != *options.only && (model > *options.only || model >= GridModelKind::cubic)))
+        if (options.only && model != *options.only && (model > *options.only || model >= GridModelKind::cubic))
             continue;
         ModelReport& report = out.candidates.emplace_back();
         report.model = model;

@@ -50,8 +50,7 @@ HORD_ALWAYS_INLINE Responses responses(const float* kernels, const float* light,
     }
     return out;
 }
-HORD_FOR_EACH_ISA(responses_for, Responses, responses, (const float* kernels, const float* light, std::ptrdiff_t size),
-                  (kernels, light, size))
+HORD_FOR_EACH_ISA(responses_for, responses)
 
 }  // namespace
 
@@ -67,7 +66,6 @@ struct CentreFinder::Kernels {
     double gain = 0;       // first moment a pixel of shift and DN of amplitude
     double own_match = 1;  // keeps `match` in -1..1
     double typical_amplitude = 0;
-    Table learned;
     // Four kernels a phase: moment x, moment y, amplitude, window share.
     Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic> bank;
     mutable Eigen::VectorXf light;  // of the window that is measured, side x side and room for whole vectors
@@ -276,7 +274,7 @@ void CentreFinder::Kernels::calibrate_gain(std::span<const algo::PixelPoint> cen
 
 Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<const algo::PixelPoint> seeds,
                                          double pitch_px) {
-    auto kernels = std::make_unique<Kernels>(image);
+    auto kernels = common::make_opaque<Kernels>(image);
     std::vector<algo::PixelPoint> starts(seeds.begin(), seeds.end());
     if (starts.size() > kMaxSeeds) starts.resize(kMaxSeeds);
 
@@ -303,10 +301,7 @@ Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<cons
         starts.clear();
         for (const Spot& spot : spots) starts.push_back(spot.centre_px);
         kernels->calibrate_gain(starts);
-        if (round == 2) {
-            kernels->learned = profile.value;
-            return CentreFinder(std::move(kernels));
-        }
+        if (round == 2) return CentreFinder(std::move(kernels));
         profile = measure_profile(image, spots, widest);
         // A small spot needs no more than its own surroundings.
         std::size_t last = profile.value.size() - 1;
@@ -318,11 +313,6 @@ Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<cons
                 "light the lenslets evenly, below saturation, and focus the sensor on them");
 }
 
-CentreFinder::CentreFinder(std::unique_ptr<Kernels> kernels) : kernels_(std::move(kernels)) {}
-CentreFinder::CentreFinder(CentreFinder&&) noexcept = default;
-CentreFinder& CentreFinder::operator=(CentreFinder&&) noexcept = default;
-CentreFinder::~CentreFinder() = default;
-
 std::optional<Spot> CentreFinder::measure(algo::PixelPoint at, double most_px) const {
     return kernels_->measure(at, most_px);
 }
@@ -332,7 +322,6 @@ double CentreFinder::amplitude_dn(algo::PixelPoint at) const { return kernels_->
 double CentreFinder::window_radius_px() const { return kernels_->weights.radius; }
 Immunity CentreFinder::immunity() const { return kernels_->weights.immunity; }
 double CentreFinder::typical_amplitude_dn() const { return kernels_->typical_amplitude; }
-std::span<const double> CentreFinder::profile() const { return kernels_->learned; }
 
 double CentreFinder::saturated_share(algo::PixelPoint at) const {
     const int half = kernels_->half;

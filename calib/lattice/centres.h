@@ -8,13 +8,13 @@
 // is dropped; `immunity()` tells.
 #pragma once
 
-#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
 
 #include "algo/frame/lenslet_grid.h"
 #include "calib/lattice/white_image.h"
+#include "common/opaque.h"
 #include "common/result.h"
 
 namespace hord::calib {
@@ -58,17 +58,12 @@ class CentreFinder {
 
     [[nodiscard]] double window_radius_px() const;
     [[nodiscard]] Immunity immunity() const;
-    [[nodiscard]] double typical_amplitude_dn() const;      // median of the lenslets learned from
-    [[nodiscard]] std::span<const double> profile() const;  // T(r), one value each 0.05 px, 1 at the top
-
-    CentreFinder(CentreFinder&&) noexcept;
-    CentreFinder& operator=(CentreFinder&&) noexcept;
-    ~CentreFinder();
+    [[nodiscard]] double typical_amplitude_dn() const;  // median of the lenslets learned from
 
   private:
     struct Kernels;
-    explicit CentreFinder(std::unique_ptr<Kernels> kernels);
-    std::unique_ptr<Kernels> kernels_;
+    explicit CentreFinder(common::Opaque<Kernels> kernels) : kernels_(std::move(kernels)) {}
+    common::Opaque<Kernels> kernels_;
 };
 
 }  // namespace hord::calib

@@ -13,16 +13,12 @@
 namespace hord::calib {
 namespace {
 
-constexpr int kLargestSide = 640;  // of the analysed part
-constexpr double kHalfSqrt3 = 0.86602540378443864676;
+using algo::kHalfSqrt3;
+
+constexpr int kLargestSide = 640;      // of the analysed part
 constexpr double kMinStrength = 0.08;  // of the autocorrelation at a lattice vector, against 1 at lag 0
 
-struct Vec {
-    double x = 0, y = 0;
-};
-Vec operator+(Vec a, Vec b) { return {a.x + b.x, a.y + b.y}; }
-Vec operator-(Vec a, Vec b) { return {a.x - b.x, a.y - b.y}; }
-Vec operator*(double s, Vec a) { return {s * a.x, s * a.y}; }
+using Vec = cv::Point2d;
 double dot(Vec a, Vec b) { return a.x * b.x + a.y * b.y; }
 double cross(Vec a, Vec b) { return a.x * b.y - a.y * b.x; }
 double norm(Vec a) { return std::sqrt(dot(a, a)); }
@@ -308,8 +304,6 @@ Vec nearest(const std::vector<Vec>& vectors, Vec direction) {
 }  // namespace
 
 double Lattice::pitch_px() const { return std::sqrt(std::abs(step_u.x_px * step_v.y_px - step_u.y_px * step_v.x_px)); }
-
-double Lattice::rotation_rad() const { return std::atan2(step_u.y_px, step_u.x_px); }
 
 Result<Lattice> find_lattice(const WhiteImage& image, const LatticeHint& hint) {
     const auto refuse = [](std::string what, std::string cure) {

@@ -25,7 +25,6 @@ struct Lattice {
     double strength = 0;              // autocorrelation at the nearest lattice vectors, 0..1, including noise
 
     [[nodiscard]] double pitch_px() const;
-    [[nodiscard]] double rotation_rad() const;  // of the U axis, x towards y
 };
 
 struct LatticeHint {

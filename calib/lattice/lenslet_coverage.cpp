@@ -11,22 +11,17 @@ constexpr double kDark = 0.25;  // of the light of a typical lenslet
 
 // State of each lenslet of the grid, row by row.
 struct Places {
-    int columns, rows;
+    const algo::LensletGrid& grid;
     std::vector<std::uint8_t> inside, dark;
 
-    explicit Places(const algo::LensletGrid& grid)
-        : columns(grid.columns), rows(grid.rows),
-          inside(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows)), dark(inside) {}
-    [[nodiscard]] std::size_t at(int m, int n) const {
-        return static_cast<std::size_t>(n) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(m);
-    }
+    explicit Places(const algo::LensletGrid& of) : grid(of), inside(of.index(0, of.rows)), dark(inside) {}
 
     // True if `test` holds for all (with `any`: for one) of the 3x3 lenslets around (m, n) that are inside the frame.
     template <class Test>
     [[nodiscard]] bool about(int m, int n, bool any, Test test) const {
-        for (int row = std::max(0, n - 1); row <= std::min(rows - 1, n + 1); ++row) {
-            for (int column = std::max(0, m - 1); column <= std::min(columns - 1, m + 1); ++column) {
-                const std::size_t k = at(column, row);
+        for (int row = std::max(0, n - 1); row <= std::min(grid.rows - 1, n + 1); ++row) {
+            for (int column = std::max(0, m - 1); column <= std::min(grid.columns - 1, m + 1); ++column) {
+                const std::size_t k = grid.index(column, row);
                 if (inside[k] != 0 && test(k) == any) return any;
             }
         }
@@ -42,15 +37,13 @@ std::vector<std::uint8_t> lenslet_coverage(const algo::LensletGrid& grid, std::s
     Places places(grid);
     std::vector<std::uint8_t> found(places.inside.size()), whole(found);
     for (const Observation& seen : observations) {
-        if (grid.contains(seen.m, seen.n)) found[places.at(seen.m, seen.n)] = 1;
+        if (grid.contains(seen.m, seen.n)) found[grid.index(seen.m, seen.n)] = 1;
     }
-    for (int n = 0; n < places.rows; ++n) {
-        for (int m = 0; m < places.columns; ++m) {
+    for (int n = 0; n < grid.rows; ++n) {
+        for (int m = 0; m < grid.columns; ++m) {
             const PixelPoint at = grid.centre_px(m, n);
-            if (!(at.x_px >= -0.5 && at.y_px >= -0.5 && at.x_px < grid.width_px - 0.5 &&
-                  at.y_px < grid.height_px - 0.5))
-                continue;
-            const std::size_t k = places.at(m, n);
+            if (!grid.in_frame(at)) continue;
+            const std::size_t k = grid.index(m, n);
             places.inside[k] = 1;
             whole[k] = complete(at) ? 1 : 0;
             places.dark[k] = found[k] == 0 && light(at) < kDark * typical_dn ? 1 : 0;
@@ -59,9 +52,9 @@ std::vector<std::uint8_t> lenslet_coverage(const algo::LensletGrid& grid, std::s
     // The core of dark regions; the dark lenslets that touch it; then their edge is cleared.
     std::vector<std::uint8_t> core(places.inside.size()), region(core);
     const auto each_place = [&](auto&& action) {
-        for (int n = 0; n < places.rows; ++n) {
-            for (int m = 0; m < places.columns; ++m) {
-                if (places.inside[places.at(m, n)] != 0) action(m, n, places.at(m, n));
+        for (int n = 0; n < grid.rows; ++n) {
+            for (int m = 0; m < grid.columns; ++m) {
+                if (places.inside[grid.index(m, n)] != 0) action(m, n, grid.index(m, n));
             }
         }
     };

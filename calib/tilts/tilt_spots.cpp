@@ -1,6 +1,7 @@
 // Measures the spots of one capture relative to the lenslets' centres.
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -48,22 +49,16 @@ std::optional<PixelPoint> coarse_place(const WhiteImage& image, const std::vecto
     return PixelPoint{x_sum / sum, y_sum / sum};
 }
 
-struct Mean {
-    double value = 0, sigma = 0, spread = 0;
-};
 // The mean without values off by more than five robust standard deviations.
-Mean robust_mean(std::vector<double> values) {
+double robust_mean(std::vector<double> values) {
     std::vector<double> sorted = values;
     const double median = common::upper_median(std::span(sorted));
     for (std::size_t k = 0; k < sorted.size(); ++k) sorted[k] = std::abs(values[k] - median);
     const double most = 5 * 1.4826 * common::upper_median(std::span(sorted)) + 1e-3;
     std::erase_if(values, [&](double v) { return std::abs(v - median) > most; });
     const auto count = static_cast<double>(values.size());
-    Mean mean;
-    for (const double v : values) mean.value += v / count;
-    for (const double v : values) mean.spread += (v - mean.value) * (v - mean.value);
-    mean.spread = std::sqrt(mean.spread / std::max(1.0, count - 1));
-    mean.sigma = mean.spread / std::sqrt(count);
+    double mean = 0;
+    for (const double v : values) mean += v / count;
     return mean;
 }
 
@@ -110,12 +105,8 @@ Result<SpotPlace> measure_spots(const FrameView& frame, const std::optional<Fram
         return fail(ErrorCode::refused, fmt::format("only {} lenslets show a spot", x.size()),
                     "let collimated light in over the whole field, below saturation");
     }
-    const Mean mean_x = robust_mean(x);
-    const Mean mean_y = robust_mean(y);
-    return SpotPlace{{mean_x.value, mean_y.value},
-                     {mean_x.sigma, mean_y.sigma},
-                     std::hypot(mean_x.spread, mean_y.spread) / std::sqrt(2.0),
-                     static_cast<int>(x.size())};
+    const auto lenslets = static_cast<int>(x.size());
+    return SpotPlace{{robust_mean(std::move(x)), robust_mean(std::move(y))}, lenslets};
 }
 
 }  // namespace hord::calib

@@ -42,9 +42,7 @@ Result<TiltList> read_tilts(const std::filesystem::path& file);
 
 struct SpotPlace {
     algo::PixelPoint offset_px;  // from the lenslets' centres, robust mean
-    algo::PixelPoint sigma_px;   // of that mean
-    double spread_px = 0;        // of single lenslets, an axis
-    int lenslets = 0;
+    int lenslets = 0;            // measured
 };
 // Fails with `refused` if fewer than 4 lenslets show a spot, with invalid_argument for frames of another size.
 Result<SpotPlace> measure_spots(const FrameView& frame, const std::optional<FrameView>& dark,
@@ -58,18 +56,22 @@ struct Tilt {
     SpotPlace spot;
 };
 
-struct DirectionFit {
-    algo::DirectionMap map;
-    std::vector<ModelReport> candidates;
-    std::string reason;
-    std::vector<double> sigma;  // one a parameter, px; 0 where fixed
-    std::vector<Unobservable> unobservable;
+// Quality of the direction map.
+struct DirectionStatistics {
+    std::string reason;                           // why this model
+    std::vector<double> sigma;                    // one a parameter, px; 0 where fixed
     double noise_px = 0;                          // of one capture and axis, from the residuals
     double left_out_x_px = 0, left_out_y_px = 0;  // RMS error of captures, each left out in turn
     double scale_px_a_rad = 0, scale_sigma = 0;   // mean over both axes, and its standard error
     double stage_rotation_rad = 0, stage_rotation_sigma = 0;
     bool mirrored = false;  // the stage's axes are a mirror image of the sensor's
     int captures = 0;       // including the empty field
+};
+
+struct DirectionFit : DirectionStatistics {
+    algo::DirectionMap map;
+    std::vector<ModelReport> candidates;
+    std::vector<Unobservable> unobservable;
 };
 
 // Fails with `refused`, with the reason: fewer than three tilts besides the empty field; tilts nearly on one line (the

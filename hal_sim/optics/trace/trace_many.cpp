@@ -285,9 +285,7 @@ HORD_ALWAYS_INLINE void trace_all(const Body& body, const CameraRay* rays, std::
     }
 }
 
-HORD_FOR_EACH_ISA(traced, void, trace_all,
-                  (const Body& body, const CameraRay* rays, std::size_t count, Arrival* arrivals, Ghost ghost),
-                  (body, rays, count, arrivals, ghost))
+HORD_FOR_EACH_ISA(traced, trace_all)
 
 }  // namespace
 

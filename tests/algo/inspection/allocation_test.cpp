@@ -6,7 +6,6 @@
 
 #include "algo/features/distance.h"
 #include "algo/frame/grid_decoder.h"
-#include "algo/maps/emd_anytime.h"
 #include "algo/maps/emd_threshold.h"
 #include "algo/maps/feature_map.h"
 #include "algo/recipe/recipe.h"
@@ -83,11 +82,6 @@ TEST(Allocation, no_map_allocates_after_set_up) {
                 const auto ground = *GroundDistance::between_bins(e.i, e.j);
                 auto decisions = EmdThresholdMap::create(e, bits, levels(bits), ground, threads);
                 EXPECT_EQ(allocated_by([&] { EXPECT_TRUE(decisions->decide(frame.view(), 1)); }), 0U);
-                auto anytime = AnytimeEmdMap::create(e, bits, levels(bits), ground, threads);
-                int pieces = 0;
-                const std::function<bool()> go_on = [&] { return ++pieces < 1000; };
-                EXPECT_EQ(allocated_by([&] { EXPECT_TRUE(anytime->start(frame.view(), go_on)); }), 0U);
-                EXPECT_LT(pieces, 1000);
             }
         }
     }
@@ -117,8 +111,6 @@ TEST(Workspace, of_every_map_is_below_16_mib_at_paper_size) {
     }
     const auto ground = *GroundDistance::between_bins(9, 9);
     expect_small("decisions", lenslets * 2, [&] { return EmdThresholdMap::create(e, 16, levels(16), ground, 2); });
-    expect_small("anytime", lenslets * (2 * sizeof(float) + 1),
-                 [&] { return AnytimeEmdMap::create(e, 16, levels(16), ground, 2); });
 }
 
 TEST(Allocation, decoding_a_raw_frame_into_one_that_is_there) {

@@ -94,26 +94,6 @@ TEST(EmdThresholdMap, are_those_of_the_exact_map_for_every_lenslet) {
     EXPECT_GT(decided, 2'000'000U);
 }
 
-TEST(EmdThresholdMap, against_a_reference_are_those_of_the_exact_map) {
-    const Extents e{80, 70, 9, 9};
-    std::mt19937_64 random(4);
-    for (const Ground& g : grounds(9, 9)) {
-        auto mapper = FeatureMapper::create(e, 8, levels(), g.feature, {.distance = g.options});
-        auto decisions = EmdThresholdMap::create(e, 8, levels(), g.ground, 2);
-        for (std::uint64_t round = 0; round < 2; ++round) {
-            const Frame frame = any_frame(e, round), reference = any_frame(e, round + (round % 2));
-            const auto exact = mapper->against(frame.view(), reference.view());
-            for (const float limit : hard_limits(exact->values, random)) {
-                const auto map = decisions->decide_against(frame.view(), reference.view(), limit);
-                for (std::size_t k = 0; k < e.lenslets(); ++k) {
-                    ASSERT_EQ(map->at_or_above[k] != 0,
-                              (exact->mask[k] & kNoGradient) == 0 && exact->values[k] >= limit);
-                }
-            }
-        }
-    }
-}
-
 TEST(EmdThresholdMap, take_few_solves_and_do_not_depend_on_the_number_of_threads) {
     const Extents e{90, 80, 9, 9};
     const Frame frame = any_frame(e, 0);
@@ -139,7 +119,6 @@ TEST(EmdThresholdMap, refuse_what_cannot_be) {
     auto decisions = EmdThresholdMap::create({20, 20, 9, 9}, 8, levels(), ground);
     EXPECT_FALSE(decisions->decide(Frame(180, 180, 8).view(), std::nanf("")));
     EXPECT_FALSE(decisions->decide(Frame(180, 171, 8).view(), 1));
-    EXPECT_FALSE(decisions->decide_against(Frame(180, 180, 8).view(), Frame(180, 180, 16).view(), 1));
 }
 
 }  // namespace

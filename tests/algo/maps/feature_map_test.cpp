@@ -41,12 +41,13 @@ struct Field {
         for (int n = 0; n < e.n; ++n) {
             for (int m = 0; m < e.m; ++m) {
                 const auto k = static_cast<std::size_t>(n * e.m + m) * static_cast<std::size_t>(e.bins());
-                Hord h = decode_hord(frame.view(), e, l, m, n,
-                                     std::span(masses).subspan(k, static_cast<std::size_t>(e.bins())));
+                Hord h{masses.data() + k, 0};
                 bool hot = false;
-                for (int y = 0; y < e.j; ++y) {
-                    for (int x = 0; x < e.i; ++x)
-                        hot = hot || frame.view().sample(m * e.i + x, n * e.j + y) >= l.saturated;
+                for (int b = 0; b < e.bins(); ++b) {
+                    const std::uint32_t sample = frame.view().sample(m * e.i + b % e.i, n * e.j + b / e.i);
+                    h.sum += masses[k + static_cast<std::size_t>(b)] =
+                        static_cast<std::uint16_t>(sample - std::min(sample, l.dark));
+                    hot = hot || sample >= l.saturated;
                 }
                 if (hot || h.sum < l.min_sum) h.sum = 0;
                 hords.push_back(h);
@@ -110,21 +111,17 @@ TEST(FeatureMap, against_a_reference_is_the_distance_at_the_same_place) {
         SCOPED_TRACE(std::string(name_of(feature)));
         auto distance = Distance::create(feature, e.i, e.j);
         auto mapper = FeatureMapper::create(e, 8, levels(8), feature);
-        for (const bool as_frame : {true, false}) {
-            const auto map = as_frame ? mapper->against(frame.view(), reference.view())
-                                      : mapper->against(frame.view(), wanted.hords);
-            ASSERT_TRUE(map);
-            std::size_t compared = 0;
-            for (std::size_t k = 0; k < e.lenslets(); ++k) {
-                const bool both = field.hords[k].sum > 0 && wanted.hords[k].sum > 0;
-                compared += both ? 1U : 0U;
-                ASSERT_EQ((map->mask[k] & kNoGradient) == 0, both);
-                ASSERT_NEAR(map->values[k],
-                            both ? static_cast<float>((*distance)(field.hords[k], wanted.hords[k])) : 0.0F,
-                            tolerance(feature));
-            }
-            EXPECT_GT(compared, e.lenslets() / 2);
+        const auto map = mapper->against(frame.view(), reference.view());
+        ASSERT_TRUE(map);
+        std::size_t compared = 0;
+        for (std::size_t k = 0; k < e.lenslets(); ++k) {
+            const bool both = field.hords[k].sum > 0 && wanted.hords[k].sum > 0;
+            compared += both ? 1U : 0U;
+            ASSERT_EQ((map->mask[k] & kNoGradient) == 0, both);
+            ASSERT_NEAR(map->values[k], both ? static_cast<float>((*distance)(field.hords[k], wanted.hords[k])) : 0.0F,
+                        tolerance(feature));
         }
+        EXPECT_GT(compared, e.lenslets() / 2);
         const auto itself = mapper->against(frame.view(), frame.view());
         EXPECT_LT(*std::ranges::max_element(itself->values), 1e-7F);
     }
@@ -263,7 +260,6 @@ TEST(FeatureMap, refuses_what_it_cannot_compare) {
     EXPECT_FALSE(slope->against(frame.view(), frame.view()));
     auto chi2 = FeatureMapper::create(e, 8, levels(8), Feature::chi2);
     EXPECT_FALSE(chi2->against(frame.view(), other.view()));
-    EXPECT_FALSE(chi2->against(frame.view(), std::span<const Hord>{}));
 }
 
 }  // namespace

@@ -14,7 +14,6 @@
 #include <vector>
 
 #include "algo/frame/mask.h"
-#include "algo/maps/emd_anytime.h"
 #include "algo/maps/emd_threshold.h"
 #include "algo/maps/feature_map.h"
 #include "algo/recipe/recipe.h"
@@ -77,11 +76,6 @@ std::uint64_t of_frames(const Extents& e, const FrameView& frame, const FrameVie
     }
     const auto ground = *GroundDistance::between_bins(e.i, e.j);
     sum.add(EmdThresholdMap::create(e, frame.bits, levels, ground)->decide(frame, 1)->at_or_above);
-    int pieces = 3;
-    auto anytime = AnytimeEmdMap::create(e, frame.bits, levels, ground);
-    const auto brackets = anytime->start(frame, [&] { return pieces-- > 0; });
-    sum.add(brackets->lower);
-    sum.add(brackets->upper);
     return sum.value;
 }
 
@@ -132,7 +126,7 @@ std::uint64_t of_comparison(const Reference& r, const FrameView& frame, Isa isa)
     const PoseMap pose({0.4, -0.3, 1.0 / 128}, r.extents);
     for (int n = 0; n < r.extents.n; ++n) {
         decode_row(frame, r.extents, r.levels, n, row);
-        comparer.compare_row(row, n, pose, 0.9, differences);
+        comparer.compare_row(frame, row.sums(), row.mask(), n, pose, 0.9, differences);
         for (const Difference& d : differences) {
             sum.add(std::uint64_t{d.has_light} + 2 * std::uint64_t{d.has_hord});
             const Scores scores = scores_of(d, r);

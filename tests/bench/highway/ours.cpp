@@ -47,11 +47,8 @@ HORD_ALWAYS_INLINE int cheapest(const float* cost, const float* v, float u, int 
     return bench::first_of(values, rows_of, *value);
 }
 
-HORD_FOR_EACH_ISA(chi2_for, void, chi2,
-                  (const float* a, const float* b, std::size_t stride, const Lit& lit, float* out),
-                  (a, b, stride, lit, out))
-HORD_FOR_EACH_ISA(cheapest_for, int, cheapest, (const float* cost, const float* v, float u, int rows, float* value),
-                  (cost, v, u, rows, value))
+HORD_FOR_EACH_ISA(chi2_for, chi2)
+HORD_FOR_EACH_ISA(cheapest_for, cheapest)
 
 }  // namespace
 }  // namespace hord::algo

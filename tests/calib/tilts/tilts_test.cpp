@@ -59,11 +59,11 @@ std::vector<Tilt> tilts_of(const Camera& camera, const std::vector<DirectionRad>
         PixelPoint at = camera.place(camera.sensor_of(direction));
         at.x_px += noise_px * random.normal();
         at.y_px += noise_px * random.normal();
-        out.push_back({"", direction, {at, {noise_px, noise_px}, noise_px, 100}});
+        out.push_back({"", direction, {at, 100}});
     }
     return out;
 }
-SpotPlace empty_of(const Camera& camera) { return {camera.zero, {}, 0, 100}; }
+SpotPlace empty_of(const Camera& camera) { return {camera.zero, 100}; }
 
 double worst(const Camera& camera, const algo::DirectionMap& map, double reach_rad) {
     double most = 0;

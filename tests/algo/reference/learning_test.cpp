@@ -1,0 +1,111 @@
+// Learning a reference from good parts.
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "algo/frame/mask.h"
+#include "algo/reference/read_noise.h"
+#include "tests/algo/reference/good_parts.h"
+
+namespace hord::algo {
+namespace {
+
+using namespace testing;
+
+TEST(Learning, names_the_parts_that_differ_from_all_others) {
+    const auto speck = [](int m, int n, Spot& s) {
+        if (std::hypot(m - 25, n - 20) < 2.5) s.light *= 0.4;
+    };
+    std::vector<Frame> frames;
+    for (std::uint64_t k = 0; k < 12; ++k)
+        frames.push_back(seen(k == 4 ? part(wobble(k), speck) : k == 9 ? part({9, 3, 0}) : part(wobble(k)), k));
+    const auto all = learn(frames.size(), [&](std::size_t k) { return frames[k]; });
+    ASSERT_TRUE(all) << all.error().message();
+    EXPECT_EQ(all->reference.parts, 10U);
+    ASSERT_EQ(all->left_out.size(), 2U);
+    EXPECT_EQ(all->left_out[0].part, 9U);  // it cannot be registered, which is checked first
+    EXPECT_EQ(all->left_out[1].part, 4U);
+    EXPECT_FALSE(all->poses[4]);
+}
+
+TEST(Learning, estimates_the_sensors_gain) {
+    std::vector<Frame> frames;
+    for (std::uint64_t k = 0; k < 12; ++k) frames.push_back(seen(part(wobble(k)), k));
+    const auto all = learn(
+        frames.size(), [&](std::size_t k) { return frames[k]; }, std::nullopt);
+    ASSERT_TRUE(all);
+    EXPECT_NEAR(all->reference.sensor.electrons_per_dn, 1, 0.3);
+}
+
+TEST(Learning, single_readings_far_from_all_light_leave_nothing_in_the_golden_hords) {
+    const Reference& r = learned().reference;
+    int valid = 0, far_light = 0, without_light = 0;
+    for (std::size_t k = 0; k < r.mask.size(); ++k) {
+        if (r.mask[k] != kValid) continue;
+        ++valid;
+        int lit = 0, far = 0;
+        for (int j = 0; j < 9; ++j) {
+            for (int i = 0; i < 9; ++i) {
+                if (r.shares[k * r.stride() + r.place(i, j)] == 0) continue;
+                ++lit;
+                far += std::hypot(i - 4 - static_cast<double>(r.x[k]), j - 4 - static_cast<double>(r.y[k])) > 4 ? 1 : 0;
+            }
+        }
+        far_light += far > 0 ? 1 : 0;
+        without_light += lit < 2 ? 1 : 0;
+    }
+    EXPECT_GT(valid, 500);
+    EXPECT_EQ(without_light, 0);
+    EXPECT_LT(far_light, valid / 50);  // where they stay it is three tenths
+}
+
+TEST(Learning, tells_the_read_noise_from_the_bins_without_light) {
+    const auto told = [](const Frame& frame, const LightLevels& levels) {
+        return read_noise_of(kField, levels, 4, [&](std::size_t) -> Result<Frame> { return frame; });
+    };
+    const Frame clean = part({});
+    for (const double electrons : {0.0, 1.0, 2.0, 4.0}) {
+        const auto read = told(noisy(clean, {1, electrons, 1}, 7, kBits), kLevels);
+        ASSERT_TRUE(read) << read.error().message();
+        EXPECT_NEAR(*read, electrons, 0.1 * electrons) << electrons;
+    }
+    // 8 bits: noise is less than a DN and values below 0 are clipped.
+    const Frame coarse = drawn(kField, 8, 150, [](int, int) { return Spot{0.3, -0.4, 0.9}; });
+    for (const double dn : {0.4, 0.6, 1.0}) {
+        const auto read = told(noisy(coarse, {10, 10 * dn, 1}, 8), {3, 20, 255});
+        ASSERT_TRUE(read) << read.error().message();
+        EXPECT_NEAR(*read, dn, 0.1 * dn);
+    }
+    // Light everywhere: there are no dark bins.
+    Frame bright = clean;
+    for (int y = 0; y < bright.height_px(); ++y) {
+        for (int x = 0; x < bright.width_px(); ++x) bright.set(x, y, 1000);
+    }
+    const auto none = told(bright, kLevels);
+    ASSERT_FALSE(none);
+    EXPECT_NE(none.error().cure.find("--read-dn"), std::string::npos);
+}
+
+TEST(Learning, needs_eight_parts_that_lie_alike) {
+    std::vector<Frame> frames;
+    for (std::uint64_t k = 0; k < 9; ++k) frames.push_back(seen(k < 7 ? part(wobble(k)) : part({8, 8, 0}), k));
+    const auto few = learn(7, [&](std::size_t k) { return frames[k]; });
+    ASSERT_FALSE(few);
+    const auto strangers = learn(9, [&](std::size_t k) { return frames[k]; });
+    ASSERT_FALSE(strangers);
+    EXPECT_NE(strangers.error().what.find("part 8"), std::string::npos) << strangers.error().what;
+}
+
+TEST(Learning, the_same_frames_give_the_same_reference) {
+    std::vector<Frame> frames;
+    for (std::uint64_t k = 0; k < 8; ++k) frames.push_back(seen(part(wobble(k)), k));
+    const auto a = learn(8, [&](std::size_t k) { return frames[k]; }),
+               b = learn(8, [&](std::size_t k) { return frames[k]; });
+    ASSERT_TRUE(a && b);
+    EXPECT_EQ(a->reference.shares, b->reference.shares);
+    EXPECT_EQ(a->reference.spread, b->reference.spread);
+    EXPECT_TRUE(check(a->reference));
+}
+
+}  // namespace
+}  // namespace hord::algo
