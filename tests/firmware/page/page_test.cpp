@@ -144,6 +144,13 @@ TEST(PageViewers, are_so_many_and_no_more_and_a_slow_one_is_told_to_ask_anew) {
     EXPECT_FALSE(viewers.enter());
 }
 
+std::set<std::string> names_in(const std::string& text, const std::regex& pattern) {
+    std::set<std::string> names;
+    for (auto at = std::sregex_iterator(text.begin(), text.end(), pattern); at != std::sregex_iterator(); ++at)
+        names.insert((*at)[1].str());
+    return names;
+}
+
 TEST(PageLive, keeps_a_strip_of_fixed_length_and_says_when_nobody_answers) {
     Viewers viewers(1);
     Live live(viewers);
@@ -162,6 +169,20 @@ TEST(PageLive, keeps_a_strip_of_fixed_length_and_says_when_nobody_answers) {
     EXPECT_EQ(state["trouble"]["cure"], "check the cable");
     EXPECT_TRUE(state["faults_active"].empty());
     EXPECT_EQ(state["run_permit"], false);
+}
+
+TEST(PageLive, state_has_every_key_that_the_page_reads) {
+    Viewers viewers(1);
+    Live live(viewers);
+    live.set_unreachable({ErrorCode::disconnected, "station 1 cannot be reached", "check the cable"});
+    live.set_light(0.8);
+    const Json state = live.state_json();
+    const std::string script =
+        store::test::read_text(std::filesystem::path(HORD_SOURCE_DIR) / "firmware/page/site/page.js");
+    const std::set<std::string> keys = names_in(script, std::regex(R"(\bstate\.([a-z_]+))"));
+    EXPECT_GE(keys.size(), 10U);
+    for (const std::string& key : keys) EXPECT_TRUE(state.contains(key)) << key;
+    EXPECT_EQ(state["light_share"], 0.8);
 }
 
 // -- the store and the ring
@@ -360,13 +381,6 @@ TEST(PageMetrics, say_what_the_station_said) {
     const std::string without = metrics_text(away.figures(), {});
     EXPECT_THAT(without, HasSubstr("hord_station_up 0\n"));
     EXPECT_THAT(without, ::testing::Not(HasSubstr("hord_run_permit")));  // old news are no news
-}
-
-std::set<std::string> names_in(const std::string& text, const std::regex& pattern) {
-    std::set<std::string> names;
-    for (auto at = std::sregex_iterator(text.begin(), text.end(), pattern); at != std::sregex_iterator(); ++at)
-        names.insert((*at)[1].str());
-    return names;
 }
 
 TEST(PageMetrics, all_that_the_dashboard_asks_for_exist_and_all_are_described) {
