@@ -17,11 +17,6 @@ constexpr void expect_no_overflow([[maybe_unused]] bool fits) {
 #endif
 }
 
-// value / 2^bits to the nearest integer, halves away from zero (so that negating commutes); bits 1..61, |value| < 2^61.
-constexpr std::int64_t shift_right_rounded(std::int64_t value, int bits) {
-    return (value + (std::int64_t{1} << (bits - 1)) - (value < 0 ? 1 : 0)) >> bits;
-}
-
 // numerator / denominator to the nearest integer, halves away from zero; denominator > 0, |numerator| < 2^62.
 constexpr std::int64_t divide_rounded(std::int64_t numerator, std::int64_t denominator) {
     const std::int64_t half = denominator / 2;
@@ -41,7 +36,6 @@ class Q {
     static_assert(I >= 0 && F >= 0 && I + F <= 62);
 
   public:
-    static constexpr int kIntegerBits = I;
     static constexpr int kFractionBits = F;
     using Raw = std::conditional_t<(I + F <= 31), std::int32_t, std::int64_t>;
 

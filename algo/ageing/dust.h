@@ -1,16 +1,9 @@
 // Dust on the optics, found from the inspections of many parts: a place of the sensor that responds in part after part.
 //
-// In a judged part a lenslet responds if
-//   - without a reference: its light (Inspection::sums) is below kDip of the mean of its neighbours at `reach` lenslets
-//     (4; fewer in small fields) to the left and right, or above and below: the smaller of the two means, so that a
-//     slope of the light or a line does not respond;
-//   - with a reference: it differs from the reference by kNotable standard deviations or more (Inspection::z_score);
-//   - or it lies in a defect (the disc of its area about its centre; not of defects larger than 1/64 of the field).
-// Lenslets outside the part, at its rim, outside the recipe's zones, or saturated are not checked in that part.
-//
-// Lenslets that respond in most parts of a window, and more often than chance explains, are specks. The probability of
-// a false alarm is at most kFalseAlarms a window. Derivation, and when a speck is told apart from a flaw of the parts:
-// docs/notes/ageing.md.
+// In a judged part a lenslet responds if it is darker than its neighbours (kDip), differs from the reference
+// (kNotable), or lies in a defect. Lenslets outside the part, at its rim, outside the recipe's zones, or saturated are
+// not checked in that part. Lenslets that respond in most parts of a window, and more often than chance explains, are
+// specks. The probability of a false alarm is at most kFalseAlarms a window. Exact rules: docs/notes/ageing.md.
 //
 // create() allocates all memory, about ten bytes a lenslet. Not thread-safe.
 #pragma once

@@ -1,23 +1,10 @@
-// The exact earth mover's distance (EMD) between two HORDs (Eqs. 9-11).
-//
-// A pair goes down this ladder until a solver covers it and proves its plan optimal:
-//
-//   solver               covers                                                      solved together
-//   knapsack_batch.h     sparse pairs, <= kMaxKnapsackBins bins lit in either HORD   kBatchLanes
-//   transport_batch.h    other sparse pairs (<= kMaxSparseBins lit bins), and        kBatchLanes of one shape
-//                        residuals with <= kMaxBatchSide bins on either side
-//   transport_simplex.h  everything; starts from transport_batch.h's plan, if any    1
-//
-// A sparse pair comes from submit(SparseHord) with a metric ground, S_a * S_b < kInt32MassLimit, both HORDs compacted
-// and their first lit bins <= kMaxSparseShift apart (sparse_hord.h, AVX2 only). All others get a residual (residual.h).
-// A residual without mass, or with one bin on one side, needs no solver: its cost is a sum.
+// The exact earth mover's distance (EMD) between two HORDs (Eqs. 9-11), by the cheapest of three solvers that covers
+// the pair and proves its plan optimal: knapsack_batch.h, transport_batch.h, transport_simplex.h. Which pair goes to
+// which, ranges and errors: docs/notes/emd.md.
 //
 // Masses. Over the common denominator S_a * S_b the difference of h = a / S_a and g = b / S_b is d = a * S_b - b * S_a,
-// an integer. Nothing is rounded before the cost is computed.
-//   range  a mass < 2^16 and a sum < 2^24: |d| < 2^40, and the mass of a side is at most S_a * S_b < 2^48. Masses are
-//          std::int32_t below kInt32MassLimit, else doubles: every sum, difference and minimum is exact.
-//   error  a plan is accepted if no reduced cost, in double precision, is below -2^-36 of the largest cost. Its cost is
-//          less than 1e-9 bin pitches above the exact distance (transport_simplex.h); never NaN or infinite.
+// an integer: |d| < 2^40, the mass of a side < 2^48. All sums, differences and minima of masses are exact.
+//   error  less than 1e-9 bin pitches above the exact distance; never NaN or infinite.
 //   bits   the same on every instruction set and compiler: only +, -, *, /, sqrt, in fixed order, without contraction.
 // Mass that both HORDs share in a bin is cancelled if the ground distance is a metric, and kept otherwise.
 // Tests: tests/algo/emd/emd_solver_test.cpp (LEMON as oracle), sparse_hord_test.cpp.

@@ -71,13 +71,4 @@ Result<GroundDistance> GroundDistance::between_directions(int bins_i, int bins_j
     return ground;
 }
 
-Result<void> check_bins(const GroundDistance& ground, const Extents& extents) {
-    if (ground.bins_i() == extents.i && ground.bins_j() == extents.j) return {};
-    const auto size_of = [](int i, int j) { return std::to_string(i) + "x" + std::to_string(j) + " bins"; };
-    return fail(ErrorCode::invalid_argument,
-                "a ground distance between " + size_of(ground.bins_i(), ground.bins_j()) + " for lenslets of " +
-                    size_of(extents.i, extents.j),
-                "make one for the same bins");
-}
-
 }  // namespace hord::algo

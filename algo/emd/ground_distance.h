@@ -66,8 +66,4 @@ class GroundDistance {
     std::vector<double> cost_;  // bins x bins
 };
 
-struct Extents;
-// Fails with invalid_argument when the ground distance has other numbers of bins than the extents.
-Result<void> check_bins(const GroundDistance& ground, const Extents& extents);
-
 }  // namespace hord::algo

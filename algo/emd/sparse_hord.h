@@ -1,10 +1,8 @@
-// HORDs reduced to their lit bins. Most lenslets have few lit bins, and each is compared with four neighbours: finding
-// the bins once makes a difference one vector operation, while find_residual() scans all bins of every pair.
+// HORDs reduced to their lit bins, so that a difference is one vector operation (docs/notes/emd.md).
 //
 // Formats, ranges: a mass is < 2^16 and at most its HORD's sum. So where S_a * S_b < kInt32MassLimit both products of
-// d = a * S_b - b * S_a, d, and the sum of a side are std::int32_t; other pairs are left to find_residual(). Lit bins
-// are one word from the first lit bin on: kMaxSparseSpan bits shifted by at most kMaxSparseShift fit 64 bits.
-// The same integers on every instruction set. Test: tests/algo/emd/sparse_hord_test.cpp.
+// d = a * S_b - b * S_a, d, and the sum of a side are std::int32_t; other pairs are left to find_residual(). The same
+// integers on every instruction set. Test: tests/algo/emd/sparse_hord_test.cpp.
 #pragma once
 
 #include <array>

@@ -1,11 +1,5 @@
 // Batches of small transport problems, one per lane. All problems of a batch have the same numbers of rows and columns
-// and so take the same steps.
-//
-//   one row    all its mass goes to the columns.
-//   two rows   a fractional knapsack: columns take from the first row in order of gain until it is used up, then from
-//              the second. Float keys give the order; where they cannot prove the plan: as with more rows.
-//   more rows  a plan by least reduced cost (transport_simplex.h) and its duals. Where a cell could still lower the
-//              cost, `proven` is false, and the simplex continues from this plan.
+// and so take the same steps (docs/notes/emd.md). Where a plan is not proven optimal, `proven` is false.
 //
 // Formats, ranges and error bound are those of emd_solver.h: std::int32_t and doubles give the same results. The 8 low
 // bits of a float key are replaced by the number of the cell. The operations on a problem and their order do not depend

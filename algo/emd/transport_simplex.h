@@ -1,17 +1,8 @@
 // The transportation simplex: least-cost transport of integer masses from rows (sources) to columns (sinks).
 //
-// Starts from a plan (transport_start.h). Then the cell with the least reduced cost enters a strongly feasible spanning
-// tree (transport_tree.h); with more than kRowsToPrice rows, the least of some of them. No tree repeats, so it ends;
-// kPivotsPerNode limits the pivots in addition.
-//
-// Numbers. Masses are integers < 2^53 held in doubles, exact. Pivots are chosen with integer costs up to 2^27 whose low
-// bits are tags (transport_cells.h). Duals, sums and differences of costs along the tree, are exact and limited to
-// 2^29: reduced costs fit 31 bits. When no reduced cost is negative, every cell whose sign may be wrong by the rounding
-// of integer costs around its cycle is computed again from double costs. It enters if it is below -tolerance = -2^-36
-// of the largest cost; a sum of at most 450 costs is wrong by less than 2^-43 of it, so rounding alone never pivots.
-// The accepted plan costs at most tolerance + rounding per unit of mass more than the optimum: < 1e-9 for costs up
-// to 20. If duals leave their range, the solve starts again with costs of 2, 4, then 6 bits fewer, which no tree can
-// exceed.
+// Masses are integers < 2^53 held in doubles, exact. A plan is accepted if no reduced cost is below -kTolerance of
+// the largest cost; it costs less than 1e-9 per unit of mass more than the optimum, for costs up to 20.
+// How the cells are priced, and why it ends: docs/notes/emd.md.
 #pragma once
 
 #include <cstdint>

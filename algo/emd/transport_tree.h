@@ -1,13 +1,7 @@
 // The spanning tree of the transportation simplex, and its pivot. For transport_simplex.cpp only.
 //
 // Nodes are the rows and columns of the transport problem; its arcs, one fewer, are numbered. For every node the tree
-// stores its path: the set of arcs to the root, as bits. The cycle that an arc closes is the symmetric difference of
-// the paths of its ends. After a pivot the paths that contained the leaving arc change by that cycle. Duals are updated
-// in the same pass.
-//
-// The tree is strongly feasible (Cunningham 1976): an arc without flow has its row below its column, and the leaving
-// arc is the last blocking one along the cycle from its apex. So no tree repeats.
-//
+// stores its path to the root, a set of arcs as bits. It stays strongly feasible (Cunningham 1976): docs/notes/emd.md.
 // Flows are integers < 2^53 held in doubles, exact. Duals are integers (transport_simplex.cpp).
 #pragma once
 

@@ -2,11 +2,9 @@
 //
 //     mean = sum over bins of r(i,j) * mass(i,j) / sum,    r(i,j) = (i - (I-1)/2, j - (J-1)/2)   (Eq. 12)
 //
-// Unit: bin pitches, positive to the right and downwards. Moments in half bins are exact integers of at most 14 * sum
-// (algo/frame/decode.h) < 2^28; doubles hold them and the sum exactly. The quotient is at most 14, rounded once by at
-// most 2^-50, then rounded to Q7.24, halves away from zero: |mean| <= 7, error < 2^-25 + 2^-49 < 2^-24 bin (contract:
-// 2^-12; test: tests/algo/features/deflection_test.cpp). A mirrored HORD has exactly the negated deflection. IEEE 754
-// division and rounding: the same bits on every platform.
+// Unit: bin pitches, positive to the right and downwards, |mean| <= 7. Error < 2^-24 bin (docs/notes/features.md; test:
+// tests/algo/features/deflection_test.cpp). A mirrored HORD has exactly the negated deflection. The same bits on every
+// platform.
 #pragma once
 
 #include <span>

@@ -1,20 +1,15 @@
 // The distances between two HORDs, chosen by name (algo/features/feature.h), with one interface.
 //
-// Numbers. All are built from d = a * S_b - b * S_a and s = a * S_b + b * S_a (emd_solver.h): integers < 2^41, exact in
-// int64 and in a double; no product of them is formed in integers. Then only +, -, *, / and sqrt of doubles, in the
-// order of the bins: the same bits on every platform. Results are finite; errors are absolute.
+// All are built from d = a * S_b - b * S_a and s = a * S_b + b * S_a (emd_solver.h), exact in doubles; then only +, -,
+// *, / and sqrt in the order of the bins: the same bits on every platform. Results are finite; absolute error < 1e-9
+// (emd: emd_solver.h). Test: tests/algo/features/distance_test.cpp, against the definitions in long double.
 //
-//   centroid       |mean(a) - mean(b)| of the directions. Error < 1e-9 for directions up to 1e3.
-//   marginal       sqrt(W1x^2 + W1y^2), W1 of the marginals: between centroid and emd (Jensen). Error < 1e-9.
-//   sliced         sin(pi/2K) * sum of W1 over K = 8 projections at equal angles: at most emd for every K, because a
-//                  vector's mean projection is at least 2/pi of its length times (pi/2K)/sin(pi/2K). Error < 1e-9.
-//   hellinger      sqrt(sum (sqrt(h) - sqrt(g))^2 / 2), 0 equal .. 1 disjoint. Error < 1e-9 (contract: 1e-4).
-//   chi2           sum (h - g)^2 / (h + g) / 2, 0 equal .. 1 disjoint. Error < 1e-9 (contract: 1e-4).
-//   bhattacharyya  -ln sum sqrt(h g): at most 24 ln 2 if HORDs overlap (one unit in 2^24 shared). Disjoint ones get
-//                  kBhattacharyyaLimit instead of infinity, counted by saturated(). Error < 1e-9.
-//   emd, -l1, -sq  emd_solver.h.
-//
-// Test: tests/algo/features/distance_test.cpp, against the definitions in long double.
+//   centroid       |mean(a) - mean(b)| of the directions, for directions up to 1e3
+//   marginal       sqrt(W1x^2 + W1y^2), W1 of the marginals: between centroid and emd
+//   sliced         sin(pi/2K) * sum of W1 over K = 8 projections at equal angles: at most emd (docs/notes/features.md)
+//   hellinger      sqrt(sum (sqrt(h) - sqrt(g))^2 / 2), 0 equal .. 1 disjoint
+//   chi2           sum (h - g)^2 / (h + g) / 2, 0 equal .. 1 disjoint
+//   bhattacharyya  -ln sum sqrt(h g); kBhattacharyyaLimit instead of infinity if disjoint, counted by saturated()
 #pragma once
 
 #include <cstdint>

@@ -3,10 +3,8 @@
 //     x = EMD(left, right)      y = EMD(above, below)      norm = sqrt(x^2 + y^2)
 //
 // Unit: bin pitches over the two lenslets from neighbour to neighbour (not divided by two). EMD is exact, with
-// Euclidean ground distance. The paper leaves the norm open; here it is Euclidean. It does not change when the field is
-// transposed or mirrored, and because EMD >= distance of the means it is at least twice the Jacobian's Frobenius norm
-// (algo/features/jacobian.h). Borders, dark and saturated lenslets: algo/features/stencil.h. No distance to an invented
-// HORD is computed; missing light is a feature of its own (algo/features/transmission.h).
+// Euclidean ground distance. Borders, dark and saturated lenslets: algo/features/stencil.h. Why the norm is Euclidean:
+// docs/notes/features.md.
 #pragma once
 
 #include "algo/emd/emd_solver.h"

@@ -1,15 +1,11 @@
 // Decodes one row of lenslets of a macro-pixel frame into a row of HORDs.
 //
 //     mass(m; i, j) = max(0, sample(m*I + i, n*J + j) - dark)        sum(m) = sum of its masses
+//     moment_x = sum of (2i - (I-1)) * mass        moment_y = sum of (2j - (J-1)) * mass        half bins times DN
 //
-// h = mass / sum (Eq. 8) stays exact because nothing is divided. The first moments are exact integers, in half bins
-// times DN, because the centre of an even number of bins lies between two of them:
-//
-//     moment_x = sum of (2i - (I-1)) * mass        moment_y = sum of (2j - (J-1)) * mass
-//
+// All are exact integers: h = mass / sum (Eq. 8) is not divided, and half bins have no fraction where the centre of an
+// even number of bins lies between two of them.
 // Ranges: a mass fits 16 bits; at most 15 x 15 of them sum to less than 2^24, moments are below 14 * 2^24 < 2^28.
-// The sum of a column of 8-bit masses fits 16 bits: at most 15 * 255, and weighted with the row 120 * 255 < 2^15; that
-// of 16-bit masses fits 32 bits: 120 * 65535 < 2^23.
 //
 // A lenslet whose sum is below `min_sum` is kDark. One with a sample at or above `saturated`, before the dark level is
 // subtracted, is kSaturated. Neither has a HORD.

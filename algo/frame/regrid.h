@@ -7,8 +7,7 @@
 // light. If a lenslet around X is missing, the output has no light.
 //
 // Formats. Weights are Q0.8 and sum to exactly 256: a bin is (sum of w * sample + 128) >> 8, never above its largest
-// sample. Weights are computed with + - * / and floor only. Each lattice row is decoded once, into a ring buffer of the
-// rows that one output row uses.
+// sample. Weights are computed with + - * / and floor only.
 #pragma once
 
 #include <cstdint>

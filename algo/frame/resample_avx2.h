@@ -1,12 +1,7 @@
 // Decodes whole rows of bins of 8-bit lenslets whose bins lie in rows and columns, with AVX2. Used by
-// algo/frame/resample.cpp only.
+// algo/frame/resample.cpp only. How: docs/notes/decoding.md.
 //
-// The phase of a lenslet's first bin (1/32 px) determines which pixels its bins read along x, and with which weights.
-// Each of the 32 phases is stored as two shuffles of 16 pixels and their weights. Each raw row is shuffled and weighted
-// once (a pair of taps in one instruction); then each row of bins sums its weighted raw rows.
-//
-// Formats as in algo/frame/resample.h: weights are Q0.7, those of a phase sum to 128. A pair of taps fits 16 bits: at
-// most 255 * 128 = 32640 < 2^15. Raw rows times weights fit 32 bits: 32640 * 128 < 2^23. The same integers as
+// Formats as in algo/frame/resample.h; a pair of taps fits 16 bits, raw rows times weights fit 32. The same integers as
 // Resampler::bin().
 #pragma once
 

@@ -5,16 +5,11 @@
 //     gradient / its limit        frobenius / frobenius_limit        (1 - transmission) / (1 - transmission_limit)
 //
 // Lenslets of severity 1 and above are flagged. Flagged lenslets that touch, at sides or corners, or have one lenslet
-// between them, are one region: central differences skip a lenslet, so one defect may leave a ring or a double line.
-// Regions with fewer flagged lenslets than `min_area` are dropped. OpenCV labels the regions.
+// between them, are one region. Regions with fewer flagged lenslets than `min_area` are dropped.
 //
 // A defect's position is the centroid of its flagged lenslets. Its peak is the largest value of the feature that
-// exceeds its limit most (for missing light: the missing share, 0..1). Its kind is for display only:
-//   scratch     at least 8 lenslets long and 4 times as long as wide
-//   absorbing   light is missing, no gradient is above its limit
-//   scattering  neighbours disagree; the mean deflection and the light are within their limits
-//   surface     the mean deflection changes too fast, no light is missing
-//   unknown     light is missing and a gradient is above its limit: bubbles, cuts
+// exceeds its limit most (for missing light: the missing share, 0..1). Its kind, for display only:
+// docs/notes/inspection.md.
 #pragma once
 
 #include <cstdint>

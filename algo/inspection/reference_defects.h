@@ -1,23 +1,14 @@
 // Defects of a part that is compared with a reference: regions that differ from good parts by more than noise and the
 // spread of good parts.
 //
-// A lenslet's severity is the larger of
-//   - its score against the reference (algo/reference/reference_comparison.h), in units of noise, over `reject_score`,
-//     also at the part's rim, where the reference knows the spread of good parts. Missing light at or beyond
-//     `reject_score` is scored by the root of the Poisson deviance (all of N electrons: sqrt(2 N));
-//   - its gradients over neighbours less those of a typical good part, over their limits; not at the rim.
+// A lenslet's severity is the larger of its score against the reference (algo/reference/reference_comparison.h), in
+// units of noise, over `reject_score`, also at the part's rim; and of its gradients over neighbours less those of a
+// typical good part, over their limits, not at the rim.
 // Hysteresis: a region is connected, at sides or corners, at or above `grow_score`. It is a defect if the severity of
 // one lenslet reaches 1, or if the root of the sum of its squared scores reaches `cluster_score`. Tolerances of the
-// recipe may allow it.
+// recipe may allow it. Lenslets outside the part, outside the recipe's zones, or saturated are not judged.
 //
-// The kind, from the region's sums of squared scores:
-//   scratch     long and thin (kScratchLength, kScratchRatio)
-//   absorbing   missing light is most of the sum
-//   scattering  a wider spread of deflections is much of it, and more than the shift and shape of the next
-//   surface     shift of the mean deflection, with change of shape (bins are coarse: a shift changes the shape) and
-//               spread, is most of it
-//   unknown     none of these
-// Lenslets outside the part, outside the recipe's zones, or saturated are not judged.
+// Score of missing light, and the kind of a defect: docs/notes/inspection.md.
 #pragma once
 
 #include <cstdint>

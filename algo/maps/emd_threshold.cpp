@@ -95,7 +95,10 @@ Result<EmdThresholdMap> EmdThresholdMap::create(const Extents& extents, int bits
                                                 const GroundDistance& ground, int threads) {
     if (auto valid = check(extents); !valid) return tl::unexpected(valid.error());
     if (auto valid = check_bits(bits); !valid) return tl::unexpected(valid.error());
-    if (auto valid = check_bins(ground, extents); !valid) return tl::unexpected(valid.error());
+    if (ground.bins_i() != extents.i || ground.bins_j() != extents.j) {
+        return fail(ErrorCode::invalid_argument, "a ground distance between other bins than those of the lenslets",
+                    "make one for the same bins");
+    }
     auto pool = RowThreadPool::create(threads);
     if (!pool) return tl::unexpected(pool.error());
     auto state = common::make_opaque<State>();

@@ -1,16 +1,13 @@
 // One value per lenslet of a feature that compares: over neighbours, or against a reference of the same place.
 //
 //   over neighbours      a distance: the gradient norm sqrt(x^2 + y^2) of the distances left-right and above-below
-//                        (algo/features/gradient.h); or a norm of the Jacobian, or its anisotropy
-//                        (algo/features/jacobian.h)
+//                        (algo/features/gradient.h); or a number of the Jacobian (algo/features/jacobian.h)
 //   against a reference  the distance between the HORDs of frame and reference at the same place; no border
 //
-// Rows are streamed through three rows of HORDs per thread; nothing is allocated after create(). Values do not depend
-// on the number of threads or the instruction set, to the bit. They are finite, and 0 where `mask` says there is no
-// value; its bit kAtLimit flags values that are a limit instead of a distance. emd, emd-l1, emd-sq, sliced,
-// bhattacharyya, and every distance on a direction map, are floats of the doubles of algo/features/distance.h. The
-// others are computed sixteen lenslets at a time (algo/soa/soa_distances.h) and differ from those by at most 6e-5.
-// Transmission compares with the whole part: see algo/inspection/pipeline.h.
+// Values do not depend on the number of threads or the instruction set, to the bit. They are finite, and 0 where `mask`
+// says there is no value; its bit kAtLimit flags values that are a limit instead of a distance. They are floats of the
+// doubles of algo/features/distance.h, or differ from those by at most 6e-5 (algo/soa/soa_distances.h, for the features
+// and bins that it covers). Nothing is allocated after create().
 #pragma once
 
 #include <cstdint>

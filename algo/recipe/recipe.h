@@ -60,10 +60,7 @@ constexpr bool is_judged_gradient(Feature feature) {
 }
 
 // Default light levels at 8 bits, DN; at b bits 2^(b-8) times as many, the same share of the full scale.
-// Dark level: about ten times the rounding noise of 8 bits (0.29 DN) and five times a read noise of 0.6 DN, so dark
-// bins stay empty. Least sum: 1/16 of a bin at full scale. With ten or more electrons a DN that is at least
-// 160 electrons, where the EMD of two draws of one HORD is about half a bin. With less light a HORD is noise; such a
-// lenslet is judged by its transmission alone.
+// Why these: docs/notes/inspection.md.
 constexpr std::uint32_t kDarkDn8Bit = 3;
 constexpr std::uint32_t kMinSumDn8Bit = 16;
 
@@ -84,17 +81,8 @@ struct Recipe {
     bool slopes = true;                              // the Jacobian of the mean deflection
     bool light = true;  // the transmission; with a reference the score of the light is judged instead
 
-    // Limits. A region of lenslets at or above a limit, of at least `min_area` lenslets, is a defect.
-    //
-    // Why these defaults. Gradients: a good part may use the range of 9 bins smoothly over 40 lenslets, 0.2 bin a
-    // lenslet along each axis: 0.28 in the Frobenius norm, 0.57 in the EMD gradient (over two lenslets). Bins of finite
-    // width make the gradient ripple: the mean of a spot 1.22 bins wide moves up to 1.27 times as fast as the spot over
-    // 0.4 bin, which gives 0.36 and 0.72. From 500 electrons a lenslet on, noise adds less than 0.04 to the Frobenius
-    // norm and up to 0.3 to the EMD gradient, where it does not average out. Set lower limits for weaker parts.
-    // Transmission: at 500 electrons a lenslet photon noise is 4.5 % and 8-bit rounding with the dark level 2 %,
-    // together 25 % at five sigma; the light of a good lens varies by 4 % more. An opaque spot that covers 30 % of a
-    // lenslet is found. Tests: real_frames_test.cpp (traced frames) and properties_test.cpp (drawn ones) in
-    // tests/algo/inspection.
+    // Limits. A region of lenslets at or above a limit, of at least `min_area` lenslets, is a defect. Why these
+    // defaults: docs/notes/inspection.md.
     float emd_limit_bins = 1.0F;        // neighbour EMD gradient, Euclidean ground, bin pitches (Eqs. 9-11)
     float frobenius_limit_bins = 0.4F;  // |Jacobian of the mean deflection|_F, bin pitches a lenslet (Eqs. 12-14)
     float transmission_limit = 0.7F;    // light relative to the part's own typical lenslet, 0 (off) to 1

@@ -1,11 +1,8 @@
 // Compares the lenslets of a registered part with the reference HORDs at their places: change of light, shift of the
 // mean deflection, scattering, and the remaining change of shape, each with its variance by noise.
 //
-// A weighted least-squares fit of three templates (algo/reference/template_fit.h) separates shift and scattering; its
-// rest is chi-square. Light is compared separately, at the part's typical light. If chi-square is large (kLargeRest),
-// the shift may be too large for the fit: if the mean over all bins moved by more than kLargeShiftBins beyond the
-// differences between neighbours in the reference, that is the deflection_shift. Variances and their reasons:
-// docs/notes/reference.md.
+// A fit of three templates (algo/reference/template_fit.h) separates shift and scattering; its rest is chi-square.
+// Light is compared separately, at the part's typical light. Large shifts, and the variances: docs/notes/reference.md.
 #pragma once
 
 #include <array>

@@ -1,17 +1,9 @@
-// Learns a Reference from frames of good parts.
+// Learns a Reference from frames of good parts, in passes: poses, reference HORDs, both again, spread. The frames are
+// read in order in each pass, and one is held at a time: the memory does not depend on the number of parts.
 //
-// The frames are read once in each pass, in order, and one is held at a time: the memory does not depend on the number
-// of parts. The passes:
-//   1  poses of the parts, relative to one of them; the median pose becomes that of the reference
-//   2  reference HORDs: the mean of the HORDs of all parts at the same place of the part (cubic interpolation)
-//   3  poses and reference HORDs again, now registered to the mean HORDs of pass 2
-//   4  spread: how much the parts differ from the reference HORDs beyond noise (algo/reference/spread_estimate.h)
-// A part is left out, with the reason, and passes 3 and 4 are repeated, if
-//   - it cannot be registered, or its frame has too little light;
-//   - it alone makes the deviation (Grubbs' test on its share of the sum of squared scores) in more lenslets than
-//     kOutlierLenslets plus four times the median of all parts.
-// If the sensor's electrons a DN are not given, pass 4 estimates them: the median lenslet's chi-square becomes that of
-// noise.
+// A part is left out, with the reason, if it cannot be registered, its frame has too little light, or it alone makes
+// the deviation in too many lenslets (kOutlierLenslets plus four times the median of all parts). If the sensor's
+// electrons a DN are not given, they are estimated. The passes: docs/notes/reference.md.
 #pragma once
 
 #include <cstdint>

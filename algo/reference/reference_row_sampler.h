@@ -1,16 +1,12 @@
 // The reference HORDs along a row of a part, sixteen lenslets at a time, in the SoA layout (the same bin of
-// neighbouring lenslets is contiguous).
-//
-// A part's row is a straight line in the reference, its lenslets almost one lenslet apart. Two cubic interpolations:
-// between rows, every column of the reference where the line crosses it, from the four lenslets above and below;
-// between columns, every lenslet along the line, from four such columns. Columns are processed in blocks of sixteen; a
-// lenslet belongs to the block in which its four columns begin.
+// neighbouring lenslets is contiguous): cubic interpolation between rows, then between columns. Columns are processed
+// in blocks of sixteen; a lenslet belongs to the block in which its four columns begin. docs/notes/reference.md.
 //
 // ReferenceSoa is the reference in that layout, made once: for every row and block of columns the bins that have light
 // there or up to four rows away, as floats. 56 MB at the paper's size; threads share it.
 //
-// Formats. Shares are Q0.15 below 1, cubic weights Q1.7: the sum over four lenslets stays below 1.25 * 2^7 * 2^15 <
-// 2^23 and is exact in floats, in any order. Then floats, lane by lane: the same bits on every instruction set.
+// Formats. Shares are Q0.15 below 1, cubic weights Q1.7: the sum over four lenslets stays below 2^23 and is exact in
+// floats, in any order. Then floats, lane by lane: the same bits on every instruction set.
 #pragma once
 
 #include <cstdint>

@@ -1,12 +1,8 @@
-// Registration: finds a part's pose from its maps of light and mean deflection, to a small fraction of a lenslet.
+// Registration: finds a part's pose from its maps of light and mean deflection, to a small fraction of a lenslet, by
+// robust Gauss-Newton from the reference's own pose over a regular sample of lenslets (docs/notes/reference.md).
 //
-// Robust Gauss-Newton from the reference's own pose, over a regular sample of lenslets (40 x 40 at most) and three
-// channels (light over typical light, mean deflection along x and y). Residuals are part minus reference over the
-// noise, with weights 1 / (1 + (r/3)^2) that suppress defects. The noise is larger where the slope of the reference's
-// map changes: the values at edges depend on where in a lenslet the edge lies. Details: docs/notes/reference.md.
-//
-// Registration fails if the steps do not converge, if the pose exceeds kFarthestLenslets or kFarthestSine, or if more
-// than kForeignShare of the samples disagree grossly (another kind of part).
+// It fails if the steps do not converge, if the pose exceeds kFarthestLenslets or kFarthestSine, or if more than
+// kForeignShare of the samples disagree grossly (another kind of part).
 //
 // Maps are read in floats, all else is doubles, + - * / and square roots in a fixed order: the same bits everywhere.
 // The constructor allocates all memory.

@@ -1,9 +1,6 @@
 // How much good parts differ from the reference HORDs, lenslet by lenslet, beyond noise: pass 4 of
-// algo/reference/reference_learner.h, which is its only user.
-//
-// Trimmed: the largest of a lenslet's squared deviations is left out, the mean is corrected for that as if they were
-// normal, and averaged over 3x3 lenslets. At edges deviations are not normal (they depend on where the edge lies
-// between lenslets): where the median over the 3x3 of the spread that the largest ones imply is larger, that is taken.
+// algo/reference/reference_learner.h, which is its only user. A trimmed mean over 3x3 lenslets, larger at edges
+// (docs/notes/reference.md).
 #pragma once
 
 #include <array>

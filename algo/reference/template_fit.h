@@ -1,15 +1,10 @@
 // Weighted least-squares fit of a lenslet's difference from its reference HORD by three templates: shift along x, shift
-// along y, scattering. The rest is chi-square.
+// along y, scattering. The rest is chi-square. Sixteen lenslets at a time.
 //
 //     mass - n g = n (a G_x + b G_y + c G_s) + rest       weights 1 / variance of the bin
 //
-// n: light of the lenslet; g: reference shares; G_x, G_y: changes by a shift of one bin (central differences of g);
-// G_s: change if all light is scattered (binomial 1 4 6 4 1 along each axis). Meaning of the numbers, variances, and
-// why single readings of dark bins are limited: docs/notes/reference.md.
-//
-// Sixteen lenslets at a time, as many side by side as a vector has lanes. Templates are computed only in the bins that
-// are lit in any of the sixteen, in the bins beside them, and in those that scattering reaches. All other bins count in
-// chi-square only.
+// n: light of the lenslet; g: reference shares; G_x, G_y: changes by a shift of one bin; G_s: change if all light is
+// scattered. Templates, variances, and why single readings of dark bins are limited: docs/notes/reference.md.
 //
 // Formats. Floats, a lenslet's bins summed in a fixed order in its lane, the three unknowns solved in double: the same
 // bits on every instruction set.

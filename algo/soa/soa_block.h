@@ -1,12 +1,9 @@
 // Sixteen lenslets in a structure-of-arrays (SoA) layout: finds and gathers their lit bins, adds them up, and computes
 // shares or marginals. Most bins are dark in all of sixteen neighbouring lenslets; only their line is scanned.
 //
-// Numbers, exact integers until a share is computed:
-//   8-bit samples   a mass < 2^8; sums over a line, a column or a lenslet <= 15 * 15 * 255 < 2^16: uint16. The moment
-//                   of a line along x is at most 255 * (14 + 12 + ... + 2) = 14280 half bins times DN < 2^15: int16.
-//   16-bit samples  a mass < 2^16; sums < 2^24, moments < 14 * 2^24 < 2^28: int32.
-// Sums and moments of a lenslet are int32 in both cases (algo/frame/decode.h). The order of operations does not depend
-// on the instruction set. Test: tests/algo/soa/soa_distances_test.cpp.
+// Masses and sums are exact integers, uint16 inside for 8-bit samples (docs/notes/features.md); sums and moments of a
+// lenslet are int32 (algo/frame/decode.h). The order of operations does not depend on the instruction set.
+// Test: tests/algo/soa/soa_distances_test.cpp.
 #pragma once
 
 #include <array>

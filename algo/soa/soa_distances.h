@@ -1,16 +1,9 @@
 // The cheap features at the speed of reading a frame: chi2, hellinger, marginal, centroid and those of the Jacobian.
 // Sixteen lenslets at once (algo/soa/soa_row.h); the directions of the bins are one pitch apart.
 //
-// Numbers. centroid and the Jacobian are computed from mean deflections (algo/features/deflection.h, jacobian.h);
-// centroid from their exact differences in double: within 2^-21 bin + 2^-24 of itself. The others are floats of shares
-// (each within 2^-22 of itself), whose differences and sums round by 2^-24 per step, 225 steps at most:
-//   hellinger  of roots: |error| < 2^-22 * sqrt(2) + 225 * 2^-24 of itself < 2e-5                     (contract: 1e-4)
-//   chi2       a term (h-g)^2 / (h+g) is off by at most 2 * 2^-22 * (h+g) + its rounding: total < 2e-5 (contract: 1e-4)
-//   marginal   of cumulative sums, exact before scaling: < 28 * 2^-22 + rounding < 2e-5 bin
-// A gradient's norm adds two such errors, each doubled beside a hole: < 6e-5. Lenslets beside a hole are computed one
-// by one in the same order: same bits.
-//
-// Test: tests/algo/soa/soa_distances_test.cpp, against the definitions in double.
+// Error: chi2, hellinger, marginal (bins) < 2e-5; centroid within 2^-21 bin + 2^-24 of itself; the norm of a gradient
+// < 6e-5. Lenslets beside a hole are computed one by one in the same order: same bits. Derivation:
+// docs/notes/features.md. Test: tests/algo/soa/soa_distances_test.cpp, against the definitions in double.
 #pragma once
 
 #include <array>

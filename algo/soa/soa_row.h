@@ -1,10 +1,8 @@
 // A row of lenslets in a structure-of-arrays (SoA) layout: the values of one bin for neighbouring lenslets are
-// contiguous, so that sixteen lenslets are processed at once. Bins that are dark in all of a block are neither stored
-// nor read.
+// contiguous, so that sixteen lenslets are processed at once. Bins dark in a whole block are neither stored nor read.
 //
 // Masses, sums and moments are the integers of algo/frame/decode.h, exact. Shares are floats: h = mass / sum (Eq. 8) or
-// its root, each wrong by less than 2^-22 of itself (masses and sums < 2^24 are exact floats; reciprocal, product and
-// root each round by at most 2^-24). Fixed order lane by lane: the same bits on every instruction set.
+// its root, each wrong by less than 2^-22 of itself (docs/notes/features.md). The same bits on every instruction set.
 // Test: tests/algo/soa/soa_distances_test.cpp.
 #pragma once
 

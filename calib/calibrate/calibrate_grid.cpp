@@ -261,7 +261,7 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
                                 100 * together),
                     "record an evenly lit white frame, without a part and below saturation");
     }
-    auto fit = fit_grid(grid, out.observations, options.fit);
+    auto fit = fit_grid(grid, out.observations);
     if (!fit) return tl::unexpected(fit.error());
     out.fit = std::move(*fit);
     const double pitches = std::max(out.fit.cv_x_rms_px, out.fit.cv_y_rms_px) / pitch;

@@ -20,7 +20,6 @@ namespace hord::calib {
 
 struct GridOptions {
     LatticeHint hint;
-    FitOptions fit;
     std::optional<FrameView> flat;              // response of each pixel to even light, without lenslets
     std::function<void(double done)> progress;  // 0..1, from the calling thread; may be empty
 };

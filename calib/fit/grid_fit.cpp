@@ -95,7 +95,7 @@ void count_residuals(const std::vector<Point>& points, GridFit& fit) {
 }  // namespace
 
 Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> observations,
-                         const FitOptions& options) {
+                         std::span<const algo::GridModelKind> models) {
     for (const Observation& seen : observations) {
         if (!(std::abs(seen.centre_px.x_px) < kFarthest) || !(std::abs(seen.centre_px.y_px) < kFarthest)) {
             return fail(ErrorCode::invalid_argument,
@@ -116,7 +116,7 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
                     "record the white frame again");
 
     GridFit fit;
-    ModelSelection selection = select_model(frame, part_of(points, kSelectionCentres), options);
+    ModelSelection selection = select_model(frame, part_of(points, kSelectionCentres), models);
     fit.candidates = std::move(selection.candidates);
     fit.blocks = selection.blocks;
     const auto& choice = selection.choice;
@@ -137,7 +137,7 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
     fit.cv_y_rms_px = winner.cv_y_rms_px;
     fit.reason = fmt::format("{}: {}; cross-validated over {} blocks {:.4f} px in x, {:.4f} px in y",
                              name_of(winner.model), winner.verdict, fit.blocks, fit.cv_x_rms_px, fit.cv_y_rms_px);
-    if (options.single_lenslets && !options.only) select_lenslet_shifts(observations, fit);
+    select_lenslet_shifts(observations, fit);
     return fit;
 }
 

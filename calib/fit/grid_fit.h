@@ -67,16 +67,12 @@ struct GridFit {
     int blocks = 0;  // of the cross-validation
 };
 
-struct FitOptions {
-    std::optional<algo::GridModelKind> only;  // this model, without selection
-    bool single_lenslets = true;              // lenslets may have shifts of their own
-};
-
 // Fits a grid to the centres. Kind, stagger, parity, size and normalisation are those of `frame`, whose parameters are
-// the start if it has any. Clears `used` of outliers. Fails with invalid_argument for fewer than 4 centres or values
-// that are not numbers, with `refused` if no model can be fitted. Never aborts.
+// the start if it has any. Clears `used` of outliers. `models`: the candidates, simplest first. Fails with
+// invalid_argument for fewer than 4 centres or values that are not numbers, with `refused` if no model can be fitted.
+// Never aborts.
 Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> observations,
-                         const FitOptions& options = {});
+                         std::span<const algo::GridModelKind> models = algo::kGridModels);
 
 // Gives displaced lenslets their measured position: those that are fully lit (`whole`, one a lenslet of the grid, row
 // by row), are off the model by 1/500 to 1/20 of a pitch, whose halves (Observation::split_px) are both off to the same

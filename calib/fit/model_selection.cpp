@@ -65,7 +65,7 @@ algo::LensletGrid first_similarity(const algo::LensletGrid& frame, const std::ve
 
 }  // namespace
 
-ModelSelection select_model(const algo::LensletGrid& frame, std::vector<Point> sample, const FitOptions& options,
+ModelSelection select_model(const algo::LensletGrid& frame, std::vector<Point> sample,
                             std::span<const GridModelKind> models) {
     ModelSelection out;
     const Blocks blocks = sort_into_blocks(sample);
@@ -73,13 +73,11 @@ ModelSelection select_model(const algo::LensletGrid& frame, std::vector<Point> s
     algo::LensletGrid previous = first_similarity(frame, sample);
     std::optional<Validation> best;
     for (const GridModelKind model : models) {
-        if (options.only && model != *options.only && (model > *options.only || model >= GridModelKind::cubic))
-            continue;
         ModelReport& report = out.candidates.emplace_back();
         report.model = model;
         report.parameters = parameter_count(model);
         report.cv_x_rms_px = report.cv_y_rms_px = kInfinite;
-        if (2 * sample.size() < static_cast<std::size_t>(report.parameters) + 2 && !options.only) {
+        if (2 * sample.size() < static_cast<std::size_t>(report.parameters) + 2) {
             report.verdict = "not tried: too few lenslets";
             continue;
         }
@@ -95,9 +93,8 @@ ModelSelection select_model(const algo::LensletGrid& frame, std::vector<Point> s
         report.cv_y_rms_px = validation.y_rms;
         const bool first = !best;
         report.gain_t = first ? 0 : gain_of(*best, validation);
-        const bool take = options.only ? model == *options.only : first || report.gain_t > kNeededGain;
-        if (options.only) report.verdict = take ? "asked for" : "a step on the way to the one asked for";
-        else if (first) report.verdict = "the simplest";
+        const bool take = first || report.gain_t > kNeededGain;
+        if (first) report.verdict = "the simplest";
         else if (take)
             report.verdict =
                 fmt::format("needed: predicts unseen blocks better by {:.1f} standard errors", report.gain_t);
@@ -105,7 +102,7 @@ ModelSelection select_model(const algo::LensletGrid& frame, std::vector<Point> s
             report.verdict =
                 fmt::format("not needed: predicts unseen blocks better by {:.1f} standard errors, less than {:.0f}",
                             report.gain_t, kNeededGain);
-        if (take || first) {
+        if (take) {
             out.choice = ChosenModel{solved->grid, out.candidates.size() - 1};
             best = validation;
         }

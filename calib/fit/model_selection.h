@@ -23,7 +23,7 @@ struct ModelSelection {
 };
 
 // `frame`: everything but model and parameters. The sample is sorted into blocks.
-ModelSelection select_model(const algo::LensletGrid& frame, std::vector<Point> sample, const FitOptions& options,
-                            std::span<const algo::GridModelKind> models = algo::kGridModels);
+ModelSelection select_model(const algo::LensletGrid& frame, std::vector<Point> sample,
+                            std::span<const algo::GridModelKind> models);
 
 }  // namespace hord::calib

@@ -1,11 +1,6 @@
-// Sub-pixel centres of lenslets, by a matched, radially symmetric weight that is learned from the frame.
-//
-// The mean radial profile T(r) of the frame's lenslets gives the weight w(r); the centre c solves
-// sum w(|x - c|) (x - c) I(x) = 0. The weight is symmetric about the centre, so a constant background cancels exactly.
-// w starts as -T'(r)/r, the most efficient weight for a shift of T, and is made orthogonal to a gradient of the
-// background, u, and to a gradient of light inside the lenslet (vignetting), u T(r), which shifts a plain centre of
-// gravity by g R / 8. If the profile does not separate them from a shift (a spot as small as its blur), the condition
-// is dropped; `immunity()` tells.
+// Sub-pixel centres of lenslets, by a matched, radially symmetric weight w that is learned from the frame: the centre c
+// solves sum w(|x - c|) (x - c) I(x) = 0. A constant background cancels exactly, gradients of background and light as
+// far as the profile allows; `immunity()` tells. Derivation: docs/notes/calibration.md.
 #pragma once
 
 #include <optional>

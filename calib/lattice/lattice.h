@@ -1,8 +1,5 @@
-// Finds the lattice of lenslets in a white image, from its spectrum and without hints.
-//
-// The autocorrelation (from the windowed power spectrum) has peaks at the lattice vectors, for any shape of the spots.
-// The shortest two strong ones, reduced and refined at longer and longer lags, give pitch, angle and kind; the phase of
-// the two fundamentals gives the offset.
+// Finds the lattice of lenslets in a white image, from the peaks of its autocorrelation and without hints. Works for
+// any shape of the spots. How: docs/notes/calibration.md.
 #pragma once
 
 #include <optional>

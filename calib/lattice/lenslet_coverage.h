@@ -1,9 +1,6 @@
-// The lenslets that a calibration is expected to measure: complete in the frame and fully lit.
-//
-// Light may fill only a part of the array (a telescope's pupil, a round stop). At its edge lenslets are lit in part,
-// and their measured centres are those of the light. Lenslets in and at the edge of dark regions are therefore not
-// expected. A dark lenslet among lit ones, or a row of them one wide, is dead or dirty: it is expected and counts as
-// missing.
+// The lenslets that a calibration is expected to measure: complete in the frame and fully lit. Lenslets in and at the
+// edge of dark regions (a pupil, a round stop) are not expected. A dark lenslet among lit ones, or a row of them one
+// wide, is dead or dirty: it is expected and counts as missing.
 #pragma once
 
 #include <cstdint>

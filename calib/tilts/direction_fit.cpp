@@ -105,7 +105,7 @@ Result<DirectionFit> fit_directions(const SpotPlace& empty, std::span<const Tilt
     frame.middle_y_px = empty.offset_px.y_px;
     frame.radius_px = 0.5 * pitch_px;
     const auto models = std::span(kModels).first(tilts.size() >= kMinForCubic ? kModels.size() : kModels.size() - 1);
-    ModelSelection selection = select_model(frame, points, {}, models);
+    ModelSelection selection = select_model(frame, points, models);
     if (!selection.choice) return refuse("no direction map fits the tilts", "check the angles in tilts.toml");
     fit.candidates = std::move(selection.candidates);
     const ModelReport& winner = fit.candidates[selection.choice->index];

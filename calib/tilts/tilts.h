@@ -1,12 +1,7 @@
-// Calibrates the direction map r(i,j) from captures of collimated light at known tilts.
-//
-// Collimated light from one direction makes one spot in every lenslet, at the same offset from its centre. The mean
-// offset of a capture and its known direction are one point of the map; tilts of a stage and known wedges are
-// equivalent. The capture without tilt and part (the empty field) defines zero.
-//
-// A rotation between the axes of stage and sensor cannot be distinguished from a rotation of the map: directions are
-// along the sensor's axes (the linear part of the map is symmetric), and the remainder is reported as the rotation of
-// the stage.
+// Calibrates the direction map r(i,j) from captures of collimated light at known tilts of a stage, or through known
+// wedges. The mean offset of a capture's spots from the lenslets' centres and its known direction are one point of the
+// map. The capture without tilt and part (the empty field) defines zero. Directions are along the sensor's axes (the
+// linear part of the map is symmetric); the remainder is reported as the rotation of the stage.
 #pragma once
 
 #include <filesystem>

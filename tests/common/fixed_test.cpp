@@ -26,15 +26,6 @@ TEST(FixedPoint, rounds_ratios_to_nearest_and_halves_away_from_zero) {
     EXPECT_EQ(Q4_4::from_ratio_rounded(-1, 32).raw(), -1);
 }
 
-TEST(FixedPoint, shifts_round_halves_away_from_zero) {
-    EXPECT_EQ(shift_right_rounded(5, 1), 3);
-    EXPECT_EQ(shift_right_rounded(-5, 1), -3);
-    EXPECT_EQ(shift_right_rounded(4, 2), 1);
-    EXPECT_EQ(shift_right_rounded(-7, 3), -1);
-    EXPECT_EQ(shift_right_rounded(-4, 3), -1);
-    EXPECT_EQ(shift_right_rounded(-3, 3), 0);
-}
-
 TEST(FixedPoint, halving_is_exact) {
     for (int raw = -255; raw <= 255; ++raw) {
         EXPECT_EQ(Q4_4::from_raw(raw).halved().to_double_rounded(), Q4_4::from_raw(raw).to_double_rounded() / 2);

@@ -1,10 +1,6 @@
-// The light-field camera's geometry: which ray belongs to which lenslet and bin.
-//
-// A 4f relay with the source at infinity maps equal slopes to equal offsets behind every lenslet (the paper's Fig. 2),
-// so bin (i,j) of lenslet (m,n) is a cell of a regular grid in four dimensions: position on the measurement plane,
-// slope there. A conventional plenoptic camera images the plane onto the lenslets through one lens, focal length f, at
-// distance g. A ray from x with slope u arrives with slope u (1 - g/f) - x/f there: in units of the offset that a slope
-// makes on the axis, u + x / (g - f). Offsets depend on the place (Fig. 1).
+// The light-field camera's geometry: which ray belongs to which lenslet and bin. Bin (i,j) of lenslet (m,n) is a cell
+// of a regular grid in four dimensions: position on the measurement plane, slope there. In a conventional plenoptic
+// camera the offset of a slope depends on the place, too (docs/notes/optics.md).
 #pragma once
 
 #include "hal_sim/optics/scene/array_geometry.h"

@@ -1,8 +1,5 @@
-// Blur by diffraction at a lenslet's square aperture: light of one slope spreads over the slopes around it as sinc^2.
-//
-// A lenslet of pitch p on the measurement plane (its image through the relay) blurs slopes by wavelength / p from the
-// middle to the first zero, whatever its focal length: the product of place and slope is what diffraction limits.
-// Source points are incoherent, so their patterns add. M. Born, E. Wolf, Principles of Optics, section 8.5.1.
+// Blur by diffraction at a lenslet's square aperture: light of one slope spreads over the slopes around it as sinc^2,
+// wavelength / pitch from the middle to the first zero. Why: docs/notes/optics.md.
 #pragma once
 
 #include <vector>

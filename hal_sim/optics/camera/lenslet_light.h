@@ -1,14 +1,5 @@
-// The light in the bins of one lenslet, by adaptive subdivision of its positions and slopes into cells.
-//
-// A cell is a rectangle of positions in the lenslet times a box of slopes (lenslet_cell.h). Nine rays, at its centre
-// and at half of its sixteen corners, decide what happens to it:
-//   - All rays take one path with a nearly linear deflection: the source's disc, mapped back linearly, is intersected
-//     with the bins exactly (source_area.h).
-//   - Slopes that no path brings near the source are dark: the box shrinks to the rest.
-//   - The paths differ (an edge runs through the cell), or the deflection is not linear: the cell is halved where the
-//     rays differ; a cell with only a small share of a bin is sampled instead.
-// Cells that may hold a defect smaller than themselves (Feature::resolution), and cells at the edge of an obstacle, are
-// halved in any case.
+// The light in the bins of one lenslet, by adaptive subdivision of its positions and slopes into cells
+// (lenslet_cell.h). The rules of subdivision: docs/notes/optics.md.
 //
 // The light is a sum over passes: a source at one wavelength, a place of the moving part, and a path of the light, the
 // refracted one or a ghost. A scene without such effects has one pass (lenslet_passes.cpp).

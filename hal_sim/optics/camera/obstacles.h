@@ -1,9 +1,6 @@
-// Obstacles in the camera: the Fourier stop, the lenses' rims, dust.
-//
-// In the 4f camera the place where a ray meets any of its surfaces is linear in the ray's place x and slope u on the
-// measurement plane (paraxial): lens 1 at x + f1 u, the stop at f1 u, lens 2 at f1 u - x
-// f2/f1, the lenslets at x f2/f1, upright as the frame shows it. So an obstacle is a disc in such a plane, with one
-// transmission inside and another outside.
+// Obstacles in the camera: the Fourier stop, the lenses' rims, dust. Each is a disc in a plane in which the ray's place
+// is linear in its place and slope on the measurement plane, with one transmission inside and another outside
+// (docs/notes/optics.md).
 #pragma once
 
 #include <vector>

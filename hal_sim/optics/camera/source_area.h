@@ -1,8 +1,5 @@
-// The exact area of the source's disc inside each bin.
-//
-// Within a small cell of positions and slopes the part maps slopes linearly to the source, s = s0 + B (u - u0). The
-// bins' edges become a lattice of parallelograms over the disc |s| <= r, and every parallelogram's share of the disc is
-// the signed sum over its four edges of the disc's part in the triangle between the edge and the disc's centre (Green).
+// The exact area of the source's disc inside each bin, where the part maps slopes linearly to the source,
+// s = s0 + B (u - u0). How: docs/notes/optics.md.
 #pragma once
 
 #include "algo/frame/extents.h"

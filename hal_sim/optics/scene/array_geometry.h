@@ -1,10 +1,8 @@
 // The positions of the lenslets on the sensor, and on the measurement plane that the relay images onto them.
 //
 // An aligned lattice about the array's middle is foreshortened by the tilts, turned, moved and distorted, in this
-// order; the result is the position of a lenslet's centre on the sensor. The place on the measurement plane is the
-// same, seen through the relay: the camera of a scene with a turned, distorted array samples the part at turned,
-// distorted places. A lenslet of a hexagonal array collects light from a rectangle of its cell's area, pitch by
-// sqrt(3)/2 pitch.
+// order; the result is the position of a lenslet's centre on the sensor, and, seen through the relay, on the
+// measurement plane. A lenslet of a hexagonal array collects light from a rectangle of pitch by sqrt(3)/2 pitch.
 #pragma once
 
 #include <vector>
