@@ -158,4 +158,11 @@ struct Snapshot {
     PartResult last;
 };
 
+// Answer to an acknowledgement by the PLC: it is recorded only when a loss of power no longer loses the results.
+enum class AckStatus : std::uint8_t {
+    recorded,
+    not_yet,  // soon: the PLC repeats its write
+    failed,   // they cannot be stored now
+};
+
 }  // namespace hord::firmware

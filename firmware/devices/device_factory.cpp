@@ -3,9 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-#include <fmt/format.h>
-
-#include "drivers/event_loop/event_loop_sd.h"
+#include "common/assign.h"
 #include "drivers/files/recorded_frames.h"
 #include "drivers/gpio/gpio_part_sensor.h"
 #include "drivers/gpio/gpio_strobe.h"
@@ -111,22 +109,15 @@ class ChosenBackends final : public Backends {
   private:
     // Before the other devices: the lights are off from now on.
     Result<void> open_lights(const Config& config) {
-        auto strobe = open_strobe(loop_, config);
-        if (!strobe) return tl::unexpected(strobe.error());
-        strobe_ = std::move(*strobe);
-        auto part_sensor = open_part_sensor(loop_, config);
-        if (!part_sensor) return tl::unexpected(part_sensor.error());
-        part_sensor_ = std::move(*part_sensor);
-        return {};
+        if (auto done = assign(strobe_, open_strobe(loop_, config)); !done) return done;
+        return assign(part_sensor_, open_part_sensor(loop_, config));
     }
 
     // The sensor, and the simulated cell if any device is simulated.
     Result<void> open_camera(const Config& config, const SimulationOptions& simulation) {
         sim::CellOptions options = cell_options(config, simulation);
         sim::FrameSource* source = &tokens_;
-        auto sensor = open_sensor(loop_, config);
-        if (!sensor) return tl::unexpected(sensor.error());
-        sensor_ = std::move(*sensor);
+        if (auto done = assign(sensor_, open_sensor(loop_, config)); !done) return done;
         if (const auto* recorded = dynamic_cast<const drivers::RecordedFrames*>(sensor_.get()))
             options.schedule.parts = recorded->count();
         if (!sensor_) {
@@ -141,17 +132,13 @@ class ChosenBackends final : public Backends {
             rendering.seed = simulation.seed;
             rendering.progress = simulation.progress;
             rendering.cache = simulation.cache;
-            auto rendered = sim::RenderedFrames::make(std::move(drawn->scenes), rendering);
-            if (!rendered) return tl::unexpected(rendered.error());
-            rendered_ = std::move(*rendered);
+            if (auto done = assign(rendered_, sim::RenderedFrames::make(std::move(drawn->scenes), rendering)); !done)
+                return done;
             options.schedule.kinds = std::move(drawn->kinds);
             source = rendered_.get();
         }
         if (!needs_cell(config)) return {};
-        auto cell = sim::SimulatedCell::make(loop_, *source, options);
-        if (!cell) return tl::unexpected(cell.error());
-        cell_ = std::move(*cell);
-        return {};
+        return assign(cell_, sim::SimulatedCell::make(loop_, *source, options));
     }
 
     Result<void> open_rejector(const Config& config, const SimulationOptions& simulation) {
@@ -160,9 +147,7 @@ class ChosenBackends final : public Backends {
         drivers::ModbusRejectorOptions options =
             configured != nullptr ? *configured : std::get<SimulatedRejector>(config.rejector).module;
         if (simulation.own_coil_module) {
-            auto module = sim::CoilModule::open(loop_, simulation.realtime);
-            if (!module) return tl::unexpected(module.error());
-            module_ = std::move(*module);
+            if (auto done = assign(module_, sim::CoilModule::open(loop_, simulation.realtime)); !done) return done;
             // A plain module: pulses, watchdog and confirm sensor of the configured one are not simulated.
             options.address = {
                 .host = "127.0.0.1", .port = module_->port(), .serial = {}, .unit = options.address.unit};

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include "common/assign.h"
 #include "drivers/gpio/gpio_lines.h"
 #include "drivers/libcamera/camera_process.h"
 #include "drivers/modbus/modbus_rejector.h"
@@ -81,9 +82,7 @@ Result<void> open_simulated(hal::EventLoop& loop, Config config, Devices& device
     SimulationOptions options;
     options.variety = 1;
     options.own_coil_module = true;
-    auto opened = Backends::open(loop, config, options);
-    if (!opened) return tl::unexpected(opened.error());
-    devices.simulated = std::move(*opened);
+    if (auto done = assign(devices.simulated, Backends::open(loop, config, options)); !done) return done;
     Backends& all = *devices.simulated;
     cell.part_sensor = {&all.part_sensor(), "simulated"};
     cell.strobe = {&all.strobe(), "simulated"};
@@ -100,11 +99,9 @@ Result<EachDevice> open_each_device(hal::EventLoop& loop, const Config& config, 
     each.cell.core = config.core;
     each.cell.bins_i = config.inspection.bins_i;
     each.cell.bins_j = config.inspection.bins_j;
-    if (!config.inspection.recipe.empty()) {
-        auto recipe = load_numbered_recipe(config.inspection.recipe);
-        if (!recipe) return tl::unexpected(recipe.error());
-        each.cell.recipe = std::move(recipe->recipe);
-    }
+    auto recipe = recipe_or_default(config.inspection.recipe);
+    if (!recipe) return tl::unexpected(recipe.error());
+    each.cell.recipe = std::move(recipe->recipe);
     auto devices = std::make_shared<Devices>();
     if (simulate) {
         if (auto opened = open_simulated(loop, config, *devices, each.cell); !opened)

@@ -13,6 +13,7 @@
 #include <termios.h>
 #include <unistd.h>
 
+#include "common/assign.h"
 #include "common/unique_fd.h"
 #include "firmware/modbus/framer_rtu.h"
 
@@ -33,9 +34,8 @@ constexpr Speed kSpeeds[] = {{1200, B1200},     {2400, B2400},     {4800, B4800}
 
 // Configures the open line: raw, 8 bits, parity, speed, RS-485.
 Result<void> set_up(int fd, const SerialOptions& options) {
-    const Speed* speed = nullptr;
-    for (const Speed& known : kSpeeds) speed = known.baud == options.baud ? &known : speed;
-    if (speed == nullptr) {
+    const auto* speed = std::ranges::find(kSpeeds, options.baud, &Speed::baud);
+    if (speed == std::end(kSpeeds)) {
         return fail(ErrorCode::unsupported, fmt::format("{} baud is not a speed of {}", options.baud, options.device),
                     "use 1200, 2400, ... 115200, 230400, 460800 or 921600");
     }
@@ -108,19 +108,14 @@ struct RtuServer::Impl {
     Impl& operator=(const Impl&) = delete;
 
     Result<void> open() {
-        auto line = open_line(options);
-        if (!line) return tl::unexpected(line.error());
-        fd = std::move(*line);
+        if (auto done = assign(fd, open_line(options)); !done) return done;
         return wait_for(hal::EventLoop::Readiness::readable);
     }
 
     Result<void> wait_for(hal::EventLoop::Readiness what) {
         loop.unwatch(std::exchange(watch, hal::EventLoop::WatchId::none));
-        auto made = what == hal::EventLoop::Readiness::readable ? loop.watch(fd.get(), what, [this] { on_readable(); })
-                                                                : loop.watch(fd.get(), what, [this] { on_writable(); });
-        if (!made) return tl::unexpected(made.error());
-        watch = *made;
-        return {};
+        const auto handler = what == hal::EventLoop::Readiness::readable ? &Impl::on_readable : &Impl::on_writable;
+        return assign(watch, loop.watch(fd.get(), what, [this, handler] { (this->*handler)(); }));
     }
 
     void lost() {

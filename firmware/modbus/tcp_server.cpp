@@ -18,6 +18,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "common/assign.h"
 #include "common/unique_fd.h"
 
 namespace hord::firmware::modbus {
@@ -139,10 +140,8 @@ struct Server::Impl {
     }
 
     Result<void> listen() {
-        auto watch = loop.watch(listener.get(), hal::EventLoop::Readiness::readable, [this] { on_newcomers(); });
-        if (!watch) return tl::unexpected(watch.error());
-        listener_watch = *watch;
-        return {};
+        return assign(listener_watch,
+                      loop.watch(listener.get(), hal::EventLoop::Readiness::readable, [this] { on_newcomers(); }));
     }
 
     // -- newcomers

@@ -38,34 +38,26 @@ class Inspector {
     virtual ~Inspector() = default;
 
     // Loop thread. Judgements go to `listener` until stop(). When already started, the listener is replaced.
-    void start(Listener& listener) { do_start(listener); }
+    virtual void start(Listener& listener) = 0;
 
     // Loop thread, does not block. The frame returns to its sensor when it is judged, or at once on failure.
     // Fails with busy (the queue is full), disconnected (not started).
-    Result<void> submit(std::uint32_t part, hal::FrameLease frame) { return do_submit(part, std::move(frame)); }
+    virtual Result<void> submit(std::uint32_t part, hal::FrameLease frame) = 0;
 
     // Loop thread. Waits for the frame that is being inspected; no call reaches the listener after it returns.
-    void stop() { do_stop(); }
+    virtual void stop() = 0;
 
     // Loop thread, while the station does not execute. Switches to another recipe. Waits for the frame that is being
     // inspected; queued frames are returned unjudged. Fails with invalid_argument (the recipe does not fit the light
     // field; the old one stays), unsupported (a stand-in).
-    Result<void> use(const algo::Recipe& recipe, std::uint16_t number) { return do_use(recipe, number); }
+    virtual Result<void> use(const algo::Recipe& recipe, std::uint16_t number);
 
     // Loop thread. Number of queued frames.
-    [[nodiscard]] std::size_t waiting() const { return do_waiting(); }
+    [[nodiscard]] virtual std::size_t waiting() const { return 0; }
 
     // Loop thread. Calls `all_here` on the loop's thread once every inspecting thread has answered: at once without
     // threads, after its frame if one is busy, never if one hangs. A later call replaces a pending one.
-    void liveness_check(std::function<void()> all_here) { do_liveness_check(std::move(all_here)); }
-
-  private:
-    virtual void do_start(Listener& listener) = 0;
-    virtual void do_liveness_check(std::function<void()> all_here) { all_here(); }
-    virtual Result<void> do_use(const algo::Recipe& recipe, std::uint16_t number);
-    [[nodiscard]] virtual std::size_t do_waiting() const { return 0; }
-    virtual Result<void> do_submit(std::uint32_t part, hal::FrameLease frame) = 0;
-    virtual void do_stop() = 0;
+    virtual void liveness_check(std::function<void()> all_here) { all_here(); }
 };
 
 struct InspectorSettings {

@@ -72,7 +72,7 @@ Result<InspectFunction> make_pipeline_judge(const InspectorSettings& settings) {
     };
 }
 
-Result<void> Inspector::do_use(const algo::Recipe&, std::uint16_t) {
+Result<void> Inspector::use(const algo::Recipe&, std::uint16_t) {
     return fail(ErrorCode::unsupported, "this inspector knows no recipes", "use the pipeline");
 }
 

@@ -42,28 +42,27 @@ class ThreadedInspector final : public Inspector {
                       MakeInspectFunctions remake)
         : loop_(loop), queue_(static_cast<std::size_t>(queue)), functions_(std::move(functions)),
           remake_(std::move(remake)), mailbox_(std::make_shared<Mailbox>()) {}
-    ~ThreadedInspector() override { do_stop(); }
+    ~ThreadedInspector() override { stop(); }
 
-  private:
-    void do_start(Listener& listener) override {
+    void start(Listener& listener) override {
         mailbox_->listener = &listener;
         if (!threads_.empty()) return;
         ending_ = false;
         for (InspectFunction& inspect : functions_) threads_.emplace_back([this, &inspect] { work(inspect); });
     }
 
-    Result<void> do_use(const algo::Recipe& recipe, std::uint16_t number) override {
+    Result<void> use(const algo::Recipe& recipe, std::uint16_t number) override {
         if (!remake_) return fail(ErrorCode::unsupported, "this inspector knows no recipes", "use the pipeline");
         auto functions = remake_(recipe, number);
         if (!functions) return tl::unexpected(functions.error());
         Listener* listener = mailbox_->listener;
-        do_stop();
+        stop();
         functions_ = std::move(*functions);
-        if (listener != nullptr) do_start(*listener);
+        if (listener != nullptr) start(*listener);
         return {};
     }
 
-    void do_liveness_check(std::function<void()> all_here) override {
+    void liveness_check(std::function<void()> all_here) override {
         if (threads_.empty()) return all_here();
         {
             const std::lock_guard lock(mutex_);
@@ -74,12 +73,12 @@ class ThreadedInspector final : public Inspector {
         wake_.notify_all();
     }
 
-    std::size_t do_waiting() const override {
+    std::size_t waiting() const override {
         const std::lock_guard lock(mutex_);
         return jobs_.size();
     }
 
-    Result<void> do_submit(std::uint32_t part, hal::FrameLease frame) override {
+    Result<void> submit(std::uint32_t part, hal::FrameLease frame) override {
         if (threads_.empty()) return fail(ErrorCode::disconnected, "the inspector is not started", "start it first");
         {
             const std::lock_guard lock(mutex_);
@@ -93,7 +92,7 @@ class ThreadedInspector final : public Inspector {
         return {};
     }
 
-    void do_stop() override {
+    void stop() override {
         {
             const std::lock_guard lock(mutex_);
             ending_ = true;
@@ -109,6 +108,7 @@ class ThreadedInspector final : public Inspector {
         mailbox_->answers.clear();
     }
 
+  private:
     void work(InspectFunction& inspect) {
         // Inspection must not delay the loop's thread, which may run under SCHED_FIFO.
         const sched_param ordinary{};

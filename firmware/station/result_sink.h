@@ -27,13 +27,6 @@ struct Change {
     std::string before, after;  // a recipe: the text of its file; a command: the state before, and its outcome
 };
 
-// Answer to an acknowledgement by the PLC: it is recorded only when a loss of power no longer loses the results.
-enum class AckStatus : std::uint8_t {
-    recorded,
-    not_yet,  // soon: the PLC repeats its write
-    failed,   // they cannot be stored now
-};
-
 class ResultSink {
   public:
     virtual ~ResultSink() = default;

@@ -65,17 +65,18 @@ class SimulatedLine::ObservedInspector final : public Inspector, Inspector::List
   public:
     ObservedInspector(std::unique_ptr<Inspector> inner, SimulatedLine& line) : inner_(std::move(inner)), line_(line) {}
 
-  private:
-    void do_start(Inspector::Listener& listener) override {
+    void start(Inspector::Listener& listener) override {
         listener_ = &listener;
         inner_->start(*this);
     }
-    Result<void> do_submit(std::uint32_t part, hal::FrameLease frame) override {
+    Result<void> submit(std::uint32_t part, hal::FrameLease frame) override {
         const hal::FrameInfo info = frame.info();
         if (line_.alive()) line_.invariants_->submitted(part, info, line_.cell_->sensor().true_part_of(info.sequence));
         return inner_->submit(part, std::move(frame));
     }
-    void do_stop() override { inner_->stop(); }
+    void stop() override { inner_->stop(); }
+
+  private:
     void on_judged(const Judged& judged) override {
         if (line_.alive()) line_.invariants_->judged(judged);
         listener_->on_judged(judged);

@@ -14,19 +14,11 @@ class StandInInspector final : public Inspector {
   public:
     StandInInspector(hal::EventLoop& loop, int under_way, StandIn judge)
         : loop_(loop), slots_(static_cast<std::size_t>(under_way)), judge_(std::move(judge)) {}
-    ~StandInInspector() override { do_stop(); }
+    ~StandInInspector() override { stop(); }
 
-  private:
-    struct Slot {
-        bool used = false;
-        Judged judged;
-        hal::FrameLease frame;  // held until the answer, as in the service
-        hal::EventLoop::TimerId timer{};
-    };
+    void start(Listener& listener) override { listener_ = &listener; }
 
-    void do_start(Listener& listener) override { listener_ = &listener; }
-
-    Result<void> do_submit(std::uint32_t part, hal::FrameLease frame) override {
+    Result<void> submit(std::uint32_t part, hal::FrameLease frame) override {
         if (listener_ == nullptr)
             return fail(ErrorCode::disconnected, "the inspector is not started", "start it first");
         const auto free = std::find_if(slots_.begin(), slots_.end(), [](const Slot& s) { return !s.used; });
@@ -44,21 +36,29 @@ class StandInInspector final : public Inspector {
         return {};
     }
 
-    void deliver(std::uint32_t index) {
-        Slot& slot = slots_[index];
-        slot.used = false;
-        slot.frame = {};
-        const Judged judged = slot.judged;
-        listener_->on_judged(judged);
-    }
-
-    void do_stop() override {
+    void stop() override {
         for (Slot& slot : slots_) {
             if (slot.used) loop_.cancel(slot.timer);
             slot.used = false;
             slot.frame = {};
         }
         listener_ = nullptr;
+    }
+
+  private:
+    struct Slot {
+        bool used = false;
+        Judged judged;
+        hal::FrameLease frame;  // held until the answer, as in the service
+        hal::EventLoop::TimerId timer{};
+    };
+
+    void deliver(std::uint32_t index) {
+        Slot& slot = slots_[index];
+        slot.used = false;
+        slot.frame = {};
+        const Judged judged = slot.judged;
+        listener_->on_judged(judged);
     }
 
     hal::EventLoop& loop_;

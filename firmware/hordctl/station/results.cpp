@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "common/assign.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/store/results/export.h"
 #include "firmware/store/results/store_reader.h"
@@ -25,10 +26,7 @@ struct ResultsOptions {
 Result<void> complete(ResultsOptions& options) {
     const auto read = [](const std::string& text, std::optional<store::UtcMicros>& into) -> Result<void> {
         if (text.empty()) return {};
-        const auto time = store::parse_utc(text, store::utc_now());
-        if (!time) return tl::unexpected(time.error());
-        into = *time;
-        return {};
+        return assign(into, store::parse_utc(text, store::utc_now()));
     };
     if (auto done = read(options.since, options.filter.since); !done) return done;
     if (auto done = read(options.until, options.filter.until); !done) return done;

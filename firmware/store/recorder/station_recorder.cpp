@@ -56,12 +56,7 @@ void StationRecorder::on_result(const PartResult& result) {
 }
 
 AckStatus StationRecorder::on_acknowledged(const RequestOrigin& who, std::uint32_t sequence) {
-    switch (queue_.acknowledge(who.peer, utc_now_(), sequence)) {
-        case Kept::kept: return AckStatus::recorded;
-        case Kept::not_yet: return AckStatus::not_yet;
-        case Kept::failing: break;
-    }
-    return AckStatus::failed;
+    return queue_.acknowledge(who.peer, utc_now_(), sequence);
 }
 
 void StationRecorder::on_change(const Change& change) {

@@ -44,18 +44,18 @@ void StoreQueue::add(Record record) {
     if (wake) wake_.notify_one();
 }
 
-Kept StoreQueue::acknowledge(std::string peer, UtcMicros time_us, std::uint32_t sequence) {
+AckStatus StoreQueue::acknowledge(std::string peer, UtcMicros time_us, std::uint32_t sequence) {
     {
         const std::lock_guard lock(mutex_);
         if (sequence > durable_) {
-            if (failing_) return Kept::failing;
+            if (failing_) return AckStatus::failed;
             urgent_ = true;
             wake_.notify_one();
-            return Kept::not_yet;
+            return AckStatus::not_yet;
         }
     }
     add(AcknowledgeRecord{time_us, std::move(peer), sequence});
-    return Kept::kept;
+    return AckStatus::recorded;
 }
 
 StoreQueueState StoreQueue::state() const {

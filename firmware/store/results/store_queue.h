@@ -31,12 +31,6 @@ struct StoreQueueOptions {
     bool thread = true;  // false: only step() works
 };
 
-enum class Kept : std::uint8_t {
-    kept,     // durable: outlives a loss of power
-    not_yet,  // waits for its batch; ask again
-    failing,  // the store cannot be written now
-};
-
 struct StoreQueueState {
     bool failing = false;
     std::uint32_t durable_sequence = 0;  // all results of this run up to it are durable or counted as lost
@@ -62,7 +56,7 @@ class StoreQueue {
 
     // Any thread. If every result up to `sequence` is durable, records the acknowledgement by `peer`; else has them
     // written without waiting for `commit_every`.
-    Kept acknowledge(std::string peer, UtcMicros time_us, std::uint32_t sequence);
+    AckStatus acknowledge(std::string peer, UtcMicros time_us, std::uint32_t sequence);
 
     [[nodiscard]] StoreQueueState state() const;
 

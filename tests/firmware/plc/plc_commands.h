@@ -36,9 +36,8 @@ class ToldInspector final : public Inspector {
     Judged answer{0, false, algo::Verdict::pass, algo::Reason::none, 0, 0.5F};
     std::uint16_t number = 0;
 
-  private:
-    void do_start(Listener& listener) override { listener_ = &listener; }
-    Result<void> do_submit(std::uint32_t part, hal::FrameLease) override {
+    void start(Listener& listener) override { listener_ = &listener; }
+    Result<void> submit(std::uint32_t part, hal::FrameLease) override {
         Judged judged = answer;
         judged.part = part;
         judged.recipe = number;
@@ -47,13 +46,14 @@ class ToldInspector final : public Inspector {
         });
         return {};
     }
-    Result<void> do_use(const algo::Recipe& recipe, std::uint16_t n) override {
+    Result<void> use(const algo::Recipe& recipe, std::uint16_t n) override {
         if (recipe.rim_margin > 3) return fail(ErrorCode::invalid_argument, "rim_margin", "lower it");
         number = n;
         return {};
     }
-    void do_stop() override { listener_ = nullptr; }
+    void stop() override { listener_ = nullptr; }
 
+  private:
     hal::EventLoop& loop_;
     Listener* listener_ = nullptr;
 };

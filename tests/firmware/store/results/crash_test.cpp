@@ -41,7 +41,7 @@ std::uint64_t number_from_environment(const char* name, std::uint64_t otherwise)
             queue.add(recipe("r" + std::to_string(sequence), std::string(200, static_cast<char>('a' + sequence % 26))));
         queue.add(result(sequence, sequence % 10 == 0 ? PartVerdict::reject : PartVerdict::pass));
         if (sequence % 4 != 0) continue;
-        while (queue.acknowledge("plc", kNoon, sequence) != Kept::kept) std::this_thread::yield();
+        while (queue.acknowledge("plc", kNoon, sequence) != AckStatus::recorded) std::this_thread::yield();
         if (::write(report, &sequence, sizeof sequence) != sizeof sequence) _exit(1);
     }
 }

@@ -72,16 +72,16 @@ TEST(StoreQueue, writes_everything_in_order_in_batches) {
 TEST(StoreQueue, acknowledges_what_is_durable_and_nothing_else) {
     Bench bench;
     bench.add(1, 5);
-    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 5), Kept::not_yet);
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 5), AckStatus::not_yet);
     EXPECT_TRUE(bench.queue.step());
-    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 5), Kept::kept);
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 5), AckStatus::recorded);
     bench.add(6, 6);
-    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 6), Kept::not_yet);
-    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 3), Kept::kept);
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 6), AckStatus::not_yet);
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 3), AckStatus::recorded);
     bench.disk.on_write = [] { return std::optional(full()); };
     EXPECT_FALSE(bench.queue.step());
-    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 6), Kept::failing);
-    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 5), Kept::kept);  // it is on the disk
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 6), AckStatus::failed);
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 5), AckStatus::recorded);  // it is on the disk
 }
 
 TEST(StoreQueue, keeps_results_while_the_disk_is_full_and_writes_them_when_there_is_room) {
@@ -124,7 +124,7 @@ TEST(StoreQueue, stores_once_what_an_error_left_in_doubt) {
     bench.disk.on_written = [] { return std::optional(Error{ErrorCode::io, "sync failed", "check the disk"}); };
     bench.add(4, 6);
     EXPECT_FALSE(bench.queue.step());
-    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 6), Kept::failing);  // it does not know, so it does not say so
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 6), AckStatus::failed);  // it does not know, so it does not say so
     bench.disk.on_written = nullptr;
     bench.add(7, 8);
     EXPECT_TRUE(bench.queue.step());
@@ -142,7 +142,8 @@ TEST(StoreQueue, counts_reports_and_records_what_it_had_to_lose) {
     EXPECT_EQ(bench.queue.state().lost, 15U);
     bench.disk.on_write = nullptr;
     EXPECT_TRUE(bench.queue.step());
-    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 25), Kept::kept);  // nobody waits for what cannot come any more
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 25),
+              AckStatus::recorded);  // nobody waits for what cannot come any more
     bench.add(26, 27);
     EXPECT_TRUE(bench.queue.step());
     std::vector<std::uint32_t> expected = count_to(10);
@@ -230,7 +231,7 @@ TEST(StoreQueue, never_makes_the_line_wait_for_the_disk) {
         StoreQueue queue([&] { return MemoryStore::open(disk); }, {.capacity = 1000}, start(), [] { return kNoon; });
         stuck.get_future().wait();
         for (std::uint32_t k = 1; k <= 1500; ++k) queue.add(result(k));  // returns, or this test never ends
-        EXPECT_EQ(queue.acknowledge("plc", kNoon, 1), Kept::not_yet);
+        EXPECT_EQ(queue.acknowledge("plc", kNoon, 1), AckStatus::not_yet);
         EXPECT_EQ(queue.state().waiting, 1000U);
         lost = queue.state().lost;
         go_on.set_value();
@@ -245,7 +246,7 @@ TEST(StoreQueue, with_its_thread_keeps_what_is_acknowledged_and_the_rest_at_the_
         StoreQueue queue([&]() -> Result<std::unique_ptr<ResultStore>> { return open_sqlite_store(folder.path()); },
                          {.commit_every = std::chrono::hours(1)}, start(), [] { return kNoon; });
         for (std::uint32_t k = 1; k <= 100; ++k) queue.add(result(k));
-        while (queue.acknowledge("plc", kNoon, 100) == Kept::not_yet)
+        while (queue.acknowledge("plc", kNoon, 100) == AckStatus::not_yet)
             std::this_thread::yield();  // does not wait for the hour
         EXPECT_THAT(results(folder), SizeIs(100));
         for (std::uint32_t k = 101; k <= 150; ++k) queue.add(result(k));
