@@ -145,7 +145,7 @@ Json Live::state_locked() const {
         json[bit] = now_.up && now_.snapshot.status_bit(bit);
     json["faults_active"] = faults_of(active);
     json["faults_latched"] = faults_of(latched & ~active);
-    json["now_.lightshare"] = now_.light ? Json(*now_.light) : Json();
+    json["light_share"] = now_.light ? Json(*now_.light) : Json();
     json["rows"] = rows_of(now_.snapshot);
     return json;
 }
