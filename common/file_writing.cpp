@@ -2,6 +2,8 @@
 
 #include <cerrno>
 #include <cstring>
+#include <fstream>
+#include <iterator>
 #include <string>
 #include <system_error>
 
@@ -14,10 +16,7 @@ namespace hord::common {
 
 namespace fs = std::filesystem;
 
-namespace {
-
-// Writes FILE + suffix and renames it. Returns 0 or errno; FILE + suffix is removed then.
-int replace(const fs::path& file, const char* suffix, mode_t mode, bool sync, std::span<const std::byte> bytes) {
+int replace_file(const fs::path& file, const char* suffix, mode_t mode, bool sync, std::span<const std::byte> bytes) {
     const std::string unfinished = file.string() + suffix;
     UniqueFd fd(::open(unfinished.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, mode));
     if (!fd) return errno;
@@ -29,25 +28,31 @@ int replace(const fs::path& file, const char* suffix, mode_t mode, bool sync, st
     return error;
 }
 
-}  // namespace
-
 Result<void> write_atomically(const fs::path& file, std::span<const std::uint8_t> bytes) {
     const fs::path folder = file.parent_path();
     if (std::error_code error; !folder.empty() && !fs::is_directory(folder, error)) {
         return fail(ErrorCode::not_found, "the folder " + folder.string() + " does not exist", "create it first");
     }
-    const int error = replace(file, ".part", 0666, false, std::as_bytes(bytes));
+    const int error = replace_file(file, ".part", 0666, false, std::as_bytes(bytes));
     if (error == 0) return {};
     return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(error) + ")",
                 "check that its folder may be written to and has space");
 }
 
 Result<void> write_durably(const fs::path& file, std::string_view text) {
-    int error = replace(file, ".new", 0644, true, std::as_bytes(std::span(text)));
+    int error = replace_file(file, ".new", 0644, true, std::as_bytes(std::span(text)));
     if (error == 0) error = sync_folder_of(file);
     if (error == 0) return {};
     return fail(ErrorCode::io, file.string() + " cannot be written: " + std::strerror(error),
                 "check the folder's owner and the space on its disk");
+}
+
+std::optional<std::string> read_file(const fs::path& file) {
+    std::error_code error;
+    std::ifstream in(file, std::ios::binary);
+    if (!in || fs::is_directory(file, error)) return std::nullopt;
+    std::string text{std::istreambuf_iterator<char>(in), {}};
+    return in.bad() ? std::nullopt : std::optional(std::move(text));
 }
 
 int write_all(int fd, std::span<const std::byte> bytes) {

@@ -1,15 +1,22 @@
-// Files that are replaced as a whole: a reader finds the old content or the new one, never a part of it.
+// Whole files: read, and replaced so that a reader finds the old content or the new one, never a part of it.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <span>
+#include <string>
 #include <string_view>
+
+#include <sys/types.h>
 
 #include "common/result.h"
 
 namespace hord::common {
+
+// None: it cannot be read, or is a folder.
+std::optional<std::string> read_file(const std::filesystem::path& file);
 
 // Writes FILE.part and renames it. Does not wait for the disk: a power cut may lose the file. Fails with not_found (the
 // folder) or io; FILE.part is removed then.
@@ -20,7 +27,10 @@ Result<void> write_atomically(const std::filesystem::path& file, std::span<const
 // failed.
 Result<void> write_durably(const std::filesystem::path& file, std::string_view text);
 
-// Steps of the above. Each returns 0 or errno.
+// Steps of the above. Each returns 0 or errno. replace_file() writes FILE + suffix, syncs it if asked, and renames it;
+// after a failure FILE + suffix is removed.
+[[nodiscard]] int replace_file(const std::filesystem::path& file, const char* suffix, mode_t mode, bool sync,
+                               std::span<const std::byte> bytes);
 [[nodiscard]] int write_all(int fd, std::span<const std::byte> bytes);
 [[nodiscard]] int sync_folder_of(const std::filesystem::path& file);
 

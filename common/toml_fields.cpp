@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
-#include <fstream>
-#include <iterator>
 #include <set>
 
 #include <fmt/format.h>
 #include <toml++/toml.h>
+
+#include "common/file_writing.h"
 
 namespace hord::common {
 namespace {
@@ -104,13 +104,10 @@ TomlTable TomlTable::parse_text(std::string_view text, std::string_view name, To
 }
 
 TomlTable TomlTable::parse_file(const std::filesystem::path& file, TomlProblems& problems) {
-    std::ifstream in(file, std::ios::binary);
-    std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-    if (!in.is_open() || in.bad() || std::filesystem::is_directory(file)) {
+    const auto text = read_file(file);
+    if (!text)
         problems.add(fmt::format("{}: cannot be read: check that the file exists and may be read", file.string()));
-        text.clear();
-    }
-    return parse_text(text, file.string(), problems);
+    return parse_text(text.value_or(""), file.string(), problems);
 }
 
 std::optional<double> TomlTable::read_number(std::string_view key, double low, double high) {

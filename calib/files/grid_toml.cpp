@@ -4,8 +4,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <fstream>
-#include <iterator>
 
 #include <fmt/format.h>
 
@@ -287,13 +285,12 @@ Result<void> write_grid(const std::filesystem::path& path, const GridFile& file)
 }
 
 Result<GridFile> read_grid(const std::filesystem::path& path) {
-    std::ifstream in(path, std::ios::binary);
-    const std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-    if (!in.is_open() || in.bad() || std::filesystem::is_directory(path)) {
+    const auto text = common::read_file(path);
+    if (!text) {
         return fail(ErrorCode::unreadable, fmt::format("{}: cannot be read", path.string()),
                     "check that the file exists and may be read");
     }
-    return parse_grid(text, path.string());
+    return parse_grid(*text, path.string());
 }
 
 Result<void> write_centres(const std::filesystem::path& path, const GridCalibration& calibration) {

@@ -1,11 +1,10 @@
 // tilts.toml: the frames and their directions.
-#include <fstream>
-#include <iterator>
 #include <numbers>
 
 #include <fmt/format.h>
 
 #include "calib/tilts/tilts.h"
+#include "common/file_writing.h"
 #include "common/toml_fields.h"
 
 namespace hord::calib {
@@ -54,13 +53,12 @@ Result<TiltList> parse_tilts(std::string_view text, std::string_view name) {
 }
 
 Result<TiltList> read_tilts(const std::filesystem::path& file) {
-    std::ifstream in(file, std::ios::binary);
-    const std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-    if (!in.is_open() || in.bad() || std::filesystem::is_directory(file)) {
+    const auto text = common::read_file(file);
+    if (!text) {
         return fail(ErrorCode::unreadable, fmt::format("{}: cannot be read", file.string()),
                     "list the captures in tilts.toml, beside the frames");
     }
-    return parse_tilts(text, file.string());
+    return parse_tilts(*text, file.string());
 }
 
 }  // namespace hord::calib

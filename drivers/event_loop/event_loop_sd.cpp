@@ -186,14 +186,14 @@ bool SdEventLoop::run_until(const std::function<bool()>& done, hal::Duration pat
 }
 
 void SdEventLoop::request_stop() {
-    do_post([loop = loop_.get()] { loop->stop = true; });
+    post([loop = loop_.get()] { loop->stop = true; });
 }
 
 int SdEventLoop::stopped_by() const { return loop_->signal; }
 
-hal::TimePoint SdEventLoop::do_now() const { return Loop::now(); }
+hal::TimePoint SdEventLoop::now() const { return Loop::now(); }
 
-hal::EventLoop::TimerId SdEventLoop::do_call_at(hal::TimePoint due, Callback callback) {
+hal::EventLoop::TimerId SdEventLoop::call_at(hal::TimePoint due, Callback callback) {
     const std::uint64_t id = ++loop_->last_timer;
     const auto it = loop_->timers.emplace(Loop::Key{due, id}, std::move(callback)).first;
     loop_->due_of.emplace(id, due);
@@ -201,14 +201,14 @@ hal::EventLoop::TimerId SdEventLoop::do_call_at(hal::TimePoint due, Callback cal
     return static_cast<TimerId>(id);
 }
 
-void SdEventLoop::do_cancel(TimerId timer) {
+void SdEventLoop::cancel(TimerId timer) {
     const auto it = loop_->due_of.find(static_cast<std::uint64_t>(timer));
     if (it == loop_->due_of.end()) return;
     loop_->timers.erase(Loop::Key{it->second, it->first});
     loop_->due_of.erase(it);
 }
 
-Result<hal::EventLoop::WatchId> SdEventLoop::do_watch(int fd, Readiness what, Callback callback) {
+Result<hal::EventLoop::WatchId> SdEventLoop::watch(int fd, Readiness what, Callback callback) {
     auto watch = std::make_unique<Loop::Watch>();
     watch->callback = std::move(callback);
     const std::uint32_t events = what == Readiness::readable ? EPOLLIN
@@ -221,7 +221,7 @@ Result<hal::EventLoop::WatchId> SdEventLoop::do_watch(int fd, Readiness what, Ca
     return static_cast<WatchId>(id);
 }
 
-void SdEventLoop::do_unwatch(WatchId id) {
+void SdEventLoop::unwatch(WatchId id) {
     const auto it = loop_->watches.find(static_cast<std::uint64_t>(id));
     if (it == loop_->watches.end()) return;
     sd_event_source_disable_unref(std::exchange(it->second->source, nullptr));
@@ -229,7 +229,7 @@ void SdEventLoop::do_unwatch(WatchId id) {
     loop_->watches.erase(it);
 }
 
-void SdEventLoop::do_post(Callback callback) {
+void SdEventLoop::post(Callback callback) {
     {
         const std::lock_guard lock(loop_->post_mutex);
         loop_->posted.push_back(std::move(callback));

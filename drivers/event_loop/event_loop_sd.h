@@ -37,16 +37,16 @@ class SdEventLoop final : public hal::EventLoop {
     // The signal that stopped the loop; 0: none.
     [[nodiscard]] int stopped_by() const;
 
+    hal::TimePoint now() const override;
+    TimerId call_at(hal::TimePoint due, Callback callback) override;
+    void cancel(TimerId timer) override;
+    Result<WatchId> watch(int fd, Readiness what, Callback callback) override;
+    void unwatch(WatchId watch) override;
+    void post(Callback callback) override;
+
   private:
     struct Loop;
     explicit SdEventLoop(std::unique_ptr<Loop> loop);
-
-    hal::TimePoint do_now() const override;
-    TimerId do_call_at(hal::TimePoint due, Callback callback) override;
-    void do_cancel(TimerId timer) override;
-    Result<WatchId> do_watch(int fd, Readiness what, Callback callback) override;
-    void do_unwatch(WatchId watch) override;
-    void do_post(Callback callback) override;
 
     std::unique_ptr<Loop> loop_;
 };

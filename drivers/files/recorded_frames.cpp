@@ -27,7 +27,7 @@ Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(hal::EventLoop& loo
     return sensor;
 }
 
-hal::SensorFormat RecordedFrames::do_format() const {
+hal::SensorFormat RecordedFrames::format() const {
     const Frame& first = frames_.front();
     return {first.width_px(), first.height_px(), first.bits(), kBuffers};
 }

@@ -26,6 +26,7 @@ class RecordedFrames final : public hal::Sensor {
     static Result<std::unique_ptr<RecordedFrames>> open(hal::EventLoop& loop,
                                                         const std::vector<std::filesystem::path>& files_or_folders);
     ~RecordedFrames() override { stop(); }
+    [[nodiscard]] hal::SensorFormat format() const override;
 
     [[nodiscard]] std::size_t count() const { return frames_.size(); }
 
@@ -37,7 +38,6 @@ class RecordedFrames final : public hal::Sensor {
         hal::EventLoop::TimerId timer{};
     };
     explicit RecordedFrames(hal::EventLoop& loop) : loop_(loop) {}
-    [[nodiscard]] hal::SensorFormat do_format() const override;
     Result<void> do_start(Listener& listener) override;
     Result<void> do_trigger(const hal::ExposureRequest& request) override;
     void do_stop() override;

@@ -210,7 +210,7 @@ Result<std::unique_ptr<GpioStrobe>> GpioStrobe::open(hal::EventLoop& loop, std::
     return strobe;
 }
 
-hal::StrobeLimits GpioStrobe::do_limits() const {
+hal::StrobeLimits GpioStrobe::limits() const {
     hal::StrobeLimits limits{Duration::zero(), Duration::max(),
                              static_cast<int>(limits_.size())};  // the widest of all channels; do_fire() checks each
     for (const LightLimits& channel : limits_) {

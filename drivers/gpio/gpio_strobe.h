@@ -40,6 +40,7 @@ class GpioStrobe final : public hal::Strobe {
     // The same with other lines. `lines` requests them, all off; start() calls it again after a loss.
     static Result<std::unique_ptr<GpioStrobe>> open(hal::EventLoop& loop, std::vector<LightLimits> limits, Lines lines);
     ~GpioStrobe() override;
+    [[nodiscard]] hal::StrobeLimits limits() const override;
 
   private:
     struct Session;  // one start() to its stop()
@@ -47,7 +48,6 @@ class GpioStrobe final : public hal::Strobe {
     Result<void> do_start(Listener& listener) override;
     Result<void> do_fire(const hal::StrobePulse& pulse) override;
     void do_stop() override;
-    [[nodiscard]] hal::StrobeLimits do_limits() const override;
 
     hal::EventLoop& loop_;
     std::vector<LightLimits> limits_;

@@ -39,6 +39,8 @@ class CameraSensor : public hal::Sensor {
   public:
     static constexpr int kMinBuffers = 2, kMaxBuffers = 32;
 
+    [[nodiscard]] hal::SensorFormat format() const final { return format_; }
+
   protected:
     // mipi: packed samples (packed_samples.h). green: three bytes a pixel; the middle one is used.
     enum class Layout : std::uint8_t { plain, mipi, green };
@@ -67,7 +69,6 @@ class CameraSensor : public hal::Sensor {
     std::vector<hal::ExposureRequest> waiting_;  // triggers without a frame
 
   private:
-    [[nodiscard]] hal::SensorFormat do_format() const final { return format_; }
     void do_give_back(std::uint32_t slot) noexcept final;
     FrameView view_of(CameraStream& stream, std::uint32_t buffer, std::size_t& bytes_used) const;
 

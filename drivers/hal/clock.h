@@ -21,10 +21,7 @@ class Clock {
   public:
     virtual ~Clock() = default;
     // Any thread. Never goes backwards.
-    [[nodiscard]] TimePoint now() const { return do_now(); }
-
-  private:
-    [[nodiscard]] virtual TimePoint do_now() const = 0;
+    [[nodiscard]] virtual TimePoint now() const = 0;
 };
 
 }  // namespace hord::hal

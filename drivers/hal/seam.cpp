@@ -7,7 +7,7 @@ namespace hord::hal {
 
 Result<void> Strobe::fire(const StrobePulse& pulse) {
     if (!is_started()) return not_started();
-    const StrobeLimits limits = do_limits();
+    const StrobeLimits limits = this->limits();
     const std::uint32_t known = limits.channels >= 32 ? ~0U : (1U << limits.channels) - 1U;
     if (pulse.channels == 0 || (pulse.channels & ~known) != 0) {
         return fail(ErrorCode::invalid_argument, "strobe pulse names a channel that does not exist",

@@ -69,7 +69,7 @@ class SensorListener {
 // after stop() until they are given back.
 class Sensor : public Device<SensorListener> {
   public:
-    [[nodiscard]] SensorFormat format() const { return do_format(); }
+    [[nodiscard]] virtual SensorFormat format() const = 0;
 
     // Loop thread, does not block. Requests one frame. It may come late or never: the caller watches the deadline.
     // Fails with disconnected (not started or lost), busy (no free buffer), invalid_argument (length <= 0).
@@ -80,7 +80,6 @@ class Sensor : public Device<SensorListener> {
 
   private:
     friend class FrameLease;
-    [[nodiscard]] virtual SensorFormat do_format() const = 0;
     virtual Result<void> do_trigger(const ExposureRequest& request) = 0;
     virtual void do_give_back(std::uint32_t slot) noexcept = 0;  // any thread
 };

@@ -47,14 +47,13 @@ class Strobe : public Device<StrobeListener> {
     // already accepted), disconnected (not started or lost). After a failure nothing is lit.
     Result<void> fire(const StrobePulse& pulse);
 
-    [[nodiscard]] StrobeLimits limits() const { return do_limits(); }
+    [[nodiscard]] virtual StrobeLimits limits() const = 0;
 
   protected:
     Strobe() : Device("the strobe") {}
 
   private:
     virtual Result<void> do_fire(const StrobePulse& pulse) = 0;
-    [[nodiscard]] virtual StrobeLimits do_limits() const = 0;
     TimePoint busy_until_{};
     bool ever_fired_ = false;
 };

@@ -6,7 +6,7 @@
 
 namespace hord::firmware::mqtt {
 
-Result<ResultSource::Where> ResultFeed::do_look() {
+Result<ResultSource::Where> ResultFeed::look() {
     // The station may have replaced a damaged file: without reopening, the old one would be read forever.
     struct stat now {};
     const bool there = ::stat((folder_ / store::kStoreFile).c_str(), &now) == 0;
@@ -35,7 +35,7 @@ Result<ResultSource::Where> ResultFeed::do_look() {
     return Where{reader_->id(), *newest};
 }
 
-Result<std::vector<store::StoredResult>> ResultFeed::do_read(std::int64_t after, std::size_t count) {
+Result<std::vector<store::StoredResult>> ResultFeed::read(std::int64_t after, std::size_t count) {
     std::vector<store::StoredResult> results;
     if (!reader_) return results;
     store::ResultFilter filter;

@@ -21,25 +21,18 @@ class ResultSource {
     };
     virtual ~ResultSource() = default;
     // Opens the store if necessary, and again if it was replaced. Fails as StoreReader::open().
-    Result<Where> look() { return do_look(); }
+    virtual Result<Where> look() = 0;
     // The first `count` results with numbers above `after`. Fails as StoreReader::each_result().
-    Result<std::vector<store::StoredResult>> read(std::int64_t after, std::size_t count) {
-        return do_read(after, count);
-    }
-
-  private:
-    virtual Result<Where> do_look() = 0;
-    virtual Result<std::vector<store::StoredResult>> do_read(std::int64_t after, std::size_t count) = 0;
+    virtual Result<std::vector<store::StoredResult>> read(std::int64_t after, std::size_t count) = 0;
 };
 
 class ResultFeed final : public ResultSource {
   public:
     explicit ResultFeed(std::filesystem::path folder) : folder_(std::move(folder)) {}
+    Result<Where> look() override;
+    Result<std::vector<store::StoredResult>> read(std::int64_t after, std::size_t count) override;
 
   private:
-    Result<Where> do_look() override;
-    Result<std::vector<store::StoredResult>> do_read(std::int64_t after, std::size_t count) override;
-
     const std::filesystem::path folder_;
     std::unique_ptr<store::StoreReader> reader_;
     std::uint64_t file_ = 0;  // inode that reader_ reads

@@ -218,9 +218,9 @@ class HttpServer final : public httplib::Server {
         if (!viewer) {
             response.status = 503;
             response.set_header("Retry-After", "2");
-            response.set_content(
-                R"({"error":"as many viewers as may be are told of changes","cure":"ask for /api/page every two seconds, or raise page.viewers"})",
-                "application/json");
+            response.set_content(R"({"error":"as many viewers as may be are told of changes",)"
+                                 R"("cure":"ask for /api/page every two seconds, or raise page.viewers"})",
+                                 "application/json");
             return;
         }
         if (current_connection != nullptr) current_connection->begin_events();

@@ -23,7 +23,7 @@ SimSensor::SimSensor(hal::EventLoop& loop, World& world, const SimStrobe& strobe
     if (faults_.names(InjectedFault::frame_stale)) last_samples_.resize(bytes);
 }
 
-hal::SensorFormat SimSensor::do_format() const {
+hal::SensorFormat SimSensor::format() const {
     const FrameSource::Format format = source_.format();
     return {format.width_px, format.height_px, format.bits, options_.buffers};
 }

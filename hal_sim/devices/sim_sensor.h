@@ -27,6 +27,7 @@ class SimSensor final : public hal::Sensor {
     SimSensor(hal::EventLoop& loop, World& world, const SimStrobe& strobe, FrameSource& source, InjectionPlan& faults,
               const SensorOptions& options, std::uint64_t seed);
     ~SimSensor() override { stop(); }
+    [[nodiscard]] hal::SensorFormat format() const override;
 
     // The world's number of the part in a frame, by the frame's sequence. 0: no part, dark, or older than 64 frames.
     [[nodiscard]] std::uint64_t true_part_of(std::uint32_t sequence) const {
@@ -53,7 +54,6 @@ class SimSensor final : public hal::Sensor {
         std::uint32_t sequence = 0;
         std::uint64_t part = 0;
     };
-    [[nodiscard]] hal::SensorFormat do_format() const override;
     Result<void> do_start(Listener& listener) override;
     Result<void> do_trigger(const hal::ExposureRequest& request) override;
     void do_stop() override;

@@ -23,6 +23,7 @@ class SimStrobe final : public hal::Strobe {
         : loop_(loop), faults_(faults), options_(options), latency_(options.report, seed, 0x57B0),
           pending_(loop, [this](const hal::StrobeReport& done) { listener_->on_strobe(done); }) {}
     ~SimStrobe() override;
+    [[nodiscard]] hal::StrobeLimits limits() const override { return options_.limits; }
 
     // The light in [from, until): 1 for a nominal pulse wholly inside; and when it fell.
     struct Light {
@@ -47,7 +48,6 @@ class SimStrobe final : public hal::Strobe {
     Result<void> do_start(Listener& listener) override;
     Result<void> do_fire(const hal::StrobePulse& pulse) override;
     void do_stop() override;
-    [[nodiscard]] hal::StrobeLimits do_limits() const override { return options_.limits; }
     void light(hal::TimePoint from, hal::Duration width, double brightness);
     void dark_from(hal::TimePoint at);
     void lose(hal::Duration gone_for);

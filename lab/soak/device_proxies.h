@@ -46,7 +46,7 @@ class DeviceProxies {
         Result<void> do_start(hal::Strobe::Listener& to) override;
         Result<void> do_fire(const hal::StrobePulse& pulse) override;
         void do_stop() override;
-        [[nodiscard]] hal::StrobeLimits do_limits() const override { return proxies.cell_.strobe().limits(); }
+        [[nodiscard]] hal::StrobeLimits limits() const override { return proxies.cell_.strobe().limits(); }
         void on_strobe(const hal::StrobeReport& report) override;
         void on_strobe_lost(const Error& error) override {
             if (!proxies.cut_) listener->on_strobe_lost(error);
@@ -57,7 +57,7 @@ class DeviceProxies {
     // The sensor itself lends the frames; the proxy only forwards them.
     struct SensorProxy final : hal::Sensor, hal::Sensor::Listener {
         explicit SensorProxy(DeviceProxies& g) : proxies(g) {}
-        [[nodiscard]] hal::SensorFormat do_format() const override { return proxies.cell_.sensor().format(); }
+        [[nodiscard]] hal::SensorFormat format() const override { return proxies.cell_.sensor().format(); }
         Result<void> do_start(hal::Sensor::Listener& to) override;
         Result<void> do_trigger(const hal::ExposureRequest& request) override;
         void do_stop() override;

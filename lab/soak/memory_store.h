@@ -32,15 +32,7 @@ class MemoryStore final : public ResultStore {
         return std::unique_ptr<ResultStore>(new MemoryStore(disk));
     }
 
-  private:
-    explicit MemoryStore(MemoryDisk& disk) : disk_(disk), knows_the_run_(!disk.entries.empty()) {
-        for (const Entry& entry : disk_.entries) last_ = std::max(last_, entry.number);
-    }
-    static std::optional<Error> ask(const std::function<std::optional<Error>()>& what) {
-        return what ? what() : std::nullopt;
-    }
-
-    Result<void> do_write(std::span<const Entry> entries) override {
+    Result<void> write(std::span<const Entry> entries) override {
         if (auto error = ask(disk_.on_write)) return tl::unexpected(*error);
         ++disk_.batches;
         for (const Entry& entry : entries) {
@@ -51,10 +43,18 @@ class MemoryStore final : public ResultStore {
         if (auto error = ask(disk_.on_written)) return tl::unexpected(*error);
         return {};
     }
-    Result<bool> do_prune(const Retention&, UtcMicros) override {
+    Result<bool> prune(const Retention&, UtcMicros) override {
         if (auto error = ask(disk_.on_prune)) return tl::unexpected(*error);
         ++disk_.pruned;
         return false;
+    }
+
+  private:
+    explicit MemoryStore(MemoryDisk& disk) : disk_(disk), knows_the_run_(!disk.entries.empty()) {
+        for (const Entry& entry : disk_.entries) last_ = std::max(last_, entry.number);
+    }
+    static std::optional<Error> ask(const std::function<std::optional<Error>()>& what) {
+        return what ? what() : std::nullopt;
     }
 
     MemoryDisk& disk_;

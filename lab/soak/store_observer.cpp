@@ -220,6 +220,7 @@ void StoreObserver::stored_up_to(std::uint32_t sequence) {
 }
 
 void StoreObserver::read(const store::ChangeRecord& record) {
+    if (record.what == store::ChangeRecord::What::command) return read_command(record);
     if (record.what != store::ChangeRecord::What::lost) return;
     const auto said = nlohmann::json::parse(record.after);
     const auto from = said["from_sequence"].get<std::uint32_t>(), to = said["to_sequence"].get<std::uint32_t>();
@@ -234,7 +235,7 @@ void StoreObserver::read(const store::ChangeRecord& record) {
     lost_ += to - from + 1;
 }
 
-void StoreObserver::read(const store::CommandRecord& record) {
+void StoreObserver::read_command(const store::ChangeRecord& record) {
     if (commands_.empty()) return violation("the store has a command that nobody gave");
     const Change& reported = commands_.front();
     if (record.token != reported.who.token || record.name != reported.name || record.before != reported.before ||

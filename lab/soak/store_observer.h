@@ -82,7 +82,7 @@ class StoreObserver final : public ResultSink {
     void read(const store::ResultRecord& record);
     void stored_up_to(std::uint32_t sequence);
     void read(const store::ChangeRecord& record);
-    void read(const store::CommandRecord& record);
+    void read_command(const store::ChangeRecord& record);
     void read(const store::AcknowledgeRecord& record);
     void read(const store::StartRecord& record);
     void journal(const Entry& entry, std::span<const Field> fields);

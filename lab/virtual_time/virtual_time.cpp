@@ -7,7 +7,7 @@ namespace hord::lab {
 
 using hal::TimePoint;
 
-hal::EventLoop::TimerId VirtualTime::do_call_at(TimePoint due, Callback callback) {
+hal::EventLoop::TimerId VirtualTime::call_at(TimePoint due, Callback callback) {
     if (free_.empty()) {
         free_.push_back(static_cast<std::uint32_t>(slots_.size()));
         slots_.emplace_back();
@@ -31,19 +31,19 @@ void VirtualTime::release(std::uint32_t slot) {
     --pending_;
 }
 
-void VirtualTime::do_cancel(TimerId timer) {
+void VirtualTime::cancel(TimerId timer) {
     const auto id = static_cast<std::uint64_t>(timer);
     const auto slot = static_cast<std::uint32_t>(id);
     const auto generation = static_cast<std::uint32_t>(id >> 32U);
     if (slot < slots_.size() && slots_[slot].used && slots_[slot].generation == generation) release(slot);
 }
 
-Result<hal::EventLoop::WatchId> VirtualTime::do_watch(int, Readiness, Callback) {
+Result<hal::EventLoop::WatchId> VirtualTime::watch(int, Readiness, Callback) {
     return fail(ErrorCode::unsupported, "virtual time cannot wait for a file descriptor",
                 "run devices with descriptors on the real-time loop, or use the simulated devices");
 }
 
-void VirtualTime::do_post(Callback callback) {
+void VirtualTime::post(Callback callback) {
     const std::scoped_lock lock(post_mutex_);
     posted_.push_back(std::move(callback));
     has_posted_.store(true, std::memory_order_release);
@@ -56,7 +56,7 @@ void VirtualTime::take_posted() {
         taken_.swap(posted_);
         has_posted_.store(false, std::memory_order_relaxed);
     }
-    for (Callback& callback : taken_) do_call_at(now_, std::move(callback));
+    for (Callback& callback : taken_) call_at(now_, std::move(callback));
     taken_.clear();
 }
 

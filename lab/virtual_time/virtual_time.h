@@ -45,6 +45,13 @@ class VirtualTime final : public hal::EventLoop {
     [[nodiscard]] std::size_t pending() const { return pending_; }  // timers, without what is posted
     [[nodiscard]] std::uint64_t callbacks_run() const { return run_; }
 
+    hal::TimePoint now() const override { return now_; }
+    TimerId call_at(hal::TimePoint due, Callback callback) override;
+    void cancel(TimerId timer) override;
+    Result<WatchId> watch(int fd, Readiness what, Callback callback) override;
+    void unwatch(WatchId) override {}
+    void post(Callback callback) override;
+
   private:
     struct Due {  // one entry of the heap; stale when the slot's generation has moved on
         hal::TimePoint at;
@@ -58,13 +65,6 @@ class VirtualTime final : public hal::EventLoop {
         bool used = false;
     };
     static bool later(const Due& a, const Due& b) { return a.at != b.at ? a.at > b.at : a.order > b.order; }
-
-    hal::TimePoint do_now() const override { return now_; }
-    TimerId do_call_at(hal::TimePoint due, Callback callback) override;
-    void do_cancel(TimerId timer) override;
-    Result<WatchId> do_watch(int fd, Readiness what, Callback callback) override;
-    void do_unwatch(WatchId) override {}
-    void do_post(Callback callback) override;
 
     void take_posted();
     void release(std::uint32_t slot);

@@ -74,12 +74,8 @@ class CountedResults final : public mqtt::ResultSource {
     CountedResults(std::string id, double rate, std::int64_t waiting)
         : id_(std::move(id)), rate_(rate), waiting_(waiting) {}
 
-  private:
-    std::int64_t newest() const {
-        return waiting_ + static_cast<std::int64_t>(static_cast<double>(utc_us() - begin_us_) * 1e-6 * rate_);
-    }
-    Result<Where> do_look() override { return Where{id_, newest()}; }
-    Result<std::vector<store::StoredResult>> do_read(std::int64_t after, std::size_t count) override {
+    Result<Where> look() override { return Where{id_, newest()}; }
+    Result<std::vector<store::StoredResult>> read(std::int64_t after, std::size_t count) override {
         std::vector<store::StoredResult> results;
         for (std::int64_t k = after + 1; k <= newest() && results.size() < count; ++k) {
             store::StoredResult r;
@@ -102,6 +98,11 @@ class CountedResults final : public mqtt::ResultSource {
             results.push_back(std::move(r));
         }
         return results;
+    }
+
+  private:
+    std::int64_t newest() const {
+        return waiting_ + static_cast<std::int64_t>(static_cast<double>(utc_us() - begin_us_) * 1e-6 * rate_);
     }
     const std::string id_;
     const double rate_;

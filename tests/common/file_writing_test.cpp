@@ -14,6 +14,14 @@ using testing::HasSubstr;
 using testing_support::TempFolder;
 using Bytes = std::vector<std::uint8_t>;
 
+TEST(WholeFile, is_read_to_its_end_or_not_at_all) {
+    const TempFolder folder;
+    ASSERT_TRUE(write_atomically(folder.path() / "f", Bytes{'a', 0, '\n'}));
+    EXPECT_EQ(read_file(folder.path() / "f"), std::string("a\0\n", 3));
+    EXPECT_FALSE(read_file(folder.path() / "none"));
+    EXPECT_FALSE(read_file(folder.path()));
+}
+
 TEST(WholeFile, replaces_the_old_one_or_leaves_it_and_nothing_beside_it) {
     const TempFolder folder;
     const auto file = folder.path() / "f";

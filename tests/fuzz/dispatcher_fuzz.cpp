@@ -12,7 +12,8 @@ using namespace hord;
 using namespace hord::firmware;
 
 class Still : public hal::Clock {
-    hal::TimePoint do_now() const override { return hal::TimePoint(std::chrono::seconds(1)); }
+  public:
+    hal::TimePoint now() const override { return hal::TimePoint(std::chrono::seconds(1)); }
 };
 
 class Handler : public PlcHandler {

@@ -24,7 +24,7 @@ void repair_checksums(std::vector<std::uint8_t>& file) {
     }
 }
 
-void check(const hord::Result<Frame>& read, std::size_t file_size) {
+void check(const hord::Result<hord::Frame>& read, std::size_t file_size) {
     if (!read) {
         if (read.error().what.find("the.file") == std::string::npos || read.error().cure.empty()) std::abort();
         return;

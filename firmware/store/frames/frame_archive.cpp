@@ -5,13 +5,10 @@
 #include <charconv>
 #include <cstring>
 
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/statvfs.h>
-#include <unistd.h>
 
 #include "common/file_writing.h"
-#include "common/unique_fd.h"
 
 namespace hord::firmware::store {
 namespace {
@@ -30,23 +27,12 @@ std::uint64_t number_of(const fs::path& file) {
     return ours ? number : 0;
 }
 
-tl::unexpected<Error> not_written(const fs::path& file, int why) {
+Result<void> write_synced(const fs::path& file, std::span<const std::uint8_t> bytes) {
+    const int why = common::replace_file(file, kUnfinished, 0644, true, std::as_bytes(bytes));
+    if (why == 0) return {};
     return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(why) + ")",
                 why == ENOSPC || why == EDQUOT ? "free space on its disk, or lower store.frames_mb"
                                                : "check the folder's permissions and the disk");
-}
-
-Result<void> write_synced(const fs::path& file, std::span<const std::uint8_t> bytes) {
-    const fs::path unfinished = file.string() + kUnfinished;
-    common::UniqueFd fd(open(unfinished.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644));
-    if (!fd) return not_written(file, errno);
-    int why = common::write_all(fd.get(), std::as_bytes(bytes));
-    if (why == 0 && fsync(fd.get()) != 0) why = errno;
-    if (why == 0) why = fd.close();
-    if (why == 0 && rename(unfinished.c_str(), file.c_str()) != 0) why = errno;
-    if (why == 0) return {};
-    unlink(unfinished.c_str());
-    return not_written(file, why);
 }
 
 Result<std::uint64_t> free_bytes(const fs::path& folder) {

@@ -1,6 +1,7 @@
 // The results of one shard of a replay as a file; the shards of one replay, from any machine, are merged into one.
 //
-//     {"hord_replay":1,"archive":SHA-256,"frames":1000,"recipe":"own","software":"0.1.0","program":SHA-256,"shard":"2/4"}
+//     {"hord_replay":1,"archive":SHA-256,"frames":1000,"recipe":"own","software":"0.1.0","program":SHA-256,
+//      "shard":"2/4"}, in one line
 //     one line a frame (replay.h), in the order of their names; or {"frame":...,"unreadable":"..."}
 //     {"records":250,"same":249,"verdicts":1,"unreadable":0,"sha256":SHA-256 of everything before this line}
 //

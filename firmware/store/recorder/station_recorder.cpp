@@ -30,14 +30,9 @@ UtcMicros StationRecorder::utc_of(std::int64_t station_ns) const {
 }
 
 void StationRecorder::in_use(ChangeRecord::What what, const std::string& name, const std::string& text) {
-    ChangeRecord change;
-    change.what = what;
-    change.time_us = utc_now_();
-    change.name = name;
-    change.after = text;
-    change.if_new = true;
     if (frames_ && what == ChangeRecord::What::recipe) frames_->set_recipe(text);
-    queue_.add(std::move(change));
+    queue_.add(ChangeRecord{
+        .what = what, .time_us = utc_now_(), .peer = {}, .name = name, .before = {}, .after = text, .if_new = true});
 }
 
 void StationRecorder::on_result(const PartResult& result) {
@@ -60,21 +55,13 @@ AckStatus StationRecorder::on_acknowledged(const RequestOrigin& who, std::uint32
 }
 
 void StationRecorder::on_change(const Change& change) {
-    if (change.what == Change::What::command) {
-        queue_.add(
-            CommandRecord{utc_now_(), change.who.peer, change.who.token, change.name, change.before, change.after});
-        return;
-    }
-    ChangeRecord record;
-    record.what = change.what == Change::What::recipe ? ChangeRecord::What::recipe : ChangeRecord::What::configuration;
-    record.time_us = utc_now_();
-    record.peer = change.who.peer;
-    record.token = change.who.token;
-    record.name = change.name;
-    record.before = change.before;
-    record.after = change.after;
-    if (frames_ && record.what == ChangeRecord::What::recipe) frames_->set_recipe(record.after);
-    queue_.add(std::move(record));
+    using What = ChangeRecord::What;
+    const What what = change.what == Change::What::command ? What::command
+        : change.what == Change::What::recipe              ? What::recipe
+                                                           : What::configuration;
+    if (frames_ && what == What::recipe) frames_->set_recipe(change.after);
+    queue_.add(
+        ChangeRecord{what, utc_now_(), change.who.peer, change.who.token, change.name, change.before, change.after});
 }
 
 void StationRecorder::on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) {

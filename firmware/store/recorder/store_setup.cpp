@@ -1,9 +1,8 @@
 #include "firmware/store/recorder/store_setup.h"
 
 #include <algorithm>
-#include <fstream>
-#include <iterator>
 
+#include "common/file_writing.h"
 #include "firmware/station/station.h"
 #include "firmware/store/results/export.h"
 #include "firmware/store/results/sqlite_store.h"
@@ -14,11 +13,6 @@ namespace {
 constexpr std::int64_t kDayMicros = 86'400'000'000;
 constexpr std::uint64_t kMegabyte = 1'000'000;
 constexpr std::size_t kFramesInMemory = 256 * kMegabyte;  // bytes; hordd.service has a ceiling
-
-std::string text_of(const std::filesystem::path& file) {
-    std::ifstream in(file, std::ios::binary);
-    return {std::istreambuf_iterator<char>(in), {}};
-}
 
 // Collects the fault bits of two threads on the loop's thread.
 struct Faults {
@@ -108,7 +102,7 @@ std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, cons
 
 void note_configuration(store::StationRecorder& recorder, const Config& config) {
     recorder.in_use(store::ChangeRecord::What::configuration, config.file.empty() ? "defaults" : config.file.string(),
-                    text_of(config.file));
+                    common::read_file(config.file).value_or(""));
 }
 
 }  // namespace hord::firmware

@@ -17,7 +17,7 @@ Value real(float value) { return std::isfinite(value) ? Value(static_cast<double
 }  // namespace
 
 std::string_view name_of(ChangeRecord::What what) {
-    constexpr std::string_view kNames[] = {"recipe", "configuration", "calibration", "lost"};
+    constexpr std::string_view kNames[] = {"recipe", "configuration", "calibration", "lost", "command"};
     return kNames[static_cast<std::size_t>(what)];
 }
 
@@ -58,13 +58,12 @@ std::vector<Value> values_of(const ResultRecord& record, const Value& recipe, co
             calibration};
 }
 
-std::vector<Value> values_of(const CommandRecord& record) {
-    return {text(record.peer), integer(record.token), text(record.name), text(record.before), text(record.after)};
-}
-
 std::vector<Value> values_of(const ChangeRecord& record) {
-    return {text(name_of(record.what)), text(record.peer),   integer(record.token),
-            text(record.name),          text(record.before), text(record.after)};
+    std::vector<Value> row{text(record.peer), integer(record.token), text(record.name), text(record.before),
+                           text(record.after)};
+    // The table of commands has no column `what`.
+    if (record.what != ChangeRecord::What::command) row.insert(row.begin(), text(name_of(record.what)));
+    return row;
 }
 
 std::vector<Value> values_of(const StartRecord& record, const std::string& before) {

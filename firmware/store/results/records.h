@@ -23,7 +23,6 @@ std::string to_json_line(const StartRecord& start);
 
 // The values of a row after the shared columns (schema.h), in the order of the table.
 std::vector<Value> values_of(const ResultRecord& record, const Value& recipe, const Value& calibration);
-std::vector<Value> values_of(const CommandRecord& record);
 std::vector<Value> values_of(const ChangeRecord& record);
 std::vector<Value> values_of(const StartRecord& record, const std::string& before);
 

@@ -29,25 +29,17 @@ struct StartRecord {
     std::string software;    // version
 };
 
-// A change of what the following results are made with.
+// A change of what the following results are made with; results that were lost; a command.
 struct ChangeRecord {
-    enum class What : std::uint8_t { recipe, configuration, calibration, lost };
+    enum class What : std::uint8_t { recipe, configuration, calibration, lost, command };
     What what = What::recipe;
     UtcMicros time_us = 0;
     std::string peer;           // address of the client; empty: the station itself
     std::uint32_t token = 0;    // of the command
-    std::string name;           // of the recipe or the configuration file; lost: "results"
-    std::string before, after;  // whole texts
+    std::string name;           // of the recipe, the configuration file or the command; lost: "results"
+    std::string before, after;  // whole texts; command: the state before, and the outcome
     // For the state at a start: written only if `after` differs from the store's newest one, which becomes `before`.
     bool if_new = false;
-};
-
-struct CommandRecord {
-    UtcMicros time_us = 0;
-    std::string peer;
-    std::uint32_t token = 0;
-    std::string name;
-    std::string before, after;  // the state before, and the outcome
 };
 
 struct ResultRecord {
@@ -63,7 +55,7 @@ struct AcknowledgeRecord {
     std::uint32_t sequence = 0;
 };
 
-using Record = std::variant<StartRecord, ChangeRecord, CommandRecord, ResultRecord, AcknowledgeRecord>;
+using Record = std::variant<StartRecord, ChangeRecord, ResultRecord, AcknowledgeRecord>;
 
 // `number` counts the records of a run from 1: a batch repeated after an error stores no record twice. 0: the run's
 // start, and the changes in use at that time; stored only if the store does not have this run.
@@ -88,14 +80,10 @@ class ResultStore {
     // of power. After a failure the store must not be used again: the batch may have been stored or not, and the next
     // store that is opened skips the entries it has. Fails with io (full, read-only, broken disk), unreadable
     // (damaged), busy. The first entry of a run is its StartRecord.
-    Result<void> write(std::span<const Entry> entries) { return do_write(entries); }
+    virtual Result<void> write(std::span<const Entry> entries) = 0;
 
     // Removes rows beyond `retention`, a bounded number in one call. True: there are more to remove.
-    Result<bool> prune(const Retention& retention, UtcMicros now_us) { return do_prune(retention, now_us); }
-
-  private:
-    virtual Result<void> do_write(std::span<const Entry> entries) = 0;
-    virtual Result<bool> do_prune(const Retention& retention, UtcMicros now_us) = 0;
+    virtual Result<bool> prune(const Retention& retention, UtcMicros now_us) = 0;
 };
 
 }  // namespace hord::firmware::store

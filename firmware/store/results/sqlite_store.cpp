@@ -115,15 +115,12 @@ class SqliteStore final : public ResultStore {
     // Brings the file up to date and reads what is in use.
     Result<void> prepare();
 
-  private:
-    Result<void> do_write(std::span<const Entry> entries) override;
-    Result<bool> do_prune(const Retention& retention, UtcMicros now_us) override;
+    Result<void> write(std::span<const Entry> entries) override;
+    Result<bool> prune(const Retention& retention, UtcMicros now_us) override;
 
+  private:
     Result<void> store(std::uint64_t entry, const StartRecord& start);
     Result<void> store(std::uint64_t entry, const ChangeRecord& change);
-    Result<void> store(std::uint64_t entry, const CommandRecord& command) {
-        return commands_->append(run_, entry, command.time_us, values_of(command));
-    }
     Result<void> store(std::uint64_t entry, const ResultRecord& result) {
         return results_->append(run_, entry, result.time_us,
                                 values_of(result, in_use(ChangeRecord::What::recipe).reference(),
@@ -204,7 +201,7 @@ Result<void> SqliteStore::prepare() {
 
 // -- writing
 
-Result<void> SqliteStore::do_write(std::span<const Entry> entries) {
+Result<void> SqliteStore::write(std::span<const Entry> entries) {
     if (broken_) return fail(ErrorCode::internal, "the store failed before", "open it again");
     broken_ = true;
     auto transaction = Transaction::begin(*database_);
@@ -255,6 +252,8 @@ Result<void> SqliteStore::store(std::uint64_t entry, const StartRecord& start) {
 }
 
 Result<void> SqliteStore::store(std::uint64_t entry, const ChangeRecord& change) {
+    if (change.what == ChangeRecord::What::command)
+        return commands_->append(run_, entry, change.time_us, values_of(change));
     if (change.what == ChangeRecord::What::lost)
         return changes_->append(run_, entry, change.time_us, values_of(change));
     if (entry == 0 && adopted_) return {};  // the file knows better: it may have more than its writer was told
@@ -268,7 +267,7 @@ Result<void> SqliteStore::store(std::uint64_t entry, const ChangeRecord& change)
 
 // -- retention
 
-Result<bool> SqliteStore::do_prune(const Retention& retention, UtcMicros now_us) {
+Result<bool> SqliteStore::prune(const Retention& retention, UtcMicros now_us) {
     if (broken_) return fail(ErrorCode::internal, "the store failed before", "open it again");
     broken_ = true;
     bool more = false;

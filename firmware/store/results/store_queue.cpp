@@ -148,7 +148,7 @@ bool StoreQueue::write_one_batch(std::unique_lock<std::mutex>& lock) {
 void StoreQueue::note_written(const std::vector<Entry>& batch) {
     for (const Entry& entry : batch) {
         const auto* change = std::get_if<ChangeRecord>(&entry.record);
-        if (change == nullptr || change->what == ChangeRecord::What::lost) continue;
+        if (change == nullptr || change->what >= ChangeRecord::What::lost) continue;
         std::erase_if(in_use_, [&](const ChangeRecord& known) { return known.what == change->what; });
         in_use_.push_back(*change);
         in_use_.back().if_new = true;

@@ -37,6 +37,34 @@ class PollLoop : public hal::EventLoop {
     // Turns of the loop so far; grows quickly if something is always ready.
     std::uint64_t turns() const { return turns_; }
 
+    hal::TimePoint now() const override {
+        return hal::TimePoint(
+            std::chrono::duration_cast<hal::Duration>(std::chrono::steady_clock::now().time_since_epoch()));
+    }
+    TimerId call_at(hal::TimePoint due, Callback callback) override {
+        timers_.push_back({due, ++last_id_, std::move(callback)});
+        return TimerId{last_id_};
+    }
+    void cancel(TimerId timer) override {
+        std::erase_if(timers_, [&](const Timer& t) { return TimerId{t.id} == timer; });
+    }
+    Result<WatchId> watch(int fd, Readiness what, Callback callback) override {
+        const short events = what == Readiness::readable ? POLLIN
+            : what == Readiness::writable                ? POLLOUT
+                                                         : POLLIN | POLLOUT;
+        watches_[++last_id_] = {fd, events, std::make_shared<Callback>(std::move(callback))};
+        return WatchId{last_id_};
+    }
+    void unwatch(WatchId watch) override { watches_.erase(static_cast<std::uint64_t>(watch)); }
+    void post(Callback callback) override {
+        {
+            const std::lock_guard lock(mutex_);
+            posted_.push_back(std::move(callback));
+        }
+        const std::uint64_t one = 1;
+        [[maybe_unused]] const auto written = ::write(wake_, &one, sizeof one);
+    }
+
   private:
     struct Timer {
         hal::TimePoint due;
@@ -48,34 +76,6 @@ class PollLoop : public hal::EventLoop {
         short events;
         std::shared_ptr<Callback> callback;
     };
-
-    hal::TimePoint do_now() const override {
-        return hal::TimePoint(
-            std::chrono::duration_cast<hal::Duration>(std::chrono::steady_clock::now().time_since_epoch()));
-    }
-    TimerId do_call_at(hal::TimePoint due, Callback callback) override {
-        timers_.push_back({due, ++last_id_, std::move(callback)});
-        return TimerId{last_id_};
-    }
-    void do_cancel(TimerId timer) override {
-        std::erase_if(timers_, [&](const Timer& t) { return TimerId{t.id} == timer; });
-    }
-    Result<WatchId> do_watch(int fd, Readiness what, Callback callback) override {
-        const short events = what == Readiness::readable ? POLLIN
-            : what == Readiness::writable                ? POLLOUT
-                                                         : POLLIN | POLLOUT;
-        watches_[++last_id_] = {fd, events, std::make_shared<Callback>(std::move(callback))};
-        return WatchId{last_id_};
-    }
-    void do_unwatch(WatchId watch) override { watches_.erase(static_cast<std::uint64_t>(watch)); }
-    void do_post(Callback callback) override {
-        {
-            const std::lock_guard lock(mutex_);
-            posted_.push_back(std::move(callback));
-        }
-        const std::uint64_t one = 1;
-        [[maybe_unused]] const auto written = ::write(wake_, &one, sizeof one);
-    }
 
     void run() {
         while (!stop_) {

@@ -156,10 +156,12 @@ TEST(PageLive, keeps_a_strip_of_fixed_length_and_says_when_nobody_answers) {
     Live live(viewers);
     for (std::uint32_t k = 1; k <= 1000; ++k) live.add_result(seen(k, k % 4 == 0 ? "reject" : "pass"));
     live.set_station(example_snapshot());
+    live.set_light(0.5);
     Json page = live.page_json();
     EXPECT_EQ(page["results"].size(), Live::kStrip);
     EXPECT_EQ(page["results"].back()["sequence"], 1000);
     EXPECT_EQ(page["state"]["rows"]["status"]["state"], "ContinuousExecution");
+    EXPECT_EQ(page["state"]["light_share"], 0.5);
     ASSERT_EQ(page["state"]["faults_active"].size(), 1U);
     EXPECT_THAT(page["state"]["faults_active"][0]["cure"].get<std::string>(), ::testing::Not(::testing::IsEmpty()));
     EXPECT_EQ(page["state"]["faults_latched"].size(), 1U);  // what is active is not told twice

@@ -22,9 +22,7 @@ using Words = std::vector<std::uint16_t>;
 class HandClock : public hal::Clock {
   public:
     hal::TimePoint at{};
-
-  private:
-    hal::TimePoint do_now() const override { return at; }
+    hal::TimePoint now() const override { return at; }
 };
 
 class Station : public PlcHandler {

@@ -38,7 +38,7 @@ struct FakeStrobe final : hal::Strobe {
         return {};
     }
     void do_stop() override { listener = nullptr; }
-    hal::StrobeLimits do_limits() const override {
+    hal::StrobeLimits limits() const override {
         return {std::chrono::milliseconds(2), std::chrono::milliseconds(5), 1};
     }
 };
@@ -51,7 +51,7 @@ struct FakeSensor final : hal::Sensor {
     bool no_buffer = false;
     std::array<std::byte, 64> samples{};
 
-    hal::SensorFormat do_format() const override { return {8, 8, 8, 4}; }
+    hal::SensorFormat format() const override { return {8, 8, 8, 4}; }
     Result<void> do_start(Listener& l) override {
         listener = &l;
         return {};

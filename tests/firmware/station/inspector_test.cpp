@@ -42,9 +42,9 @@ class FlatFrames : public hal::Sensor {
         return {*this, 0, view, {1, {}, frame_.bytes().size(), false}};
     }
     std::atomic<int> given_back{0};
+    hal::SensorFormat format() const override { return {27 * 9, 27 * 9, 8, 8}; }
 
   private:
-    hal::SensorFormat do_format() const override { return {27 * 9, 27 * 9, 8, 8}; }
     Result<void> do_start(Listener&) override { return {}; }
     Result<void> do_trigger(const hal::ExposureRequest&) override { return {}; }
     void do_stop() override {}

@@ -26,7 +26,8 @@ void fill(const TempFolder& folder) {
               .add(result(1))
               .add(result(2, PartVerdict::reject))
               .add(late)
-              .add(CommandRecord{kNoon + kSecond, "192.0.2.7:50123", 72, "start-continuous", "Ready", "completed"}));
+              .add(ChangeRecord{ChangeRecord::What::command, kNoon + kSecond, "192.0.2.7:50123", 72, "start-continuous",
+                                "Ready", "completed"}));
 }
 
 template <class Row>

@@ -74,7 +74,9 @@ TEST(SqliteStore, continues_its_numbers_over_restarts_and_names_each_run) {
 TEST(SqliteStore, stores_a_repeated_batch_once) {
     const TempFolder folder;
     Story run;
-    run.add(recipe("a", "1")).add_results(1, 10).add(CommandRecord{kNoon, "plc:1", 9, "stop", "Ready", "done"});
+    run.add(recipe("a", "1"))
+        .add_results(1, 10)
+        .add(ChangeRecord{ChangeRecord::What::command, kNoon, "plc:1", 9, "stop", "Ready", "done"});
     write(folder, run);
     write(folder, run);  // opened again: nobody knew whether the batch had arrived
     run.add_results(11, 12);
@@ -123,8 +125,8 @@ TEST(SqliteStore, records_who_changed_what_from_what) {
     change.peer = "192.0.2.7:50123";
     change.token = 71;
     write(folder,
-          Story().add(change).add(
-              CommandRecord{kNoon + 5, "192.0.2.7:50123", 72, "start-continuous", "Ready", "completed"}));
+          Story().add(change).add(ChangeRecord{ChangeRecord::What::command, kNoon + 5, "192.0.2.7:50123", 72,
+                                               "start-continuous", "Ready", "completed"}));
     const auto all = changes(folder);
     ASSERT_THAT(all, SizeIs(3));
     EXPECT_EQ(all[1].peer, "192.0.2.7:50123");

@@ -176,14 +176,14 @@ TEST(StoreQueue, tells_a_new_store_what_is_in_use) {
 class Fragile final : public ResultStore {
   public:
     Fragile(std::unique_ptr<ResultStore> inner, const bool& fails) : inner_(std::move(inner)), fails_(fails) {}
-
-  private:
-    Result<void> do_write(std::span<const Entry> entries) override {
+    Result<void> write(std::span<const Entry> entries) override {
         return fails_ ? tl::unexpected(full()) : inner_->write(entries);
     }
-    Result<bool> do_prune(const Retention& retention, UtcMicros now_us) override {
+    Result<bool> prune(const Retention& retention, UtcMicros now_us) override {
         return inner_->prune(retention, now_us);
     }
+
+  private:
     std::unique_ptr<ResultStore> inner_;
     const bool& fails_;
 };

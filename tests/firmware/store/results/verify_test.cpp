@@ -16,7 +16,7 @@ void fill(const TempFolder& folder) {
     Story first;
     first.add(recipe("a", "1")).add_results(1, 200);
     for (std::uint32_t k = 1; k <= 20; ++k)
-        first.add(CommandRecord{kNoon + k, "plc:1", k, "stop", "Ready", "completed"});
+        first.add(ChangeRecord{ChangeRecord::What::command, kNoon + k, "plc:1", k, "stop", "Ready", "completed"});
     write(folder, first);
     const auto store = open(folder);
     ASSERT_TRUE(store->write(Story(start(8)).add(recipe("b", "2")).add_results(1, 140).entries()));
