@@ -22,8 +22,8 @@
 #include <emmintrin.h>
 #endif
 
-#include "algo/maps/emd_threshold.h"
 #include "algo/maps/feature_map.h"
+#include "tests/support/emd_threshold/emd_threshold.h"
 
 namespace hord::bench {
 namespace {

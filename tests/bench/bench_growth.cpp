@@ -4,8 +4,8 @@
 //
 // Frames: a spot of light in every lenslet that moves smoothly over the field, at 8 bits and up to 250 DN, dark
 // threshold 3 DN; 64x64 lenslets are drawn and repeated. `decided`: whether the EMD's gradient reaches 1 bin
-// (algo/maps/emd_threshold.h). CPU time of one thread, with decoding. Every frame is measured once per round, so that
-// other load affects all rows of the table alike; the median of the rounds counts.
+// (tests/support/emd_threshold/emd_threshold.h). CPU time of one thread, with decoding. Every frame is measured once
+// per round, so that other load affects all rows of the table alike; the median of the rounds counts.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -17,8 +17,8 @@
 #include <string>
 #include <vector>
 
-#include "algo/maps/emd_threshold.h"
 #include "algo/maps/feature_map.h"
+#include "tests/support/emd_threshold/emd_threshold.h"
 
 namespace {
 

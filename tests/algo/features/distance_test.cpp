@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "algo/emd/emd_bounds.h"
+#include "tests/support/emd_threshold/emd_bounds.h"
 #include "tests/support/histograms.h"
 
 namespace hord::algo {

@@ -6,10 +6,10 @@
 
 #include "algo/features/distance.h"
 #include "algo/frame/grid_decoder.h"
-#include "algo/maps/emd_threshold.h"
 #include "algo/maps/feature_map.h"
 #include "algo/recipe/recipe.h"
 #include "tests/support/counted_heap.h"
+#include "tests/support/emd_threshold/emd_threshold.h"
 
 namespace hord::algo {
 namespace {

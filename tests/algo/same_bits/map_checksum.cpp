@@ -14,10 +14,10 @@
 #include <vector>
 
 #include "algo/frame/mask.h"
-#include "algo/maps/emd_threshold.h"
 #include "algo/maps/feature_map.h"
 #include "algo/recipe/recipe.h"
 #include "algo/reference/reference_comparison.h"
+#include "tests/support/emd_threshold/emd_threshold.h"
 
 namespace {
 

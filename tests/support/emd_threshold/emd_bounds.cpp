@@ -1,4 +1,4 @@
-#include "algo/emd/emd_bounds.h"
+#include "tests/support/emd_threshold/emd_bounds.h"
 
 #include <algorithm>
 #include <cmath>

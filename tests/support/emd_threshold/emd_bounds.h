@@ -5,7 +5,7 @@
 //   upper  the mass not shared times the largest cost; or, tighter, the cheaper of two plans that move mass in order,
 //          line by line and column by column.
 // Both are widened by 2^-35 of the largest cost, so that they hold the double that EmdSolver returns, rounding
-// included. Formats and ranges are those of emd_solver.h. Test: tests/algo/emd/emd_bounds_test.cpp.
+// included. Formats and ranges are those of emd_solver.h. Test: tests/support/emd_threshold/emd_bounds_test.cpp.
 #pragma once
 
 #include <cstdint>

@@ -1,10 +1,10 @@
 // Decides for every lenslet of a frame whether its EMD gradient is at or above a limit, mostly without solving.
-// No caller outside tests yet: the next issue takes it into production.
+// Benches measure it; the pipeline computes every distance.
 //
-// Every pair is bounded first (algo/emd/emd_bounds.h). Distances are solved exactly only where the limit lies between
-// the bounds of the gradient's norm. Every decision equals `exact >= limit` with `exact` the float of FeatureMapper:
-// bounds hold the double that the solver returns, and squares, sums, roots and conversion to float are monotonic.
-// Test: tests/algo/maps/emd_threshold_test.cpp, on millions of pairs with HORD_LONG_TESTS.
+// Every pair is bounded first (tests/support/emd_threshold/emd_bounds.h). Distances are solved exactly only where the
+// limit lies between the bounds of the gradient's norm. Every decision equals `exact >= limit` with `exact` the float
+// of FeatureMapper: bounds hold the double that the solver returns, and squares, sums, roots and conversion to float
+// are monotonic. Test: tests/support/emd_threshold/emd_threshold_test.cpp, on millions of pairs with HORD_LONG_TESTS.
 #pragma once
 
 #include <cstdint>

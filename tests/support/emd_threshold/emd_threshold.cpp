@@ -1,14 +1,14 @@
-#include "algo/maps/emd_threshold.h"
+#include "tests/support/emd_threshold/emd_threshold.h"
 
 #include <algorithm>
 #include <cmath>
 #include <string>
 #include <vector>
 
-#include "algo/emd/emd_bounds.h"
 #include "algo/features/gradient.h"
 #include "algo/features/row_window.h"
 #include "algo/maps/row_thread_pool.h"
+#include "tests/support/emd_threshold/emd_bounds.h"
 
 namespace hord::algo {
 namespace {

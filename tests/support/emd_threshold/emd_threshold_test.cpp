@@ -1,4 +1,4 @@
-#include "algo/maps/emd_threshold.h"
+#include "tests/support/emd_threshold/emd_threshold.h"
 
 #include <algorithm>
 #include <cmath>
