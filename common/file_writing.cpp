@@ -50,7 +50,11 @@ Result<void> write_durably(const fs::path& file, std::string_view text) {
 std::optional<std::string> read_file(const fs::path& file) {
     std::error_code error;
     std::ifstream in(file, std::ios::binary);
-    if (!in || fs::is_directory(file, error)) return std::nullopt;
+    if (!in) return std::nullopt;
+    if (fs::is_directory(file, error)) {
+        errno = EISDIR;  // the stream opens it, and throws when it reads
+        return std::nullopt;
+    }
     std::string text{std::istreambuf_iterator<char>(in), {}};
     return in.bad() ? std::nullopt : std::optional(std::move(text));
 }

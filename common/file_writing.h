@@ -15,7 +15,7 @@
 
 namespace hord::common {
 
-// None: it cannot be read, or is a folder.
+// None: it cannot be read, or is a folder; errno says why.
 std::optional<std::string> read_file(const std::filesystem::path& file);
 
 // Writes FILE.part and renames it. Does not wait for the disk: a power cut may lose the file. Fails with not_found (the

@@ -271,7 +271,8 @@ void Learner::finish_mean_hords(double parts, double light) {
                 0.0, static_cast<double>(reference_hords_[k * stride + r.place(b % extents_.i, b / extents_.i)]));
             sum += share;
             x += share * (b % extents_.i - 0.5 * (extents_.i - 1));
-            y += share * (b / extents_.i - 0.5 * (extents_.j - 1));
+            const int row = b / extents_.i;
+            y += share * (row - 0.5 * (extents_.j - 1));
         }
         if (!(sum > 0)) continue;
         r.mask[k] = kValid;

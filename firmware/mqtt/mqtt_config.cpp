@@ -12,6 +12,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "common/file_writing.h"
 #include "common/toml_fields.h"
 
 namespace hord::firmware::mqtt {
@@ -131,12 +132,11 @@ Result<MqttConfig> parse_mqtt_config(std::string_view text, std::string_view nam
 }
 
 Result<MqttConfig> load_mqtt_config(const std::filesystem::path& file) {
-    std::ifstream in(file, std::ios::binary);
-    if (!in)
+    const auto text = common::read_file(file);
+    if (!text)
         return fail(ErrorCode::invalid_argument, file.string() + " cannot be read (" + std::strerror(errno) + ")",
                     "name the configuration: --config FILE");
-    const std::string text{std::istreambuf_iterator<char>(in), {}};
-    return parse_mqtt_config(text, file.string(), file.parent_path());
+    return parse_mqtt_config(*text, file.string(), file.parent_path());
 }
 
 std::filesystem::path credential_or(const std::filesystem::path& file) {

@@ -1,7 +1,6 @@
 #include "firmware/recipes/recipe_folder.h"
 
 #include <algorithm>
-#include <fstream>
 #include <iterator>
 
 #include <fmt/format.h>
@@ -64,8 +63,7 @@ Result<void> remember_recipe(const fs::path& file, std::uint32_t configured, con
 }
 
 Result<std::optional<NumberedRecipe>> remembered_recipe(const fs::path& file, std::uint32_t configured) {
-    std::ifstream in(file, std::ios::binary);
-    const std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+    const std::string text = common::read_file(file).value_or("");
     if (!text.starts_with(head_line(configured))) return std::nullopt;
     auto recipe = parse_numbered_recipe(text, file.string());
     if (!recipe) return tl::unexpected(recipe.error());

@@ -105,11 +105,11 @@ Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesys
     const auto refuse = [&](ErrorCode code, const std::string& what) {
         return fail(code, file.string() + " " + what, "learn it again: hordctl learn");
     };
-    std::ifstream stream(file, std::ios::binary);
-    if (!stream)
+    const auto read = common::read_file(file);
+    if (!read)
         return fail(ErrorCode::not_found, file.string() + " cannot be opened",
                     "give a file that hordctl learn has written");
-    const std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+    const std::string& text = *read;
     if (text.size() < kMagic.size() + 8 || !text.starts_with(kMagic))
         return refuse(ErrorCode::unreadable, "is not a reference");
     std::uint32_t version = 0, seal = 0;

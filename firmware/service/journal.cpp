@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include <errno.h>
 #include <fmt/format.h>
 #include <sys/stat.h>
 #include <sys/uio.h>
@@ -95,7 +96,7 @@ std::string format_catalog() {
 void write_to_journal(const Entry& entry, std::string_view message, std::span<const Field> fields) {
     static const bool to_journal = stderr_is_the_journal();
     if (!to_journal) {
-        fmt::print(stderr, "hordd: {}\n", message);
+        fmt::print(stderr, "{}: {}\n", program_invocation_short_name, message);
         std::fflush(stderr);
         return;
     }

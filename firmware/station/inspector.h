@@ -57,7 +57,9 @@ class Inspector {
 
     // Loop thread. Calls `all_here` on the loop's thread once every inspecting thread has answered: at once without
     // threads, after its frame if one is busy, never if one hangs. A later call replaces a pending one.
-    virtual void liveness_check(std::function<void()> all_here) { all_here(); }
+    virtual void liveness_check(std::function<void()> all_here) {  // NOLINT: threads keep it
+        all_here();
+    }
 };
 
 struct InspectorSettings {

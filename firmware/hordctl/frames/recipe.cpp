@@ -1,6 +1,5 @@
 // hordctl recipe: the recipes of a folder, whether they can be used, their seals; and which one a station uses.
 #include <algorithm>
-#include <fstream>
 #include <iterator>
 #include <regex>
 
@@ -61,13 +60,12 @@ Exit check(const RecipeOptions& options) {
 // Writes the crc32 key, in its place when there is one, else as the first line; everything else stays as it is.
 Exit seal(const RecipeOptions& options) {
     for (const std::string& file : options.files) {
-        std::ifstream in(file, std::ios::binary);
-        std::string text{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
-        if (!in.is_open())
+        const auto read = common::read_file(file);
+        if (!read)
             return complain(
                 {ErrorCode::not_found, file + ": cannot be read", "check that the file exists and may be read"});
         static const std::regex old_seal("(^|\n)crc32[ \t]*=[^\n]*\n");
-        text = std::regex_replace(text, old_seal, "$1");
+        const std::string text = std::regex_replace(*read, old_seal, "$1");
         const auto recipe = parse_numbered_recipe(text, file);
         if (!recipe) return complain(recipe.error());
         const std::string sum = fmt::format("{:08X}", crc32_of(*recipe));

@@ -1,7 +1,6 @@
 // hordctl replay: judges kept frames again, and shows what changes; hordctl merge joins its shards.
 #include "firmware/store/frames/replay.h"
 
-#include <fstream>
 #include <iterator>
 #include <memory>
 #include <optional>
@@ -9,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "common/cli/progress.h"
+#include "common/file_writing.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/recipes/recipe_file.h"
 #include "firmware/store/frames/frame_archive.h"
@@ -58,8 +58,7 @@ Result<Chosen> choose_recipe(const ReplayOptions& options) {
     } else if (!options.recipe.empty()) {
         auto recipe = load_numbered_recipe(options.recipe);
         if (!recipe) return tl::unexpected(recipe.error());
-        std::ifstream in(options.recipe, std::ios::binary);
-        chosen = {std::move(recipe->recipe), std::string(std::istreambuf_iterator<char>(in), {})};
+        chosen = {std::move(recipe->recipe), common::read_file(options.recipe).value_or("")};
     }
     return chosen;
 }

@@ -29,7 +29,7 @@ std::vector<std::string> plain_commands() {
 }
 
 // "start-continuous" is accepted for "start_continuous".
-std::string canonical_name(std::string typed) {
+std::string canonical_name(const std::string& typed) {
     const auto command = command_named(typed);
     return command ? std::string(name_of(*command)) : typed;
 }

@@ -1,9 +1,9 @@
 #include "firmware/store/frames/frame_png.h"
 
-#include <fstream>
 #include <iterator>
 #include <utility>
 
+#include "common/file_writing.h"
 #include "common/png_codec.h"
 #include "firmware/store/results/hash_chain.h"
 
@@ -31,10 +31,10 @@ Result<AnnotatedFrame> decode_png(std::span<const std::uint8_t> bytes, const std
 }
 
 Result<AnnotatedFrame> read_annotated_frame(const std::filesystem::path& file) {
-    std::ifstream in(file, std::ios::binary);
-    if (!in) return fail(ErrorCode::not_found, file.string() + " cannot be read", "check the path and its permissions");
-    const std::vector<std::uint8_t> bytes{std::istreambuf_iterator<char>(in), {}};
-    return decode_png(bytes, file.string());
+    const auto read = common::read_file(file);
+    if (!read)
+        return fail(ErrorCode::not_found, file.string() + " cannot be read", "check the path and its permissions");
+    return decode_png(std::vector<std::uint8_t>(read->begin(), read->end()), file.string());
 }
 
 std::string digest_of_samples(const FrameView& frame) {

@@ -17,9 +17,9 @@ StartRecord begun_now(StartRecord start, UtcMicros now) {
 
 }  // namespace
 
-StationRecorder::StationRecorder(const hal::Clock& clock, std::function<UtcMicros()> utc_now, StoreQueue::Open open,
-                                 StationRecorderOptions options, StoreQueue::Listener queue_listener,
-                                 std::unique_ptr<FrameRetention> frames)
+StationRecorder::StationRecorder(const hal::Clock& clock, const std::function<UtcMicros()>& utc_now,
+                                 StoreQueue::Open open, StationRecorderOptions options,
+                                 StoreQueue::Listener queue_listener, std::unique_ptr<FrameRetention> frames)
     : clock_(clock), utc_now_(utc_now), ignored_part_(options.ignored_part), frames_(std::move(frames)),
       queue_(std::move(open), options.queue, begun_now(std::move(options.start), utc_now()), utc_now,
              std::move(queue_listener)) {}

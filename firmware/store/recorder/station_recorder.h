@@ -27,7 +27,7 @@ class StationRecorder final : public ResultSink {
   public:
     // `clock` is the one of PartResult::arrived_ns; `utc_now` the machine's. `queue_listener` as StoreQueue's. `frames`
     // may be null: no frame is kept.
-    StationRecorder(const hal::Clock& clock, std::function<UtcMicros()> utc_now, StoreQueue::Open open,
+    StationRecorder(const hal::Clock& clock, const std::function<UtcMicros()>& utc_now, StoreQueue::Open open,
                     StationRecorderOptions options, StoreQueue::Listener queue_listener,
                     std::unique_ptr<FrameRetention> frames);
 
