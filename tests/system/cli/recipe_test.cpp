@@ -1,6 +1,8 @@
-// `hordctl recipe`: what a folder holds, what is wrong with a file, and seals.
+// `hordctl recipe`: what a folder holds, what is wrong with a file, and seals. Folders in place of files.
 #include <fstream>
 #include <sstream>
+#include <utility>
+#include <vector>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -54,6 +56,35 @@ TEST(Recipes, that_are_sealed_are_refused_once_somebody_changed_what_they_say_bu
 
 TEST(Recipes, of_the_package_can_be_used) {
     EXPECT_EQ(run("hordctl", {"recipe", "list", std::string(HORD_SOURCE_DIR) + "/deploy/recipes"}).status, 0);
+}
+
+TEST(Programs, a_folder_in_place_of_a_file_is_an_error_that_names_it) {
+    const TemporaryFolder folder;
+    std::filesystem::create_directory(folder / "x.toml");
+    const std::string x = folder / "x.toml";
+    const std::string with_recipe = folder / "with_recipe.toml";
+    std::ofstream(with_recipe) << "[inspection]\nrecipe = \"" << x << "\"\n";
+    const std::vector<std::pair<std::string, std::vector<std::string>>> commands = {
+        {"hordd", {"--check", "--config", x}},
+        {"hordd", {"--check", "--config", with_recipe}},
+        {"hord-safe", {"--config", x}},
+        {"hord-page", {"--check", "--config", x}},
+        {"hord-mqtt", {"--check", "--config", x}},
+        {"hordctl", {"recipe", "check", x}},
+        {"hordctl", {"recipe", "seal", x}},
+        {"hordctl", {"recipe", "list", folder.path().string()}},
+        {"hordctl", {"replay", "--recipe", x, "--store", folder.path().string()}},
+        {"hordctl", {"inspect", x, "--grid", x}},
+        {"hord-lab", {"render", x, "--out", folder / "o.png"}},
+    };
+    for (const auto& [program, arguments] : commands) {
+        const Said said = run(program, arguments);
+        EXPECT_TRUE(said.status == 2 || said.status == 78) << program << " " << arguments[0] << ": " << said.status;
+        EXPECT_THAT(said.err, HasSubstr("x.toml"));
+        EXPECT_EQ(said.err.find("please report"), std::string::npos) << said.err;
+        EXPECT_EQ(said.err.find("Success"), std::string::npos) << said.err;
+        EXPECT_EQ(said.err.rfind(std::filesystem::path(program).filename().string() + ": ", 0), 0U) << said.err;
+    }
 }
 
 }  // namespace

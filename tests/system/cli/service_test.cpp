@@ -393,34 +393,6 @@ TEST_F(Service, cannot_make_a_rejector_safe_that_does_not_answer_and_says_so) {
     EXPECT_THAT(text_of(kDeploy / "hordd.service"), HasSubstr("ExecStopPost=/usr/libexec/hord/hord-safe\n"));
 }
 
-TEST_F(Service, a_folder_in_place_of_a_file_is_an_error_that_names_it) {
-    std::filesystem::create_directory(folder / "x.toml");
-    const std::string x = folder / "x.toml";
-    const std::string with_recipe = folder / "with_recipe.toml";
-    std::ofstream(with_recipe) << "[inspection]\nrecipe = \"" << x << "\"\n";
-    const std::vector<std::pair<std::string, std::vector<std::string>>> commands = {
-        {kHordd, {"--check", "--config", x}},
-        {kHordd, {"--check", "--config", with_recipe}},
-        {kHordSafe, {"--config", x}},
-        {"hord-page", {"--check", "--config", x}},
-        {"hord-mqtt", {"--check", "--config", x}},
-        {"hordctl", {"recipe", "check", x}},
-        {"hordctl", {"recipe", "seal", x}},
-        {"hordctl", {"recipe", "list", folder.path().string()}},
-        {"hordctl", {"replay", "--recipe", x, "--store", folder.path().string()}},
-        {"hordctl", {"inspect", x, "--grid", x}},
-        {"hord-lab", {"render", x, "--out", folder / "o.png"}},
-    };
-    for (const auto& [program, arguments] : commands) {
-        const Said said = run(program, arguments);
-        EXPECT_TRUE(said.status == 2 || said.status == 78) << program << " " << arguments[0] << ": " << said.status;
-        EXPECT_THAT(said.err, HasSubstr("x.toml"));
-        EXPECT_EQ(said.err.find("please report"), std::string::npos) << said.err;
-        EXPECT_EQ(said.err.find("Success"), std::string::npos) << said.err;
-        EXPECT_EQ(said.err.rfind(std::filesystem::path(program).filename().string() + ": ", 0), 0U) << said.err;
-    }
-}
-
 TEST(ServiceFiles, the_catalogue_in_the_tree_is_what_the_code_prints) {
     EXPECT_EQ(run(kHordd, {"--catalog"}).out, text_of(kDeploy / "hord.catalog"))
         << "run: hordd --catalog > deploy/hord.catalog";
