@@ -76,6 +76,7 @@ struct Drawn {
     std::vector<TruePoint> truth;  // every lenslet whose centre lies inside the frame
 };
 
+// Places, light, noise: three steps over the same locals, hence the length.
 inline Drawn draw(const White& w) {
     Random random(w.seed);
     const double middle_x = 0.5 * (w.width_px - 1);

@@ -273,6 +273,7 @@ max_duty = 0.1
         (drivers::GpioStrobeChannel{{"/dev/gpiochip3", "4", true, {}}, {microseconds(400), milliseconds(9), 0.1}}));
 }
 
+// Long because it is the list of all keys.
 TEST(Config, every_key_reaches_its_field) {
     const auto config = parse(R"(
 [station]

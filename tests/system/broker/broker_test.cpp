@@ -93,6 +93,7 @@ std::pair<std::uint32_t, int> arrived(Consumer& consumer) {
 
 std::string rebirth() { return std::string("\x12\x1A\x0A\x14Node Control/Rebirth\x20\x0B\x70\x01", 28); }
 
+// One story from birth to death: starting a broker and a line for each step would take minutes.
 TEST_F(Mqtt, station_is_born_told_asked_again_and_dies_while_its_line_goes_on) {
     Broker broker(folder.path().string());
     Consumer consumer(folder.path().string(), broker.port());

@@ -166,6 +166,7 @@ class BeatingPlc {
 };
 
 // Every time on this line is long: how fast the machine is does not matter here. Its recipe passes whatever has light.
+// One story of a service that is started once, hence the length.
 TEST_F(Service, rejects_every_part_while_the_plc_is_silent_and_inspects_again_when_it_is_back) {
     std::ofstream(folder / "wide.toml")
         << "name = \"wide\"\nnumber = 7\n[limits]\nemd_bins = 30\nfrobenius_bins = 30\ntransmission = 0\n";
