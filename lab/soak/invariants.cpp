@@ -1,4 +1,4 @@
-// What really happens: parts, faults, light and ejector, and whether a part may leave or be ejected.
+// The true events: parts, faults, light and ejector; checks whether a part may leave or be ejected.
 #include "lab/soak/invariants.h"
 
 #include <algorithm>
@@ -157,7 +157,7 @@ void Invariants::fault(InjectedFault fault, Duration amount) {
             if (now < encoder_silent_until_) parts_[newest_ % kMemory].slipped_mm += slipped_mm_;
             break;
         case InjectedFault::encoder_silent:
-            // The newest part's edge then has no count of its own: its position is extrapolated from before the slip.
+            // The newest part's edge then has no encoder count: its position is extrapolated from before the slip.
             if (slipped_at_ == now && now >= encoder_silent_until_) parts_[newest_ % kMemory].slipped_mm += slipped_mm_;
             encoder_silent_until_ = std::max(encoder_silent_until_, now + amount);
             break;

@@ -1,8 +1,7 @@
 // The numbers of a scene file, table by table: each with its key, its place in the scene and its range.
 //
 // One list for two visitors: the reader (scene_file.cpp) uses the keys, the checks (scene_problems.cpp) also the
-// ranges. `on` is the visitor: number(), integer(), pair(), vector(), and number_or_none() for numbers in the range or
-// 0.
+// ranges. `on` has number(), integer(), pair(), vector(), and number_or_none() for numbers that may also be 0.
 #pragma once
 
 #include <concepts>
