@@ -259,7 +259,7 @@ void report_wobble(Report& report) {
 void report_kinds(Report& report) {
     using algo::DefectKind;
     constexpr std::array<const char*, 5> figures = {"speck", "haze", "dimple", "scratch", "bubble"};
-    // Of the figures, in order; a bubble has no right kind.
+    // By figure, in the same order; no kind is correct for a bubble.
     constexpr std::array<DefectKind, 4> right_kinds = {DefectKind::absorbing, DefectKind::scattering,
                                                        DefectKind::surface, DefectKind::scratch};
     Table kinds{

@@ -53,7 +53,7 @@ const Rated& named(const std::vector<Rated>& all, std::string_view name);  // mu
 bool dominates(const Rated& a, const Rated& b);
 // Of the features that dominate it (all, or those of its own kind), the one that finds most; null for none.
 const Rated* dominator(const std::vector<Rated>& all, const Rated& one, bool of_its_kind);
-// The feature of a kind that finds most; and the fastest of that kind within the best's interval.
+// The feature of a kind that finds most. fastest_as_good(): the fastest of that kind within the interval of `best`.
 const Rated* best_of(const std::vector<Rated>& all, Kind kind);
 const Rated* fastest_as_good(const std::vector<Rated>& all, const Rated& best);
 
