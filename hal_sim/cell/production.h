@@ -1,4 +1,4 @@
-// A day's parts for the simulated cell: good ones, and each kind of defect at random places, from a seed.
+// Parts for the simulated cell, drawn from a seed: good ones, and each kind of defect at random places.
 #pragma once
 
 #include <array>

@@ -1,7 +1,7 @@
-// Rendered frames: one light field for each kind of part, exposed under the light that it really got.
+// Rendered frames: one light field for each kind of part, exposed with the light of the simulated strobe.
 //
 // make() renders, and takes a few exposures of each kind at nominal light. These are lent unchanged, so delivering a
-// frame takes no time on the loop. Another light, or a part that is not centred, is exposed on demand.
+// frame takes no time on the loop. Frames with other light, or of a part off the centre, are exposed on demand.
 #pragma once
 
 #include <filesystem>
@@ -21,8 +21,7 @@ struct RenderedFramesOptions {
     double nominal_share = 0.02;  // light within this of 1 counts as nominal
     std::uint64_t seed = 1;
     std::function<void(double done)> progress;  // 0..1, from the calling thread; may be empty
-    std::filesystem::path cache =
-        {};  // folder that keeps what this very program rendered for its next start; empty: nowhere
+    std::filesystem::path cache = {};           // cache folder for the next start of the same program; empty: no cache
 };
 
 class RenderedFrames final : public FrameSource {

@@ -25,8 +25,8 @@ namespace hord::sim {
 class CoilModule {
   public:
     // Listens on 127.0.0.1, on a free port, when this returns. `clock` is read on the module's thread and outlives it.
-    // `realtime`: SCHED_FIFO priority of its thread, so that it answers in time even when this machine is busy; 0, or
-    // if it is refused: the caller's policy. Fails with io.
+    // `realtime`: SCHED_FIFO priority of its thread, so that it answers in time even when this machine is busy; With 0,
+    // or if the system refuses it, the thread keeps the caller's policy. Fails with io.
     static Result<std::unique_ptr<CoilModule>> open(const hal::Clock& clock, int realtime = 0);
     ~CoilModule();  // all coils fall to 0
     CoilModule(const CoilModule&) = delete;

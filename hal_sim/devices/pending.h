@@ -1,5 +1,5 @@
-// What a simulated device has yet to do, each thing at its time. Slots are used again: nothing is allocated once there
-// were as many things at a time.
+// The pending actions of a simulated device, each with its due time. Slots are reused: nothing is allocated once the
+// number of pending actions has reached its maximum.
 #pragma once
 
 #include <algorithm>
@@ -28,7 +28,7 @@ class Pending {
         });
     }
 
-    // Nothing is due any more; calls `instead` with each thing that was. It may stop the device, which drops the rest.
+    // Cancels all pending things and calls `instead` with each. `instead` may stop the device, which drops the rest.
     template <class Instead>
     void drop(const Instead& instead) {
         for (std::size_t k = 0; k < slots_.size(); ++k) {

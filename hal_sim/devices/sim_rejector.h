@@ -1,5 +1,5 @@
-// The simulated rejector: an ejector that acts on the part that is really in front of it, and acknowledgements that
-// arrive independently.
+// The simulated rejector: its ejector hits the part that is in front of it. The acknowledgement is simulated
+// separately, so it may be wrong or missing.
 #pragma once
 
 #include <optional>

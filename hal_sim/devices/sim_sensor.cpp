@@ -65,7 +65,7 @@ Result<void> SimSensor::do_trigger(const hal::ExposureRequest& request) {
     return {};
 }
 
-// The shutter closes: the frame holds the part that is in view now, whatever faults its delivery has.
+// The shutter closes: the frame holds the part that is in view now. Faults of the delivery do not change that.
 void SimSensor::exposed(std::uint32_t number) {
     Slot& slot = slots_[number];
     const bool dark = faults_.fires(InjectedFault::frame_dark).has_value(),

@@ -1,4 +1,4 @@
-// The simulated lenslet sensor: an exposure shows the part that was really in view when the light really fell.
+// The simulated lenslet sensor: an exposure shows the part that was in view when the strobe was lit.
 #pragma once
 
 #include <array>

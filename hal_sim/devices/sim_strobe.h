@@ -25,7 +25,7 @@ class SimStrobe final : public hal::Strobe {
     ~SimStrobe() override;
     [[nodiscard]] hal::StrobeLimits limits() const override { return options_.limits; }
 
-    // The light in [from, until): 1 for a nominal pulse wholly inside; and when it fell.
+    // The light in [from, until), 1 for a nominal pulse wholly inside, and its time.
     struct Light {
         double amount = 0;
         hal::TimePoint at;  // middle of the first pulse's part inside; meaningless without light
@@ -59,7 +59,7 @@ class SimStrobe final : public hal::Strobe {
     Listener* listener_ = nullptr;
     bool lost_ = false;
     hal::TimePoint back_at_{};
-    std::deque<Lit> lit_;  // the last second's and the future's
+    std::deque<Lit> lit_;  // pulses of the last second and future ones
     Pending<hal::StrobeReport> pending_;
     hal::EventLoop::TimerId lost_timer_{};
     hal::Duration longest_on_{};

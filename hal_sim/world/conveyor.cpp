@@ -16,7 +16,7 @@ Conveyor::Conveyor(const ConveyorOptions& options, std::uint64_t seed, TimePoint
 }
 
 void Conveyor::draw_next() {
-    constexpr Duration kLong = std::chrono::seconds(10);  // without jitter: only keeps the numbers of a stretch small
+    constexpr Duration kLong = std::chrono::seconds(10);  // of a stretch without jitter: keeps its numbers small
     constexpr std::uint64_t kStream = 0xBE17;
     double mm_per_ns = options_.speed_mm_s * 1e-9;
     Duration length = kLong;

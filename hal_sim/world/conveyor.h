@@ -38,7 +38,7 @@ class Conveyor {
     void resume(hal::TimePoint at);
     [[nodiscard]] bool halted() const { return halted_; }
 
-    // Frees what is known of the time before `at`.
+    // Frees the stretches before `at`.
     void forget_before(hal::TimePoint at);
 
   private:

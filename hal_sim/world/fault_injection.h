@@ -1,5 +1,5 @@
-// Faults of the simulated cell: seeded data. The plan counts how often each fires, since a fault that never fired
-// proves nothing.
+// The faults of the simulated cell, as rules and a seed. The plan counts how often each fault fires: a test whose fault
+// never fired is void.
 #pragma once
 
 #include <array>
@@ -17,56 +17,57 @@ namespace hord::sim {
 enum class InjectedFault : std::uint8_t {
     frame_drop,             // each exposure       never delivered; the device's count shows a gap
     frame_duplicate,        // each exposure       delivered twice, same sequence
-    frame_stale,            // each exposure       the frame before it comes in its place, with its old time
+    frame_stale,            // each exposure       replaced by the previous frame, with that frame's time
     frame_late,             // each exposure       delivered `amount` later (200 ms)
-    frame_short,            // each exposure       half of its bytes
+    frame_short,            // each exposure       delivered with half of its bytes
     frame_corrupt,          // each exposure       flagged by the device
     frame_dark,             // each exposure       no light reached the sensor
     frame_saturated,        // each exposure       every sample at full scale
     sensor_lost,            // each exposure       the device goes; start() fails for `amount` (100 ms)
     strobe_dead,            // each pulse          reported as lit, no light
-    strobe_refused,         // each pulse          no light, and the report says so
+    strobe_refused,         // each pulse          no light; reported as not lit
     strobe_weak,            // each pulse          a quarter of the light
     strobe_double,          // each pulse          a second pulse, `amount` after the first ends (50 us)
-    strobe_late,            // each pulse          begins `amount` late (2 ms), as the report says
+    strobe_late,            // each pulse          begins `amount` late (2 ms); reported with the late time
     strobe_lost,            // each pulse          the device goes; start() fails for `amount` (100 ms)
-    edge_bounce,            // each arrival        two more edges pairs within `amount` (200 us)
+    edge_bounce,            // each arrival        two more pairs of edges within `amount` (200 us)
     edge_lost,              // each arrival        not delivered; the sequence shows a gap
-    edge_missed,            // each arrival        not delivered, without a trace
-    edge_ghost,             // each arrival        an arrival `amount` later (10 ms) with no part
-    encoder_slip,           // each arrival        the encoder loses `amount`'s worth of nominal motion (1 ms)
-    encoder_silent,         // each arrival        no reading and no count with an edge for `amount` (300 ms)
+    edge_missed,            // each arrival        not delivered; the sequence shows no gap
+    edge_ghost,             // each arrival        a second arrival `amount` later (10 ms), without a part
+    encoder_slip,           // each arrival        the encoder loses the counts of `amount` at nominal speed (1 ms)
+    encoder_silent,         // each arrival        no encoder reading, also none with an edge, for `amount` (300 ms)
     part_sensor_lost,       // each arrival        the device goes; start() fails for `amount` (100 ms)
     reject_lost,            // each command        never acts, never acknowledged
     reject_unacknowledged,  // each command        acts, never acknowledged
     reject_late,            // each command        acts `amount` late (100 ms), acknowledged then
     reject_twice,           // each command        acts again `amount` after the first pulse ends (20 ms)
     ejector_stuck,          // each command        acknowledged, the valve does not move
-    rejector_down,          // each command        the link goes for `amount` (100 ms), the command with it
+    rejector_down,          // each command        the link is down for `amount` (100 ms); the command is lost
     part_close,  // each part           its front is a tenth to six tenths of its length behind the end of the one ahead
     part_touching,     // each part           its front touches the one ahead: no edge between the two
     part_missing,      // each part           its place on the belt is empty
     part_removed,      // each arrival        taken off the belt by hand `amount` after its arrival (150 ms)
-    belt_stop,         // each arrival        the belt stands for `amount` (300 ms), whatever the permit says
+    belt_stop,         // each arrival        the belt stops for `amount` (300 ms), also with run permit
     inspector_slow,    // each inspection     takes `amount` longer (1 s)
-    inspector_failed,  // each inspection     answers that it could not
-    process_stalled,   // each arrival        the process does not get to run for `amount` (120 ms)
+    inspector_failed,  // each inspection     answers with a failure
+    process_stalled,   // each arrival        the process is not scheduled for `amount` (120 ms)
     process_crash,  // each arrival        the process dies a moment later and is started again after `amount` (400 ms)
     restart_ordered,   // each arrival        the station is halted, and started again with its configuration read anew
-    plc_silent,        // each arrival        the PLC neither beats nor asks for `amount` (3 s)
+    plc_silent,        // each arrival        the PLC sends no heartbeat and no request for `amount` (3 s)
     plc_repeats,       // each arrival        an answer is lost: the PLC sends its next command four times
-    plc_commands,      // each arrival        the PLC commands something, whatever the state
-    plc_nonsense,      // each arrival        writes of random registers, half a command, one for another boot
+    plc_commands,      // each arrival        the PLC sends a random command in any state
+    plc_nonsense,      // each arrival        writes random registers, half a command, and a command with an old boot id
     scada_floods,      // each arrival        twenty reads of random registers
     store_error,       // each arrival        the disk answers every write with an error for `amount` (1 s)
-    store_in_doubt,    // each arrival        it writes for `amount`, and says that it has not (1 s)
-    store_slow,        // each arrival        nothing gets written for `amount`, and no error says so (2 s)
+    store_in_doubt,    // each arrival        the disk writes but reports an error for `amount` (1 s)
+    store_slow,        // each arrival        nothing is written for `amount`, without an error (2 s)
     disk_full,         // each arrival        no space for `amount` (3 s)
-    clock_set,         // each arrival        somebody sets the machine's wall clock forth or back by `amount` (1 h)
-    inspector_hangs,   // each inspection     none is answered for `amount`, then all (1.5 s)
-    device_unplugged,  // each arrival        some device goes within 1.5 s, whatever it does then; start() fails for
-                       // `amount` (300 ms)
-    plc_walks,  // each arrival        the PLC leads the station to some state, and leaves it there for `amount` (1.5 s)
+    clock_set,         // each arrival        the machine's wall clock is set forward or back by `amount` (1 h)
+    inspector_hangs,   // each inspection     no inspection is answered for `amount`, then all are (1.5 s)
+    device_unplugged,  // each arrival        a random device goes at a random time within 1.5 s; start() fails for
+    // `amount` (300 ms)
+    plc_walks,  // each arrival        the PLC commands the station to a random state and leaves it there for `amount`
+                // (1.5 s)
 };
 inline constexpr std::size_t kInjectedFaults = static_cast<std::size_t>(InjectedFault::plc_walks) + 1;
 

@@ -1,4 +1,4 @@
-// The frames of the simulated sensor, for the part that is really in view and the light that it really got.
+// The frames of the simulated sensor, from the part in view and the light of the strobe.
 #pragma once
 
 #include <cstddef>
@@ -50,7 +50,7 @@ class TokenFrames final : public FrameSource {
         std::size_t kind = Exposure::kNoPart;
         bool bad = false;
     };
-    // Empty when the frame is dark, saturated or not such a frame.
+    // Empty when the frame is dark, saturated, or not a token frame.
     static std::optional<Token> read(const FrameView& frame);
 
   private:

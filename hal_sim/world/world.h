@@ -2,7 +2,7 @@
 //
 // Positions are belt travel since the part's front edge crossed the part sensor, in mm. The world acts on timers of its
 // event loop and computes with the times at which events are due, not with those of the callbacks: on a real-time loop
-// an edge has its true time even when its callback is late.
+// an edge has its exact time even when its callback is late.
 #pragma once
 
 #include <cstdint>
@@ -49,8 +49,8 @@ struct PartRecord {
     bool bad = false;
     bool touches_ahead = false, touched_behind = false;  // no edge between the two
     double front_mm = 0;                                 // belt position at which its front crosses the sensor
-    hal::TimePoint arrived;                              // when it did: equals PartEdge::at unless a fault meddled
-    std::uint32_t exposures = 0;                         // frames taken of it
+    hal::TimePoint arrived;       // time of that crossing: equals PartEdge::at, except under a fault
+    std::uint32_t exposures = 0;  // frames taken of it
     Fate fate = Fate::on_line;
     hal::TimePoint gone;  // ejected, left or removed
 };

@@ -21,7 +21,7 @@ namespace hord::lab {
 namespace {
 
 constexpr double kMatters = 0.1;  // relative change of a contrast, or change of a clean part's score
-constexpr double kPlain = 10;     // contrasts above this count as this: the defect is plain
+constexpr double kPlain = 10;     // contrasts are limited to this value: the defect is obvious
 constexpr const char* kNothing = "nothing";
 constexpr std::array<const char*, 3> kFeatures = {"EMD", "Frobenius", "transmission"};
 
@@ -152,7 +152,7 @@ Result<Json> measure(const Lights& lights, const sim::Scene& scene, const TruthD
 
 // -- the grid
 
-// The scene with this effect alone. Ghosts keep the Fresnel losses, which they are made of.
+// The scene with this effect alone. Ghosts keep the Fresnel losses, since they need the reflected light.
 sim::Scene with_only(sim::Scene scene, Effect effect) {
     for (std::size_t k = 0; k < kEffects; ++k) {
         const auto other = static_cast<Effect>(k);
@@ -256,7 +256,7 @@ Table table_of(const Ablated& scene) {
 struct Summary {
     std::string effect;
     double most = 0;   // largest change of a contrast
-    double costs = 0;  // largest ratio of the rendering times with it and without effects
+    double costs = 0;  // largest ratio of the rendering time with it to that without effects
     std::string matters_in, verdict_in;
 };
 std::vector<Summary> summaries_of(const std::vector<Ablated>& scenes) {

@@ -1,4 +1,4 @@
-// Ablation: what each physical effect of a scene changes in detection, and what it costs to render.
+// Ablation: the change in detection by each physical effect of a scene, and its rendering cost.
 #pragma once
 
 #include "lab/experiment/experiment.h"

@@ -150,7 +150,7 @@ Result<Json> Production::judge(const Figure& figure, int first, int count, int t
     return all;
 }
 
-// The factor on the limits at which a share kGoodShare of good parts is rejected, by the tail of the tuning scores.
+// The factor on the limits that rejects a share kGoodShare of good parts, from the tail of the tuning scores.
 double factor_for(const std::vector<JudgedPart>& tuning) {
     std::vector<double> scores;
     for (const JudgedPart& p : tuning) {
@@ -167,10 +167,11 @@ class Run {
 
   private:
     Result<void> judge(Production& production, const Figure& figure);
-    // The round part at every light level, with the same limits and one reference: a camera of 16 bits.
+    // The round part at every light level, with the same limits, one reference and a camera of 16 bits.
     Result<void> judge_light_levels();
     Result<void> judge_strips();
-    // Flaws that are traced part by part, which takes longest. In turns, so that an interrupted run has some of each.
+    // Flaws that are traced part by part, which takes longest. The figures take turns, so that an interrupted run has
+    // some parts of each.
     Result<void> judge_traced(Production& production);
     Result<void> judge_chunk(Production& production, const Figure& figure, int first);
     Result<std::shared_ptr<const algo::Reference>> learn(const sim::Scene& scene, const std::string& what);
@@ -256,7 +257,7 @@ Result<void> Run::judge_strips() {
                 strips, {.name = fmt::format("slope {:g} good", slope), .parts = parts, .poses = sizes_.slope_poses});
             !done)
             return done;
-        // Other poses than the good ones: the tuning stream's are not used for strips.
+        // The poses come from the tuning stream, which strips do not use otherwise, so they differ from the good ones.
         if (auto done = judge(strips,
                               {.name = fmt::format("slope {:g} haze", slope),
                                .flaw = Flaw::haze,

@@ -13,7 +13,7 @@
 namespace hord::lab {
 
 Result<ExperimentReport> run_detection(const ExperimentOptions& options);
-// Reports the finished part of an interrupted run; figures with too few parts are marked.
+// Reports an interrupted run from its finished cells; figures with too few parts are marked.
 Result<ExperimentReport> report_finished_detection(const ExperimentOptions& options);
 
 inline constexpr double kGoodShare = 3e-4;                    // share of good parts that the tuned limits should reject

@@ -25,7 +25,7 @@ namespace {
 constexpr double kElectrons = 2000, kSourceArea = 1.169;  // bins
 constexpr double kFloor = 1e-3;                           // smallest sigma of a map, times 3
 
-// The paper's lens as this camera sees it: 12 bits, noise, a little wobble.
+// The paper's lens with this camera: 12 bits, noise, a small wobble.
 sim::Scene paper_lens(int lenslets) {
     sim::Scene scene = lens_scene(lenslets);
     scene.camera.bits = 12;
@@ -58,8 +58,8 @@ Result<sim::LightField> light_of(const sim::Scene& scene, const ExperimentOption
     return sim::render(scene, {options.threads, {}});
 }
 
-// The maps of a frame, with masks of the lenslets that have no value. A dark lenslet has no gradient, unless it is
-// taken as evenly lit, but it has a z-score.
+// The maps of a frame, with masks of the lenslets that have no value. A dark lenslet has a z-score.
+// It has a gradient only if it is taken as evenly lit.
 struct PartMaps {
     std::vector<float> emd, even, z_score;
     std::vector<float> deviance;  // deviance_of(), where z_score has a value
@@ -75,7 +75,7 @@ constexpr NamedMap kMaps[] = {{"emd", &PartMaps::emd, &PartMaps::emd_mask},
                               {"z-score", &PartMaps::z_score, &PartMaps::z_score_mask}};
 
 // The deviance of each lenslet, an upper bound for any score: twice the log likelihood ratio of its bins as measured
-// and as the reference expects them. Noise is that of photons and readings alone: Poisson where light is missing,
+// and as the reference expects them. The noise is photon and read noise alone: Poisson where light is missing,
 // normal where there is more. By Neyman and Pearson no test for exactly this flaw is better, and under noise alone the
 // ratio is R or more with a probability of at most 1 / R. So a score that good parts exceed as rarely as a normal
 // number is at most about the root of the deviance, less its mean under noise.
@@ -279,7 +279,7 @@ Result<void> compare_flaws(ContrastMeter& meter, const sim::Scene& clean, const 
         sim::Scene scene = clean;
         scene.name = flaw.name;
         scene.defects.push_back(flaw.defect);
-        // The hollows are at the cut's place.
+        // The hollows have the position of the cut.
         const TruthDefect truth = flaw.name.starts_with("hollow") ? *cut : truth_of(scene).defects.front();
         if (!cut) cut = truth;
         auto compared = meter.compare(flaw.name, clean, *clean_light, scene, truth);
@@ -289,8 +289,8 @@ Result<void> compare_flaws(ContrastMeter& meter, const sim::Scene& clean, const 
     return {};
 }
 
-// The light of the cut depends on its place between the lenslets: its middle at a lenslet's, and a quarter, half and
-// three quarters of a lenslet beside it along either axis.
+// The light of the cut depends on its position between the lenslets. Offsets of its centre from a lenslet's centre: 0,
+// 1/4, 1/2 and 3/4 lenslet along either axis.
 Result<void> compare_places(ContrastMeter& meter, const sim::Scene& nominal, const sim::SceneDefect& cut,
                             const ExperimentOptions& options, Json& scenes) {
     const int sides = options.quick ? 1 : 4;

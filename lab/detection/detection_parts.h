@@ -1,5 +1,5 @@
-// The simulated production of `hord-lab experiment detection`: parts that lie a little differently each, good or with
-// one flaw, traced by the optics, exposed by the sensor model.
+// The simulated production of `hord-lab experiment detection`: parts that each have a slightly different pose, good
+// or with one flaw, traced by the optics, exposed by the sensor model.
 //
 // The round part is a double-convex lens of 9.5 lenslets radius in a field of 27x27 lenslets of 0.2 mm, free light
 // around it, its mean deflection changing by 0.2 bin over two lenslets. The strip is a cylinder lens that fills a field
@@ -41,8 +41,8 @@ enum class Stream : std::uint32_t { learn = 0x1EA2, tune = 0x7E57, test = 0xD37E
 sim::Scene round_part();
 sim::Scene strip(double slope);  // bins over two lenslets
 
-// Part `number` of a stream. `wobble` 1: as above, 0: still. `size` of the flaw; 0: log-uniform from 0.1 to 1.5
-// lenslets.
+// Part `number` of a stream. `wobble` 1: the pose wobble above, 0: none. `size` of the flaw; 0: log-uniform from 0.1
+// to 1.5 lenslets.
 Result<ProductionPart> make_part(const sim::Scene& scene, Flaw flaw, double size, double wobble, std::uint64_t seed,
                                  Stream stream, std::uint32_t number);
 // Adds a speck or haze at a random place to a good part's light.

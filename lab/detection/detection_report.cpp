@@ -25,7 +25,7 @@ std::string interval(const Estimate& e, int digits) {
 }
 std::string size(const std::optional<double>& value) { return value ? fmt::format("{:.2f}", *value) : "none"; }
 
-// What decides a criterion: the quick form has too few parts for those that need many; a time is no claim.
+// How a criterion is decided. The quick form has too few parts for some criteria; a time is not a claim.
 enum class DecidedBy : std::uint8_t { many_parts, few_parts, the_machine };
 
 struct Criterion {
@@ -84,7 +84,7 @@ void report_false_rejects_and_bubbles(Report& report) {
     fields["small_found"] = fmt::format("{:.0f}", small > 0 ? 100 * small_found / small : 0.0);
 }
 
-// The ratios of the cut between the lenslets: of the score, and of the surest score possible, to the EMD gradient.
+// The ratios to the EMD gradient for the cut between the lenslets: of the score, and of the best possible score.
 struct CutPlaces {
     std::vector<double> ratios, surest_ratios;
     int above_surest = 0;
@@ -259,7 +259,7 @@ void report_wobble(Report& report) {
 void report_kinds(Report& report) {
     using algo::DefectKind;
     constexpr std::array<const char*, 5> figures = {"speck", "haze", "dimple", "scratch", "bubble"};
-    // Of the figures, in order; a bubble has no right kind.
+    // By figure, in the same order; no kind is correct for a bubble.
     constexpr std::array<DefectKind, 4> right_kinds = {DefectKind::absorbing, DefectKind::scattering,
                                                        DefectKind::surface, DefectKind::scratch};
     Table kinds{
@@ -369,7 +369,7 @@ Result<ExperimentReport> report_detection(const DetectionResults& r, const Exper
         return tl::unexpected(written.error());
     done.files.push_back(options.out / "detection.csv");
     struct Plot {
-        std::string name, script;  // no script: an interrupted run has no parts for it
+        std::string name, script;  // empty script: an interrupted run has no parts for it
     };
     const bool any_bubbles = !parts_of(r, "bubble").empty(),
                any_roc = !parts_of(r, "wobble").empty() && !parts_of(r, "speck").empty();

@@ -21,7 +21,7 @@ double share_above(const Parts& parts, double limit);
 // The share k of n with its Wilson interval. For 0 of n the upper bound is about 3.8 / n.
 Estimate share_of(double k, double n);
 
-// Where `from` would reject one part in twenty: the share of `of` that is rejected there, over the share of `from`. The
+// At the limit at which `from` rejects one part in twenty: the rejected share of `of` over that of `from`. The
 // interval is a percentile bootstrap over the parts of both.
 Estimate ratio_of_rejects(const Parts& from, const Parts& of, std::uint64_t seed);
 

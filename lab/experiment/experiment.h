@@ -1,5 +1,5 @@
-// The experiments of `hord-lab experiment`. Each answers one question with the simulated cell and algo/, by files, a
-// report and claims that hold or do not.
+// The experiments of `hord-lab experiment`. Each answers one question with the simulated cell and algo/. Its results
+// are files, a report and claims that hold or do not hold.
 //
 // To add one: a folder of its own beside this one with a run function, and a row in lab/hord_lab/experiments.cpp.
 #pragma once
@@ -44,7 +44,7 @@ struct ExperimentReport {
 struct Experiment {
     std::string_view name;
     std::string_view what;   // one line for --help
-    std::string_view takes;  // the full form's time, measured: on what
+    std::string_view takes;  // the measured time of the full form, with the machine
     Result<ExperimentReport> (*run)(const ExperimentOptions& options);
 };
 

@@ -28,7 +28,7 @@ void around(const algo::Extents& e, const TruthDefect& defect, double reach, con
     }
 }
 
-// Number of lenslets of a window that are `in`, or that such lenslets enclose.
+// Number of lenslets of a window that are `in`, or enclosed by such lenslets.
 std::size_t filled_area(std::vector<std::uint8_t> in, int width, int height) {
     constexpr std::uint8_t kReached = 2;
     std::vector<int> queue;

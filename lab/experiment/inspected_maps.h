@@ -1,4 +1,4 @@
-// The maps of a part's frame, and how clearly a known defect stands out in them.
+// The maps of a part's frame, and the contrast of a known defect in them.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,7 @@
 
 namespace hord::lab {
 
-// The station's maps of one frame (algo/inspection/pipeline.h), kept.
+// The station's maps of one frame (algo/inspection/pipeline.h), copied.
 struct InspectedMaps {
     algo::Extents extents;
     std::vector<float> emd, frobenius, transmission;

@@ -16,10 +16,10 @@ using Masses = std::vector<std::uint16_t>;
 double distance_by_shortest_paths(const Masses& a, const Masses& b, const algo::GroundDistance& ground);
 
 // Entropic optimal transport (Sinkhorn), in the log domain, so that nothing underflows. Its plan's cost is above the
-// exact distance by at most epsilon * ln(rows * columns) (the entropy it buys), and off by what is still missing in the
+// exact distance by at most epsilon * ln(rows * columns) (the entropy term), and deviates further by the error of the
 // marginals:
 //     exact - residual * largest <= cost <= exact + epsilon * ln(rows * columns) + residual * largest
-// Only an answer whose residual is small says anything: look at it first.
+// The answer is meaningful only if its residual is small: check it first.
 struct Sinkhorn {
     double cost = 0;      // sum of plan times cost, for total mass 1
     double residual = 0;  // L1 distance of the plan's row sums from those wanted (its column sums are exact)

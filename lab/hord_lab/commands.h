@@ -1,4 +1,4 @@
-// The commands of hord-lab. Each file adds one sub-command to the program; main.cpp joins them.
+// The commands of hord-lab. Each file adds one sub-command to the program; main.cpp adds all of them.
 #pragma once
 
 #include "common/cli/program.h"

@@ -72,7 +72,7 @@ std::string centres_of(const sim::Scene& scene) {
     return text;
 }
 
-// The sensor's frame behind the lenslet array as it is.
+// The sensor's frame behind the lenslet array, not decoded.
 std::optional<Error> write_raw(const sim::Scene& scene, const RenderArguments& arguments) {
     std::optional<Progress> progress(std::in_place, "render " + scene.name + " as the sensor sees it");
     const auto raw = lab::render_raw(scene, {arguments.threads, [&](double done) { progress->show(done); }});

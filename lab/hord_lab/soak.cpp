@@ -1,4 +1,4 @@
-// hord-lab soak: many parts in virtual time, with faults, every promise checked.
+// hord-lab soak: runs many parts in virtual time, with faults, and checks every promise.
 #include "lab/soak/soak.h"
 
 #include <algorithm>

@@ -1,7 +1,7 @@
 // The optional physical effects of a scene.
 //
-// A scene names an effect by its parameters (docs/scene.md); others are not computed. Quantisation and saturation at
-// the last DN are always computed, and defects are no effects.
+// A scene names an effect by setting its parameters (docs/scene.md); other effects are not computed. Quantisation and
+// saturation at the last DN are always computed. Defects are not effects.
 #pragma once
 
 #include <array>

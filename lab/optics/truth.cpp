@@ -71,7 +71,7 @@ Around around(const Thread& d) {
     return {0.5 * (d.from_mm + d.to_mm), 0.5 * length(d.to_mm - d.from_mm) + d.radius_mm, d.radius_mm};
 }
 
-// A defect where the pose's tilts and its shift along the light put it. (The rest of the pose is the camera's view:
+// A defect, moved by the pose's tilts and its shift along the light. (The rest of the pose is the camera's view:
 // camera.h.)
 template <class Defect>
 Defect posed(Defect defect, const Pose& pose) {
@@ -109,8 +109,8 @@ class Labels {
         : extents_(scene.camera.extents), camera_(scene), clean_(clean), seen_(extents_.lenslets()),
           balance_(extents_.lenslets()), touched_(extents_.lenslets()) {}
 
-    // Traces `per_side` squared rays a lenslet through the whole field, and counts by which path each lenslet is
-    // reached.
+    // Traces `per_side` squared rays a lenslet through the whole field, and counts for each lenslet the paths of its
+    // rays.
     void survey(int per_side) {
         const double pitch = camera_.pitch_mm() / per_side;
         const int margin = per_side * (2 + extents_.m / 16);  // light may come in from beyond the field
@@ -135,7 +135,7 @@ class Labels {
                 else through.push_back({at, landing.path}), paths.push_back(landing.path);
             }
         }
-        // The path of most of the light is that through the part; other paths are those of side walls.
+        // Most of the light takes the path through the part; other paths belong to side walls.
         std::sort(paths.begin(), paths.end());
         std::uint64_t usual = 0;
         std::size_t most = 0;

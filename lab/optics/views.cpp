@@ -17,7 +17,7 @@ Result<CameraPicture> render_raw(const Scene& scene, const RenderOptions& option
     CameraPicture picture{array.width_px(), array.height_px(), {}};
     picture.light.resize(static_cast<std::size_t>(picture.width_px) * static_cast<std::size_t>(picture.height_px));
     const SlopeBox range = SlopeGrid::of(e, scene.effects.crosstalk ? 1 : 0).box();
-    // The pixels under a lenslet's range, and the cells of slope that they are.
+    // The pixel range of a lenslet, and the same pixels as cells of slope.
     const auto under = [&](int m, int n, int& x0, int& y0) -> SlopeGrid {
         const ArrayGeometry::Point centre = array.centre_px(m, n);
         const double bin = array.bin_px(m, n);

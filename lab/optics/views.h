@@ -1,4 +1,4 @@
-// What other cameras see of a scene: the sensor behind its lenslet array, and a conventional telecentric camera.
+// Other images of a scene: of the sensor behind its lenslet array, and of a conventional telecentric camera.
 #pragma once
 
 #include <vector>
@@ -7,7 +7,7 @@
 
 namespace hord::lab {
 
-// A picture of light, row by row.
+// An image of light, in row order.
 struct CameraPicture {
     int width_px = 0, height_px = 0;
     std::vector<float> light;

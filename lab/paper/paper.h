@@ -1,6 +1,6 @@
 // The paper's Fig. 5: a clean lens, a spherical cut, an air bubble and an absorber, seen as EMD gradient, Jacobian
-// norm, transmission and by a conventional telecentric camera; which of its claims hold, and for which light and
-// bubbles its picture comes out.
+// norm, transmission and by a conventional telecentric camera; which of its claims hold, and for which lights
+// and bubbles its picture is reproduced.
 #pragma once
 
 #include "lab/experiment/experiment.h"

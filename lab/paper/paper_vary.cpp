@@ -58,7 +58,7 @@ std::vector<double> panels(bool quick) {
     return quick ? std::vector<double>{60, 30, 8} : std::vector<double>{240, 120, 60, 30, 15, 8, 4};
 }
 
-// Relative deviation of the light of every lenslet from the median of the close-up, which shows nothing but the part.
+// Relative deviation of the light of every lenslet from the median of the close-up. The part fills the close-up.
 std::vector<float> light_signal(std::vector<float> light) {
     std::vector<float> sorted = light;
     std::ranges::sort(sorted);
@@ -98,7 +98,7 @@ Result<Json> measure_defect(const Defect& defect, const std::vector<double>& pan
     const auto even = inspect_frame(with_dark_as_uniform(frame, *maps), e, 1);
     if (!even) return tl::unexpected(even.error());
     const std::vector<std::uint8_t> all_valid(e.lenslets(), algo::kValid);
-    const Interior flat{};  // the light of a clean part is uniform: only the floor counts
+    const Interior flat{};  // the light of a clean part is uniform: the floor decides
     Json found{
         {"radius", where.radius_lenslets},
         {"emd", to_json(contrast_of(maps->emd, maps->mask, e, where, emd, 0))},

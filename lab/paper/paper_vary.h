@@ -1,5 +1,5 @@
-// For which bubbles and which area lights the paper's picture comes out: the cut seen by the telecentric camera, the
-// bubble not.
+// Finds the bubbles and area lights that reproduce the paper's picture: the telecentric camera sees the cut, but not
+// the bubble.
 #pragma once
 
 #include "lab/experiment/experiment.h"

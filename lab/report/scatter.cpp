@@ -30,7 +30,7 @@ std::string Scatter::script() const {
     std::vector<Box> taken;
     for (const Point& p : points_) taken.push_back({px(p) - 5, py(p) - 5, px(p) + 5, py(p) + 5});
     for (const Point& p : points_) {
-        // To the right, to the left, then further and further up and down, with a line to the point.
+        // Tries right, then left, then places farther and farther up and down, with a line to the point.
         const double width = 6.2 * static_cast<double>(p.name.size()) + 4;
         constexpr double kLine = 12;
         for (int ring = 0; ring < 40; ++ring) {

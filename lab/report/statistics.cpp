@@ -57,7 +57,7 @@ Estimate with_interval(double value, std::vector<double> draws) {
     return {value, quantile(draws, 0.025), quantile(draws, 0.975)};
 }
 
-// Calls use(times) with how often each part is drawn, draw by draw.
+// Calls use(times) for each draw: times[part] is the number of times the part was drawn.
 template <class Use>
 void bootstrap(std::uint32_t parts, int repeats, std::uint64_t seed, Use use) {
     std::vector<int> times(parts);
@@ -179,7 +179,7 @@ double tail_limit(std::vector<double> values, double above) {
     const std::size_t peaks = std::min(values.size() - 1, std::max<std::size_t>(10, values.size() / 10));
     const double worst = values.front(), threshold = values[peaks];
     if (peaks < 3 || !(worst > threshold)) return worst;
-    // Moments of what exceeds it: the mean, and the mean weighted with the share that exceeds more.
+    // Probability-weighted moments of the excesses: the mean, and the mean weighted with the share of larger excesses.
     const auto count = static_cast<double>(peaks);
     double mean = 0, weighted = 0;
     for (std::size_t k = 0; k < peaks; ++k) {
@@ -188,7 +188,7 @@ double tail_limit(std::vector<double> values, double above) {
         weighted += excess * static_cast<double>(k) / ((count - 1) * count);
     }
     const double shape = std::max(0.0, 2 - mean / (mean - 2 * weighted)), scale = shape > 0 ? mean * (1 - shape) : mean;
-    const double times = count / (static_cast<double>(values.size()) * above);  // so much rarer than the peaks
+    const double times = count / (static_cast<double>(values.size()) * above);  // share of peaks over `above`
     const double beyond = shape > 1e-6 ? scale * (std::pow(times, shape) - 1) / shape : scale * std::log(times);
     return std::max(worst, threshold + std::max(0.0, beyond));
 }

@@ -21,7 +21,7 @@ Result<void> write_csv(const std::filesystem::path& file, const Table& table);
 
 // Writes `script` to NAME.gp in `folder` and lets gnuplot draw NAME.svg and NAME.png there; returns the two pictures.
 // The script sets no terminal and no output, and names data files relative to the folder. Fails with not_found when
-// there is no gnuplot (the script and the data stay), with internal when it refuses the script.
+// there is no gnuplot (the script and the data stay), with internal when gnuplot rejects the script.
 Result<std::vector<std::filesystem::path>> plot(const std::filesystem::path& folder, const std::string& name,
                                                 const std::string& script, int width_px = 900, int height_px = 540);
 

@@ -73,7 +73,7 @@ FeatureChange change(const Features& with, const Features& without, const std::v
     return out;
 }
 
-// A scene in its light and on its sensor, to compare with the same scene without some effect.
+// The light and the exposure of a scene, to compare with the same scene without some effect.
 class SceneComparison {
   public:
     // Takes the whole scene's frames; their processor times go to `needs`. Fails as sim::render() does.
@@ -91,7 +91,7 @@ class SceneComparison {
         return out;
     }
 
-    // What `less` changes; `ms`: the processor time of its frame.
+    // The change of the features from this scene to `less`; `ms`: the processor time of its frame.
     Result<FeatureChange> change_by(const sim::Scene& less, bool of_sensor, double& ms) const {
         const auto features = of_sensor ? sensor(less, ms) : light(less, ms);
         if (!features) return tl::unexpected(features.error());

@@ -121,7 +121,7 @@ std::string describe(const Coverage& coverage, bool* complete) {
             const auto known = std::find(reasons.begin(), reasons.end(), why);
             const auto number = static_cast<std::size_t>(known - reasons.begin()) + 1;
             if (n == 0 && !why.empty() && known == reasons.end()) reasons.push_back(why);
-            // An event that occurs although it is listed as unreachable is as wrong as one that is missing.
+            // An event that occurs but is listed as unreachable is an error, too.
             text += padded(n > 0             ? (why.empty() ? "" : "UNEXPECTED ") + std::to_string(n)
                                : why.empty() ? "MISSING"
                                              : "(" + std::to_string(number) + ")",

@@ -1,4 +1,4 @@
-// What really happens: parts, faults, light and ejector, and whether a part may leave or be ejected.
+// The true events: parts, faults, light and ejector; checks whether a part may leave or be ejected.
 #include "lab/soak/invariants.h"
 
 #include <algorithm>
@@ -17,7 +17,7 @@ constexpr std::array<std::string_view, kPromises> kNames{
 // A part is still exposed and ejected if the encoder loses at most this while the part is on the line.
 constexpr double kToleratedSlip_mm = 4;
 
-// A fault disturbs the line for its amount and this time: frames are still awaited, rejections still confirmed.
+// A fault disturbs the line for its amount plus this time, since frames and confirmations may still be awaited.
 constexpr Duration kAftermath = milliseconds(1000);
 
 // Faults that may affect neither a verdict nor the line: parts that arrive meanwhile count as undisturbed.
@@ -47,7 +47,7 @@ void Invariants::part_arrives(const sim::PartRecord& part) {
     history.arrived_ns = part.arrived.time_since_epoch().count();
     // A part that touches one without an edge has no edge either: the sensor stays covered.
     history.invisible = part.touches_ahead && newest_ != 0 && parts_[newest_ % kMemory].invisible;
-    // Closer to the part ahead than this, it may be rejected, or its light may not have rested.
+    // Closer to the part ahead than this, a part may be rejected, or its light may not have had its rest time.
     const PartHistory& ahead = parts_[newest_ % kMemory];
     const Duration near =
         std::max(rules_.core.min_gap, cell_.strobe().limits().min_rest + rules_.core.strobe) + milliseconds(2);
@@ -157,7 +157,7 @@ void Invariants::fault(InjectedFault fault, Duration amount) {
             if (now < encoder_silent_until_) parts_[newest_ % kMemory].slipped_mm += slipped_mm_;
             break;
         case InjectedFault::encoder_silent:
-            // The newest part's edge then has no count of its own: its position is extrapolated from before the slip.
+            // The newest part's edge then has no encoder count: its position is extrapolated from before the slip.
             if (slipped_at_ == now && now >= encoder_silent_until_) parts_[newest_ % kMemory].slipped_mm += slipped_mm_;
             encoder_silent_until_ = std::max(encoder_silent_until_, now + amount);
             break;

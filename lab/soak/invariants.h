@@ -1,4 +1,4 @@
-// The omniscient observer: it knows what really happened to each part and compares that with the station's reports.
+// The omniscient observer: compares the true history of each part with the station's reports.
 //
 // The world reports parts and faults, the device proxies each call between station and devices, the station its steps
 // and results; each report is checked at once. Each promise of docs/reliability.md is one `Promise` here. A fault that
@@ -23,12 +23,12 @@ using namespace firmware;
 enum class Promise : std::uint8_t {
     one_verdict,         // each part gets exactly one verdict, and results are numbered without gaps
     no_bad_part_passes,  // a part leaves only if it was passed; a bad one is passed only where detection missed it
-    own_data,            // passed only with its own complete frame, in its own light, judged good, in time
+    own_data,            // passed only if its own complete frame, lit by its own pulse, was judged good in time
     own_rejection,       // ejected only by its own command, once; after a confirmed rejection it is ejected
     unconfirmed_stops,   // an unconfirmed rejection stops the line
     light_limits,        // lights stay within their limits
     counters_agree,      // the counters are the sums of what was reported
-    lawful_states,       // states change as in the transition table; run permit only when the line may run
+    lawful_states,       // states change as in the transition table; run permit only in states that allow it
     true_reasons,        // an unfit part's reason has a real cause
     undisturbed_parts,   // without faults, good parts pass, bad ones are ejected, and the line runs
     ready_again,         // after a fault the station runs again within kReadyWithin

@@ -20,7 +20,7 @@ struct MemoryDisk {
 
     // Called before the operation; a returned error makes it fail. May be empty.
     std::function<std::optional<Error>()> on_open, on_write, on_prune;
-    // Called when a batch is durable: an error here leaves the writer in doubt.
+    // Called when a batch is durable. With an error the writer does not know whether the batch is durable.
     std::function<std::optional<Error>()> on_written;
 };
 

@@ -15,7 +15,7 @@ using namespace std::chrono_literals;
 
 constexpr std::uint64_t kPlanStream = 0x50A7;
 
-// A fault's opportunities in so many parts. Rejections have fewer: at most one part in ten is rejected.
+// A fault's number of opportunities in `parts` parts. Rejections have fewer: at most one part in ten is rejected.
 std::uint64_t opportunities(InjectedFault fault, std::uint64_t parts) {
     return fault >= InjectedFault::reject_lost && fault <= InjectedFault::rejector_down ? parts / 12 : parts * 9 / 10;
 }
@@ -30,7 +30,7 @@ bool rare(InjectedFault fault) {
         fault == InjectedFault::restart_ordered || fault == InjectedFault::rejector_down;
 }
 
-// An amount, from harmless to fatal. Zero: the fault's default.
+// A drawn amount: the choices range from harmless to fatal. Zero: the fault's default.
 hal::Duration draw_amount(InjectedFault fault, std::uint64_t bits) {
     const auto one_of = [&](std::initializer_list<hal::Duration> choices) {
         return choices.begin()[bits % choices.size()];
@@ -48,7 +48,7 @@ hal::Duration draw_amount(InjectedFault fault, std::uint64_t bits) {
         case InjectedFault::part_removed: return one_of({40ms, 150ms, 300ms, 700ms});
         case InjectedFault::belt_stop: return one_of({30ms, 300ms, 1500ms});
         case InjectedFault::inspector_slow:
-            // Around 550 ms: then the verdict is due.
+            // Most are around 550 ms, when the verdict is due.
             return one_of({300ms, 530ms, 552ms, 556ms, 560ms, 564ms, 568ms, 1000ms});
         case InjectedFault::process_stalled: return one_of({10ms, 40ms, 120ms, 400ms});
         case InjectedFault::sensor_lost:

@@ -270,7 +270,7 @@ bool SimulatedLine::run() {
         limit);
     if (invariants_->time_stands_still()) return false;
     loop_.run_until(
-        std::max(loop_.now() + 2s, store_observer_->calm_from()));  // for a last reset, and for the queue to be written
+        std::max(loop_.now() + 2s, store_observer_->calm_from()));  // time for a last reset and for writing the queue
     if (alive()) store_observer_->end(snapshot());
     invariants_->end();
     return over;

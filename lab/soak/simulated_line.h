@@ -1,4 +1,4 @@
-// A whole line in virtual time: the real station, the simulated cell, a person who resets, and the omniscient observer.
+// A line in virtual time: the real station, the simulated cell, a simulated operator, and the omniscient observer.
 //
 // The station's process may die at any point. It is started again, as by systemd, and then does not know what is on the
 // line. The person who resets after line stop takes every part off the belt.

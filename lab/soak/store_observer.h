@@ -1,7 +1,7 @@
 // Checks the station's store and journal against what the station reported.
 //
-// Uses the real recorder and its queue, on a disk in memory that is slow, full, broken or in doubt as the faults
-// demand, with a wall clock that jumps. A timer replaces the queue's thread; each process has a store of its own. The
+// Uses the real recorder and its queue, on a disk in memory that the faults make slow, full, broken or in doubt,
+// with a wall clock that jumps. A timer replaces the queue's thread; each process has a store of its own. The
 // journal is the service's, written to this class.
 #pragma once
 
@@ -36,7 +36,7 @@ class StoreObserver final : public ResultSink {
 
     StoreObserver(hal::EventLoop& loop, Invariants& invariants) : loop_(loop), invariants_(invariants) {}
 
-    // A process starts; it stops cleanly, and writes what waits if the disk works; it is gone.
+    // Three events: a process starts; it stops cleanly and writes the waiting results if the disk works; it has ended.
     // `faults` receives the FaultBits of the store whenever they change.
     void open(std::uint32_t boot, const Station& station, std::function<void(std::uint32_t faults)> faults);
     void close();

@@ -224,7 +224,8 @@ void pedestals(StabilityTable& table) {
     table.same("700 DN under every sample, subtracted: maps of the EMD gradient that differ", 0,
                clean.emd == raised.emd ? 0 : 1);
     table.same("maps of the Frobenius norm that differ", 0, clean.frobenius == raised.frobenius ? 0 : 1);
-    // Not subtracted, it shifts the mean: 1 DN in each of 81 bins beside 1000 DN, 3 bins off the centre.
+    // A dark level that is not subtracted shifts the mean: 1 DN in each of 81 bins beside 1000 DN, 3 bins off the
+    // centre.
     const auto moved = [](double pedestal, int x) {
         algo::Hord h;
         static std::vector<std::uint16_t> masses[2];

@@ -185,7 +185,7 @@ void disjoint_and_equal(const StabilityOptions& options, StabilityTable& table) 
     }
 }
 
-// The definitions in long double, for pairs where closed forms are clumsy.
+// The definitions in long double, for pairs without a simple closed form.
 struct Definition {
     long double hellinger = 0, chi2 = 0, overlap = 0, x = 0, y = 0;
     Definition(const Masses& a, const Masses& b, int bins_i) {
@@ -350,7 +350,7 @@ void properties(const StabilityOptions& options, StabilityTable& table) {
         const double scale = all[k] == Feature::emd_sq ? 128 : 12;
         table.at_most(name(all[k]) + ": |d(a, b) - d(b, a)|" + count, 0, asymmetry[k]);
         if (all[k] != Feature::bhattacharyya) {
-            // The root of a square that is wrong by 1e-9 is wrong by up to 3.2e-5 at zero.
+            // At zero, an error of 1e-9 in a square is an error of up to 3.2e-5 in its root.
             const bool is_square = as_metric(all[k], 4) == 2;
             table.at_most((is_square ? "root of " : "") + name(all[k]) + ": d(a, b) - d(a, c) - d(c, b)" + count,
                           is_square ? std::sqrt(kExact * scale) : kExact, triangle[k]);

@@ -73,7 +73,7 @@ void ties(const StabilityOptions& options, StabilityTable& table) {
         table.same(fmt::format("{}: plans given up without a proof", kinds[k].name), 0,
                    static_cast<std::int64_t>(solver.counters().unproven));
     }
-    // The largest problem with nothing but ties.
+    // Alternate bins with one unit each: the largest problem in which every pivot may be a tie.
     Masses half(15 * 14), other(15 * 14);
     for (std::size_t k = 0; k < half.size(); ++k) (((k % 15) + (k / 15)) % 2 == 0 ? half : other)[k] = 1;
     for (const GroundNorm norm : {GroundNorm::euclidean, GroundNorm::manhattan, GroundNorm::squared_euclidean}) {

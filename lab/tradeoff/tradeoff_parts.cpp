@@ -67,7 +67,7 @@ std::vector<PlacedDefect> add_defects(sim::Scene& scene, Family family, int stri
         const double size = kSmallest[f] * std::pow(kLargest[f] / kSmallest[f], draw.uniform());
         placed.push_back({m, n, size});
         if (family == Family::haze) continue;
-        // From used lenslets to all, from those to the part's frame.
+        // Converts positions: from used lenslets to all lenslets, and from these to the part's frame.
         const double x = (stride / 2 + m * stride - 0.5 * (kColumns * stride - 1)) * kPitchMm - scene.pose.x_mm;
         const double y = (stride / 2 + n * stride - 0.5 * (kRows * stride - 1)) * kPitchMm - scene.pose.y_mm;
         if (family == Family::bubble) {
@@ -79,7 +79,7 @@ std::vector<PlacedDefect> add_defects(sim::Scene& scene, Family family, int stri
     return placed;
 }
 
-// Spreads a share of the light of the lenslets in reach over the bins around it; what leaves them is lost.
+// Spreads a share of the light of the lenslets in reach over the bins around it; light that leaves the bins is lost.
 void add_haze(sim::LightField& light, const std::vector<PlacedDefect>& defects, double bin_rad) {
     const algo::Extents& e = light.extents;
     const double sigma = kHazeRad / bin_rad;

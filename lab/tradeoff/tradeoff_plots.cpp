@@ -105,7 +105,7 @@ PointAxis axis_of(const TradeoffResults& results, TradeoffPoint base, Member Tra
     return axis;
 }
 
-// A panel an axis along which there are several points, and one for the key.
+// One panel for each axis with several points, and one for the key.
 std::string axes_script(const TradeoffResults& results) {
     TradeoffPoint dim = kCentre;
     dim.photons = 200;

@@ -14,7 +14,7 @@ namespace hord::lab {
 
 constexpr TradeoffPoint kCentre{};
 
-// What a feature compares a lenslet with: its neighbours, a reference, or nothing (the light alone).
+// The comparison that a feature makes for a lenslet: with its neighbours, with a reference, or none (light alone).
 enum class Kind : std::uint8_t { light, neighbours, reference };
 constexpr std::string_view kKindNames[] = {"the light alone", "over neighbours", "against a reference"};
 
@@ -51,9 +51,9 @@ const Rated& named(const std::vector<Rated>& all, std::string_view name);  // mu
 
 // Not slower, finds no less of any family, and is clearly better in one of these.
 bool dominates(const Rated& a, const Rated& b);
-// The feature that dominates it and finds most, among all or those of its own kind; null when none does.
+// Of the features that dominate it (all, or those of its own kind), the one that finds most; null for none.
 const Rated* dominator(const std::vector<Rated>& all, const Rated& one, bool of_its_kind);
-// The feature of a kind that finds most; and the fastest of that kind within the best's interval.
+// The feature of a kind that finds most. fastest_as_good(): the fastest of that kind within the interval of `best`.
 const Rated* best_of(const std::vector<Rated>& all, Kind kind);
 const Rated* fastest_as_good(const std::vector<Rated>& all, const Rated& best);
 

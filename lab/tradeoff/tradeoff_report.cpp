@@ -79,7 +79,7 @@ Table centre_table(const std::vector<Rated>& all) {
     return table;
 }
 
-// The feature that finds most at each slope and light, and the fastest that finds as much.
+// For each slope and light: the feature that finds most, and the fastest one that finds as much.
 Table choice_table(const TradeoffResults& results) {
     Table table{{"slope", "photons", "the light alone"}, {}};
     for (const Kind kind : {Kind::neighbours, Kind::reference}) {
@@ -106,7 +106,7 @@ Table choice_table(const TradeoffResults& results) {
     return table;
 }
 
-// The features that are the fastest as good as the best, with how often, over the points of the choice table.
+// The features that are the fastest of those as good as the best, each with its number of points in the choice table.
 std::string in_short(const TradeoffResults& results) {
     std::map<Kind, std::map<std::string, int>> times;
     int points = 0;
@@ -205,7 +205,7 @@ std::string axes_text(const TradeoffResults& results) {
     return axes;
 }
 
-// What is modelled: counts and sizes.
+// Counts and sizes of the model.
 void add_model(TemplateFields& fields, const TradeoffResults& results) {
     fields["good"] = std::to_string(results.counts.good);
     fields["pose_lenslets"] = "0.1";

@@ -7,8 +7,8 @@
 namespace hord::lab {
 
 // Measured on the lens of hal_sim/scenes/bubble.toml with its bubble, 111x111 lenslets (of which a stride uses fewer),
-// with the point's bins and light; given for 555x555, 25 times as many: rows are streamed, so time grows with their
-// number. By feature's name:
+// with the point's bins and light. Times are scaled by 25, to 555x555 lenslets: rows are streamed, so time is
+// proportional to their number. By feature's name:
 //   {"median_ms", "p99_ms", "runs"}
 // Features take turns, so that other load disturbs all alike.
 // Also "sum the bytes": reading the frame once, a lower bound.

@@ -200,7 +200,7 @@ Values Tuner::limits() const {
     return limits;
 }
 
-// Gives the set its recipe with limits, or the reason why it has none, and its scores.
+// Sets the recipe with limits, or the reason why there are no limits, and the scores of the set.
 void Tuner::set_limits(MeasuredFeatureSet& measured, const Values& limits, std::size_t reference_index) {
     const FeatureSet& set = measured.set;
     measured.recipe = options_.base;
@@ -261,7 +261,7 @@ Result<void> Tuner::measure_times() {
     plain_pipelines_.clear(), reference_pipelines_.clear();
     std::deque<algo::Pipeline> pipelines;
     for (const MeasuredFeatureSet& measured : tuned_.feature_sets) {
-        // Limits do not change the time: sets without are timed with those of the base recipe.
+        // Limits do not change the time: sets without limits are timed with those of the base recipe.
         auto pipeline = algo::Pipeline::create(
             tuned_.extents, tuned_.bits,
             measured.no_limit.empty() ? measured.recipe.recipe : recipe_of(measured.set, options_.base.recipe),

@@ -1,4 +1,5 @@
-// Tuning: which set of features should judge these parts, measured on frames of good and of bad parts on this machine.
+// Tuning: chooses the set of features to judge these parts, by measurements on frames of good and bad parts on this
+// machine.
 //
 // A feature set is a choice of features as a recipe makes it (docs/adr/0004-feature-sets.md). Each set is measured on
 // every frame; each frame shows one part:
@@ -53,7 +54,8 @@ struct TuneOptions {
     double budget_ms = 0;
     int threads = 1;
     double false_rejects = 1e-3;
-    // Gives light levels, zones, rim, smallest area, reference and its limits. Its features and their limits are tuned.
+    // Defines light levels, zones, rim, smallest area, reference and its limits. Its features and their limits are
+    // tuned.
     firmware::NumberedRecipe base;
     std::pair<int, int> bins{9, 9};
     std::function<Result<Frame>(const std::string& file)> read;

@@ -53,14 +53,14 @@ std::string note_of(const Tuned& tuned, const MeasuredFeatureSet* m) {
     return note;
 }
 
-// The feature set that waited longest for a processor, relative to its processor time. Null on a quiet machine.
+// The feature set with the longest wait for a processor, relative to its processor time. Null on an idle machine.
 const MeasuredFeatureSet* most_disturbed(const Tuned& tuned) {
     const auto waited = [](const MeasuredFeatureSet& m) { return m.wall_ms / m.processor_ms; };
     const MeasuredFeatureSet& most = *std::ranges::max_element(tuned.feature_sets, {}, waited);
     return tuned.threads == 1 && waited(most) > 1.2 ? &most : nullptr;
 }
 
-// The largest share of good parts that may be rejected although none of `good` parts was, with 95 % confidence.
+// Upper bound, with 95 % confidence, of the share of good parts rejected, when none of `good` parts was rejected.
 double most_unseen(std::size_t good) { return 1 - std::pow(0.05, 1.0 / static_cast<double>(good)); }
 
 void add_choice(TemplateFields& fields, const Tuned& tuned) {

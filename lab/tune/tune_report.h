@@ -24,8 +24,8 @@ std::string describe(const Tuned& tuned);
 // The recipe of the chosen set, with describe() as comments. `made`: one line, such as the date and the folders.
 std::string recipe_text(const Tuned& tuned, const std::string& made);
 
-// Writes the recipe of the chosen set to `out` (RECIPE.toml), and what it rests on beside it: RECIPE.tune.md and .csv,
-// and the plot where it can be drawn. A reference beside the recipe is named without its folder, so that both can be
+// Writes the recipe of the chosen set to `out` (RECIPE.toml), and its measurements beside it: RECIPE.tune.md and .csv,
+// and the plot if gnuplot works. A reference beside the recipe is named without its folder, so that both can be
 // moved. Returns the files. Fails with io.
 Result<std::vector<std::filesystem::path>> write_report(Tuned& tuned, const std::filesystem::path& out,
                                                         const std::string& made);

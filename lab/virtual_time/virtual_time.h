@@ -19,7 +19,7 @@ namespace hord::lab {
 
 class VirtualTime final : public hal::EventLoop {
   public:
-    // Time starts at one second, so that an unset TimePoint lies in the past.
+    // Time starts at one second, so that a default TimePoint lies in the past.
     static constexpr hal::TimePoint kStart{std::chrono::seconds(1)};
     explicit VirtualTime(hal::TimePoint start = kStart) : now_(start) {}
 

@@ -1,4 +1,4 @@
-// The light-field camera's geometry: which ray belongs to which lenslet and bin. Bin (i,j) of lenslet (m,n) is a cell
+// The geometry of the light-field camera: maps each ray to a lenslet and a bin. Bin (i,j) of lenslet (m,n) is a cell
 // of a regular grid in four dimensions: position on the measurement plane, slope there. In a conventional plenoptic
 // camera the offset of a slope depends on the place, too (docs/notes/optics.md).
 #pragma once

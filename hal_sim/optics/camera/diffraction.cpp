@@ -35,9 +35,9 @@ Diffraction::Diffraction(double first_zero, double step, int most_cells)
     const double narrow = step / split_;
     middle_ = split_ * most_cells;
     share_.resize(static_cast<std::size_t>(2 * middle_ + split_));
-    // With F the share of a point's light before x, the light of an even fine cell before an edge is a difference of
-    // its integral x F(x) - M(x), M(x) = integral of t sinc^2(t). All edges are multiples of a fine cell: both are
-    // summed up from 0.
+    // F(x): share of a point's light before x. The light of a uniform fine cell before an edge is a difference of the
+    // integral of F: x F(x) - M(x), with M(x) = integral of t sinc^2(t). All edges are multiples of a fine cell, so F
+    // and M are cumulative sums from 0.
     const int edges = middle_ + 2 * split_ + 1;
     std::vector<double> integral(static_cast<std::size_t>(2 * edges + 1));  // at (k - edges) * narrow
     double share = 0, moment = 0;                                           // from 0

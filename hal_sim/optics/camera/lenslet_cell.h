@@ -1,4 +1,4 @@
-// A cell of one lenslet's light: positions in the lenslet times slopes, and the nine rays that probe it.
+// A cell of one lenslet's light: a box of positions in the lenslet and slopes; and the nine rays that sample it.
 #pragma once
 
 #include <algorithm>

@@ -1,5 +1,5 @@
-// Obstacles in the camera: the Fourier stop, the lenses' rims, dust. Each is a disc in a plane in which the ray's place
-// is linear in its place and slope on the measurement plane, with one transmission inside and another outside
+// Obstacles in the camera: the Fourier stop, the lenses' rims, dust. Each is a disc with one transmission inside and
+// another outside. The ray's position in the disc's plane is linear in its position and slope on the measurement plane
 // (docs/notes/optics.md).
 #pragma once
 

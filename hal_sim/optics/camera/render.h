@@ -28,7 +28,7 @@ Result<LightField> render(const Scene& scene, const RenderOptions& options = {})
 // The same seed gives the same bits on every machine.
 Frame expose(const LightField& field, const Scene& scene, std::uint64_t seed, double light = 1.0);
 
-// The same of any picture of light, row by row, 1 for a pixel filled by the source.
+// The same for any image of light, in row order; 1 is a pixel filled by the source.
 Frame expose(std::span<const float> light, int width_px, int height_px, const Scene& scene, std::uint64_t seed,
              double strength = 1.0);
 

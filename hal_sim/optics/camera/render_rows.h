@@ -1,4 +1,4 @@
-// What cameras share that are rendered row by row.
+// Shared by the cameras that are rendered row by row.
 #pragma once
 
 #include <algorithm>

@@ -16,8 +16,7 @@ int cell_of(double at, double left, double step, int count) {
     return std::clamp(static_cast<int>(std::floor((at - left) / step)), 0, count - 1);
 }
 
-// The edges of the cells between low and high, with these two at the ends; `first`: the cell that the first piece is
-// in.
+// The cell edges between low and high, with low and high as first and last; `first`: the cell of the first piece.
 int cuts(double low, double high, double left, double step, int count, double* cut, int& first) {
     first = cell_of(low, left, step, count);
     int n = 0;
@@ -40,7 +39,7 @@ double disc_in_triangle(double px, double py, double qx, double qy) {
     const double p_out = px * px + py * py - 1, q_out = qx * qx + qy * qy - 1;
     if (p_out <= 0 && q_out <= 0) return 0.5 * cross;
     const double b = px * dx + py * dy;
-    const double gap = a - cross * cross;  // b^2 - a c, without its cancellation
+    const double gap = a - cross * cross;  // b^2 - a c, computed without cancellation
     if (gap <= 0) return half_angle(px, py, qx, qy);
     const double root = std::sqrt(gap);
     const double t1 = (-b - root) / a, t2 = (-b + root) / a;

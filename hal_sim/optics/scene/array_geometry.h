@@ -36,7 +36,7 @@ class ArrayGeometry {
 
     [[nodiscard]] bool is_plain() const {
         return plain_;
-    }  // square and aligned: a macro-pixel frame is what the sensor sees
+    }  // square and aligned: the sensor image is a macro-pixel frame
     [[nodiscard]] bool is_dead(int m, int n) const;
 
   private:

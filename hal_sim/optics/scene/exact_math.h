@@ -1,5 +1,5 @@
 // Elementary functions of +, -, *, / and sqrt only, whose rounding IEEE 754 defines: the same bits on every machine.
-// (libm differs in the last place between libraries. Compiled without contraction.)
+// (The last bit of libm results differs between libraries. This file is compiled without contraction.)
 //
 // Accuracy, against libm, tested: relative 4e-16 for log away from 1 and exp, absolute 3e-16 for atan2, sin, cos.
 #pragma once

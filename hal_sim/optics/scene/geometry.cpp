@@ -5,7 +5,7 @@
 namespace hord::sim {
 namespace {
 
-// A ray's place and direction in a surface's own terms: along its axis, and across.
+// A ray's position and direction relative to a surface: along its axis, and across.
 struct Split {
     double h, dh;
     Vec3 g, e;
@@ -51,7 +51,7 @@ double asphere_crossing(const Surface& surface, const Ray& ray, bool inside, boo
         const double growth = sign * (dh - slope * 2 * (ge + t * ee));
         if (step > 0 || !on_surface) {
             if (f <= close && growth < 0) return t;
-            if (f < -close) return t;  // the sign that it had was rounding's
+            if (f < -close) return t;  // its sign came from rounding
         }
         // f + growth x - bend x^2 / 2 >= 0 up to here:
         const double root = std::sqrt(growth * growth + 2 * bend * std::max(f, 0.0));
@@ -142,8 +142,8 @@ double crossing_error(const Surface& surface, const Ray& ray, double t) {
     if (surface.shape == Surface::Shape::plane) {
         return 4 * kRound * (length(f) / std::abs(dot(ray.direction, surface.axis)) + std::abs(t));
     }
-    // The point where the ray is said to cross is off the surface by the lengths' rounding; seen along the ray, that
-    // grows with the inverse cosine, and at a tangent it is the chord of a cap of that height.
+    // The computed crossing is off the surface by the rounding of the lengths. Along the ray this error grows with the
+    // inverse cosine; at a tangent it is the chord of a cap of that height.
     const double size = length(f) + surface.radius, height = 8 * kRound * size;
     const double cosine = std::abs(dot(ray.direction, foot_of(surface, ray.origin + t * ray.direction).normal));
     const double chord = std::sqrt(2 * (surface.shape >= Surface::Shape::cone ? size : surface.radius) * height);

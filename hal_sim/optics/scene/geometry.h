@@ -44,12 +44,12 @@ struct Rigid {
 };
 
 // An asphere's height over its vertex plane, by the squared distance w from its axis, s(w) = c w / (1 + sqrt(1 - (1 +
-// k) c^2 w)) + a4 w^2 + a6 w^3 ...; beyond its rim it goes on straight in w, with the slope that it has there.
+// k) c^2 w)) + a4 w^2 + a6 w^3 ...; beyond the rim it continues linearly in w, with the slope at the rim.
 struct Asphere {
     double curvature = 0, conic = 0;
     std::vector<double> coefficients;   // of r^4, r^6, ... mm^-3, mm^-5, ...
     double rim = 0;                     // w
-    double reach = kNever;              // from the vertex; crossings further off are not looked for
+    double reach = kNever;              // from the vertex; crossings farther away are ignored
     double steepest = 0, sharpest = 0;  // bounds on |s'| and |s''|, set by done()
     void done();
     struct At {
@@ -61,7 +61,7 @@ struct Asphere {
     [[nodiscard]] At on(double w) const;
 };
 
-// A closed or half-infinite region's boundary; convex, but for the asphere.
+// The boundary of a closed or half-infinite region. All but the asphere are convex.
 struct Surface {
     enum class Shape : std::uint8_t {
         plane,     // inside is where (p - point) . axis < 0: the axis points out
@@ -81,9 +81,9 @@ bool is_inside(const Surface& surface, const Vec3& p);
 
 constexpr double kAlongAxis = 1e-30;  // squared sine to a cylinder's axis below which the ray never reaches its wall
 
-// How far along the ray the next crossing is (t >= 0; kNever) of a ray that is inside or outside (`inside`) and may
-// start on the surface (`on_surface`: it has just crossed it, into the side told by `inside`, or been reflected on that
-// side). Sphere: E. Haines et al., "Precision Improvements for Ray/Sphere Intersection", Ray Tracing Gems (2019),
+// Distance along the ray to the next crossing, >= 0, or kNever. `inside`: the side of the surface that the ray is on.
+// `on_surface`: the ray starts on the surface; it has just crossed it to the side `inside`, or been reflected on that
+// side. Sphere: E. Haines et al., "Precision Improvements for Ray/Sphere Intersection", Ray Tracing Gems (2019),
 // chapter 7.
 inline double next_crossing(const Surface& surface, const Ray& ray, bool inside, bool on_surface);
 
@@ -104,12 +104,14 @@ Foot foot_of(const Surface& surface, const Vec3& p);
 // Shortest distance from point c to the segment a..b.
 double distance_to_segment(const Vec3& c, const Vec3& a, const Vec3& b);
 
-// Of a convex quadric a t^2 - 2 b t + c = 0, with gap = r^2 - (closest approach)^2 computed without cancellation.
+// The next crossing of a convex quadric a t^2 - 2 b t + c = 0, with gap = r^2 - (closest approach)^2 computed without
+// cancellation.
 inline double convex_crossing(double a, double b, double c, double gap, bool inside) {
     if (gap <= 0) return inside ? std::max(b / a, 0.0) : kNever;  // a tangent touches and does not enter
     const double root = std::sqrt(a * gap);
     if (inside) return std::max((b >= 0 ? (b + root) / a : c / (b - root)), 0.0);
-    // Outside by state. Behind us: true of a ray that moves away, rounding of one that has just arrived.
+    // The ray is outside by its state. A crossing behind it is real if the ray moves away, and rounding if it has just
+    // arrived.
     if (b <= 0) return kNever;
     return std::max(c / (b + root), 0.0);
 }

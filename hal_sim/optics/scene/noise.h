@@ -1,4 +1,5 @@
-// Random numbers as a function of (seed, place, turn): no state, no order, the same bits on every machine.
+// Random numbers as a function of (seed, place, turn): without state, independent of the order of calls, the same bits
+// on every machine.
 #pragma once
 
 #include <cstdint>

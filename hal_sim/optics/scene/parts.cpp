@@ -20,7 +20,7 @@ int add_cylinder(Body& body, const Vec3& point, const Vec3& axis, double radius)
     return body.add({Surface::Shape::cylinder, point, unit(axis), radius});
 }
 
-// The box, a little larger than the part, so that no crossing lies on its faces.
+// The box, slightly larger than the part, so that no crossing lies on its faces.
 void bound(Body& body, const Vec3& half) {
     const double more = 1e-3 * std::max({half.x, half.y, half.z});
     body.low = {-half.x - more, -half.y - more, -half.z - more};

@@ -77,7 +77,7 @@ struct Shape {
     Vec3 half_size_mm{5, 5, 5};
     double radius_of_curvature_mm = 100, conic = 0;  // -1: a paraboloid
     std::vector<double> coefficients;                // of r^4, r^6, ... in mm^-3, mm^-5, ...
-    double aperture_radius_mm = 10;                  // up to which the asphere is one; beyond, it goes on evenly
+    double aperture_radius_mm = 10;                  // rim of the asphere; beyond it the height is linear in r^2
     std::vector<Shape> of;
 };
 struct SolidPart {
@@ -124,7 +124,7 @@ using SceneDefect = std::variant<AirBubble, SphericalCut, AbsorbingSpeck, Inclus
 
 constexpr double kLineD = 587.56;  // nm; refractive indices are given for this wavelength
 
-// What the part's glass does besides bending light; 0: nothing.
+// Dispersion and absorption of the part's glass; 0: none.
 struct Glass {
     double abbe_number = 0;        // (n_d - 1) / (n_F - n_C); n = a + b / wavelength^2 (Cauchy)
     double absorption_per_mm = 0;  // natural
@@ -152,7 +152,7 @@ struct Light {
     std::vector<Collimator> collimators;  // in place of that one
 };
 
-// Named by a size above 0 each.
+// Each effect is on if its size is above 0.
 struct Relay {
     double f1_mm = 100, f2_mm = 100;  // of the 4f camera's lenses; their distances from part and array
     double stop_radius_mm = 0;        // in the focal plane that they share
@@ -167,10 +167,10 @@ struct Dust {
     double transmission = 0;
 };
 
-// The lenslet array and where its lenslets are on the sensor (array_geometry.h). Aligned, a pixel a bin, unless it says
-// otherwise.
+// The lenslet array and where its lenslets are on the sensor (array_geometry.h). The default is aligned, one pixel
+// a bin.
 struct LensletArray {
-    double pitch_um = 0, focal_um = 0;  // 0: not said; together with the relay they say field_mm and bin_pitch_rad
+    double pitch_um = 0, focal_um = 0;  // 0: unset; with the relay they determine field_mm and bin_pitch_rad
     bool hexagonal = false;   // rows packed at sqrt(3)/2 of the pitch, every second one half a pitch to the right
     double pitch_px = 0;      // 0: as many pixels as there are bins
     double rotation_rad = 0;  // of the array on the sensor
@@ -213,7 +213,7 @@ struct Motion {
     [[nodiscard]] double way_y_mm() const { return velocity_y_mm_s * strobe_us * 1e-6; }
 };
 
-// Effects that are either there or not. Others are named by their parameters (lab/optics/effects.h lists all).
+// Effects that are on or off. Other effects are on if their parameters are set (lab/optics/effects.h lists all).
 struct Effects {
     bool fresnel = false;      // light lost by reflection at every face
     bool ghosts = false;       // that light, where two reflections bring it to the camera; needs fresnel
@@ -221,7 +221,7 @@ struct Effects {
     bool crosstalk = false;    // light beyond a lenslet's bins falls into its neighbours' (3x3), instead of being lost
 };
 
-// The conventional camera beside the other: it sees along the axis, in front of a panel of light behind the part.
+// The conventional telecentric camera, for comparison: it sees along the axis, with a light panel behind the part.
 struct TelecentricCamera {
     int width_px = 333, height_px = 333;
     double field_mm = 24;           // width
@@ -259,7 +259,7 @@ struct Scene {
     TelecentricCamera telecentric;
 };
 
-// What keeps a scene from being rendered. `table` and `key` are those of the scene file (docs/scene.md).
+// A problem that prevents rendering. `table` and `key` are those of the scene file (docs/scene.md).
 struct SceneProblem {
     std::string table;      // "part", "pose", "light", "camera.relay", "noise", "defect", ...
     std::size_t index = 0;  // which defect, collimator or grain of dust, from 0
@@ -273,7 +273,7 @@ std::vector<SceneProblem> problems(const Scene& scene);
 // The scene's collimators: those it lists, else the one of source_radius_bins.
 std::vector<Collimator> collimators_of(const Scene& scene);
 
-// Whether any of its glasses bends one colour more than another.
+// Whether any of its glasses has dispersion.
 bool is_dispersive(const Scene& scene);
 
 // The part's refractive index at kLineD; 1 without a part.

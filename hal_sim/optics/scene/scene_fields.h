@@ -1,7 +1,7 @@
 // The numbers of a scene file, table by table: each with its key, its place in the scene and its range.
 //
-// One list for both who walk over it: the reader (scene_file.cpp) uses the keys, the checks (scene_problems.cpp) the
-// ranges, too. `on` has number(), integer(), pair(), vector(), and number_or_none() for numbers that may be 0 besides.
+// One list for two visitors: the reader (scene_file.cpp) uses the keys, the checks (scene_problems.cpp) also the
+// ranges. `on` has number(), integer(), pair(), vector(), and number_or_none() for numbers that may also be 0.
 #pragma once
 
 #include <concepts>
@@ -14,7 +14,7 @@ namespace hord::sim {
 
 constexpr double kThinnest = 1e-6, kLargest = 1e4;  // mm
 
-// T, constant for the checks and not for the reader.
+// T for the reader, const T for the checks.
 template <class T, class... Plain>
 concept Is = (std::same_as<std::remove_const_t<T>, Plain> || ...);
 
@@ -153,7 +153,7 @@ void fields(auto& on, Is<Camera> auto& camera) {
     on.number("field_mm", camera.field_mm, 1e-3, 1e4);
     on.number("bin_pitch_rad", camera.bin_pitch_rad, 1e-6, 0.2);
     on.integer("bits", camera.bits, 8, 16);
-    const bool depth = camera.bits >= 8 && camera.bits <= 16;  // else nobody knows the last DN
+    const bool depth = camera.bits >= 8 && camera.bits <= 16;  // else the last DN is undefined
     on.number("full_bin_dn", camera.full_bin_dn, depth ? 1 : -std::numeric_limits<double>::max(),
               depth ? (1 << camera.bits) - 1 : std::numeric_limits<double>::max());
 }

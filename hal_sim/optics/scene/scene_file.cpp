@@ -45,7 +45,7 @@ void read_fields(TomlTable& table, auto& of) {
     fields(reader, of);
 }
 
-// What a part or a defect has besides numbers; most kinds nothing.
+// Reads the fields of a part or defect that are not numbers; most kinds have none.
 void read_more(TomlTable&, const auto&) {}
 void read_more(TomlTable& table, Wedge& wedge) {
     static constexpr std::array<std::string_view, 2> kFaces{"camera", "source"};

@@ -1,4 +1,4 @@
-// What keeps a scene from being rendered, found table by table of the scene file.
+// Finds the problems that prevent rendering, table by table of the scene file.
 #include <algorithm>
 #include <cmath>
 
@@ -58,7 +58,7 @@ class Checker {
     std::size_t index_ = 0;
 };
 
-// What holds between the numbers of a part or a defect; of most kinds nothing.
+// Checks relations between the numbers of a part or defect; most kinds have none.
 void check_together(Checker&, const auto&) {}
 void check_width(Checker& c, const char* key, double half_width, double radius) {
     if (c.good({"radius_of_curvature_mm", key}))

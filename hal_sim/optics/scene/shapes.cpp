@@ -165,8 +165,7 @@ void build(Body& body, const SolidPart& part) {
     body.high = bounds.high + Vec3{more, more, more};
     body.fill(Builder{body}.build(part.shape, {}, false), part.refractive_index);
     body.convex = is_convex(part.shape);
-    for (Surface& surface :
-         body.surfaces) {  // aspheres look no further than across the part, from anywhere in front of it
+    for (Surface& surface : body.surfaces) {  // the reach of an asphere: across the part, from any place in front of it
         if (!surface.asphere) continue;
         auto profile = std::make_shared<Asphere>(*surface.asphere);
         profile->reach = 4 * length(body.high - body.low);

@@ -15,7 +15,7 @@ struct CameraRay {
     double x = 0, y = 0, u = 0, v = 0;
 };
 
-// What the light was before it met the part.
+// The light before it met the part.
 struct Arrival {
     double u = 0, v = 0;     // slope at the source
     double x = 0, y = 0;     // where its straight line meets the measurement plane

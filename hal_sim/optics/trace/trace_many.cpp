@@ -1,6 +1,6 @@
 // Traces one ray per lane, as long as all meet the same surfaces in the same order. A lane that departs from the first
-// one is followed alone from there on. Every lane performs the operations of trace() in the same order: same bits,
-// whatever the number of lanes and the other rays.
+// one is followed alone from there on. Every lane performs the operations of trace() in the same order, so its bits
+// do not depend on the number of lanes or on the other rays.
 #include <bit>
 
 #include "hal_sim/optics/scene/exact_math.h"
