@@ -52,7 +52,7 @@ class GpioStrobe final : public hal::Strobe {
     hal::EventLoop& loop_;
     std::vector<LightLimits> limits_;
     Lines lines_;
-    std::unique_ptr<GpioOutputs> outputs_;  // the thread has them while it runs; null after a loss
+    std::unique_ptr<GpioOutputs> outputs_;  // moved to the thread while it runs; null after a loss
     LightBudget planned_, spent_;           // of the requested pulses; of the pulses as they happened
     std::shared_ptr<Session> session_;
 };

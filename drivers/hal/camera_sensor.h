@@ -22,7 +22,7 @@ struct CameraFrame {
     std::uint32_t buffer = 0;
     std::uint32_t sequence = 0;
     hal::TimePoint stamp;
-    bool stamp_of_start = false;  // of the exposure; else of its end
+    bool stamp_of_start = false;  // time stamps are of the exposure's start; else of its end
     std::size_t bytes_used = 0;
     bool corrupt = false;
 };

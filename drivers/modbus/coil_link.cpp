@@ -227,7 +227,7 @@ Result<std::string> CoilLink::identify() {
     if (modbus_send_raw_request(context_.get(), request.data(), static_cast<int>(request.size())) > 0) {
         const hal::TimePoint end = clock_.now() + timeout_;
         for (hal::TimePoint at = clock_.now(); at < end && answer.size() < 260; at = clock_.now()) {
-            // A TCP answer says its length; a serial one ends with a pause.
+            // A TCP answer contains its length; a serial one ends with a pause.
             if (!address_.serial && answer.size() >= 6 &&
                 answer.size() >= 6U + static_cast<std::size_t>(answer[4] << 8 | answer[5]))
                 break;
