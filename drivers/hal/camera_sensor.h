@@ -49,7 +49,7 @@ class CameraSensor : public hal::Sensor {
 
     static Result<void> check_buffers(int buffers);  // fails with invalid_argument
 
-    // on_ready() is called whenever `fd` is readable; -1: the camera has another way. Set format_, stride_bytes_ and
+    // on_ready() is called whenever `fd` is readable; -1: the subclass calls it. Set format_, stride_bytes_ and
     // layout_ before.
     Result<void> begin(std::shared_ptr<CameraStream> stream, int fd, Listener& listener);
     Result<void> watch(int fd);

@@ -247,7 +247,7 @@ class LibcameraDevice final : public CameraDevice {
     // Both on libcamera's thread.
     void on_completed(libcamera::Request* request) {
         if (request->status() == libcamera::Request::RequestCancelled) {
-            // By stop(), or because the camera accepts no buffer any more. libcamera reports its loss later, and only
+            // Cancelled by stop(), or the camera accepts no buffer any more. libcamera reports its loss later, and only
             // to a process that may listen to the kernel's device events.
             if (streams_) listener_->on_camera_gone();
             return;

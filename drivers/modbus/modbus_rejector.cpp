@@ -155,8 +155,8 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         next_confirm_read = now();
     }
 
-    // Ending a pulse and moving the permit may be repeated, unlike a pulse's start: a write that a serial line lost is
-    // written once more. False: it failed, and the link was lost or is given up.
+    // Ends a pulse or sets the permit. Unlike a pulse's start, these may be repeated: a write that a serial line lost
+    // is written once more. False: it failed, and the link was lost or is given up.
     template <class Write>
     bool write_repeatable(Write write) {
         Error error;
