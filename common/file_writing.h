@@ -1,4 +1,4 @@
-// Whole files: read, and replaced so that a reader finds the old content or the new one, never a part of it.
+// Reads and replaces whole files. A reader finds the old content or the new one, never a part of it.
 #pragma once
 
 #include <cstddef>

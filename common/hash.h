@@ -10,7 +10,7 @@ namespace hord::common {
 
 class Fnv1a64 {
   public:
-    // One step of the hash. The standard hashes bytes; a whole word in one step is faster, and another hash.
+    // One step of the hash. The standard hashes bytes; hashing a whole word is faster and gives another value.
     constexpr void add_word(std::uint64_t word) { value_ = (value_ ^ word) * 0x100000001B3U; }
     constexpr void add(std::string_view bytes) {
         for (const char byte : bytes) add_word(static_cast<unsigned char>(byte));

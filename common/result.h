@@ -16,7 +16,7 @@ enum class ErrorCode : std::uint8_t {
     busy,              // in use, or doing something else
     timeout,           // no answer in time; the action may or may not have happened
     disconnected,      // the device or the link is gone
-    refused,           // the other side said no
+    refused,           // the other side rejected the request
     io,                // the operating system reported an error
     internal,          // a bug
 };

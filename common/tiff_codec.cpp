@@ -49,7 +49,7 @@ tmsize_t on_read(thandle_t handle, void* to, tmsize_t count) {
         if (file.why.empty()) file.why = "its tags or parts overlap";
         return 0;
     }
-    // libtiff takes some short reads for zeros.
+    // libtiff treats some short reads as zeros.
     if (!file.writing && copied < static_cast<std::uint64_t>(count) && file.why.empty()) file.why = "it is cut off";
     if (copied > 0) std::memcpy(to, (file.writing ? file.written.data() : file.to_read.data()) + file.at, copied);
     file.at += copied;

@@ -23,7 +23,7 @@ struct Speck {
     float m = 0, n = 0;  // centre, lenslets
     std::uint32_t lenslets = 0;
     float share = 0;           // largest share of parts in which one of its lenslets responds
-    bool tells_apart = false;  // the parts moved and it did not: it is no flaw of the parts
+    bool tells_apart = false;  // the parts moved and the speck did not: it is not a flaw of the parts
 };
 
 struct DustFound {

@@ -106,7 +106,7 @@ bool LightTrend::add(const FrameView& frame, const Inspection& inspection) {
     if (!(typical > 0)) return false;
     const bool with_reference = inspection.registered.found();
     if (parts_ == 0) with_reference_ = with_reference;
-    if (with_reference != with_reference_) return false;  // an inspection by the recipe before
+    if (with_reference != with_reference_) return false;  // the inspection used the previous recipe
     const auto part = static_cast<std::size_t>(in_window_);
     light_[part] = with_reference ? static_cast<float>(inspection.registered.light) : typical;
     dark_[part] = static_cast<float>(dark_level(frame));

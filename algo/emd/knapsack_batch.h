@@ -1,7 +1,7 @@
 // Batches of transport problems with at most five bins, the most common case among neighbouring lenslets
 // (algo/emd/sparse_hord.h). One side has at most two bins, so that the problem is a fractional knapsack
 // (algo/emd/transport_batch.h); the second row may be empty. One batch takes all shapes: a bin without mass is a column
-// that takes nothing and changes no bit of any sum. Formats, ranges and bits are those of transport_batch.h.
+// of mass 0, which changes no bit of any sum. Formats, ranges and bits are those of transport_batch.h.
 #pragma once
 
 #include <cstdint>

@@ -56,7 +56,7 @@ struct TransportBatches {
     static constexpr std::size_t kShapes = (kMaxBatchSide + 1) * (kMaxBatchSide + 1);
     static std::size_t shape(int rows, int cols) { return static_cast<std::size_t>(rows * (kMaxBatchSide + 1) + cols); }
 
-    // The next free problem of a shape. A full batch must be taken before.
+    // The next free problem of a shape. The caller empties a full batch first (padded()).
     BatchedProblem<Mass>& add(std::size_t shape) { return batch[shape].problem[filled[shape]++]; }
     // Empties the batch of a shape: the result is valid until the next add(); its unused lanes are padded.
     TransportBatch<Mass>& padded(std::size_t shape) {

@@ -1,7 +1,7 @@
 // The cost matrix (cells) of a transport problem. For transport_simplex.cpp and its parts only.
 //
 // Costs are integers up to kMaxCost. Their low bits are a tag: row and column of the cell (10 bits for 19 x 22 cells,
-// at most 16). So no two cells are equal, and the least value says which cell it is.
+// at most 16). So no two cells are equal, and the least value identifies its cell.
 #pragma once
 
 #include <bit>

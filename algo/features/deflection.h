@@ -31,8 +31,8 @@ constexpr std::int32_t quotient_q24(std::int32_t moment, std::uint32_t sum) {
 // sum > 0, below 2^24; |moments| <= 14 * sum, in half bins.
 Deflection mean_deflection(std::uint32_t sum, std::int32_t moment_x, std::int32_t moment_y);
 
-// One value per lenslet; zero where it is dark. Saturated lenslets get an approximate value: it tells whether they show
-// free light (algo/inspection/rim.h), but must not be compared with neighbours.
+// One value per lenslet; zero where it is dark. Saturated lenslets get an approximate value, which is good enough to
+// find free light (algo/inspection/rim.h); it must not be compared with neighbours.
 void mean_deflections(const HordRow& row, std::span<Deflection> out);
 
 }  // namespace hord::algo

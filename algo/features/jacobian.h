@@ -11,7 +11,7 @@
 //   nuclear     s1 + s2 of the singular values s1 >= s2: below 40, error < 2^-21
 //   spectral    s1: at most 28, error < 2^-21
 //   anisotropy  (s1 - s2) / (s1 + s2): 0 (no direction) to 1 (one direction only); 0 for a zero Jacobian. Q0.24,
-//               rounded; meaningful only where the slope is
+//               rounded; significant only where the Jacobian is
 #pragma once
 
 #include <cmath>

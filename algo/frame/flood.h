@@ -11,8 +11,8 @@ namespace hord::algo {
 
 enum class Connected : std::uint8_t { at_sides, at_corners_too };
 
-// Finds the lenslets connected to `seed`, over at most `reach` lenslets. enter(index) says whether a lenslet belongs to
-// them, and must say so once only. Returns their number; `queue`, with room for the field, begins with them.
+// Finds the lenslets connected to `seed`, over at most `reach` lenslets. enter(index) returns true if a lenslet
+// belongs to them, at most once per lenslet. Returns their number; `queue`, with room for the field, begins with them.
 template <class Enter>
 std::size_t flood(const Extents& e, std::uint32_t seed, int reach, Connected connected, std::span<std::uint32_t> queue,
                   Enter&& enter) {

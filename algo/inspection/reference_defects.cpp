@@ -13,7 +13,7 @@ namespace {
 
 // Shares of a region's squared scores that decide its kind.
 constexpr double kDominantShare = 0.6, kMuchShare = 0.25;
-// The EMD gradient that photon noise alone makes, in bins times the root of the electrons.
+// The EMD gradient by photon noise alone, in bins times the root of the electrons.
 constexpr float kEmdOfNoise = 10;
 
 float score(const Scores& s, Deviation which) { return s[static_cast<std::size_t>(which)]; }

@@ -5,7 +5,7 @@
 //   against a reference  the distance between the HORDs of frame and reference at the same place; no border
 //
 // Values do not depend on the number of threads or the instruction set, to the bit. They are finite, and 0 where `mask`
-// says there is no value; its bit kAtLimit flags values that are a limit instead of a distance. They are floats of the
+// marks a missing value; its bit kAtLimit flags values that are a limit instead of a distance. They are floats of the
 // doubles of algo/features/distance.h, or differ from those by at most 6e-5 (algo/soa/soa_distances.h, for the features
 // and bins that it covers). Nothing is allocated after create().
 #pragma once

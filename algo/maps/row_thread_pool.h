@@ -18,7 +18,7 @@ namespace hord::algo {
 
 class RowThreadPool {
   public:
-    // threads: 1..kMaxThreads, the calling thread included. Fails with busy when the system gives no thread.
+    // threads: 1..kMaxThreads, the calling thread included. Fails with busy if the system cannot start a thread.
     static Result<std::unique_ptr<RowThreadPool>> create(int threads);
     static constexpr int kMaxThreads = 64;
 

@@ -16,7 +16,7 @@ constexpr std::uint32_t kBright = 8, kSupport = 16;
 constexpr std::size_t kFrames = 8;
 constexpr std::uint64_t kMinReadings = 1000;
 constexpr double kMaxDeviations = 5;  // standard deviations from the median; beyond: outliers
-constexpr double kMin = 0.25;         // DN: less cannot be told from rounding
+constexpr double kMin = 0.25;         // DN: less cannot be distinguished from rounding
 
 // Count of each reading.
 using Histogram = std::vector<std::uint64_t>;

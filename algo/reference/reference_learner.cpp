@@ -351,7 +351,7 @@ Result<void> Learner::learn_spread() {
     return {};
 }
 
-// Leaves out the parts that alone make the spread of many lenslets; false if there is none.
+// Leaves out parts that dominate the spread of many lenslets; false if there are none.
 bool Learner::name_outliers() {
     const std::vector<double> alone = spread_->sole_deviations(count_, static_cast<double>(left()));
     std::vector<double> counts;

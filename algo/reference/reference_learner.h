@@ -1,9 +1,9 @@
 // Learns a Reference from frames of good parts, in passes: poses, reference HORDs, both again, spread. The frames are
 // read in order in each pass, and one is held at a time: the memory does not depend on the number of parts.
 //
-// A part is left out, with the reason, if it cannot be registered, its frame has too little light, or it alone makes
-// the deviation in too many lenslets (kOutlierLenslets plus four times the median of all parts). If the sensor's
-// electrons a DN are not given, they are estimated. The passes: docs/notes/reference.md.
+// A part is left out, with the reason, if it cannot be registered, its frame has too little light, or it is the
+// only cause of the deviation in too many lenslets (kOutlierLenslets plus four times the median of all parts). If the
+// sensor's electrons a DN are not given, they are estimated. The passes: docs/notes/reference.md.
 #pragma once
 
 #include <cstdint>

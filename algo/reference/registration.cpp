@@ -14,7 +14,7 @@ namespace {
 constexpr int kSampledSide = 40;
 constexpr int kSteps = 30;
 constexpr double kSettled = 5e-3;        // lenslets that a step moves the field's rim: the end
-constexpr double kSwings = 1.0 / 8;      // of a step: after three that turned back the halved step decides
+constexpr double kSwings = 1.0 / 8;      // factor of a step, after three reversals: then the halved step decides
 constexpr double kNearlySettled = 0.03;  // lenslets: from here on with the whole sample
 constexpr int kCoarseSteps = 12;
 constexpr std::size_t kMinCoarse = 64;
@@ -263,7 +263,7 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
     const double reach = std::max(0.5 * (extents_.m - 1), 0.5 * (extents_.n - 1));
     double turn = 0;     // its sine
     double typical = 0;  // the reference's light, mean over the sample, DN
-    double shorter = 1;  // factor of a step: less where the steps before swung to and fro
+    double shorter = 1;  // factor of a step: reduced while the steps oscillate
     std::array<double, 3> before{};
     bool round = false;     // a turn of the part does not show in the maps; decided at the first step
     bool settling = false;  // the last steps, with the whole sample
@@ -299,16 +299,16 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
         const double moved = std::max(std::abs(by[0]), std::abs(by[1])) + std::abs(by[2]) * reach;
         typical = next_typical;
         if (!update_light(count, used, typical, result.light)) return result;
-        // The reference's interpolation has kinks at its own lenslets: full steps would cross one to and fro for ever.
+        // The reference's interpolation has kinks at its own lenslets: full steps could oscillate across one.
         const double turned_back = by[0] * before[0] + by[1] * before[1] + reach * reach * by[2] * before[2];
         shorter = moved < kNearlySettled && turned_back < 0 ? 0.5 * shorter : std::min(1.0, 2 * shorter);
         before = by;
         if (settling && (moved < kSettled || (shorter <= kSwings && shorter * moved < kSettled))) break;
         if (k == kSteps) {
-            if (moved < 0.1) break;  // it swings within a tenth of a lenslet, and the last steps were a quarter of that
+            if (moved < 0.1) break;  // oscillates within a tenth of a lenslet; the last steps were a quarter of that
             return outcome(Registered::Outcome::unsettled);
         }
-        // At most a lenslet a step, and shorter in later steps, where the weights may make it swing.
+        // At most a lenslet a step; later steps are shorter, because the weights may make the pose oscillate.
         const double damping = k < 6 ? 1.0 : k < 12 ? 0.5 : 0.25;
         const double shortened = shorter * std::min(damping, 1.0 / std::max(moved, 1e-9));
         pose.x += shortened * by[0];

@@ -27,11 +27,11 @@ class SpreadEstimate {
 
     // No lenslet with a HORD was added.
     [[nodiscard]] bool empty() const { return chi2_ratios_.empty(); }
-    // Chi-square over what noise gives, the median over the lenslets of all parts.
+    // Chi-square over its expectation by noise alone, the median over the lenslets of all parts.
     [[nodiscard]] double median_chi2_ratio() const { return median_or_0(chi2_ratios_); }
 
-    // Of each of `count` parts: the number of lenslets whose deviation it makes alone, its share of the sum of squared
-    // scores being more than Grubbs' test allows among `parts` parts.
+    // For each of `count` parts: the number of lenslets whose deviation comes from this part alone. In these its share
+    // of the sum of squared scores is larger than Grubbs' test allows among `parts` parts.
     [[nodiscard]] std::vector<double> sole_deviations(std::size_t count, double parts) const;
 
   private:

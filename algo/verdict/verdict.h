@@ -9,7 +9,7 @@ namespace hord::algo {
 // `unfit`: the frame cannot be judged (no light, saturated, no part in it). The station rejects the part.
 enum class Verdict : std::uint8_t { pass, reject, unfit };
 
-// One reason a part: the first that applies of those of `unfit`, else that of the most severe defect.
+// One reason a part. Unfit: the first reason that applies. Rejected: the reason of the most severe defect.
 // Registers and stored results hold the numbers: append, never renumber.
 enum class Reason : std::uint8_t {
     none,                 // passed
@@ -47,8 +47,8 @@ constexpr std::string_view name_of(Reason r) {
     return names[static_cast<unsigned>(r)];
 }
 
-// Two reasons had other names once; stores and kept frames may hold them. Returns the present name; any other name is
-// returned as it is.
+// Converts the former names of two reasons, which stores and kept frames may hold, to the present ones. Returns any
+// other name unchanged.
 constexpr std::string_view present_reason_name(std::string_view name) {
     if (name == "deflection") return name_of(Reason::neighbours_disagree);
     if (name == "slope") return name_of(Reason::deflection_gradient);

@@ -116,7 +116,7 @@ std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& fram
     for (int round = 0; round < kRounds; ++round) {
         const Eigen::MatrixXd weighted = basis.array().colwise() * weight.array();
         Eigen::MatrixXd normal = basis.transpose() * weighted;
-        // A trace of ridge: directions that the centres do not determine stay at zero instead of running away.
+        // A small ridge term keeps directions that the centres do not determine at zero.
         normal.diagonal().array() += 1e-9;
         solution = normal.ldlt().solve(weighted.transpose() * target);
         if (!solution.allFinite()) return std::nullopt;
@@ -125,7 +125,7 @@ std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& fram
         // The median of a Rayleigh-distributed distance is 1.1774 sigma.
         std::vector<double> reordered = distance;
         const double next = std::max(common::upper_median(std::span(reordered)) / 1.1774, 1e-6);
-        // Huber at first, then a weight that lets go of outliers altogether.
+        // First Huber weights, then Tukey's biweight, which is 0 for outliers.
         const bool settled = round > 3 && std::abs(next - sigma) < 1e-3 * sigma;
         sigma = next;
         for (Eigen::Index k = 0; k < count; ++k) {

@@ -177,7 +177,7 @@ std::optional<Spot> CentreFinder::Kernels::measure(algo::PixelPoint at, double m
         const algo::PixelPoint next{m.about.x_px + dx, m.about.y_px + dy};
         // Done if the centre lies in the cell of its phase: the error of the gain is then negligible.
         const bool settled = std::max(std::abs(dx), std::abs(dy)) < 0.6 / phases;
-        // If two cells point into each other, the centre is half way.
+        // If the steps from two cells lead into each other, the centre is half way.
         const double step = std::hypot(next.x_px - here.x_px, next.y_px - here.y_px);
         here = k + 1 == kMaxSteps && step < 2.0 / phases
             ? algo::PixelPoint{0.5 * (here.x_px + next.x_px), 0.5 * (here.y_px + next.y_px)}
@@ -303,7 +303,7 @@ Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<cons
         kernels->calibrate_gain(starts);
         if (round == 2) return CentreFinder(std::move(kernels));
         profile = measure_profile(image, spots, widest);
-        // A small spot needs no more than its own surroundings.
+        // The window of a small spot ends shortly after the profile.
         std::size_t last = profile.value.size() - 1;
         while (last > 0 && profile.value[last] < 0.02) --last;
         radius = std::min(widest, static_cast<double>(last) * kTableStep + 1.5 + kTaper);

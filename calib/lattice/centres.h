@@ -1,6 +1,6 @@
 // Sub-pixel centres of lenslets, by a matched, radially symmetric weight w that is learned from the frame: the centre c
-// solves sum w(|x - c|) (x - c) I(x) = 0. A constant background cancels exactly, gradients of background and light as
-// far as the profile allows; `immunity()` tells. Derivation: docs/notes/calibration.md.
+// solves sum w(|x - c|) (x - c) I(x) = 0. A constant background cancels exactly; gradients of background and light
+// cancel as far as the profile allows (immunity()). Derivation: docs/notes/calibration.md.
 #pragma once
 
 #include <optional>

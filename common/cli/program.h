@@ -23,7 +23,7 @@ enum class Exit : int {
 // bad_input.
 Exit complain(const Error& error);
 
-// Makes the folder of an option such as --out, if need be. Fails with io.
+// Creates the folder of an option such as --out if it does not exist. Fails with io.
 Result<void> make_folder(const std::filesystem::path& folder);
 
 // An option for a number in [low, high], whose default --help shows.

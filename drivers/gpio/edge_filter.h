@@ -18,7 +18,7 @@ namespace hord::drivers {
 
 class EdgeFilter {
   public:
-    // How long a level that no edge explains must last before it counts: its edge may still be queued.
+    // A level without a matching edge counts only after this time: the edge may still be queued.
     static constexpr hal::Duration kRecheckAfter = std::chrono::milliseconds(20);
 
     struct Edge {
@@ -31,7 +31,7 @@ class EdgeFilter {
     EdgeFilter(hal::Duration debounce, hal::Duration max_burst, bool active)
         : debounce_(debounce), max_burst_(max_burst), active_(active) {}
 
-    // Raw edges, in order. Appends to `edges` the edge that this one makes certain.
+    // Raw edges, in order. Appends to `edges` the edge that this one confirms.
     void feed(const GpioEdge& raw, std::vector<Edge>& edges);
 
     // When settle() is to be called; none: no burst is open.
@@ -64,7 +64,7 @@ class EdgeFilter {
     std::uint32_t lost_since_edge_ = 0;  // the next edge's sequence number skips them
 };
 
-// An encoder's counts with their times: the position at a part's edge is needed later, when the edge is certain.
+// An encoder's counts with their times: the position at a part's edge is needed later, when the edge is confirmed.
 class EncoderTrack {
   public:
     static constexpr std::size_t kHistory = 1024;  // counts

@@ -27,7 +27,7 @@ std::optional<ChipNames> names_of(gpiod_chip* chip);  // none: errno says why
 
 int find_line(gpiod_chip* chip, const std::string& name);  // its offset; -1: there is none
 bool has_line(gpiod_chip* chip, unsigned offset);
-std::optional<std::string> holder_of(gpiod_chip* chip, unsigned offset);  // none: nobody; empty: not named
+std::optional<std::string> holder_of(gpiod_chip* chip, unsigned offset);  // none: free; empty: holder has no name
 
 // Lines of a chip in one request, off at first. Its chip must outlive it.
 class OutputBank {

@@ -1,4 +1,4 @@
-// libgpiod 1.6. The kernel buffers 16 edges of a line and drops further ones without a sign.
+// libgpiod 1.6. The kernel buffers 16 edges of a line and drops further ones without notice.
 #include <array>
 #include <cerrno>
 #include <utility>

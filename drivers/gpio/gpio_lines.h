@@ -1,7 +1,7 @@
 // GPIO lines of the kernel's character device, by libgpiod: outputs that are off when they are requested, and inputs
 // that report edges with the kernel's time stamps.
 //
-// When the holder of a line releases it or is killed, the chip's driver decides about the level. So a light needs a
+// When the holder of a line releases it or is killed, the chip's driver sets the level. So a light needs a
 // pull resistor that turns it off, and the cleanup after a killed holder calls request_outputs() once more.
 #pragma once
 

@@ -68,7 +68,7 @@ void GpioPartSensor::on_ready() {
     if (read_edges()) (void)settle_when_due();
 }
 
-// Feeds the queued raw edges to the filter and reports the edges that became certain.
+// Feeds the queued raw edges to the filter and reports the confirmed edges.
 bool GpioPartSensor::read_edges() {
     raw_.clear();
     if (const auto read = part_->read(raw_); !read) {

@@ -3,9 +3,10 @@
 // The driver's own thread switches them, with the scheduling policy of the thread that calls start(). A report gives
 // the time just before the line was switched on and the width until just after it was switched off.
 //
-// Each channel's limits are enforced twice: by fire() on the requested pulses, and by the thread on the pulses as they
-// happened. A light rests from its real end; a pulse may begin late, and is dropped when its time is over. A thread
-// that the system does not schedule cannot switch a light off: the LED driver's own one-shot must limit that.
+// Each channel's limits are enforced twice: by fire() on the requested pulses, and by the thread on the measured
+// pulses. A light's rest starts at the measured end of its pulse; a pulse may begin late, and is dropped when its time
+// is over. A thread that the system does not schedule cannot switch a light off: the LED driver's own one-shot must
+// limit that.
 //
 // The lights are off when open() returns, between pulses, after every failure, after stop() and in the destructor. The
 // lines are held from open() on. For the state after a kill see gpio_lines.h.
@@ -52,8 +53,8 @@ class GpioStrobe final : public hal::Strobe {
     hal::EventLoop& loop_;
     std::vector<LightLimits> limits_;
     Lines lines_;
-    std::unique_ptr<GpioOutputs> outputs_;  // the thread has them while it runs; null after a loss
-    LightBudget planned_, spent_;           // of the requested pulses; of the pulses as they happened
+    std::unique_ptr<GpioOutputs> outputs_;  // moved to the thread while it runs; null after a loss
+    LightBudget planned_, spent_;           // of the requested pulses; of the measured pulses
     std::shared_ptr<Session> session_;
 };
 

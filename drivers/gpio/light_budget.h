@@ -1,5 +1,5 @@
-// Keeps the limits of the collimators' LEDs (LightLimits), channel by channel. Pure: with pulses as they were requested
-// it plans, with pulses as they happened it enforces.
+// Keeps the limits of the collimators' LEDs (LightLimits), channel by channel. Pure. The strobe keeps one for
+// the requested pulses (planning) and one for the measured pulses (enforcing).
 #pragma once
 
 #include <algorithm>

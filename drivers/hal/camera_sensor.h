@@ -22,7 +22,7 @@ struct CameraFrame {
     std::uint32_t buffer = 0;
     std::uint32_t sequence = 0;
     hal::TimePoint stamp;
-    bool stamp_of_start = false;  // of the exposure; else of its end
+    bool stamp_of_start = false;  // time stamps are of the exposure's start; else of its end
     std::size_t bytes_used = 0;
     bool corrupt = false;
 };
@@ -49,7 +49,7 @@ class CameraSensor : public hal::Sensor {
 
     static Result<void> check_buffers(int buffers);  // fails with invalid_argument
 
-    // on_ready() is called whenever `fd` is readable; -1: the camera has another way. Set format_, stride_bytes_ and
+    // on_ready() is called whenever `fd` is readable; -1: the subclass calls it. Set format_, stride_bytes_ and
     // layout_ before.
     Result<void> begin(std::shared_ptr<CameraStream> stream, int fd, Listener& listener);
     Result<void> watch(int fd);

@@ -43,7 +43,7 @@ class RejectLedger {
         }
         if (pending_ == kPending) return {};
         while (records_[next_].used && records_[next_].owed > 0)
-            next_ = (next_ + 1) % kCapacity;  // ends: fewer are pending than there are records
+            next_ = (next_ + 1) % kCapacity;  // terminates: fewer commands are pending than there are records
         records_[next_] = {true, command.part, 1, command.start, {}};
         ++pending_;
         const std::size_t slot = next_;

@@ -1,4 +1,4 @@
-// The lenslet sensor: frames, lent out and given back.
+// The lenslet sensor. Frames are leased and returned.
 #pragma once
 
 #include <cstdint>
@@ -65,8 +65,8 @@ class SensorListener {
     ~SensorListener() = default;
 };
 
-// start() fails with not_found, unsupported (the format; lists what there is), busy, io. Leased frames stay readable
-// after stop() until they are given back.
+// start() fails with not_found, unsupported (the format; lists the available ones), busy, io. Leased frames stay
+// readable after stop() until they are returned.
 class Sensor : public Device<SensorListener> {
   public:
     [[nodiscard]] virtual SensorFormat format() const = 0;

@@ -38,8 +38,8 @@ class StrobeListener {
     ~StrobeListener() = default;
 };
 
-// Lights are off when start() returns, whatever it returns. stop() turns all lights off at once; pulses not yet begun
-// are forgotten and reported as not lit.
+// Lights are off when start() returns, also after a failure. stop() turns all lights off at once; pulses not yet begun
+// are dropped and reported as not lit.
 class Strobe : public Device<StrobeListener> {
   public:
     // Loop thread, does not block. Schedules one pulse.

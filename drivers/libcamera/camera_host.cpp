@@ -18,9 +18,9 @@
 namespace hord::drivers {
 namespace {
 
-constexpr int kCheckEveryMs = 100;  // whether the camera went away
+constexpr int kCheckEveryMs = 100;  // interval of is_there()
 
-// Sends the camera's events. Those that come before the answer was sent are kept until then. The socket never is full:
+// Sends the camera's events. Those that come before the answer was sent are kept until then. The socket is never full:
 // the other end reads at once, and a camera has few buffers.
 class EventSender final : public CameraPort::Listener {
   public:

@@ -5,7 +5,7 @@
 namespace hord::drivers {
 namespace {
 
-// The best of a depth first.
+// The formats of a depth, the preferred one first.
 struct Known {
     int bits;
     const char* name;

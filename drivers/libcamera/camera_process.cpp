@@ -95,7 +95,7 @@ class CameraChild {
             std::this_thread::sleep_for(2ms);
         }
         ::kill(pid_,
-               SIGKILL);  // safe also after its end: the process is reaped only below, so nobody else has its number
+               SIGKILL);  // safe also after its end: it is reaped below, so its id is not reused
         while (::waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) {
         }
         pid_ = 0;

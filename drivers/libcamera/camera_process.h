@@ -1,8 +1,8 @@
 // The station's side of a camera that another process, hord-camera, holds. The buffers are shared memory. A thread of
 // this process reports the frames; it has the scheduling policy of the thread that calls start().
 //
-// Each look() and each start() begins a new process, and its end is the end of the camera. A process that does not
-// answer or does not end in time is killed.
+// Each look() and each start() begins a new process. When it ends, the camera is lost. A process that does not answer
+// or does not end in time is killed.
 #pragma once
 
 #include <filesystem>

@@ -1,7 +1,7 @@
 // The protocol between the station (camera_process.h) and the process that holds its camera (camera_host.h), on a pair
-// of SOCK_SEQPACKET sockets. The command is the process's arguments. Its first message is the answer, as JSON, with the
-// buffers' descriptors; then it sends CameraEvents and receives the numbers of buffers to fill again. Both ends are of
-// the same package version.
+// of SOCK_SEQPACKET sockets. The process's arguments are the command. Its first message is the answer, as JSON, with
+// the buffers' descriptors; then it sends CameraEvents and receives the numbers of buffers to fill again. Both ends are
+// of the same package version.
 #pragma once
 
 #include <cstdint>
@@ -33,7 +33,7 @@ struct CameraArguments {
     LibcameraSensorOptions request;
 };
 std::optional<CameraArguments> parse_camera_arguments(
-    const std::vector<std::string>& arguments);  // none: not such arguments
+    const std::vector<std::string>& arguments);  // none: invalid arguments
 
 bool send_answer(int socket, const Result<CameraAnswer>& answer);
 // Waits for `patience` at most. None: no answer, the other end is closed, or the answer is malformed.

@@ -98,8 +98,8 @@ class LibcameraDevice final : public CameraDevice {
             code == ErrorCode::busy ? "close the program that uses it" : "check its cable and the kernel's log");
     }
 
-    // The camera's video nodes, held as path descriptors: a node that went away has no name any more, even if another
-    // device has got that name.
+    // Holds the camera's video nodes as path descriptors: a removed node has no name any more, even if another device
+    // now has that name.
     void hold_nodes() {
         std::error_code error;
         for (auto entry = std::filesystem::directory_iterator("/dev", error);
@@ -247,7 +247,7 @@ class LibcameraDevice final : public CameraDevice {
     // Both on libcamera's thread.
     void on_completed(libcamera::Request* request) {
         if (request->status() == libcamera::Request::RequestCancelled) {
-            // By stop(), or because the camera accepts no buffer any more. libcamera reports its loss later, and only
+            // Cancelled by stop(), or the camera accepts no buffer any more. libcamera reports its loss later, and only
             // to a process that may listen to the kernel's device events.
             if (streams_) listener_->on_camera_gone();
             return;

@@ -78,7 +78,7 @@ Result<void> CoilLink::connect() {
         error = errno;
     if (error == 0) {
         connected_ = true;
-        if (serial) discard(gap_);  // bytes from before
+        if (serial) discard(gap_);  // bytes of an earlier answer
         return {};
     }
     context_.reset();
@@ -116,7 +116,7 @@ void CoilLink::keep_gap() const {
     if (left > 0ns) std::this_thread::sleep_for(left);
 }
 
-// Bytes as they come; 0: none within `wait`, or the line is gone.
+// Reads the available bytes. 0: none arrived within `wait`, or the line is gone.
 std::size_t CoilLink::read_bytes(std::span<std::uint8_t> bytes, Duration wait) const {
     pollfd ready{modbus_get_socket(context_.get()), POLLIN, 0};
     const timespec until{wait.count() / 1'000'000'000, wait.count() % 1'000'000'000};
@@ -227,7 +227,7 @@ Result<std::string> CoilLink::identify() {
     if (modbus_send_raw_request(context_.get(), request.data(), static_cast<int>(request.size())) > 0) {
         const hal::TimePoint end = clock_.now() + timeout_;
         for (hal::TimePoint at = clock_.now(); at < end && answer.size() < 260; at = clock_.now()) {
-            // A TCP answer says its length; a serial one ends with a pause.
+            // A TCP answer contains its length; a serial one ends with a pause.
             if (!address_.serial && answer.size() >= 6 &&
                 answer.size() >= 6U + static_cast<std::size_t>(answer[4] << 8 | answer[5]))
                 break;

@@ -1,8 +1,8 @@
 // The connection to a Modbus module by libmodbus: TCP, or a serial line (RTU). Blocking, one thread.
 //
-// A lost answer closes a TCP connection: it could be read as the answer to the next request. A serial line is used
-// again when what arrives within one more time-out is discarded. After a damaged answer a read is repeated; a coil's
-// write is not, its effect is found by reading back.
+// A lost answer closes a TCP connection: it could be read as the answer to the next request. On a serial line the bytes
+// that arrive within one more time-out are discarded, then the line is used again. After a damaged answer a read is
+// repeated; a coil's write is not repeated: reading back shows its effect.
 #pragma once
 
 #include <memory>
@@ -30,7 +30,7 @@ class CoilLink {
     Result<void> connect();
     void close();
     [[nodiscard]] bool connected() const { return connected_; }
-    // All further calls return at `by`, whatever their time-out.
+    // Further calls return at `by` at the latest, also if their time-out is longer.
     void give_up_at(hal::TimePoint by) { give_up_ = by; }
 
     // The calls below fail with refused (a Modbus exception, or the coil reads back otherwise; the connection stays),

@@ -155,8 +155,8 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         next_confirm_read = now();
     }
 
-    // Ending a pulse and moving the permit may be repeated, unlike a pulse's start: a write that a serial line lost is
-    // written once more. False: it failed, and the link was lost or is given up.
+    // Ends a pulse or sets the permit. Unlike a pulse's start, these may be repeated: a write that a serial line lost
+    // is written once more. False: it failed, and the link was lost or is given up.
     template <class Write>
     bool write_repeatable(Write write) {
         Error error;
@@ -176,7 +176,7 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         if (options.permit_coil >= 0) write_repeatable([&] { return module.set_permit(permit); });
     }
 
-    // Whether the outputs still are as they were written; one output a call, in turn.
+    // Checks that the outputs are as they were last written; one output a call, in turn.
     void check_outputs() {
         next_check = now() + options.check_every;
         check_permit_next = options.permit_coil >= 0 && !check_permit_next;
@@ -188,7 +188,7 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
 
     // A part that arrives at the confirm sensor confirms the oldest command that waits for it.
     void read_confirm_sensor() {
-        // While a part is present it is read often, too: only a fall lets the next part show as a rise.
+        // The sensor is also read often while a part is present: the next part shows as a rise only after a fall.
         const bool often = !unconfirmed.empty() || module.part_present();
         next_confirm_read = now() + (often ? options.confirm_every : options.check_every);
         const auto arrived = module.part_arrived();
@@ -228,7 +228,7 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         module.make_safe(by);
     }
 
-    // Does the most urgent thing; returns when the next one is due.
+    // Runs the most urgent task; returns when the next one is due.
     TimePoint step(bool permit) {
         fail_unconfirmed();
         const TimePoint at = now();
@@ -260,8 +260,8 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         return next;
     }
 
-    // Does what is due of checks, confirm sensor and watchdog, unless `urgent` comes within the time of an exchange;
-    // each of them is put off for its patience at most. Returns when the next one is due.
+    // Runs the checks, confirm sensor readings and watchdog triggers that are due, unless `urgent` comes within the
+    // time of an exchange. Each is delayed by its patience at most. Returns when the next one is due.
     TimePoint poll_module(TimePoint at, TimePoint urgent) {
         struct Task {
             TimePoint due;

@@ -23,8 +23,8 @@ class RejectorModule {
     Result<void> end_pulse();
     Result<void> set_permit(bool permit);
 
-    // Fail with disconnected if the output does not read back as last written. check_ejector() needs the state in which
-    // the pulse left it; for a module that times the pulse: only between pulses.
+    // Fail with disconnected if the output does not read back as last written. `pulse`: a pulse is under way.
+    // With a module that times the pulse, call check_ejector() only between pulses.
     Result<void> check_ejector(bool pulse);
     Result<void> check_permit(bool permit);
 

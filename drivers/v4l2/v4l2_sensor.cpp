@@ -29,7 +29,7 @@ int request(int fd, unsigned long code, void* argument) {
 struct Depth {
     int bits;
     std::uint32_t fourcc;
-    bool packed = false;  // as MIPI does
+    bool packed = false;  // MIPI packing
 };
 constexpr std::array<Depth, 6> kDepths = {{{8, V4L2_PIX_FMT_GREY},
                                            {10, V4L2_PIX_FMT_Y10},
