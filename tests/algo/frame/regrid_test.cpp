@@ -111,8 +111,8 @@ INSTANTIATE_TEST_SUITE_P(Lattices, Regrid,
                                            std::pair(Stagger::columns, 1)));
 
 TEST(RegridBits, are_the_same_on_every_machine) {
-    // FNV-1a over the decoded samples of a noise frame; another value means that frames are decoded differently than
-    // when limits were set on them.
+    // FNV-1a over the decoded samples of a noise frame. Another value means that frames are decoded differently and
+    // existing limits may no longer fit.
     const LensletGrid grid = lattice(Stagger::rows, 1);
     auto regridder = Regridder::create(grid, even_layout(grid, 9, 9));
     ASSERT_TRUE(regridder);

@@ -41,7 +41,7 @@ TEST(Reference, good_parts_score_about_normally_from_200_to_4000_electrons) {
             }
             const Registered at = registrar.find(r.maps(), deflections, sums, mask, 1, r.parts);
             ASSERT_TRUE(at.found());
-            EXPECT_NEAR(at.light, light, 0.2 * light);  // the dark level takes more of weak light
+            EXPECT_NEAR(at.light, light, 0.2 * light);  // the dark level removes a larger share of weak light
             for (int n = 0; n < kField.n; ++n) {
                 decode_row(frame.view(), kField, kLevels, n, row);
                 comparer.compare_row(frame.view(), row.sums(), row.mask(), n, PoseMap(at.pose, kField), at.light,
@@ -55,7 +55,7 @@ TEST(Reference, good_parts_score_about_normally_from_200_to_4000_electrons) {
                 }
             }
         }
-        // Light and the rest: variance 1; deflection_shift: of two, 2.
+        // Every score has variance 1, except deflection_shift, which has two components: 2.
         for (std::size_t w = 0; w < kDeviations; ++w) {
             const double variance = squares[w] / count / (w == 1 ? 2 : 1);
             // For the scattering, dark bins count with more noise than they have (docs/notes/reference.md).
@@ -231,11 +231,11 @@ TEST(Reference, the_judgement_does_not_depend_on_the_number_of_threads) {
     for (const int threads : {2, 5}) EXPECT_EQ(judge(frame, recipe(), threads).z_score, alone.z_score);
 }
 
-// Parts of changing poses, some with a flaw, judged against the reference: no false dust; fading light and a speck are
-// found.
+// Parts of varying pose, some with a flaw, are judged against the reference: no false dust; fading light and a speck
+// are found.
 TEST(Reference, ageing_optics_are_told_from_parts_that_wobble) {
     constexpr int kWindow = 50;
-    const char* more = std::getenv("HORD_AGEING_PARTS");                // by hand
+    const char* more = std::getenv("HORD_AGEING_PARTS");                // set for long runs by hand
     const int clean = more != nullptr ? std::atoi(more) / kWindow : 3;  // windows
     auto pipeline = Pipeline::create(kField, kBits, recipe());
     ASSERT_TRUE(pipeline);
