@@ -27,7 +27,7 @@ struct Row {
         masses.insert(masses.end(), h.begin(), h.end());
         sums.push_back(hord_of(h).sum);
     }
-    // Over earlier results, as in a window of rows.
+    // Overwrites earlier results, as in a window of rows.
     void compact(CompactFunction by) {
         sparse.resize(sums.size());
         std::ranges::reverse(sparse);
@@ -142,7 +142,7 @@ TEST(SparseDifference, is_the_definition_wherever_it_is_found) {
             const std::size_t first = static_cast<std::size_t>(
                 std::ranges::find_if(row.masses, [](auto m) { return m != 0; }) - row.masses.begin());
             Histogram other = near_each_other(random, bins, 5, 30, full_scale);
-            if (round % 3 != 0) {  // one that overlaps
+            if (round % 3 != 0) {  // a HORD that overlaps
                 other.assign(other.size(), 0);
                 for (int n = 0; n < 4; ++n)
                     other[std::min(first + static_cast<std::size_t>(pick(random, 0, 12)), other.size() - 1)] =

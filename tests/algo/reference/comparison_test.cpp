@@ -35,7 +35,7 @@ TEST(Reference, one_reading_beside_a_spot_is_no_bend) {
     for (int n = 10; n < 27; n += 2) {
         for (int m = 8; m < 33; m += 2) {
             const auto sample = [&](int i, int j) { return frame.view().sample(m * kField.i + i, n * kField.j + j); };
-            int row = 0, left = 0;  // of the brightest bin; the first that is lit to its left
+            int row = 0, left = 0;  // row of the brightest bin; column of the first lit bin to its left
             for (int k = 0; k < kField.bins(); ++k) {
                 if (sample(k % kField.i, k / kField.i) > sample(left, row)) left = k % kField.i, row = k / kField.i;
             }

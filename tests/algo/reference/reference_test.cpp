@@ -75,8 +75,8 @@ TEST(Reference, a_good_part_passes_however_it_lies) {
     }
 }
 
-// Below the limits of gradients and transmission: a tenth less light, a spread a third wider in two lenslets, a shift
-// of a tenth of a bin.
+// Defects below the limits of gradients and transmission: 10 % less light, a spread a third wider in two lenslets, a
+// shift of 0.1 bin.
 TEST(Reference, weak_defects_are_found_where_they_are_and_named) {
     struct Case {
         const char* name;
@@ -145,7 +145,7 @@ TEST(Reference, a_dimple_is_a_surface_and_haze_scatters) {
     }
 }
 
-// One lenslet inside the rim, where the margin of the gradients hides everything.
+// One lenslet inside the rim, where the margin of the gradient maps hides any defect.
 TEST(Reference, a_defect_beside_the_rim_is_found) {
     const Pose pose{0.3, -0.2, 0.01};
     const auto at = PoseMap(pose, kField).to_part(0.5 * (kField.m - 1) + kHalfM - 1.5, 0.5 * (kField.n - 1));

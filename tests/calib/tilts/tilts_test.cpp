@@ -50,7 +50,7 @@ std::vector<DirectionRad> ring(int count, double radius_rad, double start = 0.3)
     return out;
 }
 
-// Captures at `stage` directions as a fit sees them, each mean good to `noise_px`.
+// Input of a fit: captures at `stage` directions; `noise_px` is the standard deviation of each mean.
 std::vector<Tilt> tilts_of(const Camera& camera, const std::vector<DirectionRad>& stage, double noise_px,
                            std::uint64_t seed) {
     test::Random random(seed);
