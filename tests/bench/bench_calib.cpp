@@ -1,6 +1,6 @@
-// How fast a 5000 x 5000 px white frame becomes a lenslet grid, against the usual way to lenslet centres in the same
-// run: OpenCV's Otsu threshold and the centroids of its connected components (libpleno's way, which ends there: without
-// a grid, a model or an error). CPU time of one thread, the frame in memory; repetitions of all benchmarks are
+// Time to fit a lenslet grid to a 5000 x 5000 px white frame, compared with the usual method for lenslet centres in the
+// same run: OpenCV's Otsu threshold and the centroids of its connected components. libpleno works like that; the method
+// yields no grid, model or error. CPU time of one thread, the frame in memory; repetitions of all benchmarks are
 // interleaved, the table holds medians.
 #include <cstdio>
 #include <ctime>

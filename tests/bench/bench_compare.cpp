@@ -1,6 +1,6 @@
-// What judging against a reference costs, step by step: the paper's lens, 111x111 lenslets of 9x9 bins, 12 bits, 2,000
-// electrons a lenslet. Times a lenslet inside the part; features alone are given beside them, for machines differ and
-// are not alone (./dev bench).
+// The cost of judging against a reference, step by step: the paper's lens, 111x111 lenslets of 9x9 bins, 12 bits, 2,000
+// electrons a lenslet. Times are per lenslet inside the part. The time of the features alone is measured in the same
+// run for comparison, as machines and their load differ (./dev bench).
 #include <cstdio>
 #include <memory>
 #include <span>
@@ -20,7 +20,7 @@ namespace {
 
 using namespace lab;
 
-// A good part, its reference learned from others of its kind, and what the pipeline found on the way to comparing it.
+// A good part, a reference learned from other parts of its kind, and the pipeline's results that the comparison needs.
 struct Compared {
     sim::Scene scene = lens_scene(111);
     algo::Recipe recipe = production_recipe();

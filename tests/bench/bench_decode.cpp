@@ -1,4 +1,4 @@
-// What the decode of raw frames costs at paper size (555 x 555 lenslets, 9 x 9 bins, 8 bit), against the macro-pixel
+// The cost of decoding raw frames at paper size (555 x 555 lenslets, 9 x 9 bins, 8 bit), against the macro-pixel
 // path in the same run: that path is one inspection of bench/frame_555_9x9.png (from $HORD_DATA or ../shared/data), one
 // thread. The raw frames are noise, of 9.4 px a lenslet, rotated by 3 degrees: their content does not change the work.
 // CPU time; medians of interleaved repetitions.

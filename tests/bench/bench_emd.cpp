@@ -1,4 +1,4 @@
-// How fast the exact earth mover's distance is, against stock solvers in the same run (./dev bench).
+// Speed of the exact earth mover's distance, compared with stock solvers in the same run (./dev bench).
 //
 // Work: every pair of neighbouring lit lenslets of two frames of 555x555 lenslets and 9x9 bins, dark threshold 3 DN:
 // frame_555_9x9.png (from $HORD_DATA/bench or ../shared/data/bench), and the lens with a bubble of

@@ -1,10 +1,11 @@
-// A fleet of stations on one mosquitto: messages a second, what the broker and a station need. docs/fleet.md.
+// A fleet of stations on one mosquitto: messages a second, CPU time and memory of the broker and of a station.
+// docs/fleet.md.
 //
 //     bench_fleet [STATIONS [SECONDS]]        200 stations, 20 s a line
 //
-// Stations are the edge nodes of hord-mqtt over its own connections, with results that are counted up instead of a
-// store; a few processes hold them all. One consumer subscribes to everything with QoS 1 and counts. One real hord-mqtt
-// over a real store runs beside them in the last line. Everything shares this machine.
+// Each station is an edge node of hord-mqtt with its own connection; its results are generated, without a store. A few
+// processes hold all stations. One consumer subscribes to everything with QoS 1 and counts. The last line adds one real
+// hord-mqtt with a real store. Everything shares this machine.
 #include <cerrno>
 #include <chrono>
 #include <csignal>
@@ -48,7 +49,7 @@ std::int64_t utc_us() {
     std::exit(2);
 }
 
-// Processor seconds and resident kilobytes of a process.
+// CPU seconds and resident kilobytes of a process.
 struct Use {
     double cpu_s = 0;
     long resident_kb = 0;
@@ -67,8 +68,8 @@ Use use_of(pid_t pid) {
     return use;
 }
 
-// Results that come at a pace, without a line: number k at `begin` + k / rate. A rate of 0: `waiting` of them are there
-// from the start.
+// Generates results at a fixed rate, without a line: number k at `begin` + k / rate. If the rate is 0, `waiting`
+// results exist from the start.
 class CountedResults final : public mqtt::ResultSource {
   public:
     CountedResults(std::string id, double rate, std::int64_t waiting)
@@ -124,7 +125,7 @@ mqtt::MqttConfig options_of(int station, const fs::path& folder) {
     return options;
 }
 
-// Registers that change as those of a running station do: its counters and latencies, each second.
+// Registers that change as in a running station: counters and latencies, every second.
 std::vector<Reading> readings_now() {
     std::vector<Reading> readings;
     const double now = static_cast<double>(utc_us() / 1'000'000 % 1'000'000);
@@ -156,7 +157,7 @@ std::vector<Reading> readings_now() {
     }
 }
 
-// Counts what comes.
+// Totals of the received messages.
 struct Counted {
     std::uint64_t messages = 0, results = 0, bytes = 0, births = 0, birth_bytes = 0;
 };

@@ -1,6 +1,6 @@
-// How the cost of a map grows: with the number of lenslets, of bins, of lit bins, and with the read noise that gets
-// past the dark threshold. Usage: bench_growth OUT  writes OUT/growth.csv, and prints the table. tests/bench/growth.gp
-// plots it.
+// How the cost of a map grows with the number of lenslets, of bins, of lit bins, and with the read noise that exceeds
+// the dark threshold. Usage: bench_growth OUT  writes OUT/growth.csv and prints the table. tests/bench/growth.gp plots
+// it.
 //
 // Frames: a spot of light in every lenslet that moves smoothly over the field, at 8 bits and up to 250 DN, dark
 // threshold 3 DN; 64x64 lenslets are drawn and repeated. `decided`: whether the EMD's gradient reaches 1 bin

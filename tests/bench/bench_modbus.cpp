@@ -3,9 +3,9 @@
 //
 //   bench_modbus [SECONDS]     of each measurement, 3 unless given
 //
-// Server and clients share one core in the comparison (sched_setaffinity), as the question is what a request costs.
-// Under attack they may use all there are: a legitimate client polls every 10 ms, and what counts is its longest wait
-// and that no request fails.
+// The comparison measures the cost of a request: sched_setaffinity binds server and clients to one core, and in a
+// second row to two. Under attack they may use all cores: a legitimate client polls every 10 ms; its longest wait
+// counts, and no request may fail.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -43,10 +43,10 @@ using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 using Bytes = std::vector<std::uint8_t>;
 
-const Bytes kRead40{0, 1, 0, 0, 0, 6, 1, 3, 0, 100, 0, 40};  // STATUS, whole
+const Bytes kRead40{0, 1, 0, 0, 0, 6, 1, 3, 0, 100, 0, 40};  // reads the whole block STATUS
 constexpr std::size_t kReply40 = 9 + 80;
 
-// A TCP client that says exactly what it is told.
+// A TCP client that sends given bytes unchanged.
 class Peer {
   public:
     explicit Peer(std::uint16_t port) : fd_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
@@ -68,7 +68,7 @@ class Peer {
     void send(const Bytes& bytes) const {
         [[maybe_unused]] const auto sent = ::send(fd_, bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
     }
-    // The whole reply of kRead40 within two seconds.
+    // True if the whole reply to kRead40 arrives within two seconds.
     [[nodiscard]] bool reply() const {
         std::array<std::uint8_t, kReply40> bytes;
         std::size_t filled = 0;
@@ -110,7 +110,7 @@ class Ours {
     std::thread thread_;
 };
 
-// libmodbus's server as its manual shows it: one client, receive, reply.
+// libmodbus's server as in its manual: one client; receive, reply.
 class Theirs {
   public:
     Theirs() : context_(modbus_new_tcp("127.0.0.1", 0)), map_(modbus_mapping_new(0, 0, 9000, 0)) {
@@ -130,7 +130,7 @@ class Theirs {
         });
     }
     ~Theirs() {
-        thread_.join();  // its client has gone
+        thread_.join();  // ends when its client disconnects
         modbus_mapping_free(map_);
         modbus_close(context_);
         modbus_free(context_);
@@ -148,7 +148,7 @@ class Theirs {
     std::thread thread_;
 };
 
-// Clients that each ask again as soon as they are answered, from one thread. Requests answered in a second.
+// Requests answered per second. All clients run in one thread; each sends again as soon as it has its reply.
 double requests_a_second(std::uint16_t port, int clients, Clock::duration time) {
     const int epoll = ::epoll_create1(EPOLL_CLOEXEC);
     std::vector<Peer> peers;
@@ -187,7 +187,7 @@ struct Waits {
     double p50_ms = 0, p99_ms = 0, longest_ms = 0;
 };
 
-// A client that asks every 10 ms, late or not, on one connection. A wait counts from the time it was due.
+// Polls every 10 ms on one connection, or at once if the last reply took longer. A wait counts from the sending.
 Waits poll_for(const Peer& client, Clock::duration time) {
     std::vector<double> waits;
     Waits result;
@@ -212,7 +212,7 @@ Waits poll_for(const Peer& client, Clock::duration time) {
     return result;
 }
 
-// What an attacker does over and over, until told to stop.
+// An attack, repeated until `over` is set.
 struct Attack {
     const char* name;
     std::function<void(std::uint16_t port, const std::atomic<bool>& over)> run;
@@ -287,7 +287,7 @@ std::vector<Attack> attacks() {
     };
 }
 
-// This thread, and those that it makes from now on.
+// Binds this thread, and threads that it starts later, to `cores`.
 void run_on(const std::vector<std::size_t>& cores) {
     cpu_set_t set;
     CPU_ZERO(&set);
@@ -295,11 +295,11 @@ void run_on(const std::vector<std::size_t>& cores) {
     ::sched_setaffinity(0, sizeof set, &set);
 }
 
-// A row: the server on one core, its clients on another, or all on the same.
+// One row of the table. The server and its clients may have one core each, or share one.
 void compare(const char* what, std::size_t server_core, std::size_t client_core, Clock::duration time) {
     constexpr int kRounds = 5;
     std::vector<double> theirs, ours, ratios;
-    for (int round = 0; round < kRounds; ++round) {  // in turn: both see the same machine
+    for (int round = 0; round < kRounds; ++round) {  // alternating: load affects both servers alike
         {
             run_on({server_core});
             const Theirs server;

@@ -1,14 +1,13 @@
-// How fast the simulated cell traces, against POV-Ray on the same scene in the same run (./dev bench).
+// Ray tracing speed of the simulated cell, compared with POV-Ray on the same scene in the same run (./dev bench).
 //
 // Scene: the double-convex lens of hal_sim/scenes/lens.toml before a collimated source of 0.61 bins at infinity, no
 // Fresnel losses.
-//   rays     999x999 parallel rays of one direction, slopes (0.009, 0.003): POV-Ray through an orthographic camera
-//   without antialiasing, less the
-//            time of 9x9 rays (start, parse); here trace_many(), one call a row, and for comparison trace(), one call a
-//            ray. The share of rays that reach the source must be the same.
-//   frames   555x555 lenslets x 9x9 bins. POV-Ray's time is what 16 rays a bin take at its speed.
-// All times are CPU times of one thread, rounds are interleaved and medians printed: other load on the machine meets
-// both alike.
+//   rays     999x999 parallel rays of one direction, slopes (0.009, 0.003). POV-Ray: an orthographic camera without
+//            antialiasing; the time of 9x9 rays (start, parse) is subtracted. Here: trace_many(), one call a row, and
+//            for comparison trace(), one call a ray. The share of rays that reach the source must be the same.
+//   frames   555x555 lenslets x 9x9 bins. POV-Ray's time is computed from its speed, for 16 rays a bin.
+// All times are CPU times of one thread. Rounds are interleaved and medians printed, so that other load on the machine
+// affects both alike.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -61,7 +60,7 @@ double pov_seconds(const std::filesystem::path& scene, int side, const std::stri
     return status == 0 ? cpu_seconds(RUSAGE_CHILDREN) - start : -1;
 }
 
-// The share of white pixels in the picture that it writes.
+// The share of white pixels in the picture that POV-Ray writes; negative if it fails.
 double pov_lit(const std::filesystem::path& scene) {
     const auto picture = scene.parent_path() / "lens.ppm";
     if (pov_seconds(scene, kSide, "+FP +O" + picture.string()) < 0) return -1;

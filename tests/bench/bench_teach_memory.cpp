@@ -1,7 +1,6 @@
-// How much memory teaching takes: bench_teach_memory [LENSLETS [BINS [BITS [PARTS]]]], 555 9 8 8 if not given. The
-// teacher of the service (firmware/recipes/teach_in.h) is shown drawn parts one after the other, as the line would;
-// printed is what the process held at most, above what it held before the teach began. The frames lie in the folder
-// that TMPDIR names.
+// Memory that a teach-in needs: bench_teach_memory [LENSLETS [BINS [BITS [PARTS]]]], by default 555 9 8 8. The teach-in
+// of the service (firmware/recipes/teach_in.h) gets drawn parts one after the other, as on the line. Prints the peak
+// memory of the process minus its memory before the teach-in. The frames are stored in the folder TMPDIR.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -31,7 +30,7 @@ double megabytes(const std::string& which) {
     return 0;
 }
 
-// A weak lens that fills the field; every part lies a little differently and has noise of its own, one electron a DN.
+// A weak lens that fills the field. Pose and noise vary from part to part; one electron a DN.
 void draw(Frame& frame, const algo::Extents& e, std::uint64_t part) {
     std::mt19937_64 random(part);
     std::normal_distribution<float> normal;
@@ -76,7 +75,7 @@ int main(int argc, char** argv) {
     recipe.number = 1;
     recipe.recipe.name = "drawn";
     recipe.recipe.emd_limit_bins = recipe.recipe.frobenius_limit_bins =
-        100;  // what the parts look like is not what is measured
+        100;  // no part is rejected: verdicts do not matter here
     recipe.recipe.transmission_limit = 0;
     recipe.recipe.reject_score = recipe.recipe.grow_score = recipe.recipe.cluster_score = 1000;
     Frame frame(extents.width_px(), extents.height_px(), bits);

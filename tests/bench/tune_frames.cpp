@@ -1,6 +1,6 @@
 // Frames for docs/results/tune.md: tune_frames FOLDER POVRAY writes FOLDER/production/{learn,good,bad} of the simulated
-// production of `hord-lab experiment detection`, and FOLDER/povray/{good,bad} of traced frames in POVRAY, exposed with
-// photon noise. Everything from fixed seeds.
+// production of `hord-lab experiment detection`, and FOLDER/povray/{good,bad} from the traced frames in the folder
+// POVRAY, with photon noise added. All seeds are fixed.
 #include <cstdio>
 #include <filesystem>
 #include <string>
@@ -22,7 +22,7 @@ bool write(const fs::path& folder, const std::string& name, const Frame& frame) 
     return true;
 }
 
-// 60 good parts, each lying a little differently; 24 with haze (a tenth of the light scattered over 1.2 lenslets), 24
+// 60 good parts with slightly different poses; 24 with haze (a tenth of the light scattered over 1.2 lenslets), 24
 // with a bubble of 0.1 to 1.5 lenslets, 12 with a speck; 16 other good ones to learn from.
 bool production(const fs::path& folder) {
     const sim::Scene scene = lab::round_part();

@@ -14,7 +14,7 @@ namespace hord::common {
 
 using Bytes = std::vector<std::uint8_t>;
 
-// No two neighbours alike, and every byte of a 16-bit sample says something.
+// A test pattern: neighbouring samples differ, and both bytes of a 16-bit sample vary.
 inline Frame pattern(int width, int height, int bits) {
     Frame frame(width, height, bits);
     for (int y = 0; y < height; ++y) {

@@ -18,7 +18,7 @@ namespace {
 
 using testing::HasSubstr;
 
-// As another program may write it: interlaced where asked for, with chunks that a frame does not need.
+// A PNG as another program may write it: interlaced if `interlace` says so, with optional chunks if `talkative`.
 Bytes foreign_png(const Frame& frame, int interlace, bool talkative) {
     Bytes out;
     png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, nullptr, nullptr, nullptr);
@@ -72,7 +72,7 @@ TEST(PngCodec, reads_what_others_write_interlaced_or_not_and_whatever_they_say_b
                 ASSERT_TRUE(read) << read.error().message();
                 EXPECT_TRUE(same(read->frame, frame))
                     << bits << " bits, interlace " << interlace << ", talkative " << talkative;
-                EXPECT_EQ(read->frame.bits(), bits);  // whatever sBIT says: nobody asked for a note
+                EXPECT_EQ(read->frame.bits(), bits);  // sBIT is ignored: no note was requested
                 EXPECT_EQ(read->length, file.size());
                 EXPECT_TRUE(same(read->frame, decoded(file)));
             }
@@ -122,7 +122,7 @@ TEST(PngCodec, colour_is_blue_green_red_as_in_opencv) {
     ASSERT_EQ(image.type(), CV_8UC3);
     ASSERT_EQ(image.size(), cv::Size(5, 3));
     EXPECT_EQ(Bytes(image.datastart, image.dataend), bgr);
-    // And in the file red comes first: the same pixels, saved by libpng's own reader.
+    // In the file red comes first: libpng reads the same pixels as RGB.
     png_image plain{};
     plain.version = PNG_IMAGE_VERSION;
     ASSERT_TRUE(png_image_begin_read_from_memory(&plain, file->data(), file->size()));
@@ -159,7 +159,7 @@ void put_big_endian(Bytes& file, std::size_t at, std::uint32_t value) {
 
 TEST(PngCodec, takes_no_memory_that_the_file_cannot_fill) {
     Bytes file = *encode_grey_png(pattern(8, 8, 16).view());
-    put_big_endian(file, 16, 30'000);  // width and height, 1.8 GB of samples
+    put_big_endian(file, 16, 30'000);  // width and height: 1.8 GB of samples
     put_big_endian(file, 20, 30'000);
     put_big_endian(file, 29, static_cast<std::uint32_t>(crc32(0, file.data() + 12, 17)));
     const auto read = decode_grey_png(file, "huge.png");
@@ -170,10 +170,10 @@ TEST(PngCodec, takes_no_memory_that_the_file_cannot_fill) {
     put_big_endian(file, static_cast<std::size_t>(note.begin() - file.begin()) - 4, 800'000'000);
     const auto noted = decode_grey_png(file, "noted.png", "hord");
     ASSERT_FALSE(noted);
-    // And not that it is cut off, which is seen when the memory is taken. Libpngs after Debian 12's pass over what is
-    // too large, and see it then.
+    // The size is refused before memory is allocated. A libpng newer than Debian 12's skips a chunk that is too large
+    // and reports the file as cut off.
     EXPECT_THAT(noted.error().what, HasSubstr(PNG_LIBPNG_VER > 10639 ? "cut off" : "too large"));
-    // And what packs best of all is still read.
+    // A frame with the highest compression ratio is still read.
     const Frame dark(3000, 2000, 16);
     for (const int level : {1, 9})
         EXPECT_TRUE(same(decode_grey_png(*encode_grey_png(dark.view(), {.level = level}), "dark.png")->frame, dark));

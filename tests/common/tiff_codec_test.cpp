@@ -23,11 +23,11 @@ using testing::HasSubstr;
 using testing_support::TempFolder;
 
 struct Layout {
-    const char* mode = "wl";  // TIFFOpen's: wl is little-endian, wb big-endian
+    const char* mode = "wl";  // mode of TIFFOpen: wl is little-endian, wb big-endian
     int packing = COMPRESSION_NONE;
     int predictor = PREDICTOR_NONE;
-    std::uint32_t rows = 5;  // of a strip
-    std::uint32_t tile = 0;  // its side; 0: strips
+    std::uint32_t rows = 5;  // per strip
+    std::uint32_t tile = 0;  // side of a tile, px; 0: strips
     int orientation = ORIENTATION_TOPLEFT;
 };
 
@@ -54,7 +54,7 @@ Bytes tiff_of(const Frame& frame, const Layout& layout) {
     TIFFSetField(tiff, TIFFTAG_ORIENTATION, layout.orientation);
     TIFFSetField(tiff, TIFFTAG_COMPRESSION, layout.packing);
     if (layout.predictor != PREDICTOR_NONE) TIFFSetField(tiff, TIFFTAG_PREDICTOR, layout.predictor);
-    // libtiff unpacks in place what it packs: a copy is given.
+    // libtiff may modify the samples that it encodes, so it gets a copy.
     std::vector<std::byte> samples(frame.bytes().begin(), frame.bytes().end());
     if (layout.tile == 0) {
         TIFFSetField(tiff, TIFFTAG_ROWSPERSTRIP, layout.rows);
@@ -66,7 +66,7 @@ Bytes tiff_of(const Frame& frame, const Layout& layout) {
         for (std::uint32_t top = 0; top < height; top += layout.tile) {
             for (std::uint32_t left = 0; left < width; left += layout.tile) {
                 std::vector<std::byte> tile(std::size_t{layout.tile} * layout.tile * sample,
-                                            std::byte{0xEE});  // beyond the image: must not be seen
+                                            std::byte{0xEE});  // padding beyond the image: must not be read
                 const std::uint32_t columns = std::min(layout.tile, width - left);
                 for (std::uint32_t y = 0; y < std::min(layout.tile, height - top); ++y) {
                     std::copy_n(
@@ -108,7 +108,7 @@ TEST(TiffCodec, reads_strips_and_tiles_of_every_byte_order_and_packing) {
             }
         }
     }
-    EXPECT_GE(read_too, 90);  // of 96: OpenCV 4.6 does not read unpacked tiles of 16 pixels and 8 bits
+    EXPECT_GE(read_too, 90);  // of 96: OpenCV 4.6 does not read uncompressed 8-bit tiles of 16 px
 }
 
 TEST(TiffCodec, one_strip_of_all_rows_and_a_strip_a_row_are_read) {
@@ -124,7 +124,8 @@ TEST(TiffCodec, turns_a_frame_to_the_orientation_that_it_names_as_opencv_does) {
     for (const int bits : {8, 16}) {
         const auto frame = pattern(21, 34, bits);
         for (int orientation = ORIENTATION_TOPLEFT; orientation <= ORIENTATION_LEFTBOT; ++orientation) {
-            // OpenCV 4.6 turns strips right, and mixes up the columns of 8-bit tiles.
+            // The expected frame is stored in strips: OpenCV 4.6 mixes up the columns of 8-bit tiles when it turns
+            // them.
             const cv::Mat turned = decoded(tiff_of(frame, {.orientation = orientation}));
             for (const std::uint32_t tile : {0U, 16U, 64U}) {
                 const Layout layout{.packing = COMPRESSION_LZW, .tile = tile, .orientation = orientation};
@@ -136,7 +137,7 @@ TEST(TiffCodec, turns_a_frame_to_the_orientation_that_it_names_as_opencv_does) {
     }
 }
 
-// Where a tag's entry is in a little-endian file; 0 where it is not.
+// Offset of a tag's entry in a little-endian file, bytes; 0 if the file has no such tag.
 std::size_t entry_of(const Bytes& file, unsigned tag) {
     const auto number = [&](std::size_t at, unsigned size) {
         std::size_t value = 0;
@@ -213,7 +214,7 @@ TEST(TiffCodec, takes_no_memory_that_the_file_cannot_fill) {
         EXPECT_FALSE(with({TIFFTAG_TILEWIDTH, TIFFTAG_TILELENGTH}, 32'768));  // 2 GB a tile
         EXPECT_FALSE(with({TIFFTAG_TILEWIDTH, TIFFTAG_TILELENGTH}, 0xFFFF'FFF0U));
     }
-    // And what packs best of all is still read.
+    // A frame with the highest compression ratio is still read.
     const Frame dark(3000, 2000, 16);
     for (const int packing : {COMPRESSION_LZW, COMPRESSION_ADOBE_DEFLATE, COMPRESSION_PACKBITS}) {
         for (const std::uint32_t tile : {0U, 1024U}) {
@@ -226,7 +227,7 @@ TEST(TiffCodec, takes_no_memory_that_the_file_cannot_fill) {
 }
 
 TEST(TiffCodec, tags_that_name_the_same_bytes_over_and_over_do_not_fill_memory) {
-    // 150 tags that nobody knows, each with all of a file of 4 MB: 600 MB, if all were kept.
+    // 150 unknown tags, each of which refers to the whole file of 4 MB: 600 MB if all were kept in memory.
     constexpr std::uint32_t kTags = 150, kSize = 4 << 20, kDirectory = 8;
     Bytes file(kSize);
     const auto put16 = [&](std::size_t at, std::uint32_t value) {

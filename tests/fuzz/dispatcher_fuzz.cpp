@@ -1,5 +1,5 @@
-// A stream of requests [length, PDU...] to a whole station's registers: every reply is legal, no token does
-// two things.
+// A stream of requests [length, PDU...] to all registers of a station. Every reply must be legal, and no token may
+// execute two commands.
 #include <algorithm>
 #include <cstdlib>
 #include <set>

@@ -1,5 +1,6 @@
-// A frame file from anywhere: it is a frame that its bytes can hold, or an error that names it. The first byte chooses
-// the door: a frame file, a TIFF, or a kept frame. A PNG's checksums are made right, or nothing would get past them.
+// Arbitrary bytes as a frame file: the result must be a frame whose size the bytes can hold, or an error that names the
+// file. The first byte chooses the decoder: a frame file, a TIFF, or a kept frame. The checksums of a PNG are
+// corrected; otherwise libpng would reject nearly every input.
 #include <cstdlib>
 #include <cstring>
 #include <vector>
@@ -54,7 +55,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         default:
             check(
                 common::decode_grey_png(file, "the.file", "hord").and_then([](common::GreyPng&& png) -> Result<Frame> {
-                    if (png.frame.bits() != 8 && png.frame.bits() != 16) {  // a kept frame's depth is told, not checked
+                    // Another depth comes from the note of a kept frame; samples are not checked against it.
+                    if (png.frame.bits() != 8 && png.frame.bits() != 16) {
                         return Frame(png.frame.width_px(), png.frame.height_px(), png.frame.bits());
                     }
                     return std::move(png.frame);

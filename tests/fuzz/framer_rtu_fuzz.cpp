@@ -1,5 +1,6 @@
-// Each piece is [size, silence before it, bytes...]. A request must have been on the line with a good CRC,
-// and after the silences a good frame must be understood, whatever came before.
+// Each piece is [size, silence before it, bytes...]. Every request that the framer returns must have a legal length and
+// the address of this unit (17) or broadcast (0). After a silence a good frame must be recognised, independent of
+// earlier bytes.
 #include <algorithm>
 #include <cstdlib>
 

@@ -1,4 +1,4 @@
-// The first byte chooses how the rest is cut into pieces; the requests must not depend on it.
+// The first byte chooses how the rest is cut into pieces; the requests found must not depend on it.
 #include <algorithm>
 #include <cstdlib>
 #include <vector>
@@ -20,7 +20,7 @@ Requests requests_in(std::span<const std::uint8_t> bytes, std::size_t piece) {
             if (request->pdu.empty() || request->pdu.size() > hord::firmware::modbus::kMaxPdu) std::abort();
             all.emplace_back(request->pdu.begin(), request->pdu.end());
         }
-        if (!part.empty() && !framer.broken()) std::abort();  // all is taken, unless the stream is broken
+        if (!part.empty() && !framer.broken()) std::abort();  // all bytes are consumed, unless the stream is broken
     }
     return all;
 }

@@ -1,5 +1,5 @@
-// One connection to hord-page, byte by byte as it comes: every answer is whole and legal, nothing but the page's own
-// files is given, and without a token nobody commands.
+// Arbitrary bytes on one connection to hord-page. Every answer must be complete and legal, only the page's own files
+// may be served, and no command may be executed without a token.
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
@@ -44,7 +44,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (page.viewers.count() != 0) std::abort();
     if (!answer.empty() && !answer.starts_with("HTTP/1.")) std::abort();
     const std::string_view asked(reinterpret_cast<const char*>(data),
-                                 size);  // what was asked for by name may be named in a refusal
+                                 size);  // a refusal may repeat the requested name
     if (answer.starts_with("HTTP/1.1 500") ||
         (answer.find("root:x:") != std::string::npos && asked.find("root:x:") == asked.npos))
         std::abort();

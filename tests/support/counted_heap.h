@@ -1,4 +1,4 @@
-// Counts every use of the heap by the program that links tests/support/counted_heap.cpp, by whatever thread.
+// Counts every heap allocation, of any thread, in a program that links tests/support/counted_heap.cpp.
 #pragma once
 
 #include <atomic>
@@ -8,7 +8,7 @@ namespace hord::test {
 
 extern std::atomic<std::uint64_t> allocations;
 
-// What `work` allocates.
+// The number of allocations during `work`.
 template <class Work>
 std::uint64_t allocated_by(Work work) {
     const std::uint64_t before = allocations;

@@ -1,4 +1,4 @@
-// A whole frame by the rows of a Resampler or Regridder.
+// Decodes a whole frame, row by row, with a Resampler or Regridder.
 #pragma once
 
 #include <vector>

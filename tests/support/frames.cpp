@@ -80,7 +80,7 @@ Frame noisy(const Frame& frame, const Noise& noise, std::uint64_t seed, int bits
     const double scale = ((1 << bits) - 1) / static_cast<double>((1 << frame.bits()) - 1);
     return changed(frame, frame.width_px(), frame.height_px(), bits, [&](const FrameView& view, int x, int y) {
         const double mean = view.sample(x, y) * noise.light * noise.electrons_per_dn;
-        double electrons = 0;  // from 200 on, a Poisson count is close to normal, and that is faster
+        double electrons = 0;  // from 200 on, the normal distribution is close to Poisson and faster to draw
         if (mean >= 200) electrons = mean + std::sqrt(mean) * normal(random);
         else if (mean > 0) electrons = std::poisson_distribution<int>(mean)(random);
         electrons += noise.read_electrons * normal(random);

@@ -13,7 +13,7 @@
 namespace hord::algo::testing {
 
 // A light field traced by POV-Ray, an independent program ($HORD_DATA or ../shared/data, povray/NAME_raw.png; 9x9
-// bins); nullopt where it is not there.
+// bins); nullopt if the file is missing.
 std::optional<Frame> povray(const std::string& name);
 constexpr Extents kPovray{111, 111, 9, 9};
 
@@ -24,11 +24,11 @@ struct Spot {
 };
 Frame drawn(const Extents& extents, int bits, double full_bin_dn, const std::function<Spot(int m, int n)>& spot);
 
-// A round lens with free light around it: deflection grows to `rim_bins` at `radius` lenslets from the centre.
+// A round lens with free light around it. Deflection grows to `rim_bins` at `radius` lenslets from the centre.
 std::function<Spot(int, int)> lens(const Extents& extents, double radius, double rim_bins);
 
-// Photon and read noise: a sample of s DN is Poisson(s * light * electrons_per_dn) plus normal read noise; `bits` may
-// be more than the frame's, then the samples are scaled by the ratio of the full scales first.
+// Photon and read noise: a sample of s DN is Poisson(s * light * electrons_per_dn) plus normal read noise. If `bits`
+// is more than the frame's, the samples are first scaled by the ratio of the full scales.
 struct Noise {
     double electrons_per_dn = 10;  // at 8 bits
     double read_electrons = 2;
@@ -42,7 +42,7 @@ Frame at_bits(const Frame& frame, int bits);
 Frame transposed(const Frame& frame);
 // Left and right exchanged, lenslets and bins both.
 Frame mirrored(const Frame& frame);
-// Moved by whole lenslets; what comes into view repeats the top-left lenslet (free light).
+// Moved by whole lenslets; lenslets that enter the field repeat the top-left lenslet (free light).
 Frame shifted(const Frame& frame, const Extents& extents, int dm, int dn);
 // Light of the lenslets within `radius` of (m, n) multiplied by `transmission`; partly covered ones in proportion.
 Frame specked(const Frame& frame, const Extents& extents, double m, double n, double radius, double transmission);

@@ -1,4 +1,4 @@
-// Random HORDs for the tests of distances, from a seed, in the shapes that matter.
+// Random HORDs of several shapes, from a seed, for the tests of distances.
 #pragma once
 
 #include <algorithm>
@@ -19,7 +19,7 @@ inline Hord hord_of(const Histogram& h) { return {h.data(), std::accumulate(h.be
 
 inline int pick(Random& random, int low, int high) { return std::uniform_int_distribution<int>(low, high)(random); }
 
-// A spot of light somewhere, Gaussian, with noise and a dark threshold: what most lenslets see.
+// A Gaussian spot at a random place, with noise and a dark threshold: the HORD of most lenslets.
 inline Histogram blob(Random& random, int bins_i, int bins_j, int full_scale, double radius) {
     std::uniform_real_distribution<double> unit(0.0, 1.0);
     std::normal_distribution<double> noise(0.0, 0.01);
@@ -44,7 +44,7 @@ inline Histogram two_lobes(Random& random, int bins_i, int bins_j, int full_scal
     return a;
 }
 
-// `lit` bins, anywhere, with masses 1..largest. A small `largest` makes many ties.
+// `lit` bins at random places, with masses 1..largest. A small `largest` makes many ties.
 inline Histogram scattered(Random& random, int bins, int lit, int largest) {
     Histogram h(static_cast<std::size_t>(bins));
     for (int n = 0; n < lit; ++n)

@@ -1,6 +1,6 @@
-// The main of tests that run the station in real time. A line whose controller does not run must stop: on a machine
-// that was held up meanwhile a failure says nothing. Such a test is run again, up to four times; one that failed while
-// the machine ran is believed at once.
+// The main of tests that run the station in real time. The line must stop when its controller gets no CPU time, so a
+// failure on a machine that was held up is no evidence: the tests are repeated, up to kAttempts times in all. A failure
+// without a hold-up counts at once.
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -19,11 +19,11 @@ using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
 constexpr int kAttempts = 4;
-// The shortest time that the tested lines leave a thread which should run (hordctl run without a configuration: 40 ms),
-// less what a scheduler may take of it.
+// A delay that counts as a hold-up. The shortest deadline of a thread in the tested lines is 40 ms (hordctl run without
+// a configuration); half of it is left for the scheduler.
 constexpr Clock::duration kHeldUp = 20ms;
 
-// How late a thread that does nothing but sleep comes back, at worst.
+// Measures the longest delay with which a sleeping thread wakes up.
 class HoldUps {
   public:
     HoldUps() : thread_([this] { watch(); }) {}
@@ -46,7 +46,7 @@ class HoldUps {
     std::thread thread_;
 };
 
-// The tests in a process of their own: what one attempt left behind is not there in the next.
+// Runs the tests in a child process, so that attempts share no state. Returns the exit status.
 int attempt() {
     const pid_t pid = fork();
     if (pid == 0) {

@@ -78,12 +78,11 @@ TEST(Drift, a_tenth_of_a_pixel_is_measured_within_fifty_parts) {
     for (const Moved moved :
          {Moved{0.1, 0, 0, 0}, Moved{0.06, -0.08, 0, 0}, Moved{0, 0, 5e-4, 0}, Moved{0, 0, 0, -5e-4}}) {
         Line line;
-        DriftEstimator estimator = watched(line, 33);  // the window is broken into by the shift
+        DriftEstimator estimator = watched(line, 33);  // the shift begins inside a window
         for (int k = 0; k < 50; ++k) estimator.add(line.part(moved).view());
         ASSERT_TRUE(estimator.latest());
         const Drift& drift = *estimator.latest();
-        // The mean of a spot that 9 bins and the dark level truncate moves less than the spot: a tenth is allowed for
-        // it.
+        // 9 bins and the dark level truncate the spot, so its mean moves less than the spot: 10 % is allowed.
         EXPECT_NEAR(drift.shift_x_bins, moved.x, 0.01);
         EXPECT_NEAR(drift.shift_y_bins, moved.y, 0.01);
         EXPECT_NEAR(drift.turn_rad, moved.turn, 5e-5);

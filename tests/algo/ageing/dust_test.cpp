@@ -17,7 +17,7 @@ constexpr double kNoiseAt500Electrons = 0.045;
 
 struct Spot {
     double m = 0, n = 0, radius = 0.5;
-    double takes = 0.5;  // of the light
+    double takes = 0.5;  // share of the light that it absorbs
 };
 
 // Inspections of drawn parts: each with its own pose, slope of light and photon noise; some have a flaw.
@@ -29,9 +29,9 @@ class Line {
     double noise = kNoiseAt500Electrons;
     double flawed = 0;                                 // share of the parts
     double flaw_m = -1, flaw_n = -1, flaw_within = 0;  // where: anywhere, or within flaw_within of a place
-    bool flaw_fixed = false;                           // in the part, at that place, in every part
+    bool flaw_fixed = false;                           // at the same place of every part
     bool reference = false;
-    double moves = 0;  // standard deviation of the part's place, lenslets, along each axis
+    double moves = 0;  // standard deviation of the part's position along each axis, lenslets
     std::vector<Spot> dust;
 
     Inspection part() {
@@ -46,7 +46,7 @@ class Line {
                 flaw.n = flaw_n + flaw_within * (2 * uniform() - 1);
             if (flaw_fixed) flaw = {flaw_m + x, flaw_n + y, 1.5, 0.6};
             spots.push_back(flaw);
-            if (uniform() < 0.5) {  // found
+            if (uniform() < 0.5) {  // the inspection finds it
                 Defect defect;
                 defect.m = static_cast<float>(flaw.m);
                 defect.n = static_cast<float>(flaw.n);
@@ -100,7 +100,7 @@ DustEstimator dust_of(const Line& line, int window = 100) {
     return std::move(*DustEstimator::create(line.extents(), window));
 }
 
-// Parts until the estimator first reports `specks` or more; 0: not within `most` parts.
+// Number of parts until the estimator first reports `specks` or more; 0: not within `most` parts.
 int parts_until(DustEstimator& estimator, Line& line, bool specks, int most) {
     for (int k = 1; k <= most; ++k) {
         if (estimator.add(line.part()) && (estimator.latest()->specks > 0) == specks) return k;

@@ -1,4 +1,4 @@
-// Light, dark level and evenness, followed over drawn frames; and what both estimators of inspections share.
+// Trends of light, dark level and evenness over drawn frames, and the common part of both estimators of inspections.
 #include "algo/ageing/light_trend.h"
 
 #include <array>
@@ -15,7 +15,7 @@
 namespace hord::algo {
 namespace {
 
-// A frame whose unlit bins read `dark` on average, and its inspection; good until the next part.
+// A frame whose unlit bins read `dark` on average, and its inspection; valid until the next part.
 struct Lit {
     const Frame& frame;
     Inspection inspection;
@@ -49,7 +49,7 @@ class Lamp {
     static constexpr Extents kField{32, 32, 5, 5};
 
   private:
-    // A few frames, shown in turn.
+    // Draws a few frames; they are used in turn.
     void draw() {
         drawn_ = {light, dark};
         const double per_dn = 1U << (bits_ - 8);

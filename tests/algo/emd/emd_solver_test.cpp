@@ -141,9 +141,9 @@ TEST(Emd, agrees_with_lemon_on_dense_histograms) {
     }
 }
 
-// With more than 48 rows only some are priced at a time, but doubtful cells of all rows are computed exactly before a
-// plan is accepted. Of 9,000 pairs of random histograms this one needs it: checking only the last rows gives 3e-8 too
-// much.
+// With more than 48 rows, one pricing step covers only some of them. Before a plan is accepted, the doubtful cells of
+// all rows are computed exactly. One of 9,000 pairs of random histograms needs this: if only the last rows are checked,
+// its distance is 3e-8 too large.
 TEST(Emd, doubts_the_cells_of_all_rows_where_there_are_many) {
     std::mt19937 random(6);
     Histogram a(225), b(225);

@@ -27,7 +27,7 @@ struct Row {
         masses.insert(masses.end(), h.begin(), h.end());
         sums.push_back(hord_of(h).sum);
     }
-    // Over earlier results, as in a window of rows.
+    // Overwrites earlier results, as in a window of rows.
     void compact(CompactFunction by) {
         sparse.resize(sums.size());
         std::ranges::reverse(sparse);
@@ -142,7 +142,7 @@ TEST(SparseDifference, is_the_definition_wherever_it_is_found) {
             const std::size_t first = static_cast<std::size_t>(
                 std::ranges::find_if(row.masses, [](auto m) { return m != 0; }) - row.masses.begin());
             Histogram other = near_each_other(random, bins, 5, 30, full_scale);
-            if (round % 3 != 0) {  // one that overlaps
+            if (round % 3 != 0) {  // a HORD that overlaps
                 other.assign(other.size(), 0);
                 for (int n = 0; n < 4; ++n)
                     other[std::min(first + static_cast<std::size_t>(pick(random, 0, 12)), other.size() - 1)] =
@@ -182,8 +182,8 @@ TEST(SparseDifference, is_the_definition_wherever_it_is_found) {
     }
 }
 
-// Every solver of the ladder gives the bits of distance(): few bins, more, many, none, equal masses, masses beyond the
-// int32 limit, dark.
+// Every solver returns the bits of distance(): few bins, more, many, none, equal masses, masses beyond the int32 limit,
+// dark.
 TEST(SparseHord, gives_the_distance_of_the_hord_to_the_last_bit) {
     const GroundDistance grounds[] = {*GroundDistance::between_bins(9, 9),
                                       *GroundDistance::between_bins(9, 9, GroundNorm::manhattan),
@@ -194,7 +194,7 @@ TEST(SparseHord, gives_the_distance_of_the_hord_to_the_last_bit) {
         Row row;
         for (int n = 0; n < 6000; ++n) {
             const int kind = n / 60 % 7, bins = ground.bins();
-            if (kind == 6 && n % 60 != 0) {  // the same light again, or with three times the exposure
+            if (kind == 6 && n % 60 != 0) {  // the same HORD, or with three times the exposure
                 Histogram again(row.masses.end() - bins, row.masses.end());
                 const bool fits = std::ranges::max(again) * 3 < 65536;
                 for (auto& m : again) m = static_cast<std::uint16_t>(n % 2 == 0 && fits ? m * 3 : m);

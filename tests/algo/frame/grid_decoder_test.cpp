@@ -80,7 +80,7 @@ TEST(GridDecoder, a_turned_or_hexagonal_lattice_is_read_onto_an_upright_one) {
         auto regridder = Regridder::create(grid, even_layout(grid, 9, 7));
         const Frame wanted = test::decode_whole(*regridder, raw.view());
         Frame out = decoder->frame(12);
-        for (int again = 0; again < 2; ++again) {  // nothing of a frame is left in the next
+        for (int again = 0; again < 2; ++again) {  // the second result must not depend on the first
             ASSERT_TRUE(decoder->decode(noise(320, 288, 12).view(), out));
             EXPECT_TRUE(same(out, wanted));
             ASSERT_TRUE(decoder->decode(Frame(320, 288, 12).view(), out));

@@ -111,8 +111,8 @@ INSTANTIATE_TEST_SUITE_P(Lattices, Regrid,
                                            std::pair(Stagger::columns, 1)));
 
 TEST(RegridBits, are_the_same_on_every_machine) {
-    // FNV-1a over the decoded samples of a noise frame; another value means that frames are decoded differently than
-    // when limits were set on them.
+    // FNV-1a over the decoded samples of a noise frame. Another value means that frames are decoded differently and
+    // existing limits may no longer fit.
     const LensletGrid grid = lattice(Stagger::rows, 1);
     auto regridder = Regridder::create(grid, even_layout(grid, 9, 9));
     ASSERT_TRUE(regridder);
@@ -127,7 +127,7 @@ TEST(RegridBits, are_the_same_on_every_machine) {
     EXPECT_EQ(hash, 3741898740600764857U);
 }
 
-// 8-bit samples are mixed in 16 bits, deeper ones in 32.
+// 8-bit samples are interpolated in 16-bit arithmetic, deeper ones in 32-bit.
 TEST(RegridBits, of_eight_bit_frames_are_those_of_the_same_samples_in_a_deeper_frame) {
     for (const Stagger stagger : {Stagger::none, Stagger::rows, Stagger::columns}) {
         const LensletGrid grid = lattice(stagger);

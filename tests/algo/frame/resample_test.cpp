@@ -90,9 +90,9 @@ TEST(Resample, full_scale_stays_full_scale_and_black_stays_black) {
 }
 
 TEST(Resample, a_ramp_is_read_at_the_bins_own_places) {
-    // On a linear ramp a box's mean is the ramp at its centre: to the places of lenslet and bin (1/64 px each), the
-    // weights (1/256 for each of 4 pixels up to 1.5 px away, and what rounding leaves, together 0.025 px), a pixel's
-    // light being spread evenly over it (1/8 px over the box's width of 2.2 px) and the rounding of samples.
+    // On a linear ramp the mean of a box is the ramp at its centre. Errors: the positions of lenslet and bin (1/64 px
+    // each); the weights (1/256 for each of 4 pixels up to 1.5 px away and their rounding, together 0.025 px); light
+    // that is assumed constant over a pixel (1/8 px over the box's width of 2.2 px); the rounding of samples.
     const double slope = 97;
     Frame raw(300, 300, 16);
     for (int y = 0; y < 300; ++y) {
@@ -156,8 +156,8 @@ TEST(Resample, the_same_bits_on_every_machine) {
     EXPECT_EQ(hash, 2871495133730868134U);
 }
 
-// 8-bit samples go through whole rows of bins at once where the processor can; the same samples in a deeper frame go
-// one by one.
+// If the processor supports it, 8-bit samples are processed in whole rows of bins; the same samples in a deeper frame
+// are processed one by one.
 TEST(Resample, eight_bit_frames_have_the_bits_of_the_general_way) {
     const Frame narrow = noise(300, 280, 8);
     Frame deep(300, 280, 12);

@@ -1,4 +1,4 @@
-// After set-up nothing allocates: this program counts every use of the heap, by any thread. Workspaces stay small.
+// After set-up nothing allocates: this program counts the heap allocations of all threads. Workspaces stay small.
 #include <random>
 
 #include <gtest/gtest.h>
@@ -118,7 +118,7 @@ TEST(Allocation, decoding_a_raw_frame_into_one_that_is_there) {
     grid.columns = grid.rows = 40;
     grid.width_px = grid.height_px = 400;
     grid.origin_u = grid.origin_v = 19.5;
-    for (const double turn : {0.0, 0.8}) {  // read as it is, and onto an upright lattice
+    for (const double turn : {0.0, 0.8}) {  // decoded on its own lattice, and on an upright one
         grid.parameters = {199.5, 199.5, 14, turn};
         for (const int bits : {8, 12}) {
             auto decoder = GridDecoder::create(grid, std::nullopt, 9, 9);

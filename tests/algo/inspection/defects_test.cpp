@@ -70,7 +70,7 @@ TEST(Defects, none_leaves_the_worst_good_value_as_score) {
     const Found found = find({"......", "......", "......"});
     EXPECT_TRUE(found.defects.empty());
     EXPECT_EQ(found.reason, Reason::none);
-    EXPECT_FLOAT_EQ(found.score, 0.25F);  // 0.5 of 2
+    EXPECT_FLOAT_EQ(found.score, 0.25F);  // value 0.5, limit 2
 }
 
 TEST(Defects, have_a_centroid_an_area_and_a_peak) {
@@ -100,9 +100,9 @@ TEST(Defects, are_apart_from_two_good_lenslets_between_them_on) {
 TEST(Defects, come_most_severe_first_and_give_the_reason) {
     const Found found = find({"e.....t.....E", "............."});
     ASSERT_EQ(found.defects.size(), 3U);
-    EXPECT_EQ(found.defects[0].m, 12);  // 6 of 2
-    EXPECT_EQ(found.defects[1].m, 6);   // 0.8 missing of 0.5
-    EXPECT_EQ(found.defects[2].m, 0);   // 3 of 2
+    EXPECT_EQ(found.defects[0].m, 12);  // emd 6, limit 2
+    EXPECT_EQ(found.defects[1].m, 6);   // 0.8 of the light missing, limit 0.5
+    EXPECT_EQ(found.defects[2].m, 0);   // emd 3, limit 2
     EXPECT_EQ(found.reason, Reason::neighbours_disagree);
     EXPECT_EQ(find({"...f...", "......."}).reason, Reason::deflection_gradient);
     EXPECT_EQ(find({"...t...", "......."}).reason, Reason::absorption);

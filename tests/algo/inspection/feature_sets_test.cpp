@@ -1,5 +1,5 @@
-// The features that a recipe chooses: each gives its own map, features that are not chosen give none, and the results
-// of the default choice do not change.
+// The features that a recipe chooses: each has its own map, other features have none, and the results of the default
+// choice do not change.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -86,7 +86,7 @@ std::uint64_t digest(const Inspection& seen) {
     return hash;
 }
 
-// The literals are those of the pipeline without a choice of features.
+// Expected values: results of the pipeline without a choice of features.
 TEST(FeatureSets, the_usual_ones_give_the_bits_they_always_gave) {
     const struct {
         Extents extents;

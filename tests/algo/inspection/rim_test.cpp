@@ -89,7 +89,7 @@ TEST(Rim, without_a_part_is_the_fields_own_border) {
               expected);  // a part that fills the field
     EXPECT_EQ(marked(field_of({"dddddd", "dddddd", "dddddd", "dddddd", "dddddd"}), 1), expected);
     EXPECT_EQ(marked(field_of({"......", "...d..", "......", "......", "......"}), 1),
-              expected);  // a defect is too small for a part
+              expected);  // a region as small as a defect is no part
     const Rows everything(5, "jjjjjj");
     EXPECT_EQ(marked(field_of({"......", "......", "......", "......", "......"}), 0), everything);
 }

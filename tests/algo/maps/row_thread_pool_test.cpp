@@ -29,7 +29,7 @@ TEST(RowThreadPool, works_on_every_band_once_whatever_the_number_of_threads) {
     }
 }
 
-// Consecutive bands share rows: a thread that gets both decodes them once.
+// Consecutive bands share rows, which a thread with both bands decodes only once.
 TEST(RowThreadPool, gives_a_thread_bands_that_follow_one_another) {
     for (const int threads : {1, 2, 3}) {
         auto crew = RowThreadPool::create(threads);
@@ -44,7 +44,7 @@ TEST(RowThreadPool, gives_a_thread_bands_that_follow_one_another) {
             const int begin = kBands * worker / threads, end = kBands * (worker + 1) / threads;
             std::size_t own = 0;
             while (own < of_worker.size() && of_worker[own] == begin + static_cast<int>(own)) ++own;
-            // Its own run is used up: from here on it takes bands of other threads.
+            // After its own run, a worker gets bands of other workers only.
             for (std::size_t k = own; k < of_worker.size(); ++k)
                 EXPECT_TRUE(of_worker[k] < begin || of_worker[k] >= end);
         }

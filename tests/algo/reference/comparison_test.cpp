@@ -25,7 +25,7 @@ TEST(Reference, parts_are_registered_to_a_small_fraction_of_a_lenslet) {
     }
 }
 
-// Dark bins count with little noise. One that reads ten standard deviations of it looks like a shift.
+// Dark bins have little noise. A dark bin at ten standard deviations looks like a shift.
 TEST(Reference, one_reading_beside_a_spot_is_no_bend) {
     const Reference& r = learned().reference;
     const Pose pose{0.2, -0.1, 0};
@@ -35,7 +35,7 @@ TEST(Reference, one_reading_beside_a_spot_is_no_bend) {
     for (int n = 10; n < 27; n += 2) {
         for (int m = 8; m < 33; m += 2) {
             const auto sample = [&](int i, int j) { return frame.view().sample(m * kField.i + i, n * kField.j + j); };
-            int row = 0, left = 0;  // of the brightest bin; the first that is lit to its left
+            int row = 0, left = 0;  // row of the brightest bin; column of the first lit bin to its left
             for (int k = 0; k < kField.bins(); ++k) {
                 if (sample(k % kField.i, k / kField.i) > sample(left, row)) left = k % kField.i, row = k / kField.i;
             }
@@ -115,7 +115,7 @@ TEST(Reference, golden_hords_along_a_row_are_those_of_single_places) {
         }
         EXPECT_GT(compared, 400);
         EXPECT_GT(wide, 50);
-        // All lanes but those at the edges of the reference, and a few more if the row is steep.
+        // All lanes are compared, except those at the edges of the reference and a few more if the row is steep.
         EXPECT_GT(compared, with_hord * 6 / 10) << sine;
     }
 }
@@ -141,7 +141,7 @@ TEST(Reference, light_moves_as_far_along_rows_of_bins_as_along_columns) {
             r.shares[k * r.stride() + r.place(b % 9, b / 9)] =
                 static_cast<std::uint16_t>(weight(b % 9) * weight(b / 9) * 2047);
     }
-    constexpr int kFifths = 1;  // of the light: moves by one bin
+    constexpr int kFifths = 1;  // of the light move by one bin
     const auto differences = [&](bool along_rows) {
         Frame frame(e.width_px(), e.height_px(), 12);
         for (int y = 0; y < e.height_px(); ++y) {

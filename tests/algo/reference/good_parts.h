@@ -27,7 +27,7 @@ inline Frame part(
     const Pose& pose, const std::function<void(int, int, Spot&)>& defect = [](int, int, Spot&) {}) {
     const PoseMap map(pose, kField);
     const double full_bin = kElectrons / (1.22 * 1.22);
-    const auto inside = [&](int m, int n) {  // share of the lenslet, of 7x7 points
+    const auto inside = [&](int m, int n) {  // covered share of the lenslet, from 7x7 points
         double share = 0;
         for (int k = 0; k < 49; ++k) {
             const auto q = map.to_reference(m + (k % 7 - 3) / 7.0, n + (k / 7 - 3) / 7.0);

@@ -56,7 +56,7 @@ TEST(Learning, single_readings_far_from_all_light_leave_nothing_in_the_golden_ho
     }
     EXPECT_GT(valid, 500);
     EXPECT_EQ(without_light, 0);
-    EXPECT_LT(far_light, valid / 50);  // where they stay it is three tenths
+    EXPECT_LT(far_light, valid / 50);  // without their removal: 30 %
 }
 
 TEST(Learning, tells_the_read_noise_from_the_bins_without_light) {

@@ -41,7 +41,7 @@ TEST(Reference, good_parts_score_about_normally_from_200_to_4000_electrons) {
             }
             const Registered at = registrar.find(r.maps(), deflections, sums, mask, 1, r.parts);
             ASSERT_TRUE(at.found());
-            EXPECT_NEAR(at.light, light, 0.2 * light);  // the dark level takes more of weak light
+            EXPECT_NEAR(at.light, light, 0.2 * light);  // the dark level removes a larger share of weak light
             for (int n = 0; n < kField.n; ++n) {
                 decode_row(frame.view(), kField, kLevels, n, row);
                 comparer.compare_row(frame.view(), row.sums(), row.mask(), n, PoseMap(at.pose, kField), at.light,
@@ -55,7 +55,7 @@ TEST(Reference, good_parts_score_about_normally_from_200_to_4000_electrons) {
                 }
             }
         }
-        // Light and the rest: variance 1; deflection_shift: of two, 2.
+        // Every score has variance 1, except deflection_shift, which has two components: 2.
         for (std::size_t w = 0; w < kDeviations; ++w) {
             const double variance = squares[w] / count / (w == 1 ? 2 : 1);
             // For the scattering, dark bins count with more noise than they have (docs/notes/reference.md).
@@ -75,8 +75,8 @@ TEST(Reference, a_good_part_passes_however_it_lies) {
     }
 }
 
-// Below the limits of gradients and transmission: a tenth less light, a spread a third wider in two lenslets, a shift
-// of a tenth of a bin.
+// Defects below the limits of gradients and transmission: 10 % less light, a spread a third wider in two lenslets, a
+// shift of 0.1 bin.
 TEST(Reference, weak_defects_are_found_where_they_are_and_named) {
     struct Case {
         const char* name;
@@ -145,7 +145,7 @@ TEST(Reference, a_dimple_is_a_surface_and_haze_scatters) {
     }
 }
 
-// One lenslet inside the rim, where the margin of the gradients hides everything.
+// One lenslet inside the rim, where the margin of the gradient maps hides any defect.
 TEST(Reference, a_defect_beside_the_rim_is_found) {
     const Pose pose{0.3, -0.2, 0.01};
     const auto at = PoseMap(pose, kField).to_part(0.5 * (kField.m - 1) + kHalfM - 1.5, 0.5 * (kField.n - 1));
@@ -231,11 +231,11 @@ TEST(Reference, the_judgement_does_not_depend_on_the_number_of_threads) {
     for (const int threads : {2, 5}) EXPECT_EQ(judge(frame, recipe(), threads).z_score, alone.z_score);
 }
 
-// Parts of changing poses, some with a flaw, judged against the reference: no false dust; fading light and a speck are
-// found.
+// Parts of varying pose, some with a flaw, are judged against the reference: no false dust; fading light and a speck
+// are found.
 TEST(Reference, ageing_optics_are_told_from_parts_that_wobble) {
     constexpr int kWindow = 50;
-    const char* more = std::getenv("HORD_AGEING_PARTS");                // by hand
+    const char* more = std::getenv("HORD_AGEING_PARTS");                // set for long runs by hand
     const int clean = more != nullptr ? std::atoi(more) / kWindow : 3;  // windows
     auto pipeline = Pipeline::create(kField, kBits, recipe());
     ASSERT_TRUE(pipeline);

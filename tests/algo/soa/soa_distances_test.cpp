@@ -62,7 +62,7 @@ TEST(SoaRow, holds_what_decode_row_gives) {
             for (const Isa isa : isas()) {
                 SoaRow shares(e, SoaUse::shares, isa), roots(e, SoaUse::roots, isa),
                     marginals(e, SoaUse::marginals, isa);
-                for (int n = 0; n < e.n; ++n) {  // in order: a row must not change the next one
+                for (int n = 0; n < e.n; ++n) {  // in order: a row must not affect the next one
                     decode_row(frame.view(), e, levels, n, right);
                     for (SoaRow* row : {&shares, &roots, &marginals}) row->decode(frame.view(), levels, n);
                     for (int m = 0; m < e.m; ++m) {

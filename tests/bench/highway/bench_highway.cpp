@@ -59,7 +59,7 @@ int main() {
         std::int64_t highway;
         const char* name;
     };
-    // Highway 1.0.3 has no target for plain SSE2: SSSE3 is its least.
+    // The lowest x86 target of Highway 1.0.3 is SSSE3; it has none for plain SSE2.
     for (const auto& [isa, highway, name] :
          {Target{Isa::portable, HWY_SSSE3, "SSE2, Highway with SSSE3"}, Target{Isa::avx2, HWY_AVX2, "AVX2"},
           Target{Isa::avx512, HWY_AVX3, "AVX-512"}}) {

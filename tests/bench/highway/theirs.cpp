@@ -1,7 +1,7 @@
 // The two kernels of bench_highway with Google Highway.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "tests/bench/highway/theirs.cpp"
-// Highway's own order: this one first, it includes this file once for each target.
+// Highway requires foreach_target.h first: it includes this file once for each target.
 #include <hwy/foreach_target.h>
 // clang-format off
 #include <hwy/highway.h>
@@ -16,7 +16,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 void chi2(const float* a, const float* b, std::size_t stride, const Lit& lit, float* out) {
     const hn::CappedTag<float, kLanes> d;
     const std::size_t n = hn::Lanes(d);
-    // Sixteen lanes take up to four vectors; Highway's vectors cannot be elements of an array.
+    // Sixteen lanes need up to four vectors; Highway's vectors cannot be elements of an array.
     auto x0 = hn::Zero(d), x1 = x0, x2 = x0, x3 = x0;
     const auto tiny = hn::Set(d, 1e-30F);
     const auto term = [&](const float* from_a, const float* from_b) HWY_ATTR {

@@ -1,5 +1,5 @@
-// Prints the tables of docs/results/calibration.md (tests/calib/calibrate/calibration_page.py): what the calibration
-// reaches on frames of known truth and on photographs.
+// Prints the tables of docs/results/calibration.md (tests/calib/calibrate/calibration_page.py): the accuracy of the
+// calibration on frames of known truth and on photographs.
 //   calibration_table [FOLDER with lenslet/]
 #include <cstdio>
 #include <ctime>

@@ -1,5 +1,5 @@
-// A rotated, distorted, hexagonal array, calibrated from its white frame, decoded: its features against those of the
-// ideal, aligned square array that sees the same scene.
+// A rotated, distorted, hexagonal array is calibrated from its white frame and decoded. Its features are compared with
+// those of an ideal, aligned square array that sees the same scene.
 #include <cmath>
 
 #include <gtest/gtest.h>
@@ -13,11 +13,12 @@ namespace hord::calib {
 namespace {
 
 constexpr int kBins = 9;
-// What is asked: RMS of the difference of EMD gradients off the rims, bins; and the aim, which the square array meets.
+// Limits on the RMS difference of EMD gradients away from the rims, bins: required, and the aim that the square array
+// meets.
 constexpr double kFeatureRms = 0.05;
 constexpr double kFeatureAim = 0.02;
 
-// A scene: where light goes, in bins, at a place on the sensor. `scale` is its finest wave in lenslets.
+// A scene: the deflection of the light, bins, at a place on the sensor. `scale`: its shortest period, lenslets.
 struct Scene {
     double pitch_px, scale, strength;
     [[nodiscard]] std::pair<double, double> deflection_bins(double x, double y) const {
@@ -27,7 +28,7 @@ struct Scene {
     }
 };
 
-constexpr double kSpotBins = 0.9;  // sigma of a HORD's one spot
+constexpr double kSpotBins = 0.9;  // sigma of the single spot in a HORD
 
 test::White array(bool hexagonal, double pitch) {
     test::White white;
@@ -116,7 +117,7 @@ Difference decode_and_compare(bool hexagonal, double pitch, const Scene& scene, 
 TEST(DecodeFeatures, a_rotated_distorted_hexagonal_array_sees_what_the_ideal_one_sees) {
     const Difference found = decode_and_compare(true, 20.6, {.pitch_px = 20.6, .scale = 30, .strength = 2}, false);
     EXPECT_GT(found.compared, 1000);
-    EXPECT_GT(found.mean_emd, 0.2);  // there is something to see
+    EXPECT_GT(found.mean_emd, 0.2);  // the scene has visible gradients
     RecordProperty("hexagonal, bin RMS", test::text(found.rms));
     EXPECT_LT(found.rms, kFeatureRms);
 }

@@ -35,7 +35,8 @@ class RealFrames : public ::testing::Test {
         return {cv::imread((data() / "lenslet" / (name + ".png")).string(), cv::IMREAD_UNCHANGED)};
     }
 
-    // Cross-validated over blocks, an axis; at least `found` lenslets, and 99 % of those that light reaches whole.
+    // `cv_px`: limit of the RMS cross-validated over blocks, per axis. At least `found` lenslets must be found, and 99
+    // % of the fully lit ones.
     static void expect(const std::string& name, algo::LatticeKind kind, double pitch, double cv_px, int found) {
         SCOPED_TRACE(name);
         const auto calibration = calibrate_grid(load(name).view());

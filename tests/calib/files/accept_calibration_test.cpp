@@ -1,4 +1,4 @@
-// A worse calibration is not installed over a better one.
+// A worse calibration does not replace a better one.
 #include "calib/files/accept_calibration.h"
 
 #include <gmock/gmock.h>
@@ -20,7 +20,7 @@ GridFile good() {
 TEST(Better, an_equal_or_better_one_may_take_the_place) {
     GridFile fresh = good();
     EXPECT_TRUE(accept_calibration(fresh, good()));
-    fresh.statistics.cv_x_rms_px = 0.0112;  // 6 % in the length: chance, with 64 blocks
+    fresh.statistics.cv_x_rms_px = 0.0112;  // hypot(x, y) 6 % larger: within chance for 64 blocks
     EXPECT_TRUE(accept_calibration(fresh, good()));
     fresh.statistics.cv_x_rms_px = fresh.statistics.cv_y_rms_px = 0.002;
     EXPECT_TRUE(accept_calibration(fresh, good()));

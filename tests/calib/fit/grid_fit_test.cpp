@@ -13,7 +13,7 @@ using algo::GridModelKind;
 using algo::LensletGrid;
 using test::Random;
 
-// A frame of reference of columns x rows lenslets at 20 px in a frame that they fill.
+// A coordinate frame for columns x rows lenslets at 20 px that fill the image.
 LensletGrid frame_of(int columns, int rows) {
     LensletGrid grid;
     grid.columns = columns;
@@ -107,7 +107,7 @@ TEST(GridFit, analytic_derivatives_agree_with_numeric_ones) {
                 const auto low = grid.at(uv);
                 grid.parameters[k] = kept;
                 const double size = 1 + std::abs(of_x[k]) + std::abs(of_y[k]);
-                // Central differences: the second derivative's share is below step^2, the rounding below 1e-13 / step.
+                // Central differences: the truncation error is below step^2, the rounding below 1e-13 / step.
                 EXPECT_NEAR((high.x_px - low.x_px) / (2 * step), of_x[k], 1e-6 * size)
                     << parameter_name(model, static_cast<int>(k));
                 EXPECT_NEAR((high.y_px - low.y_px) / (2 * step), of_y[k], 1e-6 * size)

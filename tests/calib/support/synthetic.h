@@ -1,4 +1,4 @@
-// White frames with known truth, drawn from the optics' own formulas: nothing here is shared with the fitter.
+// White frames with known truth, drawn from the formulas of the optics. The code is independent of the fitter.
 #pragma once
 
 #include <algorithm>
@@ -15,7 +15,7 @@
 
 namespace hord::calib::test {
 
-// For a test's RecordProperty: docs/results/calibration.md shows it.
+// Text for a test's RecordProperty; docs/results/calibration.md shows it.
 inline std::string text(double value) {
     char digits[32];
     std::snprintf(digits, sizeof digits, "%.4f", value);
@@ -51,17 +51,17 @@ struct White {
     double offset_x_px = 0.3, offset_y_px = -0.4;         // of a lenslet from the middle
     double disc_radius_px = 0;                            // 0: 0.42 pitch; negative: a Gaussian spot of that sigma
     double edge_px = 0.8;                                 // blur of the disc's edge, sigma
-    int subpixels = 1;        // a side, that a pixel's light is the mean of: sharp edges need more than one
-    double misplaced_px = 0;  // of each lenslet alone, along x and along y, sigma
-    double vignetting =
-        0;  // of light across a lenslet, from its middle to its rim, at the frame's corner; outwards brighter
+    int subpixels = 1;        // samples a side averaged per pixel; sharp edges need more than one
+    double misplaced_px = 0;  // independent shift of each lenslet along x and y, sigma
+    // Relative change of light from the middle of a lenslet to its rim, at the frame's corner; brighter outwards.
+    double vignetting = 0;
     double peak_dn = 20000, background_dn = 200;
     double electrons_per_dn = 1, read_e = 3;
     bool noise = true;
     double dead_share = 0;
     std::uint64_t seed = 1;
     int bits = 16;
-    // How far the light of a lenslet at a place in the frame lands from its centre, px; empty: nowhere.
+    // Shift of a lenslet's light from its centre at a place in the frame, px; empty: no shift.
     std::function<std::pair<double, double>(double x, double y)> deflect = nullptr;
     // Light at a place in the frame, 0..1; empty: 1 everywhere.
     std::function<double(double x, double y)> light = nullptr;
@@ -76,7 +76,7 @@ struct Drawn {
     std::vector<TruePoint> truth;  // every lenslet whose centre lies inside the frame
 };
 
-// Places, light, noise: three steps over the same locals, hence the length.
+// Long because its three steps (places, light, noise) share their local variables.
 inline Drawn draw(const White& w) {
     Random random(w.seed);
     const double middle_x = 0.5 * (w.width_px - 1);
@@ -164,7 +164,7 @@ inline Drawn draw(const White& w) {
 struct Comparison {
     double rms_px = 0, max_px = 0;
     int unmatched_truth = 0;  // true lenslets without a grid node within a quarter pitch
-    int invented = 0;         // centres measured where the truth has no living lenslet
+    int invented = 0;         // centres measured where the truth has no lenslet or a dead one
     int found_alive = 0, alive_complete = 0;
 };
 

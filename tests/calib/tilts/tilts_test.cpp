@@ -17,7 +17,7 @@ using algo::PixelPoint;
 using test::White;
 using ::testing::HasSubstr;
 
-// What is asked: a capture left out is predicted to this.
+// Required accuracy of the prediction of a capture that is left out of the fit, px.
 constexpr double kLeftOut = 0.02;
 
 // A camera whose lenslets show direction t, stage axes turned by `turn`, at zero + scale * (t + k |t|^2 t) + shear.
@@ -50,7 +50,7 @@ std::vector<DirectionRad> ring(int count, double radius_rad, double start = 0.3)
     return out;
 }
 
-// Captures at `stage` directions as a fit sees them, each mean good to `noise_px`.
+// Input of a fit: captures at `stage` directions; `noise_px` is the standard deviation of each mean.
 std::vector<Tilt> tilts_of(const Camera& camera, const std::vector<DirectionRad>& stage, double noise_px,
                            std::uint64_t seed) {
     test::Random random(seed);
@@ -211,7 +211,7 @@ TEST_F(TiltFrames, captured_frames_give_the_map_to_a_fiftieth_of_a_pixel) {
     EXPECT_LE(fit->left_out_y_px, kLeftOut) << fit->reason;
     EXPECT_LT(worst(camera, fit->map, 0.055), kLeftOut);
 
-    // It goes into the calibration file and comes back to the last bit, and bins are equal steps of direction.
+    // The calibration file keeps the map to the last bit, and bins are equal steps of direction.
     GridFile file = file_of(*grid, {});
     add_directions(file, *fit);
     const auto read = parse_grid(to_toml(file), "grid.toml");
@@ -232,8 +232,8 @@ TEST_F(TiltFrames, captured_frames_give_the_map_to_a_fiftieth_of_a_pixel) {
 }
 
 TEST_F(TiltFrames, a_flat_frame_takes_away_what_single_pixels_do) {
-    // Pixels whose response rises by half across every lenslet move all spots the same way; without the flat frame that
-    // is a shift.
+    // The response rises from 0.75 to 1.25 across every 12 px, which moves all spots the same way. Without the flat
+    // frame this is measured as a shift.
     const auto answer = [](double x, double) { return 0.75 + 0.5 * (std::fmod(x, 12.0) / 12.0); };
     Frame flat(kSide, kSide, 16);
     for (int y = 0; y < kSide; ++y) {

@@ -43,7 +43,7 @@ struct EmdThresholdMap::State {
     EmdGradient* decide_by_bounds(Worker& worker, std::size_t k, int weight_x, int weight_y);
 };
 
-// Decides by the bounds, cheapest first. Returns null if they decide; else where to write the exact distances.
+// Decides by the bounds, cheapest first. Returns null if they decide, otherwise where to write the exact distances.
 EmdGradient* EmdThresholdMap::State::decide_by_bounds(Worker& worker, std::size_t k, int weight_x, int weight_y) {
     using Order = EmdBounds::Order;
     const EmdBounds &across = worker.across, &down = worker.down;

@@ -54,10 +54,10 @@ struct ModbusModule::Module {
     int port = 0;
     int listener = -1, wake = -1;
     int line = -1;            // serial: the module's end
-    int line_kept_open = -1;  // the driver's end, held open so that the module's does not hang up between two drivers
+    int line_kept_open = -1;  // the driver's end, kept open: no hang-up between drivers
     std::string device;
     std::vector<int> clients;  // owned by the module's thread; by the caller while it is off
-    Bytes heard;               // serial: of an incomplete request
+    Bytes heard;               // serial: bytes of an incomplete request
     hal::TimePoint heard_at;
     std::thread thread;
     std::function<void(int, bool, hal::TimePoint)> on_coil;
@@ -168,7 +168,7 @@ struct ModbusModule::Module {
         [[maybe_unused]] const auto bytes = write(wake, &one, sizeof one);
     }
 
-    // Until stopped: serves requests, and lets pulses end and the watchdog expire.
+    // Serves requests, ends pulses and expires the watchdog, until stopped.
     void serve() {
         for (;;) {
             std::vector<pollfd> fds = {{wake, POLLIN, 0}, {options.serial ? line : listener, POLLIN, 0}};
@@ -201,7 +201,7 @@ struct ModbusModule::Module {
         image.power_off(clock.now());
     }
 
-    // Carries out the orders of other threads; false: stop.
+    // Carries out the orders of other threads; false if one of them is to stop.
     bool wake_up() {
         std::uint64_t count = 0;
         [[maybe_unused]] const auto bytes = read(wake, &count, sizeof count);
@@ -245,7 +245,7 @@ struct ModbusModule::Module {
         return fault;
     }
 
-    // Waits, but no longer than until the module stops.
+    // Waits; returns early if the module stops.
     void wait(hal::Duration duration) {
         std::unique_lock lock(mutex);
         woken.wait_for(lock, duration, [this] { return stopping; });
@@ -292,7 +292,7 @@ struct ModbusModule::Module {
         });
     }
 
-    // Carries a request out, with its fault if there is one; `framed` gives the reply's frame. False: hang up.
+    // Carries a request out, with its fault if there is one; `framed` frames the reply. Returns false to hang up.
     template <class Framed>
     bool answer(std::span<const std::uint8_t> pdu, Framed framed) {
         const bool is_write = pdu[0] == 5 || pdu[0] == 6;

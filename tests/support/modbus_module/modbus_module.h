@@ -27,8 +27,8 @@ struct ModbusModuleOptions {
     int unit = 1;                                         // serial: its address
     hal::Duration pulse = std::chrono::milliseconds(10);  // moxa: width of a pulse coil's pulse
     hal::Duration watchdog{};                             // moxa: its own watchdog; zero: none
-    // SCHED_FIFO priority of its thread: a real module answers in time even when this machine is busy. 0, or if it is
-    // refused: the caller's policy.
+    // SCHED_FIFO priority of its thread: a real module answers in time even when this machine is busy. 0, or if the
+    // kernel refuses it: the caller's policy.
     int realtime = 0;
 };
 
@@ -39,7 +39,7 @@ enum class ModuleFault : std::uint8_t {
     late,       // carried out at once, answered `delay` later
     drip,       // carried out, answered byte by byte, `delay` apart
     damaged,    // carried out, one bit of the answer is wrong
-    noise,      // carried out, the answer comes behind bytes that are none
+    noise,      // carried out, meaningless bytes precede the answer
     exception,  // refused: exception 04, server device failure
     close,      // the connection closes instead (serial: silence)
     stuck,      // acknowledged, the coil does not move

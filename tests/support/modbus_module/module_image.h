@@ -30,9 +30,9 @@ class ModuleImage {
     // The reply to one request (function code and data); an exception where the module refuses.
     std::vector<std::uint8_t> answer(std::span<const std::uint8_t> pdu, hal::TimePoint now);
 
-    // Carries out what is due by `now`: pulses end, the watchdog expires.
+    // Ends the pulses and expires the watchdog that are due by `now`.
     void advance(hal::TimePoint now);
-    [[nodiscard]] hal::TimePoint next() const;  // when advance() has something to do; max: nothing
+    [[nodiscard]] hal::TimePoint next() const;  // when advance() is due next; max: never
 
     void set_input(int number, bool on) { inputs_.at(static_cast<std::size_t>(number)) = on; }
     void move(int coil, bool on, hal::TimePoint at);
