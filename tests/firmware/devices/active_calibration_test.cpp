@@ -95,7 +95,7 @@ TEST_F(CalibrationFile, kept_by_a_station_that_can_no_longer_be_read_stands_in_n
 
 // -- drift
 
-// Light without a part, centred at the fractional bin `x_bins`.
+// Light without a part, `x_bins` (0 to 1) right of the middle bin.
 Frame free_light(const algo::Extents& e, double x_bins) {
     Frame frame(e.width_px(), e.height_px(), 8);
     for (int n = 0; n < e.n; ++n) {
