@@ -173,8 +173,7 @@ TEST(EdgeNode, refuses_and_counts_every_other_command) {
     }
     world.node.message("spBv1.0/g/NCMD/other", rebirth(), world.now);
     EXPECT_EQ(world.node.refused(), ++refused);
-    world.node.message("spBv1.0/g/NCMD/n", rebirth(), world.now,
-                       true);  // retained: the broker would repeat it for ever
+    world.node.message("spBv1.0/g/NCMD/n", rebirth(), world.now, true);  // retained: repeated for ever
     EXPECT_EQ(world.node.refused(), ++refused);
     world.node.step(world.now + 5000);
     EXPECT_THAT(world.node.take_outgoing(), IsEmpty());

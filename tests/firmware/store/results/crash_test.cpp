@@ -87,8 +87,8 @@ TEST(Crash, no_acknowledged_result_is_lost_and_the_store_stays_whole) {
     std::mt19937_64 random(seed);
     std::uint64_t lost = 0, damaged = 0, checked = 0, with_results = 0;
     for (std::uint32_t boot = 1; boot <= crashes; ++boot) {
-        // The kill comes between the creation of the file and some hundred batches. On a real disk a batch takes
-        // milliseconds.
+        // The kill comes at any moment from before the file exists to after some hundred batches. On a real disk a
+        // batch takes milliseconds.
         const auto longest = where != nullptr ? 200'000U : 25'000U;
         const std::uint32_t acknowledged = live_and_die(folder, boot, std::chrono::microseconds(random() % longest));
         if (acknowledged == 0 && !std::filesystem::exists(folder / kStoreFile)) continue;
