@@ -179,7 +179,7 @@ TEST(EdgeNode, refuses_and_counts_every_other_command) {
     EXPECT_THAT(world.node.take_outgoing(), IsEmpty());
     world.node.set_readings({}, world.now);
     EXPECT_EQ(read(world.node.take_outgoing()[0].payload).metrics[0].value,
-              MetricValue(refused));  // the count of refused messages
+              MetricValue(refused));  // the count of refused commands
 }
 
 TEST(EdgeNode, waits_for_its_primary_host_and_leaves_when_that_goes) {
