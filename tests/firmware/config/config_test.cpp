@@ -36,7 +36,7 @@ TEST(Config, an_empty_file_is_the_defaults_and_they_can_be_used) {
     EXPECT_EQ(config->modbus.port, 1502);
 }
 
-// The keys of a module also hold for the simulated cell's: a time-out that is ignored would stop the line.
+// The keys of a module also apply to the simulated module: an ignored time-out would stop the line.
 TEST(Config, what_is_said_of_a_module_holds_for_the_simulated_one) {
     const auto config = parse("[rejector]\nresponse_timeout_ms = 500\nreject_coil = 7\n");
     ASSERT_TRUE(config) << config.error().what;

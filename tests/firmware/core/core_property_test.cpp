@@ -182,7 +182,7 @@ class Shadow {
         core_.step(event, now_, actions_);
         const bool left = std::holds_alternative<Command>(event) && std::get<Command>(event) == Command::reset;
         if (!std::holds_alternative<Tick>(event))
-            reset_after_stop_ = left && was_stopped;  // a long line needs ticks to end its stories
+            reset_after_stop_ = left && was_stopped;  // a long line needs ticks until all its parts are completed
         bool frame_given_back = false;
         for (const Action& action : actions_) check(action, event, frame_given_back);
         EXPECT_EQ(std::holds_alternative<FrameArrived>(event), frame_given_back)
@@ -210,7 +210,7 @@ class Shadow {
         if (const auto* back = std::get_if<DeviceUp>(&event)) down_[static_cast<int>(back->device)] = false;
         if (std::holds_alternative<Command>(event) && std::get<Command>(event) == Command::initialise &&
             core_.state() == State::preoperational) {
-            for (bool& down : down_) down = true;  // they are being opened
+            for (bool& down : down_) down = true;  // the core opens all devices now
         }
         if (const auto* frame = std::get_if<FrameArrived>(&event)) {
             fresh_ = !frames_seen_ || static_cast<std::int32_t>(frame->info.sequence - highest_frame_) > 0;

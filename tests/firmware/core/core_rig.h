@@ -52,7 +52,7 @@ class CoreRig {
     void devices_up() {
         for (int d = 0; d < kDevices; ++d) send(DeviceUp{static_cast<Device>(d)});
     }
-    // Along the shortest way; every command on it must be accepted.
+    // Sends the shortest sequence of commands to `state`; each command must be accepted.
     void bring_to(State state) {
         const auto command = [&](Command c) { ASSERT_EQ(send(c), Answer::done); };
         if (state == State::preoperational) return;
@@ -71,8 +71,7 @@ class CoreRig {
         forget();
     }
 
-    // A part arrives now; returns its number (parts count from 1 and each has one edge here, unless a test says
-    // otherwise).
+    // A part arrives now. Returns its number: parts are numbered from 1, with one edge a part unless a test sends more.
     std::uint32_t part_arrives() {
         hal::PartEdge edge;
         edge.at = now;

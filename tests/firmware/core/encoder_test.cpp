@@ -30,7 +30,7 @@ class Encoder : public ::testing::Test {
         }
     }
     std::uint32_t bad_part() {
-        const auto part = rig.part_arrives();  // at the camera 50 counts, 5 ms later
+        const auto part = rig.part_arrives();  // reaches the camera 50 counts (5 ms) later
         rig.advance(milliseconds(10));
         rig.belt(100);
         rig.light_comes(part);
@@ -49,7 +49,7 @@ TEST_F(Encoder, at_constant_speed_the_pulse_meets_the_part) {
     ASSERT_TRUE(rig.rejected(part));
     EXPECT_EQ(rig.rejects[0].start, edge + kPulseStart);
     rig.confirmed(part);
-    EXPECT_TRUE(rig.results.empty());  // it must be seen to pass during the pulse, too
+    EXPECT_TRUE(rig.results.empty());  // the encoder must also show that it passes during the pulse
     run(milliseconds(30), 10);
     EXPECT_EQ(rig.only_result().reject, RejectState::confirmed);
     EXPECT_FALSE(rig.shot().line_stop);
@@ -59,7 +59,7 @@ TEST_F(Encoder, what_is_acknowledged_after_the_part_was_at_the_ejector_is_late) 
     const auto part = bad_part();
     run(milliseconds(150), 10);
     ASSERT_TRUE(rig.rejected(part));
-    run(milliseconds(20), 10);  // at the ejector after 170 ms of belt and the 10 ms before; pulse until 190
+    run(milliseconds(20), 10);  // 180 ms after the edge: at the ejector; the pulse lasts until 190 ms
     run(milliseconds(10), 10);
     rig.confirmed(part);
     EXPECT_EQ(rig.only_result().reject, RejectState::late);
@@ -67,7 +67,7 @@ TEST_F(Encoder, what_is_acknowledged_after_the_part_was_at_the_ejector_is_late) 
 }
 
 TEST_F(Encoder, at_half_speed_the_pulse_comes_twice_as_late) {
-    const auto part = bad_part();  // 100 counts done
+    const auto part = bad_part();  // 100 counts after the edge
     const TimePoint slow_from = rig.now;
     run(milliseconds(300), 5);
     EXPECT_FALSE(rig.rejected(part));
@@ -107,7 +107,7 @@ TEST_F(Encoder, a_conveyor_that_jumps_before_the_exposure_spoils_it) {
     rig.light_comes(part);
     rig.frame_comes(part);
     rig.judged(part, Verdict::pass);
-    EXPECT_TRUE(rig.results.empty());  // where it was is known with the next reading
+    EXPECT_TRUE(rig.results.empty());  // its position at the exposure needs the next reading
     rig.belt(400);                     // 200 counts at the exposure, not 50
     EXPECT_TRUE(rig.results.empty());
     EXPECT_EQ(rig.shot().counters.pass, 0U);
@@ -116,9 +116,9 @@ TEST_F(Encoder, a_conveyor_that_jumps_before_the_exposure_spoils_it) {
 
 TEST_F(Encoder, parts_close_in_space_are_too_close_however_slow_the_conveyor) {
     rig.part_arrives();
-    run(milliseconds(90), 2);  // no frame came: one unfit
+    run(milliseconds(90), 2);  // the first part has no frame: unfit
     rig.advance(milliseconds(8));
-    rig.part_arrives();  // 98 ms, but 180 counts behind
+    rig.part_arrives();  // 98 ms but only 180 counts after the first
     EXPECT_EQ(rig.exposures.size(), 1U);
     EXPECT_EQ(rig.shot().counters.unfit, 2U);
 }
@@ -154,7 +154,7 @@ TEST_F(Encoder, a_conveyor_that_stops_between_command_and_ejector_stops_the_line
     run(milliseconds(150), 10);
     ASSERT_TRUE(rig.rejected(part));
     rig.confirmed(part);
-    run(milliseconds(200), 0);  // the pulse hits nothing: the part has not come
+    run(milliseconds(200), 0);  // the pulse ends before the part arrives
     EXPECT_EQ(rig.only_result().reject, RejectState::late);
     EXPECT_TRUE(rig.shot().line_stop);
 }
@@ -164,7 +164,7 @@ TEST_F(Encoder, a_conveyor_that_speeds_up_after_the_command_stops_the_line) {
     run(milliseconds(150), 10);
     ASSERT_TRUE(rig.rejected(part));
     rig.confirmed(part);
-    run(milliseconds(10), 40);  // passes before the pulse
+    run(milliseconds(10), 40);  // the part passes the ejector before the pulse
     EXPECT_EQ(rig.only_result().reject, RejectState::late);
     EXPECT_TRUE(rig.shot().line_stop);
 }
@@ -219,9 +219,9 @@ TEST(Conveyor, extrapolates_the_last_two_readings_and_never_overflows) {
     EXPECT_EQ(c.reaches(50), t0 + milliseconds(5));
     EXPECT_EQ(c.counts_at(t0 + milliseconds(20)), 200);
     EXPECT_EQ(c.reaches(std::int64_t{1} << 60), TimePoint::max());
-    c.read(t0 + milliseconds(20), 90);  // backwards: stands still
+    c.read(t0 + milliseconds(20), 90);  // a decreasing count is treated as a standstill
     EXPECT_EQ(c.reaches(100), TimePoint::max());
-    c.read(t0 + milliseconds(20), 500);  // not newer
+    c.read(t0 + milliseconds(20), 500);  // not newer than the last reading
     EXPECT_EQ(c.reaches(100), TimePoint::max());
 }
 

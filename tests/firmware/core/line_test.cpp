@@ -59,7 +59,7 @@ TEST_F(Running, a_lost_leaving_edge_makes_the_next_parts_identity_uncertain_and_
     ASSERT_TRUE(rig.advance_until_rejected(1));
     rig.confirmed(1);
     rig.exposures.clear();
-    rig.send(hal::PartEdge{hal::PartEdge::Kind::arrives, rig.now, 5, {}});  // 4 was "leaves"
+    rig.send(hal::PartEdge{hal::PartEdge::Kind::arrives, rig.now, 5, {}});  // number 4 was a "leaves" edge
     EXPECT_FALSE(rig.shot().line_stop);
     EXPECT_EQ(rig.shot().counters.missed, 0U);
     EXPECT_TRUE(rig.exposures.empty());

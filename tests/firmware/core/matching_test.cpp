@@ -191,7 +191,7 @@ TEST_F(Running, short_and_corrupt_frames_reject_at_once) {
 
 TEST_F(Running, a_frame_that_comes_after_its_parts_time_is_not_the_next_parts) {
     const auto first = rig.part_arrives();
-    rig.advance(milliseconds(60));  // its frame is given up after 55.5 ms
+    rig.advance(milliseconds(60));  // the core stops waiting for its frame after 55.5 ms
     const auto second = rig.part_arrives();
     rig.advance(milliseconds(10));
     rig.light_comes(second);

@@ -112,7 +112,7 @@ TEST_F(Running, an_error_stops_the_line_and_no_rejection_counts_from_then_on) {
     rig.send(DeviceLost{Device::strobe});
     EXPECT_EQ(rig.permits, std::vector<bool>{false});
     EXPECT_TRUE(rig.shot().line_stop);
-    ASSERT_TRUE(rig.advance_until_rejected(first));  // the line may not have obeyed
+    ASSERT_TRUE(rig.advance_until_rejected(first));  // the line may still be moving
     rig.confirmed(first);
     EXPECT_TRUE(rig.shot().line_stop);
     EXPECT_EQ(rig.shot().counters.reject_failed, 1U);

@@ -69,8 +69,8 @@ TEST(States, the_table_has_no_pair_twice) {
     for (const Transition& t : kTransitions) EXPECT_TRUE(seen.emplace(t.from, t.cause).second) << name_of(t.from);
 }
 
-// The other events, in every state. An event that belongs to no part and no running device changes no state, but for a
-// lost device, which is an error where the station is ready or executing.
+// The other events, in every state. An event that belongs to no part and no running device changes no state. Exception:
+// a lost device is an error while the station is ready or executing.
 TEST(States, events_change_the_state_only_where_a_device_is_lost_or_a_part_was_at_the_sensor) {
     const auto start = TimePoint(std::chrono::seconds(100));
     const std::vector<std::pair<const char*, Event>> events = {
@@ -165,7 +165,7 @@ TEST(States, a_lost_device_is_opened_again_by_reset_and_its_fault_stays_latched_
     EXPECT_EQ(rig.shot().first_fault, 2);  // kFaultStrobe is bit 1
     rig.send(Command::reset);
     EXPECT_EQ(rig.starts, std::vector<Device>{Device::strobe});
-    EXPECT_EQ(rig.shot().faults_latched, std::uint32_t{kFaultStrobe});  // it is still down
+    EXPECT_EQ(rig.shot().faults_latched, std::uint32_t{kFaultStrobe});  // the strobe is still down
     rig.send(DeviceUp{Device::strobe});
     EXPECT_EQ(rig.shot().faults_active, 0U);
     EXPECT_EQ(rig.shot().faults_latched, std::uint32_t{kFaultStrobe});

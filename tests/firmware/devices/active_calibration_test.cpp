@@ -24,7 +24,7 @@ class CalibrationFile : public ::testing::Test {
     }
     ~CalibrationFile() override { std::filesystem::remove_all(folder); }
 
-    // Of a 320 x 288 px sensor; `cv_px` is how well it predicts.
+    // Writes a calibration of a 320 x 288 px sensor; `cv_px`: RMS of its cross-validation residuals, in px.
     [[nodiscard]] std::filesystem::path write(const char* name, double cv_px, const char* camera = "one") const {
         calib::GridFile file;
         file.grid.columns = 20;
@@ -76,12 +76,12 @@ TEST_F(CalibrationFile, that_is_worse_does_not_take_the_place_of_the_one_in_use)
         ASSERT_FALSE(refused);
         EXPECT_EQ(refused.error().code, ErrorCode::refused);
         EXPECT_THAT(refused.error().message(), HasSubstr("worse.toml"));
-        EXPECT_THAT(refused.error().message(), HasSubstr("kept.toml"));  // the cure
+        EXPECT_THAT(refused.error().message(), HasSubstr("kept.toml"));  // the message names the file to remove
     }
     EXPECT_TRUE(use(write("good.toml", 0.01)));
     EXPECT_TRUE(use(write("better.toml", 0.005)));
     EXPECT_FALSE(use(write("good.toml", 0.01)));  // now it is the worse one
-    // What a person means, and what another camera has, is taken.
+    // A worse calibration is accepted once kept.toml is removed, and when it is of another camera.
     std::filesystem::remove(folder / "kept.toml");
     EXPECT_TRUE(use(worse));
     EXPECT_TRUE(use(write("theirs.toml", 0.1, "another")));
@@ -95,7 +95,7 @@ TEST_F(CalibrationFile, kept_by_a_station_that_can_no_longer_be_read_stands_in_n
 
 // -- drift
 
-// Free light at a place between the bins.
+// Light without a part, `x_bins` (0 to 1) right of the middle bin.
 Frame free_light(const algo::Extents& e, double x_bins) {
     Frame frame(e.width_px(), e.height_px(), 8);
     for (int n = 0; n < e.n; ++n) {
@@ -127,7 +127,7 @@ TEST(DriftMonitor, notices_a_tenth_of_a_pixel_within_fifty_parts_and_when_it_is_
     EXPECT_TRUE((*watch)->view().noticed);
     EXPECT_TRUE((*watch)->view().since_calibration);
     EXPECT_NEAR(*(*watch)->view().largest_px, 0.1, 0.01);
-    EXPECT_EQ(parts_until_changed(0.035), 0);  // 0.07 px: neither noticed anew nor gone
+    EXPECT_EQ(parts_until_changed(0.035), 0);  // 0.07 px: the state does not change
     EXPECT_GT(parts_until_changed(0.02), 0);
     EXPECT_FALSE((*watch)->view().noticed);
     EXPECT_EQ(parts_until_changed(0.035), 0);

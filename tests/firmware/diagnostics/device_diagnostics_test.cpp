@@ -1,4 +1,4 @@
-// The check of a cell's devices, on the simulated cell in virtual time with frames that are drawn as a test wants them.
+// The check of a cell's devices, on the simulated cell in virtual time with frames drawn by the test.
 #include "firmware/diagnostics/device_diagnostics.h"
 
 #include <cmath>
@@ -18,7 +18,7 @@ using testing::HasSubstr;
 
 constexpr int kLenslets = 9, kBins = 9;
 
-// One spot a lenslet, of a given radius and brightness; black without light, but for what leaks in.
+// One spot a lenslet, of a given radius and brightness. Without the strobe the frame shows only the leaking light.
 class DrawnSpots final : public sim::FrameSource {
   public:
     double radius_bins = 0.7, brightest = 0.7, leak = 0;
@@ -143,7 +143,7 @@ TEST_F(DeviceDiagnosticsTest, devices_that_are_simulated_are_said_not_to_be_test
 TEST_F(DeviceDiagnosticsTest, light_that_does_not_come_is_told) {
     open({{.fault = sim::InjectedFault::strobe_refused}});
     EXPECT_EQ(row(check(), "light 0").result, CheckRow::Result::bad);
-    open({{.fault = sim::InjectedFault::strobe_dead}});  // says lit, is not
+    open({{.fault = sim::InjectedFault::strobe_dead}});  // the strobe reports light but emits none
     const auto rows = check();
     EXPECT_EQ(row(rows, "light 0").result, CheckRow::Result::good);
     EXPECT_EQ(row(rows, "exposure").result, CheckRow::Result::bad);
@@ -205,7 +205,7 @@ TEST(FrameQuality, of_a_single_lit_bin_and_of_evenly_lit_bins_is_known) {
     ASSERT_TRUE(point);
     EXPECT_DOUBLE_EQ(point->spot_bins, 0);
     EXPECT_DOUBLE_EQ(point->bright, 0.8);
-    EXPECT_DOUBLE_EQ(point->mean, (204.0 - 3) / 255 / 81);  // less the recipe's dark level
+    EXPECT_DOUBLE_EQ(point->mean, (204.0 - 3) / 255 / 81);  // minus the recipe's dark level
     EXPECT_DOUBLE_EQ(point->lit, 1);
     const auto flat = quality_of(even.view(), extents, {});
     ASSERT_TRUE(flat);

@@ -1,4 +1,4 @@
-// What a picture is as a file: the pixels that were drawn, whoever reads it.
+// Image files contain exactly the pixels that were drawn.
 #include "firmware/diagnostics/map_images.h"
 
 #include <algorithm>

@@ -118,7 +118,7 @@ TEST_F(Attack, oversized_frames_and_surplus_bytes) {
         oversized.send({0, 1, 0, 0, 0xFF, 0xFF, 1, 3, 0, 0});
         EXPECT_TRUE(oversized.closed_by_server());
         Bytes bytes = kReadMagic;
-        bytes.insert(bytes.end(), {1, 2, 3, 4, 5});  // the next request is no longer where it is looked for
+        bytes.insert(bytes.end(), {1, 2, 3, 4, 5});  // the surplus bytes shift the next request
         bytes.insert(bytes.end(), kReadMagic.begin(), kReadMagic.end());
         surplus.send(bytes);
         EXPECT_LE(surplus.receive(14).size(), 13U) << "answered once at most, then closed";
@@ -197,7 +197,7 @@ TEST_F(Attack, a_regular_client_makes_room_only_when_all_are_regular) {
         regulars.push_back(client());
         for (int n = 0; n < 20; ++n) ASSERT_TRUE(regulars.back().read(0, 2));
     }
-    ASSERT_TRUE(regulars[0].read(0, 2));  // now the second is the one that was used longest ago
+    ASSERT_TRUE(regulars[0].read(0, 2));  // now the second is the least recently used
     Client fourth = client();
     ASSERT_TRUE(fourth.read(0, 2));
     EXPECT_TRUE(regulars[0].read(0, 2));

@@ -66,7 +66,7 @@ TEST_F(Line, every_function_that_is_served_has_its_length) {
 TEST_F(Line, broadcasts_are_taken_and_other_units_passed_over) {
     hear(with_crc({0, 6, 0, 1, 0, 2}));
     hear(with_crc({18, 3, 0, 0, 0, 2}));
-    hear(with_crc({18, 3, 4, 1, 2, 3, 4}));  // its reply
+    hear(with_crc({18, 3, 4, 1, 2, 3, 4}));  // the reply of unit 18
     hear(with_crc({18, 0x83, 2}));
     hear(with_crc({17, 3, 0, 0, 0, 1}));
     ASSERT_EQ(requests.size(), 2U);
@@ -100,7 +100,7 @@ TEST_F(Line, a_request_inside_another_units_data_is_not_executed) {
     reply.insert(reply.end(), hidden.begin(), hidden.end());
     hear(with_crc(reply));
     silence();
-    reply.push_back(0x55);  // and not when the frame around it is damaged, either
+    reply.push_back(0x55);  // also not when the enclosing frame is damaged
     reply.push_back(0x55);
     hear(reply);
     EXPECT_THAT(requests, IsEmpty());

@@ -42,7 +42,8 @@ class Peer {
         if (fd_ >= 0) ::close(fd_);
     }
     [[nodiscard]] bool connected() const { return connected_; }
-    // Bytes that the kernel accepted; fewer than all: the other side does not read, or is gone.
+    // Returns the number of bytes that the kernel accepted. Fewer than all: the other side does not read, or has
+    // closed.
     std::size_t send(const Bytes& bytes) {
         std::size_t sent = 0;
         while (sent < bytes.size()) {

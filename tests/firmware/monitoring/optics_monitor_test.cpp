@@ -29,7 +29,7 @@ class Line {
         : watch(std::move(*OpticsMonitor::create(kField, limits))), shares_(kField.lenslets(), 1.0F),
           mask_(kField.lenslets(), algo::kValid), frame_(kField.width_px(), kField.height_px(), 8) {}
 
-    // Feeds so many windows of parts; true if add() returned true for any part.
+    // Feeds `count` windows of 25 parts. Returns true if add() returned true for any part.
     bool windows(int count) {
         bool news = false;
         for (int y = 0; y < frame_.height_px(); ++y) {
@@ -47,7 +47,7 @@ class Line {
         return news;
     }
     void speck(int m, int n, float transmission) { shares_[static_cast<std::size_t>(n * kField.m + m)] = transmission; }
-    // Of the upper left eighth.
+    // Sets the transmission of the upper left lenslets: an eighth of the field in m and in n.
     void tile(float transmission) {
         for (int n = 0; n < kField.n / 8; ++n) {
             for (int m = 0; m < kField.m / 8; ++m) speck(m, n, transmission);
@@ -60,7 +60,7 @@ class Line {
     std::unique_ptr<OpticsMonitor> watch;
 
   private:
-    std::vector<float> shares_;  // of the light that pass a lenslet
+    std::vector<float> shares_;  // transmission of each lenslet
     std::vector<std::uint8_t> mask_;
     Frame frame_;
 };

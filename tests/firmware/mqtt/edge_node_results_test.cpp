@@ -27,7 +27,7 @@ TEST(EdgeNode, moves_its_cursor_only_over_what_is_confirmed_without_a_gap) {
     EXPECT_EQ(world.node.cursor().confirmed, 2);
     EXPECT_EQ(world.node.demand(kNow)->after, 4);
     EXPECT_EQ(world.node.demand(kNow)->count, 2U);
-    world.node.confirmed(12345, true, kNow);  // an answer that belongs to nothing
+    world.node.confirmed(12345, true, kNow);  // an unknown token
     EXPECT_EQ(world.node.cursor().confirmed, 2);
 }
 
@@ -53,11 +53,11 @@ TEST(EdgeNode, publishes_again_what_a_lost_session_left_open_and_calls_it_histor
     world.offer();
     world.carry();
     EXPECT_EQ(number_of(read(world.sent.back().payload)), 4);
-    EXPECT_FALSE(read(world.sent.back().payload).metrics[0].historical);  // came while it was connected
+    EXPECT_FALSE(read(world.sent.back().payload).metrics[0].historical);  // stored while the node was connected
 }
 
-// Broker, network and process fail at random; what is under way then is lost in part: every number is delivered, and
-// little is held.
+// Broker, network and process fail at random, and some messages under way are lost. Every result is delivered, and the
+// node never has more than `in_flight` results open.
 TEST(EdgeNode, loses_nothing_over_random_failures) {
     for (unsigned seed = 1; seed <= 30; ++seed) {
         std::mt19937 random(seed);
@@ -68,7 +68,7 @@ TEST(EdgeNode, loses_nothing_over_random_failures) {
         Cursor on_disk;
         std::vector<std::int64_t> delivered;
         std::int64_t newest = 0;
-        for (int life = 0; life < 20; ++life) {  // of the process
+        for (int life = 0; life < 20; ++life) {  // one run of the process
             World world(o, on_disk);
             world.newest = newest;
             world.node.use_store("s", newest);
@@ -88,7 +88,7 @@ TEST(EdgeNode, loses_nothing_over_random_failures) {
                 switch (random() % 8) {
                     case 0: world.lose_connection(random() % 5); break;
                     case 1: world.node.message("spBv1.0/g/NCMD/n", rebirth(), world.now); break;
-                    case 2: world.answer(false); break;  // nobody listens just now
+                    case 2: world.answer(false); break;  // there is no subscriber
                     case 3: on_disk = world.node.cursor(); break;
                     case 4: world.answer_first(); break;
                     default: world.answer();
@@ -96,7 +96,7 @@ TEST(EdgeNode, loses_nothing_over_random_failures) {
             }
             newest = world.newest;
             delivered.insert(delivered.end(), world.delivered.begin(),
-                             world.delivered.end());  // what was under way when it was killed is not
+                             world.delivered.end());  // messages under way at the kill are lost
         }
         World last(o, on_disk);
         last.newest = newest;

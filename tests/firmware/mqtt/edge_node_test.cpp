@@ -80,7 +80,7 @@ TEST(EdgeNode, names_nothing_after_its_birth_but_the_aliases_that_it_declared) {
     for (const Metric& m : data.metrics) {
         EXPECT_TRUE(m.name.empty());
         EXPECT_TRUE(declared.contains(m.alias.value()));
-        EXPECT_EQ(m.time_ms, kNow);  // of the result
+        EXPECT_EQ(m.time_ms, kNow);  // the time of the result
     }
 }
 
@@ -93,19 +93,19 @@ TEST(EdgeNode, tells_of_the_station_only_what_changed) {
     world.node.set_readings(readings, kNow + 1000);
     auto out = world.node.take_outgoing();
     ASSERT_THAT(out, SizeIs(1));
-    EXPECT_EQ(out[0].qos, 1);  // as results: of two QoS a broker would change the order
+    EXPECT_EQ(out[0].qos, 1);  // the QoS of results: a broker may reorder messages of different QoS
     const Payload data = read(out[0].payload);
     ASSERT_THAT(data.metrics, SizeIs(2));
-    EXPECT_EQ(data.metrics[0].alias, kNodeAlias + 4);  // it is reached now
+    EXPECT_EQ(data.metrics[0].alias, kNodeAlias + 4);  // the station is reached now
     EXPECT_EQ(data.metrics[1].alias, 142U);
     EXPECT_EQ(data.metrics[1].value, MetricValue(std::uint64_t{7}));
     world.node.set_readings(readings, kNow + 2000);
     EXPECT_THAT(world.node.take_outgoing(), IsEmpty());
-    world.node.set_readings({}, kNow + 3000);  // not reached: unknown, not as before
+    world.node.set_readings({}, kNow + 3000);  // not reached: the value is unknown, the old one is dropped
     EXPECT_EQ(read(world.node.take_outgoing()[0].payload).metrics[1].value, MetricValue());
 }
 
-// -- what others say
+// -- messages from hosts
 
 TEST(EdgeNode, is_born_again_when_it_is_asked_with_the_same_bdSeq_and_at_most_once_a_second) {
     World world;
@@ -121,7 +121,7 @@ TEST(EdgeNode, is_born_again_when_it_is_asked_with_the_same_bdSeq_and_at_most_on
     for (int k = 0; k < 1000; ++k) world.node.message("spBv1.0/g/NCMD/n", rebirth(), world.now + 1);
     world.carry();
     EXPECT_THAT(world.sent, SizeIs(2));
-    world.node.step(world.now + 1000);  // all of these share one
+    world.node.step(world.now + 1000);  // one birth answers all these requests
     world.node.step(world.now + 3000);
     world.carry();
     EXPECT_THAT(world.sent, SizeIs(3));
@@ -173,13 +173,13 @@ TEST(EdgeNode, refuses_and_counts_every_other_command) {
     }
     world.node.message("spBv1.0/g/NCMD/other", rebirth(), world.now);
     EXPECT_EQ(world.node.refused(), ++refused);
-    world.node.message("spBv1.0/g/NCMD/n", rebirth(), world.now, true);  // kept by the broker: it would ask for ever
+    world.node.message("spBv1.0/g/NCMD/n", rebirth(), world.now, true);  // retained: repeated for ever
     EXPECT_EQ(world.node.refused(), ++refused);
     world.node.step(world.now + 5000);
     EXPECT_THAT(world.node.take_outgoing(), IsEmpty());
     world.node.set_readings({}, world.now);
     EXPECT_EQ(read(world.node.take_outgoing()[0].payload).metrics[0].value,
-              MetricValue(refused));  // and tells how many
+              MetricValue(refused));  // the count of refused commands
 }
 
 TEST(EdgeNode, waits_for_its_primary_host_and_leaves_when_that_goes) {

@@ -21,12 +21,12 @@ inline store::StoredResult result(std::int64_t number) {
     return made;
 }
 
-// Births are larger than commands may be: read here, a metric at a time.
+// Decodes any payload. A birth exceeds the size limit of decode_command(), so each field is decoded by itself.
 inline Payload read(const std::string& bytes) {
     Payload all;
     std::string_view left = bytes;
     while (!left.empty()) {
-        // Fields of a payload one by one, so that decode_command() takes them.
+        // Finds the end of the next field.
         std::size_t size = 1, body = 0;
         const bool metric = left[0] == '\x12';
         unsigned shift = 0;
@@ -85,16 +85,16 @@ inline NodeOptions options() {
     return made;
 }
 
-// A node with a store of so many results, and a broker that can be told what to do.
+// A node whose store holds the results `first` to `newest`, and a broker controlled by the test.
 struct World {
     explicit World(NodeOptions o = options(), Cursor cursor = {}) : node(std::move(o), std::move(cursor)) {}
     EdgeNode node;
     std::int64_t first = 1, newest = 0;
     UtcMs now = kNow;
     std::vector<std::uint64_t> waiting;  // tokens without an answer
-    std::vector<std::int64_t> arrived;   // numbers, as the node sent them
-    // Of these: not answered yet (each with the token that answers it; 0: the next fence), and what came to somebody
-    // who listens.
+    std::vector<std::int64_t> arrived;   // result numbers in the order sent
+    // Of `arrived`: results without an answer, each with the token that answers it (0: the next fence), and results
+    // that a subscriber received.
     std::vector<std::pair<std::uint64_t, std::int64_t>> under_way;
     std::vector<std::int64_t> delivered;
     std::vector<Outgoing> sent;
@@ -135,7 +135,7 @@ struct World {
         for (std::size_t k = 0; k < count; ++k) delivered.push_back(under_way[k].second);
         under_way.erase(under_way.begin(), under_way.begin() + static_cast<std::ptrdiff_t>(count));
     }
-    // One answer, and no more.
+    // Answers only the oldest token.
     void answer_first() {
         if (waiting.empty()) return;
         const std::uint64_t token = waiting.front();
@@ -143,7 +143,7 @@ struct World {
         while (!under_way.empty() && under_way.front().first == token) deliver(1);
         node.confirmed(token, true, now);
     }
-    // Of what is under way some first ones come through, and no answer comes back.
+    // Delivers the first `through` results under way, loses the others, and answers none.
     void lose_connection(std::size_t through) {
         deliver(std::min(through, under_way.size()));
         under_way.clear();

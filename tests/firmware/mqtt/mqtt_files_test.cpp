@@ -76,7 +76,7 @@ TEST(MqttConfig, takes_a_password_that_only_its_owner_may_read) {
     EXPECT_EQ(read_secret(file).value(), "secret");
     write_text(file, "");
     EXPECT_THAT(read_secret(file).error().message(), HasSubstr("holds no password"));
-    // The service manager's copy is taken, whatever the original's rights.
+    // The service manager's copy is used; the permissions of the original do not matter.
     fs::create_directory(folder.path() / "credentials");
     write_text(folder.path() / "credentials/mqtt.password", "from systemd\n");
     ::setenv("CREDENTIALS_DIRECTORY", (folder.path() / "credentials").c_str(), 1);

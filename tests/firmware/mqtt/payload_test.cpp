@@ -1,4 +1,4 @@
-// Payloads as bytes: against bytes written by hand here, against protoc, and against whatever strangers send.
+// Payloads as bytes: compared with bytes written by hand and with protoc; untrusted input.
 #include "firmware/mqtt/payload.h"
 
 #include <cstdio>
@@ -73,7 +73,7 @@ TEST(Payload, of_strangers_is_read_or_refused_and_never_more_than_it_holds) {
     EXPECT_TRUE(
         decode_command("\x2A\x03"
                        "abc"
-                       "\x25\x01\x02\x03\x04\x98\x06\x01"s));  // fields that nobody here knows
+                       "\x25\x01\x02\x03\x04\x98\x06\x01"s));  // unknown fields
     EXPECT_THAT(decode_command(std::string(kMaxCommandBytes + 1, 'x')).error().message(), HasSubstr("4097 bytes"));
     std::string many;
     for (std::size_t k = 0; k <= kMaxCommandMetrics; ++k) many += "\x12\x00"s;
@@ -100,7 +100,7 @@ TEST(Payload, of_strangers_is_read_or_refused_and_never_more_than_it_holds) {
     }
 }
 
-// -- protoc, which shares nothing with this code
+// -- protoc, an independent implementation
 
 std::string through_protoc(const std::string& mode, const std::string& input) {
     const auto folder = std::filesystem::temp_directory_path() / ("hord-protoc-" + std::to_string(::getpid()));

@@ -1,5 +1,5 @@
-// The page's parts by themselves: who may command, what is configured, what is kept in memory, what Prometheus and
-// Grafana read.
+// Units of the page: tokens, configuration, values in memory, store and picture ring, metrics for Prometheus and
+// Grafana.
 #include <fstream>
 #include <regex>
 #include <set>
@@ -46,7 +46,7 @@ TEST(PageTokens, refuse_what_would_be_guessed_or_mistaken) {
         ASSERT_FALSE(tokens) << text;
         EXPECT_FALSE(tokens.error().cure.empty());
         EXPECT_THAT(tokens.error().message(),
-                    ::testing::Not(HasSubstr("0123456789abcdef")));  // a log is not the place for a token
+                    ::testing::Not(HasSubstr("0123456789abcdef")));  // a log must not contain a token
     }
 }
 
@@ -102,7 +102,7 @@ TEST(PageConfiguration, files_are_found_beside_it) {
     EXPECT_EQ(read->tokens, "/x/t");
 }
 
-// -- what is kept in memory
+// -- values in memory
 
 TEST(PageHistory, stays_of_its_size_and_the_worst_latency_of_a_long_step_is_kept) {
     History history;
@@ -138,7 +138,7 @@ TEST(PageViewers, are_so_many_and_no_more_and_a_slow_one_is_told_to_ask_anew) {
     EXPECT_EQ(*told, "event: overrun\ndata: {}\n\n");
     viewers.publish("state", "{}");
     EXPECT_EQ(one->next(std::chrono::milliseconds(0)), "event: state\ndata: {}\n\n");
-    EXPECT_THAT(*one->next(std::chrono::milliseconds(0)), HasSubstr(": "));  // keeps the line alive
+    EXPECT_THAT(*one->next(std::chrono::milliseconds(0)), HasSubstr(": "));  // a comment that keeps the connection open
     viewers.end();
     EXPECT_FALSE(one->next(std::chrono::milliseconds(0)));
     EXPECT_FALSE(viewers.enter());
@@ -164,7 +164,7 @@ TEST(PageLive, keeps_a_strip_of_fixed_length_and_says_when_nobody_answers) {
     EXPECT_EQ(page["state"]["light_share"], 0.5);
     ASSERT_EQ(page["state"]["faults_active"].size(), 1U);
     EXPECT_THAT(page["state"]["faults_active"][0]["cure"].get<std::string>(), ::testing::Not(::testing::IsEmpty()));
-    EXPECT_EQ(page["state"]["faults_latched"].size(), 1U);  // what is active is not told twice
+    EXPECT_EQ(page["state"]["faults_latched"].size(), 1U);  // an active fault is not listed again as latched
     live.set_unreachable({ErrorCode::disconnected, "station 1 cannot be reached", "check the cable"});
     const Json state = live.state_json();
     EXPECT_EQ(state["up"], false);
@@ -258,7 +258,7 @@ TEST(PageResults, are_read_while_a_station_writes) {
     EXPECT_EQ(page.results.one({std::nullopt, 8, 103}).error().code, ErrorCode::not_found);
 }
 
-// As hord-page.service has it: a user that may read the folder as a member of its group, and write nothing.
+// As in hord-page.service: the user reads the folder as a member of its group and writes nothing.
 TEST(PageResults, are_read_without_the_right_to_write_while_a_station_runs_and_when_none_does) {
     if (::geteuid() != 0 || !std::filesystem::exists("/usr/bin/setpriv"))
         GTEST_SKIP() << "needs root and setpriv, to be another user";
@@ -316,7 +316,7 @@ TEST(PagePicture, shows_what_the_inspection_said_then) {
     EXPECT_EQ(found["verdict"], "reject");
     EXPECT_EQ(found["same_as_then"], true);
     ASSERT_GE(found["defects"].size(), 1U);
-    EXPECT_NEAR(found["defects"][0]["m"].get<double>(), 12, 2);  // where the frame was made to jump
+    EXPECT_NEAR(found["defects"][0]["m"].get<double>(), 12, 2);  // where the spots are displaced
     EXPECT_NEAR(found["defects"][0]["n"].get<double>(), 11, 2);
     const Reply map = page.get("/parts/00000007-110/map.png");
     EXPECT_EQ(map.type, "image/png");
@@ -382,7 +382,7 @@ TEST(PageMetrics, say_what_the_station_said) {
     away.set_unreachable({ErrorCode::disconnected, "gone", ""});
     const std::string without = metrics_text(away.figures(), {});
     EXPECT_THAT(without, HasSubstr("hord_station_up 0\n"));
-    EXPECT_THAT(without, ::testing::Not(HasSubstr("hord_run_permit")));  // old news are no news
+    EXPECT_THAT(without, ::testing::Not(HasSubstr("hord_run_permit")));  // no stale values
 }
 
 TEST(PageMetrics, all_that_the_dashboard_asks_for_exist_and_all_are_described) {

@@ -39,14 +39,14 @@ TEST(PageRequests, the_page_comes_whole_and_with_a_policy_that_lets_nothing_else
         EXPECT_THAT(answer, HasSubstr("X-Content-Type-Options: nosniff"));
     }
     EXPECT_THAT(ask(page, "GET /api/events"), HasSubstr("event: page"));
-    EXPECT_EQ(page.viewers.count(), 0U);  // and has left again
+    EXPECT_EQ(page.viewers.count(), 0U);  // the viewer has left
 }
 
 TEST(PageRequests, the_site_names_no_outside_address_and_needs_no_inline_script) {
     for (const EmbeddedFile& file : site_files()) {
         std::string text(file.text);
         for (std::size_t at; (at = text.find("http://www.w3.org/")) != std::string::npos;)
-            text.erase(at, 18);  // names of formats, never fetched
+            text.erase(at, 18);  // names of XML namespaces, never fetched
         EXPECT_THAT(text, Not(HasSubstr("http://"))) << file.path;
         EXPECT_THAT(text, Not(HasSubstr("https://"))) << file.path;
         EXPECT_THAT(text, Not(HasSubstr("innerHTML"))) << file.path;
@@ -110,7 +110,7 @@ TEST(PageRequests, too_much_or_too_strange_is_refused) {
     EXPECT_THAT(ask(page, "GET /", "Content-Length: 1\r\nContent-Length: 2\r\n"), StartsWith("HTTP/1.1 400"));
     EXPECT_THAT(ask(page, "DELETE /"), StartsWith("HTTP/1.1 405"));
     EXPECT_THAT(ask(page, "POST /"), StartsWith("HTTP/1.1 405"));
-    EXPECT_EQ(answer_bytes(page.pages, page.viewers, "GET / HTTP/1.1\r\nHost: loc"), "");  // it never came to an end
+    EXPECT_EQ(answer_bytes(page.pages, page.viewers, "GET / HTTP/1.1\r\nHost: loc"), "");  // an incomplete request
     EXPECT_EQ(answer_bytes(page.pages, page.viewers, ""), "");
     // Thousands of ranges ask for the same bytes: they are answered once.
     const std::string ranges = ask(
@@ -197,7 +197,7 @@ TEST(PageCommands, a_body_that_is_too_large_packed_or_chunked_is_not_read) {
     EXPECT_TRUE(page.commands.empty());
     EXPECT_THAT(send("Content-Length: 18\r\n", body), StartsWith("HTTP/1.1 200"));
     EXPECT_EQ(page.commands.size(), 1U);
-    // What follows a request with a body is never taken for another request.
+    // Bytes after a request with a body are never parsed as another request.
     const std::string hidden =
         "POST /api/command HTTP/1.1\r\nHost: localhost\r\n" + head + "Content-Length: 18\r\n\r\n" + body;
     answer_bytes(page.pages, page.viewers,
@@ -215,7 +215,7 @@ TEST(PageCommands, what_the_station_refuses_is_told_with_its_cure) {
     EXPECT_THAT(reply.body, HasSubstr("see the active faults"));
 }
 
-// The fuzzer's own corpus, each of its files cut and changed in many ways, by the fuzzer's own check.
+// Cuts and changes each file of the fuzzer's corpus in many ways and runs the fuzzer's check on the result.
 TEST(PageRequests, the_fuzzers_corpus_is_survived) {
     int files = 0;
     std::mt19937 random(11);

@@ -19,7 +19,7 @@ constexpr std::uint32_t kBoot = 7;
 constexpr std::uint32_t kBadPart = 110;  // result 10, whose frame is kept
 constexpr const char* kToken = "0123456789abcdef01234567";
 
-// A spot of light in every lenslet; in a bad part a patch of them jumps.
+// A spot of light in every lenslet; in a bad part the spots of one patch are displaced.
 inline Frame part_frame(const algo::Extents& e, bool bad) {
     Frame frame(e.width_px(), e.height_px(), 8);
     for (int n = 0; n < e.n; ++n) {

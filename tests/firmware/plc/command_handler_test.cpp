@@ -173,11 +173,11 @@ TEST_F(PlcCommands, switch_to_a_recipe_by_number_and_by_its_checksum) {
     ready();
     EXPECT_EQ(command(Command::use_recipe, 8), CommandError::no_such_recipe);
     EXPECT_EQ(command(Command::use_recipe, 7, 0xBAD), CommandError::wrong_checksum);
-    const std::uint32_t crc = read32(8027);  // what it really is
+    const std::uint32_t crc = read32(8027);  // the correct checksum
     EXPECT_EQ(operations.recipe().number, 3);
     EXPECT_EQ(command(Command::use_recipe, 7, crc), CommandError::none);
     EXPECT_EQ(operations.recipe().recipe.name, "seven");
-    EXPECT_EQ(read(8203, 1)[0], 750);  // and is what is staged now
+    EXPECT_EQ(read(8203, 1)[0], 750);  // the staged value
 }
 
 // -- outside faults
@@ -207,7 +207,7 @@ TEST_F(PlcCommands, a_silent_plc_stops_the_station_which_waits_for_a_new_start) 
     open(PlcPolicy::stop);
     running();
     pass(milliseconds(2000));
-    EXPECT_EQ(state(), State::continuous_execution);  // it has never been heard
+    EXPECT_EQ(state(), State::continuous_execution);  // no PLC heartbeat yet
     beat();
     pass(milliseconds(450));
     EXPECT_EQ(state(), State::continuous_execution);
@@ -239,12 +239,12 @@ TEST_F(PlcCommands, without_a_plc_every_part_is_rejected_until_it_is_back) {
     };
     pass(milliseconds(500));
     part_sensor_saw = loop.now();
-    part();  // its verdict is still awaited when the PLC goes
+    part();  // its verdict is not known when the PLC is lost
     pass(milliseconds(50));
     is_rejected_without_plc(1);
     part_sensor_saw = loop.now();
     part();
-    EXPECT_EQ(sensor.requests.size(), 1U);  // not even looked at
+    EXPECT_EQ(sensor.requests.size(), 1U);  // no frame is requested
     is_rejected_without_plc(2);
     EXPECT_EQ(state(), State::continuous_execution);
     EXPECT_EQ(read32(146), 0U);  // none passed
@@ -269,7 +269,7 @@ TEST_F(PlcCommands, with_policy_none_a_silent_plc_is_shown_and_changes_nothing) 
 
 class SelfTest : public PlcCommands {
   protected:
-    // The devices' part of a test under way.
+    // Answers the current test as the devices would.
     void devices_answer(bool lit = true, bool frame = true) {
         loop.run_for(milliseconds(6));
         const auto pulse = strobe.pulses.back();
@@ -334,7 +334,7 @@ TEST_F(SelfTest, that_is_cut_off_by_a_halt_fails) {
     const std::uint32_t test = token;
     EXPECT_EQ(command(Command::halt), CommandError::none);
     loop.run_for(std::chrono::seconds(3));
-    EXPECT_EQ(send(test, Command::self_test), Exception::none);  // asks again what came of it
+    EXPECT_EQ(send(test, Command::self_test), Exception::none);  // the repeated token returns the outcome
     EXPECT_EQ(reply_state(), CommandState::failed);
 }
 

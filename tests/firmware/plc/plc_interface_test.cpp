@@ -113,7 +113,7 @@ TEST_F(PlcSimulator, a_command_says_for_whom_it_is_sent) {
     ASSERT_EQ(station.commands.size(), 1U);
     EXPECT_EQ(station.commands[0].who.view(), "anna");
     EXPECT_THAT(read(8000, 20)[10], 'a' << 8 | 'n');
-    EXPECT_EQ(command(6, Command::arm), Exception::none);  // left out: for itself
+    EXPECT_EQ(command(6, Command::arm), Exception::none);  // no name: the PLC commands for itself
     EXPECT_EQ(station.commands[1].who.view(), "");
     EXPECT_EQ(read(8000, 20)[10], 0);
 }
@@ -121,7 +121,7 @@ TEST_F(PlcSimulator, a_command_says_for_whom_it_is_sent) {
 TEST_F(PlcSimulator, a_name_that_is_not_printable_or_not_whole_is_refused) {
     Words words{0, 5, 0, 2, 0, 0, 0, 0, 'a' << 8 | 'n', 'n' << 8 | '\n', 0, 0, 0, 0, 0, 0, 0, 0};
     EXPECT_EQ(write(8002, words), Exception::illegal_value);
-    words[9] = 'n';  // nothing, then an n
+    words[9] = 'n';  // a zero byte before a character
     EXPECT_EQ(write(8002, words), Exception::illegal_value);
     words[9] = 'n' << 8 | 0xE4;
     EXPECT_EQ(write(8002, words), Exception::illegal_value);

@@ -51,7 +51,7 @@ class RecordingTeachIn final : public TeachIn {
 class Teach : public PlcCommands {
   protected:
     Teach() { teacher = &told; }
-    // The teach's own reply, also after other commands: writes its token again.
+    // Reads the reply to the teach command by writing its token again, also after other commands.
     CommandError reply_to(std::uint32_t asked, std::uint32_t parts = 0) {
         EXPECT_EQ(send(asked, Command::teach, parts), Exception::none);
         EXPECT_EQ(read32(8022), asked);
@@ -166,7 +166,7 @@ TEST_F(Teach, no_recipe_changes_while_parts_are_under_way) {
     EXPECT_EQ(read32(8027), crc32_of(taught));
     EXPECT_EQ(operations.recipe().recipe.name, "default");  // ... and not yet in use
     EXPECT_EQ(command(Command::teach), CommandError::not_yet);
-    EXPECT_EQ(command(Command::abort), CommandError::none);  // the teach is over: there is nothing of it to cancel
+    EXPECT_EQ(command(Command::abort), CommandError::none);  // the teach has ended: nothing to cancel
     EXPECT_EQ(state(), State::ready);
     pass(milliseconds(100));
     EXPECT_EQ(station->core().line().size(), 1U);

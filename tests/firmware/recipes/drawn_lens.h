@@ -14,8 +14,7 @@ namespace hord::firmware {
 inline constexpr algo::Extents kDrawnExtents{18, 16, 7, 7};
 inline constexpr int kDrawnBits = 12;
 
-// Each seed has another position and other noise, one electron a DN. `speck`: nine lenslets with a third
-// less light.
+// Each seed has its own position and noise; one electron a DN. `speck`: nine lenslets with a third less light.
 inline Frame drawn_lens(std::uint64_t seed, bool speck = false) {
     std::mt19937_64 random(seed);
     std::normal_distribution<double> normal;

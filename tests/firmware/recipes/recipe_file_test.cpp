@@ -164,7 +164,7 @@ TEST(Recipe, the_usual_features_are_not_written) {
     EXPECT_EQ(text,
               format_recipe(*parse_numbered_recipe("features = [\"transmission\", \"emd\", \"jacobian-frobenius\"]\n",
                                                    "r.toml")));
-    EXPECT_EQ(crc32_of(NumberedRecipe{}), 0x2571D927U);  // computed then
+    EXPECT_EQ(crc32_of(NumberedRecipe{}), 0x2571D927U);  // the checksum that stations have stored
 }
 
 TEST(Recipe, features_are_chosen_and_survive_being_written_and_read) {

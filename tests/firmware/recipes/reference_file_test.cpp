@@ -150,7 +150,7 @@ TEST_F(ReferenceFile, where_something_is_tolerated_may_be_named_with_mm_as_zones
     EXPECT_FLOAT_EQ(named->recipe.tolerances[0].where->centre.m, 3);
     EXPECT_EQ(named->recipe.tolerances[0].where->unit, algo::Zone::Unit::lenslets);
     EXPECT_FALSE(read("shape = \"circle\"\ncentre_mm = [0.5, -0.25]\nradius = 0.75\n"));
-    // Zones in lenslets may stand beside it: what is tolerated was always in mm.
+    // Zones in lenslets are allowed beside a tolerance in mm.
     EXPECT_TRUE(
         read("shape = \"circle\"\ncentre_mm = [0.5, -0.25]\nradius_mm = 0.75\n[[zone]]\nshape = \"circle\"\ncentre = "
              "[2, 2]\nradius = 1\n"));

@@ -42,7 +42,7 @@ class TeachInTest : public ::testing::Test {
         recipe.number = 7;
         recipe.recipe.name = "lens";
         recipe.recipe.emd_limit_bins =
-            3;  // a drawn lens has seven narrow bins: its own gradients are not what is tested
+            3;  // a drawn lens has seven narrow bins: its own gradients must not count as defects
         recipe.recipe.frobenius_limit_bins = 3;
         recipe.recipe.transmission_limit = 0.5F;
     }
@@ -129,7 +129,7 @@ TEST_F(TeachInTest, learns_from_the_next_parts_what_tells_good_from_bad) {
 
 TEST_F(TeachInTest, takes_what_shows_a_part_whatever_the_verdict_and_nothing_else) {
     open(loop);
-    inspected(1, drawn_lens(1));  // before it was asked for
+    inspected(1, drawn_lens(1));  // before the session began
     ASSERT_TRUE(begin(8));
     for (const auto reason : {algo::Reason::too_dark, algo::Reason::saturated, algo::Reason::nothing_to_see})
         inspected(2, drawn_lens(2), reason);
@@ -199,7 +199,7 @@ TEST_F(TeachInTest, parts_of_which_too_few_are_alike_teach_nothing_and_leave_not
     EXPECT_EQ(outcomes[0].error().code, ErrorCode::invalid_argument);
     EXPECT_THAT(outcomes[0].error().what, HasSubstr("7 of 8 parts"));
     EXPECT_THAT(files(), IsEmpty());
-    ASSERT_TRUE(begin(8));  // the next one is as good as the first
+    ASSERT_TRUE(begin(8));  // the next session starts normally
     good_parts(1, 8);
     ASSERT_EQ(outcomes.size(), 2U);
     EXPECT_TRUE(outcomes[1]) << outcomes[1].error().message();
@@ -207,7 +207,7 @@ TEST_F(TeachInTest, parts_of_which_too_few_are_alike_teach_nothing_and_leave_not
 
 TEST_F(TeachInTest, a_recipe_that_passes_nothing_with_its_reference_is_not_taught) {
     open(loop);
-    recipe.recipe.reject_score = recipe.recipe.cluster_score = 1;  // noise alone has more
+    recipe.recipe.reject_score = recipe.recipe.cluster_score = 1;  // noise alone exceeds these limits
     recipe.recipe.grow_score = 0.5F;
     ASSERT_TRUE(begin(8));
     good_parts(1, 8);
@@ -328,7 +328,7 @@ TEST_F(TeachInTest, what_waits_for_the_line_to_stop_is_found_by_the_next_process
     EXPECT_NE(found.recipe.reference, nullptr);
     NumberedRecipe other = recipe;
     other.recipe.min_area = 3;
-    EXPECT_FALSE(LineTeachIn::pending_recipe(folder, other)->has_value());  // it was not about this one
+    EXPECT_FALSE(LineTeachIn::pending_recipe(folder, other)->has_value());  // the teach-in was for another recipe
 
     teacher->in_use(found);
     EXPECT_FALSE(LineTeachIn::pending_recipe(folder, recipe)->has_value());

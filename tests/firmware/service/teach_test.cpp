@@ -180,8 +180,7 @@ TEST_F(TeachService, learns_from_twelve_parts_judges_by_them_and_still_does_afte
         // before.
         EXPECT_TRUE(plc.sees([&] { return plc.read32(8434) >> 16U != 0xFFFF; }));
         EXPECT_NEAR(plc.read32(8434) >> 16U, 1000, 50);  // light_output, tenths of a percent
-        EXPECT_NE(plc.read32(8440), 0xFFFFFFFFU);  // dust: looked for (how often a few frames, shown again and again,
-                                                   // look like it is not asked)
+        EXPECT_NE(plc.read32(8440), 0xFFFFFFFFU);        // dust; its value from repeated frames is not checked
     });
     // Parts rejected for lateness on a busy machine do not count.
     EXPECT_GE(count(true, passed), 4U);  // one may not have left the line before the end

@@ -255,7 +255,7 @@ TEST(ThreadedInspector, a_roll_call_is_answered_when_every_thread_has_taken_a_tu
         });
     };
     call();
-    EXPECT_EQ(answered, 1);  // nobody is there to be missed
+    EXPECT_EQ(answered, 1);  // answered at once before start(): no thread to check
     inspector->start(ear);
     ASSERT_TRUE(inspector->submit(1, frames.lend()));
     begun.get_future().wait();

@@ -14,7 +14,7 @@ TEST(OccupancyMarker, stays_until_a_process_ends_in_order) {
         EXPECT_FALSE(first.left_behind());
         first.raise();
     }
-    const OccupancyMarker next(folder);  // the first has died
+    const OccupancyMarker next(folder);  // the first ended without clear()
     EXPECT_TRUE(next.left_behind());
     next.raise();
     next.clear();

@@ -146,7 +146,7 @@ TEST_F(StationTest, recovers_from_a_lost_device_after_a_reset_and_runs_again) {
     EXPECT_EQ(observer.troubles.back().what, "/dev/video0");
     ASSERT_EQ(station->request(Command::reset), Answer::done);
     EXPECT_EQ(station->snapshot().state, State::continuous_execution);
-    EXPECT_EQ(rejector.starts, 1);  // it was not touched
+    EXPECT_EQ(rejector.starts, 1);  // the rejector was not restarted
 }
 
 TEST_F(StationTest, an_absent_part_sensor_is_named_and_arming_refused_until_a_reset_finds_it) {

@@ -1,5 +1,5 @@
-// Frames that are kept: whole or recognised as torn, chosen as promised, in a ring that never fills the disk, judged
-// again to the bit.
+// Retained frames: complete or recognised as torn, chosen by the rules of retention, in a ring that never fills the
+// disk. A second inspection has bit-identical results.
 #include "firmware/store/frames/frame_retention.h"
 
 #include <cmath>
@@ -24,7 +24,7 @@ using Json = nlohmann::json;
 
 constexpr algo::Extents kExtents{24, 24, 5, 5};
 
-// Every lenslet holds a spot of light about a bin wide, with noise of its own; in a bad part a patch of them jumps.
+// Every lenslet holds a spot about a bin wide, with its own noise; in a bad part the spots of one patch are displaced.
 Frame part_frame(std::uint32_t seed, bool bad, int bits = 8) {
     Frame frame(kExtents.width_px(), kExtents.height_px(), bits);
     std::mt19937 random(seed);
@@ -132,10 +132,10 @@ TEST(FrameArchive, leaves_the_disk_what_it_was_told_to_whatever_others_write) {
         EXPECT_LE(used(), kDisk - kFree);
     }
     EXPECT_EQ((*archive)->count(), 15U);
-    others = 10'500;  // somebody else takes space
+    others = 10'500;  // other programs use the disk
     ASSERT_TRUE((*archive)->trim());
     EXPECT_EQ((*archive)->count(), 4U);
-    others = 15'500;  // and all of it
+    others = 15'500;  // other programs fill the disk
     const auto added = (*archive)->add("x", bytes);
     ASSERT_FALSE(added);
     EXPECT_THAT(added.error().message(), HasSubstr("stay free"));
@@ -164,7 +164,7 @@ TEST(FrameArchive, names_the_file_that_a_disk_refuses) {
 
 // -- choosing
 
-// A keeper without a thread over a folder, and a pipeline that judges.
+// A keeper without a thread over a folder, and an inspection pipeline.
 struct Cell {
     explicit Cell(FrameRetentionOptions options = {}, ArchiveDisk disk = real_disk(), const algo::Recipe& recipe = {})
         : pipeline(algo::Pipeline::create(kExtents, 8, recipe).value()),
@@ -254,7 +254,7 @@ TEST(FrameRetention, keeps_a_good_part_that_was_rejected_because_its_verdict_cam
 
 TEST(FrameRetention, drops_counts_and_says_so_when_the_disk_is_too_slow_and_recovers) {
     Cell cell({.before = 0, .after = 0, .buffers = 3});
-    for (std::uint32_t part = 1; part <= 5; ++part) cell.inspect(part, true);  // nothing is written meanwhile
+    for (std::uint32_t part = 1; part <= 5; ++part) cell.inspect(part, true);  // no frame is written meanwhile
     EXPECT_EQ(cell.keeper.counts().dropped, 2U);
     EXPECT_TRUE(cell.keeper.counts().failing);
     ASSERT_THAT(cell.said, SizeIs(1));
@@ -304,7 +304,7 @@ TEST(FrameRetention, writes_everything_that_replay_and_people_need) {
     EXPECT_THAT(json["recipe"].get<std::string>(), HasSubstr("emd_bins"));
 }
 
-// -- judging again
+// -- second inspection
 
 TEST(Replay, with_the_recipe_of_then_is_the_same_to_the_bit) {
     Cell cell({.before = 3, .after = 3});
@@ -338,7 +338,7 @@ TEST(Replay, with_another_recipe_shows_what_changes) {
     EXPECT_EQ(bad->then.verdict, "reject");
     EXPECT_EQ(bad->now.verdict, "pass");
     EXPECT_EQ(bad->recipe_now, "lenient");
-    EXPECT_EQ(bad->then.maps_sha256, bad->now.maps_sha256);  // limits do not touch the maps
+    EXPECT_EQ(bad->then.maps_sha256, bad->now.maps_sha256);  // limits do not change the maps
     EXPECT_THAT(to_json_line(*bad), HasSubstr("\"changes\":[\"verdict\",\"reason\",\"score\",\"defects\"]"));
 }
 

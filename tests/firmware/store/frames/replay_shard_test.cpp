@@ -1,5 +1,5 @@
-// Shards of a replay: joined to the bytes of one replay whatever their number and order, and refused by name when they
-// do not belong together or are not whole.
+// Shards of a replay. Joined in any number and order, they equal one replay byte for byte. Shards that do not belong
+// together or are incomplete are refused by name.
 #include "firmware/store/frames/replay_shard.h"
 
 #include <csignal>
@@ -118,7 +118,7 @@ TEST(Shards, that_do_not_belong_together_are_refused_by_name) {
     EXPECT_THAT(odd([](ReplayIdentity& id) { id.program = std::string(64, 'c'); }), HasSubstr("program"));
     write_shard(folder.path() / "odd", kReplay, {2, 4}, all);
     EXPECT_THAT(refusal({files[0], folder.path() / "odd", files[2]}, out), HasSubstr("shards 1/3 and 2/4"));
-    // Whole, but without the frames that it should hold.
+    // A complete shard without the frames that it should hold.
     {
         auto writer = ShardWriter::create(folder.path() / "odd", kReplay, {2, 3});
         ASSERT_TRUE(writer);

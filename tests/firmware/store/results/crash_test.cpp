@@ -26,8 +26,8 @@ std::uint64_t number_from_environment(const char* name, std::uint64_t otherwise)
     return text != nullptr ? std::strtoull(text, nullptr, 10) : otherwise;
 }
 
-// What runs until it is killed: parts come, a PLC acknowledges each fourth, a recipe changes now and then, old rows are
-// pruned. Every acknowledged sequence is written to `report` after, and only after, it was answered.
+// Runs until it is killed: parts come, a PLC acknowledges each fourth, the recipe changes at intervals, old rows are
+// pruned. Each acknowledged sequence is written to `report`, and only after the acknowledgement was answered.
 [[noreturn]] void station(const std::filesystem::path& folder, std::uint32_t boot, int report) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     StoreQueueOptions options;
@@ -46,8 +46,7 @@ std::uint64_t number_from_environment(const char* name, std::uint64_t otherwise)
     }
 }
 
-// The last sequence that the station said was acknowledged before it was killed, `life` after its first sign of life or
-// start.
+// Kills a station `life` after its start. Returns the last sequence that it reported as acknowledged, or 0.
 std::uint32_t live_and_die(const std::filesystem::path& folder, std::uint32_t boot, std::chrono::microseconds life) {
     int report[2];
     EXPECT_EQ(pipe(report), 0);
@@ -70,7 +69,7 @@ std::uint32_t live_and_die(const std::filesystem::path& folder, std::uint32_t bo
         acknowledged = next;
     }
     kill(child, SIGKILL);
-    while (read(report[0], &next, sizeof next) == sizeof next) acknowledged = next;  // said before it died
+    while (read(report[0], &next, sizeof next) == sizeof next) acknowledged = next;  // reported before the kill
     close(report[0]);
     int status = 0;
     waitpid(child, &status, 0);
@@ -88,7 +87,8 @@ TEST(Crash, no_acknowledged_result_is_lost_and_the_store_stays_whole) {
     std::mt19937_64 random(seed);
     std::uint64_t lost = 0, damaged = 0, checked = 0, with_results = 0;
     for (std::uint32_t boot = 1; boot <= crashes; ++boot) {
-        // From before the file exists to some hundred batches; on a real disk a batch takes milliseconds.
+        // The kill comes at any moment from before the file exists to after some hundred batches. On a real disk a
+        // batch takes milliseconds.
         const auto longest = where != nullptr ? 200'000U : 25'000U;
         const std::uint32_t acknowledged = live_and_die(folder, boot, std::chrono::microseconds(random() % longest));
         if (acknowledged == 0 && !std::filesystem::exists(folder / kStoreFile)) continue;
@@ -113,7 +113,8 @@ TEST(Crash, no_acknowledged_result_is_lost_and_the_store_stays_whole) {
                 last = r.sequence;
                 ++count;
             }));
-            // Retention takes from the front alone; the rest is without a gap up to what was acknowledged, at least.
+            // Retention removes only the oldest results. The rest has no gap and reaches at least the acknowledged
+            // sequence.
             lost += last < acknowledged ? acknowledged - last : 0U;
             lost += count != last - first + 1 ? 1U : 0U;
         }

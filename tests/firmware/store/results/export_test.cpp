@@ -1,4 +1,4 @@
-// What leaves the station as text: compared with files that are kept, since programs of other people read them.
+// Text exports of the station, compared with stored files because external programs read them.
 #include "firmware/store/results/export.h"
 
 #include <fmt/format.h>
@@ -50,7 +50,7 @@ TEST(Export, gives_the_same_bytes_as_ever) {
     EXPECT_EQ(all_of(changes(folder), "", json_line), read_text(kExpected / "changes.jsonl"));
 }
 
-// The digits in every store and archive. nlohmann-json's own are other ones for about one value in a thousand.
+// The number format of every store and archive. nlohmann-json writes other digits for about one value in a thousand.
 TEST(Export, floats_keep_the_digits_that_they_were_always_written_with) {
     for (const float value : {0.0F, 0.1F, 0.30000001F, 1.7F, 12.25F, 40.0F, 16777216.0F, 0.0001F, 1.5e-5F, 3e-30F})
         EXPECT_EQ(to_line(Json(value)), fmt::format("{}", value));

@@ -10,7 +10,7 @@ namespace {
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
 
-// Version 1 differed in an index alone.
+// Version 1 differs only in an index.
 void turn_into_version_1(const TempFolder& folder) {
     sql(folder, "DROP INDEX results_not_passed; PRAGMA user_version = 1");
 }

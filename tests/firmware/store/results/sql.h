@@ -1,4 +1,4 @@
-// A person with the sqlite3 tool: reads and edits a store behind the station's back.
+// Reads and edits a store with plain SQL, as a person with the sqlite3 tool can.
 #pragma once
 
 #include <array>

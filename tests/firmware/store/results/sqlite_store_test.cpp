@@ -66,7 +66,7 @@ TEST(SqliteStore, continues_its_numbers_over_restarts_and_names_each_run) {
     for (std::size_t k = 0; k < all.size(); ++k) EXPECT_EQ(all[k].number, static_cast<std::int64_t>(k + 1));
     EXPECT_EQ(all[19].boot, 7U);
     EXPECT_EQ(all[20].boot, 8U);
-    EXPECT_EQ(all[20].sequence, 1U);  // the PLC's number begins again, with another boot
+    EXPECT_EQ(all[20].sequence, 1U);  // the sequence begins again with the next boot
     EXPECT_NE(all[19].run, all[20].run);
     EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
 }
@@ -78,7 +78,7 @@ TEST(SqliteStore, stores_a_repeated_batch_once) {
         .add_results(1, 10)
         .add(ChangeRecord{ChangeRecord::What::command, kNoon, "plc:1", 9, "stop", "Ready", "done"});
     write(folder, run);
-    write(folder, run);  // opened again: nobody knew whether the batch had arrived
+    write(folder, run);  // written again, as after an error that left the batch in doubt
     run.add_results(11, 12);
     write(folder, run);
     EXPECT_THAT(results(folder), SizeIs(12));
@@ -91,7 +91,7 @@ TEST(SqliteStore, does_not_go_back_to_an_older_recipe_when_it_is_opened_again) {
     Story run;
     run.add(recipe("a", "1")).add(result(1)).add(recipe("b", "2")).add(result(2));
     write(folder, run);
-    // What a queue says that had written the first two records and then saw an error.
+    // The entries of a queue that had written the first two records and then saw an error.
     const auto store = open(folder);
     ASSERT_TRUE(store->write(std::vector<Entry>{{0, start()}, {0, recipe("a", "1")}}));
     ASSERT_TRUE(store->write(std::vector<Entry>{{3, recipe("b", "2")}, {4, result(2)}, {5, result(3)}}));
@@ -237,11 +237,11 @@ TEST(Retention, by_a_clock_that_was_set_back_removes_nothing_young) {
     write(folder, Story().add(result(1)).add(ahead).add(result(4)).add(result(5)));
     const auto store = open(folder);
     ASSERT_TRUE(store->prune({.keep_us = kDay, .max_bytes = 0}, kNoon + 2 * kDay));
-    ASSERT_THAT(results(folder), SizeIs(3));  // up to the row that says it is young
+    ASSERT_THAT(results(folder), SizeIs(3));  // pruning stops at the first row with a recent time
     EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
 }
 
-// -- what cannot be used
+// -- unusable stores
 
 TEST(SqliteStore, belongs_to_one_writer_while_anybody_may_read) {
     const TempFolder folder;

@@ -1,4 +1,4 @@
-// Between the line and the disk: nothing is stored twice, nothing is lost silently, and nobody waits for the disk.
+// The queue between line and disk: no record is stored twice or lost silently, and the line never waits for the disk.
 #include "firmware/store/results/store_queue.h"
 
 #include <future>
@@ -94,7 +94,7 @@ TEST(StoreQueue, keeps_results_while_the_disk_is_full_and_writes_them_when_there
         EXPECT_FALSE(bench.queue.step());
         EXPECT_TRUE(bench.queue.state().failing);
     }
-    EXPECT_THAT(bench.said, ElementsAre(HasSubstr("disk is full")));  // said once
+    EXPECT_THAT(bench.said, ElementsAre(HasSubstr("disk is full")));  // reported once
     bench.disk.on_write = nullptr;
     EXPECT_TRUE(bench.queue.step());
     EXPECT_EQ(sequences(bench.disk), count_to(50));
@@ -124,7 +124,7 @@ TEST(StoreQueue, stores_once_what_an_error_left_in_doubt) {
     bench.disk.on_written = [] { return std::optional(Error{ErrorCode::io, "sync failed", "check the disk"}); };
     bench.add(4, 6);
     EXPECT_FALSE(bench.queue.step());
-    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 6), AckStatus::failed);  // it does not know, so it does not say so
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 6), AckStatus::failed);  // in doubt: not acknowledged
     bench.disk.on_written = nullptr;
     bench.add(7, 8);
     EXPECT_TRUE(bench.queue.step());
@@ -137,13 +137,13 @@ TEST(StoreQueue, counts_reports_and_records_what_it_had_to_lose) {
     bench.add(1, 25);
     EXPECT_FALSE(bench.queue.step());
     EXPECT_EQ(bench.queue.state().lost, 15U);
-    EXPECT_EQ(bench.queue.state().waiting, 10U + 1U);  // and the report of the loss
-    bench.queue.add(recipe("b", "2"));                 // few and needed: still room
+    EXPECT_EQ(bench.queue.state().waiting, 10U + 1U);  // plus the report of the loss
+    bench.queue.add(recipe("b", "2"));                 // recipes still find room: they are few and needed
     EXPECT_EQ(bench.queue.state().lost, 15U);
     bench.disk.on_write = nullptr;
     EXPECT_TRUE(bench.queue.step());
     EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 25),
-              AckStatus::recorded);  // nobody waits for what cannot come any more
+              AckStatus::recorded);  // lost results do not delay an acknowledgement
     bench.add(26, 27);
     EXPECT_TRUE(bench.queue.step());
     std::vector<std::uint32_t> expected = count_to(10);
@@ -159,7 +159,7 @@ TEST(StoreQueue, tells_a_new_store_what_is_in_use) {
     EXPECT_TRUE(bench.queue.step());
     bench.queue.add(recipe("b", "2"));
     EXPECT_TRUE(bench.queue.step());
-    // Somebody moved the damaged file away: the next one is empty.
+    // The damaged file was moved away: the next one is empty.
     bench.disk.on_write = [] { return std::optional(full()); };
     bench.add(2, 2);
     EXPECT_FALSE(bench.queue.step());
@@ -172,7 +172,7 @@ TEST(StoreQueue, tells_a_new_store_what_is_in_use) {
     EXPECT_EQ(sequences(bench.disk), std::vector<std::uint32_t>{2});
 }
 
-// A real store that fails when it is told to.
+// A real store that fails when the test asks for it.
 class Fragile final : public ResultStore {
   public:
     Fragile(std::unique_ptr<ResultStore> inner, const bool& fails) : inner_(std::move(inner)), fails_(fails) {}
@@ -235,7 +235,7 @@ TEST(StoreQueue, never_makes_the_line_wait_for_the_disk) {
         EXPECT_EQ(queue.state().waiting, 1000U);
         lost = queue.state().lost;
         go_on.set_value();
-    }  // writes what waits
+    }  // the destructor writes the waiting records
     EXPECT_EQ(lost, 500U);
     EXPECT_EQ(sequences(disk), count_to(1000));
 }
@@ -247,7 +247,7 @@ TEST(StoreQueue, with_its_thread_keeps_what_is_acknowledged_and_the_rest_at_the_
                          {.commit_every = std::chrono::hours(1)}, start(), [] { return kNoon; });
         for (std::uint32_t k = 1; k <= 100; ++k) queue.add(result(k));
         while (queue.acknowledge("plc", kNoon, 100) == AckStatus::not_yet)
-            std::this_thread::yield();  // does not wait for the hour
+            std::this_thread::yield();  // an acknowledgement commits at once, not after the hour
         EXPECT_THAT(results(folder), SizeIs(100));
         for (std::uint32_t k = 101; k <= 150; ++k) queue.add(result(k));
     }

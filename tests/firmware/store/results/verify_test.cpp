@@ -26,7 +26,7 @@ void fill(const TempFolder& folder) {
 struct Tampering {
     const char* name;
     const char* sql;
-    const char* told;  // part of a problem
+    const char* told;  // part of a problem's text
 };
 
 class EveryTampering : public ::testing::TestWithParam<Tampering> {};
@@ -130,7 +130,7 @@ TEST(Verify, finds_a_row_of_another_store_with_its_hash) {
     EXPECT_THAT(verify(folder.path()).problems, Not(IsEmpty()));
 }
 
-// Who recomputes every hash of the file cannot be found out by the file alone: only by a head that was noted elsewhere.
+// A file with all hashes recomputed is consistent. Only a head noted elsewhere reveals the change.
 TEST(Verify, compares_with_heads_that_were_noted_elsewhere) {
     const TempFolder folder, forged;
     write(folder, Story().add_results(1, 50));
@@ -149,7 +149,7 @@ TEST(Verify, compares_with_heads_that_were_noted_elsewhere) {
     const auto problems = verify(forged.path(), noted).problems;
     EXPECT_THAT(problems, Contains(HasSubstr("results: row 50 has another hash than was noted")));
 
-    // Cut back to before what was noted, with its head.
+    // The store ends before a noted row, as after a cut.
     std::vector<ChainHead> later = noted;
     later.back().number = 81;
     EXPECT_THAT(verify(folder.path(), later).problems,
