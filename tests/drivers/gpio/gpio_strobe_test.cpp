@@ -97,9 +97,9 @@ TEST_F(GpioStrobeTest, each_channel_has_limits_of_its_own) {
     next.width = 500us;
     EXPECT_EQ(refusal(next), std::nullopt);
     next.start += next.width;
-    EXPECT_EQ(refusal(next), ErrorCode::busy);  // channel 2 must still rest
+    EXPECT_EQ(refusal(next), ErrorCode::busy);  // channel 0b010 must still rest
     next.channels = 0b001;
-    EXPECT_EQ(refusal(next), std::nullopt);  // channel 1 need not rest
+    EXPECT_EQ(refusal(next), std::nullopt);  // channel 0b001 need not rest
     next.start += next.width;
     next.channels = 0b100;
     EXPECT_EQ(refusal(next), std::nullopt);

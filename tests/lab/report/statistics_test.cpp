@@ -45,7 +45,8 @@ TEST(Detection, a_difference_of_areas_is_of_the_same_draws) {
     EXPECT_EQ(none.value, 0);
     EXPECT_EQ(none.low, 0);
     EXPECT_EQ(none.high, 0);
-    // Scores that differ by a monotone function have the same area: the difference is less than the interval of each.
+    // A monotone function of the scores keeps the area: the difference is 0 in every draw, although each area alone has
+    // an interval.
     std::vector<ScoredPlace> cubed(std::begin(b), std::end(b));
     for (ScoredPlace& s : cubed) s.score = s.score * s.score * s.score;
     EXPECT_EQ(auc_difference(b, cubed, 200, 1).high, 0);
@@ -156,7 +157,7 @@ TEST(TailLimit, goes_beyond_the_values_as_their_tail_does) {
 }
 
 TEST(TailLimit, does_not_believe_in_an_end) {
-    // Uniform up to 1: the fitted tail may extend a little beyond 1.
+    // Uniform up to 1: the limit still lies above 1, because the fit assumes no end of the tail.
     EXPECT_GT(tail_limit(drawn_evenly(2000, [](double p) { return 1 - p; }), 1e-5), 1.1);
 }
 

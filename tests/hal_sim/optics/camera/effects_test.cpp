@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kSampling = 0.02;  // error of sampling the cells that an edge crosses, bins of light
 
-// Share of a point's light between a and b, in units of the first zero, by adding up.
+// Share of a point's light between a and b, in units of the first zero, by summation.
 double share_between(double a, double b) {
     constexpr int kSteps = 4000;
     double sum = 0;
@@ -147,7 +147,7 @@ TEST(Dust, shades_where_it_lies_and_stays_when_the_part_moves) {
     const double shadow = 0.75 * kPi * 0.25 / (pitch * pitch);
     EXPECT_NEAR(hord(scene, 5, 4).sum / kSource, 1 - shadow, kSampling);
     EXPECT_NEAR(hord(scene, 4, 4).sum, kSource, 1e-6);
-    // An aperture in the stop blocks the same slopes for every lenslet.
+    // Dust in the stop blocks the same slopes for every lenslet.
     scene.camera.dust = {{Dust::Plane::stop, 0, 0, 0.3 * 0.015 * 100, 0}};
     for (const int m : {0, 4, 8}) EXPECT_NEAR(hord(scene, m, 4).sum, kSource - kPi * 0.09, kSampling);
     scene.part = Plate{};
