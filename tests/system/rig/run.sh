@@ -10,7 +10,7 @@
 #   HORD_RIG_SEED    seed of random moments and parts         (1)
 #   HORD_RIG_SHIFT   virtual time: 2^n ns an instruction      (0)
 #   HORD_RIG_EDGES   number measured, idle and busy           (100; latency: 1000)
-#   HORD_RIG_LIMIT   s; time limit of a machine               (1800)
+#   HORD_RIG_LIMIT   s; time limit of all machines together   (1800)
 #   HORD_RIG_OUT     logs, and the machine's input            (build/rig)
 set -euo pipefail
 cd "$(dirname "$(readlink -f "$0")")/../../.."
@@ -175,7 +175,7 @@ boot() {  # boot MACHINE PHASE LOG [kernel argument...]: runs until power off or
 began=$(date +%s) deadline=$((SECONDS + limit))
 rm -f "$out"/*.log "$out"/*.rig "$out"/*.cost
 say_boot() { printf '== %s: %s (%s)\n' "$1" "$2" "${3:-$accel}"; }
-# True if a check of this phase is selected; guest/checks.sh lists the checks.
+# The checks of a phase, as listed in guest/checks.sh, and whether any of them is selected.
 checks_of() { sed -n "/^    $1)/,/;;/s/^        check \([a-z0-9-]*\) .*/\1/p" tests/system/rig/guest/checks.sh; }
 wanted() {
     local name
