@@ -51,7 +51,7 @@ TEST(SdEventLoop, a_watch_may_end_itself_in_its_own_callback) {
     });
     ASSERT_TRUE(watch);
     id = *watch;
-    ASSERT_EQ(write(ends[1], "x", 1), 1);  // never read: a watch that was not removed would call for ever
+    ASSERT_EQ(write(ends[1], "x", 1), 1);  // never read: a watch that is not removed would call back endlessly
     EXPECT_TRUE(loop->run());
     EXPECT_EQ(calls, 1);
     close(ends[0]);

@@ -137,8 +137,7 @@ TEST_F(FrameFile, a_tiff_that_names_an_orientation_is_turned_and_has_the_turned_
     for (std::size_t k = 0; k < number(first - 2, 2); ++k) {
         const std::size_t entry = first + 12 * k;
         if (number(entry, 2) != 277)
-            continue;  // samples a pixel, one where it is not said: its place for the orientation, which is sorted
-                       // before it
+            continue;  // SamplesPerPixel defaults to 1: its entry is replaced by the orientation, which sorts before it
         bytes.replace(entry, 12, std::string("\x12\x01\x03\x00\x01\x00\x00\x00\x06\x00\x00\x00", 12));
     }
     const auto turned = folder_.write("turned.tiff", bytes);

@@ -97,13 +97,13 @@ TEST_F(GpioStrobeTest, each_channel_has_limits_of_its_own) {
     next.width = 500us;
     EXPECT_EQ(refusal(next), std::nullopt);
     next.start += next.width;
-    EXPECT_EQ(refusal(next), ErrorCode::busy);  // the second rests
+    EXPECT_EQ(refusal(next), ErrorCode::busy);  // channel 0b010 must still rest
     next.channels = 0b001;
-    EXPECT_EQ(refusal(next), std::nullopt);  // the first need not
+    EXPECT_EQ(refusal(next), std::nullopt);  // channel 0b001 need not rest
     next.start += next.width;
     next.channels = 0b100;
     EXPECT_EQ(refusal(next), std::nullopt);
-    next.start += next.width + 4499us;  // 500 us in 5 ms are a tenth
+    next.start += next.width + 4499us;  // 500 us in 5 ms: a duty of 10 %
     EXPECT_EQ(refusal(next), ErrorCode::busy);
     next.start += 1us;
     EXPECT_EQ(refusal(next), std::nullopt);

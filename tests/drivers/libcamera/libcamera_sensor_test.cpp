@@ -67,7 +67,7 @@ TEST(CameraFormat, of_colour_is_taken_only_where_green_was_asked_for_and_there_i
                 HasSubstr("R8 or BGR888 or RGB888"));
 }
 
-// With libcamera itself; no machine has a camera of this name.
+// With the real libcamera; no machine has a camera of this name.
 TEST(Libcamera, that_lacks_the_camera_says_so) {
     auto loop = std::move(*firmware::SdEventLoop::open());
     const auto absent = LibcameraSensor::open(*loop, {.camera = "no-such-camera"});
@@ -148,8 +148,9 @@ TEST_F(Sensor, a_lent_buffer_is_not_with_the_camera_and_goes_back_when_its_lease
     open();
     hal::FrameLease lent = frame();
     const auto value = lent.view().sample(0, 0);
-    ASSERT_TRUE(run_until(
-        [&, from = loop_->now()] { return loop_->now() - from > 30ms; }));  // the camera goes on with the others
+    ASSERT_TRUE(run_until([&, from = loop_->now()] {
+        return loop_->now() - from > 30ms;
+    }));  // the camera continues with the other buffers
     EXPECT_EQ(lent.view().sample(0, 0), value);
     const auto calls = [&] {
         const std::scoped_lock lock(camera_->mutex);

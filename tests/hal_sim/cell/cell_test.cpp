@@ -47,7 +47,7 @@ class Cell : public testing::Test {
     TokenFrames frames_{{27, 18, 8}};
     CellOptions options_;
     std::unique_ptr<SimulatedCell> cell_;
-    std::vector<PartRecord> history_;  // of the last run, in the order in which parts went
+    std::vector<PartRecord> history_;  // of the last run, in the order in which parts left
     std::optional<TinyStation> station_;
 };
 
@@ -120,7 +120,7 @@ TEST_F(Cell, without_feed_no_part_comes_and_afterwards_they_come_as_far_apart_as
     EXPECT_NEAR(fronts_mm[2] - fronts_mm[1], options_.schedule.pitch_mm, 1e-6);
 }
 
-// A machine that stood still while the part came, and stopped the feed before it looked at anything else.
+// The process was suspended while the part came; it stops the feed before it handles any other event.
 TEST_F(Cell, a_part_that_was_due_when_the_feed_stopped_comes_when_it_goes_on) {
     options_.schedule.parts = 3;
     std::vector<hal::TimePoint> came;

@@ -1,5 +1,5 @@
-// The least that can be called a station: every part is lit and photographed when it is before the camera, and
-// rejected when its frame's token says bad. Trusts everything; for tests of the cell, not of the station.
+// A minimal station: lights and photographs every part in front of the camera, and rejects it if its frame's token is
+// bad. It has no checks; for tests of the cell, not of the station.
 #pragma once
 
 #include <optional>

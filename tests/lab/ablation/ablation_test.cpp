@@ -23,7 +23,7 @@ TEST(AblationExperiment, claims_come_out_as_written_down_and_every_effect_is_loo
           "photon-noise", "read-noise", "dark-current", "pedestal", "prnu", "full-well"}) {
         EXPECT_THAT(report->text, ::testing::HasSubstr(std::string("| ") + effect + " |")) << effect;
     }
-    // A second run takes everything up: the same words, processor times included.
+    // A second run reuses all cached results: the same text, processor times included.
     const auto again = run_ablation(options);
     ASSERT_TRUE(again);
     EXPECT_EQ(again->text, report->text);

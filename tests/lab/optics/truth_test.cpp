@@ -17,7 +17,7 @@ TEST(Truth, says_where_each_defect_is_seen) {
     scene.pose = {1, 0, 0};
     const Truth truth = truth_of(scene);
     EXPECT_FALSE(truth.defect_free);
-    ASSERT_EQ(truth.defects.size(), 2U);  // the third is outside the part and bends nothing
+    ASSERT_EQ(truth.defects.size(), 2U);  // the third is outside the part and has no effect
     const double pitch = 24.0 / 111;
     EXPECT_STREQ(truth.defects[0].kind, "bubble");
     EXPECT_NEAR(truth.defects[0].m, 55 + 3 / pitch, 0.2);

@@ -32,8 +32,8 @@ TEST(PaperExperiment, claims_come_out_as_written_down_and_an_interrupted_run_giv
     for (const Claim& claim : report->claims) EXPECT_TRUE(claim.as_expected()) << claim.text << ": " << claim.evidence;
     for (const auto& file : report->files) EXPECT_TRUE(std::filesystem::exists(file)) << file;
 
-    // As if interrupted while the bubble was noted down: two scenes are done, the rest is computed again, by one
-    // thread.
+    // As after an interruption while the bubble was being written: two scenes are done; one thread computes the rest
+    // again.
     const auto cells = folder.path() / "cells.jsonl";
     std::string text;
     {

@@ -40,13 +40,13 @@ TEST(Detection, a_difference_of_areas_is_of_the_same_draws) {
     const ScoredPlace a[] = {{1, 0, false}, {2, 1, false}, {3, 2, false}, {4, 3, true}, {5, 4, true}};
     const ScoredPlace b[] = {{1, 0, false}, {2, 1, false}, {4.5F, 2, false}, {4, 3, true}, {1.5F, 4, true}};
     EXPECT_DOUBLE_EQ(auc_difference(a, b, 0, 1).value, 1 - 3.0 / 6);
-    // With itself there is none, in any draw.
+    // Compared with itself the difference is zero in every draw.
     const Estimate none = auc_difference(b, b, 200, 1);
     EXPECT_EQ(none.value, 0);
     EXPECT_EQ(none.low, 0);
     EXPECT_EQ(none.high, 0);
-    // Scores that a monotone function turns into one another differ in nothing, either: less than the interval of each
-    // alone.
+    // A monotone function of the scores keeps the area: the difference is 0 in every draw, although each area alone has
+    // an interval.
     std::vector<ScoredPlace> cubed(std::begin(b), std::end(b));
     for (ScoredPlace& s : cubed) s.score = s.score * s.score * s.score;
     EXPECT_EQ(auc_difference(b, cubed, 200, 1).high, 0);
@@ -62,7 +62,7 @@ TEST(Limit, is_the_gumbel_quantile_and_never_below_what_was_seen) {
     for (int k = 0; k < 20'000; ++k) good.push_back(3 - 0.5 * std::log(-std::log((k + 0.5) / 20'000)));
     EXPECT_NEAR(gumbel_limit(good, 1e-2), std::max(good.back(), 3 - 0.5 * std::log(-std::log(1 - 1e-2))), 0.02);
     EXPECT_EQ(gumbel_limit(good, 1e-2), good.back());
-    good.resize(19'900);  // the highest hundredth was not seen
+    good.resize(19'900);  // the highest 1 % is missing
     EXPECT_NEAR(gumbel_limit(good, 1e-3), 3 - 0.5 * std::log(-std::log(1 - 1e-3)), 0.3);
     EXPECT_GT(gumbel_limit(good, 1e-3), good.back());
 }
@@ -99,7 +99,7 @@ TEST(Detection, places_of_one_part_widen_the_interval) {
     auto many_parts = normal_scores(1, 1.0, 200, 10);
     auto few_parts = many_parts;
     for (ScoredPlace& s : few_parts) s.part /= 20;
-    // The same scores in ten parts that agree within: as wide as independent ones only by accident.
+    // The same scores in ten parts, equal within a part: the interval must be wider than for independent scores.
     for (ScoredPlace& s : few_parts) s.score += static_cast<float>(s.part % 2) * (s.bad ? 1.0F : 0.0F);
     for (ScoredPlace& s : many_parts) s.score += static_cast<float>(s.part / 20 % 2) * (s.bad ? 1.0F : 0.0F);
     const auto wide = detection_of(few_parts, 0.1, 300, 3).auc, narrow = detection_of(many_parts, 0.1, 300, 3).auc;
@@ -142,7 +142,7 @@ TEST(PodCurve, says_nothing_where_size_does_not_help) {
     EXPECT_FALSE(pod_curve({}).a90);
 }
 
-// By the inverse of a distribution's tail, at the middles of equal shares.
+// Samples at the inverse tail function of a distribution, at the middles of equal shares.
 template <class Inverse>
 std::vector<double> drawn_evenly(int count, const Inverse& exceeded_by) {
     std::vector<double> values;
@@ -157,7 +157,7 @@ TEST(TailLimit, goes_beyond_the_values_as_their_tail_does) {
 }
 
 TEST(TailLimit, does_not_believe_in_an_end) {
-    // Uniform up to 1: nothing exceeds that, but who knows.
+    // Uniform up to 1: the limit still lies above 1, because the fit assumes no end of the tail.
     EXPECT_GT(tail_limit(drawn_evenly(2000, [](double p) { return 1 - p; }), 1e-5), 1.1);
 }
 

@@ -13,7 +13,7 @@
 namespace hord::lab {
 namespace {
 
-// Every row is right, and none of the extremes is without rows.
+// Every row is right, and every extreme has rows.
 template <class Check>
 void expect_right(Check check, std::initializer_list<const char*> extremes) {
     StabilityTable table;

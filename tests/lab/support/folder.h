@@ -1,4 +1,4 @@
-// A folder of its own for each test, removed at the end.
+// A temporary folder for each test, removed at the end.
 #pragma once
 
 #include <cstdlib>

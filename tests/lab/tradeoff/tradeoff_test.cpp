@@ -1,5 +1,5 @@
-// `hord-lab experiment tradeoff`: the parts are what they say, scores do not depend on threads, the quick form's claims
-// come out as docs/results/tradeoff.md has them, and a run that was killed continues.
+// `hord-lab experiment tradeoff`: the parts have their stated values, scores do not depend on threads, the quick form's
+// claims come out as docs/results/tradeoff.md has them, and a run that was killed continues.
 #include "lab/tradeoff/tradeoff.h"
 
 #include <algorithm>

@@ -1,5 +1,5 @@
-// hord-mqtt against a real mosquitto: brokers that restart, networks that fail, processes that are killed, and people
-// who send what they should not. Every result arrives, and its number tells repeats.
+// hord-mqtt against a real mosquitto: brokers that restart, networks that fail, processes that are killed, and invalid
+// commands. Every result arrives, and repeats are recognised by their number.
 #include <csignal>
 #include <cstdlib>
 #include <filesystem>
@@ -57,7 +57,7 @@ class Mqtt : public ::testing::Test {
     void SetUp() override {
         if (const std::string missing = missing_tools(); !missing.empty()) GTEST_SKIP() << missing;
     }
-    // `modbus` 1: nobody listens there.
+    // `modbus` 1: a port without a listener.
     void write_config(int broker_port, const std::string& results = "begin = \"all\"\n",
                       const std::string& sparkplug = "", const std::string& broker = "", int modbus = 1) {
         std::ofstream(folder / "mqtt.toml")
@@ -80,7 +80,7 @@ class Mqtt : public ::testing::Test {
     TemporaryFolder folder;
 };
 
-// Each number up to `last` came at least once; the second is how many repeats there were.
+// First: each number up to `last` came at least once. Second: the number of repeats.
 std::pair<std::uint32_t, int> arrived(Consumer& consumer) {
     std::uint32_t whole = 0;
     int repeats = 0;
@@ -93,13 +93,12 @@ std::pair<std::uint32_t, int> arrived(Consumer& consumer) {
 
 std::string rebirth() { return std::string("\x12\x1A\x0A\x14Node Control/Rebirth\x20\x0B\x70\x01", 28); }
 
-// One story from birth to death: starting a broker and a line for each step would take minutes.
+// One test from birth to death: starting a broker and a line for each step would take minutes.
 TEST_F(Mqtt, station_is_born_told_asked_again_and_dies_while_its_line_goes_on) {
     Broker broker(folder.path().string());
     Consumer consumer(folder.path().string(), broker.port());
     const int modbus = free_port();
-    // Small parts, far apart, all good enough, with patience for a machine that does other things, too: what is shown
-    // here is not the line.
+    // Small parts, far apart, all passed, with long times for a busy machine: this test is not about the line.
     std::ofstream(folder / "lenient.toml")
         << "schema = 1\nname = \"lenient\"\nnumber = 9\nversion = 1\n[limits]\nemd_bins = 10.0\nfrobenius_bins = "
            "10.0\ntransmission = 0.01\n";
@@ -109,8 +108,8 @@ TEST_F(Mqtt, station_is_born_told_asked_again_and_dies_while_its_line_goes_on) {
            "[timing]\ntrigger_lead_ms = 200\nframe_timeout_ms = 500\nstrobe_window_us = 50000\nframe_window_us = "
            "40000\n[rejector]\nearly_ms = 100\npulse_ms = 200\nconfirm_timeout_ms = 10000\nresponse_timeout_ms = "
            "1000\n[store]\nframes_mb = 0\n";
-    // It runs in real time: a machine that is too busy for that stops its line, before anything that is shown here has
-    // begun. Then again.
+    // The station runs in real time; on a busy machine its line can stop before the test has begun. Then it is
+    // started again.
     std::unique_ptr<Running> running;
     for (int attempt = 0; attempt < 10 && !running; ++attempt) {
         fs::remove_all(folder / "store");
@@ -162,13 +161,13 @@ TEST_F(Mqtt, station_is_born_told_asked_again_and_dies_while_its_line_goes_on) {
         EXPECT_EQ(said.out.find("\n  16:"), std::string::npos);
     }
 
-    // Asked for a birth: the same bdSeq, seq 0 again.
+    // A rebirth request: the same bdSeq, seq 0 again.
     publish(broker.port(), "spBv1.0/g/NCMD/n", rebirth());
     ASSERT_TRUE(wait_until([&] { return consumer.of("NBIRTH").size() == 2; }));
     EXPECT_EQ(consumer.of("NBIRTH")[1].seq, 0U);
     EXPECT_EQ(consumer.of("NBIRTH")[1].find("bdSeq")->whole, 0U);
 
-    // Hostile commands are counted, told, and do nothing.
+    // Invalid commands are counted, reported, and have no effect.
     const std::vector<std::string> hostile{"garbage", "", std::string(8000, 'x'), "\x12\x06\x10\x66\x58\x03\x20\x08",
                                            std::string("\x12\x1A\x0A\x14Node Control/REBIRTH\x20\x0B\x70\x01", 28)};
     for (const std::string& bytes : hostile) publish(broker.port(), "spBv1.0/g/NCMD/n", bytes);
@@ -182,7 +181,7 @@ TEST_F(Mqtt, station_is_born_told_asked_again_and_dies_while_its_line_goes_on) {
     EXPECT_TRUE(wait_until([&] { return refused() == hostile.size(); })) << refused();
     EXPECT_THAT(consumer.of("NBIRTH"), SizeIs(2));
 
-    // Killed: the broker tells its death, with the bdSeq of its birth. The line does not notice.
+    // Killed: the broker publishes the death, with the bdSeq of the birth. The line is not affected.
     mqtt->stop(SIGKILL);
     ASSERT_TRUE(wait_until([&] { return consumer.of("NDEATH").size() == 1; }));
     const ReadMessage death = consumer.of("NDEATH")[0];
@@ -199,7 +198,7 @@ TEST_F(Mqtt, station_is_born_told_asked_again_and_dies_while_its_line_goes_on) {
     const std::size_t before = parts();
     EXPECT_TRUE(station.says("\"part\":" + std::to_string(before + 5) + ",", std::chrono::seconds(120)));
 
-    // Back: another bdSeq, and everything that came meanwhile.
+    // Restarted: another bdSeq, and all results of the time between.
     mqtt = node();
     ASSERT_TRUE(wait_until([&] { return consumer.of("NBIRTH").size() == 3; }));
     EXPECT_EQ(consumer.of("NBIRTH")[2].find("bdSeq")->whole, 1U);
@@ -220,10 +219,10 @@ TEST_F(Mqtt, every_result_arrives_over_broken_networks_restarted_brokers_and_kil
     write_config(network.port(), "begin = \"all\"\nrepeat = 20\nhistory_per_s = 0\n");
     auto mqtt = node();
     const unsigned seed = 20'261'121;
-    std::mt19937 random(seed);  // the same parts at every run; when each failure comes is up to the machine
+    std::mt19937 random(seed);  // the same parts in every run; the times of the failures depend on the machine
     for (int round = 0; round < 16; ++round) {
         store.add(static_cast<std::uint32_t>(40 + random() % 100));
-        // Something is under way when it fails.
+        // Messages are in flight when the failure comes.
         ASSERT_TRUE(wait_until([&] { return arrived(consumer).first + 200 > store.written(); }))
             << "round " << round << ": " << mqtt->so_far().err;
         switch (round % 4) {
@@ -251,12 +250,11 @@ TEST_F(Mqtt, every_result_arrives_over_broken_networks_restarted_brokers_and_kil
     EXPECT_EQ(said.status, 0);
     EXPECT_THAT(
         said.err,
-        HasSubstr(" of " +
-                  std::to_string(store.written())));  // the broker's last confirmations may still have been under way
+        HasSubstr(" of " + std::to_string(store.written())));  // the broker's last confirmations may not have arrived
     const auto numbers = consumer.results();
-    EXPECT_EQ(numbers.size(), store.written());  // none that does not exist
+    EXPECT_EQ(numbers.size(), store.written());  // no unknown number arrived
     EXPECT_EQ(numbers.rbegin()->first, store.written());
-    // A repeat says what was said before.
+    // A repeat has the same content.
     std::map<std::uint64_t, std::string> said_before;
     for (const ReadMessage& data : consumer.of("NDATA")) {
         if (data.find(20'100) == nullptr) continue;
@@ -299,7 +297,7 @@ TEST_F(Mqtt, results_wait_for_the_primary_host_and_come_as_history) {
     EXPECT_EQ(arrived(consumer).second, 0);
 }
 
-// Nobody subscribes: MQTT 5 says so, and results stay in the store until somebody does.
+// Without a subscriber MQTT 5 returns a reason code; results stay in the store until there is one.
 TEST_F(Mqtt, results_wait_until_somebody_listens) {
     Broker broker(folder.path().string());
     WrittenStore store(folder / "store");
@@ -346,7 +344,7 @@ TEST_F(Mqtt, needs_no_more_memory_for_a_long_outage) {
     ASSERT_TRUE(wait_until([&] { return fs::file_size(folder / "messages") > 20'000U * 300U; }))
         << fs::file_size(folder / "messages");
     EXPECT_LT(largest_kb() - before, 8'000);
-    // Results and what the node says of itself are mixed; nothing on the way changes the order.
+    // Results and the node's own metrics are mixed; their order is kept.
     std::optional<std::uint64_t> seq;
     for (const ReadMessage& message : consumer.all()) {
         if (message.topic.ends_with("/NBIRTH/n")) seq = 0;
@@ -359,7 +357,7 @@ TEST_F(Mqtt, needs_no_more_memory_for_a_long_outage) {
 }
 
 TEST_F(Mqtt, uses_its_certificate_and_password_and_says_which_of_them_is_wrong) {
-    // An authority, the broker's certificate and the station's; another authority.
+    // A certificate authority (CA) with certificates for broker and station, and another CA.
     const std::string script =
         "set -e; cd \"$1\"\n"
         "for ca in ca other; do openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -keyout "
@@ -396,9 +394,9 @@ TEST_F(Mqtt, uses_its_certificate_and_password_and_says_which_of_them_is_wrong) 
         EXPECT_TRUE(mqtt->says(text, std::chrono::seconds(120))) << mqtt->so_far().err;
         EXPECT_EQ(mqtt->so_far().err.find("secret"), std::string::npos);
     };
-    complains(with("other", "station", login), "check [tls]");  // not its authority
+    complains(with("other", "station", login), "check [tls]");  // the wrong CA
     complains(with("ca", "", login),
-              "hord-mqtt: broker 127.0.0.1:" + std::to_string(broker.port()));  // no certificate of its own
+              "hord-mqtt: broker 127.0.0.1:" + std::to_string(broker.port()));  // without a client certificate
     complains(with("nowhere", "station", login), "the certificate authority");
     complains(with("ca", "station", ""), "refuses the login of nobody");
     std::ofstream(folder / "password") << "wrong\n";

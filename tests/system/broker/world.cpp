@@ -208,7 +208,7 @@ ReadMessage decode(const std::string& topic, int qos, const std::string& payload
     message.payload = payload;
     message.qos = qos;
     if (topic.find("/STATE/") != std::string::npos || topic.find("/NCMD/") != std::string::npos)
-        return message;  // not a station's
+        return message;  // not from a station
     for (const Field& field : fields_of(payload)) {
         if (field.number == 3) message.seq = field.value;
         if (field.number != 2) continue;
@@ -264,7 +264,7 @@ std::vector<ReadMessage> Consumer::all() {
     std::ifstream in(file_);
     std::vector<ReadMessage> messages;
     for (std::string line; std::getline(in, line) && !in.eof();) {
-        if (!line.starts_with("spBv1.0/")) continue;  // -d also says what the client does
+        if (!line.starts_with("spBv1.0/")) continue;  // -d also prints the client's own actions
         std::istringstream words(line);
         std::string topic, hex, bytes;
         int qos = 0;

@@ -1,4 +1,4 @@
-// What surrounds hord-mqtt: a mosquitto on a port of its own, a network that can be cut, a consumer, and a decoder that
+// The environment of hord-mqtt: a mosquitto on its own port, a network that can be cut, a consumer, and a decoder that
 // shares no code with the station.
 #pragma once
 
@@ -17,7 +17,7 @@
 
 namespace hord::test {
 
-// Empty: all of them are installed; else the one line of a skipped test.
+// Empty if all of them are installed; else the one-line reason for skipping the test.
 std::string missing_tools();
 
 int free_port();
@@ -25,7 +25,7 @@ bool wait_until(const std::function<bool()>& holds, std::chrono::seconds patienc
 
 class Broker {
   public:
-    // `more`: further lines of its configuration; with `tls` only certificates of its authority are let in.
+    // `more`: further configuration lines. With `tls`, clients need a certificate of the CA.
     Broker(const std::string& folder, const std::string& more = {}, bool tls = false);
     void start();
     void stop(int signal);
@@ -37,7 +37,7 @@ class Broker {
     std::unique_ptr<Running> process_;
 };
 
-// A TCP connection to the broker that can be cut, and that can swallow everything.
+// A TCP connection to the broker that can be cut, or can discard all data.
 class Network {
   public:
     explicit Network(int to_port);
@@ -45,8 +45,8 @@ class Network {
     Network(const Network&) = delete;
     Network& operator=(const Network&) = delete;
     [[nodiscard]] int port() const { return port_; }
-    void cut() { ++cuts_; }                            // every connection ends; the next ones work
-    void refuse(bool whether) { refuses_ = whether; }  // new ones, too, end at once
+    void cut() { ++cuts_; }                            // ends all connections; new ones work
+    void refuse(bool whether) { refuses_ = whether; }  // new connections end at once
 
   private:
     void run();
@@ -56,7 +56,7 @@ class Network {
     std::thread thread_;
 };
 
-// One field of a protobuf message, by hand.
+// One field of a protobuf message, decoded without a library.
 struct Field {
     std::uint32_t number = 0;
     std::uint64_t value = 0;
@@ -78,13 +78,13 @@ struct ReadMessage {
     [[nodiscard]] const ReadMetric* find(std::uint64_t alias) const;
 };
 
-// Subscribes to everything with QoS 1 and keeps its session: what comes while it is away waits at the broker.
+// Subscribes to everything with QoS 1 in a persistent session: the broker queues messages while it is disconnected.
 class Consumer {
   public:
     Consumer(const std::string& folder, int port, const std::vector<std::string>& more = {});
     std::vector<ReadMessage> all();
     std::vector<ReadMessage> of(const std::string& type);  // "NBIRTH"
-    // Results by number: how often each came.
+    // Arrivals of each result, by its number.
     std::map<std::uint64_t, int> results();
 
   private:

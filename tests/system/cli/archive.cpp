@@ -1,5 +1,5 @@
 // Fills a store's frames folder as a station does, without a line: hord_test_archive STORE FRAMES [LENSLETS BINS].
-// Every frame is another, some are rejects. For tests that need frames and no real time, and to measure a replay.
+// All frames differ, some are rejects. For tests that need frames but no real time, and to measure a replay.
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -16,7 +16,8 @@ using namespace hord::firmware;
 
 namespace {
 
-// A spot of light a lenslet, about a bin wide, that wanders slowly over the part; in a bad part a patch of them jumps.
+// One spot of light a lenslet, about a bin wide, whose position varies slowly over the part. In a bad part the spots of
+// one patch are displaced.
 Frame part_frame(const algo::Extents& e, std::uint32_t seed, bool bad) {
     Frame frame(e.width_px(), e.height_px(), 8);
     std::mt19937 random(seed);

@@ -147,7 +147,7 @@ TEST(Calibrate, captures_at_known_tilts_give_radians) {
     EXPECT_NE(seen.status, 2) << seen.err;
     EXPECT_NEAR(Json::parse(seen.out)["feature"]["bin_rad"].get<double>(), 24.0 / 9 / px_a_rad, 1e-4);
 
-    // Tilts on one line say nothing across it.
+    // Tilts along one line do not determine the direction across it.
     std::ofstream line(folder / "tilts/tilts.toml");
     line << "empty = \"empty.pgm\"\n";
     for (int k = 0; k < 3; ++k) line << "[[tilt]]\nframe = \"0.pgm\"\nx_rad = 0.03\ny_rad = 0\n";

@@ -83,12 +83,13 @@ TEST_F(RawFrames, of_good_and_bad_parts_get_their_verdicts_from_the_running_stat
         if (line.empty() || line.front() != '{') continue;
         const Json part = Json::parse(line);
         const int number = part["part"].get<int>();
-        if (part["verdict"] == "unfit") continue;  // a machine too busy to light it in time: rejected without a look
+        if (part["verdict"] == "unfit")
+            continue;  // the busy machine was late with the light: rejected without inspection
         ++judged;
         EXPECT_EQ(part["verdict"], number == 2 || number == 5 ? "reject" : "pass") << part;
     }
     EXPECT_GE(judged, 1) << said.out << said.err;
-    // And the same from hordctl inspect.
+    // hordctl inspect returns the same result.
     EXPECT_EQ(run("hordctl", {"inspect", *rendered / "lens.png", "--grid", grid()}).status, 0);
     EXPECT_EQ(run("hordctl", {"inspect", *rendered / "bubble.png", "--grid", grid()}).status, 1);
 }
@@ -104,7 +105,7 @@ TEST_F(RawFrames, of_an_array_that_has_moved_raise_the_fault_and_good_parts_stil
     ASSERT_TRUE(client) << client.error().message();
     const auto calibration = client->read(8502, 8);
     ASSERT_TRUE(calibration);
-    EXPECT_NE((*calibration)[0] | (*calibration)[1], 0);  // its identity
+    EXPECT_NE((*calibration)[0] | (*calibration)[1], 0);  // its identification
     EXPECT_LT((*calibration)[3], 600);                    // s since it was made
     EXPECT_GT((*calibration)[6], 30);                     // lenslets
     EXPECT_GT((*calibration)[7], 30);
@@ -138,7 +139,7 @@ TEST_F(RawFrames, of_another_size_than_the_calibration_are_refused) {
     EXPECT_THAT(said.err, HasSubstr("423x486"));
 }
 
-// The service remembers over a restart what it has worked with.
+// After a restart the service still knows which calibration it has used.
 TEST_F(RawFrames, are_not_decoded_with_a_worse_calibration_than_before) {
     const std::string hordd = std::string(HORD_BIN_DIR) + "/hordd";
     std::filesystem::create_directory(folder / "state");
@@ -153,7 +154,7 @@ TEST_F(RawFrames, are_not_decoded_with_a_worse_calibration_than_before) {
         EXPECT_EQ(service.stop(SIGTERM).status, 0);
     }
     EXPECT_TRUE(std::filesystem::exists(folder / "state/calibration-in-use.toml"));
-    // A calibration from a frame of few electrons.
+    // A calibration from a frame with few electrons (high shot noise).
     const Said dim = run("hordctl", {"calibrate", *rendered / "dim.png", "--out", folder / "worse.toml"});
     ASSERT_EQ(dim.status, 0) << dim.err;
     const Said said = run("/usr/bin/env", start(folder / "worse.toml"));

@@ -102,7 +102,7 @@ TEST(Inspect, every_feature_it_names_has_a_map) {
     }
 }
 
-// One lenslet of the frame sees its light a bin further to the right than the reference does.
+// In one lenslet of the frame the light is one bin further to the right than in the reference.
 TEST(Inspect, compares_with_a_reference_at_the_same_place) {
     const TemporaryFolder folder;
     Frame moved = plain_frame();
@@ -113,7 +113,7 @@ TEST(Inspect, compares_with_a_reference_at_the_same_place) {
     for (const auto& [feature, distance] :
          {std::pair("reference-emd", 1.0), std::pair("reference-centroid", 1.0), std::pair("reference-emd-l1", 1.0)}) {
         const Said said = run("hordctl", {"inspect", frame, "--reference", good, "--feature", feature, "--json"});
-        ASSERT_EQ(said.status, 1) << said.err;  // the part itself is rejected, by the recipe
+        ASSERT_EQ(said.status, 1) << said.err;  // status 1: the recipe rejects the part
         const Json map = Json::parse(said.out)["feature"];
         EXPECT_NEAR(map["max"].get<double>(), distance, 1e-6);
         EXPECT_EQ(map["p99"], 0.0);
@@ -127,7 +127,7 @@ TEST(Inspect, a_dark_frame_is_unfit_with_status_3) {
     EXPECT_EQ(Json::parse(said.out)["verdict"], "unfit");
 }
 
-// Every bad input: status 2, one line that names the thing and the cure, and no crash.
+// Every bad input: status 2, one line with the cause and the cure, and no crash.
 void expect_refusal(const std::vector<std::string>& arguments, const std::string& thing, const std::string& cure) {
     std::vector<std::string> all{"inspect"};
     all.insert(all.end(), arguments.begin(), arguments.end());
@@ -206,7 +206,7 @@ TEST(Inspect, refuses_two_frames_that_would_overwrite_each_other) {
     expect_refusal({a, b, "--out", folder / "maps"}, "overwrite", "rename");
 }
 
-// Frames made by an independent ray tracer, with its truth beside them.
+// Frames from an independent ray tracer, with its ground truth.
 TEST(Inspect, finds_the_defects_of_independent_frames_at_their_true_places) {
     const auto data = real_data() / "povray";
     if (!std::filesystem::is_directory(data))

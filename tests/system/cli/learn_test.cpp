@@ -1,4 +1,4 @@
-// `hordctl learn`, and `hordctl inspect` against what it has learned, as a person meets them.
+// `hordctl learn`, and `hordctl inspect` against the learned reference, as a person meets them.
 #include <algorithm>
 #include <cmath>
 #include <fstream>
@@ -67,7 +67,7 @@ TEST_F(Learn, what_was_learned_tells_good_from_bad_and_says_why) {
     const std::string good = write("new.png", part(100)), bad = write("bad.png", part(101, true));
 
     EXPECT_EQ(run("hordctl", {"inspect", good, "--bits", "12", "--reference", reference}).status, 0);
-    // Three in ten of the light is what the default recipe alone tolerates.
+    // The default recipe alone tolerates a loss of 30 % of the light.
     const Said said =
         run("hordctl", {"inspect", bad, "--bits", "12", "--reference", reference, "--json", "--out", folder / "maps"});
     ASSERT_EQ(said.status, 1) << said.err << said.out;

@@ -42,7 +42,7 @@ Child start(const std::string& program, const std::vector<std::string>& argument
     return {pid, out[0], err[0]};
 }
 
-// Reads what is there; waits for more until `until`. False when both streams have ended.
+// Reads the available output; waits for more until `until`. False when both streams have ended.
 bool read_some(Child& child, Said& said, Clock::time_point until) {
     pollfd fds[2] = {{child.out, POLLIN, 0}, {child.err, POLLIN, 0}};
     const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - Clock::now()).count();

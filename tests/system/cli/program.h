@@ -1,4 +1,4 @@
-// Runs a program as a person would, and keeps what it said.
+// Runs a program as a person would, and keeps its output.
 #pragma once
 
 #include <chrono>
@@ -13,8 +13,7 @@ struct Said {
     std::string out, err;
 };
 
-// Of a station's configuration: a line for `--rate 2` whose every time has room for a machine that has other things to
-// do.
+// Part of a station's configuration: a line for `--rate 2` with all times long enough for a busy machine.
 inline constexpr const char* kRoomyLine =
     "[line]\nexposure_delay_ms = 500\ntransport_ms = 1500\nmin_gap_ms = 450\n[timing]\ntrigger_lead_ms = "
     "400\nframe_timeout_ms = 500\n"
@@ -24,7 +23,7 @@ inline constexpr const char* kRoomyLine =
 Said run(const std::string& program, const std::vector<std::string>& arguments,
          std::chrono::seconds patience = std::chrono::seconds(120));
 
-// A program that runs beside the test; interrupted (SIGINT) and waited for when it dies.
+// A program that runs in parallel with the test. The destructor interrupts it (SIGINT) and waits for its end.
 class Running {
   public:
     Running(const std::string& program, const std::vector<std::string>& arguments);
@@ -34,17 +33,17 @@ class Running {
 
     // Waits until the program has written `text` on either stream; false when it ends or `patience` is over first.
     bool says(const std::string& text, std::chrono::seconds patience = std::chrono::seconds(60));
-    [[nodiscard]] const Said& so_far() const;  // without its status
+    [[nodiscard]] const Said& so_far() const;  // without the exit status
     void signal(int signal);
     [[nodiscard]] int pid() const;
-    Said stop(int signal);  // sends the signal, waits, and returns everything said
+    Said stop(int signal);  // sends the signal, waits for the end, and returns the whole output
 
   private:
     struct State;
     State* state_;
 };
 
-// A folder of its own for each test, removed at the end.
+// A temporary folder for each test, removed at the end.
 class TemporaryFolder {
   public:
     TemporaryFolder();

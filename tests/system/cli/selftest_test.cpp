@@ -58,8 +58,8 @@ TEST(Selftest, refuses_what_does_not_go_together) {
     EXPECT_EQ(run("hordctl", {"selftest", "--config", "/no/such.toml"}).status, 2);
 }
 
-// What was measured adds up: every second of 6 edges lights at once, the others as planned; idle and busy. Numbers are
-// not asserted.
+// The counts are consistent: of 6 edges every second one lights at once, the others as planned; idle and busy. The
+// measured times are not asserted.
 TEST(Latency, of_this_machine_says_what_it_measured_and_what_it_cannot_see) {
     const Said said = run("hordctl", {"latency", "--simulate", "--edges", "6"});
     EXPECT_EQ(said.status, 0) << said.err;

@@ -45,7 +45,7 @@ std::string text_of(const std::filesystem::path& file) {
     return text.str();
 }
 
-// What a service manager hears.
+// The service manager's side of the notification socket.
 class NotifySocket {
   public:
     explicit NotifySocket(const std::string& path) : fd_(socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
@@ -58,7 +58,7 @@ class NotifySocket {
     NotifySocket(const NotifySocket&) = delete;
     NotifySocket& operator=(const NotifySocket&) = delete;
 
-    // The next message that holds `text`; empty when none comes.
+    // The next message that contains `text`; empty if none comes.
     std::string hears(const std::string& text) {
         const auto until = std::chrono::steady_clock::now() + kPatience;
         while (std::chrono::steady_clock::now() < until) {
@@ -76,7 +76,7 @@ class NotifySocket {
     int fd_;
 };
 
-// A small simulated cell: few bins, so that its parts are rendered at once.
+// A small simulated cell: few bins, so that its parts are rendered quickly.
 class Service : public ::testing::Test {
   protected:
     void write_config(const std::string& more = "", const std::string& modbus = "port = 0\n") {
@@ -102,7 +102,7 @@ class Service : public ::testing::Test {
     }
 
     TemporaryFolder folder;
-    // What one test has rendered, the next starts with.
+    // Rendered parts are cached for the next test.
     const std::string cache = [] {
         const std::string made = std::string(HORD_BIN_DIR) + "/../service-cache";
         std::filesystem::create_directories(made);
@@ -136,9 +136,9 @@ TEST_F(Service, reads_its_configuration_again_without_stopping) {
     service.signal(SIGHUP);
     EXPECT_NE(manager.hears("RELOADING=1"), "");
     ASSERT_TRUE(service.says("configuration read again", kPatience));
-    EXPECT_THAT(service.so_far().err, HasSubstr("[strobe]"));  // and that this waits for a restart
+    EXPECT_THAT(service.so_far().err, HasSubstr("[strobe]"));  // reports that [strobe] changes at the next restart
     EXPECT_NE(manager.hears("READY=1"), "");
-    EXPECT_FALSE(plc->write(8102, beat));  // on the connection that was open
+    EXPECT_FALSE(plc->write(8102, beat));  // on the open connection
     EXPECT_EQ(plc->read(8106, 1)->at(0), 5000);
 
     write_config("", "prot = 0\n");
@@ -149,7 +149,7 @@ TEST_F(Service, reads_its_configuration_again_without_stopping) {
     EXPECT_EQ(service.stop(SIGTERM).status, 0);
 }
 
-// A PLC that beats, on a connection of its own, for as long as it lives.
+// A PLC that sends its heartbeat on its own connection, until it is destroyed.
 class BeatingPlc {
   public:
     explicit BeatingPlc(firmware::modbus::Client client)
@@ -165,8 +165,8 @@ class BeatingPlc {
     std::jthread beats_;
 };
 
-// Every time on this line is long: how fast the machine is does not matter here. Its recipe passes whatever has light.
-// One story of a service that is started once, hence the length.
+// All times of this line are long, so that the speed of the machine does not matter. The recipe passes every lit part.
+// One long test, because the service is started only once.
 TEST_F(Service, rejects_every_part_while_the_plc_is_silent_and_inspects_again_when_it_is_back) {
     std::ofstream(folder / "wide.toml")
         << "name = \"wide\"\nnumber = 7\n[limits]\nemd_bins = 30\nfrobenius_bins = 30\ntransmission = 0\n";
@@ -182,7 +182,7 @@ TEST_F(Service, rejects_every_part_while_the_plc_is_silent_and_inspects_again_wh
                      folder.path().string()});
     ASSERT_TRUE(service.says("registers at", kPatience)) << service.so_far().err << service.so_far().out;
     const std::string port = port_of(service.so_far());
-    auto scada = client_at(port);  // reads and commands; it is the PLC that beats
+    auto scada = client_at(port);  // reads and commands; the heartbeat comes from the PLC
     ASSERT_TRUE(scada) << scada.error().message();
     const auto two = [&](std::uint16_t address) {
         const auto words = scada->read(address, 2);
@@ -247,14 +247,14 @@ TEST_F(Service, rejects_every_part_while_the_plc_is_silent_and_inspects_again_wh
     plc.emplace(std::move(*again));
     ASSERT_TRUE(comes([&] { return !missed(); }));
     EXPECT_TRUE(passes_after(parts_seen()));
-    EXPECT_EQ(two(115) & firmware::kFaultPlc, firmware::kFaultPlc);  // until a reset
+    EXPECT_EQ(two(115) & firmware::kFaultPlc, firmware::kFaultPlc);  // latched until a reset
     for (const auto command : {firmware::Command::halt, firmware::Command::reset}) {
         const auto reply = scada->command(command, 0, 0, std::chrono::seconds(60));
         ASSERT_TRUE(reply) << reply.error().message();
         EXPECT_EQ(reply->error, firmware::CommandError::none);
     }
     EXPECT_EQ(two(115) & firmware::kFaultPlc, 0U);
-    // Who halted it brings it up again; what it has done by itself meanwhile is refused.
+    // The client that halted the station starts it again; commands for steps that it has already taken are refused.
     EXPECT_TRUE(comes([&] {
         for (const auto command :
              {firmware::Command::initialise, firmware::Command::arm, firmware::Command::start_continuous}) {
@@ -290,7 +290,7 @@ TEST_F(Service, takes_the_socket_that_systemd_opened) {
                     {"CACHE_DIRECTORY=" + cache, activate, "-E", "CACHE_DIRECTORY", "--listen=127.0.0.1:" + port,
                      "--fdname=modbus", kHordd, "--config", folder / "c.toml"});
     ASSERT_TRUE(service.says("Listening on", kPatience)) << service.so_far().err;
-    auto plc = client_at(port);  // before the service runs: it waits, and is not refused
+    auto plc = client_at(port);  // before the service runs: the connection waits and is not refused
     ASSERT_TRUE(plc) << plc.error().message();
     ASSERT_TRUE(service.says("registers at", kPatience)) << service.so_far().err;
     EXPECT_EQ(port_of(service.so_far()), port);
@@ -317,10 +317,10 @@ TEST_F(Service, times_in_real_time_and_inspects_in_what_is_left) {
     for (const auto& task : std::filesystem::directory_iterator("/proc/" + std::to_string(service.pid()) + "/task")) {
         std::string name;
         std::getline(std::ifstream(task.path() / "comm"), name);
-        if (name.ends_with("-ust")) continue;  // of the tracing library that libcamera brings; they sleep
+        if (name.ends_with("-ust")) continue;  // idle threads of LTTng-UST, which libcamera loads
         ordinary += sched_getscheduler(std::stoi(task.path().filename().string())) == SCHED_OTHER ? 1 : 0;
     }
-    EXPECT_EQ(ordinary, 1);  // the one that inspects
+    EXPECT_EQ(ordinary, 1);  // the inspection thread
     EXPECT_EQ(service.stop(SIGTERM).status, 0);
 }
 
@@ -388,7 +388,7 @@ TEST_F(Service, cannot_make_a_rejector_safe_that_does_not_answer_and_says_so) {
     EXPECT_EQ(said.status, 2);
     EXPECT_THAT(said.err, HasSubstr("stop the line by hand"));
     write_config();
-    EXPECT_EQ(run(kHordSafe, how).status, 0);  // a simulated one
+    EXPECT_EQ(run(kHordSafe, how).status, 0);  // a simulated station
     write_config("[rejector]\nport = -1\n");
     EXPECT_EQ(run(kHordSafe, how).status, 78);
     EXPECT_THAT(text_of(kDeploy / "hordd.service"), HasSubstr("ExecStopPost=/usr/libexec/hord/hord-safe\n"));
@@ -422,8 +422,7 @@ TEST(ServiceFiles, the_units_are_sound_and_expose_little) {
                                       << security.out.substr(security.out.size() -
                                                              std::min<std::size_t>(security.out.size(), 200));
         EXPECT_THAT(security.out, HasSubstr("Overall exposure level"));
-        // That the program is not installed here, nor its man page, it says as well; a line that systemd would not take
-        // is another matter.
+        // Reports of the program or man page not being installed are ignored; a line that systemd rejects is an error.
         const Said verified = run(analyze, {"verify", "--man=no", (kDeploy / unit).string()});
         EXPECT_THAT(verified.err, Not(HasSubstr("ignoring"))) << unit;
     }

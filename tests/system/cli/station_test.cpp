@@ -94,7 +94,8 @@ TEST(Run, simulated_parts_get_one_verdict_each_and_bad_ones_leave_through_the_ej
     ASSERT_EQ(said.status, 0) << said.err;
     const auto parts = json_lines(said.out);
     ASSERT_EQ(parts.size(), 12U) << said.out;
-    std::set<int> numbers;  // a part is printed when its fate is known: ejected ones before those that leave at the end
+    std::set<int>
+        numbers;  // a part is printed when its fate is known: ejected parts before those that leave at the end
     for (std::size_t k = 0; k < parts.size(); ++k) {
         EXPECT_TRUE(numbers.insert(parts[k]["part"].get<int>()).second) << parts[k];
         EXPECT_EQ(parts[k]["ejected"], parts[k]["verdict"] != "pass") << parts[k];
@@ -120,7 +121,7 @@ TEST(Run, vitals_are_written_and_stay_flat) {
         for (std::string cell; std::getline(cells, cell, ',');) row.push_back(std::stod(cell));
         ASSERT_EQ(row.size(), 11U) << line;
     }
-    ASSERT_GE(rows.size(), 3U) << said.err;  // six seconds of parts, however slow the machine is
+    ASSERT_GE(rows.size(), 3U) << said.err;  // six seconds of parts, even on a slow machine
     double parts = 0;
     for (const auto& row : rows) parts += row[1];
     EXPECT_LE(parts, 60);
@@ -134,8 +135,8 @@ TEST(Run, resets_no_real_line_by_itself) {
     EXPECT_THAT(said.err, HasSubstr("--simulate"));
 }
 
-// A process that was held up for longer than a part's way to the ejector has stopped its line; somebody resets it, and
-// the parts go on.
+// A process that was suspended for longer than a part's way to the ejector stops its line. After a reset the parts
+// continue.
 TEST(Run, is_reset_after_it_was_held_up_and_goes_on) {
     Running station("hordctl",
                     {"run", "--simulate", "--variety", "1", "--rate", "2", "--modbus", "127.0.0.1:0", "--reset-after",
@@ -160,7 +161,7 @@ std::string port_of(const Said& said) {
     return at == std::string::npos ? "" : said.err.substr(at + mark.size(), said.err.find('\n', at) - at - mark.size());
 }
 
-// By mbpoll, a Modbus client that nobody here wrote, and by hordctl's own.
+// With mbpoll, an independent Modbus client, and with hordctl's own client.
 TEST(Run, ident_to_last_can_be_read_while_it_runs) {
     Running station("hordctl",
                     {"run", "--simulate", "--variety", "1", "--rate", "2", "--modbus", "127.0.0.1:0", "--json"});
@@ -194,7 +195,7 @@ TEST(Run, ident_to_last_can_be_read_while_it_runs) {
 
 // -- a PLC
 
-// Talks to a station as a PLC program does: commands by token, and looks until what it waits for is there.
+// Talks to a station as a PLC program does: sends commands by token and polls until a condition holds.
 class Plc {
   public:
     explicit Plc(const std::string& port) : client_(connect(port)) { boot_ = read(8, 1)[0]; }
@@ -210,7 +211,7 @@ class Plc {
     Result<void> write(std::uint16_t address, const std::vector<std::uint16_t>& words) {
         return client_.write(address, words);
     }
-    // The reply's error once it is known.
+    // The error of the reply, when it has come.
     int command(std::uint16_t code, std::uint16_t argument = 0) {
         EXPECT_TRUE(write(8002, {0, ++token_, boot_, code, 0, argument}));
         EXPECT_TRUE(comes([&] { return read(8023, 1)[0] == token_ && read(8025, 1)[0] >= 2; }));
@@ -259,17 +260,17 @@ TEST(Plc, brings_the_station_up_takes_results_changes_the_recipe_and_tests_it) {
     EXPECT_EQ(plc.command(5), 0);
     ASSERT_TRUE(plc.state_is(8));
     ASSERT_TRUE(plc.comes([&] { return plc.read32(106) >= 2; }));
-    EXPECT_EQ(plc.read32(1024), 1U);  // the first result, and who judged it
+    EXPECT_EQ(plc.read32(1024), 1U);  // the first result and its recipe
     EXPECT_EQ(plc.read(1024 + 20, 1)[0], 7);
     EXPECT_TRUE(plc.write(8103, {0, 2}));
-    EXPECT_FALSE(plc.write(8103, {0, 1}));  // never backwards
-    // As a person sees and commands it.
+    EXPECT_FALSE(plc.write(8103, {0, 1}));  // the acknowledged sequence must not decrease
+    // Through hordctl, as a person.
     const std::string address = "127.0.0.1:" + port_of(station.so_far());
     const Said watched = run("hordctl", {"watch", "--modbus", address, "--count", "2", "--every", "20"});
     EXPECT_EQ(watched.status, 0) << watched.err;
     EXPECT_EQ(std::count(watched.out.begin(), watched.out.end(), '\n'), 2);
     EXPECT_THAT(watched.out, HasSubstr("ContinuousExecution parts/min "));
-    EXPECT_THAT(watched.out, HasSubstr("faults "));  // which ones: a busy machine misses flashes
+    EXPECT_THAT(watched.out, HasSubstr("faults "));  // not which ones: a busy machine misses flashes
     const Said refused = run("hordctl", {"command", "arm", "--modbus", address});
     EXPECT_EQ(refused.status, 2);
     EXPECT_THAT(refused.err, HasSubstr("not_in_this_state"));
@@ -312,7 +313,7 @@ TEST(Run, refuses_a_configuration_with_every_problem_at_once) {
     EXPECT_THAT(said.err, HasSubstr("c.toml:4"));
 }
 
-// Parts do not ask whether the rejector is there: they come, are counted, and none is called good.
+// Parts also come without the rejector: they are counted, and none is judged good.
 TEST(Run, without_its_rejector_no_part_is_passed_and_the_line_is_stopped) {
     const TemporaryFolder folder;
     const HeldPort absent(false), silent(true);

@@ -1,4 +1,4 @@
-// The store as people meet it: a station that keeps, hordctl that lists, verifies and replays.
+// The store: written by a station; listed, verified and replayed by hordctl.
 #include <algorithm>
 #include <csignal>
 #include <filesystem>
@@ -95,7 +95,7 @@ TEST(Store, of_a_simulated_line_holds_every_part_verifies_and_replays_to_the_bit
     }
     EXPECT_FALSE(fs::exists(folder / "no.jsonl"));
 
-    // A second run goes on counting; a torn frame is named and the others are still judged.
+    // A second run continues the numbering. A truncated frame is named and the others are still judged.
     ASSERT_EQ(produce(folder, 3).status, 0);
     EXPECT_THAT(run("hordctl", {"results", "verify", "--store", store}).out, HasSubstr("results: 15 rows, 1 to 15"));
     const fs::path frame = *fs::directory_iterator(fs::path(store) / "frames");
@@ -147,7 +147,7 @@ TEST(Store, that_cannot_be_opened_is_a_fault_and_the_line_goes_on) {
     EXPECT_EQ(lines(said.out), 5U) << said.out;
     EXPECT_THAT(said.err, HasSubstr("results.db is damaged"));
     EXPECT_THAT(said.err, HasSubstr("move the file"));
-    EXPECT_EQ(fs::file_size(folder / "store/results.db"), 10'000U);  // left alone
+    EXPECT_EQ(fs::file_size(folder / "store/results.db"), 10'000U);  // unchanged
     EXPECT_EQ(run("hordctl", {"results", "--store", folder / "store"}).status, 2);
 }
 
@@ -159,8 +159,7 @@ TEST(Store, of_another_station_that_runs_is_not_touched) {
     ASSERT_TRUE(first.says("\"part\":1", std::chrono::seconds(120))) << first.so_far().err;
     const Said second = produce(folder, 2);
     EXPECT_THAT(second.err, HasSubstr("written by another program"));
-    first.stop(
-        SIGINT);  // with whatever status: rendering the second's parts can make it late, and then it stops its line
+    first.stop(SIGINT);  // any status: rendering the second run's parts can make it late, and then it stops its line
     EXPECT_EQ(run("hordctl", {"results", "verify", "--store", folder / "store"}).status, 0);
 }
 

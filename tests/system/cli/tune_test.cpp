@@ -1,4 +1,4 @@
-// `hordctl tune`, as a person meets it: what it chooses, what it writes, what it refuses.
+// `hordctl tune` as a person meets it: choices, written files, refusals.
 #include <algorithm>
 #include <cmath>
 #include <fstream>
@@ -25,7 +25,7 @@ constexpr int kColumns = 26, kRows = 24;
 enum class Flaw { none, speck, haze };
 
 // A weak lens that fills the field, 12 bits in a 16-bit file, one electron a DN. A speck takes a fifth of the light of
-// nine lenslets; haze makes their spots wider, by the root of two, and takes no light: their mean deflection stays.
+// nine lenslets. Haze widens their spots by sqrt(2) without loss of light; their mean deflection is unchanged.
 Frame part(std::uint64_t seed, Flaw flaw, int columns = kColumns) {
     std::mt19937_64 random(seed);
     std::normal_distribution<double> normal;
@@ -119,7 +119,7 @@ TEST_F(Tune, parts_that_lack_light_are_judged_by_their_light) {
     EXPECT_LT(sets.at("jacobian-frobenius").at("auc").at("value"), 0.9);
     EXPECT_EQ(sets.at("transmission").at("good_rejected"), 0);
 
-    // What is written judges parts that were not seen before.
+    // The written recipe judges parts that were not used for tuning.
     const std::string recipe = text_of(folder / "lens.toml");
     EXPECT_THAT(recipe, HasSubstr("# Made by hordctl tune on 20"));
     EXPECT_THAT(recipe, HasSubstr("rest on 12 good frames"));
@@ -134,7 +134,7 @@ TEST_F(Tune, parts_that_lack_light_are_judged_by_their_light) {
         EXPECT_THAT(said.err, HasSubstr("install gnuplot"));
     }
 
-    // Not over a file that is there, before anything is measured; and the same frames give the same answer.
+    // An existing file is refused before anything is measured. The same frames yield the same answer.
     const Said again = tune({"--budget", "100000", "--out", folder / "lens.toml"});
     EXPECT_EQ(again.status, 2);
     EXPECT_THAT(again.err,
@@ -148,7 +148,7 @@ TEST_F(Tune, parts_that_lack_light_are_judged_by_their_light) {
 TEST_F(Tune, parts_that_scatter_are_judged_by_a_distance) {
     frames(12, 8, Flaw::haze);
     std::ofstream(folder / "base.toml")
-        << "[light]\ndark_dn = 1\nmin_sum_dn = 60\n";  // what is spread thinly is to be seen
+        << "[light]\ndark_dn = 1\nmin_sum_dn = 60\n";  // low, so that light spread thinly counts
     const Said said = tune({"--budget", "100000", "--recipe", folder / "base.toml", "--out", folder / "haze.toml"});
     ASSERT_EQ(said.status, 0) << said.err;
     EXPECT_THAT(said.out, HasSubstr("12 good and 8 bad frames of 26x24 lenslets of 9x9 bins, 12 bits"));
@@ -188,7 +188,7 @@ TEST_F(Tune, starts_from_a_recipe_and_measures_a_reference) {
         EXPECT_THAT(recipe, HasSubstr(kept));
     EXPECT_EQ(judge(501, Flaw::none, "lens.toml"), 0);
     EXPECT_EQ(judge(502, Flaw::speck, "lens.toml"), 1);
-    // One that was learned from other frames does not fit.
+    // A reference learned from other frames does not fit.
     write("good/10.png", part(1, Flaw::none, 30));
     const Said other = tune({"--budget", "100000", "--reference", folder / "lens.hordref"});
     EXPECT_EQ(other.status, 2);
@@ -213,7 +213,7 @@ TEST_F(Tune, frames_that_cannot_be_used_are_named) {
         EXPECT_THAT(said.err, HasSubstr(why));
         EXPECT_FALSE(std::filesystem::exists(folder / "lens.toml"));
     };
-    // A dark one is left out by name; then there is one too few, too.
+    // A dark frame is left out and named; then the frames are one too few as well.
     write("good/18.png", Frame(kColumns * 9, kRows * 9, 12));
     const Said said = tune({"--budget", "100000"});
     EXPECT_EQ(said.status, 0) << said.err;

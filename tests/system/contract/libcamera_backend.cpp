@@ -36,7 +36,7 @@ class LibcameraHarness final : public SensorHarness {
 class RealCameraHarness final : public SensorHarness {
   public:
     explicit RealCameraHarness(const std::string& camera) : SensorHarness(real_loop()) {
-        // Small, and both a multiple of six, as vimc wants it: it scales in software.
+        // Small, because vimc scales in software; both multiples of six, as vimc requires.
         auto opened = drivers::LibcameraSensor::open(
             loop(), {.camera = camera == "any" ? "" : camera, .width_px = 96, .height_px = 72, .green = true});
         EXPECT_TRUE(opened) << opened.error().message();

@@ -22,7 +22,7 @@ class ModbusHarness final : public RejectorHarness {
         options.address.port = module_->port();
         if (serial)
             options.address = {.serial = drivers::SerialSettings{module_->device(), 115200, 'N', false}, .unit = 1};
-        options.response_timeout = serial ? 300ms : 1s;  // generous: the machine may be busy with other tests
+        options.response_timeout = serial ? 300ms : 1s;  // long: the machine may be busy with other tests
         options.reconnect_every = 20ms;
         device_.emplace(loop(), options);
     }

@@ -90,7 +90,7 @@ TEST_P(PartSensorContract, it_may_be_stopped_from_its_own_callback_and_started_a
     ASSERT_TRUE(h_->device().start(ear));
     h_->pass_part();
     ASSERT_TRUE(h_->run_until([&] { return !ear.edges.empty(); }));
-    EXPECT_EQ(ear.edges[0].sequence, 1U);  // a start counts anew
+    EXPECT_EQ(ear.edges[0].sequence, 1U);  // start() resets the sequence
     h_->device().stop();
 }
 

@@ -175,7 +175,7 @@ TEST_P(RejectorContract, without_the_module_commands_fail_the_permit_drops_and_a
     h_->device().set_run_permit(true);
     ASSERT_TRUE(h_->run_until([&] { return h_->permit(); }));
     if (!h_->lose()) GTEST_SKIP() << "a loss cannot be shown here";
-    // The driver notices at the latest when it is used.
+    // The driver detects the loss at the next use at the latest.
     ASSERT_TRUE(h_->device().reject(command(1, 5ms)));
     ASSERT_TRUE(h_->run_until([&] { return !ear_.up && !ear_.reports.empty(); }));
     EXPECT_EQ(ear_.reports[0].outcome, Outcome::failed);

@@ -142,7 +142,7 @@ TEST_P(SensorContract, frames_on_loan_stay_readable_after_stop_and_may_be_given_
     EXPECT_EQ(sum_of(ear.frames[0]), before);
     FrameLease moved = std::move(ear.frames[0]);
     EXPECT_EQ(sum_of(moved), before);
-    ASSERT_TRUE(h_->device().start(ear));  // even with one still lent
+    ASSERT_TRUE(h_->device().start(ear));  // although one buffer is still lent
     EXPECT_EQ(sum_of(moved), before);
     moved.give_back();
     EXPECT_FALSE(moved);
@@ -160,7 +160,7 @@ TEST_P(SensorContract, nothing_is_heard_after_stop_and_a_restart_works) {
     h_->run_for(kQuiet);
     EXPECT_TRUE(ear.frames.empty());
     ASSERT_TRUE(h_->device().start(ear));
-    for (int k = 0; k < 2 * h_->device().format().buffers; ++k) {  // no buffer was lost on the way
+    for (int k = 0; k < 2 * h_->device().format().buffers; ++k) {  // no buffer was lost
         ASSERT_TRUE(h_->device().trigger(exposure(*h_, 2)));
         ASSERT_TRUE(h_->run_until([&] { return !ear.frames.empty(); }));
         ear.frames.clear();

@@ -35,7 +35,7 @@ class SimPartSensorHarness final : public InCell<PartSensorHarness> {
         cell_->start();
     }
     hal::PartSensor& device() override { return cell_->part_sensor(); }
-    void pass_part() override {}  // they come by themselves, one every 30 ms
+    void pass_part() override {}  // the cell sends a part every 30 ms
     bool lose() override { return lose_by(InjectedFault::part_sensor_lost); }
 
   private:

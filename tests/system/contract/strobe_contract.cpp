@@ -136,7 +136,7 @@ TEST_P(StrobeContract, a_loss_is_told_once_nothing_fires_and_a_restart_recovers)
     Ear ear;
     ASSERT_TRUE(h_->device().start(ear));
     if (!h_->lose()) GTEST_SKIP() << "a loss cannot be shown here";
-    // The driver notices at the latest when it is used.
+    // The driver detects the loss at the next use at the latest.
     (void)h_->device().fire(pulse(*h_, 1));
     ASSERT_TRUE(h_->run_until([&] { return !ear.losses.empty(); }));
     StrobePulse next = pulse(*h_, 2);

@@ -1,5 +1,5 @@
-// A V4L2 device in the sensor's contract suite, where there is one: HORD_V4L2_DEVICE names it (an 8-bit GREY source),
-// and HORD_V4L2_LOSE is the command that makes it fail.
+// A V4L2 device in the sensor's contract suite, on machines that have one. HORD_V4L2_DEVICE is its path (an 8-bit GREY
+// source); HORD_V4L2_LOSE is the command that makes it fail.
 #include <cstdlib>
 
 #include "drivers/v4l2/v4l2_sensor.h"

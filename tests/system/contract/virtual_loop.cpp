@@ -18,7 +18,7 @@ class VirtualLoop final : public LoopRunner {
             if (time_.run_until(done, step)) return true;
             time_.run_until(step);
         }
-        // What another thread posts comes in real time.
+        // Callbacks that another thread posts arrive in real time.
         for (const auto give_up = std::chrono::steady_clock::now() + kPatience;
              std::chrono::steady_clock::now() < give_up;) {
             if (time_.run_until(done, limit)) return true;

@@ -55,8 +55,8 @@ def compare(bin_dir, folder):
 
 
 def main():
-    # The line runs in real time, and a machine that is busy with other things can stop it without a page's doing: a page that did
-    # would do it every time.
+    # The line runs in real time, and a busy machine can stop it without a page as well. A page that stops the line would do so
+    # every time.
     said = []
     for _ in range(3):
         with tempfile.TemporaryDirectory(prefix="hord-line-", ignore_cleanup_errors=True) as folder:

@@ -20,7 +20,7 @@ const named = (e) => (e.getAttribute('aria-label') || e.textContent || e.alt || 
 return [...document.querySelectorAll('button, a, input, select, summary, section, [role=region], [role=img], svg:not([aria-hidden])')]
   .filter((e) => !named(e) && !document.getElementById(e.getAttribute('aria-labelledby'))).map((e) => e.outerHTML.slice(0, 120));
 """
-# Every text against what lies behind it: WCAG's ratio, for the colours that are computed.
+# Contrast of every text with its background: WCAG's ratio of the computed colours.
 LOW_CONTRAST = """
 const parts = (c) => c.match(/[\\d.]+/g).map(Number);
 const light = (c) => { const [r, g, b] = parts(c).map((v) => { v /= 255; return v <= 0.04045 ? v / 12.92 : Math.pow((v + 0.055) / 1.055, 2.4); }); return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
@@ -60,7 +60,7 @@ def look(bin_dir, out, folder):
         wait_for("the page is loaded", lambda: browser.run("return document.documentElement.dataset.loaded === 'yes'"))
         wait_for("the line runs", lambda: "ContinuousExecution" in browser.run("return document.getElementById('lamps').textContent"))
 
-        # A reject appears by itself, with the picture of that very part. (A machine that is too slow for the line makes others.)
+        # A reject appears without a reload, with the image of the same part. (A machine too slow for the line produces further rejects.)
         delays = []
         shown, judged = None, None
         while len(delays) < 3 or not judged:
@@ -79,12 +79,12 @@ def look(bin_dir, out, folder):
         seen = browser.run("const m = document.getElementById('map'); return [m.naturalWidth, m.naturalHeight, m.alt, m.dataset.key]")
         check(seen[3] != shown or (seen[:2] == [found["width"], found["height"]] and f"part {found['part']}." in seen[2]), f"the image is not that picture: {seen}")
 
-        # What it costs.
+        # Size and time of the page.
         paint = browser.run("return performance.getEntriesByName('first-contentful-paint')[0].startTime")
         own = browser.run("return [performance.getEntriesByType('navigation')[0], ...performance.getEntriesByType('resource')].filter((e) => !/parts|events/.test(e.name) && e.startTime < 3000).map((e) => e.transferSize)")
         check(sum(own) < 300_000, f"{sum(own)} bytes until the page stands")
 
-        # Without a mouse, and for ears.
+        # Keyboard operation and screen readers.
         browser.run("document.activeElement.blur(); window.scrollTo(0, 0)")
         browser.keys("Tab")
         check(browser.run("return document.activeElement.className") == "skip", "the first stop of the Tab key is not the way past the navigation")
@@ -117,10 +117,10 @@ def look(bin_dir, out, folder):
             browser.screenshot(out / f"wall-4k-{name}.png", 3840, 2160, dark)
         browser.screenshot(out / "phone-light.png", 420, 900, False, whole=True)
 
-        # A command, and who gave it.
+        # A command, and its user.
         check(send_command(page, "stop", "x" * 30)[0] == 401, "a wrong token commands")
-        # A line that was in its Error when it was told to stop refuses that, and does not start by itself once the keeper has reset it; one that
-        # comes into it while the last parts leave is reset to Initialized.
+        # A line in Error refuses the stop, and does not start by itself after the keeper's reset. A line that enters Error while the last parts
+        # leave is reset to Initialized.
         def stopped():
             if send_command(page, "stop", TOKEN) == (200, {"done": "stop", "result": 0}):
                 return True
@@ -137,7 +137,7 @@ def look(bin_dir, out, folder):
                 return any(c["what"] == "command" and c["name"] == "stop" and c["peer"].endswith(" for anna") for c in json.load(reply)["rows"])
         wait_for("the command in the station's record", recorded)
 
-        # The station ends, and comes back at the same address.
+        # The station ends, and restarts at the same address.
         port = station.port
         station.end()
         wait_for("the page says that nobody answers", lambda: browser.run("return document.getElementById('degree').textContent") == "Alarm")
@@ -153,7 +153,7 @@ def look(bin_dir, out, folder):
         print(f"a reject and its picture were shown {statistics.median(delays):.0f} ms after the verdict (of {len(delays)}, at most {max(delays)} ms)")
         print(f"first paint after {paint:.0f} ms; {sum(own)} bytes until the page stands")
         print(f"screenshots in {out}")
-        # Generous, for a machine that has other things to do; docs/page.md has what was measured on a quiet one.
+        # Wide limits for a busy machine; docs/page.md has the values measured on an idle one.
         check(max(delays) < 60_000, f"a reject was shown {max(delays)} ms after its verdict")
     except Exception:
         browser.screenshot(out / "failed.png", 1024, 1366, False, whole=True)

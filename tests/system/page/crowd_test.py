@@ -22,7 +22,7 @@ HEAD = "GET {} HTTP/1.1\r\nHost: localhost\r\n"
 
 def main():
     with tempfile.TemporaryDirectory(prefix="hord-crowd-", ignore_cleanup_errors=True) as folder:
-        page = Page(sys.argv[1], folder, 1, viewers=VIEWERS)  # nobody answers at port 1
+        page = Page(sys.argv[1], folder, 1, viewers=VIEWERS)  # port 1 has no server
         port = int(page.address.rsplit(":", 1)[1])
 
         def connect(text=""):
@@ -35,7 +35,7 @@ def main():
                 with urllib.request.urlopen(page.address + "/api/state", timeout=120) as reply:
                     return json.load(reply)
             except (OSError, urllib.error.HTTPError):
-                return None  # full, for a moment
+                return None  # full at the moment
 
         told = wait_for("the page says that the station is away", lambda: (lambda s: s if s and s["trouble"]["cure"] else None)(state()))
         assert told["up"] is False and "127.0.0.1:1" in told["trouble"]["what"], told
@@ -46,13 +46,13 @@ def main():
         with connect(HEAD.format("/api/events") + "Connection: close\r\n\r\n") as one_too_many:
             assert one_too_many.recv(4096).startswith(b"HTTP/1.1 503"), "more viewers than may be"
 
-        silent = [connect() for _ in range(60)]                                    # never say a word
-        halves = [connect(HEAD.format("/")) for _ in range(20)]                    # never finish
-        greedy = [connect((HEAD.format("/page.js") + "\r\n") * 50) for _ in range(10)]  # ask and never read
+        silent = [connect() for _ in range(60)]                                    # send nothing
+        halves = [connect(HEAD.format("/")) for _ in range(20)]                    # never finish the request
+        greedy = [connect((HEAD.format("/page.js") + "\r\n") * 50) for _ in range(10)]  # send requests and never read
         ended = threading.Event()
         drip = connect()
 
-        def slowly():  # a byte now and then, for ever
+        def slowly():  # sends a byte from time to time, endlessly
             try:
                 while not ended.wait(0.2):
                     drip.sendall(b"G")
@@ -64,7 +64,7 @@ def main():
         began = time.monotonic()
         assert wait_for("an answer beside them", state)["up"] is False
         answered_s = time.monotonic() - began
-        for viewer in viewers:  # those who were there first are still told
+        for viewer in viewers:  # earlier viewers still receive updates
             viewer.settimeout(120)
             assert viewer.recv(4096), "a viewer was dropped"
         dripping.join(120)

@@ -12,7 +12,7 @@ import urllib.request
 
 from webdriver import wait_for
 
-# Everything so far ahead of its time that a slow machine is in time: what is tested is not its speed.
+# Long times, so that a slow machine is not late: the test is not about speed.
 CONFIGURATION = """
 [station]
 max_failures_in_a_row = 0
@@ -43,7 +43,7 @@ class Process:
 
     def __init__(self, arguments, environment=None):
         self.process = subprocess.Popen([str(a) for a in arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ, **(environment or {})))
-        atexit.register(self._kill)  # a test that fails leaves nothing running
+        atexit.register(self._kill)  # a failing test leaves no process running
         self.out, self.err = [], []
         self.readers = [threading.Thread(target=lambda s=s, k=k: k.extend(iter(s.readline, "")), daemon=True)
                         for s, k in ((self.process.stdout, self.out), (self.process.stderr, self.err))]
@@ -107,7 +107,7 @@ class Page(Process):
             text += '[actions]\ntokens = "tokens"\n'
         configuration = folder / "page.toml"
         configuration.write_text(text)
-        super().__init__(["nice", "-n", "10", f"{bin_dir}/hord-page", "--config", configuration])  # as its unit has it
+        super().__init__(["nice", "-n", "10", f"{bin_dir}/hord-page", "--config", configuration])  # as in its systemd unit
         self.address = self.says(r"(http://127\.0\.0\.1:\d+)/")[1]
 
 
@@ -125,7 +125,7 @@ class LineKeeper:
                 with urllib.request.urlopen(page.address + "/api/state", timeout=120) as reply:
                     state = json.load(reply)["rows"].get("status", {}).get("state")
             except (OSError, http.client.HTTPException):
-                continue  # the page is busy; it is asked again
+                continue  # the page is busy; try again
             if state == "Error":
                 subprocess.run([f"{bin_dir}/hordctl", "command", "reset", "--modbus", f"127.0.0.1:{port}"], capture_output=True, check=False)
 

@@ -34,7 +34,7 @@ void write_all(int fd, const std::byte* data, std::size_t count) {
             data += done;
             count -= static_cast<std::size_t>(done);
         } else if (done < 0 && errno != EAGAIN && errno != EINTR) {
-            return;  // nobody is at that end
+            return;  // the other end is closed
         } else {
             pollfd room{fd, POLLOUT, 0};
             if (poll(&room, 1, 1000) == 0) return;

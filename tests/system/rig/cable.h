@@ -1,4 +1,4 @@
-// A serial cable that hums: carries bytes between two lines in raw mode, and adds noise while told to.
+// A noisy serial cable: carries bytes between two lines in raw mode and adds noise while that is enabled.
 #pragma once
 
 #include <atomic>
@@ -10,7 +10,7 @@ namespace hord::rig {
 
 class Cable {
   public:
-    // Both are opened, at 19200 baud 8E1 where that means something. Throws std::runtime_error.
+    // Opens both lines, at 19200 baud 8E1 if they are UARTs. Throws std::runtime_error.
     Cable(const std::string& one, const std::string& other, std::uint64_t seed);
     ~Cable();
     Cable(const Cable&) = delete;

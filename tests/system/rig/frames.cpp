@@ -1,4 +1,4 @@
-// hord_rig_frames PNG PGM: a frame as hord_rig_world reads it.
+// hord_rig_frames PNG PGM: converts a frame to the PGM format that hord_rig_world reads.
 #include <cstdio>
 #include <fstream>
 

@@ -19,10 +19,10 @@ using hal::TimePoint;
 constexpr const char* kProcesses = "/sys/fs/cgroup/system.slice/hordd.service/cgroup.procs";
 constexpr auto kPatience = 120s;  // for a permit to fall
 
-// What is aimed at, in this order, again and again: where a phase begins, and of how long a time from there the moment
-// is drawn: a little less than the phase lasts (of a frame that was sent: until the next part's edge), so that one kill
-// is enough to hit it. The frame is judged in the beginning of that time. "The belt runs" is any moment of the first
-// parts' ways, ends of phases among them.
+// The phases to hit, in this order, repeatedly. The kill is at a random moment within the given time from the start of
+// the phase. That time is a little shorter than the phase, so that one kill is enough to hit it. The phase of a sent
+// frame lasts until the next part's edge; the frame is inspected at its beginning. "The belt runs" is any moment while
+// the first parts pass, ends of phases included.
 struct Aim {
     Phase at;
     Duration within;
@@ -53,7 +53,7 @@ std::string spread(std::vector<Duration> samples) {
 
 }  // namespace
 
-// What cleans up behind it (hord-safe) is in the same group.
+// Not the whole control group: hord-safe, which sets the safe state afterwards, runs in the same group.
 pid_t service_process() {
     std::ifstream processes(kProcesses);
     for (pid_t pid = 0; processes >> pid;) {
@@ -78,7 +78,7 @@ void Killer::begins(Phase phase) {
 }
 
 void Killer::strike() {
-    drawn_ = false;  // where it comes to nothing, the phase is waited for again
+    drawn_ = false;  // if this kill does not happen, the phase is awaited again
     const pid_t pid = service_process();
     if (kill_ || !permit_ || pid == 0 || !watchers_.ready()) return;
     kill_.emplace();
@@ -93,7 +93,7 @@ void Killer::strike() {
 void Killer::permit(bool on, TimePoint at) {
     permit_ = on;
     if (on) return begins(Phase::belt_runs);
-    if (!kill_) {  // it stopped for something else
+    if (!kill_) {  // it stopped for another reason
         loop_.cancel(timer_);
         drawn_ = false;
         return;
@@ -101,14 +101,14 @@ void Killer::permit(bool on, TimePoint at) {
     if (at < kill_->at || kill_->permit_down) return;
     kill_->permit_down = at;
     loop_.cancel(timer_);
-    timer_ = loop_.call_after(300ms, [this] { judge(); });  // what else comes of it is seen by then
+    timer_ = loop_.call_after(300ms, [this] { judge(); });  // later changes of lights and outputs are seen by then
 }
 
 void Killer::ejector(bool on, TimePoint at) {
     ejects_ = on;
     if (on) begins(Phase::ejector_out);
     if (!kill_ || at < kill_->at) return;
-    if (on) kill_->was_ejecting = true;  // told late
+    if (on) kill_->was_ejecting = true;  // reported after the kill
     else kill_->rested = at;
 }
 
@@ -118,7 +118,7 @@ void Killer::lamps(std::uint32_t lit, TimePoint at) {
     if (lit == 0 && was_lit) begins(Phase::light_was_on);
     if (!kill_ || at < kill_->at) return;
     if (lit != 0)
-        kill_->was_lit = true;  // on before the kill but seen after it, or, if it lasts, a light of a dead station
+        kill_->was_lit = true;  // lit before the kill and seen after it; if it lasts, the dead station left a light on
     else kill_->dark = at;
 }
 
@@ -147,7 +147,7 @@ void Killer::judge() {
                     kill.permit_down ? fmt::format("after {:.1f} ms", ms(down)) : std::string("never"),
                     good ? "" : " WRONG"));
     if (left_ == 0) return watchers_.over();
-    if (permit_) begins(Phase::belt_runs);  // it came back already
+    if (permit_) begins(Phase::belt_runs);  // the station is already back
 }
 
 bool Killer::finish() {

@@ -1,6 +1,6 @@
-// Kills the station's service with SIGKILL, and says when its lights were dark and its outputs at rest after that: by
-// the simulator's side of the lines and by the module's own clock. It aims at one phase of a part's way after the
-// other, and strikes at a random moment of it. Everything on the loop's thread.
+// Kills the station's service with SIGKILL and measures the time until its lights are dark and its outputs at rest, on
+// the simulator's side of the lines and by the module's own clock. It aims at each phase of a part's way in turn, at a
+// random moment of the phase. Loop thread only.
 #pragma once
 
 #include <cstdint>
@@ -17,9 +17,9 @@
 
 namespace hord::rig {
 
-[[nodiscard]] pid_t service_process();  // the service's own; 0: none
+[[nodiscard]] pid_t service_process();  // the service's main process; 0: none
 
-// Of the newest part's way; the ejector's is that of some part before it.
+// Phases of the newest part; ejector phases belong to an earlier part.
 enum class Phase : std::uint8_t { belt_runs, edge_seen, light_on, light_was_on, frame_sent, ejector_out };
 
 class Killer {
@@ -29,7 +29,7 @@ class Killer {
         std::function<void(hal::TimePoint, const std::string&)> say;
         std::function<void()> over;
     };
-    // `safe_within` zero: nothing is too late.
+    // `safe_within` zero: times are reported, not checked.
     Killer(hal::EventLoop& loop, int kills, hal::Duration safe_within, std::uint64_t seed, Watchers watchers);
 
     void permit(bool on, hal::TimePoint at);  // the module's output
@@ -38,7 +38,7 @@ class Killer {
     void edge() { begins(Phase::edge_seen); }
     void frame() { begins(Phase::frame_sent); }
 
-    // Every kill was made and survived as it should be; and there was one in every phase that was aimed at.
+    // True if every kill was made and the station recovered, and each phase aimed at had at least one kill.
     [[nodiscard]] bool finish();
 
   private:
@@ -50,7 +50,7 @@ class Killer {
     };
     struct Tally {
         int kills = 0;
-        std::vector<hal::Duration> dark, rested, down;  // of those that had a light on, the ejector out; of all
+        std::vector<hal::Duration> dark, rested, down;  // of kills with a light on; with the ejector out; of all kills
     };
     void begins(Phase phase);
     void strike();

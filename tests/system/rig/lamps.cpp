@@ -9,8 +9,8 @@
 namespace hord::rig {
 namespace {
 
-// The simulator tells nobody of a change. A look wakes the emulated processor, which costs its host more than the look
-// itself.
+// The polling period, since the simulator does not report changes. Each poll wakes the emulated processor, which costs
+// the host more than the read itself.
 constexpr auto kBetweenLooks = std::chrono::milliseconds(2);
 
 std::string word_of(const std::filesystem::path& file) {

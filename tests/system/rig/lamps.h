@@ -1,5 +1,5 @@
-// What the collimators' lines of a gpio-sim chip really do, watched through the simulator's side; and its light
-// barrier's line, driven. `chip` is the chip's folder in configfs (/sys/kernel/config/gpio-sim/NAME).
+// Watches the real levels of the collimators' lines of a gpio-sim chip through the simulator's side, and drives its
+// light barrier's line. `chip` is the chip's folder in configfs (/sys/kernel/config/gpio-sim/NAME).
 #pragma once
 
 #include <atomic>
@@ -29,7 +29,7 @@ class DrivenLine {
     int fd_;
 };
 
-// A thread looks every half millisecond: the kernel tells nobody when a simulated output moves.
+// A thread polls every 0.5 ms: the kernel does not report changes of a simulated output.
 class LampWatch {
   public:
     using Told = std::function<void(std::uint32_t lit, hal::TimePoint at)>;  // on the watching thread; bit k is line k

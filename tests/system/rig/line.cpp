@@ -39,8 +39,8 @@ void say(TimePoint at, const std::string& what) {
     std::fflush(stdout);
 }
 
-// 8-bit binary PGM without comments, as hord_rig_frames writes it: a decoder of pictures would take longer to load than
-// all the rest.
+// 8-bit binary PGM without comments, as hord_rig_frames writes it. An image library would take longer to load than the
+// rest of the program.
 Frame read_pgm(const std::filesystem::path& file) {
     std::ifstream in(file, std::ios::binary);
     std::string magic;
@@ -55,29 +55,29 @@ Frame read_pgm(const std::filesystem::path& file) {
     return frame;
 }
 
-// What happens at one part. The outcome is stated: these have the part judged as it is ...
+// Faults at one part. With these the part is still judged correctly ...
 const std::set<std::string> kHarmless = {"none", "bounce", "twice", "noise", "edges-lost"};
-// ... and these have it rejected.
+// ... and with these it is rejected.
 const std::set<std::string> kUnjudged = {"no-frame", "short-frame", "late-frame", "camera-gone", "too-close"};
 
-// The station goes on to have parts rejected that it knows to be on the line: the next one's command comes two seconds
+// The station continues to reject parts that it knows to be on the line: the next part's command comes two seconds
 // after this one's.
 constexpr auto kNextCommand = 1800ms;
 
-// What the module does with the next write, which is the command for the part; the permit must fall, the ejector moves
-// once at most.
+// The module's fault at the next write, which is the command for the part. The permit must fall; the ejector moves at
+// most once.
 struct ModuleFault {
     test::ModuleFault how;
     hal::Duration delay{};
-    bool moves = false;  // whether the ejector does
+    bool moves = false;  // whether the ejector moves
 };
 const std::map<std::string, ModuleFault> kModuleFaults = {
     {"reject-refused", {test::ModuleFault::exception}},
-    {"reject-late", {test::ModuleFault::late, 150ms, true}},  // with a time-out of 100 ms
+    {"reject-late", {test::ModuleFault::late, 150ms, true}},  // the station's time-out is 100 ms
     {"reject-drip", {test::ModuleFault::drip, 13ms, true}},   // 12 bytes
     {"reject-close", {test::ModuleFault::close}},
     {"reject-stuck", {test::ModuleFault::stuck}},
-    {"module-reboot", {test::ModuleFault::none, 2000ms, true}},  // in the middle of the pulse, and so long away
+    {"module-reboot", {test::ModuleFault::none, 2000ms, true}},  // absent for this time, from the middle of the pulse
 };
 
 class Line {
@@ -112,7 +112,7 @@ class Line {
         say(loop_.now(), "ready");
     }
 
-    // True: every part came, left, and had the fate that it should have.
+    // True if every part came, left and had the expected fate.
     bool finish() {
         lamps_.reset();
         if (injection_) settle_injection();
@@ -130,8 +130,8 @@ class Line {
                             person_->reject_failed(), faults));
         const bool asks_for_edges =
             std::ranges::any_of(faults_, [](const auto& fault) { return fault.second == "edges-lost"; });
-        // Nobody knows what passed: the line must stand before the next part can be taken for it, and the station must
-        // say why.
+        // It is unknown what passed: the line must stop before the next part could be mistaken for it, and the
+        // station must report the fault.
         const bool told = stopped_for_edges_ && (faults & firmware::kFaultPartSensor) != 0;
         if (asks_for_edges) {
             say(loop_.now(),
@@ -155,7 +155,7 @@ class Line {
         conveyor.speed_mm_s = o.speed_mm_s;
         return conveyor;
     }
-    // One kind a picture, "good*" or bad; "empty" is the field without a part.
+    // Each image is one kind of part, "good*" or bad; "empty" is the field without a part.
     sim::ScheduleOptions schedule(const LineOptions& o) {
         sim::ScheduleOptions schedule;
         schedule.parts = o.parts;
@@ -208,7 +208,7 @@ class Line {
         return world_.schedule().kinds[part.kind].name;
     }
 
-    // The permit moves the belt, as it would a real line's.
+    // The permit runs the belt, as on a real line.
     void on_coil(int coil, bool on, TimePoint at) {
         say(at, fmt::format("coil {} {}", coil, on ? 1 : 0));
         if (coil == 0) on_ejector(on, at);
@@ -236,7 +236,7 @@ class Line {
         });
     }
 
-    // No permit: the belt stands, a person takes away what is on it, and may reset the station then.
+    // No permit: the belt stands. A person removes the parts on it and may then reset the station.
     void stand(TimePoint at) {
         ++stops_;
         world_.halt();
@@ -270,8 +270,8 @@ class Line {
         else loop_.call_after(2ms, [this] { look_whether_it_fired(); });
     }
 
-    // What came of it. From the command to the permit's end: what the station needs to know it failed, and to reach the
-    // module again.
+    // Result of the fault. The time from the command to the permit's end is what the station needs to detect the
+    // failure and to reach the module again.
     void settle_injection() {
         const Injection one = *std::exchange(injection_, std::nullopt);
         --module_faults_left_;
@@ -303,8 +303,7 @@ class Line {
         for (int k = 1; fault == "bounce" && k <= 4; ++k) {
             loop_.call_after(k * 6ms, [this, arrives, k] { barrier_.drive(arrives == (k % 2 == 0)); });
         }
-        // Something follows it, of which the world knows nothing: nearer than parts may be, while this one's exposure
-        // still lasts.
+        // An unplanned object follows it, closer than the minimum pitch, while this part's exposure still lasts.
         if (fault == "too-close" && !arrives) {
             loop_.call_after(100ms, [this] { barrier_.drive(true); });
             loop_.call_after(250ms, [this] { barrier_.drive(false); });
@@ -312,8 +311,8 @@ class Line {
         if (fault == "edges-lost" && !arrives) loop_.call_after(300ms, [this] { lose_edges(); });
     }
 
-    // Something passes the barrier ten times while the station's process gets no processor, between one part and the
-    // next: twenty edges, of which the kernel keeps sixteen.
+    // Between two parts an object passes the barrier ten times while the station's process is stopped: twenty edges, of
+    // which the kernel keeps sixteen.
     void lose_edges() {
         static constexpr int kEdges = 20;
         const pid_t pid = service_process();
@@ -345,7 +344,7 @@ class Line {
                       });
     }
 
-    // What the sensor sends. A light of the wrong length gives a dark frame.
+    // The sensor's frame. A light of the wrong length yields a dark frame.
     void read_out(std::uint64_t part, const std::string& kind, bool light_is_right) {
         const std::string fault = fault_of(part);
         if (kModuleFaults.contains(fault)) inject(part, fault);

@@ -1,7 +1,7 @@
 #!/bin/bash
-# What the rig's machine is made of, from Debian 12 packages alone: machine.sh CACHE DEPENDENCY...
+# Builds the parts of the rig's machine from Debian 12 packages alone: machine.sh CACHE DEPENDENCY...
 # Leaves in CACHE: vmlinuz, initrd.img (finds its disks), base.squashfs (the root: systemd, tools, the DEPENDENCYs) and modules/ (stock
-# modules and four that Debian's kernel does not build). What is there and still fits is kept. Needs root, for mmdebstrap.
+# modules and four that Debian's kernel does not build). Parts that are up to date are kept. Needs root, for mmdebstrap.
 set -euo pipefail
 cache=$1
 shift
@@ -9,7 +9,7 @@ suite=bookworm
 mkdir -p "$cache"
 cd "$cache"
 
-# Root and its packages come from a mirror by name; the host's own sources may be anything.
+# The root and its packages come from a named mirror, independent of the host's own sources.
 packages=systemd,systemd-sysv,udev,dbus,kmod,procps,iproute2,util-linux,gpiod,v4l-utils,libcamera-ipa,init-system-helpers
 for dependency in "$@"; do packages+=,$dependency; done
 
@@ -17,11 +17,11 @@ kernel=$(apt-cache depends linux-image-amd64 | sed -n 's/^ *Depends: linux-image
 [ -n "$kernel" ] || { echo "machine.sh: apt knows no linux-image-amd64: run apt-get update" >&2; exit 2; }
 step() { printf '   %s (%s s)\n' "$1" "$SECONDS"; }
 
-# The key names everything that a part is made from; a part whose key differs is made anew.
+# The key of a part lists all its inputs; a part whose key differs is rebuilt.
 fits() { [ -e "$1" ] && [ "$(cat "$1.key" 2>/dev/null)" = "$2" ]; }
 keep() { printf '%s\n' "$2" >"$1.key"; }
 
-kernel_key="$kernel, made as 5"  # counted up when its making changes
+kernel_key="$kernel, made as 5"  # increment when the build steps change
 base_key="$suite $packages $(date +%Y-%m), made as 1"
 
 headers=$cache/k/usr/src/linux-headers-$kernel

@@ -10,7 +10,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-// Where the rows stand (docs/registers.md): STATUS from 102 on, reject_failed of COUNTERS.
+// Register addresses (docs/registers.md): STATUS starts at 102; reject_failed is in COUNTERS.
 constexpr std::uint16_t kState = 102, kRejectFailed = 158;
 constexpr std::uint16_t kContinuousExecution = 8, kLineStop = 1U << 2U;
 
@@ -31,7 +31,7 @@ void Person::run(const std::string& station) {
     const auto endpoint = modbus::parse_endpoint(station);
     if (!endpoint) return;
     std::optional<modbus::Client> client;
-    int stood = 0;  // looks in a row
+    int stood = 0;  // consecutive reads in which the station stood
     for (; !stopping_; std::this_thread::sleep_for(100ms)) {
         if (!client) {
             executes_ = false;
@@ -48,7 +48,7 @@ void Person::run(const std::string& station) {
         if (((*status)[1] & kLineStop) != 0) line_stop_ = true;
         faults_ |= pair_at(*status, 13);
         reject_failed_ = pair_at(*failed, 0);
-        // It starts by itself where nothing is in the way: nobody hurries it.
+        // If nothing prevents it, the station starts by itself: no command is needed.
         stood = executes_ ? 0 : stood + 1;
         if (stood < 10 || !may_reset_) continue;
         stood = 0;

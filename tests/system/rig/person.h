@@ -1,5 +1,5 @@
 // The person at the rig's line: watches the station's registers over Modbus TCP and, when it stands and the belt has
-// been cleared, resets it. What is seen on the way (faults, counters) is kept for the end.
+// been cleared, resets it. Keeps the faults and counters it has read, for the final check.
 #pragma once
 
 #include <atomic>
@@ -12,15 +12,15 @@ namespace hord::rig {
 
 class Person {
   public:
-    explicit Person(const std::string& station);  // "127.0.0.1:502"; it may be away, and come and go
+    explicit Person(const std::string& station);  // "127.0.0.1:502"; reconnects when it is lost
     ~Person();
     Person(const Person&) = delete;
     Person& operator=(const Person&) = delete;
 
-    void may_reset(bool may) { may_reset_ = may; }  // any thread, all of them
+    void may_reset(bool may) { may_reset_ = may; }  // all methods: any thread
     [[nodiscard]] bool executes() const { return executes_; }
     [[nodiscard]] int resets() const { return resets_; }
-    // Bits of `faults_latched`, and whether the line stop was up, at any time since asked last.
+    // Bits of `faults_latched` and the line stop, each accumulated since the previous call.
     [[nodiscard]] std::uint32_t take_faults() { return faults_.exchange(0); }
     [[nodiscard]] bool take_line_stop() { return line_stop_.exchange(false); }
     [[nodiscard]] std::uint32_t reject_failed() const { return reject_failed_; }  // since the station's start

@@ -1,17 +1,17 @@
 #!/bin/bash
 # The rig: a virtual machine with real device nodes, in which the package is installed and the station runs on its real drivers above
 # the simulated world (./dev rig; docs/hardware.md). run.sh PACKAGE.deb [latency]; needs root once, to make the
-# machine's root. With "latency" only the times of `hordctl latency` are taken, and docs/results/rig-latency.md is written.
-#   HORD_RIG_CACHE   what is made once is kept here          (~/.cache/hord-rig)
+# machine's root. With "latency" it only measures the times of `hordctl latency` and writes docs/results/rig-latency.md.
+#   HORD_RIG_CACHE   cache folder of the machine's parts      (~/.cache/hord-rig)
 #   HORD_RIG_ACCEL   kvm or tcg                               (kvm where it works)
 #   HORD_RIG_KILLS   how often the service is killed          (6, each phase of a part's way once)
 #   HORD_RIG_CUTS    how often the power is cut               (1)
 #   HORD_RIG_ONLY    a pattern: only checks of these names    (all)
-#   HORD_RIG_SEED    of the random moments and the parts      (1)
+#   HORD_RIG_SEED    seed of random moments and parts         (1)
 #   HORD_RIG_SHIFT   virtual time: 2^n ns an instruction      (0)
-#   HORD_RIG_EDGES   how many are measured, idle and busy     (100; latency: 1000)
-#   HORD_RIG_LIMIT   s; what still runs then is ended         (1800)
-#   HORD_RIG_OUT     logs, and what the machine is given         (build/rig)
+#   HORD_RIG_EDGES   number measured, idle and busy           (100; latency: 1000)
+#   HORD_RIG_LIMIT   s; time limit of all machines together   (1800)
+#   HORD_RIG_OUT     logs, and the machine's input            (build/rig)
 set -euo pipefail
 cd "$(dirname "$(readlink -f "$0")")/../../.."
 deb=$1 what=${2:-all} bin=build/release/bin out=${HORD_RIG_OUT:-build/rig}
@@ -24,7 +24,7 @@ RANDOM=$seed
 
 mkdir -p "$out"
 printf 'the machine (kept in %s)\n' "$cache"
-# What the package and the tools need is part of the machine's root, so that installing takes no network.
+# The dependencies of the package and the tools are part of the machine's root, so that installing needs no network.
 mapfile -t dependencies < <(dpkg-deb -f "$deb" Depends | tr ',' '\n' | sed 's/(.*//; s/|.*//; s/ //g' | sort -u)
 tests/system/rig/machine.sh "$cache" "${dependencies[@]}"
 spent() {  # s of processor time of this script's programs: the second line of what times says, minutes and seconds in programs and in the kernel
@@ -34,7 +34,7 @@ spent() {  # s of processor time of this script's programs: the second line of w
 spent
 printf '   there after %s s, %s s of processor time\n' "$SECONDS" "$processor"
 
-# KVM may be there, let itself be opened, and not run anything (a virtual machine in another): only a kernel that speaks proves it.
+# KVM can exist and open, and still run nothing (nested virtual machines): only output from a booted kernel proves that it works.
 kvm_works() {
     [ -r /dev/kvm ] && [ -w /dev/kvm ] || return 1
     timeout 10 qemu-system-x86_64 -accel kvm -M q35 -cpu host -m 256 -nodefaults -display none -no-reboot -kernel "$cache/vmlinuz" \
@@ -43,7 +43,7 @@ kvm_works() {
 accel=${HORD_RIG_ACCEL:-}
 [ -n "$accel" ] || { kvm_works && accel=kvm || accel=tcg; }
 
-# ---- what this run brings: the package, the tools, the frames
+# ---- input of this run: the package, the tools, the frames
 
 printf 'frames\n'
 rm -rf "$out/payload" "$out/frames"
@@ -51,7 +51,7 @@ mkdir -p "$out/frames"
 for scene in tests/system/rig/scenes/*.toml; do
     "$bin/hord-lab" render "$scene" --seed "$seed" --out "$out/frames/$(basename "$scene" .toml).png" >/dev/null 2>&1 || die "$scene cannot be rendered"
 done
-# What the station must say of each, by the same software in one process.
+# The expected verdict for each, from the same software in one process.
 "$bin/hordctl" inspect "$out"/frames/*.png --macro 9x9 --json >"$out/verdicts.json" || [ $? = 1 ]
 for frame in "$out"/frames/*.png; do
     want=reject
@@ -89,8 +89,8 @@ mkfs.ext4 -q -F "$out/disk.img"
 
 say_checks() { sed -u 's/\r//g; s/^.*\(RIG [A-Z #|]\)/\1/' | grep --line-buffered -aE '^RIG (PASS|FAIL|START|RESULT|CUT|  ?\|)' | sed -u "s/^RIG //; s/^ | LATENCY /   /; s/^/$1: /"; }
 
-# What a machine has cost this one at each of its words, to LOG.cost: WORD NAME, hundredths of a second of the emulator's processor time, milliseconds
-# on the wall. Whoever reads the log last may be a little late.
+# Writes the cost of the machine at each keyword of its log to LOG.cost: KEYWORD NAME, the emulator's processor time in 0.01 s, wall clock in ms.
+# The log is followed by a reader, so times may be slightly late.
 note_costs() {  # note_costs QEMU LOG
     local word stat
     tail -n +1 -f --pid="$1" "$2" | grep --line-buffered -aoE 'RIG (START|BEGIN|PASS|FAIL|RESULT) ?[a-z0-9-]*' | while read -r _ word; do
@@ -98,7 +98,7 @@ note_costs() {  # note_costs QEMU LOG
         echo "$word $((stat[13] + stat[14])) $(($(date +%s%N) / 1000000))"
     done >"$2.cost" 2>/dev/null
 }
-# cost_of NAME: what its check cost, in all its machines; "start": what came before the first one.
+# cost_of NAME: processor time and wall time (s) of this check in all machines; "start": the time before the first check.
 cost_of() {
     awk -v name="$1" '
         FNR == 1 {cpu = 0; wall = 0}
@@ -108,13 +108,13 @@ cost_of() {
         END {printf "%.1f %.1f", c, w}' "$out"/*.log.cost
 }
 
-qemu=  # the machine that runs
+qemu=  # process of the running machine
 end_machine='[ -z "$qemu" ] || kill -KILL "$qemu" 2>/dev/null; exit 130'
 
-# In which check a log ends.
+# The check in which a log ends.
 stood() { awk '/^RIG BEGIN / {at = $3} /^RIG (PASS|FAIL) / {at = ""} END {print at == "" ? "between two checks" : "in the check " at}' "$1"; }
 
-boot() {  # boot MACHINE PHASE LOG [kernel argument...]: until it powers off, or its power is cut. Fails when its time is over.
+boot() {  # boot MACHINE PHASE LOG [kernel argument...]: runs until power off or power cut. Fails at the time limit.
     local machine=$1 phase=$2 log=$3 cut_at= over= options
     shift 3
     case $machine in
@@ -149,7 +149,7 @@ boot() {  # boot MACHINE PHASE LOG [kernel argument...]: until it powers off, or
         fi
         if [ -z "$cut_at" ] && grep -qa 'RIG ACKNOWLEDGED' "$log"; then cut_at=$(($(date +%s%N) / 1000000 + 1000 + RANDOM % 10000)); fi
         if [ -n "$cut_at" ] && [ $(($(date +%s%N) / 1000000)) -ge "$cut_at" ]; then
-            kill -KILL $qemu  # the power, not the switch
+            kill -KILL $qemu  # power cut, not an orderly shutdown
             break
         fi
         sleep 0.2
@@ -175,7 +175,7 @@ boot() {  # boot MACHINE PHASE LOG [kernel argument...]: until it powers off, or
 began=$(date +%s) deadline=$((SECONDS + limit))
 rm -f "$out"/*.log "$out"/*.rig "$out"/*.cost
 say_boot() { printf '== %s: %s (%s)\n' "$1" "$2" "${3:-$accel}"; }
-# Whether a check of this phase is wanted; which ones there are stands in the script that makes them.
+# The checks of a phase, as listed in guest/checks.sh, and whether any of them is selected.
 checks_of() { sed -n "/^    $1)/,/;;/s/^        check \([a-z0-9-]*\) .*/\1/p" tests/system/rig/guest/checks.sh; }
 wanted() {
     local name
@@ -215,13 +215,13 @@ in_memory() {
     say_boot time "line, faults, kills, latency" "virtual time, 2^$shift ns an instruction"
     boot virtual time "$out/10-time.log"
 }
-# Beside each other: neither needs the other's machine, and one of them is one thread.
+# In parallel: the chains are independent, and one of them uses one thread.
 on_the_disk &
 chains=($!)
 in_memory &
 chains+=($!)
 trap 'kill "${chains[@]}" 2>/dev/null; exit 130' INT TERM
-for chain in "${chains[@]}"; do wait "$chain" || true; done  # what is missing shows in the summary
+for chain in "${chains[@]}"; do wait "$chain" || true; done  # missing checks appear in the summary
 
 # ---- the summary: every check that was announced must have reported
 

@@ -35,7 +35,7 @@ void VideoOut::open() {
         format.fmt.pix.pixelformat != V4L2_PIX_FMT_GREY) {
         throw std::runtime_error(device_ + " takes no GREY frames of this size: " + std::strerror(errno));
     }
-    // Before its first frame the device has no format for those who read; a camera that is on has sent some.
+    // Readers find no format before the device's first frame; a real camera has already sent some.
     const std::vector<std::byte> dark(static_cast<std::size_t>(width_) * static_cast<std::size_t>(height_));
     send({dark.data(), width_, height_, width_, 8});
 }

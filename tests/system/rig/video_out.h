@@ -1,4 +1,4 @@
-// The writing end of a v4l2loopback device: what the sensor behind it sends.
+// The writing end of a v4l2loopback device: sends the frames of the simulated sensor.
 #pragma once
 
 #include <cstddef>
@@ -11,16 +11,16 @@ namespace hord::rig {
 
 class VideoOut {
   public:
-    // GREY. Throws std::runtime_error when the device is not there or takes no such frames.
+    // 8-bit GREY frames. Throws std::runtime_error when the device is absent or refuses this format.
     VideoOut(std::string device, int width_px, int height_px);
     ~VideoOut() { close(); }
     VideoOut(const VideoOut&) = delete;
     VideoOut& operator=(const VideoOut&) = delete;
 
-    void open();  // and sends one dark frame
+    void open();  // opens the device and sends one dark frame
     void close();
     [[nodiscard]] bool is_open() const { return fd_ >= 0; }
-    // One frame, or the first `bytes` of it; nothing while closed.
+    // Sends one frame, or its first `bytes` only. No effect while closed.
     void send(const FrameView& frame, std::size_t bytes = SIZE_MAX);
 
   private:

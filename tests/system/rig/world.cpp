@@ -1,13 +1,13 @@
 // The simulated world below the real drivers: it moves the light barrier's GPIO line, watches the collimators', writes
-// into the video device the frame that this light shows, and is the rejector's Modbus module. The station above it is
-// the installed one and knows nothing of it.
+// into the video device the frame for this light, and acts as the rejector's Modbus module. The station above it is
+// the installed one, unchanged.
 //
-//   hord_rig_world line ...      parts on the belt, with faults; says what became of each, and whether that is right
-//   hord_rig_world camera ...    a video device that never rests, for the contract suites
-//   hord_rig_world edges ...     the light barrier's wire and the module alone, for hordctl latency
-//   hord_rig_world plc ...       acknowledges every result, and says which
+//   hord_rig_world line ...      parts on the belt, with faults; prints and checks the fate of each
+//   hord_rig_world camera ...    a video device that sends frames continuously, for the contract suites
+//   hord_rig_world edges ...     only the light barrier's wire and the module, for hordctl latency
+//   hord_rig_world plc ...       acknowledges every result and prints it
 //
-// What it says, a line each: seconds on the machine's monotonic clock, what, and details.
+// Output, one event a line: seconds on the machine's monotonic clock, event, details.
 #include <cstdio>
 #include <functional>
 #include <random>
@@ -54,8 +54,8 @@ int run_camera(const std::string& device, int width_px, int height_px, int perio
 
 // ---- edges
 
-// Parts pass the barrier without end, 25 to 40 ms apart and none of them alike; the module answers as a machine of its
-// own would.
+// Parts pass the barrier endlessly, at random distances of 25 to 40 ms; the module answers independently of the
+// station's process.
 int run_edges(const std::string& chip, int port) {
     auto loop = firmware::SdEventLoop::open();
     if (!loop) throw std::runtime_error(loop.error().message());
@@ -78,7 +78,7 @@ int run_edges(const std::string& chip, int port) {
 
 // ---- the PLC
 
-// Reads the newest sequence and acknowledges it, for ever. What is said here, the station has promised to keep.
+// Reads the newest sequence and acknowledges it, endlessly. The station must have stored every result printed here.
 int run_plc(const std::string& where) {
     using namespace firmware;
     auto loop = SdEventLoop::open();

@@ -1,4 +1,4 @@
-// Runs a line to its end and holds it to what every scenario must keep.
+// Runs a line to its end and checks the requirements common to all scenarios.
 #pragma once
 
 #include <gtest/gtest.h>

@@ -78,7 +78,7 @@ NodeName=$host NodeAddr=127.0.0.1 CPUs=2 State=UNKNOWN
 PartitionName=all Nodes=$host Default=YES MaxTime=INFINITE State=UP
 CONF
 export SLURM_CONF=$work/slurm.conf
-# Nothing here uses control groups; named and pointed elsewhere, so that this machine's are not touched.
+# Control groups are not used; these settings keep Slurm away from those of this machine.
 printf 'CgroupPlugin=cgroup/v1\nCgroupAutomount=no\nCgroupMountpoint=%s\n' "$work/cgroup" >"$work/cgroup.conf"
 slurmctld -D -f "$SLURM_CONF" >"$work/slurmctld.log" 2>&1 &
 pids+=($!)
@@ -88,7 +88,7 @@ alive() { kill -0 "${pids[1]}" && kill -0 "${pids[2]}"; }
 idle() { [ "$(sinfo -h -o %t | head -n 1)" = idle ]; }
 wait_for "idle node" idle || { tail -n 5 "$work"/slurm*.log; skip "Slurm cannot be started here: $(grep -h -i -E 'fatal|error' "$work"/slurm{d,ctld}.log | head -n 1)"; }
 
-# -- an archive, and what one machine makes of it --------------------------------------------------------------
+# -- an archive, and its result on one machine -----------------------------------------------------------------
 "$bin/hord_test_archive" "$work/store" 30 || failed "no archive"
 "$bin/hordctl" replay --store "$work/store" --out "$work/one.jsonl" || failed "the replay on one machine"
 
@@ -97,7 +97,7 @@ submit() { sbatch --parsable --mem=0 --output="$work/out/%a.out" "$@" "$source/d
 ended() { [ -z "$(squeue -h -j "$1" 2>/dev/null)" ]; }
 state_of() { scontrol show job "$1" 2>/dev/null | grep -o 'JobState=[A-Z_]*' | sort -u | tr '\n' ' '; }
 
-# The second task does not get further than its start: its program is one that kills itself, as a node that fails would.
+# The second task fails at its start: its program kills itself, as on a node failure.
 printf '#!/bin/bash\nkill -KILL $$\n' >"$work/dies"
 chmod 755 "$work/dies"
 first=$(submit --array=1,3)

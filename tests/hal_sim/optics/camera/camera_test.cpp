@@ -1,4 +1,4 @@
-// What the cameras see of places and slopes: arrays as they are, and the paper's Figures 1 and 2.
+// How the cameras map positions and slopes: raw lenslet arrays, and the paper's Figures 1 and 2.
 #include "hal_sim/optics/camera/camera.h"
 
 #include <algorithm>
@@ -96,7 +96,7 @@ TEST(Array, a_turned_distorted_hexagonal_one_has_its_lenslets_where_the_grid_s_m
     }
 }
 
-// Light of a raw picture under a box, a pixel's light being even over it.
+// Light of a raw image within a box; each pixel's light is taken as uniform over the pixel.
 double under(const lab::CameraPicture& raw, double x0, double x1, double y0, double y1) {
     double sum = 0;
     for (int y = static_cast<int>(std::floor(y0 + 0.5)); y <= static_cast<int>(std::ceil(y1 - 0.5)); ++y) {
@@ -141,7 +141,7 @@ TEST(Array, its_raw_frame_decodes_to_the_ideal_frame_of_the_same_scene) {
         }
     }
     EXPECT_LT(worst_light, 0.005);  // rims are sampled
-    EXPECT_LT(worst_slope, 0.04);   // where the source ends within a pixel of 0.58 bins, its light is not even over it
+    EXPECT_LT(worst_slope, 0.04);   // where the source's edge crosses a pixel (0.58 bins), its light is not uniform
 }
 
 TEST(Array, dead_lenslets_are_dark_in_both_frames) {

@@ -1,4 +1,4 @@
-// What the camera and the motion do to the light, against closed forms.
+// Effects of the camera and of motion on the light, against closed forms.
 #include <cmath>
 #include <cstring>
 #include <vector>
@@ -11,9 +11,9 @@
 namespace hord::sim {
 namespace {
 
-constexpr double kSampling = 0.02;  // of cells that an edge runs through, bins of light
+constexpr double kSampling = 0.02;  // error of sampling the cells that an edge crosses, bins of light
 
-// Share of a point's light between a and b, in units of the first zero, by adding up.
+// Share of a point's light between a and b, in units of the first zero, by summation.
 double share_between(double a, double b) {
     constexpr int kSteps = 4000;
     double sum = 0;
@@ -85,7 +85,7 @@ TEST(Diffraction, grows_with_the_wavelength_and_moves_nothing) {
     const auto green = spread(500), infrared = spread(1500);
     EXPECT_GT(green.second, sharp.second + 0.01);
     EXPECT_GT(infrared.second, green.second + 0.01);
-    EXPECT_NEAR(green.first, sharp.first, 0.05);  // what leaves the bins on the nearer side is missed
+    EXPECT_NEAR(green.first, sharp.first, 0.05);  // light that leaves the bins on the nearer side is lost
 }
 
 TEST(Stop, lets_the_light_of_its_disc_of_slopes_through) {
@@ -106,9 +106,9 @@ TEST(Vignetting, takes_the_light_that_passes_outside_a_lens) {
     scene.camera.relay.lens1_radius_mm = 8;  // three pitches: through the middle of lenslet (7, 4)
     EXPECT_NEAR(hord(scene, 4, 4).sum, kSource, 1e-6);
     EXPECT_EQ(hord(scene, 8, 4).sum, 0);
-    // A straight edge through the middle would halve it. The rim is closer by y^2 / 16 mm at y across: by the mean
-    // square over the lenslet, 1.333^2 / 3, and the light's disc of 0.915 mm on the lens, 0.915^2 / 4, so much less
-    // of 2.667 mm.
+    // A straight edge through the middle would halve the light. The rim is closer by y^2 / 16 mm at distance y across.
+    // The mean of y^2 is 1.333^2 / 3 over the lenslet plus 0.915^2 / 4 over the light's disc of 0.915 mm on the lens.
+    // The light is less by the resulting mean shift over 2.667 mm.
     EXPECT_NEAR(hord(scene, 7, 4).sum / kSource, 0.5 - (1.333 * 1.333 / 3 + 0.915 * 0.915 / 4) / 16 / 2.667, kSampling);
     scene.camera.relay.lens1_radius_mm = 0;
     scene.camera.relay.lens2_radius_mm = 8;
@@ -119,7 +119,7 @@ TEST(Vignetting, takes_the_light_that_passes_outside_a_lens) {
 
 TEST(Crosstalk, puts_light_beyond_a_lenslet_s_range_into_its_neighbour) {
     Scene scene = wedge(6);
-    scene.camera.field_mm = 12;  // all of it behind the wedge
+    scene.camera.field_mm = 12;  // the whole field is behind the wedge
     const LightField lost = *render(scene);
     EXPECT_LT(hord(lost, 4, 4).sum, 1e-6);
     scene.effects.crosstalk = true;
@@ -147,7 +147,7 @@ TEST(Dust, shades_where_it_lies_and_stays_when_the_part_moves) {
     const double shadow = 0.75 * kPi * 0.25 / (pitch * pitch);
     EXPECT_NEAR(hord(scene, 5, 4).sum / kSource, 1 - shadow, kSampling);
     EXPECT_NEAR(hord(scene, 4, 4).sum, kSource, 1e-6);
-    // In the stop it takes the same slopes from every lenslet.
+    // Dust in the stop blocks the same slopes for every lenslet.
     scene.camera.dust = {{Dust::Plane::stop, 0, 0, 0.3 * 0.015 * 100, 0}};
     for (const int m : {0, 4, 8}) EXPECT_NEAR(hord(scene, m, 4).sum, kSource - kPi * 0.09, kSampling);
     scene.part = Plate{};
@@ -159,16 +159,16 @@ TEST(Dust, shades_where_it_lies_and_stays_when_the_part_moves) {
 
 TEST(Motion, smears_an_edge_over_the_way_and_leaves_the_inside_alone) {
     Scene scene = small(Plate{}, 9);
-    scene.glass.absorption_per_mm = 0.5;  // lets exp(-2) through
+    scene.glass.absorption_per_mm = 0.5;  // transmits exp(-2)
     const double pitch = 24.0 / 9, dark = std::exp(-2.0);
     std::get<Plate>(scene.part).half_size_mm = 3.5 * pitch;  // its edge is that of lenslet 7
     constexpr double kWall =
-        0.01;  // aslant by up to 0.009, light 2 mm from the plane meets the side wall: 0.018 mm of 2.67
+        0.01;  // light with slopes up to 0.009 meets the side wall 2 mm from the plane: 0.018 mm of 2.67
     EXPECT_NEAR(hord(scene, 7, 4).sum / kSource, dark, kWall);
     EXPECT_NEAR(hord(scene, 8, 4).sum / kSource, 1, kWall);
-    scene.motion = {1000, 0, pitch * 1000};  // one lenslet's way: mm/s * us * 1e-6
+    scene.motion = {1000, 0, pitch * 1000};  // travel of one lenslet: mm/s * us * 1e-6
     ASSERT_NEAR(scene.motion.way_x_mm(), pitch, 1e-12);
-    // The edge is anywhere within half a pitch of where it was: an eighth of the light each way.
+    // During the exposure the edge moves within half a pitch of its position: 1/8 of the light each way.
     EXPECT_NEAR(hord(scene, 7, 4).sum / kSource, dark + (1 - dark) / 8, kWall);
     EXPECT_NEAR(hord(scene, 8, 4).sum / kSource, 1 - (1 - dark) / 8, kWall);
     EXPECT_NEAR(hord(scene, 4, 4).sum / kSource, dark, 1e-3);

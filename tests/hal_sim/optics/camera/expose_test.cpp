@@ -57,7 +57,7 @@ TEST(Sensor, prnu_is_a_pattern_of_the_camera_and_grows_with_the_light) {
         EXPECT_NEAR(std::sqrt(m.variance), 400 * level, 400 * level * kSigmas / std::sqrt(2.0 * kPixels));
     }
     const Frame one = even(scene, 1, 1), other = even(scene, 1, 2);
-    EXPECT_EQ(std::memcmp(one.bytes().data(), other.bytes().data(), one.bytes().size()), 0);  // whatever the frame
+    EXPECT_EQ(std::memcmp(one.bytes().data(), other.bytes().data(), one.bytes().size()), 0);  // for every frame
     scene.noise.pattern_seed = 2;                                                             // another camera
     const Frame third = even(scene, 1, 1);
     const Moments both = moments(one, [&](int x, int y) {

@@ -1,4 +1,4 @@
-// What glass and light do, against closed forms.
+// Glass and light against closed forms.
 #include <cmath>
 #include <vector>
 
@@ -26,7 +26,7 @@ TEST(Absorption, of_a_dark_ball_is_that_of_its_chord_and_an_opaque_one_lets_noth
     const Body body = body_of(scene, true);
     for (const double x : {0.0, 0.2, 0.45})
         EXPECT_NEAR(trace(body, {x, 0, 0, 0}).weight, std::exp(-1.3 * 2 * std::sqrt(0.25 - x * x)), 1e-12) << x;
-    EXPECT_EQ(trace(body, {0.2, 0, 0, 0}).u, 0);  // it bends nothing
+    EXPECT_EQ(trace(body, {0.2, 0, 0, 0}).u, 0);  // no deflection
     EXPECT_EQ(trace(body, {0.6, 0, 0, 0}).weight, 1);
     scene.defects = {Absorber{{0, 0, 0}, 0.5, true}};
     EXPECT_EQ(trace(body_of(scene, true), {0.499, 0, 0, 0}).weight, 0);
@@ -37,7 +37,7 @@ TEST(Dispersion, has_the_indices_that_define_the_abbe_number) {
                  c = dispersed(1.5168, 64.17, 656.28);
     EXPECT_EQ(d, 1.5168);
     EXPECT_NEAR((d - 1) / (f - c), 64.17, 1e-10);
-    EXPECT_NEAR(f, 1.52238, 1.5e-4);  // BK7 of the catalogue; two terms of Cauchy's series are as good as that
+    EXPECT_NEAR(f, 1.52238, 1.5e-4);  // BK7, catalogue value; tolerance: the error of two terms of Cauchy's series
     EXPECT_NEAR(c, 1.51432, 1.5e-4);
 }
 
@@ -50,7 +50,7 @@ TEST(Dispersion, bends_each_colour_of_the_light_by_its_own_index) {
         EXPECT_NEAR(shine(body_of(scene, true, wavelength), 0.3, 0).u,
                     std::tan(std::asin(index * std::sin(tilt)) - tilt), 1e-12);
     }
-    // Two colours: both images are there, and the mean lies between.
+    // Two colours: both images exist, and the mean lies between them.
     const auto coloured = [&](std::vector<Collimator> of) {
         scene.light.collimators = std::move(of);
         return hord(scene, 4, 4);
@@ -74,7 +74,7 @@ TEST(Fresnel, ghosts_of_a_plate_are_the_light_reflected_twice_within_it) {
     const Body body = body_of(scene, true);
     EXPECT_NEAR(trace(body, {1, 1, 0.02, 0}, nullptr, {1, 2}).weight, 0.96 * 0.96 * 0.04 * 0.04, 1e-7);
     EXPECT_NEAR(trace(body, {1, 1, 0.02, 0}, nullptr, {1, 2}).u, 0.02, 1e-15);
-    EXPECT_EQ(trace(body, {1, 1, 0, 0}, nullptr, {1, 3}).weight, 0);  // there is no such way
+    EXPECT_EQ(trace(body, {1, 1, 0, 0}, nullptr, {1, 3}).weight, 0);  // this path does not exist
     EXPECT_EQ(trace(body, {9, 9, 0, 0}, nullptr, {1, 2}).weight, 0);
 }
 

@@ -71,8 +71,8 @@ TEST_P(AgainstPovRay, the_light_agrees_off_the_rims) {
             return field.bins[static_cast<std::size_t>((n * kBins + j) * kSide * kBins + m * kBins + i)];
         });
     };
-    // A lenslet's own empty field is its unit of light: POV-Ray's counts 97 of 81 rays, where pi 0.61^2 81 = 94.7
-    // belong.
+    // Light is normalised to the lenslet's empty field: POV-Ray counts 97 rays (81 a bin) where
+    // pi 0.61^2 81 = 94.7 is exact.
     const double our_unit = 3.14159265358979 * 0.61 * 0.61, their_unit = 287 / 240.0;
     double square = 0, our_light = 0, their_light = 0, worst = 0;
     int lit = 0, count = 0;
@@ -83,7 +83,7 @@ TEST_P(AgainstPovRay, the_light_agrees_off_the_rims) {
             const Hord a = ours(m, n), b = theirs(m, n);
             our_light += a.sum / our_unit, their_light += b.sum / their_unit;
             ++count;
-            // Below a tenth of a full bin, 8 bits do not hold a mean.
+            // Below a tenth of a full bin, 8 bits are too few for a mean.
             EXPECT_FALSE((a.sum > 0.1 && b.sum == 0) || (b.sum > 0.1 && a.sum < 0.05)) << m << "," << n;
             if (a.sum < 0.1 || b.sum < 0.1) continue;
             const double off = std::hypot(a.u - b.u, a.v - b.v);
@@ -96,8 +96,8 @@ TEST_P(AgainstPovRay, the_light_agrees_off_the_rims) {
     RecordProperty("rms_bins_1e4", static_cast<int>(1e4 * std::sqrt(square / lit)));
     RecordProperty("worst_bins_1e4", static_cast<int>(1e4 * worst));
 
-    // Theirs: 81 points a bin, whose rows at the source's edge come and go together, and 8 bits. One row of nine is
-    // 0.11.
+    // POV-Ray's error: 8 bits, and 81 points a bin, whose rows at the source's edge are counted or missed as a whole.
+    // One row of nine is 0.11.
     double bin_square = 0;
     int bins = 0;
     for (int n = 0; n < kSide; ++n) {
@@ -118,8 +118,8 @@ TEST_P(AgainstPovRay, the_light_agrees_off_the_rims) {
     EXPECT_LT(std::sqrt(bin_square / bins), 0.005);
 }
 
-// At the borders theirs are sampled by 9x9 positions, so that one row or column of them at a wall comes or goes: a
-// ninth of a lenslet.
+// At the borders POV-Ray samples 9x9 positions, so that one row or column at a wall is counted or missed: 1/9 of a
+// lenslet.
 TEST_P(AgainstPovRay, the_light_agrees_at_the_borders_of_a_part_with_side_walls) {
     if (std::string(GetParam().first) != "wedge") GTEST_SKIP() << "scene " << GetParam().first << " has no side walls";
     const LightField field = *render(scene_);
@@ -142,7 +142,7 @@ TEST_P(AgainstPovRay, the_light_agrees_at_the_borders_of_a_part_with_side_walls)
     EXPECT_GT(count, 1000);
     EXPECT_LT(std::sqrt(square / count), 0.05);
     EXPECT_LT(dark, 0.95);
-    EXPECT_GT(bright, 1.05);  // walls reflect light into lenslets that see light passing by, too
+    EXPECT_GT(bright, 1.05);  // walls reflect light into lenslets that also see free light
 }
 
 TEST_P(AgainstPovRay, the_truth_has_the_same_defects_and_part) {
@@ -157,14 +157,14 @@ TEST_P(AgainstPovRay, the_truth_has_the_same_defects_and_part) {
     }
     EXPECT_EQ(free_against_part, 0);
     EXPECT_EQ(truth.defect_free, defects == 0);
-    EXPECT_GE(both, 0.97 * defects);  // they count a lenslet barely touched by other samples than we do
+    EXPECT_GE(both, 0.97 * defects);  // the two sample a barely touched lenslet at different points
     if (defects > 0) {
         EXPECT_NEAR(truth.defects.at(0).area_lenslets, defects, 0.03 * defects);
     }
 }
 
-// What the conventional camera sees in front of a wide panel without Fresnel's losses, and of one half as wide with
-// them.
+// The conventional camera in front of a wide panel without Fresnel's losses, and in front of one of half the width
+// with them.
 TEST_P(AgainstPovRay, the_conventional_picture_agrees) {
     for (const auto& [name, panel_half_mm, fresnel] :
          {std::tuple{"_111_tele_wide.png", 60.0, false}, {"_111_tele.png", 30.0, true}}) {
@@ -184,7 +184,7 @@ TEST_P(AgainstPovRay, the_conventional_picture_agrees) {
             darkest = std::min(darkest, a);
         }
         EXPECT_LT(off, 0.01) << name;
-        EXPECT_LT(rough, 0.01 * kSide * kSide) << name;  // edges, at another number of rays a pixel
+        EXPECT_LT(rough, 0.01 * kSide * kSide) << name;  // edges, sampled with another number of rays a pixel
         const bool has_bubble = std::string(GetParam().first) == "bubble",
                    has_cut = std::string(GetParam().first) == "cut";
         // The wide panel shows the bubble and not the cut; the narrow one shows both.

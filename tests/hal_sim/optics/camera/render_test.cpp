@@ -59,7 +59,7 @@ TEST(Render, a_wedge_bends_evenly_and_turns_with_its_pose) {
     EXPECT_NEAR(hord(moved, 8, 20).u, 0, 1e-6);  // the part has left this place
 }
 
-// Cells, shrinking and sampling against rays and nothing else.
+// Cells, shrinking and sampling against plain ray tracing.
 void expect_the_light_of_rays(const Scene& scene, int count, const std::map<std::string, std::pair<int, int>>& places) {
     const CameraGeometry camera(scene);
     const Body body = body_of(scene, true);
@@ -116,8 +116,8 @@ TEST(Render, cells_agree_with_a_million_rays) {
                               {"free", {3, 100}}});
 }
 
-// Next to a wall that stands along the light, light inside is reflected by it and leaves to the other side: a narrow
-// third way beside the free light and the glass's, seen in other bins than they.
+// A wall parallel to the light reflects light inside the glass, which leaves to the other side: a narrow third path
+// besides the free light and the light through the glass, seen in other bins.
 TEST(Render, light_reflected_by_a_side_wall_is_not_overlooked) {
     for (const double shift : {0.0, 0.07, -0.05}) {  // of the wall within its lenslet
         Scene scene;
@@ -149,7 +149,7 @@ TEST(Render, progress_grows_to_one) {
     EXPECT_EQ(last, 1);
 }
 
-// Blocks light by the area of its shadow, though no ray of the lenslet's first nine meets it.
+// Blocks light by the area of its shadow, although none of the lenslet's first nine rays meets it.
 TEST(Render, a_bubble_smaller_than_a_lenslet_is_not_overlooked) {
     Scene scene;
     scene.part = DoubleConvexLens{};

@@ -1,4 +1,4 @@
-// Scenes of few lenslets, and what a lenslet of them shows.
+// Scenes with few lenslets, and the HORD of one lenslet.
 #pragma once
 
 #include <cmath>
@@ -10,7 +10,7 @@
 namespace hord::sim {
 
 constexpr double kPi = 3.14159265358979323846;
-constexpr double kSource = kPi * 0.61 * 0.61;  // light of a free lenslet, bins
+constexpr double kSource = kPi * 0.61 * 0.61;  // light of an unobstructed lenslet, bins
 
 inline Scene small(const Part& part, int lenslets) {
     Scene scene;

@@ -1,4 +1,4 @@
-// Effects that a scene file must not name together, and what its array says of the field.
+// Effects that exclude each other in a scene file, and the field that follows from its lenslet array.
 #include <filesystem>
 #include <fstream>
 #include <string>

@@ -41,7 +41,7 @@ Moments moments(int count, const Draw& draw) {
 }
 
 constexpr int kDraws = 200'000;
-constexpr double kSigmas = 5;  // of the estimate itself; one draw of numbers, fixed by its seed
+constexpr double kSigmas = 5;  // standard errors of the estimate; one draw with a fixed seed
 
 TEST(Noise, poisson_has_its_mean_as_variance_on_both_sides_of_the_change_of_method) {
     for (const double mean : {0.01, 0.3, 4.0, 9.99, 10.0, 25.0, 240.0, 20'000.0, 3e6}) {

@@ -1,4 +1,4 @@
-// Numbers that hold wherever a scene lies and whatever its size, and at the places where a branch could go wrong.
+// Accuracy at any position and size of a scene, and at the edge cases of branches.
 #include <cmath>
 #include <random>
 
@@ -71,7 +71,7 @@ TEST(Numbers, a_thin_lens_bends_by_height_over_focal_length_everywhere) {  // J 
     }
 }
 
-// A prism whose second face is met at the critical angle, less or more a microradian.
+// A prism whose second face is met at the critical angle plus or minus one microradian.
 TEST(Numbers, a_prism_one_microradian_from_total_reflection_takes_the_right_branch) {
     const double critical = std::asin(1 / 1.5);
     for (const double off : {1e-3, 1e-6, 1e-9}) {
@@ -84,10 +84,10 @@ TEST(Numbers, a_prism_one_microradian_from_total_reflection_takes_the_right_bran
         const Landing below = lit(critical - off, way);
         ASSERT_NE(below.path, 0U) << off;
         const double turned = std::asin(1.5 * std::sin(critical - off)) - (critical - off);
-        // What the angle has lost by rounding, 1e-16, grows by the inverse cosine of the way out.
+        // The rounding error of the angle, 1e-16, is amplified by the inverse cosine of the exit angle.
         EXPECT_NEAR(std::atan(below.u), turned, 1e-15 / std::cos(turned + critical - off) + 1e-15) << off;
         const Landing above = lit(critical + off, way);
-        ASSERT_GE(way.count, 4);  // goes on inside, along the mirrored direction
+        ASSERT_GE(way.count, 4);  // continues inside, in the mirrored direction
         EXPECT_TRUE(way.in_part[3]) << off;
         const Vec3 on = unit(way.points[3] - way.points[2]);
         EXPECT_NEAR(std::atan2(on.x, on.z), 3.14159265358979323846 - 2 * (critical + off), kAngle) << off;
@@ -138,7 +138,7 @@ TEST(Numbers, no_light_is_lost_or_won_at_faces_that_coincide) {
     }
 }
 
-// Whatever is met, and however: numbers, and never more light than there was.
+// Any surfaces in any order: results are finite, and the light never increases.
 TEST(Numbers, every_ray_gives_numbers_and_no_more_light_than_there_was) {
     std::mt19937_64 random(3);
     const auto draw = [&](double half) { return half * (2 * static_cast<double>(random() >> 11) * 0x1p-53 - 1); };

@@ -123,7 +123,7 @@ std::set<std::string> matches(const std::string& text, const char* pattern) {
     return found;
 }
 
-// docs/scene.md names every key that is read, and none that is not.
+// docs/scene.md names exactly the keys that are read.
 TEST(SceneFile, the_documented_keys_are_those_that_are_read) {
     const std::string page = text_of("docs/scene.md"),
                       parser = text_of("hal_sim/optics/scene/scene_fields.h") +

@@ -141,7 +141,7 @@ TEST(Shapes, what_is_cut_away_is_air) {
         EXPECT_EQ(a.weight, b.weight) << x;
         EXPECT_NEAR(a.u, b.u, 1e-12) << x;
     }
-    EXPECT_EQ(own.features.size(), 1U);  // and is looked at as closely
+    EXPECT_EQ(own.features.size(), 1U);  // and is refined as finely
 }
 
 TEST(Shapes, halves_that_touch_are_one_whole_and_apart_they_are_two) {

@@ -1,4 +1,4 @@
-// trace_many() gives the bits of trace() for every instruction set and combination of rays.
+// trace_many() returns bit-identical results to trace() for every instruction set and combination of rays.
 #include <bit>
 #include <random>
 
@@ -110,7 +110,7 @@ TEST(TraceMany, takes_any_number_of_rays) {
         trace_many(body, std::span(all).first(count), many.data());
         for (std::size_t k = 0; k < count; ++k)
             ASSERT_TRUE(same_bits(trace(body, all[k]), many[k])) << k << " of " << count;
-        ASSERT_EQ(many[count].u, 9) << count;  // not written beyond the last
+        ASSERT_EQ(many[count].u, 9) << count;  // no write past the last ray
     }
 }
 

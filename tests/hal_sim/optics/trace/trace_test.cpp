@@ -224,7 +224,7 @@ TEST(Geometry, crossings_stay_on_their_side_of_a_tangent) {
     EXPECT_EQ(at(2), kNever);
     EXPECT_EQ(at(2 + 1e-15), kNever);
     EXPECT_NEAR(at(2 - 1e-12), 5, 1e-5);
-    // Inside by its state, grazing by rounding: must leave here and not loop.
+    // Marked as inside, but grazing by rounding: must leave here and not loop.
     EXPECT_EQ(next_crossing(sphere, {{2, 0, 0}, {0, 0, -1}}, true, true), 0);
     EXPECT_GE(next_crossing(sphere, {{2 + 1e-14, 0, 0}, {0, 0, -1}}, true, false), 0);
     // On the surface: the other end of the chord from inside, nothing from outside.

@@ -1,7 +1,7 @@
 #!/bin/bash
-# Runs inside the machine. Every check says "RIG PASS|FAIL name milliseconds"; what it saw stands before that, behind "RIG  | ".
+# Runs inside the machine. Every check prints "RIG PASS|FAIL name milliseconds"; its own output comes before that, behind "RIG  | ".
 # `rig.phase` on the kernel's command line: install (first boot, ends in a power cut), boot (after it), time (in virtual time: one processor
-# that does an instruction a nanosecond, whatever the host does meanwhile), latency (the same, its measurement alone, but for the package).
+# that executes one instruction per nanosecond, independent of the host's load), latency (as time, but only the package and the measurement).
 set -u
 chip=/sys/kernel/config/gpio-sim/rig
 world=/opt/rig/hord_rig_world
@@ -9,21 +9,21 @@ phase=$(sed -n 's/.*rig\.phase=\([a-z]*\).*/\1/p' /proc/cmdline)
 kills=$(sed -n 's/.*rig\.kills=\([0-9]*\).*/\1/p' /proc/cmdline)
 seed=$(sed -n 's/.*rig\.seed=\([0-9]*\).*/\1/p' /proc/cmdline)
 edges_asked=$(sed -n 's/.*rig\.edges=\([0-9]*\).*/\1/p' /proc/cmdline)
-only=$(sed -n 's/.*rig\.only=\([^ ]*\).*/\1/p' /proc/cmdline)  # a pattern of names, to look into one
+only=$(sed -n 's/.*rig\.only=\([^ ]*\).*/\1/p' /proc/cmdline)  # a pattern: only checks of these names
 RANDOM=${seed:-1}
 pass=0 fail=0
 say() { printf 'RIG %s\n' "$*"; }
-now_ms() {  # into `now`; starts no program: an emulated processor takes longer for that than for all that is waited for
+now_ms() {  # into `now`; starts no program: that takes an emulated processor longer than the intervals measured
     local up
     read -r up _ </proc/uptime
     now=$((10#${up/./} * 10))
 }
 mkfifo /run/rig-never
 exec 9<>/run/rig-never
-pause() { read -rt "$1" -u 9 || true; }  # s; nobody writes there
+pause() { read -rt "$1" -u 9 || true; }  # s; a read that always times out
 
-# check NAME COMMAND...: everything it prints is shown as it comes. It is a group of processes of its own: when its time is over (LIMIT, s of
-# the machine's time), it is ended and has failed; when it has ended, so does whatever it has left running, so that nothing waits for that.
+# check NAME COMMAND...: prints the command's output as it comes. The command is its own process group: after LIMIT (s of the machine's time) it is
+# killed and has failed; when it ends, the processes that it has left running are killed.
 limit=900
 check() {
     local name=$1 now began group teller watch rc
@@ -52,7 +52,7 @@ check() {
     if [ "$rc" = 0 ]; then pass=$((pass + 1)); say PASS "$name" "$((now - began))"; else fail=$((fail + 1)); say FAIL "$name" "$((now - began))"; fi
 }
 
-end_when_over() {  # end_when_over GROUP: when its time is over, says where it stands, and ends it
+end_when_over() {  # end_when_over GROUP: at the time limit, prints the state of the group and kills it
     sleep "$limit"
     touch /run/rig-over
     echo "not at its end after $limit s; what of it still runs:"
@@ -61,7 +61,7 @@ end_when_over() {  # end_when_over GROUP: when its time is over, says where it s
     kill -KILL -- "-$1"
 }
 
-wait_for() {  # wait_for SECONDS COMMAND...: asks ever more seldom, because every question starts programs
+wait_for() {  # wait_for SECONDS COMMAND...: polls at growing intervals, because every poll starts programs
     local now until between=1
     now_ms
     until=$((now + $1 * 1000))
@@ -76,7 +76,7 @@ wait_for() {  # wait_for SECONDS COMMAND...: asks ever more seldom, because ever
 
 # -- the seam ---------------------------------------------------------------------------------------------------
 
-# contract FILTER: a suite of tests/system/contract on a real device; nothing may be left out.
+# contract FILTER: a suite of tests/system/contract on a real device; no test may be skipped.
 contract() {
     /opt/rig/test_contract --gtest_brief=1 --gtest_filter="$1" >/tmp/contract 2>&1
     local rc=$?
@@ -96,7 +96,7 @@ contract_video_loopback() {
     $world camera --video /dev/video11 >/dev/null 2>&1 &
     local camera=$!
     sleep 1
-    # How a device is lost is shown on the other one: this one never is.
+    # The loss of a device is tested on the other device: this one is never lost.
     HORD_V4L2_DEVICE=/dev/video11 contract 'V4l2/*-*a_loss_is_told_once*'
     local rc=$?
     kill $camera
@@ -105,11 +105,11 @@ contract_video_loopback() {
 }
 contract_video_vivid() {
     v4l2-ctl -d /dev/video20 -v width=320,height=180,pixelformat=GREY -p 5 >/dev/null 2>&1
-    v4l2-ctl -d /dev/video20 -c timestamp_source=1  # of the start of the frame: that of its end lies in the future
+    v4l2-ctl -d /dev/video20 -c timestamp_source=1  # time stamp of the frame's start: that of its end lies in the future
     HORD_V4L2_LOSE='v4l2-ctl -d /dev/video20 -c inject_fatal_streaming_error=1' HORD_V4L2_DEVICE=/dev/video20 contract 'V4l2/*'
 }
 
-# libcamera's vimc pipeline on the kernel's vimc; it is taken away by unbinding it from its driver.
+# libcamera's vimc pipeline on the kernel's vimc; unbinding it from its driver removes the camera.
 contract_libcamera() {
     local driver=/sys/bus/platform/drivers/vimc
     HORD_LIBCAMERA=any HORD_LIBCAMERA_LOSE="echo vimc.0 >$driver/unbind" HORD_LIBCAMERA_RETURN="echo vimc.0 >$driver/bind" contract 'Libcamera/*/camera'
@@ -117,7 +117,7 @@ contract_libcamera() {
 
 # -- the installed station --------------------------------------------------------------------------------------
 
-# As the service tells systemd: asking over Modbus means starting a program, which takes seconds on an emulated processor.
+# From the status that the service sends to systemd: a Modbus request starts a program, which takes seconds on an emulated processor.
 executes() { [[ $(systemctl show -P StatusText hordd) = ContinuousExecution* ]]; }
 not_executing() { ! executes; }
 hordd_active() { [ "$(systemctl is-active hordd)" = active ]; }
@@ -131,8 +131,8 @@ lamps_dark() { [ "$(cat "$(line_folder 0)/value")$(cat "$(line_folder 1)/value")
 line_is_used() { gpioinfo rig-gpio | grep 'COLLIMATOR_A.*used'; }
 line_folder() { echo "/sys/devices/platform/$(cat $chip/dev_name)/$(cat $chip/bank0/chip_name)/sim_gpio$1"; }
 
-# The package's files and what its installation does with them, for a machine in which installing is not what is looked into: dpkg's own
-# work takes an emulated processor a minute.
+# The package's files and installation steps without dpkg, for machines that do not test the installation: dpkg takes an emulated processor a
+# minute.
 station_is_there() {
     [ ! -e /usr/bin/hordd ] || return
     dpkg-deb --fsys-tarfile /opt/rig/hord-station.deb | tar -x --keep-directory-symlink -C /
@@ -179,7 +179,7 @@ stop_world() {
     return 0
 }
 
-# Whatever it does now, it executes afterwards: by itself, or once a person has reset it.
+# Afterwards the station executes: by itself, or after a reset.
 to_execution() {
     local k
     for k in 1 2 3 4; do
@@ -202,7 +202,7 @@ whole_line() {
     [ $rc = 0 ]
 }
 
-# Light and output while the line ran: never longer than the channel stands, dark and at rest afterwards.
+# Light and output while the line ran: never longer than the channel's limit; afterwards dark and at rest.
 lights_in_limits() {
     awk '$2 == "lamps" && $3 != 0 && !on {on = $1; n++} $2 == "lamps" && $3 == 0 && on {d = ($1 - on) * 1000; on = 0; if (d > worst) worst = d; }
          END {printf "%d flashes, longest %.1f ms by the simulator'"'"'s side, 400 ms allowed\n", n, worst; exit !(n >= 10 && worst <= 400)}' /tmp/line && lamps_dark
@@ -261,7 +261,7 @@ chip_goes() {
     grep -E ' (totals|resets) ' /tmp/back | cut -d' ' -f2-
 }
 
-# A camera that only libcamera knows, in the installed service; then it is gone, and comes back.
+# A camera that only libcamera supports, in the installed service; it is removed and comes back.
 libcamera_disconnect() {
     cp /etc/hord/hordd.toml /tmp/hordd.toml
     sed -i 's|^backend = "v4l2"|backend = "libcamera"\ngreen = true|; s|^width_px = .*|width_px = 90|; s|^height_px = .*|height_px = 90|' /etc/hord/hordd.toml
@@ -275,7 +275,7 @@ libcamera_disconnect() {
     systemctl restart --no-block hordd
     return $rc
 }
-# By this process, of its camera's frames: neither pass nor reject is said of a part that was not judged.
+# Verdicts of this process on its camera's frames: pass or reject only for inspected parts.
 has_judged() { [[ $(systemctl show -P StatusText hordd) =~ ([0-9]+)\ pass,\ ([0-9]+)\ reject ]] && [ $((BASH_REMATCH[1] + BASH_REMATCH[2])) -gt 0 ]; }
 libcamera_goes() {
     wait_for 120 executes || { tail -n 5 /run/hordd.log; return 1; }
@@ -298,8 +298,8 @@ libcamera_goes() {
 
 # -- in virtual time --------------------------------------------------------------------------------------------
 
-# What the light barrier may say that no part is: something close behind a part, and edges that the kernel could not keep. The person clears
-# belt and station after the stop.
+# Edges of the light barrier that belong to no part: an object close behind a part, and edges that the kernel has lost. The person clears the
+# belt and resets the station after the stop.
 edges_wrong() {
     start_world /tmp/edges --person 127.0.0.1:502 --parts 14 --seed "${seed:-1}" --patience 400 --faults '3=too-close,8=edges-lost' || return 1
     to_execution || return 1
@@ -308,7 +308,7 @@ edges_wrong() {
     grep -E ' (gone|totals|resets|edges|edges-lost:) ' /tmp/edges | cut -d' ' -f2-
     hordctl results --format csv --last 16 | cut -d, -f5-7 | tee /tmp/edges-results
     [ $rc = 0 ] || return 1
-    # Both of those that came too close, the part and what followed it, are told as such.
+    # Both, the part and the object behind it, are reported as too close.
     [ "$(cut -d, -f3 /tmp/edges-results | grep -c parts-too-close)" = 2 ]
 }
 
@@ -342,11 +342,11 @@ serial_noise() {
     return $rc
 }
 
-# SIGKILL in each phase of a part's way, at random moments of it: when were lights dark and outputs at rest after it? Every part is bad, so that the
-# ejector is out as often as it can be.
+# SIGKILL at random moments in each phase of a part's way: measures the time until lights are dark and outputs at rest. Every part is bad, so that
+# the ejector is out as often as possible.
 killed() {
     start_world /tmp/kill --parts 0 --good-share 0 --person 127.0.0.1:502 --seed "${seed:-1}" --kills "${kills:-6}" --safe-ms 500 --patience 7200 || return 1
-    # As they come: a run that is ended shows how far it was.
+    # Printed as they come, so that an aborted run shows its progress.
     tail -n +1 -f /tmp/kill --pid=$world_pid | grep --line-buffered -E ' kills? ' | sed -u 's/^[^ ]* //'
     wait $world_pid
     local rc=$?
@@ -368,14 +368,14 @@ latency() {
 
 acknowledged_some() { [ "$(grep -c acknowledged /tmp/plc)" -ge 4 ]; }
 
-# Parts run and a PLC acknowledges; then the host takes the power away, in the middle of it.
+# Parts run and a PLC acknowledges; meanwhile the host cuts the power.
 until_power_cut() {
     start_world /tmp/cut --parts 1000 || return 1
     to_execution || return 1
     $world plc >/tmp/plc 2>&1 &
     wait_for 60 acknowledged_some || { systemctl show -P StatusText hordd; return 1; }
     say CUT "in the middle of it, as soon as the host has heard what was acknowledged"
-    # Straight to the console: what goes through the journal may still be on its way when the power goes.
+    # Directly to the console: the journal may not have written its lines before the power cut.
     tail -n 1 -f /tmp/plc | while read -r _ _ boot sequence; do echo "RIG ACKNOWLEDGED $boot $sequence"; done >/dev/console
 }
 
@@ -392,7 +392,7 @@ boot_into_ready() {
 
 line_stopped() { systemctl show -P StatusText hordd | grep -q 'LINE STOP'; }
 
-# Parts were on the line when the power went: nobody knows where they are.
+# Parts were on the line at the power cut: their positions are unknown.
 line_stop_until_reset() {
     wait_for 60 line_stopped || { systemctl show -P StatusText hordd; return 1; }
     systemctl show -P StatusText hordd

@@ -1,5 +1,5 @@
 #!/bin/bash
-# The simulated hardware, before anything that uses it: a GPIO chip, a video device that a program writes into, one of the kernel's own.
+# Creates the simulated hardware before its users start: a GPIO chip, a video device that a program writes into, and the kernel's own virtual cameras.
 set -e
 modprobe -a configfs irq_sim gpio-sim
 mountpoint -q /sys/kernel/config || mount -t configfs none /sys/kernel/config

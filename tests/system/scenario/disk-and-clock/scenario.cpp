@@ -3,7 +3,7 @@
 namespace hord::lab {
 namespace {
 
-// Nothing that happened on the line can be told from a day on which nothing was wrong.
+// The line's events are identical to those of a run without faults.
 std::unique_ptr<SimulatedLine> run_undisturbed(LineOptions options) {
     auto line = run_scenario(options);
     options.cell.faults.clear();

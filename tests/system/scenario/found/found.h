@@ -1,4 +1,4 @@
-// Small episodes in which a promise was once broken, as the shrinker left them.
+// Small episodes that once violated an invariant, as reduced by the shrinker.
 #pragma once
 
 #include <array>
@@ -10,7 +10,7 @@ namespace hord::lab {
 
 struct Found {
     std::string_view bug;      // tests/system/mutants/BUG.patch plants it again
-    std::string_view promise;  // which it broke
+    std::string_view promise;  // the invariant that was violated
     std::uint64_t seed, parts;
     LineProfile line;
     std::string_view faults;

@@ -7,9 +7,9 @@
 namespace hord::sim {
 namespace {
 
-constexpr int kPlaces = 8;  // a side of a lenslet
+constexpr int kPlaces = 8;  // sample points along a side of a lenslet
 
-// What passes a lenslet.
+// Fraction of a lenslet's light that passes the dust.
 double passes(const DustOnLenslets& dust, int m, int n) {
     int covered = 0;
     for (int y = 0; y < kPlaces; ++y) {

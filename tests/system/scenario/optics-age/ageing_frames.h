@@ -1,9 +1,8 @@
-// Any frame source seen through a cell that grows old: a weaker LED, a dark level that moves, dust on the lenslets.
+// Adds ageing to any frame source: a weaker LED, a drifting dark level, dust on the lenslets.
 //
-// The weaker light is given to the source itself, so its noise is that of the weaker light. Dust lies on the lenslet
-// array (or close to it: the plane of the part's image) and takes its share of all bins of a lenslet, partly covered
-// ones in proportion (64 places a lenslet); what it leaves keeps the noise that it had. The dark level is added to
-// every sample, whole DN, up to full scale.
+// The source itself renders the weaker light, so its noise is correct. Dust lies on the lenslet array (or close to it:
+// the plane of the part's image) and scales all bins of a lenslet by the uncovered area (64 sample points a lenslet);
+// the noise is scaled with the signal. The dark level is added to every sample, in whole DN, up to full scale.
 #pragma once
 
 #include <functional>
@@ -21,8 +20,8 @@ struct DustOnLenslets {
 };
 
 struct CellAge {
-    double light = 1;  // of the LED when it was new
-    int dark_dn = 0;   // more than when the camera was new
+    double light = 1;  // relative to the new LED
+    int dark_dn = 0;   // increase since the camera was new
     std::vector<DustOnLenslets> dust;
 };
 

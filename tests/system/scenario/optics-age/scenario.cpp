@@ -13,7 +13,7 @@ namespace {
 constexpr algo::Extents kField{24, 24, 9, 9};  // of lab/soak/real_parts.h
 constexpr int kWindow = 50;
 
-// Keeps what the watch said, and at which inspection.
+// Keeps the monitor's reports, each with its inspection number.
 class Watcher final : public InspectionObserver {
   public:
     struct News {
@@ -27,7 +27,7 @@ class Watcher final : public InspectionObserver {
         if (watch_->add(frame, inspection)) news.push_back({inspections, watch_->view()});
     }
     [[nodiscard]] OpticsMonitor::View view() const { return watch_->view(); }
-    // The first news from `from` on where the fault is (or is not) present; none: nullptr.
+    // The first report from inspection `from` on with the fault present (or absent); nullptr: none.
     [[nodiscard]] const News* first(std::uint64_t from, FaultBit fault, bool present) const {
         for (const News& n : news) {
             if (n.inspection >= from && ((n.view.faults & fault) != 0) == present) return &n;
@@ -100,7 +100,7 @@ TEST(OpticsAge, dust_and_a_fading_led_are_told_in_time_with_their_place_and_are_
 TEST(OpticsAge, without_ageing_nothing_is_told) {
     Watcher watcher;
     std::unique_ptr<sim::AgeingFrames> frames;
-    const char* parts = std::getenv("HORD_AGEING_PARTS");  // more, by hand
+    const char* parts = std::getenv("HORD_AGEING_PARTS");  // a longer run, started manually
     const std::uint64_t count = parts != nullptr ? std::strtoull(parts, nullptr, 10) : 3000;
     ASSERT_NE(run_ageing(8, count, watcher, frames, [](std::uint64_t) { return sim::CellAge{}; }), nullptr);
     EXPECT_EQ(watcher.inspections, count);

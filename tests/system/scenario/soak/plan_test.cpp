@@ -1,4 +1,4 @@
-// Plans as text, and how a failing one is made small.
+// Plans as text, and the shrinking of a failing plan.
 #include <gtest/gtest.h>
 
 #include "lab/soak/shrink.h"
@@ -35,7 +35,7 @@ TEST(Plan, nonsense_is_refused_by_name) {
 }
 
 TEST(Shrink, finds_the_two_faults_that_must_meet_and_no_more) {
-    // Breaks when a frame is dropped at exposure 37 and an edge is lost at arrival 40, of 41 parts or more.
+    // Fails if a frame is dropped at exposure 37 and an edge is lost at arrival 40, with 41 parts or more.
     const auto fires = [](const EpisodePlan& plan, InjectedFault fault, std::uint64_t at) {
         for (const InjectionRule& rule : plan.faults) {
             if (rule.fault == fault && rule.first <= at && at <= rule.last) return true;

@@ -9,7 +9,7 @@ TEST(Soak, no_promise_is_broken_and_every_planned_fault_fired) {
     SoakOptions options;
     options.parts = 60'000;
     options.parts_an_episode = 1'000;
-    options.real_parts = false;  // real-parts/ shows them
+    options.real_parts = false;  // tested by real-parts/
     const auto report = soak(options);
     ASSERT_TRUE(report) << report.error().message();
     EXPECT_TRUE(report->good()) << describe(*report);
