@@ -49,10 +49,10 @@ constexpr std::string_view name_of(Command command) {
 
 constexpr bool is_state_command(Command command) { return command >= Command::initialise && command <= Command::reset; }
 
-// "start-continuous": the name as messages to people have it.
+// The name in messages to people: "start-continuous".
 std::string hyphenated_name_of(Command command);
 
-// The command that a person typed, as "start_continuous" or "start-continuous".
+// Parses a name typed by a person: "start_continuous" or "start-continuous". Empty: no such command.
 std::optional<Command> command_named(std::string_view name);
 
 }  // namespace hord::firmware

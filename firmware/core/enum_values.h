@@ -1,4 +1,4 @@
-// Lists of an enumeration's values, taken from its name_of(), so that nobody writes them down a second time.
+// Lists of an enumeration's values, derived from its name_of().
 #pragma once
 
 #include <array>

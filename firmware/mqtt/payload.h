@@ -51,7 +51,7 @@ struct Payload {
 
 std::string encode(const Payload& payload);
 
-// Limits for commands, which anybody may send: checked before anything is copied.
+// Limits for commands, which any client of the broker may send: checked before anything is copied.
 constexpr std::size_t kMaxCommandBytes = 4096, kMaxCommandMetrics = 32;
 
 // Skips unknown fields; reads values of other types as null. Fails with unreadable (truncated, no protobuf, too large,

@@ -88,7 +88,8 @@ int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint
     StationWatch watch(station, config.poll, live, [&] {
         if (const auto kept = frames.newest_reject()) {
             if (viewers.count() > 0)
-                (void)pictures.draw(*kept, "");  // ready when they ask; why it fails they are told then
+                (void)pictures.draw(*kept,
+                                    "");  // cached for the browsers; an error is reported when a browser requests it
             live.set_picture(kept->metadata.boot, kept->metadata.part, kept->metadata.time_us / 1000);
         }
         const auto now = std::chrono::steady_clock::now();

@@ -18,7 +18,7 @@ using store::Json;
 using store::StoredChange;
 using store::StoredResult;
 
-constexpr auto kTimeout = std::chrono::milliseconds(3000);  // of one question
+constexpr auto kTimeout = std::chrono::milliseconds(3000);  // of one query
 constexpr std::size_t kLongestValue = 100;
 
 template <class Int>
@@ -103,7 +103,7 @@ Result<Json> Results::search(const Fields& fields) {
     auto filter = filter_of(fields);
     if (!filter) return tl::unexpected(filter.error());
     const auto limit = static_cast<std::size_t>(*filter->newest);
-    filter->newest = *filter->newest + 1;  // whether there are more
+    filter->newest = *filter->newest + 1;  // one more, to know whether there are more
     const auto found = read(*filter, &store::StoreReader::each_result);
     if (!found) return tl::unexpected(found.error());
     Json rows = Json::array();

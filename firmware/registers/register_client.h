@@ -38,7 +38,7 @@ class Client {
     [[nodiscard]] Result<std::vector<std::uint16_t>> read(std::uint16_t address, std::size_t count);
     [[nodiscard]] Result<void> write(std::uint16_t address, std::span<const std::uint16_t> values);
 
-    // The chain as the station has it, from register 0 to its end. Fails as read() does, and with unreadable
+    // The station's chain of blocks, read from register 0 to its end. Fails as read() does, and with unreadable
     // when the chain does not begin with IDENT and its magic, or does not end.
     struct Place {
         std::uint16_t id = 0, base = 0, length = 0;

@@ -84,8 +84,8 @@ class Service final : public StationObserver, public InspectionObserver {
 
     // service_events.cpp
     void publish();
-    void publish_again();         // repeats itself
-    void publish_health_again();  // repeats itself
+    void publish_again();         // schedules itself again
+    void publish_health_again();  // schedules itself again
     void on_result(const PartResult& result) override;
     void on_state(State from, State to) override;
     void on_trouble(const Error& error) override;

@@ -19,7 +19,7 @@ struct FrameOptions {
 // --macro, --grid and --bits.
 void add_frame_options(CLI::App& command, FrameOptions& options);
 
-// The same error, and which file it is about.
+// The same error with the file's name added.
 Error about(const std::string& file, const Error& error);
 
 class FrameReader {

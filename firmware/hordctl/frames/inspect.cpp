@@ -201,7 +201,7 @@ Result<void> write_results(const fs::path& out, const std::string& frame, const 
     return {};
 }
 
-// Whether the first bytes of a file say that hordctl learn has written it.
+// Whether the first bytes of a file are those of a reference file (hordctl learn).
 bool is_reference(const std::string& file) {
     std::ifstream stream(file, std::ios::binary);
     char magic[7] = {};
@@ -319,7 +319,7 @@ class Inspector {
                 nothing_.assign(found.mask.size(), 0.0F);
                 seen.map = nothing_;
             }
-            // Rims are compared, too, and lenslets without neighbours.
+            // Rims and lenslets without neighbours are compared, too.
             mask_.resize(found.mask.size());
             for (std::size_t k = 0; k < mask_.size(); ++k)
                 mask_[k] = static_cast<std::uint8_t>(found.mask[k] & (algo::kSaturated | algo::kOutside));
