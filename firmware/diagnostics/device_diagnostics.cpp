@@ -13,9 +13,8 @@ namespace {
 using hal::Duration;
 using std::chrono::milliseconds;
 
-constexpr Duration kListen =
-    milliseconds(300);  // listening to the part sensor: three times the detection time of a lost line
-constexpr Duration kLead = milliseconds(20);  // from request to light
+constexpr Duration kListen = milliseconds(300);  // to the part sensor: three times the detection time of a lost line
+constexpr Duration kLead = milliseconds(20);     // from request to light
 constexpr Duration kPatience = milliseconds(3000);
 
 struct SensesParts final : hal::PartSensor::Listener {

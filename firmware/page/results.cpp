@@ -178,7 +178,7 @@ std::string tar_of(std::span<const ArchiveMember> members, std::int64_t time_s) 
         put(116, "0000000");
         put(124, fmt::format("{:011o}", member.bytes.size()));
         put(136, fmt::format("{:011o}", std::max<std::int64_t>(time_s, 0)));
-        put(148, "        ");  // the checksum counts as blanks
+        put(148, "        ");  // the checksum field counts as blanks
         put(156, "0");
         put(257,
             std::string("ustar\0"

@@ -31,7 +31,7 @@ struct ServiceWatchers {
     std::function<void(const NumberedRecipe&)> recipe;  // another recipe is in use; not called for the first one
     std::function<void()> reload;                       // SIGHUP; empty: the signal is not handled
     std::function<void(const Error&)> trouble;          // to be logged once
-    std::function<void(const Backends::Fate&)> fate;    // simulated line: where a part really went
+    std::function<void(const Backends::Fate&)> fate;    // simulated line: ground truth of a part
     std::function<void()> line_over;  // simulated line: all parts came and left; their results may still come
     std::function<void(std::uint32_t part, const FrameView&, const algo::Inspection&)> inspection;
 };

@@ -25,7 +25,7 @@ void text(cv::Mat& image, const std::string& what, cv::Point at, double size = 0
     cv::putText(image, what, at, cv::FONT_HERSHEY_SIMPLEX, size, colour, 1, cv::LINE_AA);
 }
 
-// In pixels.
+// Width of a text in pixels.
 int width_of(const std::string& what, double size = 0.6) {
     return cv::getTextSize(what, cv::FONT_HERSHEY_SIMPLEX, size, 1, nullptr).width;
 }

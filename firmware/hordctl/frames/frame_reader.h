@@ -24,7 +24,7 @@ Error about(const std::string& file, const Error& error);
 
 class FrameReader {
   public:
-    // Fails with what is wrong with the options.
+    // Fails if an option is invalid; the error names it.
     static Result<FrameReader> create(const FrameOptions& options);
 
     // Errors name the file.
