@@ -84,9 +84,8 @@ class BrokerLink {
     const std::vector<std::string> topics_;
     std::unique_ptr<mosquitto, FreeClient> client_;
     std::vector<Event> events_;
-    std::unordered_map<int, std::uint64_t>
-        tokens_;                     // of message ids that are not answered yet; 0: no confirmation wanted
-    std::size_t subscriptions_ = 0;  // answered
+    std::unordered_map<int, std::uint64_t> tokens_;  // of unanswered message ids; 0: no confirmation wanted
+    std::size_t subscriptions_ = 0;                  // answered
     const std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
     bool subscribed_ = false, closed_ = false, leaving_ = false;
 };

@@ -25,7 +25,7 @@ class PartPictures {
   public:
     // `feature`: "" (the one that decided), or one of the recipe's: "emd" (or another distance's name), "slope",
     // "transmission"; "z-score" with a reference and no distance. Fails with invalid_argument (another
-    // feature), unreadable (metadata that are not a station's), and as the pipeline does for the recipe. One
+    // feature), unreadable (metadata that are not a station's), and as Replay::inspect() does. One
     // is drawn at a time.
     Result<std::shared_ptr<const DrawnPart>> draw(const KeptFrame& kept, const std::string& feature);
 

@@ -124,8 +124,7 @@ cv::Mat draw_centres(const FrameView& white, const calib::GridCalibration& found
     const int size = std::clamp(static_cast<int>(0.35 * found.pitch_px * picture.scale * every), 5, 15);
     for (const auto& node : nodes) {
         const char kind = state[place(node.m, node.n)];
-        if (kind == 'g' && (node.m % every != 0 || node.n % every != 0))
-            continue;  // draw every lenslet of the other kinds
+        if (kind == 'g' && (node.m % every != 0 || node.n % every != 0)) continue;  // draw all of the other kinds
         const cv::Scalar& ink = kind == 'g' ? kGood : kind == 'r' ? kRejected : kMissing;
         cv::drawMarker(image, picture.at(node.centre_px.x_px, node.centre_px.y_px), ink,
                        kind == 'g' ? cv::MARKER_CROSS : cv::MARKER_TILTED_CROSS, size, kind == 'g' ? 1 : 2,

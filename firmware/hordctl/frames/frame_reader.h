@@ -24,7 +24,7 @@ Error about(const std::string& file, const Error& error);
 
 class FrameReader {
   public:
-    // Fails if an option is invalid; the error names it.
+    // Fails with invalid_argument (--macro), and as calib::read_grid() and GridDecoder::create() do.
     static Result<FrameReader> create(const FrameOptions& options);
 
     // Errors name the file.
