@@ -11,7 +11,7 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr milliseconds kFirstBackoff(500), kLongestBackoff(30'000);  // between attempts to connect
-constexpr milliseconds kReadEvery(100);                              // results, if nothing else triggers a read
+constexpr milliseconds kReadEvery(100);  // period of reading results; at once while more wait
 constexpr milliseconds kRetryStore(1000);
 constexpr milliseconds kWriteEvery(500);  // the cursor: results above the saved one are sent again after a crash
 constexpr milliseconds kGoodbye(2000);

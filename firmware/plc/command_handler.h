@@ -23,7 +23,7 @@ NumberedRecipe with_staged(NumberedRecipe base, const StagedRecipe& staged);
 
 class CommandHandler final : public PlcHandler {
   public:
-    // All outlive this object. Empty members are optional.
+    // All outlive this object. Null and empty members are optional.
     struct Dependencies {
         Station& station;
         Inspector& inspector;

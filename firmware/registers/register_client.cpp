@@ -56,7 +56,7 @@ Result<void> Client::ensure_connected() {
     modbus_set_byte_timeout(fresh.get(), seconds, micros);
     errno = 0;
     if (modbus_connect(fresh.get()) != 0) {
-        // For a name that cannot be resolved libmodbus sets errno to the resolver's code, which is not an errno value.
+        // For a name that cannot be resolved libmodbus leaves no valid errno: the value is not positive.
         const int error = errno;
         if (error == ETIMEDOUT || error == EINPROGRESS) {
             return fail(ErrorCode::timeout, fmt::format("{} does not answer within {} ms", where(), timeout_.count()),

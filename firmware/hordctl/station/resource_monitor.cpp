@@ -104,7 +104,7 @@ std::string ResourceMonitor::text() const {
                            sum.descriptors, sum.threads, 100 * sum.processor);
     }
     if (samples_.size() < 8) return out;
-    // The first tenth is warm-up. Medians, because they are robust against single outliers.
+    // The first tenth is warm-up. Medians are robust against single outliers.
     const std::size_t warm = samples_.size() / 10, quarter = (samples_.size() - warm) / 4;
     const auto median_from = [&](std::size_t first, auto get) {
         std::vector<double> values;

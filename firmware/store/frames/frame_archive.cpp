@@ -61,7 +61,7 @@ Result<std::vector<ArchivedFile>> list_frames(const fs::path& folder) {
         if (number == 0) continue;
         const std::uint64_t bytes = entries->file_size(error);
         if (!error) files.push_back({number, entries->path(), bytes});
-        error.clear();  // removed by the archive since the listing
+        error.clear();  // the file was removed meanwhile
     }
     std::sort(files.begin(), files.end(),
               [](const ArchivedFile& a, const ArchivedFile& b) { return a.file.filename() < b.file.filename(); });
