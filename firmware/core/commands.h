@@ -11,7 +11,7 @@ namespace hord::firmware {
 // A value is the command's code in the registers: once released, it keeps its meaning. In brackets: the method of
 // OPC 40100-1.
 enum class Command : std::uint16_t {
-    // Of the state machine; core/states.h says which state allows which.
+    // Of the state machine; core/states.h lists the states that allow each.
     initialise = 1,        // opens the devices
     arm = 2,               // [PrepareRecipe] refused while a device is down
     disarm = 3,            // [UnprepareRecipe]

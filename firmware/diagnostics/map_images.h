@@ -17,7 +17,7 @@ namespace hord::firmware {
 // What a pseudocolour picture shows. Colours run from `low` to `high` (viridis: dark blue to yellow); values outside
 // have the end colours. Lenslets without a valid value are grey, valid ones that are not judged (rim, outside the
 // inspection zones) keep their colour, dimmed. Defects are circled and numbered, the largest peak first; with `labels`,
-// each has its own words; `caption`, a sentence, goes below the map.
+// each has its own text; `caption`, a sentence, goes below the map.
 struct MapPicture {
     std::string title;  // drawn above the map
     std::string unit;   // drawn at the scale

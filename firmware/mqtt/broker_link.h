@@ -39,7 +39,7 @@ class BrokerLink {
         std::string topic = {}, payload = {};  // message
         std::uint64_t token = 0;               // confirmed
         bool retained = false;                 // message: a retained one
-        bool had_subscriber = true;            // confirmed: somebody is subscribed to it
+        bool had_subscriber = true;            // confirmed: the topic has a subscriber
         Error error = {};                      // closed
     };
 

@@ -1,5 +1,5 @@
 // Sparkplug B payloads as bytes (sparkplug_b.proto): encodes what a station publishes, decodes the commands it
-// receives. docs/adr/0006-sparkplug-payload-by-hand.md says why without libprotobuf.
+// receives. docs/adr/0006-sparkplug-payload-by-hand.md: why not libprotobuf.
 //
 // Integers of every width are sent as Int64 or UInt64: readers disagree on the fields of shorter ones. Pure functions;
 // any thread.

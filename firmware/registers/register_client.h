@@ -29,7 +29,7 @@ struct Endpoint {
 
 class Client {
   public:
-    // Blocks for at most `timeout`, as does every call. Fails with disconnected (nobody answers at that
+    // Blocks for at most `timeout`, as does every call. Fails with disconnected (no answer at that
     // address), timeout, not_found (host name).
     [[nodiscard]] static Result<Client> connect(Endpoint endpoint, std::chrono::milliseconds timeout);
 

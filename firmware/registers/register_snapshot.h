@@ -26,7 +26,7 @@ class RegisterSnapshot {
         const Reading* reading = find(block, row);
         return reading != nullptr ? plain_text(*reading) : std::string("-");
     }
-    // 0 when it is not known.
+    // 0 if the value is not known.
     [[nodiscard]] std::uint32_t bits(BlockId block, std::string_view row) const {
         return static_cast<std::uint32_t>(number(block, row).value_or(0));
     }
