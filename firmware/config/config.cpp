@@ -32,7 +32,7 @@ void macro(TomlTable& table, std::string_view key, int& bins_i, int& bins_j) {
     bins_j = j;
 }
 
-// A path that starts at `folder` if it is relative; empty if the key is empty, or absent without a default.
+// A path, relative to `folder` unless absolute; empty if the key is empty, or absent without a default.
 std::filesystem::path path(TomlTable& table, std::string_view key, const std::filesystem::path& folder,
                            std::string text = {}) {
     table.text(key, text);

@@ -31,8 +31,8 @@ struct FrameFolder {
 using SensorConfig =
     std::variant<SimulatedSensor, FrameFolder, drivers::V4l2SensorOptions, drivers::LibcameraSensorOptions>;
 
-// [rejector] backend = "simulated" | "modbus". The keys of a module hold for the simulated cell's module, too (hordctl
-// run --simulate), except its address.
+// [rejector] backend = "simulated" | "modbus". The keys of a module, except its address, also apply
+// to the module of the simulated cell (hordctl run --simulate).
 struct SimulatedRejector {
     drivers::ModbusRejectorOptions module;
     bool operator==(const SimulatedRejector&) const = default;

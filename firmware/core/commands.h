@@ -11,7 +11,7 @@ namespace hord::firmware {
 // A value is the command's code in the registers: once released, it keeps its meaning. In brackets: the method of
 // OPC 40100-1.
 enum class Command : std::uint16_t {
-    // Of the state machine; core/states.h says which state allows which.
+    // Of the state machine; core/states.h lists the states that allow each.
     initialise = 1,        // opens the devices
     arm = 2,               // [PrepareRecipe] refused while a device is down
     disarm = 3,            // [UnprepareRecipe]
@@ -49,10 +49,10 @@ constexpr std::string_view name_of(Command command) {
 
 constexpr bool is_state_command(Command command) { return command >= Command::initialise && command <= Command::reset; }
 
-// "start-continuous": the name as messages to people have it.
+// The name in messages to people: "start-continuous".
 std::string hyphenated_name_of(Command command);
 
-// The command that a person typed, as "start_continuous" or "start-continuous".
+// Parses a name typed by a person: "start_continuous" or "start-continuous". Empty: no such command.
 std::optional<Command> command_named(std::string_view name);
 
 }  // namespace hord::firmware

@@ -23,7 +23,7 @@
 
 namespace hord::firmware {
 
-// Outcome of a command. Events other than commands are always done.
+// Outcome of a command. For an event that is not a command: always done.
 enum class Answer : std::uint8_t {
     done,
     not_in_this_state,
@@ -37,7 +37,7 @@ class Core {
     // Precondition: problems(config) is empty.
     explicit Core(const CoreConfig& config) : config_(config) {}
 
-    // Replaces the contents of `actions`. A `now` before that of the last step is taken as that of the last step.
+    // Replaces the contents of `actions`. A `now` earlier than that of the last step is replaced by it.
     Answer step(const Event& event, TimePoint now, Actions& actions);
 
     // When the next Tick is due unless another event comes first. In the past: at once.

@@ -1,7 +1,7 @@
 // The core's parameters: when to expose, how long to wait, when and for how long to eject.
 //
-// All delays count from the part sensor's edge. Built by firmware/config/config.h from the configuration file, which
-// checks problems() before a Core is made of it.
+// All delays count from the part sensor's edge. firmware/config/config.h reads the parameters from the configuration
+// file and checks problems() before a Core is created.
 #pragma once
 
 #include <cstddef>

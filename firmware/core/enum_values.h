@@ -1,4 +1,4 @@
-// Lists of an enumeration's values, taken from its name_of(), so that nobody writes them down a second time.
+// Lists of an enumeration's values, derived from its name_of().
 #pragma once
 
 #include <array>
@@ -7,7 +7,7 @@
 
 namespace hord::firmware {
 
-// The values of E below 64 that name_of(E) knows (another name than "unknown"), ascending.
+// The values of E below 64 that have a name (name_of() is not "unknown"), ascending.
 template <class E>
 inline constexpr auto kValuesOf = [] {
     constexpr int kEnd = 64;

@@ -18,7 +18,7 @@ struct Part {
         complete,   // recorded; it has not passed the ejector yet
     };
     Phase phase = Phase::waiting;
-    bool accepted = false;   // came while the station accepted parts: is (or was) to be inspected
+    bool accepted = false;   // came while the station accepted parts: to be inspected
     bool exposed = false;    // exposure and light were requested; exposure_start is set
     bool frame_due = false;  // requested, no frame matched yet
     bool light_due = false;  // requested, no strobe report yet

@@ -10,7 +10,7 @@
 
 namespace hord::firmware {
 
-// What the core finds out by itself and what moves the state machine then.
+// Conditions that the core detects by itself and that cause a transition.
 enum class Trigger : std::uint8_t {
     finished,   // the single part, or the last one of a stop, is past the ejector
     fault,      // a device was lost, or too many parts in a row failed, in Ready or while executing

@@ -104,7 +104,7 @@ constexpr std::string_view name_of(PlcPolicy policy) {
 // and the fault reject-unconfirmed, unless a reset has ended its tracking.
 enum class RejectState : std::uint16_t {
     not_needed = 0,  // it passed
-    commanded = 1,   // the rejector's report is awaited; no recorded result has it
+    commanded = 1,   // the rejector's report is awaited; no recorded result has this value
     confirmed = 2,   // acknowledged in time
     failed = 3,  // never acknowledged: no rejector, refused, reported as failed, no report, or the part's place is lost
     late = 4,    // commanded or acknowledged too late for this part, or, with an encoder, the part was elsewhere
@@ -128,7 +128,7 @@ struct Counters {
     bool operator==(const Counters&) const = default;
 };
 
-// "No such number" of a defect's position or a recipe; the registers show "not available".
+// A defect's position or a recipe's number that does not exist; the registers show "not available".
 constexpr std::uint16_t kNoNumber = 0xFFFF;
 
 struct PartResult {
@@ -161,7 +161,7 @@ struct Snapshot {
 // Answer to an acknowledgement by the PLC: it is recorded only when a loss of power no longer loses the results.
 enum class AckStatus : std::uint8_t {
     recorded,
-    not_yet,  // soon: the PLC repeats its write
+    not_yet,  // not recorded yet: the PLC repeats its write
     failed,   // they cannot be stored now
 };
 

@@ -107,7 +107,7 @@ class ChosenBackends final : public Backends {
     }
 
   private:
-    // Before the other devices: the lights are off from now on.
+    // Called before the other devices are opened: the lights are off from then on.
     Result<void> open_lights(const Config& config) {
         if (auto done = assign(strobe_, open_strobe(loop_, config)); !done) return done;
         return assign(part_sensor_, open_part_sensor(loop_, config));

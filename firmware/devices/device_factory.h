@@ -36,7 +36,7 @@ Result<std::unique_ptr<hal::Strobe>> open_strobe(hal::EventLoop& loop, const Con
 Result<std::unique_ptr<hal::PartSensor>> open_part_sensor(hal::EventLoop& loop, const Config& config);
 Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Config& config);
 
-// What a rejector's module says of itself: its name and the state of its outputs. Changes nothing; blocks for up to a
+// Reads the name of the rejector's module and the state of its outputs. Changes nothing; blocks for up to a
 // few response time-outs. Fails as the link to the module does.
 Result<std::string> describe_module(const hal::Clock& clock, const drivers::ModbusRejectorOptions& options);
 
@@ -62,7 +62,7 @@ class Backends {
     // Simulated line: removes all parts.
     virtual void clear_line() = 0;
 
-    // What really happened to a part of the simulated line.
+    // Ground truth of a part of the simulated line.
     struct Fate {
         hal::TimePoint arrived;  // equals the part's edge
         std::string kind;        // "good", "bubble", ...; empty for recorded frames

@@ -1,4 +1,4 @@
-// What a rejector's module says of itself.
+// Reads the identity of a rejector's module and the state of its outputs.
 #include <algorithm>
 
 #include <fmt/format.h>
@@ -11,7 +11,7 @@ namespace {
 
 constexpr const char* kUnknown = "a module that does not say what it is";
 
-// From the registers in which its maker keeps it, else by Read Device Identification (function 43/14).
+// From the registers named in the module map, else by Read Device Identification (function 43/14).
 std::string identity_of(drivers::CoilLink& link, const drivers::ModbusRejectorOptions& options) {
     const drivers::ModuleMap& map = options.map;
     if (map.name_register >= 0) {

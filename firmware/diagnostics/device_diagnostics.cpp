@@ -13,8 +13,8 @@ namespace {
 using hal::Duration;
 using std::chrono::milliseconds;
 
-constexpr Duration kListen = milliseconds(300);  // to the part sensor: three times what noticing a lost line takes
-constexpr Duration kLead = milliseconds(20);     // from asking to the light
+constexpr Duration kListen = milliseconds(300);  // to the part sensor: three times the detection time of a lost line
+constexpr Duration kLead = milliseconds(20);     // from request to light
 constexpr Duration kPatience = milliseconds(3000);
 
 struct SensesParts final : hal::PartSensor::Listener {
@@ -186,7 +186,7 @@ class Check {
         judged("without light", judge_dark(*dark_quality, *quality));
     }
 
-    // As a part is exposed; how long after the exposure's end the frame came.
+    // Exposes as for a part. Returns the time from the end of the exposure to the frame.
     Result<Duration> exposure(hal::Sensor& device, SeesFrames& sees, hal::Strobe* strobe) {
         sees.frame = {};
         const CoreConfig& core = cell_.core;

@@ -22,7 +22,7 @@ struct FrameQuality {
 // `frame` is a macro-pixel frame of these extents. Fails with invalid_argument where it is not.
 Result<FrameQuality> quality_of(const FrameView& frame, const algo::Extents& extents, const algo::Recipe& recipe);
 
-// One check: good, or what is wrong and its cure.
+// Result of one check: good, or the problem and its cure.
 struct Judgement {
     bool good = true;
     std::string found, cure;

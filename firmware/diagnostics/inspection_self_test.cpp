@@ -11,8 +11,8 @@ namespace {
 constexpr int kLenslets = 15;
 constexpr int kPatch = 1;  // half the side of the disturbed region, in lenslets
 
-// Every lenslet holds a spot of light a bin wide; across the part it wanders by half a bin, smoothly. In the middle of
-// a bad part every other lenslet's light lies at the edge of its bins.
+// Every lenslet holds a spot of light a bin wide; its position changes smoothly by half a bin across the part. In
+// the middle of a bad part the light of every other lenslet lies at the edge of its bins.
 Frame draw(int bins_i, int bins_j, int bits, bool bad) {
     Frame frame(kLenslets * bins_i, kLenslets * bins_j, bits);
     const double brightest = 0.8 * ((1 << bits) - 1);

@@ -77,7 +77,7 @@ void draw_defects(cv::Mat& map, std::span<const algo::Defect> defects, std::span
         const int width = cv::getTextSize(label, cv::FONT_HERSHEY_SIMPLEX, 0.45, 1, nullptr).width;
         const int right = centre.x + radius + 3, left = std::max(0, std::min(right, map.cols - width - 2));
         const int below = left < right ? radius + 14 : 4;  // where it does not fit beside the circle
-        if (k < labels.size()) {                           // on whatever colour
+        if (k < labels.size()) {                           // legible on any colour
             cv::putText(map, label, {left, centre.y + below}, cv::FONT_HERSHEY_SIMPLEX, 0.45, cv::Scalar(255, 255, 255),
                         3, cv::LINE_AA);
         }

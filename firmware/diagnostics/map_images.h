@@ -15,9 +15,9 @@
 namespace hord::firmware {
 
 // What a pseudocolour picture shows. Colours run from `low` to `high` (viridis: dark blue to yellow); values outside
-// take the end colours. Lenslets without a valid value are grey, valid ones that are not judged (rim, outside the
+// have the end colours. Lenslets without a valid value are grey, valid ones that are not judged (rim, outside the
 // inspection zones) keep their colour, dimmed. Defects are circled and numbered, the largest peak first; with `labels`,
-// each has its own words; `caption`, a sentence, goes below the map.
+// each has its own text; `caption`, a sentence, goes below the map.
 struct MapPicture {
     std::string title;  // drawn above the map
     std::string unit;   // drawn at the scale
@@ -33,7 +33,7 @@ struct Picture {
 };
 
 // The range of a map's judged values: low = 0 (or the smallest, if negative), high = all but the largest thousandth,
-// and at least `limit` (the recipe's, so that what is tolerated looks calm); never equal.
+// and at least `limit` (the recipe's, so that tolerated values look uniform); never equal.
 MapPicture scale_to(std::string title, std::string unit, algo::Map map, std::span<const std::uint8_t> mask,
                     float limit);
 

@@ -9,8 +9,8 @@
 
 namespace hord::firmware {
 
-// "Rejected: a scattering defect of 0.9 mm at (3.1, -2.0) mm, 4.2 times its limit; 2 smaller ones." Lengths in mm where
-// the recipe knows its lenslets, else in lenslets; places from the middle of the field.
+// "Rejected: a scattering defect of 0.9 mm at (3.1, -2.0) mm, 4.2 times its limit; 2 smaller ones." Lengths in mm if
+// the recipe has the lenslet pitch, else in lenslets; places from the middle of the field.
 std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& extents);
 
 // "scattering 0.9 mm, 4.2x": kind, size and how far over its limit; one a defect.

@@ -20,7 +20,7 @@ void add_selftest(CLI::App& program, Exit& status);
 void add_teach(CLI::App& program, Exit& status);
 void add_latency(CLI::App& program, Exit& status);
 void add_results(CLI::App& program, Exit& status);
-void add_replay(CLI::App& program, Exit& status);  // and merge
+void add_replay(CLI::App& program, Exit& status);  // also adds merge
 
 // The service's store.
 constexpr const char* kDefaultStore = "/var/lib/hord/store";

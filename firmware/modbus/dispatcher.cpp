@@ -15,7 +15,7 @@ std::uint16_t word_at(Bytes bytes, std::size_t at) {
     return static_cast<std::uint16_t>(bytes[at] << 8U | bytes[at + 1]);
 }
 
-// A reply under construction, or the exception that takes its place.
+// A reply under construction, or the exception that replaces it.
 class Reply {
   public:
     Reply(std::uint8_t function, std::span<std::uint8_t, kMaxPdu> out) : out_(out) { byte(function); }
@@ -54,7 +54,7 @@ Exception check_range(std::size_t address, std::size_t count, std::size_t most) 
     return address + count > 0x10000 ? Exception::illegal_address : Exception::none;
 }
 
-// The answers write their reply after its function code, or return the exception that takes its place.
+// Each function below writes its reply after the function code, or returns the exception that replaces it.
 
 Exception read_bits(RegisterModel& model, Bytes request, Reply& reply) {
     if (request.size() != 5) return Exception::illegal_value;

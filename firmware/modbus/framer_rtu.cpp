@@ -20,7 +20,7 @@ constexpr FrameSize kReplies[] = {{1, 4, 0, 2},   {5, 6, 6},      {7, 7, 3},    
                                   {11, 11, 6},    {12, 12, 0, 2}, {15, 16, 6},    {17, 17, 0, 2},
                                   {20, 21, 0, 2}, {22, 22, 8},    {23, 23, 0, 2}, {0x80, 0xFF, 3}};
 
-// Of the whole frame; 0: the byte that determines it has not arrived; nothing: unknown function.
+// Of the whole frame; 0: the byte that determines it has not arrived; empty: unknown function.
 std::optional<std::size_t> size_of(std::span<const FrameSize> known, std::span<const std::uint8_t> frame) {
     if (frame.size() < 2) return 0;
     for (const FrameSize& size : known) {

@@ -144,7 +144,7 @@ struct Server::Impl {
                       loop.watch(listener.get(), hal::EventLoop::Readiness::readable, [this] { on_newcomers(); }));
     }
 
-    // -- newcomers
+    // -- new connections
 
     void on_newcomers() {
         closed.clear();
@@ -155,7 +155,7 @@ struct Server::Impl {
                                           SOCK_NONBLOCK | SOCK_CLOEXEC));
             if (fd.get() < 0) {
                 if (errno == ECONNABORTED || errno == EINTR) continue;
-                // Without descriptors accept4() fails even if nobody waits; only the first call of a turn follows a
+                // Without descriptors accept4() fails even if no client waits; only the first call of a turn follows a
                 // readable listener.
                 const bool without = errno == EMFILE || errno == ENFILE || errno == ENOBUFS || errno == ENOMEM;
                 if (without && k == 0) make_room_for_descriptors();

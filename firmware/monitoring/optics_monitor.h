@@ -25,7 +25,7 @@ class OpticsMonitor {
         int window_parts = 0;
     };
 
-    // For macro-pixel frames. `limits`: as limits_of() gives them. A fault is over below 3/4 of its limit (light,
+    // For macro-pixel frames. `limits`: as limits_of() returns them. A fault is over below 3/4 of its limit (light,
     // unevenness, dark level), or when a window of parts shows no dust. Fails with invalid_argument as
     // algo/ageing/light_trend.h and algo/ageing/dust.h do.
     static Result<std::unique_ptr<OpticsMonitor>> create(const algo::Extents& extents, const OpticsConfig& limits);

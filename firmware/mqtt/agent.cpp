@@ -11,9 +11,9 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr milliseconds kFirstBackoff(500), kLongestBackoff(30'000);  // between attempts to connect
-constexpr milliseconds kReadEvery(100);                              // results, while nothing else asks for them
+constexpr milliseconds kReadEvery(100);  // period of reading results; at once while more wait
 constexpr milliseconds kRetryStore(1000);
-constexpr milliseconds kWriteEvery(500);  // the cursor: what is not written down is sent once more after a crash
+constexpr milliseconds kWriteEvery(500);  // the cursor: results above the saved one are sent again after a crash
 constexpr milliseconds kGoodbye(2000);
 constexpr std::chrono::minutes kRepeatAfter(10);
 constexpr std::size_t kRecentLines = 16;
@@ -129,7 +129,7 @@ void Agent::send() {
     }
 }
 
-// -- what is told
+// -- publishing
 
 void Agent::poll_station() {
     station_at_ = Clock::now() + config_.look_every;

@@ -39,12 +39,12 @@ class BrokerLink {
         std::string topic = {}, payload = {};  // message
         std::uint64_t token = 0;               // confirmed
         bool retained = false;                 // message: a retained one
-        bool had_subscriber = true;            // confirmed: somebody is subscribed to it
+        bool had_subscriber = true;            // confirmed: the topic has a subscriber
         Error error = {};                      // closed
     };
 
     // Resolves and connects: blocks for as long as the system takes for that. The broker's answer comes as an event:
-    // subscribed once it has accepted login, and then every topic. Fails with not_found (a TLS file), disconnected,
+    // subscribed, after it has accepted the login and every topic. Fails with not_found (a TLS file), disconnected,
     // invalid_argument.
     static Result<std::unique_ptr<BrokerLink>> connect(const BrokerOptions& options, const Outgoing& will,
                                                        std::vector<std::string> topics);
@@ -84,7 +84,7 @@ class BrokerLink {
     const std::vector<std::string> topics_;
     std::unique_ptr<mosquitto, FreeClient> client_;
     std::vector<Event> events_;
-    std::unordered_map<int, std::uint64_t> tokens_;  // of message ids that are not answered yet; 0: nobody asks
+    std::unordered_map<int, std::uint64_t> tokens_;  // of unanswered message ids; 0: no confirmation wanted
     std::size_t subscriptions_ = 0;                  // answered
     const std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
     bool subscribed_ = false, closed_ = false, leaving_ = false;

@@ -11,7 +11,7 @@
 namespace hord::firmware::mqtt {
 
 struct Cursor {
-    std::string store;            // the store's id; with another one it begins again
+    std::string store;            // the store's id; with another id the delivery begins again
     std::int64_t origin = 0;      // results up to this number are older than the first start and not delivered
     std::int64_t confirmed = 0;   // every result from origin + 1 to this number is delivered
     std::uint8_t bd_seq = 255;    // of the last session; the next one's is one more

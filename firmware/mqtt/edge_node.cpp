@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::string_view kRebirth = "Node Control/Rebirth";
 constexpr UtcMs kBirthEvery = 1000;  // requests for a birth that come faster share one
-constexpr UtcMs kProbeEvery = 2000;  // nobody listens: one result is tried so often
+constexpr UtcMs kProbeEvery = 2000;  // without a subscriber: period of sending one result
 constexpr std::size_t kMaxStateBytes = 1024;
 
 Metric named(std::string name, DataType type, MetricValue value) {
@@ -121,7 +121,7 @@ void EdgeNode::step(UtcMs now) {
     if (session_ == Session::born && rebirth_ && due) birth(now);
 }
 
-// -- what others say
+// -- incoming messages
 
 void EdgeNode::message(const std::string& from, std::string_view payload, UtcMs now, bool retained) {
     if (session_ == Session::none) return;
@@ -165,7 +165,7 @@ void EdgeNode::host_state(std::string_view text, UtcMs now) {
         json.contains("timestamp") && json["timestamp"].is_number_integer();
     if (!understood) return refuse("a state of the primary host that is no {\"online\":...,\"timestamp\":...}");
     const auto time = json["timestamp"].get<std::int64_t>();
-    if (time < host_time_) return;  // older than what is known
+    if (time < host_time_) return;  // older than the known state
     host_time_ = time;
     const bool online = json["online"].get<bool>();
     if (online && session_ == Session::waiting) birth(now);

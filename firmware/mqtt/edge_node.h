@@ -53,7 +53,7 @@ class EdgeNode {
     void connected(UtcMs now);                              // and subscribed
     void disconnected();
     void message(const std::string& topic, std::string_view payload, UtcMs now, bool retained = false);
-    // `had_subscriber`: the broker passed it to somebody.
+    // `had_subscriber`: the broker delivered it to at least one subscriber.
     void confirmed(std::uint64_t token, bool had_subscriber, UtcMs now);
 
     // -- the data

@@ -123,7 +123,7 @@ class Fields {
                 return field;
             }
         }
-        return give_up();  // groups, and kinds that do not exist
+        return give_up();  // groups and undefined wire types
     }
 
   private:

@@ -1,5 +1,5 @@
 // Sparkplug B payloads as bytes (sparkplug_b.proto): encodes what a station publishes, decodes the commands it
-// receives. docs/adr/0006-sparkplug-payload-by-hand.md says why without libprotobuf.
+// receives. docs/adr/0006-sparkplug-payload-by-hand.md: why not libprotobuf.
 //
 // Integers of every width are sent as Int64 or UInt64: readers disagree on the fields of shorter ones. Pure functions;
 // any thread.
@@ -51,7 +51,7 @@ struct Payload {
 
 std::string encode(const Payload& payload);
 
-// Limits for commands, which anybody may send: checked before anything is copied.
+// Limits for commands, which any client of the broker may send: checked before anything is copied.
 constexpr std::size_t kMaxCommandBytes = 4096, kMaxCommandMetrics = 32;
 
 // Skips unknown fields; reads values of other types as null. Fails with unreadable (truncated, no protobuf, too large,

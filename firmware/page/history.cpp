@@ -32,7 +32,7 @@ void History::end_long_step(std::int64_t time_s) {
     in_step_ = 0;
 }
 
-// By hand: nlohmann-json has no format of five digits (.5g), which keep a day's charts small.
+// Formatted by hand: nlohmann-json cannot write five digits (.5g), which keep a day's charts small.
 std::string History::json(bool long_steps) const {
     std::string out = fmt::format("{{\"step_s\":{},\"fields\":[", long_steps ? kLongStep_s : kShortStep_s);
     for (std::size_t k = 0; k < kHistoryFields.size(); ++k)

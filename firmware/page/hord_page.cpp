@@ -87,8 +87,7 @@ int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint
     std::chrono::steady_clock::time_point light_at{};
     StationWatch watch(station, config.poll, live, [&] {
         if (const auto kept = frames.newest_reject()) {
-            if (viewers.count() > 0)
-                (void)pictures.draw(*kept, "");  // ready when they ask; why it fails they are told then
+            if (viewers.count() > 0) (void)pictures.draw(*kept, "");  // cached; a request reports its error
             live.set_picture(kept->metadata.boot, kept->metadata.part, kept->metadata.time_us / 1000);
         }
         const auto now = std::chrono::steady_clock::now();

@@ -74,7 +74,7 @@ Connection::Head Connection::next(std::chrono::seconds timeout) {
     auto checked = checked_head(std::string_view(buffer_).substr(0, end));
     if (!checked) return Head::malformed;
     buffer_.replace(0, end, *checked);
-    may_read_ = checked->size() + kLargestBody + 1;  // one more than allowed: httplib finds that it is too much
+    may_read_ = checked->size() + kLargestBody + 1;  // one byte above the limit: httplib detects the excess
     read_until_ = Clock::now() + kReadTimeout;
     reply_until_ = Clock::now() + kReplyTimeout;
     events_ = false;

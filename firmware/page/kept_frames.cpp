@@ -45,7 +45,7 @@ void KeptFrames::refresh() {
          entry.increment(error)) {
         std::string name = entry->path().filename().string();
         if (const auto is = number_and_part_of(name)) found.push_back({is->first, is->second, std::move(name)});
-        if (found.size() >= 2 * kMaxFiles) {  // the oldest half goes
+        if (found.size() >= 2 * kMaxFiles) {  // drop the oldest half
             std::nth_element(found.begin(), found.begin() + kMaxFiles, found.end(),
                              [](const ListedFile& a, const ListedFile& b) { return a.number > b.number; });
             found.resize(kMaxFiles);

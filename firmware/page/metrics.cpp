@@ -33,7 +33,7 @@ class Families {
             (type == MetricType::Counter ? metric.counter.value : metric.gauge.value) = value;
         }
     }
-    // Without labels. What is not known is absent, not zero.
+    // Without labels. An unknown value is absent, not zero.
     void one(const std::string& name, const char* help, MetricType type, std::optional<double> value) {
         if (value) add(name, help, type, {{{}, *value}});
     }
@@ -161,7 +161,7 @@ void add_station(Families& f, const Live::Figures& s) {
           static_cast<double>(s.missed));
     f.one("hord_light_peak_ratio", "Brightest samples of the frame that was kept last, of full scale.", kGauge,
           s.light);
-    if (!s.up) return;  // what the station said before is not what it is
+    if (!s.up) return;  // the last values are outdated
     const RegisterSnapshot& m = s.snapshot;
     for (const Info& info : kInfos) {
         Labels labels;

@@ -53,7 +53,7 @@ std::string host_alone(std::string_view host) {
     return lower(host);
 }
 
-// Those that the page offers; a recipe is chosen by number, and its limits are not set from here.
+// The commands that the page offers. A recipe is selected by number; its limits cannot be set on the page.
 std::optional<Command> command_of(std::string_view name) {
     const auto command = command_named(name);
     return command == Command::commit_recipe || command == Command::teach ? std::nullopt : command;

@@ -9,7 +9,7 @@
 //   /parts/KEY/FILE                      record.json, record.tar, frame.png, map.png, found.json of one part
 //   /api/command                         POST {"command":"stop"}, with a token
 //
-// Everything but /api/command only reads. Refused are requests with an unknown Host (DNS rebinding), and commands that
+// Everything but /api/command only reads. It refuses requests with an unknown Host (DNS rebinding), and commands that
 // another site made the browser send (cross-site request forgery).
 #pragma once
 

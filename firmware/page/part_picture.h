@@ -25,8 +25,8 @@ class PartPictures {
   public:
     // `feature`: "" (the one that decided), or one of the recipe's: "emd" (or another distance's name), "slope",
     // "transmission"; "z-score" with a reference and no distance. Fails with invalid_argument (another
-    // feature), unreadable (metadata that are not a station's), and what the pipeline says of the recipe. One is drawn
-    // at a time.
+    // feature), unreadable (metadata that are not a station's), and as Replay::inspect() does. One
+    // is drawn at a time.
     Result<std::shared_ptr<const DrawnPart>> draw(const KeptFrame& kept, const std::string& feature);
 
   private:

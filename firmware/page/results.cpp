@@ -18,7 +18,7 @@ using store::Json;
 using store::StoredChange;
 using store::StoredResult;
 
-constexpr auto kTimeout = std::chrono::milliseconds(3000);  // of one question
+constexpr auto kTimeout = std::chrono::milliseconds(3000);  // of one query
 constexpr std::size_t kLongestValue = 100;
 
 template <class Int>
@@ -103,7 +103,7 @@ Result<Json> Results::search(const Fields& fields) {
     auto filter = filter_of(fields);
     if (!filter) return tl::unexpected(filter.error());
     const auto limit = static_cast<std::size_t>(*filter->newest);
-    filter->newest = *filter->newest + 1;  // whether there are more
+    filter->newest = *filter->newest + 1;  // one more, to know whether there are more
     const auto found = read(*filter, &store::StoreReader::each_result);
     if (!found) return tl::unexpected(found.error());
     Json rows = Json::array();
@@ -178,7 +178,7 @@ std::string tar_of(std::span<const ArchiveMember> members, std::int64_t time_s) 
         put(116, "0000000");
         put(124, fmt::format("{:011o}", member.bytes.size()));
         put(136, fmt::format("{:011o}", std::max<std::int64_t>(time_s, 0)));
-        put(148, "        ");  // the checksum counts as blanks
+        put(148, "        ");  // the checksum field counts as blanks
         put(156, "0");
         put(257,
             std::string("ustar\0"

@@ -15,7 +15,7 @@ constexpr auto kTimeout = std::chrono::milliseconds(1000);
 constexpr auto kAskAgain = std::chrono::milliseconds(500);
 constexpr auto kSlowBlocks = std::chrono::milliseconds(1000);
 constexpr std::uint32_t kResultsInOneRead = kMaxRead / kResultWords;
-constexpr std::uint32_t kFirstResults = 60;  // a page that has just started shows so many of those that were before
+constexpr std::uint32_t kFirstResults = 60;  // earlier results read at the start
 constexpr std::int64_t kSameMachine_ns = 60'000'000'000;
 
 std::int64_t nanoseconds_of(clockid_t clock) {

@@ -93,7 +93,7 @@ Result<Tokens> Tokens::parse(std::string_view text, const std::string& file) {
 std::optional<std::string> Tokens::owner(std::string_view token) const {
     const auto shown = digest_of(token.substr(0, kLongestToken + 1));
     std::optional<std::string> name;
-    for (const Entry& one : entries_) {  // all of them, whatever is found
+    for (const Entry& one : entries_) {  // compare with all of them: constant time
         unsigned differs = 0;
         for (std::size_t k = 0; k < shown.size(); ++k) differs |= static_cast<unsigned>(one.digest[k] ^ shown[k]);
         if (differs == 0) name = one.name;

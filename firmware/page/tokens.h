@@ -20,7 +20,7 @@ constexpr std::size_t kShortestToken = 24, kLongestToken = 256, kLongestName = 2
 
 class Tokens {
   public:
-    Tokens() = default;  // nobody
+    Tokens() = default;  // no tokens: owner() is always empty
 
     // Fails with not_found, refused (others may read or write the file), invalid_argument (a line that is not a name
     // and a token, a token that is too short, a name or token twice).

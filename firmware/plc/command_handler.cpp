@@ -34,7 +34,7 @@ CommandOutcome outcome_of(Answer answer) {
     return failed(CommandError::failed);
 }
 
-// The value's name; its number where it has none.
+// The value's name, or its number if it has none.
 template <class E>
 std::string name_or_number(E value) {
     const std::string_view name = name_of(value);

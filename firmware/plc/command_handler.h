@@ -23,7 +23,7 @@ NumberedRecipe with_staged(NumberedRecipe base, const StagedRecipe& staged);
 
 class CommandHandler final : public PlcHandler {
   public:
-    // All outlive this object. Empty members are left out.
+    // All outlive this object. Null and empty members are optional.
     struct Dependencies {
         Station& station;
         Inspector& inspector;
@@ -81,7 +81,7 @@ class CommandHandler final : public PlcHandler {
         RequestOrigin who;
         NumberedRecipe recipe;
     };
-    std::optional<PendingReference> pending_reference_;  // taught, and in use as soon as the line is empty
+    std::optional<PendingReference> pending_reference_;  // learned; used as soon as the line is empty
 };
 
 }  // namespace hord::firmware

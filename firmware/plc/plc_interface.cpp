@@ -47,7 +47,7 @@ Exception check_rows(const Block& block, std::uint16_t address, std::span<const 
     return covered == values.size() ? Exception::none : Exception::illegal_address;
 }
 
-// Registers as text: two printable ASCII characters each, zeros behind the last. Other bytes: nothing, because the text
+// Registers as text: two printable ASCII characters each, zeros behind the last. Other bytes: empty, because the text
 // goes into records.
 std::optional<std::string> printable_text(std::span<const std::uint16_t> words) {
     std::string text;

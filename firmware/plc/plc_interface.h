@@ -32,7 +32,7 @@ struct CommandOutcome {
 class PlcHandler {
   public:
     virtual ~PlcHandler() = default;
-    // Every command, once a token; unknown codes are passed, too. commit_recipe only with the right checksum, while the
+    // Every command, once a token; unknown codes, too. commit_recipe only with the right checksum, while the
     // station does not execute.
     virtual CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) = 0;
     // The PLC acknowledges the results up to `sequence`. none: accepted; busy: not stored yet, repeat; device_failure:

@@ -13,9 +13,9 @@ namespace {
 using modbus::Exception;
 
 constexpr std::size_t kBits = 81, kHeartbeatBit = 80;
-constexpr std::size_t kMaxSlots = kMaxRead / kResultWords + 2;  // that one request can touch
+constexpr std::size_t kMaxSlots = kMaxRead / kResultWords + 2;  // that one request can overlap
 
-// [begin, end) of what a request and some registers have in common, as addresses.
+// The common addresses of a request and some registers: [begin, end).
 struct Overlap {
     std::size_t begin = 0, end = 0;
     Overlap(std::size_t a, std::size_t a_size, std::size_t b, std::size_t b_size)

@@ -336,7 +336,7 @@ std::string format(const NumberedRecipe& numbered, const std::string& reference_
         if (r.lenslet_mm > 0) text += fmt::format("lenslet_mm = {}\n", r.lenslet_mm);
         if (r.bin_rad > 0) text += fmt::format("bin_rad = {}\n", r.bin_rad);
     }
-    // Score limits may be set before a reference is taught.
+    // Score limits may be set before a reference is learned.
     const algo::Recipe usual;
     const bool has_scores = r.reject_score != usual.reject_score || r.grow_score != usual.grow_score ||
         r.cluster_score != usual.cluster_score;

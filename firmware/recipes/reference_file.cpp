@@ -43,7 +43,7 @@ void put(std::string& text, std::span<const T> values) {
     text.append(reinterpret_cast<const char*>(values.data()), values.size_bytes());
 }
 
-// `rest` has as many bytes.
+// Precondition: `rest` has at least as many bytes as `values`.
 template <class T>
 void take(std::string_view& rest, std::span<T> values) {
     std::memcpy(values.data(), rest.data(), values.size_bytes());

@@ -1,7 +1,7 @@
 // Teach-in: learns a reference (algo/reference/reference.h) from the next parts of the running line.
 //
-// The next inspected parts count as good, whatever their verdict. An inspecting thread copies a frame into a single
-// buffer if that is free, and never waits: parts that come while the last frame is being written to the disk are
+// The next inspected parts count as good, independent of their verdict. An inspecting thread copies a frame into a
+// single buffer if that is free, and never waits: parts that come while the last frame is being written to the disk are
 // skipped. A background thread (nice 10) writes the frames to
 //     <folder>/teach/                                  (removed at the end, and at the next start after a kill)
 // learns from them with one frame in memory at a time, inspects them again with the new reference, and writes

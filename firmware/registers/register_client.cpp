@@ -15,7 +15,7 @@ namespace hord::firmware::modbus {
 namespace {
 
 constexpr auto kAskAgainAfter = std::chrono::milliseconds(20);
-constexpr std::size_t kMaxBlocks = 64;  // a chain that is longer goes in circles
+constexpr std::size_t kMaxBlocks = 64;  // a longer chain has a loop
 
 }  // namespace
 
@@ -56,7 +56,7 @@ Result<void> Client::ensure_connected() {
     modbus_set_byte_timeout(fresh.get(), seconds, micros);
     errno = 0;
     if (modbus_connect(fresh.get()) != 0) {
-        // For a name that cannot be resolved libmodbus gives the resolver's answer, which is no errno.
+        // For a name that cannot be resolved libmodbus leaves no valid errno: the value is not positive.
         const int error = errno;
         if (error == ETIMEDOUT || error == EINPROGRESS) {
             return fail(ErrorCode::timeout, fmt::format("{} does not answer within {} ms", where(), timeout_.count()),

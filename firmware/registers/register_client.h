@@ -29,7 +29,7 @@ struct Endpoint {
 
 class Client {
   public:
-    // Blocks for at most `timeout`, as does every call. Fails with disconnected (nobody answers at that
+    // Blocks for at most `timeout`, as does every call. Fails with disconnected (no answer at that
     // address), timeout, not_found (host name).
     [[nodiscard]] static Result<Client> connect(Endpoint endpoint, std::chrono::milliseconds timeout);
 
@@ -38,7 +38,7 @@ class Client {
     [[nodiscard]] Result<std::vector<std::uint16_t>> read(std::uint16_t address, std::size_t count);
     [[nodiscard]] Result<void> write(std::uint16_t address, std::span<const std::uint16_t> values);
 
-    // The chain as the station has it, from register 0 to its end. Fails as read() does, and with unreadable
+    // The station's chain of blocks, read from register 0 to its end. Fails as read() does, and with unreadable
     // when the chain does not begin with IDENT and its magic, or does not end.
     struct Place {
         std::uint16_t id = 0, base = 0, length = 0;

@@ -14,7 +14,7 @@ namespace {
 bool is_bits(RegisterType type) { return type == RegisterType::bits16 || type == RegisterType::bits32; }
 bool is_signed(RegisterType type) { return type == RegisterType::s16 || type == RegisterType::s32; }
 
-// The whole number that means "not available", or nothing for types that have none.
+// The whole number that means "not available", or empty for types that have none.
 std::optional<std::int64_t> sentinel_of(RegisterType type) {
     switch (type) {
         case RegisterType::u16: return 0xFFFF;

@@ -45,12 +45,12 @@ constexpr Register writable(Register row) {
     return row;
 }
 
-// An optional of any number type as the encoder takes it.
+// Converts an optional of any number type to the encoder's type.
 template <class T>
 Number maybe(const std::optional<T>& value) {
     return value ? Number{static_cast<double>(*value)} : Number{};
 }
-// What most rows show: a member of one of the source's structs, named by a pointer to it.
+// The value of most rows: a member of one of the source's structs, given as a pointer to member.
 template <auto member>
 Number snapshot(const Source& s) {
     return static_cast<double>(s.snapshot.*member);

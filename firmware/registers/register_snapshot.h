@@ -16,17 +16,17 @@ class RegisterSnapshot {
     void set(BlockId block, std::vector<Reading> readings) { blocks_.insert_or_assign(block, std::move(readings)); }
     [[nodiscard]] const std::map<BlockId, std::vector<Reading>>& blocks() const { return blocks_; }
 
-    // Nothing when the station does not know the value, or was not asked for the block.
+    // Empty if the station does not know the value, or the block was not read.
     [[nodiscard]] std::optional<double> number(BlockId block, std::string_view row) const {
         const Reading* reading = find(block, row);
         return reading != nullptr ? reading->number : std::nullopt;
     }
-    // "6 Ready" is "Ready" here; "-" when it is not known.
+    // The text without the number: "Ready" for "6 Ready"; "-" if it is not known.
     [[nodiscard]] std::string text(BlockId block, std::string_view row) const {
         const Reading* reading = find(block, row);
         return reading != nullptr ? plain_text(*reading) : std::string("-");
     }
-    // 0 when it is not known.
+    // 0 if the value is not known.
     [[nodiscard]] std::uint32_t bits(BlockId block, std::string_view row) const {
         return static_cast<std::uint32_t>(number(block, row).value_or(0));
     }

@@ -14,7 +14,7 @@
 
 namespace hord::firmware {
 
-// Raised when a row is added to the register map (station_blocks.h, plc_blocks.h).
+// Incremented when a row is added to the register map (station_blocks.h, plc_blocks.h).
 inline constexpr std::uint16_t kMapVersion = 3;
 
 // Also served as Modbus device identification (FC 43/14).

@@ -19,7 +19,7 @@ enum class JournalEvent {
     reloaded,               // the configuration was read again
     reload_refused,         // the old configuration stays
     recipe,                 // another recipe is in use
-    stopped,                // as asked
+    stopped,                // on request
     fault_cleared,
 };
 

@@ -59,7 +59,7 @@ Result<void> Service::open_servers() {
     return {};
 }
 
-// The configured recipe, or the one that has replaced it since by commands.
+// The configured recipe, or the one that commands have selected since.
 Result<NumberedRecipe> Service::first_recipe() {
     auto recipe = recipe_or_default(config_.inspection.recipe);
     if (!recipe) return recipe;

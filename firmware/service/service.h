@@ -31,7 +31,7 @@ struct ServiceWatchers {
     std::function<void(const NumberedRecipe&)> recipe;  // another recipe is in use; not called for the first one
     std::function<void()> reload;                       // SIGHUP; empty: the signal is not handled
     std::function<void(const Error&)> trouble;          // to be logged once
-    std::function<void(const Backends::Fate&)> fate;    // simulated line: where a part really went
+    std::function<void(const Backends::Fate&)> fate;    // simulated line: ground truth of a part
     std::function<void()> line_over;  // simulated line: all parts came and left; their results may still come
     std::function<void(std::uint32_t part, const FrameView&, const algo::Inspection&)> inspection;
 };
@@ -84,8 +84,8 @@ class Service final : public StationObserver, public InspectionObserver {
 
     // service_events.cpp
     void publish();
-    void publish_again();         // repeats itself
-    void publish_health_again();  // repeats itself
+    void publish_again();         // schedules itself again
+    void publish_health_again();  // schedules itself again
     void on_result(const PartResult& result) override;
     void on_state(State from, State to) override;
     void on_trouble(const Error& error) override;

@@ -1,4 +1,4 @@
-// While the service runs: results, states and monitors go to registers, recorder and watchers.
+// While the service runs: passes results, states and monitors' reports to registers, recorder and watchers.
 #include <algorithm>
 #include <filesystem>
 #include <fstream>

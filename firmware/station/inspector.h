@@ -49,7 +49,7 @@ class Inspector {
 
     // Loop thread, while the station does not execute. Switches to another recipe. Waits for the frame that is being
     // inspected; queued frames are returned unjudged. Fails with invalid_argument (the recipe does not fit the light
-    // field; the old one stays), unsupported (a stand-in).
+    // field; the old one stays), unsupported (no function to remake the inspection).
     virtual Result<void> use(const algo::Recipe& recipe, std::uint16_t number);
 
     // Loop thread. Number of queued frames.

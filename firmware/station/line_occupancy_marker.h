@@ -1,4 +1,5 @@
-// A marker file that exists while parts may be on the line. It tells the next process whether parts were left there.
+// A marker file that exists while parts may be on the line. The next process reads from it whether parts were left
+// there.
 //
 // Created before the line first runs; removed only at an orderly end with an empty line. A crash or a loss of power
 // leaves it behind.

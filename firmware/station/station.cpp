@@ -180,7 +180,7 @@ void Station::stop_devices() {
     rejector_started_ = false;
 }
 
-// Reports a refusal, and tells the core of it.
+// Reports a refusal to the observer and to the core.
 void Station::check(const Result<void>& done, const Event& refused) {
     if (done) return;
     report(done.error());
@@ -211,7 +211,7 @@ void Station::carry_out(const PartResult& result) {
     if (observer_ != nullptr) observer_->on_result(result);
 }
 
-// -- flash test; the core has no part for it and does not take part
+// -- flash test; the core is not involved
 
 bool Station::test_possible() const {
     const State state = core_.state();

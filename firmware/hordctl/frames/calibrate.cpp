@@ -84,7 +84,7 @@ Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& 
     return json;
 }
 
-// What measures the sensor itself, if it was given: frames of the white frame's size.
+// Optional frames that measure the sensor itself; they have the size of the white frame.
 struct SensorFrames {
     std::optional<Frame> dark, flat;
 };
@@ -135,7 +135,7 @@ Result<calib::DirectionFit> calibrate_directions(const std::filesystem::path& fo
     return fit;
 }
 
-// A worse calibration is not installed over a better one, nor over a file that is none.
+// A worse calibration is not installed over a better one, nor over a file that is not a calibration.
 Result<void> may_replace(const std::string& out, const calib::GridFile& fresh) {
     if (!std::filesystem::exists(out)) return {};
     const auto held = calib::read_grid(out);
@@ -152,7 +152,7 @@ Exit run_calibrate(const CalibrateArguments& arguments) {
     auto frames = read_sensor_frames(arguments.dark, arguments.flat, *white, {});
     if (!frames) return complain(frames.error());
     std::optional<Progress> progress(std::in_place, "calibrate");
-    const double share = arguments.tilts.empty() ? 1 : 0.3;  // of the grid in the whole work
+    const double share = arguments.tilts.empty() ? 1 : 0.3;  // of the grid in the progress
     calib::GridOptions options;
     options.flat = view_of(frames->flat);
     options.progress = [&](double done) { progress->show(share * done); };

@@ -25,7 +25,7 @@ void text(cv::Mat& image, const std::string& what, cv::Point at, double size = 0
     cv::putText(image, what, at, cv::FONT_HERSHEY_SIMPLEX, size, colour, 1, cv::LINE_AA);
 }
 
-// In pixels.
+// Width of a text in pixels.
 int width_of(const std::string& what, double size = 0.6) {
     return cv::getTextSize(what, cv::FONT_HERSHEY_SIMPLEX, size, 1, nullptr).width;
 }
@@ -50,7 +50,7 @@ struct FieldPicture {
     cv::Mat image;
 };
 
-// Every how many columns and rows a lenslet is drawn.
+// Step, in columns and rows, between the lenslets that are drawn.
 int every_of(std::size_t lenslets) {
     return std::max(1, static_cast<int>(std::ceil(std::sqrt(static_cast<double>(lenslets) / kMaxMarks))));
 }
@@ -67,7 +67,7 @@ cv::Mat draw_residuals(const calib::GridCalibration& found) {
     }
     const auto rank_98 = [&] { return static_cast<std::size_t>(0.98 * static_cast<double>(lengths.size() - 1)); };
     const double longest = lengths.empty() ? 1 : std::max(1e-6, common::nth_smallest(std::span(lengths), rank_98()));
-    // The longest of 98 % is drawn as long as four fifths of the step between the lenslets that are drawn.
+    // The 98th percentile is drawn as long as four fifths of the step between drawn lenslets.
     const double enlarge = 0.8 * every * found.pitch_px / longest;
     cv::Mat ramp(1, 256, CV_8U), colours;
     for (int k = 0; k < 256; ++k)
@@ -108,7 +108,7 @@ cv::Mat draw_centres(const FrameView& white, const calib::GridCalibration& found
     double top = 1;
     cv::minMaxLoc(raw, nullptr, &top);
     cv::Mat grey, small;
-    raw.convertTo(grey, CV_8U, 150 / std::max(top, 1.0), 40);  // dim: the marks are what counts
+    raw.convertTo(grey, CV_8U, 150 / std::max(top, 1.0), 40);  // dim, so that the marks stand out
     cv::resize(grey, small, {image.cols - 2 * kMargin, image.rows - kTitle - kMargin}, 0, 0,
                picture.scale < 1 ? cv::INTER_AREA : cv::INTER_NEAREST);
     cv::Mat colour;
@@ -124,7 +124,7 @@ cv::Mat draw_centres(const FrameView& white, const calib::GridCalibration& found
     const int size = std::clamp(static_cast<int>(0.35 * found.pitch_px * picture.scale * every), 5, 15);
     for (const auto& node : nodes) {
         const char kind = state[place(node.m, node.n)];
-        if (kind == 'g' && (node.m % every != 0 || node.n % every != 0)) continue;  // of the others, every one
+        if (kind == 'g' && (node.m % every != 0 || node.n % every != 0)) continue;  // draw all of the other kinds
         const cv::Scalar& ink = kind == 'g' ? kGood : kind == 'r' ? kRejected : kMissing;
         cv::drawMarker(image, picture.at(node.centre_px.x_px, node.centre_px.y_px), ink,
                        kind == 'g' ? cv::MARKER_CROSS : cv::MARKER_TILTED_CROSS, size, kind == 'g' ? 1 : 2,
@@ -162,7 +162,7 @@ cv::Mat draw_models(const calib::GridCalibration& found) {
         low = std::min(low, error);
         high = std::max(high, error);
     }
-    // Whole decades around what there is.
+    // Whole decades around the values.
     const double first = std::floor(std::log10(low) - 0.1), last = std::max(first + 1, std::ceil(std::log10(high)));
     const auto x_of = [&](double error) {
         return kLeft + static_cast<int>(std::lround(kBar * (std::log10(error) - first) / (last - first)));

@@ -1,4 +1,4 @@
-// Pictures of a calibration, for a person who must decide whether to believe it.
+// Pictures of a calibration, for a person who must decide whether to accept it.
 #pragma once
 
 #include <filesystem>
@@ -10,9 +10,9 @@
 namespace hord::firmware {
 
 // Writes into `folder` (made if need be):
-//   residuals.png  what is left over at every lenslet: an arrow, enlarged; its colour is its length
+//   residuals.png  the residual of every lenslet: an enlarged arrow, coloured by its length
 //   centres.png    the white frame with every lenslet of the grid: measured, missing, or measured and not fitting
-//   models.png     each model's error on lenslets that it has not seen, and which one was taken
+//   models.png     each model's error on held-out lenslets, and the selected model
 // Fails with io.
 Result<void> write_calibration_pictures(const std::filesystem::path& folder, const FrameView& white,
                                         const calib::GridCalibration& found);

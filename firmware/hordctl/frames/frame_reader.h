@@ -19,12 +19,12 @@ struct FrameOptions {
 // --macro, --grid and --bits.
 void add_frame_options(CLI::App& command, FrameOptions& options);
 
-// The same error, and which file it is about.
+// The same error with the file's name added.
 Error about(const std::string& file, const Error& error);
 
 class FrameReader {
   public:
-    // Fails with what is wrong with the options.
+    // Fails with invalid_argument (--macro), and as calib::read_grid() and GridDecoder::create() do.
     static Result<FrameReader> create(const FrameOptions& options);
 
     // Errors name the file.

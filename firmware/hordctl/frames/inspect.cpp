@@ -31,7 +31,7 @@ struct InspectOptions {
     std::vector<std::string> frames;
     FrameOptions reading;
     std::string recipe;
-    std::string feature;  // empty: what the recipe judges by
+    std::string feature;  // empty: the feature that the recipe judges
     std::string reference;
     std::string out;
     bool json = false;
@@ -62,7 +62,7 @@ std::optional<InspectedMap> inspected_map(const algo::FeatureChoice& choice, con
 
 constexpr const char* kZScore = "z-score";
 
-// The feature that is shown unless another one is asked for.
+// The feature that is shown by default.
 std::string shown_of(const algo::Recipe& recipe) {
     if (recipe.gradient) return std::string(name_of(*recipe.gradient));
     if (recipe.reference) return kZScore;
@@ -73,7 +73,7 @@ std::string known_features() {
     return fmt::format("{}; the distances also as reference-NAME", fmt::join(algo::kFeatureNames, ", "));
 }
 
-// The map that was asked for, with what is needed to show it.
+// The requested map with the data to show it.
 struct FeatureView {
     std::string name;
     std::string unit;
@@ -201,7 +201,7 @@ Result<void> write_results(const fs::path& out, const std::string& frame, const 
     return {};
 }
 
-// Whether the first bytes of a file say that hordctl learn has written it.
+// Whether the first bytes of a file are those of a reference file (hordctl learn).
 bool is_reference(const std::string& file) {
     std::ifstream stream(file, std::ios::binary);
     char magic[7] = {};
@@ -311,7 +311,7 @@ class Inspector {
         return {};
     }
 
-    // The map of the feature asked for. The time of a FeatureMapper is added to the inspection's.
+    // The map of the requested feature. The time of a FeatureMapper is added to the inspection's.
     Result<FeatureView> view(const FrameView& frame, algo::Inspection& found) {
         if (show_z_score_) {
             FeatureView seen{kZScore, "noises", found.z_score, found.mask, recipe_.reject_score};
@@ -319,7 +319,7 @@ class Inspector {
                 nothing_.assign(found.mask.size(), 0.0F);
                 seen.map = nothing_;
             }
-            // Rims are compared, too, and lenslets without neighbours.
+            // Rims and lenslets without neighbours are compared, too.
             mask_.resize(found.mask.size());
             for (std::size_t k = 0; k < mask_.size(); ++k)
                 mask_[k] = static_cast<std::uint8_t>(found.mask[k] & (algo::kSaturated | algo::kOutside));
@@ -352,7 +352,7 @@ class Inspector {
     const InspectOptions& options_;
     FrameReader reader_;
     std::shared_ptr<const algo::Reference> learned_;  // none: references are frames
-    bool show_z_score_ = false;                       // the map asked for
+    bool show_z_score_ = false;                       // the requested map
     std::vector<float> nothing_;
     algo::FeatureChoice choice_;
     algo::Recipe recipe_;

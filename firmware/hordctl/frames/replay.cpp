@@ -93,8 +93,8 @@ Exit status_of(const store::ReplayTally& tally) {
     return tally.same == tally.records ? Exit::good : Exit::rejected;
 }
 
-// Replays one shard to a file with its identity. Ends with an error when a frame was removed meanwhile: the archive is
-// another one then.
+// Replays one shard to a file with its identity. Ends with an error when a frame was removed meanwhile: then the
+// archive has changed.
 Exit write_shard(const ReplayOptions& options, const store::Shard& shard, const Chosen& chosen,
                  const std::vector<store::ArchivedFile>& all, const std::vector<store::ArchivedFile>& mine) {
     auto program = store::program_identity();
@@ -143,7 +143,7 @@ Exit print_replay(const ReplayOptions& options, const Chosen& chosen, const std:
                       [&](const store::ArchivedFile&, Result<store::Replayed> replayed) {
                           if (!replayed) {
                               if (replayed.error().code == ErrorCode::not_found)
-                                  return true;  // the ring has made room meanwhile
+                                  return true;  // the archive removed the frame meanwhile
                               ++tally.records;
                               ++tally.unreadable;
                               complain(replayed.error());

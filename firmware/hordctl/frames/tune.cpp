@@ -39,7 +39,7 @@ Result<std::vector<std::string>> files_of(const std::vector<std::string>& names)
     return std::vector<std::string>(files->begin(), files->end());
 }
 
-// Nothing is measured for a file that cannot be written in the end.
+// Checks that the output can be written before anything is measured.
 Result<void> check_out(const TuneArguments& arguments) {
     if (arguments.out.empty()) return {};
     const fs::path out = arguments.out;

@@ -19,7 +19,7 @@ class Gallery {
     // Bins of a macro-pixel of the frames to come.
     void set_bins(int bins_i, int bins_j) { bins_ = {bins_i, bins_j}; }
 
-    // Any thread. Copies what is seen of a part until its kind is known; at most kWaiting parts wait. Draws nothing
+    // Any thread. Copies frame and maps of a part until its kind is known; at most kWaiting parts wait. Draws nothing
     // yet, so that the inspection is not held up.
     void keep(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection);
     static constexpr std::size_t kWaiting = 32;

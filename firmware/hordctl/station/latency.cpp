@@ -46,7 +46,7 @@ struct LatencyOptions {
     int edges = 1000, priority = 50;
 };
 
-// ---- stand-ins for devices
+// ---- substitutes for devices
 
 // A GPIO line without hardware: the strobe's thread does the same work for it.
 class NullLine final : public drivers::GpioOutputs {
@@ -278,7 +278,7 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
         next_when_settled();
     }
 
-    // The outcomes for an edge, once each; nothing: missed.
+    // The outcomes for an edge, once each; empty: missed.
     void light_came(std::optional<Duration> delay) {
         if (!std::exchange(lit_, true)) (plan_ ? planned_ : at_once_).add(delay);
         next_when_settled();

@@ -10,10 +10,10 @@
 namespace hord::firmware {
 
 struct Series {
-    std::string what;  // is measured
+    std::string what;  // the measured quantity
     std::vector<Duration> samples;
     int missed = 0;
-    void add(std::optional<Duration> sample);  // nothing: missed
+    void add(std::optional<Duration> sample);  // empty: missed
 };
 
 // Count, p50, p99, p99.9 (from 1000 samples on), maximum and a histogram, in microseconds.

@@ -85,7 +85,7 @@ std::string ResourceMonitor::text() const {
         fmt::format("\n{:>8} {:>8} {:>6} {:>6} {:>9} {:>9} {:>9} {:>10} {:>12} {:>8} {:>10}\n", "until s", "parts",
                     "late", "unfit", "p50 ms", "p99 ms", "max ms", "memory kB", "descriptors", "threads", "processor");
     const std::size_t rows = std::min<std::size_t>(10, samples_.size());
-    for (std::size_t row = 0; row < rows; ++row) {  // the last of each tenth; sums and worst of all of it
+    for (std::size_t row = 0; row < rows; ++row) {  // the last sample of each tenth; sums and maxima over all of it
         const std::size_t from = row * samples_.size() / rows, to = (row + 1) * samples_.size() / rows;
         Sample sum = samples_[to - 1];
         for (std::size_t k = from; k + 1 < to; ++k) {
@@ -104,7 +104,7 @@ std::string ResourceMonitor::text() const {
                            sum.descriptors, sum.threads, 100 * sum.processor);
     }
     if (samples_.size() < 8) return out;
-    // The first tenth warms up. A median does not move by a single busy moment.
+    // The first tenth is warm-up. Medians are robust against single outliers.
     const std::size_t warm = samples_.size() / 10, quarter = (samples_.size() - warm) / 4;
     const auto median_from = [&](std::size_t first, auto get) {
         std::vector<double> values;

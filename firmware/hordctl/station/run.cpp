@@ -162,7 +162,7 @@ class Run {
     }
     void on_line_over() {
         line_over_ = true;
-        // Parts that the station never saw have a fate and no result: after a while nobody waits for one.
+        // Parts that the station never saw have a fate and no result: stop waiting after a while.
         service_->loop().call_after(milliseconds(2000), [this] { end(); });
         end_if_settled();
     }
@@ -171,7 +171,7 @@ class Run {
         if (line_over_ && fates_.empty() && results_.empty()) end();
     }
 
-    // A stopped line brings no more parts. With --reset-after it is reset as by a person; without, the run ends.
+    // A stopped line brings no more parts. With --reset-after it is reset as by a person; otherwise the run ends.
     void watch_for_line_stop(int seconds_stopped) {
         const Snapshot now = service_->snapshot();
         int stopped = now.line_stop || now.state == State::error ? seconds_stopped + 1 : 0;
@@ -299,7 +299,7 @@ void add_run(CLI::App& program, Exit& status) {
                "Seconds after which a station that stopped the simulated line is reset and the parts are taken off, as "
                "a person would; 0: it stays stopped",
                0, 3600)
-        ->needs(simulate);  // a real line is looked after by real people
+        ->needs(simulate);  // a real line is reset by a person only
     command->add_flag("--json", options->json, "Print one JSON object a part; the report goes to stderr");
     command->footer(
         "Exit status: 0 every part got its verdict, 2 bad configuration or a port that is taken, 3 the station ended "

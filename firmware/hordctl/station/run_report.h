@@ -1,4 +1,4 @@
-// What a run came to: every part's verdict against the truth where it is known, latencies, throughput.
+// Summary of a run: every part's verdict compared with the truth if it is known, latencies, throughput.
 #pragma once
 
 #include <cstddef>
@@ -14,7 +14,7 @@ namespace hord::firmware {
 
 class RunReport {
   public:
-    // Without a kind, nobody knows what the part truly was; then it does not matter whether it was ejected.
+    // A part without a kind has no known truth: its ejection is not counted as wrong.
     void add(const PartResult& result, const Backends::Fate& fate);
 
     [[nodiscard]] std::size_t parts() const { return verdicts_.count(); }

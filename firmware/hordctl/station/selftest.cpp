@@ -1,5 +1,5 @@
-// hordctl selftest: the configured devices themselves with --config or --simulate; without, a running station is asked
-// to test itself.
+// hordctl selftest: with --config or --simulate tests the configured devices; otherwise requests the self-test of a
+// running station.
 #include <algorithm>
 #include <chrono>
 #include <memory>

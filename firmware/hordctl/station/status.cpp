@@ -20,7 +20,7 @@ struct StatusOptions {
 constexpr BlockId kShown[] = {BlockId::ident, BlockId::status, BlockId::counters, BlockId::last,
                               BlockId::plc,   BlockId::recipe, BlockId::health,   BlockId::calibration};
 
-// What the station does not know is null; a text may be empty.
+// A value that the station does not know is null; a text may be empty.
 Json to_json(const std::vector<Reading>& readings) {
     Json block;
     for (const Reading& reading : readings) {

@@ -61,7 +61,7 @@ Result<std::vector<ArchivedFile>> list_frames(const fs::path& folder) {
         if (number == 0) continue;
         const std::uint64_t bytes = entries->file_size(error);
         if (!error) files.push_back({number, entries->path(), bytes});
-        error.clear();  // the ring has just removed it
+        error.clear();  // the file was removed meanwhile
     }
     std::sort(files.begin(), files.end(),
               [](const ArchivedFile& a, const ArchivedFile& b) { return a.file.filename() < b.file.filename(); });
@@ -125,7 +125,7 @@ Result<void> FrameArchive::make_room(std::uint64_t bytes) {
 Result<void> FrameArchive::remove_oldest() {
     const ArchivedFile& oldest = files_.front();
     std::error_code error;
-    fs::remove(oldest.file, error);  // no error when somebody else has removed it
+    fs::remove(oldest.file, error);  // no error if it was removed already
     if (error)
         return fail(ErrorCode::io, oldest.file.string() + " cannot be removed (" + error.message() + ")",
                     "check the folder's permissions and the disk");

@@ -62,7 +62,7 @@ Result<FrameMetadata> FrameMetadata::from_json(const std::string& text, const st
         data.judgement = {json.at("verdict").get<std::string>(),
                           std::string(algo::present_reason_name(json.at("reason").get<std::string>())),
                           json.at("score").get<float>(), Json::array(), json.at("maps_sha256").get<std::string>()};
-        for (const Json& d : json.at("defects")) {  // numbers as floats, as the inspection gave them
+        for (const Json& d : json.at("defects")) {  // numbers as floats, the type in the inspection
             data.judgement.defects.push_back({{"m", d.at("m").get<float>()},
                                               {"n", d.at("n").get<float>()},
                                               {"area", d.at("area").get<std::uint32_t>()},

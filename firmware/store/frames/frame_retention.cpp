@@ -181,7 +181,7 @@ void FrameRetention::work(const std::stop_token& stop) {
         if (!waits && stop.stop_requested()) return;
         lock.unlock();
         if (waits) (void)step();
-        else if (archive_ != nullptr) (void)archive_->trim();  // what stays wrong is told when the next frame comes
+        else if (archive_ != nullptr) (void)archive_->trim();  // a remaining error is reported with the next frame
         lock.lock();
     }
 }

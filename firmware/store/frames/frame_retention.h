@@ -31,7 +31,7 @@ struct FrameRetentionOptions {
     int before = 2, after = 2;       // parts around one that did not pass
     std::uint32_t sample_every = 0;  // parts; 0: no samples
     std::size_t buffers = 24;        // each of one frame and its maps
-    bool thread = true;              // false: nothing is written but in step()
+    bool thread = true;              // false: only step() writes
 };
 
 class FrameRetention {

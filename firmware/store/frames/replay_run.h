@@ -32,8 +32,8 @@ Result<Shard> parse_shard(std::string_view text);
 // The file's name as it stands in a line of a replay: JSON, without the quotes around it.
 std::string written_name(const ArchivedFile& frame);
 
-// In the order in which they are judged and written (of written_name). Fails with invalid_argument when two have one
-// name.
+// Sorts the frames by written_name, the order in which they are judged and written. Fails with invalid_argument when
+// two have the same name.
 Result<void> put_in_order(std::vector<ArchivedFile>& frames);
 
 // Replays `frames` with `jobs` threads and calls `take` on this thread, in order; at most 64 results a thread wait.

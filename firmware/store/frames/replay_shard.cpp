@@ -101,7 +101,7 @@ ShardWriter::~ShardWriter() {
 
 Result<ShardWriter> ShardWriter::create(const fs::path& file, const ReplayIdentity& identity, const Shard& shard) {
     ShardWriter writer(file);
-    // A unique temporary name: two workers may write the same shard when one was believed dead.
+    // A unique temporary name: two workers may write the same shard if one was assumed dead.
     std::string beside = file.string() + ".part.XXXXXX";
     writer.fd_.reset(::mkostemp(beside.data(), O_CLOEXEC));
     if (!writer.fd_) return writer.failed(errno);

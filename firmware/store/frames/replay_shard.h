@@ -45,7 +45,7 @@ struct ReplayTally {
 
 class ShardWriter {
   public:
-    // Writes beside `file`. Fails with io.
+    // Writes to a temporary file beside `file`. Fails with io.
     static Result<ShardWriter> create(const std::filesystem::path& file, const ReplayIdentity& identity,
                                       const Shard& shard);
     ShardWriter(ShardWriter&&) = default;

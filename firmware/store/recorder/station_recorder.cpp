@@ -6,7 +6,7 @@
 namespace hord::firmware::store {
 namespace {
 
-// More parts with defects than can be between camera and ejector: what is older belongs to parts whose result never
+// More parts with defects than can be between camera and ejector: older entries belong to parts whose result never
 // came.
 constexpr std::size_t kFoundKept = 512;
 

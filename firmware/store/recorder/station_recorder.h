@@ -31,7 +31,7 @@ class StationRecorder final : public ResultSink {
                     StationRecorderOptions options, StoreQueue::Listener queue_listener,
                     std::unique_ptr<FrameRetention> frames);
 
-    // Before the station runs: what is in use. Written if the store's newest differs.
+    // Call before the station runs. Records what is in use, if it differs from the store's newest.
     void in_use(ChangeRecord::What what, const std::string& name, const std::string& text);
 
     void on_result(const PartResult& result) override;
@@ -40,7 +40,7 @@ class StationRecorder final : public ResultSink {
     void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) override;
 
     [[nodiscard]] StoreQueueState state() const { return queue_.state(); }
-    // Tests without a thread.
+    // For tests without a thread.
     bool step() { return queue_.step(); }
 
   private:

@@ -75,7 +75,7 @@ std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, cons
         const store::ArchiveLimits limits{static_cast<std::uint64_t>(wanted.frames_mb) * kMegabyte,
                                           static_cast<std::uint64_t>(wanted.free_mb) * kMegabyte};
         const auto open = [folder, limits]() -> Result<std::unique_ptr<store::FrameArchive>> {
-            std::error_code ignored;  // what is wrong with the folder is said by the archive
+            std::error_code ignored;  // the archive reports problems of the folder
             std::filesystem::create_directory(folder, ignored);
             return store::FrameArchive::open(folder / store::kFramesFolder, limits);
         };

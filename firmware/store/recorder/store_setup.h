@@ -1,4 +1,4 @@
-// Makes the recorder of a configuration's [store].
+// Creates the recorder for [store] of the configuration.
 #pragma once
 
 #include <functional>

@@ -152,7 +152,7 @@ Result<std::unique_ptr<Database>> Database::open(const std::filesystem::path& fi
 }
 
 void Database::limit_time(std::chrono::milliseconds most) {
-    constexpr int kInstructions = 10'000;  // between two looks at the clock: a millisecond at most
+    constexpr int kInstructions = 10'000;  // SQLite instructions between two checks of the time: 1 ms at most
     until_ = std::chrono::steady_clock::now() + most;
     sqlite3_progress_handler(
         handle_, kInstructions,

@@ -34,7 +34,7 @@ class Statement {
     Statement& operator=(Statement&&) = delete;
     ~Statement();
 
-    // Binds ?1, ?2 ... and runs the statement to its end; `take` reads the row that the statement is at.
+    // Binds ?1, ?2 ... and runs the statement to its end; `take` reads the current row.
     Result<void> run(std::span<const Value> values, const std::function<void(const Statement&)>& take = {});
 
     // Of the current row.

@@ -115,7 +115,7 @@ Result<UtcMicros> parse_utc(std::string_view text, UtcMicros now_us) {
     utc.tm_year -= 1900;
     utc.tm_mon -= 1;
     const std::time_t time = timegm(&utc);
-    // timegm() takes February 30th for March 2nd; a person meant something else.
+    // timegm() converts February 30th to March 2nd; such a date is refused.
     if (utc.tm_mon + 1 != wanted.tm_mon || utc.tm_mday != wanted.tm_mday || utc.tm_hour != wanted.tm_hour ||
         utc.tm_min != wanted.tm_min)
         return bad();

@@ -22,7 +22,7 @@ namespace hord::firmware::store {
 
 using Hash = std::array<std::uint8_t, 32>;
 
-// SHA-256 over bytes that come one after the other.
+// Incremental SHA-256.
 class Sha256 {
   public:
     Sha256() { SHA256Init(&context_); }

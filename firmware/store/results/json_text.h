@@ -1,4 +1,4 @@
-// JSON as the store and the programs that read it write it: with nlohmann-json, keys in the order of insertion.
+// JSON text in the format of the store (nlohmann-json): keys in the order of insertion.
 #pragma once
 
 #include <string>

@@ -11,7 +11,7 @@ namespace {
 Value integer(std::int64_t value) { return value; }
 Value text(std::string_view value) { return std::string(value); }
 
-// SQLite keeps no NaN and no negative zero: what is hashed must be what is read back.
+// SQLite keeps no NaN and no negative zero: the hashed value must equal the value read back.
 Value real(float value) { return std::isfinite(value) ? Value(static_cast<double>(value) + 0.0) : Value{}; }
 
 }  // namespace

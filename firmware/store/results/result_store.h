@@ -29,7 +29,7 @@ struct StartRecord {
     std::string software;    // version
 };
 
-// A change of what the following results are made with; results that were lost; a command.
+// A change that affects the following results, a loss of results, or a command.
 struct ChangeRecord {
     enum class What : std::uint8_t { recipe, configuration, calibration, lost, command };
     What what = What::recipe;

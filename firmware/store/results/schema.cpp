@@ -5,7 +5,7 @@
 namespace hord::firmware::store {
 namespace {
 
-constexpr std::int64_t kApplicationId = 0x484F5244;  // "HORD": file(1) and check_schema() know a store by it
+constexpr std::int64_t kApplicationId = 0x484F5244;  // "HORD": file(1) and check_schema() recognise a store by it
 
 constexpr std::array<std::string_view, 17> kResultColumns{
     "number",  "v",      "run",        "entry",        "time_us", "sequence",   "part",

@@ -1,4 +1,4 @@
-// The tables of a store, their versions, and how an older file becomes a newer one.
+// The tables of a store, their versions, and the migration of older files.
 //
 //   results       one row a part; columns recipe and calibration: numbers of the rows of `changes` in use
 //   commands      one row a command of a PLC or a person

@@ -112,7 +112,7 @@ class SqliteStore final : public ResultStore {
   public:
     SqliteStore(common::UniqueFd lock, const SqliteStoreOptions& options, std::unique_ptr<Database> database)
         : lock_(std::move(lock)), options_(options), database_(std::move(database)) {}
-    // Brings the file up to date and reads what is in use.
+    // Migrates the file and reads the changes in use.
     Result<void> prepare();
 
     Result<void> write(std::span<const Entry> entries) override;
@@ -256,7 +256,7 @@ Result<void> SqliteStore::store(std::uint64_t entry, const ChangeRecord& change)
         return commands_->append(run_, entry, change.time_us, values_of(change));
     if (change.what == ChangeRecord::What::lost)
         return changes_->append(run_, entry, change.time_us, values_of(change));
-    if (entry == 0 && adopted_) return {};  // the file knows better: it may have more than its writer was told
+    if (entry == 0 && adopted_) return {};  // the file may have more entries than were reported to the writer
     InUse& now = in_use(change.what);
     if (change.if_new && now.number != 0 && now.after == change.after) return {};
     ChangeRecord written = change;
@@ -295,7 +295,7 @@ Result<bool> SqliteStore::prune(const ChainTable& table, const Retention& retent
     const auto [first, last, pages, free_pages, page_size] = known;
     if (first >= last) return false;  // the newest row stays, so that the chain can go on from it
 
-    // By age: all rows before the first one that is young enough. A clock that was set back only keeps rows longer.
+    // By age: all rows before the first one that is young enough. If the clock was set back, rows are kept longer.
     std::int64_t remove_to = first - 1;
     bool more = false;
     const std::int64_t furthest = std::min(last - 1, first + options_.rows_in_one_prune - 1);

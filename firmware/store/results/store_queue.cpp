@@ -67,7 +67,7 @@ StoreQueueState StoreQueue::state() const {
 
 void StoreQueue::work(const std::stop_token& stop) {
     std::unique_lock lock(mutex_);
-    write_one_batch(lock);  // opens the store: what is wrong with it is known before the first part comes
+    write_one_batch(lock);  // opens the store, so that its errors are reported before the first part
     while (true) {
         if (failing_) {
             wake_.wait_for(lock, stop, options_.retry_every, [] { return false; });

@@ -45,7 +45,7 @@ Result<std::unique_ptr<StoreReader>> StoreReader::open(const std::filesystem::pa
     if (!database) return tl::unexpected(database.error());
     auto age = check_schema(**database);
     if (!age && age.error().code == ErrorCode::io) {
-        // Nobody writes, and this user may not make the files beside it that a reader of a log needs: there is no log
+        // No writer, and no permission to create the -wal and -shm files that a reader of a log needs: there is no log
         // to read.
         std::error_code none;
         const auto log = std::filesystem::file_size((folder / kStoreFile).string() + "-wal", none);
@@ -72,7 +72,7 @@ StoreReader::StoreReader(std::unique_ptr<Database> database, std::string id)
     : database_(std::move(database)), id_(std::move(id)) {}
 StoreReader::~StoreReader() = default;
 
-// The head knows it even when retention has removed every row.
+// From the head, which has it even when retention has removed every row.
 Result<std::int64_t> StoreReader::newest_number() {
     return database_->get_integer(
         "SELECT max(coalesce((SELECT number FROM heads WHERE chain = 'results'), 0), coalesce((SELECT max(number) FROM "

@@ -15,7 +15,7 @@ namespace hord::firmware::store {
 
 class Database;
 
-// A row of results, with what it refers to.
+// A row of results, with the rows it refers to.
 struct StoredResult {
     std::int64_t number = 0, run = 0;
     UtcMicros time_us = 0;
@@ -60,7 +60,7 @@ struct ChainHead {
 };
 
 struct Verification {
-    std::vector<std::string> problems;  // empty: every row is as it was written
+    std::vector<std::string> problems;  // empty: every row is unchanged
     std::vector<ChainHead> heads;
 };
 
