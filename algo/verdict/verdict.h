@@ -47,11 +47,19 @@ constexpr std::string_view name_of(Reason r) {
     return names[static_cast<unsigned>(r)];
 }
 
-// Converts the former names of two reasons, which stores and kept frames may hold, to the present ones. Returns any
-// other name unchanged.
+// The former names of two reasons, which stores and kept frames may hold.
+struct FormerReasonName {
+    std::string_view name;
+    Reason reason;
+};
+inline constexpr FormerReasonName kFormerReasonNames[] = {{"deflection", Reason::neighbours_disagree},
+                                                          {"slope", Reason::deflection_gradient}};
+
+// The present name of a reason; `name` itself if it is no former name.
 constexpr std::string_view present_reason_name(std::string_view name) {
-    if (name == "deflection") return name_of(Reason::neighbours_disagree);
-    if (name == "slope") return name_of(Reason::deflection_gradient);
+    for (const FormerReasonName& former : kFormerReasonNames) {
+        if (name == former.name) return name_of(former.reason);
+    }
     return name;
 }
 

@@ -160,7 +160,7 @@ class LibcameraDevice final : public CameraDevice {
             return agree(std::move(config), *grey);
         }
         std::ranges::sort(names);
-        names.erase(std::ranges::unique(names).begin(), names.end());
+        names.erase(std::unique(names.begin(), names.end()), names.end());
         return tl::unexpected(choose_grey_format(id_, names, request_.bits, request_.green).error());
     }
 

@@ -39,7 +39,7 @@ Result<store::ResultFilter> filter_of(const Fields& fields) {
     filter.newest = 50;
     for (const auto& [name, value] : fields) {
         if (value.empty()) continue;
-        const auto wrong = [&](const char* cure) {
+        const auto wrong = [&name = name, &value = value](const char* cure) {
             return fail(ErrorCode::invalid_argument, fmt::format("{} cannot be \"{}\"", name, value.substr(0, 40)),
                         cure);
         };
@@ -131,10 +131,11 @@ Result<StoredResult> Results::one(const PartKey& key) {
 Result<Json> Results::changes(std::int64_t most) {
     store::ResultFilter filter;
     filter.newest = most;
-    const auto found = read(filter, &store::StoreReader::each_change);
+    auto found = read(filter, &store::StoreReader::each_change);
     if (!found) return tl::unexpected(found.error());
+    std::ranges::reverse(*found);
     Json rows = Json::array();
-    for (const StoredChange& c : *found | std::views::reverse) {
+    for (const StoredChange& c : *found) {
         Json row{{"time", store::format_utc(c.time_us)},
                  {"what", c.what},
                  {"name", c.name},

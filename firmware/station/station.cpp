@@ -221,7 +221,7 @@ bool Station::test_possible() const {
 
 void Station::test_flash(Duration patience, std::function<void(const FlashTest&)> done) {
     const CoreConfig& config = core_.config();
-    test_.emplace();
+    test_ = Test{};
     test_->exposure_start = cell_.loop.now() + std::max(config.trigger_lead, milliseconds(1));
     test_->done = std::move(done);
     test_->patience = cell_.loop.call_after(patience, [this] { end_test(); });

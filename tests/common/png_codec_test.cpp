@@ -166,8 +166,9 @@ TEST(PngCodec, takes_no_memory_that_the_file_cannot_fill) {
     ASSERT_FALSE(read);
     EXPECT_THAT(read.error().what, HasSubstr("too short for the size"));
     file = *encode_grey_png(pattern(8, 8, 16).view(), {}, PngNote{"hord", "text"});
-    const auto note = std::ranges::search(file, std::string_view("iTXt"));
-    put_big_endian(file, static_cast<std::size_t>(note.begin() - file.begin()) - 4, 800'000'000);
+    const std::string_view name = "iTXt";
+    const auto note = std::search(file.begin(), file.end(), name.begin(), name.end());
+    put_big_endian(file, static_cast<std::size_t>(note - file.begin()) - 4, 800'000'000);
     const auto noted = decode_grey_png(file, "noted.png", "hord");
     ASSERT_FALSE(noted);
     // The size is refused before memory is allocated. A libpng newer than Debian 12's skips a chunk that is too large

@@ -118,7 +118,8 @@ Frame specked(const Frame& frame, const Extents& e, double m, double n, double r
         int covered = 0;
         for (int b = 0; b < kSub; ++b) {
             for (int a = 0; a < kSub; ++a) {
-                const double right = x / e.i - 0.5 + (a + 0.5) / kSub - m, down = y / e.j - 0.5 + (b + 0.5) / kSub - n;
+                const int column = x / e.i, row = y / e.j;  // of the lenslet
+                const double right = column - 0.5 + (a + 0.5) / kSub - m, down = row - 0.5 + (b + 0.5) / kSub - n;
                 if (right * right + down * down <= radius * radius) ++covered;
             }
         }

@@ -1,5 +1,5 @@
-// Small line charts as SVG, with at most three series. Dashes and colours tell the series apart. The caption below a chart
-// gives the last, lowest and highest value of each series; screen readers read it.
+// Small line charts as SVG, with at most three series. Dashes and colours tell the series apart. The caption below a
+// chart gives the last, lowest and highest value of each series; screen readers read it.
 "use strict";
 
 const kCharts = [

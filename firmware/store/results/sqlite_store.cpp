@@ -51,8 +51,8 @@ std::string random_id() {
 class HashChain {
   public:
     static Result<HashChain> open(Database& database, const ChainTable& table, const std::string& store_id) {
-        auto insert = database.prepare(fmt::format("INSERT INTO {} VALUES (?{})", table.name,
-                                                   fmt::join(std::views::iota(1UL, table.columns.size() + 2), ", ?")));
+        const std::vector<std::string_view> places(table.columns.size() + 1, "?");
+        auto insert = database.prepare(fmt::format("INSERT INTO {} VALUES ({})", table.name, fmt::join(places, ", ")));
         if (!insert) return tl::unexpected(insert.error());
         auto set_head = database.prepare("INSERT OR REPLACE INTO heads VALUES (?1, ?2, ?3)");
         if (!set_head) return tl::unexpected(set_head.error());

@@ -1,5 +1,7 @@
 #include "firmware/store/results/store_reader.h"
 
+#include <fmt/format.h>
+
 #include "firmware/store/results/database.h"
 #include "firmware/store/results/json_text.h"
 #include "firmware/store/results/schema.h"
@@ -91,10 +93,10 @@ Result<void> StoreReader::each_result(const ResultFilter& filter,
     if (filter.part) where.add("part = ", std::int64_t{*filter.part});
     if (!filter.verdict.empty()) where.add("verdict = ", filter.verdict);
     if (!filter.reason.empty()) {
-        where.add(
-            "CASE reason WHEN 'deflection' THEN 'neighbours-disagree' WHEN 'slope' THEN 'deflection-gradient' "
-            "ELSE reason END = ",
-            std::string(algo::present_reason_name(filter.reason)));
+        std::string present = "CASE reason";
+        for (const auto& [name, reason] : algo::kFormerReasonNames)
+            present += fmt::format(" WHEN '{}' THEN '{}'", name, algo::name_of(reason));
+        where.add(present + " ELSE reason END = ", std::string(algo::present_reason_name(filter.reason)));
     }
     if (!filter.recipe.empty())
         where.add("recipe IN (SELECT number FROM changes WHERE what = 'recipe' AND name = ", filter.recipe);

@@ -68,7 +68,7 @@ TEST(Reference, one_reading_beside_a_spot_is_no_bend) {
 
 // Along a part's row reference HORDs are interpolated between rows, then between columns: if the row is horizontal, the
 // same as from all sixteen lenslets around at once.
-TEST(Reference, golden_hords_along_a_row_are_those_of_single_places) {
+TEST(Reference, reference_hords_along_a_row_are_those_of_single_places) {
     const Reference& r = learned().reference;
     const ReferenceSampler reader(r, best_isa());
     const ReferenceSoa planes(r);

@@ -37,7 +37,7 @@ TEST(Learning, estimates_the_sensors_gain) {
     EXPECT_NEAR(all->reference.sensor.electrons_per_dn, 1, 0.3);
 }
 
-TEST(Learning, single_readings_far_from_all_light_leave_nothing_in_the_golden_hords) {
+TEST(Learning, single_readings_far_from_all_light_leave_nothing_in_the_reference_hords) {
     const Reference& r = learned().reference;
     int valid = 0, far_light = 0, without_light = 0;
     for (std::size_t k = 0; k < r.mask.size(); ++k) {

@@ -251,9 +251,9 @@ TEST(CalibrateGrid, a_dark_quarter_is_missing_and_not_invented) {
     for (const Observation& seen : calibration->observations) {
         EXPECT_FALSE(seen.centre_px.x_px > 360 && seen.centre_px.y_px > 360) << seen.m << "," << seen.n;
     }
-    EXPECT_NEAR(calibration->missing, calibration->complete / 4, calibration->complete / 30);
+    EXPECT_NEAR(calibration->missing, 0.25 * calibration->complete, calibration->complete / 30.0);
     // No fully lit lenslet is missing: neither the dark quarter nor its edge is expected.
-    EXPECT_NEAR(calibration->whole, calibration->complete * 3 / 4, calibration->complete / 20);
+    EXPECT_NEAR(calibration->whole, 0.75 * calibration->complete, calibration->complete / 20.0);
     EXPECT_EQ(calibration->whole_found, calibration->whole);
 }
 

@@ -128,9 +128,9 @@ inline Drawn draw(const White& w) {
                      px <= std::min<double>(w.width_px - 1, x + reach); ++px) {
                     double value = 0;
                     for (int s = 0; s < w.subpixels * w.subpixels; ++s) {
-                        const double dx = px + (s % w.subpixels + 0.5) / w.subpixels - 0.5 - x;
-                        const double dy = py + (s / w.subpixels + 0.5) / w.subpixels - 0.5 -
-                            y;  // NOLINT(bugprone-integer-division): the row
+                        const int column = s % w.subpixels, row = s / w.subpixels;
+                        const double dx = px + (column + 0.5) / w.subpixels - 0.5 - x;
+                        const double dy = py + (row + 0.5) / w.subpixels - 0.5 - y;
                         const double r = std::sqrt(dx * dx + dy * dy);
                         double here = radius > 0 ? 0.5 * std::erfc((r - radius) / (std::sqrt(2.0) * w.edge_px))
                                                  : std::exp(-0.5 * r * r / (radius * radius));

@@ -4,7 +4,6 @@
 namespace hord::firmware {
 namespace {
 
-using algo::Reason;
 using algo::Verdict;
 
 TEST_F(Running, a_part_before_the_one_ahead_is_exposed_rejects_both) {

@@ -27,7 +27,7 @@ class DrawnSpots final : public sim::FrameSource {
         const int width = format().width_px;
         for (int y = 0; y < width; ++y) {
             for (int x = 0; x < width; ++x) {
-                const double dx = x % kBins - (kBins - 1) / 2, dy = y % kBins - (kBins - 1) / 2;
+                const int dx = x % kBins - (kBins - 1) / 2, dy = y % kBins - (kBins - 1) / 2;
                 const double spot = std::exp(-(dx * dx + dy * dy) / (2 * radius_bins * radius_bins));
                 const double level = std::min(1.0, brightest * spot * exposure.light + leak);
                 scratch[static_cast<std::size_t>(y * width + x)] = static_cast<std::byte>(std::lround(255 * level));

@@ -63,7 +63,7 @@ TEST(Pictures, a_defect_is_ringed_in_red_not_in_blue) {
     int red = 0, blue = 0;
     for (int y = 0; y < image.rows; ++y) {
         for (int x = 0; x < image.cols; ++x) {
-            const auto pixel = image.at<cv::Vec3b>(y, x);
+            const auto& pixel = image.at<cv::Vec3b>(y, x);
             red += pixel == cv::Vec3b(40, 40, 230) ? 1 : 0;
             blue += pixel == cv::Vec3b(230, 40, 40) ? 1 : 0;
         }

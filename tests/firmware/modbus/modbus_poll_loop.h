@@ -21,7 +21,7 @@ namespace hord::firmware::modbus {
 class PollLoop : public hal::EventLoop {
   public:
     PollLoop() : wake_(::eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)), thread_([this] { run(); }) {}
-    ~PollLoop() {
+    ~PollLoop() override {
         post([this] { stop_ = true; });
         thread_.join();
         ::close(wake_);

@@ -129,9 +129,10 @@ TEST(EdgeNode, is_born_again_when_it_is_asked_with_the_same_bdSeq_and_at_most_on
 }
 
 TEST(EdgeNode, refuses_and_counts_every_other_command) {
-    const auto command = [](std::vector<std::pair<std::string, MetricValue>> writes, DataType type = DataType::none) {
+    const auto command = [](const std::vector<std::pair<std::string, MetricValue>>& writes,
+                            DataType type = DataType::none) {
         Payload payload;
-        for (auto& [name, value] : writes) {
+        for (const auto& [name, value] : writes) {
             Metric m;
             m.name = name;
             m.value = value;

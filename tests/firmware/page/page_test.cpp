@@ -217,7 +217,7 @@ TEST(PageResults, are_found_page_by_page) {
     }
     ASSERT_EQ(numbers.size(), 30U);
     for (std::size_t k = 0; k < numbers.size(); ++k) EXPECT_EQ(numbers[k], static_cast<std::int64_t>(30 - k));
-    const auto count = [&](Fields fields) { return page.results.search(fields)->at("rows").size(); };
+    const auto count = [&](const Fields& fields) { return page.results.search(fields)->at("rows").size(); };
     EXPECT_EQ(count({{"verdict", "reject"}}), 3U);
     EXPECT_EQ(count({{"kind", "scratch"}}), 3U);
     EXPECT_EQ(count({{"kind", "' OR 1=1 --"}}), 0U);

@@ -24,7 +24,8 @@ Frame part_frame(const algo::Extents& e, std::uint32_t seed, bool bad) {
     for (int n = 0; n < e.n; ++n) {
         for (int m = 0; m < e.m; ++m) {
             const bool jumps = bad && std::abs(m - e.m / 2) <= 1 && std::abs(n - e.n / 2) <= 1 && (m + n) % 2 == 0;
-            const double x = jumps ? 0.2 : e.i / 2 + 0.5 * m / e.m, y = e.j / 2 + 0.3 * n / e.n;
+            const int middle_i = e.i / 2, middle_j = e.j / 2;
+            const double x = jumps ? 0.2 : middle_i + 0.5 * m / e.m, y = middle_j + 0.3 * n / e.n;
             for (int j = 0; j < e.j; ++j) {
                 for (int i = 0; i < e.i; ++i) {
                     const double spot = 200 * std::exp(-((i - x) * (i - x) + (j - y) * (j - y)));

@@ -80,6 +80,11 @@ TEST_F(Learn, what_was_learned_tells_good_from_bad_and_says_why) {
     EXPECT_EQ(json["feature"]["name"], "z-score");
     EXPECT_TRUE(json.contains("pose"));
     EXPECT_TRUE(std::filesystem::exists(folder / "maps/bad.z-score.png"));
+
+    const Said former =
+        run("hordctl", {"inspect", bad, "--bits", "12", "--reference", reference, "--json", "--feature", "surprise"});
+    EXPECT_THAT(former.err, HasSubstr("the feature \"surprise\" is called \"z-score\" now"));
+    EXPECT_EQ(Json::parse(former.out)["feature"]["name"], "z-score");
 }
 
 TEST_F(Learn, a_recipe_names_its_reference_and_tolerates_in_mm) {

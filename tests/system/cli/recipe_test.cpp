@@ -13,7 +13,6 @@ namespace hord::test {
 namespace {
 
 using ::testing::HasSubstr;
-using ::testing::Not;
 
 void write(const std::string& file, const std::string& text) { std::ofstream(file) << text; }
 std::string text_of(const std::string& file) {

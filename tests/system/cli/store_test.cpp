@@ -138,6 +138,12 @@ TEST(Store, is_replayed_to_the_same_bytes_by_workers_of_which_one_is_killed_and_
     EXPECT_EQ(bytes_of("merged.jsonl"), bytes_of("all.jsonl"));
 }
 
+TEST(Store, names_the_present_name_of_a_reason_that_was_renamed) {
+    const TempFolder folder;
+    EXPECT_THAT(run("hordctl", {"results", "--store", folder / "none", "--reason", "slope"}).err,
+                HasSubstr("the reason \"slope\" is called \"deflection-gradient\" now"));
+}
+
 TEST(Store, that_cannot_be_opened_is_a_fault_and_the_line_goes_on) {
     const TemporaryFolder folder;
     fs::create_directories(folder / "store");

@@ -22,6 +22,13 @@ namespace hord::rig {
 // Phases of the newest part; ejector phases belong to an earlier part.
 enum class Phase : std::uint8_t { belt_runs, edge_seen, light_on, light_was_on, frame_sent, ejector_out };
 
+struct Kill {
+    hal::TimePoint at;
+    Phase phase{};
+    bool was_lit = false, was_ejecting = false;
+    std::optional<hal::TimePoint> dark, rested, permit_down;
+};
+
 class Killer {
   public:
     struct Watchers {
@@ -42,12 +49,6 @@ class Killer {
     [[nodiscard]] bool finish();
 
   private:
-    struct Kill {
-        hal::TimePoint at;
-        Phase phase{};
-        bool was_lit = false, was_ejecting = false;
-        std::optional<hal::TimePoint> dark, rested, permit_down;
-    };
     struct Tally {
         int kills = 0;
         std::vector<hal::Duration> dark, rested, down;  // of kills with a light on; with the ejector out; of all kills

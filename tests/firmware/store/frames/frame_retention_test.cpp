@@ -166,14 +166,15 @@ TEST(FrameArchive, names_the_file_that_a_disk_refuses) {
 
 // A keeper without a thread over a folder, and an inspection pipeline.
 struct Cell {
-    explicit Cell(FrameRetentionOptions options = {}, ArchiveDisk disk = real_disk(), const algo::Recipe& recipe = {})
+    explicit Cell(FrameRetentionOptions options = {}, const ArchiveDisk& disk = real_disk(),
+                  const algo::Recipe& recipe = {})
         : pipeline(algo::Pipeline::create(kExtents, 8, recipe).value()),
           keeper(
               [this, disk] {
                   return FrameArchive::open(folder.path() / "frames", {.max_bytes = 100'000'000, .min_free_bytes = 0},
                                             disk);
               },
-              complete(options), [] { return kNoon; },
+              complete(std::move(options)), [] { return kNoon; },
               {[this](const Error& e) { said.push_back(e.message()); }, [this] { said.emplace_back("works again"); }}) {
         keeper.set_recipe(format_recipe({.number = 3, .version = 1, .recipe = recipe}));
     }
@@ -305,6 +306,16 @@ TEST(FrameRetention, writes_everything_that_replay_and_people_need) {
 }
 
 // -- second inspection
+
+TEST(FrameMetadata, of_before_two_reasons_were_renamed_is_read_with_the_present_names) {
+    FrameMetadata data;
+    data.grid = kExtents;
+    data.role = "reject";
+    data.judgement = {"reject", "slope", 1.5F, Json::array(), ""};
+    EXPECT_EQ(FrameMetadata::from_json(data.to_json(), "frame").value().judgement.reason, "deflection-gradient");
+    data.judgement.reason = "deflection";
+    EXPECT_EQ(FrameMetadata::from_json(data.to_json(), "frame").value().judgement.reason, "neighbours-disagree");
+}
 
 TEST(Replay, with_the_recipe_of_then_is_the_same_to_the_bit) {
     Cell cell({.before = 3, .after = 3});

@@ -151,7 +151,7 @@ TEST(SqliteStore, filters_by_time_verdict_kind_recipe_and_takes_the_newest) {
     filter.recipe = "b";
     EXPECT_EQ(results(folder, filter).at(0).sequence, 30U);
     filter = {};
-    filter.reason = "deflection";
+    filter.reason = "neighbours-disagree";
     filter.since = kNoon + 2'000'000;
     EXPECT_THAT(results(folder, filter), SizeIs(3));
     filter.until = kNoon + 3'000'000;
@@ -164,6 +164,25 @@ TEST(SqliteStore, filters_by_time_verdict_kind_recipe_and_takes_the_newest) {
     EXPECT_EQ(newest.back().sequence, 31U);
     filter.recipe = "none of these'; DROP TABLE results; --";
     EXPECT_THAT(results(folder, filter), IsEmpty());
+}
+
+TEST(SqliteStore, reads_and_filters_reasons_by_their_present_and_former_names) {
+    const TempFolder folder;
+    write(folder, Story().add_results(1, 40));
+    const auto found = [&](const char* reason) {
+        ResultFilter filter;
+        filter.reason = reason;
+        return results(folder, filter);
+    };
+    const std::size_t before = found("neighbours-disagree").size();
+    ASSERT_GE(before, 2U);
+    sql(folder, "UPDATE results SET reason = 'deflection' WHERE reason = 'neighbours-disagree' AND number < 20");
+    sql(folder, "UPDATE results SET reason = 'slope' WHERE reason = 'none'");
+    EXPECT_THAT(found("neighbours-disagree"), SizeIs(before));
+    EXPECT_THAT(found("deflection"), SizeIs(before));
+    EXPECT_THAT(found("none"), IsEmpty());
+    ASSERT_FALSE(found("deflection-gradient").empty());
+    EXPECT_EQ(found("slope").front().reason, "deflection-gradient");
 }
 
 // -- retention
