@@ -35,6 +35,8 @@ struct Inspection {
     Verdict verdict = Verdict::unfit;
     Reason reason = Reason::nothing_to_see;
     float score = 0;                      // the worst value over its limit: >= 1 rejects
+    bool bounded = false;                 // the work budget ran out: some values are upper bounds, the verdict is safe
+    std::uint32_t dark_dn = 0;            // DN, the level that was subtracted from every sample
     std::span<const Defect> defects;      // largest peak first
     std::optional<Feature> compares;      // the distance between neighbours that the recipe chooses
     Map gradient;                         // the gradient of that distance, in its unit (unit_of)

@@ -50,6 +50,14 @@ struct Tolerance {
     [[nodiscard]] bool applies_to(DefectKind kind) const { return (kinds >> static_cast<unsigned>(kind) & 1U) != 0; }
 };
 
+// What a part looks like in the field: where it ends, and what of it is not judged (algo/inspection/rim.h).
+enum class PartForm : std::uint8_t {
+    round,  // a solid body with an outline inside the field: lenses, domes, moulded parts
+    tube,   // a hollow body with dark flanks along its axis: vials, syringes, tubes
+    plate,  // a flat body with edges inside the field; its middle does not deflect light
+    web,    // fills the field in every frame: film, strip, sheet glass
+};
+
 struct Reference;  // algo/reference/reference.h
 
 // The distances between neighbours that can judge a part, the most expensive first. Why only these:
@@ -88,6 +96,9 @@ struct Recipe {
     float transmission_limit = 0.7F;    // light relative to the part's own typical lenslet, 0 (off) to 1
     std::uint32_t min_area = 1;         // lenslets
     float gradient_limit = 0;           // of a gradient other than the EMD, in its unit (unit_of); from hordctl tune
+
+    PartForm form = PartForm::round;
+    bool part_required = true;  // a frame without one whole part is unfit (Reason::no_part)
 
     // The part's rim has large gradients. `rim_margin` lenslets inside it are not judged; negative: computed from the
     // number of lenslets (algo/inspection/rim.h).

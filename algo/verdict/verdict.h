@@ -20,6 +20,9 @@ enum class Reason : std::uint8_t {
     saturated,            // unfit: too many saturated lenslets
     nothing_to_see,       // unfit: masks and zones leave no lenslet to judge
     not_registered,       // unfit: the part is not where the reference's parts were, or does not resemble them
+    no_part,              // unfit: no part in the field, or not one whole part
+    unexpected_light,  // unfit: the light is not that of the calibrated cell (fog, defocus, shift, ghost, dark level)
+    unexpected_geometry,  // unfit: the frame has macro-pixels of another size, or none
 };
 
 enum class DefectKind : std::uint8_t { unknown, scattering, absorbing, surface, scratch };
@@ -43,7 +46,8 @@ constexpr std::string_view name_of(Verdict v) {
 
 constexpr std::string_view name_of(Reason r) {
     constexpr std::string_view names[] = {"none",     "neighbours-disagree", "deflection-gradient", "absorption",
-                                          "too-dark", "saturated",           "nothing-to-see",      "not-registered"};
+                                          "too-dark", "saturated",           "nothing-to-see",      "not-registered",
+                                          "no-part",  "unexpected-light",    "unexpected-geometry"};
     return names[static_cast<unsigned>(r)];
 }
 

@@ -42,6 +42,9 @@ std::string_view why_unfit(algo::Reason reason, const algo::Registered& register
     switch (reason) {
         case algo::Reason::too_dark: return "there is too little light";
         case algo::Reason::saturated: return "too many lenslets are saturated";
+        case algo::Reason::no_part: return "there is not one whole part in the field";
+        case algo::Reason::unexpected_light: return "the light is not that of the calibrated cell";
+        case algo::Reason::unexpected_geometry: return "its macro-pixels have another size";
         case algo::Reason::not_registered: return algo::explain(registered.outcome);
         default: return "no lenslet is left to judge";
     }

@@ -18,6 +18,8 @@ using common::TomlTable;
 constexpr int kRecipeSchema = 1;
 constexpr double kFar = 100'000;  // lenslets; larger than any light field
 constexpr unsigned kDefectKinds = 5;
+constexpr std::array<std::string_view, 4> kPartForms{"round", "tube", "plate", "web"};  // as algo::PartForm
+constexpr std::array<std::string_view, 2> kPartPresence{"required", "unchecked"};
 
 // A zone in its own unit. Keys without `_mm` are in `plain`: lenslets for a zone, mm for a tolerance.
 algo::Zone read_zone(TomlTable& table, algo::Zone::Unit plain) {
@@ -235,6 +237,13 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
         light.problem("dark_dn", "is not below saturated_dn", "lower it, or raise saturated_dn");
     }
     root.integer("rim_margin", recipe.rim_margin, -1, 1000);
+    TomlTable part = root.table("part");
+    if (const auto form = part.choice("form", kPartForms)) recipe.form = static_cast<algo::PartForm>(*form);
+    if (recipe.form == algo::PartForm::web) recipe.part_required = false;
+    if (const auto present = part.choice("present", kPartPresence)) recipe.part_required = *present == 0;
+    if (recipe.form == algo::PartForm::web && recipe.part_required)
+        part.problem("present", "is \"required\", and a web has no outline by which a frame could show it",
+                     "write \"unchecked\", or leave it out");
     TomlTable scale = root.table("scale");
     scale.number("lenslet_mm", recipe.lenslet_mm, 1e-6, 1e3);
     scale.number("bin_rad", recipe.bin_rad, 1e-9, 1);
@@ -322,6 +331,14 @@ std::string format(const NumberedRecipe& numbered, const std::string& reference_
     std::string text =
         fmt::format("schema = {}\nname = {}\nnumber = {}\nversion = {}\nrim_margin = {}\n{}\n", kRecipeSchema,
                     in_quotes(r.name), numbered.number, numbered.version, r.rim_margin, format_features(r));
+    // Omitted where usual, so that the checksum of older recipes does not change.
+    const bool required = r.form != algo::PartForm::web;
+    if (r.form != algo::PartForm::round || r.part_required != required) {
+        text += fmt::format("[part]\nform = \"{}\"\n", kPartForms[static_cast<std::size_t>(r.form)]);
+        if (r.part_required != required)
+            text += fmt::format("present = \"{}\"\n", kPartPresence[r.part_required ? 0 : 1]);
+        text += "\n";
+    }
     text += fmt::format(
         "[light]\ndark_dn = {}\nmin_sum_dn = {}\nsaturated_dn = {}\nmax_saturated_share = {}\nmin_lit_share = {}\n\n",
         r.dark_dn, r.min_sum_dn, r.saturated_dn, r.max_saturated_share, r.min_lit_share);

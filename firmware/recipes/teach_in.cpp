@@ -36,8 +36,9 @@ constexpr int kNice = 10;
 Error cancelled_error() { return {ErrorCode::refused, "the teach was cancelled", "teach again"}; }
 
 bool shows_a_part(algo::Reason reason) {
-    return reason != algo::Reason::too_dark && reason != algo::Reason::saturated &&
-        reason != algo::Reason::nothing_to_see;
+    using enum algo::Reason;
+    return reason != too_dark && reason != saturated && reason != nothing_to_see && reason != no_part &&
+        reason != unexpected_light && reason != unexpected_geometry;
 }
 
 void remove_quietly(const fs::path& path) {

@@ -150,7 +150,7 @@ void Invariants::result(const PartResult& r) {
         case RejectState::not_needed:
         case RejectState::commanded: break;
     }
-    reported_inspected_ += r.reason <= PartReason::not_registered ? 1U : 0U;
+    reported_inspected_ += is_judged(r.reason) ? 1U : 0U;
     const bool unconfirmed = r.reject == RejectState::failed || r.reject == RejectState::late;
     if (core_->line_stop()) last_line_stop_ = clock_.now();
     if (unconfirmed && (last_line_stop_ - TimePoint{}).count() < r.arrived_ns) {
@@ -246,7 +246,7 @@ void Invariants::check_counters() {
         if (p.phase != Part::Phase::decided && p.phase != Part::Phase::commanded) continue;
         (p.result.verdict == PartVerdict::reject ? pending.reject : pending.unfit) += 1;
         pending.reject_commanded += p.phase == Part::Phase::commanded ? 1U : 0U;
-        inspected += p.result.reason <= PartReason::not_registered ? 1U : 0U;
+        inspected += is_judged(p.result.reason) ? 1U : 0U;
     }
     const bool agree = c.pass == reported_.pass && c.reject == reported_.reject + pending.reject &&
         c.unfit == reported_.unfit + pending.unfit && c.reject_confirmed == reported_.reject_confirmed &&

@@ -28,6 +28,23 @@ TEST(Recipe, the_documented_file_is_the_defaults) {
     EXPECT_TRUE(file->zones.empty());
 }
 
+TEST(Recipe, the_form_of_a_part_says_whether_a_frame_must_show_one) {
+    const auto usual = parse_recipe("", "r.toml");
+    EXPECT_EQ(std::tie(usual->form, usual->part_required), std::tuple(algo::PartForm::round, true));
+    const auto web = parse_recipe("[part]\nform = \"web\"\n", "r.toml");
+    EXPECT_EQ(std::tie(web->form, web->part_required), std::tuple(algo::PartForm::web, false));
+    const auto tube = parse_recipe("[part]\nform = \"tube\"\npresent = \"unchecked\"\n", "r.toml");
+    EXPECT_EQ(std::tie(tube->form, tube->part_required), std::tuple(algo::PartForm::tube, false));
+    for (const auto& recipe : {*usual, *web, *tube}) {
+        const auto again = parse_recipe(format_recipe({.recipe = recipe}), "r.toml");
+        EXPECT_EQ(std::tie(again->form, again->part_required), std::tie(recipe.form, recipe.part_required));
+    }
+    const auto refused = parse_recipe("[part]\nform = \"web\"\npresent = \"required\"\n", "r.toml");
+    ASSERT_FALSE(refused);
+    EXPECT_THAT(refused.error().what, HasSubstr("web has no outline"));
+    EXPECT_THAT(parse_recipe("[part]\nform = \"cube\"\n", "r.toml").error().what, HasSubstr("cube"));
+}
+
 TEST(Recipe, zones_are_circles_and_polygons) {
     const auto recipe = parse_recipe(R"(
 [[zone]]

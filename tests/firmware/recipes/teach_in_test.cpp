@@ -131,7 +131,8 @@ TEST_F(TeachInTest, takes_what_shows_a_part_whatever_the_verdict_and_nothing_els
     open(loop);
     inspected(1, drawn_lens(1));  // before the session began
     ASSERT_TRUE(begin(8));
-    for (const auto reason : {algo::Reason::too_dark, algo::Reason::saturated, algo::Reason::nothing_to_see})
+    for (const auto reason : {algo::Reason::too_dark, algo::Reason::saturated, algo::Reason::nothing_to_see,
+                              algo::Reason::no_part, algo::Reason::unexpected_light, algo::Reason::unexpected_geometry})
         inspected(2, drawn_lens(2), reason);
     inspected(0xFFFFFFFF, drawn_lens(3));     // the station's own test
     inspected(4, Frame(14, 14, kDrawnBits));  // another size

@@ -139,7 +139,7 @@ TEST(Store, is_replayed_to_the_same_bytes_by_workers_of_which_one_is_killed_and_
 }
 
 TEST(Store, names_the_present_name_of_a_reason_that_was_renamed) {
-    const TempFolder folder;
+    const TemporaryFolder folder;
     EXPECT_THAT(run("hordctl", {"results", "--store", folder / "none", "--reason", "slope"}).err,
                 HasSubstr("the reason \"slope\" is called \"deflection-gradient\" now"));
 }
