@@ -7,7 +7,7 @@ namespace hord::drivers {
 void EdgeFilter::feed(const GpioEdge& raw, std::vector<Edge>& edges) {
     if (burst_ && raw.at - burst_->last >= debounce_) end_burst(burst_->active, edges);
     if (!burst_) {
-        burst_.emplace();
+        burst_ = BounceBurst{};
         burst_->first = raw.at;
     }
     unexplained_since_.reset();

@@ -53,7 +53,7 @@ class RocCurve {
     std::vector<ScoredPlace> scores_;
 };
 
-Estimate with_interval(double value, std::vector<double> draws) {
+Estimate with_interval(double value, const std::vector<double>& draws) {
     return {value, quantile(draws, 0.025), quantile(draws, 0.975)};
 }
 
@@ -91,7 +91,7 @@ Detection detection_of(std::span<const ScoredPlace> scores, double fpr, int repe
         aucs.push_back(point->auc);
         tprs.push_back(point->tpr);
     });
-    return {with_interval(whole->auc, std::move(aucs)), with_interval(whole->tpr, std::move(tprs)), whole->threshold};
+    return {with_interval(whole->auc, aucs), with_interval(whole->tpr, tprs), whole->threshold};
 }
 
 Estimate auc_difference(std::span<const ScoredPlace> a, std::span<const ScoredPlace> b, int repeats,
@@ -109,7 +109,7 @@ Estimate auc_difference(std::span<const ScoredPlace> a, std::span<const ScoredPl
     bootstrap(parts, repeats, seed, [&](const std::vector<int>& times) {
         if (const auto one = difference(times)) draws.push_back(*one);
     });
-    return with_interval(*whole, std::move(draws));
+    return with_interval(*whole, draws);
 }
 
 double gumbel_limit(std::span<const double> good, double share) {

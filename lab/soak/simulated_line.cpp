@@ -134,7 +134,9 @@ Result<void> SimulatedLine::start_process(bool line_unknown) {
     auto judging = make_stand_in_inspector(
         loop_, options_.queue, [this](std::uint32_t part, const hal::FrameLease& frame) { return judge(part, frame); });
     ++processes_;
-    Process& process = process_.emplace();  // destroys the one before
+    process_.reset();  // destroys the one before, its members in reverse order
+    process_ = Process{};
+    Process& process = *process_;
     process.proxies = std::make_unique<DeviceProxies>(*cell_, *invariants_);
     process.inspector = std::make_unique<ObservedInspector>(std::move(judging), *this);
     DeviceProxies& proxies = *process.proxies;

@@ -14,7 +14,6 @@ namespace hord::lab {
 namespace {
 
 using algo::Extents;
-using algo::Inspection;
 using algo::Pipeline;
 using algo::Recipe;
 

@@ -1,8 +1,9 @@
 // Highway against algo/simd on two kernels: the same bits, and the ratio of times, pair by pair (docs/adr/0011).
 #include <algorithm>
+#include <bit>
 #include <chrono>
+#include <cstdint>
 #include <cstdio>
-#include <cstring>
 #include <random>
 #include <vector>
 
@@ -37,12 +38,13 @@ struct Inputs {
 };
 
 int different_results(const Inputs& in, Isa isa) {
+    const auto bits = [](float value) { return std::bit_cast<std::uint32_t>(value); };
     int different = 0;
     for (std::size_t k = 0; k < kShifts; ++k) {
         float x[kLanes], y[kLanes], least = 0, also_least = 0;
         ours_chi2(&in.a[k], &in.b[k], kStride, in.lit, x, isa);
         highway_chi2(&in.a[k], &in.b[k], kStride, in.lit, y);
-        different += std::memcmp(x, y, sizeof x) != 0 ? 1 : 0;
+        different += std::ranges::equal(x, y, {}, bits, bits) ? 0 : 1;
         const int here = ours_cheapest(in.cost.data(), &in.a[k], in.a[k], kRows, &least, isa);
         const int there = highway_cheapest(in.cost.data(), &in.a[k], in.a[k], kRows, &also_least);
         different += here != there || least != also_least ? 1 : 0;
@@ -72,11 +74,11 @@ int main() {
         std::vector<double> chi2, cheapest;
         for (int repetition = 0; repetition < kRepetitions; ++repetition) {
             const double ours =
-                ns_a_call([&](std::size_t k) { ours_chi2(&in.a[k], &in.b[k], kStride, in.lit, out, isa); });
+                ns_a_call([&, isa = isa](std::size_t k) { ours_chi2(&in.a[k], &in.b[k], kStride, in.lit, out, isa); });
             chi2.push_back(ns_a_call([&](std::size_t k) { highway_chi2(&in.a[k], &in.b[k], kStride, in.lit, out); }) /
                            ours);
-            const double also_ours =
-                ns_a_call([&](std::size_t k) { ours_cheapest(in.cost.data(), &in.a[k], 0.5F, kRows, &least, isa); });
+            const double also_ours = ns_a_call(
+                [&, isa = isa](std::size_t k) { ours_cheapest(in.cost.data(), &in.a[k], 0.5F, kRows, &least, isa); });
             cheapest.push_back(
                 ns_a_call([&](std::size_t k) { highway_cheapest(in.cost.data(), &in.a[k], 0.5F, kRows, &least); }) /
                 also_ours);
