@@ -19,6 +19,8 @@ constexpr std::size_t kMinLines = 8;  // lines across the tube that show its out
 constexpr int kEdgeReach = 3;         // lenslets from the outer edge in which a flank begins
 constexpr int kMinBand = 3;  // places next to each other with the band's light; fewer: a bright line in a flank
 constexpr unsigned kLightOf = 8, kLightNeeded = 7;  // a lenslet of the band has 7/8 of its typical light
+constexpr int kQuorumOf = 4, kQuorum = 3;           // of the lines across that make a distance from the edge flank: 3/4
+constexpr int kEndMargins = 2;                      // margins at an end: a tube is as deep as it is wide
 constexpr int kSteepShare = 4;                      // at most 1/4 of the lit band, on each side, is flank for its slope
 
 }  // namespace
@@ -29,6 +31,8 @@ TubeOutline::TubeOutline(const Extents& extents, int margin, float steepest_bins
       scratch_(extents.lenslets()), body_(extents.lenslets()) {
     const auto longest = static_cast<std::size_t>(std::max(extents.m, extents.n));
     for (Side& side : sides_) side.edge.resize(longest);
+    first_.resize(longest);
+    last_.resize(longest);
     present_.reserve(longest);
     values_.resize(longest);
 }
@@ -49,6 +53,7 @@ bool TubeOutline::find(const FieldLight& light, std::span<std::uint8_t> state) {
     find_typical_light(view, light);
     if (!fit_line(view, sides_[0]) || !fit_line(view, sides_[1])) return false;
     find_flanks(view, light);
+    find_ends(view);
     if (enclose(view) * kSmallestPart < extents_.lenslets()) return false;
     for (std::size_t k = 0; k < state.size(); ++k) {
         state[k] = static_cast<std::uint8_t>((state[k] & ~kPart) | body_[k] | (body_[k] != 0 ? kPart : 0));
@@ -154,8 +159,8 @@ bool TubeOutline::fit_line(View view, Side& side) {
     return side.last >= side.first;
 }
 
-// Lenslets from the outer edge to the band: at each distance from the edge most lines across decide. The band begins
-// where kMinBand distances in a row are no flank.
+// Lenslets from the outer edge to the band: a distance from the edge is flank if kQuorum of the lines across are. The
+// band begins where kMinBand distances in a row are no flank.
 int TubeOutline::thickness(View view, const FieldLight& light, const Side& side, bool steep_too) const {
     const int first = std::max(sides_[0].first, sides_[1].first), last = std::min(sides_[0].last, sides_[1].last);
     int light_in_a_row = 0;
@@ -165,7 +170,7 @@ int TubeOutline::thickness(View view, const FieldLight& light, const Side& side,
             const int v = side.line(u) + depth;
             if (v < 0 || v >= view.width() || is_flank(view, light, u, v, steep_too)) ++flank;
         }
-        light_in_a_row = 2 * flank > last - first + 1 ? 0 : light_in_a_row + 1;
+        light_in_a_row = kQuorumOf * flank >= kQuorum * (last - first + 1) ? 0 : light_in_a_row + 1;
         if (light_in_a_row == kMinBand) return depth + 1 - kMinBand;
     }
     return width_;
@@ -189,32 +194,41 @@ void TubeOutline::find_flanks(View view, const FieldLight& light) {
     for (const std::size_t s : {0U, 1U}) sides_[s].thickness = std::min(found[s], most);
 }
 
-// Between the two ends of the tube, each a straight line from edge to edge; v from the near side.
-bool TubeOutline::between_ends(View view, int u, int v) const {
-    const auto end = [&](int near_u, int far_u) {
+// The ends of the tube at each place across, each a straight line from edge to edge.
+void TubeOutline::find_ends(View view) {
+    const auto draw = [&](int near_u, int far_u, std::vector<int>& end) {
         const int near_v = sides_[0].line(near_u), far_v = view.width() - 1 - sides_[1].line(far_u);
-        const int reach = std::max(far_v - near_v, 1), way = std::clamp(v - near_v, 0, reach);
-        return near_u + (far_u - near_u) * way / reach;
+        const int reach = std::max(far_v - near_v, 1);
+        for (int v = 0; v < view.width(); ++v)
+            end[static_cast<std::size_t>(v)] = near_u + (far_u - near_u) * std::clamp(v - near_v, 0, reach) / reach;
     };
-    return u >= end(sides_[0].first, sides_[1].first) && u <= end(sides_[0].last, sides_[1].last);
+    draw(sides_[0].first, sides_[1].first, first_);
+    draw(sides_[0].last, sides_[1].last, last_);
 }
 
 // Fills body_: all between the two lines and the two ends, and what the outline encloses beyond (a neck, a flange).
 // Returns the number of lenslets.
 std::size_t TubeOutline::enclose(View view) {
+    const int end_margin = kEndMargins * margin_;
     std::size_t count = 0;
     for (int u = 0; u < view.length(); ++u) {
         const auto line = static_cast<std::size_t>(u);
         const int near_line = sides_[0].line(u), far_line = view.width() - 1 - sides_[1].line(u);
         const bool seen = sides_[0].edge[line] >= 0;
         const int near_edge = sides_[0].edge[line], far_edge = view.width() - 1 - sides_[1].edge[line];
+        const int near_flank = near_line + sides_[0].thickness + margin_,
+                  far_flank = far_line - sides_[1].thickness - margin_;
         for (int v = 0; v < view.width(); ++v) {
-            const bool enclosed = seen && v >= near_edge && v <= far_edge;
-            const bool in_body = v >= near_line && v <= far_line && between_ends(view, u, v);
-            const bool flank =
-                v < near_line + sides_[0].thickness + margin_ || v > far_line - sides_[1].thickness - margin_;
-            body_[view.at(u, v)] = static_cast<std::uint8_t>(enclosed || in_body ? kInside | (flank ? kFlank : 0) : 0);
-            if (enclosed || in_body) ++count;
+            const int first = first_[static_cast<std::size_t>(v)], last = last_[static_cast<std::size_t>(v)];
+            std::uint8_t& body = body_[view.at(u, v)];
+            body = 0;
+            if (!(seen && v >= near_edge && v <= far_edge) &&
+                !(v >= near_line && v <= far_line && u >= first && u <= last))
+                continue;
+            const bool at_end =
+                (first > 0 && u < first + end_margin) || (last < view.length() - 1 && u > last - end_margin);
+            body = static_cast<std::uint8_t>(kInside | (v < near_flank || v > far_flank || at_end ? kFlank : 0));
+            ++count;
         }
     }
     return count;

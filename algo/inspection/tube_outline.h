@@ -69,7 +69,7 @@ class TubeOutline {
     bool fit_line(View view, Side& side);
     [[nodiscard]] int thickness(View view, const FieldLight& light, const Side& side, bool steep_too) const;
     void find_flanks(View view, const FieldLight& light);
-    [[nodiscard]] bool between_ends(View view, int u, int v) const;
+    void find_ends(View view);
     std::size_t enclose(View view);
 
     Extents extents_;
@@ -77,9 +77,10 @@ class TubeOutline {
     std::int64_t steepest_;  // over two lenslets, raw DeflectionQ; 0: no limit
     std::array<Side, 2> sides_;
     bool along_columns_ = true;
-    int width_ = 0;              // of the tube, lenslets
-    std::uint32_t typical_ = 0;  // light of the band, DN
-    std::vector<int> present_;   // u of the lines across in which the outline is seen
+    int width_ = 0;                  // of the tube, lenslets
+    std::uint32_t typical_ = 0;      // light of the band, DN
+    std::vector<int> first_, last_;  // u of the tube's ends at each v
+    std::vector<int> present_;       // u of the lines across in which the outline is seen
     std::vector<std::int64_t> values_;
     std::vector<std::uint32_t> scratch_;
     std::vector<std::uint8_t> body_;  // kInside, kFlank

@@ -6,6 +6,8 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
+#include <numbers>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -165,6 +167,10 @@ TEST_P(RenderedForm, with_a_defect_is_rejected_at_the_defect) {
                              {"speck beside the axis", c.speck, speck(1.3, -0.8, c.speck)},
                              {"bubble", c.bubble, bubble(c.bubble)},
                              {"scratch", c.scratch, scratch(c.scratch)}};
+    if (c.form != PartForm::tube) {  // 20 um deep and 1.1 mm wide; the light turns by up to 2.4 bins
+        const double radius = 8, depth = 0.02;
+        defects.push_back({"dimple", radius, SphericalCut{{-1.1, -0.4, c.near + radius - depth}, radius}});
+    }
     if (long_tests()) {  // what is hard to find, for the table
         defects.push_back({"speck beside the axis", c.speck / 2, speck(1.3, -0.8, c.speck / 2), false});
         defects.push_back({"bubble", c.bubble / 2, bubble(c.bubble / 2), false});
@@ -182,6 +188,54 @@ TEST_P(RenderedForm, with_a_defect_is_rejected_at_the_defect) {
         if (!one.must_be_found) continue;
         EXPECT_EQ(t.passed, 0) << one.what << ", " << places.size() << " lenslets, score " << t.worst;
         EXPECT_EQ(t.found, t.frames) << one.what;
+    }
+}
+
+// A fully dark spot of any size that covers a lenslet which the good frame lets judge is rejected: it changes neither
+// what is part nor what is flank. Along both axes.
+TEST_P(RenderedForm, with_a_dark_spot_on_any_judged_lenslet_is_rejected) {
+    sim::Scene good = scene();
+    for (const bool turned : {false, true}) {
+        if (turned) {
+            good.pose.rotation_rad = std::numbers::pi / 2;
+            std::swap(good.camera.extents.m, good.camera.extents.n);
+            good.camera.field_mm *= static_cast<double>(good.camera.extents.m) / good.camera.extents.n;
+        }
+        const LightField field = rendered(good);
+        const Extents& e = field.extents;
+        auto pipeline = Pipeline::create(e, good.camera.bits, recipe_of(GetParam().form));
+        ASSERT_TRUE(pipeline);
+        const Frame clean = expose(field, good, 1);
+        const auto seen = pipeline->inspect(clean.view());
+        ASSERT_TRUE(seen);
+        ASSERT_EQ(seen->verdict, Verdict::pass);
+        const std::vector<std::uint8_t> mask(seen->mask.begin(), seen->mask.end());
+        std::mt19937_64 random(7);
+        int spots = 0;
+        for (int tried = 0; tried < (long_tests() ? 500 : 80); ++tried) {
+            const auto below = [&](int end) { return static_cast<int>(random() % static_cast<std::uint64_t>(end)); };
+            const int m = below(e.m), n = below(e.n), radius = tried % 3 == 0 ? 0 : below(std::min(e.m, e.n) / 3);
+            LightField spotted = field;
+            bool judged = false;
+            for (int y = 0; y < e.height_px(); ++y) {
+                for (int x = 0; x < e.width_px(); ++x) {
+                    const int right = x / e.i - m, down = y / e.j - n;
+                    if (right * right + down * down > radius * radius) continue;
+                    spotted.bins[static_cast<std::size_t>(y) * static_cast<std::size_t>(e.width_px()) +
+                                 static_cast<std::size_t>(x)] = 0;
+                    judged = judged || (mask[e.index(m + right, n + down)] & kNotJudged) == 0;
+                }
+            }
+            if (!judged) continue;
+            ++spots;
+            const Frame frame = expose(spotted, good, static_cast<std::uint64_t>(tried));
+            const auto found = pipeline->inspect(frame.view());
+            ASSERT_TRUE(found);
+            EXPECT_EQ(found->verdict, Verdict::reject)
+                << m << ", " << n << ", radius " << radius << (turned ? ", turned" : "");
+        }
+        EXPECT_GT(spots, 20);
+        if (long_tests()) std::printf("%s: %d spots\n", GetParam().what, spots);
     }
 }
 
