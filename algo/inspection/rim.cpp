@@ -2,28 +2,36 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "algo/frame/mask.h"
+#include "algo/inspection/part_state.h"
 #include "common/statistics.h"
 
 namespace hord::algo {
+
+using namespace outline;
+
 namespace {
 
-// State of a lenslet; bits combine.
-enum State : std::uint8_t {
-    kFree = 1,       // shows free light
-    kWide = 2,       // all its neighbours in the field are kFree, too: the flood fill passes through it
-    kReached = 4,    // free field
-    kUnreached = 8,  // all else
-    kPart = 16,      // in a region large enough to be a part
-    kInside = 32,    // part, or enclosed by part
-    kCounted = 64,   // in a region whose size is known
-};
+// Of the limit of the slope: the bins' ripple (1.27) and noise (0.04 of 0.4) can take a smooth slope above the limit
+// from there on. (0.4 - 0.04) / 1.27 / 0.4, docs/notes/inspection.md.
+constexpr float kSmoothShare = 0.7F;
+constexpr int kShortestPiece = 4;  // a piece of the outline is at least 1/kShortestPiece as long as the longest one
 
 constexpr std::int64_t kFreeTolerance =
     static_cast<std::int64_t>(kFreeToleranceBins * (1 << DeflectionQ::kFractionBits));
 
 bool close(DeflectionQ a, DeflectionQ b) { return std::abs(std::int64_t{a.raw()} - b.raw()) <= kFreeTolerance; }
+
+// The slope of the mean deflection, bin pitches a lenslet, from which a part with the recipe's limits may be rejected.
+float steepest_slope(const Recipe& recipe) {
+    float limit = std::numeric_limits<float>::max();
+    if (recipe.slopes) limit = recipe.frobenius_limit_bins;
+    const bool in_bins = recipe.gradient == Feature::emd || recipe.gradient == Feature::marginal;
+    if (in_bins) limit = std::min(limit, limit_of_gradient(recipe) / 2);  // a gradient is over two lenslets
+    return limit < std::numeric_limits<float>::max() ? kSmoothShare * limit : 0;
+}
 
 }  // namespace
 
@@ -31,8 +39,14 @@ int default_rim_margin(const Extents& extents) {
     return static_cast<int>(std::lround(1.5 + std::max(extents.m, extents.n) / 222.0));
 }
 
-RimFinder::RimFinder(const Extents& extents, int margin)
-    : extents_(extents), margin_(margin), state_(extents.lenslets()), queue_(extents.lenslets()),
+RimFinder RimFinder::of(const Recipe& recipe, const Extents& extents) {
+    // A web has no rim of its own: the field's border is judged unless the recipe says otherwise.
+    const int usual = recipe.form == PartForm::web ? 0 : default_rim_margin(extents);
+    return {extents, recipe.rim_margin < 0 ? usual : recipe.rim_margin, recipe.form, steepest_slope(recipe)};
+}
+
+RimFinder::RimFinder(const Extents& extents, int margin, PartForm form, float steepest_bins)
+    : extents_(extents), margin_(margin), form_(form), state_(extents.lenslets()), queue_(extents.lenslets()),
       first_(static_cast<std::size_t>(extents.m)), last_(static_cast<std::size_t>(extents.m)),
       part_in_column_(static_cast<std::size_t>(extents.m)) {
     for (int n = 0; n < extents.n; ++n) {
@@ -40,44 +54,96 @@ RimFinder::RimFinder(const Extents& extents, int margin)
         for (int m = 0; m < extents.m; m += whole_row ? 1 : extents.m - 1)
             ring_.push_back(static_cast<std::uint32_t>(extents.index(m, n)));
     }
+    for (int n = 0; n < extents.n; ++n) {
+        for (const int m : {0, extents.m - 1})
+            beside_columns_.push_back(static_cast<std::uint32_t>(extents.index(m, n)));
+    }
+    for (const int n : {0, extents.n - 1}) {
+        for (int m = 0; m < extents.m; ++m) beside_rows_.push_back(static_cast<std::uint32_t>(extents.index(m, n)));
+    }
     ring_values_.resize(ring_.size());
+    if (form == PartForm::tube) tube_.emplace(extents, margin, steepest_bins);
+    if (form == PartForm::plate) plate_.emplace(extents);
 }
 
 void RimFinder::mark(std::span<const Deflection> deflections, std::span<const std::uint32_t> sums,
                      std::span<std::uint8_t> mask) {
     std::ranges::fill(state_, std::uint8_t{0});
-    if (find_free_light(deflections, sums, mask)) {
-        reach_free_field();
-        keep_large_parts();
+    found_ = {};
+    if (form_ != PartForm::web) {
+        found_.free_light = find_free_light({deflections, sums, mask});
+        if (found_.free_light) reach_free_field();
+        else found_ = {};
     }
-    enclose();
+    find_part({deflections, sums, mask});
+    note_border_share();
     mark_rim(mask);
 }
 
-// Step 1 (docs/notes/inspection.md). Sets kFree; false if the outermost lenslets show no free light.
-bool RimFinder::find_free_light(std::span<const Deflection> deflections, std::span<const std::uint32_t> sums,
-                                std::span<const std::uint8_t> mask) {
+// Step 3. Sets kPart and kInside.
+void RimFinder::find_part(const FieldLight& light) {
+    if (form_ == PartForm::round && found_.free_light) keep_large_parts();
+    if (tube_ || plate_) {
+        if (found_.free_light) keep_long_regions();
+        else std::ranges::fill(state_, std::uint8_t{kPart});  // the part fills the field
+        const bool found = tube_ ? tube_->find(light, state_) : found_.free_light && plate_->find(state_);
+        if (found) {
+            // The light at the two ends of a tube is not free light.
+            const Sides ends = tube_ && tube_->along_columns() ? Sides::beside_rows : Sides::beside_columns;
+            if (tube_ && free_sides_ == ends) found_ = {};
+            // A tube that fills the field shows by its flanks.
+            found_.regions = found_.free_light || (tube_ && tube_->has_flanks()) ? 1 : 0;
+            return;
+        }
+        for (std::uint8_t& state : state_) state &= static_cast<std::uint8_t>(~kPart);
+    }
+    enclose();
+}
+
+void RimFinder::note_border_share() {
+    if (found_.regions == 0) return;
+    const auto inside = std::ranges::count_if(ring_, [&](std::uint32_t k) { return (state_[k] & kInside) != 0; });
+    found_.border_share = static_cast<float>(inside) / static_cast<float>(ring_.size());
+}
+
+// Step 1 (docs/notes/inspection.md). Sets kFree; false if the outermost lenslets show no free light. A tube that leaves
+// the field at both ends may cover most of them: then the two sides of the field that agree better count.
+bool RimFinder::find_free_light(const FieldLight& light) {
+    free_sides_ = Sides::all;
+    if (2 * agreeing(light, ring_) >= ring_.size()) return true;
+    if (form_ != PartForm::tube) return false;
+    const std::size_t columns = agreeing(light, beside_columns_), rows = agreeing(light, beside_rows_);
+    const bool by_columns = columns * beside_rows_.size() >= rows * beside_columns_.size();
+    free_sides_ = by_columns ? Sides::beside_columns : Sides::beside_rows;
+    const std::vector<std::uint32_t>& sides = by_columns ? beside_columns_ : beside_rows_;
+    return 2 * agreeing(light, sides) >= sides.size();
+}
+
+// How many lenslets of `ring` show the median light of `ring`; 0 if most are dark. Sets kFree where the field shows it.
+std::size_t RimFinder::agreeing(const FieldLight& light, std::span<const std::uint32_t> ring) {
+    const auto& [deflections, sums, mask] = light;
     const auto median_of_ring = [&](auto&& value_of) -> std::int64_t {
         std::size_t count = 0;
-        for (const std::uint32_t k : ring_) {
-            if ((mask[k] & kDark) == 0) ring_values_[count++] = value_of(k);
+        for (const std::uint32_t k : ring) {
+            if ((light.mask[k] & kDark) == 0) ring_values_[count++] = value_of(k);
         }
-        return 2 * count < ring_.size() ? -1 : common::lower_median(std::span(ring_values_).first(count));
+        return 2 * count < ring.size() ? -1 : common::lower_median(std::span(ring_values_).first(count));
     };
-    const std::int64_t sum = median_of_ring([&](std::uint32_t k) { return std::int64_t{sums[k]}; });
-    if (sum < 0) return false;
-    const auto x =
-        DeflectionQ::from_raw(median_of_ring([&](std::uint32_t k) { return std::int64_t{deflections[k].x.raw()}; }));
-    const auto y =
-        DeflectionQ::from_raw(median_of_ring([&](std::uint32_t k) { return std::int64_t{deflections[k].y.raw()}; }));
+    const std::int64_t sum = median_of_ring([&](std::uint32_t k) { return std::int64_t{light.sums[k]}; });
+    if (sum < 0) return 0;
+    const auto x = DeflectionQ::from_raw(
+        median_of_ring([&](std::uint32_t k) { return std::int64_t{light.deflections[k].x.raw()}; }));
+    const auto y = DeflectionQ::from_raw(
+        median_of_ring([&](std::uint32_t k) { return std::int64_t{light.deflections[k].y.raw()}; }));
 
+    found_.free_deflection = {x, y};
+    found_.free_sum = static_cast<std::uint32_t>(sum);
     for (std::size_t k = 0; k < state_.size(); ++k) {
         const bool free = (mask[k] & kDark) == 0 && close(deflections[k].x, x) && close(deflections[k].y, y) &&
             2 * std::int64_t{sums[k]} >= sum;
         state_[k] = static_cast<std::uint8_t>(free ? kFree : 0);
     }
-    const auto agreeing = std::ranges::count_if(ring_, [&](std::uint32_t k) { return state_[k] == kFree; });
-    return 2 * static_cast<std::size_t>(agreeing) >= ring_.size();
+    return static_cast<std::size_t>(std::ranges::count_if(ring, [&](std::uint32_t k) { return state_[k] == kFree; }));
 }
 
 // Step 2. Sets kReached or kUnreached everywhere.
@@ -111,13 +177,38 @@ void RimFinder::reach_free_field() {
     }
 }
 
-// Step 3, first half. Sets kPart.
+// Step 3 of a round part, first half. Sets kPart.
 void RimFinder::keep_large_parts() {
     for (std::uint32_t k = 0; k < state_.size(); ++k) {
         if ((state_[k] & (kUnreached | kCounted)) != kUnreached) continue;
         const std::size_t count = mark_connected(k, kUnreached, kCounted, Connected::at_corners_too);
         if (count * kSmallestPart < state_.size()) continue;
         for (std::size_t q = 0; q < count; ++q) state_[queue_[q]] |= kPart;
+        ++found_.regions;
+    }
+}
+
+// The same for outlines that need not be closed: regions that are long enough to be a piece of it. Dust is shorter.
+void RimFinder::keep_long_regions() {
+    const auto longer_side = [&](std::size_t count) {
+        int left = extents_.m, right = 0, top = extents_.n, bottom = 0;
+        for (const std::uint32_t k : std::span(queue_).first(count)) {
+            const int m = static_cast<int>(k) % extents_.m, n = static_cast<int>(k) / extents_.m;
+            left = std::min(left, m), right = std::max(right, m);
+            top = std::min(top, n), bottom = std::max(bottom, n);
+        }
+        return std::max(right - left, bottom - top) + 1;
+    };
+    int longest = 0;
+    for (std::uint32_t k = 0; k < state_.size(); ++k) {
+        if ((state_[k] & (kUnreached | kCounted)) != kUnreached) continue;
+        longest = std::max(longest, longer_side(mark_connected(k, kUnreached, kCounted, Connected::at_corners_too)));
+    }
+    for (std::uint32_t k = 0; k < state_.size(); ++k) {
+        if ((state_[k] & (kCounted | kPart)) != kCounted) continue;
+        const std::size_t count = mark_connected(k, kCounted, kPart, Connected::at_corners_too);
+        if (longer_side(count) * kShortestPiece >= longest) continue;
+        for (std::size_t q = 0; q < count; ++q) state_[queue_[q]] &= static_cast<std::uint8_t>(~(kPart | kCounted));
     }
 }
 
@@ -132,7 +223,8 @@ std::size_t RimFinder::mark_connected(std::uint32_t seed, std::uint8_t through, 
     });
 }
 
-// Step 3, second half. Sets kInside between lenslets of the part in a row or a column; everywhere if there is no part.
+// Step 3 of a round part, second half. Sets kInside between lenslets of the part in a row or a column; everywhere if
+// there is no part.
 void RimFinder::enclose() {
     const bool any = std::ranges::any_of(state_, [](std::uint8_t state) { return (state & kPart) != 0; });
     if (!any) {
@@ -162,8 +254,9 @@ void RimFinder::enclose() {
     }
 }
 
-// Step 4. A lenslet is rim if the square window of `margin_` lenslets around it holds part and other lenslets, or
-// leaves the field. The window's count of part lenslets is updated from row to row and column to column.
+// Step 4. Flanks are rim. Any other lenslet is rim if the square window of `margin_` lenslets around it holds part and
+// other lenslets, or leaves the field. The window's count of part lenslets is updated from row to row and column to
+// column.
 void RimFinder::mark_rim(std::span<std::uint8_t> mask) {
     const int side = 2 * margin_ + 1;
     const auto part_at = [&](int m, int n) { return (state_[extents_.index(m, n)] & kPart) != 0 ? 1 : 0; };
@@ -189,7 +282,7 @@ void RimFinder::mark_rim(std::span<std::uint8_t> mask) {
             const bool across_outline = in_window != 0 && in_window != side * side;
             if ((state_[k] & kInside) == 0) {
                 mask[k] |= kOutside;
-            } else if (leaves_field || across_outline) {
+            } else if (leaves_field || across_outline || (state_[k] & kFlank) != 0) {
                 mask[k] |= kRim;
             }
         }

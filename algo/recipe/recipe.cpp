@@ -78,6 +78,21 @@ LightLevels light_levels(const Recipe& recipe, int bits) {
             recipe.saturated_dn == 0 ? full_scale : recipe.saturated_dn};
 }
 
+std::vector<std::string> notes(const Recipe& recipe) {
+    std::vector<std::string> messages;
+    const bool alone = recipe.reference == nullptr;
+    if (recipe.form == PartForm::tube && alone)
+        messages.emplace_back(
+            "the flanks of a tube are not judged without a reference: learn one with `hordctl learn`");
+    if (recipe.form == PartForm::plate && recipe.part_required)
+        messages.emplace_back(
+            "a plate is found by its edges: one whose edges neither darken nor deflect light looks "
+            "like an empty field; for such plates write [part] present = \"unchecked\"");
+    if (!recipe.part_required)
+        messages.emplace_back("whether a part is there is not checked: a frame of the empty field can pass");
+    return messages;
+}
+
 std::vector<std::string> problems(const Recipe& recipe, const Extents& extents) {
     std::vector<std::string> messages;
     const auto positive = [&](float value, const char* name, const char* unit) {

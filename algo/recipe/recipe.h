@@ -133,6 +133,9 @@ float limit_of_gradient(const Recipe& recipe);
 struct LightLevels;  // algo/frame/decode.h
 LightLevels light_levels(const Recipe& recipe, int bits);
 
+// What single frames cannot judge of the recipe's form of part, one sentence each; empty if there is nothing to say.
+std::vector<std::string> notes(const Recipe& recipe);
+
 // All problems of a recipe for light fields of these extents, one message each; empty if it can be used.
 std::vector<std::string> problems(const Recipe& recipe, const Extents& extents);
 

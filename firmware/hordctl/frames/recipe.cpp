@@ -49,10 +49,13 @@ Exit check(const RecipeOptions& options) {
     Exit status = Exit::good;
     for (const std::string& file : options.files) {
         const auto recipe = load_numbered_recipe(file);
-        if (!recipe) status = complain(recipe.error());
-        else
-            fmt::print("{}: number {}, version {}, CRC-32 {:08X}\n", file, recipe->number, recipe->version,
-                       crc32_of(*recipe));
+        if (!recipe) {
+            status = complain(recipe.error());
+            continue;
+        }
+        fmt::print("{}: number {}, version {}, CRC-32 {:08X}\n", file, recipe->number, recipe->version,
+                   crc32_of(*recipe));
+        for (const std::string& note : algo::notes(recipe->recipe)) fmt::print("{}: note: {}\n", file, note);
     }
     return status;
 }

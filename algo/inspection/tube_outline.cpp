@@ -1,0 +1,237 @@
+#include "algo/inspection/tube_outline.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+
+#include "algo/frame/mask.h"
+#include "algo/inspection/part_state.h"
+#include "algo/inspection/rim.h"
+#include "common/statistics.h"
+
+namespace hord::algo {
+
+using namespace outline;
+
+namespace {
+
+constexpr std::size_t kMinLines = 8;  // lines across the tube that show its outline, to fit an edge
+constexpr int kEdgeReach = 3;         // lenslets from the outer edge in which a flank begins
+constexpr int kMinBand = 3;  // places next to each other with the band's light; fewer: a bright line in a flank
+constexpr unsigned kLightOf = 8, kLightNeeded = 7;  // a lenslet of the band has 7/8 of its typical light
+constexpr int kQuorumOf = 4, kQuorum = 3;           // of the lines across that make a distance from the edge flank: 3/4
+constexpr int kEndMargins = 2;                      // margins at an end: a tube is as deep as it is wide
+constexpr int kSteepShare = 4;                      // at most 1/4 of the lit band, on each side, is flank for its slope
+
+}  // namespace
+
+TubeOutline::TubeOutline(const Extents& extents, int margin, float steepest_bins)
+    : extents_(extents), margin_(margin),
+      steepest_(std::llround(2 * static_cast<double>(steepest_bins) * (1 << DeflectionQ::kFractionBits))),
+      scratch_(extents.lenslets()), body_(extents.lenslets()) {
+    const auto longest = static_cast<std::size_t>(std::max(extents.m, extents.n));
+    for (Side& side : sides_) side.edge.resize(longest);
+    first_.resize(longest);
+    last_.resize(longest);
+    present_.reserve(longest);
+    values_.resize(longest);
+}
+
+bool TubeOutline::find(const FieldLight& light, std::span<std::uint8_t> state) {
+    // The axis is the direction in which more lines across begin and end in a flank.
+    View view{extents_};
+    int most = -1;
+    for (const bool along_columns : {true, false}) {
+        const View tried{extents_, along_columns};
+        find_edges(tried, state);
+        find_typical_light(tried, light);
+        const int lines = lines_with_flanks(tried, light);
+        if (lines > most) most = lines, view = tried;
+    }
+    along_columns_ = view.along_columns;
+    find_edges(view, state);
+    find_typical_light(view, light);
+    if (!fit_line(view, sides_[0]) || !fit_line(view, sides_[1])) return false;
+    find_flanks(view, light);
+    find_ends(view);
+    if (enclose(view) * kSmallestPart < extents_.lenslets()) return false;
+    for (std::size_t k = 0; k < state.size(); ++k) {
+        state[k] = static_cast<std::uint8_t>((state[k] & ~kPart) | body_[k] | (body_[k] != 0 ? kPart : 0));
+    }
+    return true;
+}
+
+void TubeOutline::find_edges(View view, std::span<const std::uint8_t> state) {
+    for (const bool far : {false, true}) {
+        view.from_far_side = far;
+        for (int u = 0; u < view.length(); ++u) {
+            int v = 0;
+            while (v < view.width() && (state[view.at(u, v)] & kPart) == 0) ++v;
+            sides_[far ? 1 : 0].edge[static_cast<std::size_t>(u)] = v < view.width() ? v : -1;
+        }
+    }
+}
+
+// The median light between the edges, of lenslets with at least half of the light that an eighth of them exceeds: what
+// little light the flanks let through does not count.
+void TubeOutline::find_typical_light(View view, const FieldLight& light) {
+    std::size_t count = 0;
+    for (int u = 0; u < view.length(); ++u) {
+        const auto line = static_cast<std::size_t>(u);
+        if (sides_[0].edge[line] < 0) continue;
+        for (int v = sides_[0].edge[line]; v < view.width() - sides_[1].edge[line]; ++v) {
+            const std::size_t k = view.at(u, v);
+            if ((light.mask[k] & kNoHord) == 0) scratch_[count++] = light.sums[k];
+        }
+    }
+    typical_ = 0;
+    if (count == 0) return;
+    const std::span<std::uint32_t> lit = std::span(scratch_).first(count);
+    const std::uint32_t bright = common::nth_smallest(lit, (count - 1) * 7 / 8);
+    const auto end = std::partition(lit.begin(), lit.end(), [&](std::uint32_t sum) { return 2 * sum >= bright; });
+    typical_ = common::lower_median(lit.first(static_cast<std::size_t>(end - lit.begin())));
+}
+
+bool TubeOutline::is_flank(View view, const FieldLight& light, int u, int v, bool steep_too) const {
+    const std::size_t k = view.at(u, v);
+    if ((light.mask[k] & kSaturated) != 0) return false;
+    if ((light.mask[k] & kDark) != 0) return true;
+    if (std::uint64_t{kLightOf} * light.sums[k] < std::uint64_t{kLightNeeded} * typical_) return true;
+    return steep_too && steepest_ > 0 && is_steep(view, light, u, v);
+}
+
+// The change of the mean deflection across the axis, over two lenslets, as the slopes are judged
+// (algo/features/stencil.h).
+bool TubeOutline::is_steep(View view, const FieldLight& light, int u, int v) const {
+    const auto usable = [&](int at) {
+        return at >= 0 && at < view.width() && (light.mask[view.at(u, at)] & kNoHord) == 0;
+    };
+    const auto across = [&](int at) {
+        const Deflection& d = light.deflections[view.at(u, at)];
+        return std::int64_t{(view.along_columns ? d.x : d.y).raw()};
+    };
+    const int before = usable(v - 1) ? v - 1 : v, after = usable(v + 1) ? v + 1 : v;
+    if (before == after) return false;
+    return std::abs(across(after) - across(before)) * (2 / (after - before)) >= steepest_;
+}
+
+// The lines across in which both outer edges have a flank.
+int TubeOutline::lines_with_flanks(View view, const FieldLight& light) const {
+    int lines = 0;
+    for (int u = 0; u < view.length(); ++u) {
+        bool both = true;
+        for (const bool far : {false, true}) {
+            view.from_far_side = far;
+            const int edge = sides_[far ? 1 : 0].edge[static_cast<std::size_t>(u)];
+            bool flank = false;
+            for (int v = edge; edge >= 0 && v < std::min(edge + kEdgeReach, view.width()); ++v)
+                flank = flank || is_flank(view, light, u, v, false);
+            both = both && flank;
+        }
+        if (both) ++lines;
+    }
+    return lines;
+}
+
+// A straight line through the edge: the median slope between places half of the edge apart, then the median offset. A
+// quarter of the places may lie anywhere. False if too few lines across show the outline.
+bool TubeOutline::fit_line(View view, Side& side) {
+    present_.clear();
+    for (int u = 0; u < view.length(); ++u) {
+        if (side.edge[static_cast<std::size_t>(u)] >= 0) present_.push_back(u);
+    }
+    if (present_.size() < kMinLines) return false;
+    const auto edge = [&](std::size_t i) {
+        return std::int64_t{side.edge[static_cast<std::size_t>(present_[i])]} * (std::int64_t{1} << 16);
+    };
+    const std::size_t half = present_.size() / 2, pairs = present_.size() - half;
+    for (std::size_t i = 0; i < pairs; ++i)
+        values_[i] = (edge(i + half) - edge(i)) / (present_[i + half] - present_[i]);
+    side.line.slope = common::lower_median(std::span(values_).first(pairs));
+    for (std::size_t i = 0; i < present_.size(); ++i) values_[i] = edge(i) - side.line.slope * present_[i];
+    side.line.offset = common::lower_median(std::span(values_).first(present_.size()));
+    side.first = view.length(), side.last = -1;
+    for (const int u : present_) {
+        if (std::abs(side.edge[static_cast<std::size_t>(u)] - side.line(u)) > margin_ + 1) continue;
+        side.first = std::min(side.first, u);
+        side.last = u;
+    }
+    return side.last >= side.first;
+}
+
+// Lenslets from the outer edge to the band: a distance from the edge is flank if kQuorum of the lines across are. The
+// band begins where kMinBand distances in a row are no flank.
+int TubeOutline::thickness(View view, const FieldLight& light, const Side& side, bool steep_too) const {
+    const int first = std::max(sides_[0].first, sides_[1].first), last = std::min(sides_[0].last, sides_[1].last);
+    int light_in_a_row = 0;
+    for (int depth = 0; depth < width_; ++depth) {
+        int flank = 0;
+        for (int u = first; u <= last; ++u) {
+            const int v = side.line(u) + depth;
+            if (v < 0 || v >= view.width() || is_flank(view, light, u, v, steep_too)) ++flank;
+        }
+        light_in_a_row = kQuorumOf * flank >= kQuorum * (last - first + 1) ? 0 : light_in_a_row + 1;
+        if (light_in_a_row == kMinBand) return depth + 1 - kMinBand;
+    }
+    return width_;
+}
+
+void TubeOutline::find_flanks(View view, const FieldLight& light) {
+    const int middle = (std::max(sides_[0].first, sides_[1].first) + std::min(sides_[0].last, sides_[1].last)) / 2;
+    width_ = view.width() - sides_[0].line(middle) - sides_[1].line(middle);
+    std::array<int, 2> dark{}, steep{};
+    for (const std::size_t s : {0U, 1U}) {
+        view.from_far_side = s == 1;
+        dark[s] = thickness(view, light, sides_[s], false);
+        steep[s] = thickness(view, light, sides_[s], true);
+    }
+    // A band that is steep over more than its borders is judged as it is.
+    const int band = width_ - dark[0] - dark[1];
+    const bool borders_only = kSteepShare * (steep[0] - dark[0]) <= band && kSteepShare * (steep[1] - dark[1]) <= band;
+    const std::array<int, 2>& found = borders_only ? steep : dark;
+    // A tube looks alike on both sides of its axis: what is much thicker on one side is a defect there.
+    const int most = std::min(found[0], found[1]) + 2 * margin_;
+    for (const std::size_t s : {0U, 1U}) sides_[s].thickness = std::min(found[s], most);
+}
+
+// The ends of the tube at each place across, each a straight line from edge to edge.
+void TubeOutline::find_ends(View view) {
+    const auto draw = [&](int near_u, int far_u, std::vector<int>& end) {
+        const int near_v = sides_[0].line(near_u), far_v = view.width() - 1 - sides_[1].line(far_u);
+        const int reach = std::max(far_v - near_v, 1);
+        for (int v = 0; v < view.width(); ++v)
+            end[static_cast<std::size_t>(v)] = near_u + (far_u - near_u) * std::clamp(v - near_v, 0, reach) / reach;
+    };
+    draw(sides_[0].first, sides_[1].first, first_);
+    draw(sides_[0].last, sides_[1].last, last_);
+}
+
+// Fills body_: all between the two lines and the two ends, and what the outline encloses beyond (a neck, a flange).
+// Returns the number of lenslets.
+std::size_t TubeOutline::enclose(View view) {
+    const int end_margin = kEndMargins * margin_;
+    std::size_t count = 0;
+    for (int u = 0; u < view.length(); ++u) {
+        const auto line = static_cast<std::size_t>(u);
+        const int near_line = sides_[0].line(u), far_line = view.width() - 1 - sides_[1].line(u);
+        const bool seen = sides_[0].edge[line] >= 0;
+        const int near_edge = sides_[0].edge[line], far_edge = view.width() - 1 - sides_[1].edge[line];
+        const int near_flank = near_line + sides_[0].thickness + margin_,
+                  far_flank = far_line - sides_[1].thickness - margin_;
+        for (int v = 0; v < view.width(); ++v) {
+            const int first = first_[static_cast<std::size_t>(v)], last = last_[static_cast<std::size_t>(v)];
+            std::uint8_t& body = body_[view.at(u, v)];
+            body = 0;
+            if (!(seen && v >= near_edge && v <= far_edge) &&
+                !(v >= near_line && v <= far_line && u >= first && u <= last))
+                continue;
+            const bool at_end =
+                (first > 0 && u < first + end_margin) || (last < view.length() - 1 && u > last - end_margin);
+            body = static_cast<std::uint8_t>(kInside | (v < near_flank || v > far_flank || at_end ? kFlank : 0));
+            ++count;
+        }
+    }
+    return count;
+}
+
+}  // namespace hord::algo

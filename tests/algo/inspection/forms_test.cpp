@@ -1,0 +1,310 @@
+// Forms of parts (docs/notes/inspection.md): what is part, flank and field, on fields drawn as text; what the recipe's
+// notes say.
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "algo/frame/mask.h"
+#include "algo/inspection/pipeline.h"
+#include "algo/inspection/rim.h"
+#include "algo/recipe/recipe.h"
+#include "tests/support/counted_heap.h"
+#include "tests/support/frames.h"
+
+namespace hord::algo {
+namespace {
+
+using namespace hord::algo::testing;
+using Rows = std::vector<std::string>;
+
+// '.' free light, 'p' deflected by a bin, '+' and '-' by 0.8 bin to either side, 'd' dark, 'h' with a third of the
+// light.
+struct Marked {
+    Rows rows;  // 'o' outside, 'r' rim, 'j' judged
+    FoundPart found;
+};
+
+Marked marked(const Rows& drawing, PartForm form, int margin = 1, float steepest = 0) {
+    const Extents e{static_cast<int>(drawing[0].size()), static_cast<int>(drawing.size()), 9, 9};
+    std::vector<Deflection> deflections;
+    std::vector<std::uint32_t> sums;
+    std::vector<std::uint8_t> mask;
+    for (const std::string& row : drawing) {
+        for (const char c : row) {
+            const double x = c == 'p' ? 1 : c == '+' ? 0.8 : c == '-' ? -0.8 : 0;
+            deflections.push_back({DeflectionQ::from_raw(static_cast<std::int64_t>(x * (1 << 24))), {}});
+            sums.push_back(c == 'd' ? 0 : c == 'h' ? 66 : 200);
+            mask.push_back(c == 'd' ? kDark : kValid);
+        }
+    }
+    RimFinder finder(e, margin, form, steepest);
+    finder.mark(deflections, sums, mask);
+    Marked result{{}, finder.found()};
+    for (std::size_t k = 0; k < mask.size(); ++k) {
+        if (k % static_cast<std::size_t>(e.m) == 0) result.rows.emplace_back();
+        result.rows.back() += (mask[k] & kOutside) != 0 ? 'o' : (mask[k] & kRim) != 0 ? 'r' : 'j';
+    }
+    return result;
+}
+
+Rows turned(const Rows& rows) {
+    Rows out(rows[0].size(), std::string(rows.size(), ' '));
+    for (std::size_t n = 0; n < rows.size(); ++n) {
+        for (std::size_t m = 0; m < rows[n].size(); ++m) out[m][n] = rows[n][m];
+    }
+    return out;
+}
+
+Rows repeated(const std::string& row, std::size_t times) { return Rows(times, row); }
+
+Rows joined(std::initializer_list<Rows> blocks) {
+    Rows all;
+    for (const Rows& block : blocks) all.insert(all.end(), block.begin(), block.end());
+    return all;
+}
+
+TEST(Tube, is_judged_between_its_flanks_along_either_axis_though_its_band_shows_free_light) {
+    const Rows drawing = joined({repeated("....................", 2), repeated("...d............d...", 12),
+                                 repeated("....................", 2)});
+    const Rows expected = joined({repeated("oooooooooooooooooooo", 2), repeated("ooorrrrrrrrrrrrrrooo", 2),
+                                  repeated("ooorrjjjjjjjjjjrrooo", 8), repeated("ooorrrrrrrrrrrrrrooo", 2),
+                                  repeated("oooooooooooooooooooo", 2)});
+    const Marked tube = marked(drawing, PartForm::tube);
+    EXPECT_EQ(tube.rows, expected);
+    EXPECT_EQ(tube.found.regions, 1);
+    EXPECT_EQ(tube.found.border_share, 0);
+    EXPECT_TRUE(tube.found.free_light);
+    EXPECT_EQ(tube.found.free_sum, 200U);
+    EXPECT_EQ(marked(turned(drawing), PartForm::tube).rows, turned(expected));
+    // By the rule for round parts each flank is too small to be a part: the whole field is judged, the flanks too.
+    EXPECT_EQ(marked(drawing, PartForm::round).rows[8], "rjjjjjjjjjjjjjjjjjjr");
+}
+
+TEST(Tube, may_leave_the_field_at_both_ends) {
+    const Marked tube = marked(repeated("....dd..........dd....", 14), PartForm::tube);
+    EXPECT_EQ(tube.rows[0], "oooorrrrrrrrrrrrrroooo");
+    for (std::size_t n = 1; n < 13; ++n) EXPECT_EQ(tube.rows[n], "oooorrrjjjjjjjjrrroooo");
+    EXPECT_NEAR(tube.found.border_share, 28.0 / 68, 1e-6);
+}
+
+TEST(Tube, keeps_what_reaches_out_of_a_flank_and_what_crosses_the_band_judged) {
+    Rows drawing = repeated("....dd..........dd....", 18);
+    drawing[5] = "....ddddddd.....dd....";   // a tongue from a flank
+    drawing[9] = "....dddddddddddddd....";   // across the band
+    drawing[12] = "....dd..........ddd...";  // dirt outside
+    drawing[13] = "....d...........dd....";  // a flank that is thinner
+    drawing[15] = "................dd....";  // a gap of one lenslet
+    const Marked tube = marked(drawing, PartForm::tube);
+    for (const std::size_t n : {5U, 9U, 13U, 15U}) EXPECT_EQ(tube.rows[n], "oooorrrjjjjjjjjrrroooo") << n;
+    EXPECT_EQ(tube.rows[12], "oooorrrjjjjjjjjrrrrooo");
+}
+
+TEST(Tube, is_found_by_flanks_that_are_broken_into_pieces) {
+    Rows drawing = repeated("....dd..........dd....", 24);
+    for (const std::size_t n : {7U, 8U, 9U, 10U, 15U, 16U, 17U}) drawing[n] = "................dd....";
+    const Marked tube = marked(drawing, PartForm::tube);
+    for (std::size_t n = 1; n < 23; ++n) EXPECT_EQ(tube.rows[n].substr(7, 8), "jjjjjjjj") << n;
+}
+
+TEST(Tube, that_lies_askew_is_followed) {
+    Rows drawing;
+    for (std::size_t n = 0; n < 30; ++n) {
+        std::string row(34, '.');
+        const std::size_t at = 6 + n / 4;
+        row[at] = row[at + 1] = row[at + 14] = row[at + 15] = 'd';
+        drawing.push_back(row);
+    }
+    for (const Rows& rows :
+         {marked(drawing, PartForm::tube).rows, turned(marked(turned(drawing), PartForm::tube).rows)}) {
+        for (std::size_t n = 2; n < 28; ++n) {
+            const std::size_t at = 6 + n / 4;
+            EXPECT_EQ(rows[n].substr(0, at - 1).find_first_not_of('o'), std::string::npos) << n << ": " << rows[n];
+            EXPECT_EQ(rows[n].substr(at, 2), "rr") << n << ": " << rows[n];
+            EXPECT_EQ(rows[n].substr(at + 4, 8), "jjjjjjjj") << n << ": " << rows[n];
+            EXPECT_EQ(rows[n].substr(at + 14, 2), "rr") << n << ": " << rows[n];
+        }
+    }
+}
+
+// The band's last lenslets before a flank lose light or are steep: they are flank. A band that is steep all over is
+// not.
+TEST(Tube, has_flanks_up_to_where_the_light_and_the_slope_are_those_of_the_band) {
+    const Marked dim = marked(repeated("....dh..........hd....", 14), PartForm::tube);
+    EXPECT_EQ(dim.rows[7], "oooorrrjjjjjjjjrrroooo");
+    const Rows steep = repeated("....d-+..........-+d....", 14);
+    EXPECT_EQ(marked(steep, PartForm::tube, 1, 0.3F).rows[7], "oooorrrrrjjjjjjrrrrroooo");
+    EXPECT_EQ(marked(steep, PartForm::tube, 1, 0).rows[7], "oooorrjjjjjjjjjjjjrroooo");
+    const Rows all_steep = repeated("....d--++--++--++--d....", 14);
+    EXPECT_EQ(marked(all_steep, PartForm::tube, 1, 0.1F).rows[7], marked(all_steep, PartForm::tube, 1, 0).rows[7]);
+}
+
+// What is dark along the whole length is no flank if the other side has none like it.
+TEST(Tube, has_flanks_alike_on_both_sides) {
+    EXPECT_EQ(marked(repeated("....dd..............dd....", 14), PartForm::tube).rows[7], "oooorrrjjjjjjjjjjjjrrroooo");
+    EXPECT_EQ(marked(repeated("....dddddddddd......dd....", 14), PartForm::tube).rows[7], "oooorrrrrjjjjjjjjjjrrroooo");
+}
+
+TEST(Tube, without_a_band_has_nothing_to_judge_and_one_flank_is_no_tube) {
+    for (const std::string& row : marked(repeated("....dddddddddddddd....", 14), PartForm::tube).rows)
+        EXPECT_EQ(row, "oooorrrrrrrrrrrrrroooo");
+    for (const std::string& row : marked(repeated("..........ddd.........", 14), PartForm::tube).rows)
+        EXPECT_EQ(row.find('j'), std::string::npos) << row;
+    const Marked empty = marked(repeated("......................", 14), PartForm::tube);
+    EXPECT_EQ(empty.found.regions, 0);
+    EXPECT_EQ(empty.rows[7], "rjjjjjjjjjjjjjjjjjjjjr");
+}
+
+TEST(Tube, that_fills_the_field_is_seen_by_its_flanks) {
+    const Rows drawing = repeated("dddppppppppppppppppddd", 14);
+    EXPECT_EQ(marked(turned(drawing), PartForm::tube).found.regions, 1);
+    const Marked tube = marked(drawing, PartForm::tube);
+    EXPECT_EQ(tube.rows[7], "rrrrjjjjjjjjjjjjjjrrrr");
+    EXPECT_EQ(tube.found.regions, 1);
+    EXPECT_FALSE(tube.found.free_light);
+    EXPECT_EQ(marked(repeated("pppppppppppppppppppppp", 14), PartForm::tube).found.regions, 0);
+}
+
+// Free light is seen on two sides only: the tube covers more than half of the outermost lenslets.
+TEST(Tube, may_cover_most_of_the_fields_border) {
+    const Rows drawing = repeated("..dddppppppppppppppddd..", 8);
+    for (const Marked& tube : {marked(drawing, PartForm::tube), marked(turned(drawing), PartForm::tube)}) {
+        EXPECT_TRUE(tube.found.free_light);
+        EXPECT_EQ(tube.found.regions, 1);
+    }
+    EXPECT_EQ(marked(drawing, PartForm::tube).rows[4], "oorrrrjjjjjjjjjjjjrrrroo");
+    EXPECT_EQ(marked(drawing, PartForm::round).found.free_light, false);
+}
+
+// No form allocates after set-up.
+TEST(Form, of_any_kind_is_found_without_allocating) {
+    const Extents e{60, 50, 9, 9};
+    std::vector<Deflection> deflections(e.lenslets());
+    std::vector<std::uint32_t> sums(e.lenslets(), 100);
+    std::vector<std::uint8_t> dark(e.lenslets()), mask;
+    for (int n = 5; n < 45; ++n) {
+        for (const int m : {10, 11, 48, 49}) dark[e.index(m, n)] = kDark;
+        if (n == 5 || n == 44) {
+            for (int m = 10; m < 50; ++m) dark[e.index(m, n)] = kDark;
+        }
+    }
+    for (const PartForm form : {PartForm::round, PartForm::tube, PartForm::plate, PartForm::web}) {
+        RimFinder finder(e, 2, form, 0.3F);
+        mask = dark;
+        EXPECT_EQ(test::allocated_by([&] { finder.mark(deflections, sums, mask); }), 0U) << static_cast<int>(form);
+        EXPECT_EQ(finder.found().regions, form == PartForm::web ? 0 : 1) << static_cast<int>(form);
+    }
+}
+
+TEST(Plate, is_what_its_edges_enclose_though_they_have_gaps) {
+    const Rows whole = {"..............", "..............", "..dddddddddd..", "..d........d..", "..d........d..",
+                        "..d........d..", "..d........d..", "..dddddddddd..", "..............", ".............."};
+    const Rows expected = {"oooooooooooooo", "oooooooooooooo", "oorrrrrrrrrroo", "oorjjjjjjjjroo", "oorjjjjjjjjroo",
+                           "oorjjjjjjjjroo", "oorjjjjjjjjroo", "oorrrrrrrrrroo", "oooooooooooooo", "oooooooooooooo"};
+    EXPECT_EQ(marked(whole, PartForm::plate).rows, expected);
+    EXPECT_EQ(marked(whole, PartForm::plate).found.regions, 1);
+    Rows gaps = whole;
+    gaps[4] = gaps[5] = "...........d..";
+    gaps[6] = "..........dd..";
+    gaps[2] = "..ddd...dddd..";
+    gaps[4][6] = 'd';  // a speck on the plate
+    const Marked open = marked(gaps, PartForm::plate);
+    EXPECT_EQ(open.rows, expected);
+    EXPECT_EQ(open.found.regions, 1);
+}
+
+TEST(Plate, may_leave_the_field_on_one_or_two_sides) {
+    const Rows right = {"..............", "..............", "..dddddddddddd", "..d...........", "..d...........",
+                        "..d...........", "..d...........", "..dddddddddddd", "..............", ".............."};
+    const Marked one = marked(right, PartForm::plate);
+    EXPECT_EQ(one.rows[2], "oorrrrrrrrrrrr");
+    for (std::size_t n = 3; n < 7; ++n) EXPECT_EQ(one.rows[n], "oorjjjjjjjjjjr");
+    EXPECT_NEAR(one.found.border_share, 6.0 / 44, 1e-6);
+    Rows corner = right;
+    corner[7] = corner[8] = corner[9] = corner[3];
+    for (const bool upside_down : {false, true}) {
+        Rows drawing = corner;
+        if (upside_down) std::ranges::reverse(drawing);
+        Rows rows = marked(drawing, PartForm::plate).rows;
+        if (upside_down) std::ranges::reverse(rows);
+        EXPECT_EQ(rows[1], "oooooooooooooo");
+        EXPECT_EQ(rows[2], "oorrrrrrrrrrrr");
+        for (std::size_t n = 3; n < 9; ++n) EXPECT_EQ(rows[n], "oorjjjjjjjjjjr");
+    }
+    const Marked strip = marked({"..............", "..............", "dddddddddddddd", "..............",
+                                 "..............", "..............", "dddddddddddddd", ".............."},
+                                PartForm::plate);
+    EXPECT_EQ(strip.rows[4], "rjjjjjjjjjjjjr");
+    EXPECT_EQ(strip.rows[0], "oooooooooooooo");
+}
+
+// Dirt beside the plate, and a plate of which one edge is seen: it could lie on either side.
+TEST(Plate, is_not_found_by_dust_or_by_one_edge) {
+    Rows drawing = repeated("..............", 16);
+    EXPECT_EQ(marked(drawing, PartForm::plate).found.regions, 0);
+    drawing[3][2] = drawing[8][11] = 'd';
+    EXPECT_EQ(marked(drawing, PartForm::plate).rows[7], "rjjjjjjjjjjjjr");
+    for (std::string& row : drawing) row[6] = 'd';
+    const Marked edge = marked(drawing, PartForm::plate);
+    EXPECT_EQ(edge.found.regions, 0);
+    EXPECT_EQ(edge.rows[7], "rjjjjjjjjjjjjr");
+}
+
+TEST(Web, is_judged_everywhere_and_has_a_rim_only_if_the_recipe_says_so) {
+    const Rows drawing = {"pp......", "pppd....", "pppp....", "pppp....", "....dd..", "....dddd"};
+    for (const std::string& row : marked(drawing, PartForm::web, 0).rows) EXPECT_EQ(row, "jjjjjjjj");
+    EXPECT_EQ(marked(drawing, PartForm::web, 1).rows,
+              (Rows{"rrrrrrrr", "rjjjjjjr", "rjjjjjjr", "rjjjjjjr", "rjjjjjjr", "rrrrrrrr"}));
+    Recipe recipe;
+    recipe.form = PartForm::web;
+    const Extents e{20, 20, 9, 9};
+    std::vector<Deflection> deflections(e.lenslets());
+    const std::vector<std::uint32_t> sums(e.lenslets(), 100);
+    std::vector<std::uint8_t> mask(e.lenslets());
+    RimFinder::of(recipe, e).mark(deflections, sums, mask);
+    EXPECT_EQ(std::ranges::count(mask, kValid), 400);
+}
+
+Verdict verdict_on(const Frame& frame, const Extents& e, const Recipe& recipe) {
+    auto pipeline = Pipeline::create(e, frame.bits(), recipe);
+    EXPECT_TRUE(pipeline) << pipeline.error().message();
+    const auto seen = pipeline->inspect(frame.view());
+    EXPECT_TRUE(seen);
+    return seen->verdict;
+}
+
+// The statements of the notes.
+TEST(Notes, of_plates_and_webs_are_true) {
+    const Extents e{40, 40, 9, 9};
+    const Frame empty = noisy(drawn(e, 8, 240, [](int, int) { return Spot{}; }), {10, 2, 1}, 3);
+    Recipe web;
+    web.form = PartForm::web;
+    web.part_required = false;
+    ASSERT_EQ(notes(web).size(), 1U);
+    EXPECT_EQ(notes(web)[0], "whether a part is there is not checked: a frame of the empty field can pass");
+    EXPECT_EQ(verdict_on(empty, e, web), Verdict::pass);
+    Recipe plate;
+    plate.form = PartForm::plate;
+    ASSERT_EQ(notes(plate).size(), 1U);
+    EXPECT_NE(notes(plate)[0].find("looks like an empty field"), std::string::npos);
+    EXPECT_TRUE(notes(Recipe{}).empty());
+}
+
+// A small speck anywhere on a web is found, at the field's border, too.
+TEST(Web, with_a_dark_lenslet_anywhere_is_rejected) {
+    const Extents e{30, 30, 9, 9};
+    Recipe web;
+    web.form = PartForm::web;
+    web.part_required = false;
+    for (const auto& [m, n] :
+         {std::pair(0, 0), std::pair(29, 12), std::pair(15, 15), std::pair(1, 28), std::pair(7, 0)}) {
+        const Frame frame = drawn(e, 8, 240, [&, m = m, n = n](int x, int y) {
+            return x == m && y == n ? Spot{0, 0, 0} : Spot{};
+        });
+        EXPECT_EQ(verdict_on(noisy(frame, {10, 2, 1}, 4), e, web), Verdict::reject) << m << ", " << n;
+    }
+}
+
+}  // namespace
+}  // namespace hord::algo

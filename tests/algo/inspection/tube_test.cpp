@@ -1,0 +1,189 @@
+// Verdicts on drawn tubes in noise, with and without a reference; and what a reference knows of a part's outline.
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "algo/frame/mask.h"
+#include "algo/inspection/pipeline.h"
+#include "algo/inspection/rim.h"
+#include "algo/recipe/recipe.h"
+#include "algo/reference/reference_learner.h"
+#include "tests/support/frames.h"
+
+namespace hord::algo {
+namespace {
+
+using namespace hord::algo::testing;
+
+// A drawn tube: flanks whose thickness varies, a band whose light is deflected by `slope` bins a lenslet.
+struct DrawnTube {
+    Extents extents{45, 51, 9, 9};
+    double half_width = 15, half_length = 18;  // lenslets; a half_length beyond the field: open ends
+    int flank = 3;
+    double slope = 0.12;
+    double skew = 0;      // lenslets across, a lenslet along
+    double centre = 0.3;  // lenslets from the middle of the field
+    [[nodiscard]] bool is_open() const { return half_length > 0.5 * extents.n; }
+};
+
+// A dark disc; radius below 0.5: one lenslet.
+struct DarkSpot {
+    double m = 0, n = 0, radius = 0;
+};
+
+double across_tube(const DrawnTube& t, int m, int n) {
+    return m - 0.5 * (t.extents.m - 1) - t.centre - t.skew * (n - 0.5 * (t.extents.n - 1));
+}
+
+Frame drawn_tube(const DrawnTube& t, std::uint64_t seed, const DarkSpot* spot = nullptr) {
+    std::mt19937_64 random(seed);
+    std::vector<int> thickness(static_cast<std::size_t>(2 * t.extents.n));
+    for (int& flank : thickness) flank = t.flank + static_cast<int>(random() % 2);
+    const Frame frame = drawn(t.extents, 8, 240, [&](int m, int n) -> Spot {
+        const double x = across_tube(t, m, n), y = n - 0.5 * (t.extents.n - 1);
+        if (spot != nullptr && std::hypot(m - spot->m, n - spot->n) <= std::max(spot->radius, 0.1)) return {0, 0, 0};
+        if (std::abs(x) > t.half_width || std::abs(y) > t.half_length) return {};
+        const auto row = static_cast<std::size_t>(2 * n + (x > 0 ? 1 : 0));
+        if (std::abs(x) > t.half_width - thickness[row]) return {0, 0, 0};
+        return {t.slope * x, 0, 1};
+    });
+    return noisy(frame, {10, 2, 1}, seed);
+}
+
+Recipe tube_recipe() {
+    Recipe recipe;
+    recipe.form = PartForm::tube;
+    return recipe;
+}
+
+struct Judged {
+    Verdict verdict;
+    Reason reason;
+};
+Judged judged(const Frame& frame, const Extents& e, const Recipe& recipe) {
+    auto pipeline = Pipeline::create(e, frame.bits(), recipe);
+    EXPECT_TRUE(pipeline) << pipeline.error().message();
+    const auto seen = pipeline->inspect(frame.view());
+    EXPECT_TRUE(seen);
+    return {seen->verdict, seen->reason};
+}
+Judged judged_both_ways(const Frame& frame, const Extents& e, const Recipe& recipe) {
+    const Judged straight = judged(frame, e, recipe), across = judged(transposed(frame), {e.n, e.m, e.j, e.i}, recipe);
+    EXPECT_EQ(straight.verdict, across.verdict);
+    EXPECT_EQ(straight.reason, across.reason);
+    return straight;
+}
+
+const DrawnTube kTubes[] = {
+    {},                                                          // thin flanks, each below 1/16 of the field
+    {.extents = {45, 41, 9, 9}, .half_length = 99, .flank = 2},  // open at both ends
+    {.extents = {60, 38, 9, 9}, .half_length = 99, .flank = 8, .slope = 0.2},     // thick flanks
+    {.extents = {48, 48, 5, 5}, .half_length = 20, .slope = 0.05, .skew = 0.07},  // askew; the band is free light
+    {.extents = {41, 60, 8, 10}, .half_width = 9, .half_length = 25, .flank = 2, .centre = -4.6},
+};
+
+// The property: a fully dark speck in the band, of one lenslet up to the band's width, is rejected wherever it lies.
+// Left out are specks that do not reach further than margin + 1 lenslets from the flanks and the ends into the band.
+TEST(Tube, with_a_dark_speck_in_its_band_is_rejected_wherever_it_lies_and_however_large_it_is) {
+    int specks = 0;
+    for (std::size_t which = 0; which < std::size(kTubes); ++which) {
+        const DrawnTube& t = kTubes[which];
+        const int margin = default_rim_margin(t.extents);
+        for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+            EXPECT_EQ(judged_both_ways(drawn_tube(t, seed), t.extents, tube_recipe()).verdict, Verdict::pass)
+                << which << " seed " << seed;
+        }
+        std::mt19937_64 random(17 + which);
+        const double band = t.half_width - t.flank - 1;
+        const auto draw = [&](double from, double to) {
+            return from + (to - from) * static_cast<double>(random() % 10000) / 10000;
+        };
+        for (int tried = 0; tried < 60; ++tried) {
+            const double axis = 0.5 * (t.extents.m - 1) + t.centre,
+                         length = t.is_open() ? 0.5 * (t.extents.n - 1) : t.half_length,
+                         n = 0.5 * (t.extents.n - 1) + std::round(draw(-length, length)),
+                         middle = axis + t.skew * (n - 0.5 * (t.extents.n - 1));
+            // On the axis, beside it, or anywhere.
+            const double x = tried % 3 == 0 ? 0 : tried % 3 == 1 ? draw(-2, 2) : draw(-band, band);
+            const DarkSpot spot{std::round(middle + x), n, tried % 4 == 0 ? 0 : draw(0, band)};
+            bool reaches_in = false;
+            for (int row = 0; row < t.extents.n; ++row) {
+                for (int m = 0; m < t.extents.m; ++m) {
+                    const double y = std::abs(row - 0.5 * (t.extents.n - 1));
+                    reaches_in = reaches_in ||
+                        (std::hypot(m - spot.m, row - spot.n) <= std::max(spot.radius, 0.1) &&
+                         std::abs(across_tube(t, m, row)) < band - margin - 1 && y < length - margin - 1);
+                }
+            }
+            if (!reaches_in) continue;
+            ++specks;
+            const auto seed = static_cast<std::uint64_t>(100 + tried);
+            EXPECT_EQ(judged_both_ways(drawn_tube(t, seed, &spot), t.extents, tube_recipe()).verdict, Verdict::reject)
+                << "tube " << which << ": speck of " << spot.radius << " at " << spot.m << ", " << spot.n;
+        }
+    }
+    EXPECT_GT(specks, 200);
+}
+
+TEST(Tube, shows_a_speck_on_its_flank_to_a_reference_only) {
+    const DrawnTube t{.extents = {45, 45, 9, 9}, .half_length = 99, .flank = 3};
+    const auto frame_of = [&](std::uint64_t seed, bool speck) {
+        const Frame frame = drawn(t.extents, 8, 240, [&](int m, int n) -> Spot {
+            const double x = across_tube(t, m, n);
+            if (std::abs(x) > t.half_width) return {};
+            const double into_flank = std::abs(x) - (t.half_width - t.flank);
+            if (speck && std::abs(m - 9) <= 1 && std::abs(n - 20) <= 1) return {0, 0, 0};
+            return into_flank > 0 ? Spot{2 * (x > 0 ? 1.0 : -1.0), 0, 0.5} : Spot{0.1 * x, 0, 1};
+        });
+        return noisy(frame, {10, 2, 1}, seed);
+    };
+    Recipe recipe = tube_recipe();
+    EXPECT_EQ(notes(recipe),
+              (std::vector<std::string>{"the flanks of a tube are not judged without a reference: learn "
+                                        "one with `hordctl learn`"}));
+    EXPECT_EQ(judged(frame_of(50, true), t.extents, recipe).verdict, Verdict::pass);
+    LearnOptions options{light_levels(recipe, 8), 10.0F, 0.6F, 0, 1, [](double) {}};
+    const auto learned = learn_reference(
+        t.extents, 8, 10, [&](std::size_t part) -> Result<Frame> { return frame_of(part, false); }, options);
+    ASSERT_TRUE(learned) << learned.error().message();
+    recipe.reference = std::make_shared<const Reference>(learned->reference);
+    EXPECT_TRUE(notes(recipe).empty());
+    EXPECT_EQ(judged(frame_of(51, false), t.extents, recipe).verdict, Verdict::pass);
+    EXPECT_EQ(judged(frame_of(50, true), t.extents, recipe).verdict, Verdict::reject);
+}
+
+// A chip through which free light passes changes the outline of a single frame. The reference's outline stays.
+TEST(Reference, keeps_what_broke_out_of_a_part_inside_it) {
+    const Extents e{45, 45, 9, 9};
+    const auto frame_of = [&](std::uint64_t seed, bool chip) {
+        const auto whole = lens(e, 17, 3);
+        return noisy(drawn(e, 8, 240,
+                           [&](int m, int n) { return chip && std::hypot(m - 37, n - 22) < 6 ? Spot{} : whole(m, n); }),
+                     {10, 2, 1}, seed);
+    };
+    Recipe recipe;
+    recipe.gradient.reset();
+    recipe.slopes = false;
+    EXPECT_EQ(judged(frame_of(50, true), e, recipe).verdict, Verdict::pass);
+    const auto learned =
+        learn_reference(e, 8, 10, [&](std::size_t part) -> Result<Frame> { return frame_of(part, false); },
+                        {light_levels(recipe, 8), 10.0F, 0.6F, 0, 1, [](double) {}});
+    ASSERT_TRUE(learned) << learned.error().message();
+    recipe.reference = std::make_shared<const Reference>(learned->reference);
+    EXPECT_EQ(judged(frame_of(51, false), e, recipe).verdict, Verdict::pass);
+    auto pipeline = Pipeline::create(e, 8, recipe);
+    ASSERT_TRUE(pipeline);
+    const auto seen = pipeline->inspect(frame_of(50, true).view());
+    ASSERT_TRUE(seen);
+    EXPECT_EQ(seen->verdict, Verdict::reject);
+    const auto inside = [&](int m, int n) { return (seen->mask[e.index(m, n)] & kOutside) == 0; };
+    EXPECT_TRUE(inside(35, 22)) << "in the chip";
+    EXPECT_FALSE(inside(42, 22)) << "beside the part";
+}
+
+}  // namespace
+}  // namespace hord::algo
