@@ -22,6 +22,8 @@ constexpr int kShortestPiece = 4;  // a piece of the outline is at least 1/kShor
 constexpr std::int64_t kFreeTolerance =
     static_cast<std::int64_t>(kFreeToleranceBins * (1 << DeflectionQ::kFractionBits));
 
+static_assert(kReached == FoundPart::kFreeField);
+
 bool close(DeflectionQ a, DeflectionQ b) { return std::abs(std::int64_t{a.raw()} - b.raw()) <= kFreeTolerance; }
 
 // The slope of the mean deflection, bin pitches a lenslet, from which a part with the recipe's limits may be rejected.
@@ -46,8 +48,8 @@ RimFinder RimFinder::of(const Recipe& recipe, const Extents& extents) {
 }
 
 RimFinder::RimFinder(const Extents& extents, int margin, PartForm form, float steepest_bins)
-    : extents_(extents), margin_(margin), form_(form), state_(extents.lenslets()), queue_(extents.lenslets()),
-      first_(static_cast<std::size_t>(extents.m)), last_(static_cast<std::size_t>(extents.m)),
+    : extents_(extents), margin_(margin), form_(form), state_(extents.lenslets()), region_(extents.lenslets()),
+      queue_(extents.lenslets()), first_(static_cast<std::size_t>(extents.m)), last_(static_cast<std::size_t>(extents.m)),
       part_in_column_(static_cast<std::size_t>(extents.m)) {
     for (int n = 0; n < extents.n; ++n) {
         const bool whole_row = n == 0 || n == extents.n - 1;
@@ -69,14 +71,14 @@ RimFinder::RimFinder(const Extents& extents, int margin, PartForm form, float st
 void RimFinder::mark(std::span<const Deflection> deflections, std::span<const std::uint32_t> sums,
                      std::span<std::uint8_t> mask) {
     std::ranges::fill(state_, std::uint8_t{0});
-    found_ = {};
+    found_ = {.state = state_};
+    regions_ = 0;
     if (form_ != PartForm::web) {
         found_.free_light = find_free_light({deflections, sums, mask});
         if (found_.free_light) reach_free_field();
-        else found_ = {};
     }
     find_part({deflections, sums, mask});
-    note_border_share();
+    if (regions_ > 0) describe(deflections, sums, mask);
     mark_rim(mask);
 }
 
@@ -90,20 +92,14 @@ void RimFinder::find_part(const FieldLight& light) {
         if (found) {
             // The light at the two ends of a tube is not free light.
             const Sides ends = tube_ && tube_->along_columns() ? Sides::beside_rows : Sides::beside_columns;
-            if (tube_ && free_sides_ == ends) found_ = {};
+            if (tube_ && free_sides_ == ends) found_.free_light = false;
             // A tube that fills the field shows by its flanks.
-            found_.regions = found_.free_light || (tube_ && tube_->has_flanks()) ? 1 : 0;
+            regions_ = found_.free_light || (tube_ && tube_->has_flanks()) ? 1 : 0;
             return;
         }
         for (std::uint8_t& state : state_) state &= static_cast<std::uint8_t>(~kPart);
     }
     enclose();
-}
-
-void RimFinder::note_border_share() {
-    if (found_.regions == 0) return;
-    const auto inside = std::ranges::count_if(ring_, [&](std::uint32_t k) { return (state_[k] & kInside) != 0; });
-    found_.border_share = static_cast<float>(inside) / static_cast<float>(ring_.size());
 }
 
 // Step 1 (docs/notes/inspection.md). Sets kFree; false if the outermost lenslets show no free light. A tube that leaves
@@ -136,8 +132,7 @@ std::size_t RimFinder::agreeing(const FieldLight& light, std::span<const std::ui
     const auto y = DeflectionQ::from_raw(
         median_of_ring([&](std::uint32_t k) { return std::int64_t{light.deflections[k].y.raw()}; }));
 
-    found_.free_deflection = {x, y};
-    found_.free_sum = static_cast<std::uint32_t>(sum);
+    free_ = {x, y};
     for (std::size_t k = 0; k < state_.size(); ++k) {
         const bool free = (mask[k] & kDark) == 0 && close(deflections[k].x, x) && close(deflections[k].y, y) &&
             2 * std::int64_t{sums[k]} >= sum;
@@ -183,8 +178,11 @@ void RimFinder::keep_large_parts() {
         if ((state_[k] & (kUnreached | kCounted)) != kUnreached) continue;
         const std::size_t count = mark_connected(k, kUnreached, kCounted, Connected::at_corners_too);
         if (count * kSmallestPart < state_.size()) continue;
-        for (std::size_t q = 0; q < count; ++q) state_[queue_[q]] |= kPart;
-        ++found_.regions;
+        ++regions_;
+        for (std::size_t q = 0; q < count; ++q) {
+            state_[queue_[q]] |= kPart;
+            region_[queue_[q]] = static_cast<std::uint8_t>(regions_);
+        }
     }
 }
 

@@ -21,21 +21,35 @@ namespace hord::algo {
 
 constexpr double kFreeToleranceBins = 0.25;  // deflection of free light from the median of the outermost lenslets
 constexpr int kSmallestPart = 16;            // a part covers at least 1/kSmallestPart of the field
+constexpr double kJumpBins = 0.25;           // light jumps between two lenslets if its mean deflection changes by more
+constexpr double kJumpLight = 1.25;          // or its sum by more than this factor
+constexpr int kMinBeside = 8;                // lenslets beside the part in a row or column that tell something
+
+// What mark() found. `parts`: regions of at least 1/kSmallestPart of the field. Regions between which the light changes
+// smoothly count once: the two flanks of a cylinder lens, whose middle shows free light. A tube or a plate is 1. A web
+// is 0, because it is not looked for.
+struct FoundPart {
+    // The outermost lenslets show free light. Without it there are no parts, except a tube that its flanks show.
+    bool free_light = false;
+    int parts = 0;
+    std::size_t area = 0;       // lenslets of all parts
+    std::size_t at_border = 0;  // of these, outermost lenslets of the field
+    double sharp_outline = 0;   // share of the outline, in steps from lenslet to lenslet, where the light jumps
+    // Share of the lenslets beside the part that show free light, in the row or the column with the fewest. It counts
+    // rows with at least kMinBeside lenslets beside the part, and those without any free light; 1 if there is no part.
+    double free_beside = 1;
+    // Overlap of the part, with what it encloses, and its image turned by 180 degrees about its centroid, over both
+    // together: 1 for a disc or a rectangle, 0.69 for half a disc.
+    double symmetry = 0;
+    std::span<const std::uint8_t> state = {};  // one a lenslet, valid until the next mark()
+
+    static constexpr std::uint8_t kFreeField = 4;
+    // The lenslet shows free light that is connected to that of the outermost lenslets.
+    [[nodiscard]] bool shows_free_light(std::size_t k) const { return (state[k] & kFreeField) != 0; }
+};
 
 // Lenslets: 1.5 + 1/222 of the longer side of the field, rounded.
 int default_rim_margin(const Extents& extents);
-
-// What the last frame showed of the part.
-struct FoundPart {
-    // Connected regions of at least 1/kSmallestPart of the field; a tube or a plate is 1. 0: none, all of the field is
-    // judged. A web is 0, because it is not looked for.
-    int regions = 0;
-    float border_share = 0;  // of the field's outermost lenslets, that belong to the part, 0..1; 0 without a part
-    // At least half of the outermost lenslets show free light; else the medians are 0. Not looked for with a web.
-    bool free_light = false;
-    Deflection free_deflection;  // median of the outermost lenslets, bin pitches
-    std::uint32_t free_sum = 0;  // the same of their light, DN above the dark level
-};
 
 class RimFinder {
   public:
@@ -49,9 +63,12 @@ class RimFinder {
     void mark(std::span<const Deflection> deflections, std::span<const std::uint32_t> sums,
               std::span<std::uint8_t> mask);
 
+    // Of the last mark().
     [[nodiscard]] const FoundPart& found() const { return found_; }
 
   private:
+    using Deflections = std::span<const Deflection>;
+    using Sums = std::span<const std::uint32_t>;
     bool find_free_light(const FieldLight& light);
     std::size_t agreeing(const FieldLight& light, std::span<const std::uint32_t> ring);
     void reach_free_field();
@@ -59,7 +76,11 @@ class RimFinder {
     void keep_long_regions();
     void find_part(const FieldLight& light);
     void enclose();
-    void note_border_share();
+    void describe(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask);
+    [[nodiscard]] int count_parts(Deflections deflections, std::span<const std::uint8_t> mask);
+    [[nodiscard]] double sharp_share(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) const;
+    [[nodiscard]] double least_free_beside() const;
+    [[nodiscard]] double point_symmetry() const;
     void mark_rim(std::span<std::uint8_t> mask);
     std::size_t mark_connected(std::uint32_t seed, std::uint8_t through, std::uint8_t mark, Connected connected);
 
@@ -68,15 +89,18 @@ class RimFinder {
     PartForm form_;
     std::optional<TubeOutline> tube_;    // if the form is a tube
     std::optional<PlateOutline> plate_;  // if it is a plate
-    FoundPart found_;
     enum class Sides : std::uint8_t { all, beside_columns, beside_rows } free_sides_ = Sides::all;  // show free light
     std::vector<std::uint8_t> state_;                          // of each lenslet, outline::State
+    std::vector<std::uint8_t> region_;                         // number of its large region, from 1, where kPart is set
     std::vector<std::uint32_t> queue_;                         // of the flood fill
     std::vector<std::uint32_t> ring_;                          // the outermost lenslets,
     std::vector<std::uint32_t> beside_columns_, beside_rows_;  // and those of two sides: what lies beside a tube
     std::vector<std::int64_t> ring_values_;
     std::vector<int> first_, last_;    // rows of the part in each column
     std::vector<int> part_in_column_;  // lenslets of the part in the rows within the margin
+    Deflection free_;                  // median of the outermost lenslets
+    int regions_ = 0;
+    FoundPart found_;
 };
 
 }  // namespace hord::algo

@@ -73,10 +73,9 @@ TEST(Tube, is_judged_between_its_flanks_along_either_axis_though_its_band_shows_
                                   repeated("oooooooooooooooooooo", 2)});
     const Marked tube = marked(drawing, PartForm::tube);
     EXPECT_EQ(tube.rows, expected);
-    EXPECT_EQ(tube.found.regions, 1);
-    EXPECT_EQ(tube.found.border_share, 0);
+    EXPECT_EQ(tube.found.parts, 1);
+    EXPECT_EQ(tube.found.at_border, 0U);
     EXPECT_TRUE(tube.found.free_light);
-    EXPECT_EQ(tube.found.free_sum, 200U);
     EXPECT_EQ(marked(turned(drawing), PartForm::tube).rows, turned(expected));
     // By the rule for round parts each flank is too small to be a part: the whole field is judged, the flanks too.
     EXPECT_EQ(marked(drawing, PartForm::round).rows[8], "rjjjjjjjjjjjjjjjjjjr");
@@ -86,7 +85,7 @@ TEST(Tube, may_leave_the_field_at_both_ends) {
     const Marked tube = marked(repeated("....dd..........dd....", 14), PartForm::tube);
     EXPECT_EQ(tube.rows[0], "oooorrrrrrrrrrrrrroooo");
     for (std::size_t n = 1; n < 13; ++n) EXPECT_EQ(tube.rows[n], "oooorrrjjjjjjjjrrroooo");
-    EXPECT_NEAR(tube.found.border_share, 28.0 / 68, 1e-6);
+    EXPECT_EQ(tube.found.at_border, 28U);
 }
 
 TEST(Tube, keeps_what_reaches_out_of_a_flank_and_what_crosses_the_band_judged) {
@@ -152,18 +151,18 @@ TEST(Tube, without_a_band_has_nothing_to_judge_and_one_flank_is_no_tube) {
     for (const std::string& row : marked(repeated("..........ddd.........", 14), PartForm::tube).rows)
         EXPECT_EQ(row.find('j'), std::string::npos) << row;
     const Marked empty = marked(repeated("......................", 14), PartForm::tube);
-    EXPECT_EQ(empty.found.regions, 0);
+    EXPECT_EQ(empty.found.parts, 0);
     EXPECT_EQ(empty.rows[7], "rjjjjjjjjjjjjjjjjjjjjr");
 }
 
 TEST(Tube, that_fills_the_field_is_seen_by_its_flanks) {
     const Rows drawing = repeated("dddppppppppppppppppddd", 14);
-    EXPECT_EQ(marked(turned(drawing), PartForm::tube).found.regions, 1);
+    EXPECT_EQ(marked(turned(drawing), PartForm::tube).found.parts, 1);
     const Marked tube = marked(drawing, PartForm::tube);
     EXPECT_EQ(tube.rows[7], "rrrrjjjjjjjjjjjjjjrrrr");
-    EXPECT_EQ(tube.found.regions, 1);
+    EXPECT_EQ(tube.found.parts, 1);
     EXPECT_FALSE(tube.found.free_light);
-    EXPECT_EQ(marked(repeated("pppppppppppppppppppppp", 14), PartForm::tube).found.regions, 0);
+    EXPECT_EQ(marked(repeated("pppppppppppppppppppppp", 14), PartForm::tube).found.parts, 0);
 }
 
 // Free light is seen on two sides only: the tube covers more than half of the outermost lenslets.
@@ -171,7 +170,7 @@ TEST(Tube, may_cover_most_of_the_fields_border) {
     const Rows drawing = repeated("..dddppppppppppppppddd..", 8);
     for (const Marked& tube : {marked(drawing, PartForm::tube), marked(turned(drawing), PartForm::tube)}) {
         EXPECT_TRUE(tube.found.free_light);
-        EXPECT_EQ(tube.found.regions, 1);
+        EXPECT_EQ(tube.found.parts, 1);
     }
     EXPECT_EQ(marked(drawing, PartForm::tube).rows[4], "oorrrrjjjjjjjjjjjjrrrroo");
     EXPECT_EQ(marked(drawing, PartForm::round).found.free_light, false);
@@ -193,7 +192,7 @@ TEST(Form, of_any_kind_is_found_without_allocating) {
         RimFinder finder(e, 2, form, 0.3F);
         mask = dark;
         EXPECT_EQ(test::allocated_by([&] { finder.mark(deflections, sums, mask); }), 0U) << static_cast<int>(form);
-        EXPECT_EQ(finder.found().regions, form == PartForm::web ? 0 : 1) << static_cast<int>(form);
+        EXPECT_EQ(finder.found().parts, form == PartForm::web ? 0 : 1) << static_cast<int>(form);
     }
 }
 
@@ -203,7 +202,7 @@ TEST(Plate, is_what_its_edges_enclose_though_they_have_gaps) {
     const Rows expected = {"oooooooooooooo", "oooooooooooooo", "oorrrrrrrrrroo", "oorjjjjjjjjroo", "oorjjjjjjjjroo",
                            "oorjjjjjjjjroo", "oorjjjjjjjjroo", "oorrrrrrrrrroo", "oooooooooooooo", "oooooooooooooo"};
     EXPECT_EQ(marked(whole, PartForm::plate).rows, expected);
-    EXPECT_EQ(marked(whole, PartForm::plate).found.regions, 1);
+    EXPECT_EQ(marked(whole, PartForm::plate).found.parts, 1);
     Rows gaps = whole;
     gaps[4] = gaps[5] = "...........d..";
     gaps[6] = "..........dd..";
@@ -211,7 +210,7 @@ TEST(Plate, is_what_its_edges_enclose_though_they_have_gaps) {
     gaps[4][6] = 'd';  // a speck on the plate
     const Marked open = marked(gaps, PartForm::plate);
     EXPECT_EQ(open.rows, expected);
-    EXPECT_EQ(open.found.regions, 1);
+    EXPECT_EQ(open.found.parts, 1);
 }
 
 TEST(Plate, may_leave_the_field_on_one_or_two_sides) {
@@ -220,7 +219,7 @@ TEST(Plate, may_leave_the_field_on_one_or_two_sides) {
     const Marked one = marked(right, PartForm::plate);
     EXPECT_EQ(one.rows[2], "oorrrrrrrrrrrr");
     for (std::size_t n = 3; n < 7; ++n) EXPECT_EQ(one.rows[n], "oorjjjjjjjjjjr");
-    EXPECT_NEAR(one.found.border_share, 6.0 / 44, 1e-6);
+    EXPECT_EQ(one.found.at_border, 6U);
     Rows corner = right;
     corner[7] = corner[8] = corner[9] = corner[3];
     for (const bool upside_down : {false, true}) {
@@ -242,12 +241,12 @@ TEST(Plate, may_leave_the_field_on_one_or_two_sides) {
 // Dirt beside the plate, and a plate of which one edge is seen: it could lie on either side.
 TEST(Plate, is_not_found_by_dust_or_by_one_edge) {
     Rows drawing = repeated("..............", 16);
-    EXPECT_EQ(marked(drawing, PartForm::plate).found.regions, 0);
+    EXPECT_EQ(marked(drawing, PartForm::plate).found.parts, 0);
     drawing[3][2] = drawing[8][11] = 'd';
     EXPECT_EQ(marked(drawing, PartForm::plate).rows[7], "rjjjjjjjjjjjjr");
     for (std::string& row : drawing) row[6] = 'd';
     const Marked edge = marked(drawing, PartForm::plate);
-    EXPECT_EQ(edge.found.regions, 0);
+    EXPECT_EQ(edge.found.parts, 0);
     EXPECT_EQ(edge.rows[7], "rjjjjjjjjjjjjr");
 }
 
