@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdlib>
 #include <optional>
 #include <string>
@@ -309,6 +310,10 @@ Result<FoundDefects> Pipeline::Workspace::find_defects(bool& bounded) {
                                  [&](std::size_t k) { return defect_finder.severities(features, k).gradient; });
     auto found = defect_finder.find(features);
     if (!found || !found->defects.empty()) return found;
+    if (bounded) {  // bounds above the limit, in regions of too few lenslets
+        found->score = std::nextafter(1.0F, 0.0F);
+        return found;
+    }
     bool known = true;
     found->score = exact->largest(
         found->score, 1,
@@ -317,7 +322,7 @@ Result<FoundDefects> Pipeline::Workspace::find_defects(bool& bounded) {
             return s.others < 1 ? s.gradient : 0;  // a region of too few lenslets does not count
         },
         known);
-    bounded = bounded || !known;
+    bounded = !known;
     return found;
 }
 

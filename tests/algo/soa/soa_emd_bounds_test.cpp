@@ -140,19 +140,20 @@ float of_single_bins(const Extents& bins, int left, int right, int above, int be
     return bounds_of(frame, e, {1, 4, 255}, best_isa())[4];
 }
 
-// By hand: one step right costs 1, one right and down sqrt(2), three right and one down 2 + sqrt(2).
-TEST(SoaEmdBounds, are_the_costs_of_paths_over_neighbouring_bins) {
+// By hand. A step right costs 1. A step right and down: half of the light turns at its bin, half at the other's, and
+// one of the halves takes the diagonal: (2 + sqrt(2)) / 2. Three right and one down cost two steps more.
+TEST(SoaEmdBounds, are_the_costs_of_the_plans) {
     const Extents bins{3, 3, 9, 9};
     const float margin = 2 * (SoaEmdBounds::kMarginBins + 8 * SoaEmdBounds::kRelativeMargin);
     EXPECT_NEAR(of_single_bins(bins, 40, 41, 40, 40), 1, margin);
-    EXPECT_NEAR(of_single_bins(bins, 40, 50, 40, 40), std::sqrt(2.0F), margin);
-    EXPECT_NEAR(of_single_bins(bins, 40, 48, 40, 40), std::sqrt(2.0F), margin);  // left and down
-    EXPECT_NEAR(of_single_bins(bins, 40, 52, 40, 40), 2 + std::sqrt(2.0F), margin);
+    EXPECT_NEAR(of_single_bins(bins, 40, 50, 40, 40), 1 + std::sqrt(0.5F), margin);
+    EXPECT_NEAR(of_single_bins(bins, 40, 48, 40, 40), 1 + std::sqrt(0.5F), margin);  // left and down
+    EXPECT_NEAR(of_single_bins(bins, 40, 52, 40, 40), 3 + std::sqrt(0.5F), margin);
     EXPECT_NEAR(of_single_bins(bins, 40, 41, 40, 49), std::sqrt(2.0F), margin);  // across and down, both 1
     EXPECT_NEAR(of_single_bins(bins, 7, 7, 7, 7), 0, margin);
 }
 
-// Spots that move by a share of a bin, the usual light: within 10 % of the exact gradient, most within 3 %.
+// Spots that move by a share of a bin, the usual light: within 15 % of the exact gradient, half of them within 5 %.
 TEST(SoaEmdBounds, are_close_where_spots_move) {
     const Extents e{60, 60, 9, 9};
     Frame frame(e.width_px(), e.height_px(), 8);
@@ -176,8 +177,8 @@ TEST(SoaEmdBounds, are_close_where_spots_move) {
         if ((exact->mask[k] & kNoGradient) == 0) ratios.push_back(upper[k] / exact->values[k]);
     }
     std::ranges::sort(ratios);
-    EXPECT_LT(ratios[ratios.size() / 2], 1.03F);
-    EXPECT_LT(ratios.back(), 1.1F);
+    EXPECT_LT(ratios[ratios.size() / 2], 1.05F);
+    EXPECT_LT(ratios.back(), 1.15F);
 }
 
 }  // namespace
