@@ -386,6 +386,7 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now, const In
     result.compares = w.recipe.gradient;
     result.gradient = w.gradient;
     if (w.recipe.gradient == Feature::emd) result.emd = w.gradient;
+    result.has_bounds = w.exact.has_value();
     result.frobenius = w.frobenius;
     result.transmission = w.transmission;
     result.spectral = w.spectral;

@@ -51,7 +51,8 @@ struct Inspection {
     std::uint32_t dark_dn = 0;            // DN, the level that was subtracted from every sample
     std::span<const Defect> defects;      // largest peak first
     std::optional<Feature> compares;      // the distance between neighbours that the recipe chooses
-    Map gradient;                         // the gradient of that distance, in its unit (unit_of), see MapSet
+    Map gradient;                         // the gradient of that distance, in its unit (unit_of)
+    bool has_bounds = false;              // `gradient` holds upper bounds where the verdict needs no value (MapSet)
     Map emd;                              // the same map if it is the EMD, bin pitches; else empty
     Map frobenius;                        // bin pitches a lenslet
     Map transmission;                     // 1 is the part's typical lenslet
@@ -71,8 +72,8 @@ enum class MapSet : std::uint8_t {
     judged,  // the maps that the verdict needs. The EMD gradient is exact where the verdict needs its value (all
              // flagged lenslets, and the one that gives the score), and an upper bound elsewhere: not a map to show or
              // to store
-    exact,  // the same maps; the EMD gradient is exact everywhere. No limit of work or time
-    all,    // also the Jacobian's norms and the transmission; otherwise as exact
+    exact,   // the same maps; the EMD gradient is exact everywhere. No limit of work or time
+    all,     // also the Jacobian's norms and the transmission; otherwise as exact
 };
 
 class Pipeline {
