@@ -19,7 +19,8 @@ constexpr double kScratchRatio = 4;
 // Value over limit, of each feature.
 struct Severity {
     float neighbours = 0, slope = 0, absorption = 0;
-    [[nodiscard]] float worst() const { return std::max({neighbours, slope, absorption}); }
+    [[nodiscard]] float others() const { return std::max(slope, absorption); }
+    [[nodiscard]] float worst() const { return std::max(neighbours, others()); }
 };
 
 // Sums and maxima over the flagged lenslets of a region.
@@ -100,10 +101,11 @@ Result<FoundDefects> DefectFinder::find(const Features& features) {
     float below = 0;  // the largest severity below 1
     bool any = false;
     for (std::size_t k = 0; k < features.mask.size(); ++k) {
-        const float worst = w.severity(features, k).worst();
+        const Severity s = w.severity(features, k);
+        const float worst = s.worst();
         w.flagged.data[k] = worst >= 1 ? 255 : 0;
         if (worst >= 1) any = true;
-        else below = std::max(below, worst);
+        else below = std::max(below, !features.bounds.empty() && features.bounds[k] != 0 ? s.others() : worst);
     }
     if (!any) return FoundDefects{{}, Reason::none, below};
     try {
@@ -133,6 +135,11 @@ Result<FoundDefects> DefectFinder::find(const Features& features) {
     });
     for (const auto& [defect, severity] : w.found) w.defects.push_back(defect);
     return FoundDefects{w.defects, reason_of(w.found.front().second), w.found.front().second.worst()};
+}
+
+DefectFinder::Severities DefectFinder::severities(const Features& features, std::size_t k) const {
+    const Severity s = workspace_->severity(features, k);
+    return {s.neighbours, s.others()};
 }
 
 // Adds every flagged lenslet to its region.

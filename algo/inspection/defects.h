@@ -28,12 +28,14 @@ struct Features {
     std::span<const float> frobenius;
     std::span<const float> transmission;
     std::span<const std::uint8_t> mask;
+    std::span<const std::uint8_t> bounds = {};  // 1: `gradient` is an upper bound there; empty: it is exact everywhere
 };
 
 struct FoundDefects {
     std::span<const Defect> defects;  // most severe first; valid until the next call
     Reason reason = Reason::none;     // of the most severe
-    float score = 0;                  // its severity; without defects the largest severity of the part, below 1
+    float score = 0;                  // its severity; without defects the largest severity of the part, below 1, where
+                                      // gradients that are bounds do not count
 };
 
 class DefectFinder {
@@ -42,6 +44,12 @@ class DefectFinder {
 
     // Allocates only if a lenslet exceeds a limit. Fails with internal if OpenCV does.
     Result<FoundDefects> find(const Features& features);
+
+    // Of lenslet k: the severity of its gradient, and of its other features. 0 where there is none or it is not judged.
+    struct Severities {
+        float gradient = 0, others = 0;
+    };
+    [[nodiscard]] Severities severities(const Features& features, std::size_t k) const;
 
   private:
     struct Workspace;

@@ -16,12 +16,14 @@
 #include "algo/features/transmission.h"
 #include "algo/frame/decode.h"
 #include "algo/inspection/defects.h"
+#include "algo/inspection/exact_gradients.h"
 #include "algo/inspection/frame_checks.h"
 #include "algo/inspection/reference_defects.h"
 #include "algo/inspection/rim.h"
 #include "algo/maps/row_thread_pool.h"
 #include "algo/recipe/zones.h"
 #include "algo/soa/soa_distances.h"
+#include "algo/soa/soa_emd_bounds.h"
 
 namespace hord::algo {
 namespace {
@@ -62,7 +64,7 @@ std::string joined(const std::vector<std::string>& messages) {
 // Also the rows of a band in the comparison with a reference.
 constexpr int kBandRows = 16;
 
-// A thread's rows where neighbours are compared by the EMD.
+// A thread's rows where neighbours are compared by the EMD, exactly everywhere.
 struct EmdRows {
     EmdRows(const Extents& e, EmdSolver emd_solver)
         : solver(std::move(emd_solver)), window(e, solver.compact()),
@@ -110,7 +112,7 @@ std::vector<std::uint8_t> reference_outline(const Recipe& recipe, const Extents&
 
 // The working memory of one thread.
 struct Worker {
-    std::optional<EmdRows> emd;                 // if neighbours are compared by the EMD;
+    std::optional<EmdRows> emd;                 // if the map of the EMD is wanted;
     std::optional<SoaDistances> soa;            // else decoded into the SoA layout, which is three times as fast
     std::optional<ReferenceComparer> comparer;  // if the recipe has a reference
 };
@@ -149,6 +151,9 @@ struct Pipeline::Workspace {
     FrameChecks checks;
     RimFinder rim;
     DefectFinder defect_finder;
+    // If neighbours are judged by the EMD, and its map is not wanted.
+    std::optional<SoaEmdBounds> emd_bounds;
+    std::optional<ExactGradients> exact;
 
     // The comparison with a reference.
     struct Comparison {
@@ -179,6 +184,8 @@ struct Pipeline::Workspace {
     [[nodiscard]] Reason unfit_reason() const;
     void take_in_outline(const PoseMap& pose);
     Registered compare_with_reference(const FrameView& frame);
+    Result<FoundDefects> find_defects(bool& bounded);
+    FoundDefects find_differences(const Pose& pose, bool& bounded);
 };
 
 // Sums, mean deflections, mask and the features over neighbours, of every lenslet.
@@ -260,7 +267,11 @@ void Pipeline::Workspace::compare_row(EmdRows& rows, int n) {
 void Pipeline::Workspace::compare_row(SoaDistances& rows, int n) {
     std::uint8_t* const of_row = mask.data() + extents.index(0, n);
     rows.mark_row(n, of_row);
-    if (!gradient.empty()) rows.compare_row(n, gradient.data() + extents.index(0, n), of_row);
+    if (!gradient.empty()) {
+        float* const gradients = gradient.data() + extents.index(0, n);
+        if (emd_bounds) emd_bounds->row(rows, n, of_row, gradients);
+        else rows.compare_row(n, gradients, of_row);
+    }
     if (!frobenius.empty()) rows.slopes_row(n, frobenius.data() + extents.index(0, n), of_row);
     if (spectral.empty()) return;
     for (int m = 0; m < extents.m; ++m)
@@ -337,6 +348,49 @@ Registered Pipeline::Workspace::compare_with_reference(const FrameView& frame) {
     return registered;
 }
 
+// Defects of a part that is compared with itself. Solves the gradients that the result needs; `bounded` if not all.
+Result<FoundDefects> Pipeline::Workspace::find_defects(bool& bounded) {
+    Features features{gradient, judged_slopes(), transmission, mask};
+    if (!exact) return defect_finder.find(features);
+    features.bounds = exact->bounds();
+    bounded = !exact->solve_from(1, exact->least_gradient(1),
+                                 [&](std::size_t k) { return defect_finder.severities(features, k).gradient; });
+    auto found = defect_finder.find(features);
+    if (!found || !found->defects.empty()) return found;
+    if (bounded) {  // bounds above the limit, in regions of too few lenslets
+        found->score = std::nextafter(1.0F, 0.0F);
+        return found;
+    }
+    bool known = true;
+    found->score = exact->largest(
+        found->score, 1,
+        [&](std::size_t k) {
+            const DefectFinder::Severities s = defect_finder.severities(features, k);
+            return s.others < 1 ? s.gradient : 0;  // a region of too few lenslets does not count
+        },
+        known);
+    bounded = !known;
+    return found;
+}
+
+// The same of a part that is compared with a reference.
+FoundDefects Pipeline::Workspace::find_differences(const Pose& pose, bool& bounded) {
+    ReferenceDefects& finder = comparison->defect_finder;
+    ComparedFrame compared{comparison->differences, gradient, judged_slopes(), mask};
+    finder.score_lenslets(compared, comparison->z_score);
+    if (!exact) return finder.find(compared, pose);
+    compared.bounds = exact->bounds();
+    const float grow = finder.grow_severity();
+    bounded = !exact->solve_from(grow, 0, [&](std::size_t k) { return finder.severity_by_gradient(compared, k); });
+    FoundDefects found = finder.find(compared, pose, !bounded);
+    if (!found.defects.empty()) return found;
+    bool known = true;
+    found.score = exact->largest(
+        found.score, grow, [&](std::size_t k) { return finder.severity(compared, k); }, known);
+    bounded = bounded || !known;
+    return found;
+}
+
 Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe& recipe, int threads, MapSet maps) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
     if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
@@ -351,7 +405,8 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
     for (int worker = 0; worker < threads; ++worker) {
         Worker& made = workers.emplace_back();
         if (recipe.reference) made.comparer.emplace(*recipe.reference, widest_isa(), reference_soa);
-        if (recipe.gradient != Feature::emd) {
+        const bool by_emd = recipe.gradient == Feature::emd;
+        if (!by_emd || maps == MapSet::judged) {
             made.soa.emplace(extents, recipe.gradient.value_or(Feature::jacobian_frobenius), best_isa(), true);
             continue;
         }
@@ -361,16 +416,24 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
         if (!solver) return tl::unexpected(solver.error());
         made.emd.emplace(extents, std::move(*solver));
     }
-    return Pipeline(common::make_opaque<Workspace>(extents, bits, recipe, maps, std::move(*pool), std::move(workers)));
+    auto workspace = common::make_opaque<Workspace>(extents, bits, recipe, maps, std::move(*pool), std::move(workers));
+    if (recipe.gradient == Feature::emd && maps == MapSet::judged) {
+        workspace->emd_bounds.emplace(extents, widest_isa());
+        auto exact = ExactGradients::create(extents, recipe.emd_limit_bins, *workspace->pool);
+        if (!exact) return tl::unexpected(exact.error());
+        workspace->exact.emplace(std::move(*exact));
+    }
+    return Pipeline(std::move(workspace));
 }
 
-Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
+Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now, const InspectionLimits& limits) {
     Workspace& w = *workspace_;
     if (auto fine = check_frame(frame, w.extents, w.bits); !fine) return tl::unexpected(fine.error());
     Inspection result;
     result.compares = w.recipe.gradient;
     result.gradient = w.gradient;
     if (w.recipe.gradient == Feature::emd) result.emd = w.gradient;
+    result.has_bounds = w.exact.has_value();
     result.frobenius = w.frobenius;
     result.transmission = w.transmission;
     result.spectral = w.spectral;
@@ -379,6 +442,7 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
     result.mask = w.mask;
     result.sums = w.sums;
 
+    const std::int64_t end_ns = now != nullptr && limits.time_ns > 0 ? now() + limits.time_ns : 0;
     Stopwatch total(now), watch(now);
     w.levels = w.checks.levels_of(frame);
     result.dark_dn = w.levels.dark;
@@ -400,14 +464,14 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
         watch.lap(result.times.feature_ns);
     }
     if (result.reason == Reason::none) {
-        const Result<FoundDefects> found = w.comparison
-            ? w.comparison->defect_finder.find({w.comparison->differences, w.gradient, w.judged_slopes(), w.mask},
-                                               result.registered.pose, w.comparison->z_score)
-            : w.defect_finder.find({w.gradient, w.judged_slopes(), w.transmission, w.mask});
+        if (w.exact) w.exact->start(frame, w.levels, w.mask, w.gradient, limits, now, end_ns);
+        const Result<FoundDefects> found =
+            w.comparison ? w.find_differences(result.registered.pose, result.bounded) : w.find_defects(result.bounded);
         if (!found) return tl::unexpected(found.error());
         result.defects = found->defects;
         result.reason = found->reason;
         result.score = found->score;
+        result.out_of_time = result.bounded && w.exact->out_of_time();
         result.verdict = found->defects.empty() ? Verdict::pass : Verdict::reject;
         if (w.comparison) result.z_score = w.comparison->z_score;
     }

@@ -1,8 +1,11 @@
 // From a frame to a verdict: decode, HORD, features, defects.
 //
+// The EMD between neighbours is bounded for every lenslet and solved where the verdict needs its value, within a budget
+// (docs/notes/inspection.md, "Bounded time"). The time of a frame is bounded, whatever it shows.
+//
 // A Pipeline is used by one thread at a time. create() allocates; inspect() streams rows through a window of three HORD
 // rows a thread, which stays in cache, and allocates only in the search for defects. No I/O, no clock, no logging.
-// The results do not depend on the number of threads, to the bit.
+// The results do not depend on the number of threads, to the bit, unless time runs out (InspectionLimits::time_ns).
 #pragma once
 
 #include <cstdint>
@@ -32,16 +35,26 @@ struct StageTimes {
 };
 using NowNs = std::int64_t (*)();
 
+// Limits of the work that a verdict by the EMD may take beside the bounds. A unit of work is about a nanosecond of one
+// core (algo/inspection/exact_gradients.cpp). When a limit is reached, the upper bounds of the lenslets that are left
+// are judged: a part may then be rejected that would pass, never the other way round.
+struct InspectionLimits {
+    std::int64_t work_a_lenslet = 30, work = 100'000;  // of a frame: lenslets times the first, plus the second
+    std::int64_t time_ns = 0;  // by the clock given to inspect(), since its call; 0, or without a clock: no limit
+};
+
 struct Inspection {
     Verdict verdict = Verdict::unfit;
     Reason reason = Reason::nothing_to_see;
     float score = 0;                      // the worst value over its limit: >= 1 rejects
-    bool bounded = false;                 // the work budget ran out: some values are upper bounds, the verdict is safe
+    bool bounded = false;                 // a limit was reached: score, defects and peaks may be upper bounds
+    bool out_of_time = false;             // it was the limit of time: another run may give other values
     std::uint32_t dark_dn = 0;            // DN, the level that was subtracted from every sample of this frame
     FrameFindings frame;                  // what the checks of the whole frame found
     std::span<const Defect> defects;      // largest peak first
     std::optional<Feature> compares;      // the distance between neighbours that the recipe chooses
     Map gradient;                         // the gradient of that distance, in its unit (unit_of)
+    bool has_bounds = false;              // `gradient` holds upper bounds where the verdict needs no value (MapSet)
     Map emd;                              // the same map if it is the EMD, bin pitches; else empty
     Map frobenius;                        // bin pitches a lenslet
     Map transmission;                     // 1 is the part's typical lenslet
@@ -58,8 +71,11 @@ struct Inspection {
 };
 
 enum class MapSet : std::uint8_t {
-    judged,  // the maps that the verdict needs
-    all,     // also the Jacobian's norms and the transmission
+    judged,  // the maps that the verdict needs. The EMD gradient is exact where the verdict needs its value (all
+             // flagged lenslets, and the one that gives the score), and an upper bound elsewhere: not a map to show or
+             // to store
+    exact,   // the same maps; the EMD gradient is exact everywhere. No limit of work or time
+    all,     // also the Jacobian's norms and the transmission; otherwise as exact
 };
 
 class Pipeline {
@@ -71,7 +87,7 @@ class Pipeline {
 
     // Inspects one macro-pixel frame. The spans in the result stay valid until the next call.
     // Fails with invalid_argument if the frame's size or bit depth is not that given to create().
-    Result<Inspection> inspect(const FrameView& frame, NowNs now = nullptr);
+    Result<Inspection> inspect(const FrameView& frame, NowNs now = nullptr, const InspectionLimits& limits = {});
 
   private:
     struct Workspace;

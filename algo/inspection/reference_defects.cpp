@@ -59,42 +59,62 @@ double square(float v) { return static_cast<double>(v) * static_cast<double>(v);
 
 ReferenceDefects::ReferenceDefects(const Extents& extents, const Recipe& recipe)
     : extents_(extents), recipe_(recipe), reference_(*recipe.reference), scores_(extents.lenslets()),
-      severity_(extents.lenslets()), visited_(extents.lenslets()), queue_(extents.lenslets()),
-      used_(recipe.tolerances.size()) {
+      z_severity_(extents.lenslets()), severity_(extents.lenslets()), visited_(extents.lenslets()),
+      queue_(extents.lenslets()), used_(recipe.tolerances.size()) {
     found_.reserve(1000);
     defects_.reserve(1000);
 }
 
-// Scores and severities of all lenslets.
 void ReferenceDefects::score_lenslets(const ComparedFrame& c, std::span<float> z_score) {
     for (std::size_t k = 0; k < scores_.size(); ++k) {
         scores_[k] = {};
-        severity_[k] = 0;
+        z_severity_[k] = 0;
         z_score[k] = 0;
         if ((c.mask[k] & (kOutside | kSaturated)) != 0) continue;
         const Difference& d = c.differences[k];
         if (d.has_light) scores_[k] = scores_of(d, reference_);
         z_score[k] = z_score_of(scores_[k], d, recipe_.reject_score);
-        severity_[k] = z_score[k] / recipe_.reject_score;
-        if ((c.mask[k] & (kNoGradient | kNotJudged)) != 0 || !d.has_light) continue;
-        // Less light than the reference's has more noise. This is computed only where it can change the result.
-        float emd = c.emd.empty() ? 0 : (c.emd[k] - reference_.emd[d.at]) / recipe_.emd_limit_bins;
-        if (emd > severity_[k]) {
-            const float electrons = reference_.sensor.electrons_per_dn, here = std::max(d.sum, 1.0F),
-                        there = std::max(reference_.light[d.at], 1.0F);
-            const float noise =
-                kEmdOfNoise * std::max(0.0F, 1 / std::sqrt(here * electrons) - 1 / std::sqrt(there * electrons));
-            emd = (c.emd[k] - reference_.emd[d.at]) / (recipe_.emd_limit_bins + noise);
-        }
-        const float slope =
-            c.frobenius.empty() ? 0 : (c.frobenius[k] - reference_.frobenius[d.at]) / recipe_.frobenius_limit_bins;
-        severity_[k] = std::max({severity_[k], emd, slope});
+        z_severity_[k] = z_score[k] / recipe_.reject_score;
     }
+}
+
+float ReferenceDefects::severity(const ComparedFrame& c, std::size_t k) const {
+    return std::max(severity_without_emd(c, k), severity_of_emd(c, k));
+}
+
+float ReferenceDefects::severity_without_emd(const ComparedFrame& c, std::size_t k) const {
+    const Difference& d = c.differences[k];
+    if ((c.mask[k] & (kNoGradient | kNotJudged)) != 0 || !d.has_light || c.frobenius.empty()) return z_severity_[k];
+    return std::max(z_severity_[k], (c.frobenius[k] - reference_.frobenius[d.at]) / recipe_.frobenius_limit_bins);
+}
+
+// 0 or what it was without the noise, if it is below the severity by the scores: it does not count then.
+float ReferenceDefects::severity_of_emd(const ComparedFrame& c, std::size_t k) const {
+    const Difference& d = c.differences[k];
+    if ((c.mask[k] & (kNoGradient | kNotJudged)) != 0 || !d.has_light || c.emd.empty()) return 0;
+    const float emd = (c.emd[k] - reference_.emd[d.at]) / recipe_.emd_limit_bins;
+    if (!(emd > z_severity_[k])) return emd;
+    // Less light than the reference's has more noise. This is computed only where it can change the result.
+    const float electrons = reference_.sensor.electrons_per_dn, here = std::max(d.sum, 1.0F),
+                there = std::max(reference_.light[d.at], 1.0F);
+    const float noise =
+        kEmdOfNoise * std::max(0.0F, 1 / std::sqrt(here * electrons) - 1 / std::sqrt(there * electrons));
+    return (c.emd[k] - reference_.emd[d.at]) / (recipe_.emd_limit_bins + noise);
+}
+
+// Beside the severity, describe() uses the gradient itself where all squared scores of a region are 0.
+float ReferenceDefects::severity_by_gradient(const ComparedFrame& c, std::size_t k) const {
+    const float others = severity_without_emd(c, k), of_emd = severity_of_emd(c, k);
+    if (of_emd > others) return of_emd;
+    const Scores& s = scores_[k];
+    const bool has_squares = score(s, Deviation::light) != 0 || score(s, Deviation::deflection_shift) != 0 ||
+        score(s, Deviation::scattering) > 0 || score(s, Deviation::shape) > 0;
+    return has_squares || c.emd.empty() || (c.mask[k] & kNoGradient) != 0 ? 0 : others;
 }
 
 // The connected lenslets at or above grow_score, from `seed` on.
 ReferenceDefects::Region ReferenceDefects::grow_region(std::uint32_t seed, const ComparedFrame& c) {
-    const float grow = recipe_.grow_score / recipe_.reject_score;
+    const float grow = grow_severity();
     const std::size_t count = flood(extents_, seed, 1, Connected::at_corners_too, queue_, [&](std::size_t k) {
         return severity_[k] >= grow && std::exchange(visited_[k], std::uint8_t{1}) == 0;
     });
@@ -181,22 +201,26 @@ bool ReferenceDefects::tolerated(const Defect& d, const Region& r, const PoseMap
     return false;
 }
 
-FoundDefects ReferenceDefects::find(const ComparedFrame& compared, const Pose& pose, std::span<float> z_score) {
-    score_lenslets(compared, z_score);
+FoundDefects ReferenceDefects::find(const ComparedFrame& compared, const Pose& pose, bool all_exact) {
+    for (std::size_t k = 0; k < severity_.size(); ++k) severity_[k] = severity(compared, k);
     std::ranges::fill(visited_, std::uint8_t{0});
     std::ranges::fill(used_, 0U);
     found_.clear();
     defects_.clear();
-    const float grow = recipe_.grow_score / recipe_.reject_score;
+    const float grow = grow_severity();
     const PoseMap map(pose, extents_);
     float below = 0;  // the largest severity that is no defect
     for (std::uint32_t k = 0; k < severity_.size(); ++k) {
-        if (severity_[k] < grow) below = std::max(below, severity_[k]);
+        if (severity_[k] < grow) {
+            const bool is_bound = !compared.bounds.empty() && compared.bounds[k] != 0;
+            below = std::max(below, is_bound ? severity_without_emd(compared, k) : severity_[k]);
+        }
         if (severity_[k] < grow || visited_[k] != 0) continue;
         const Region region = grow_region(k, compared);
         Reason reason = Reason::none;
         const Defect defect = describe(region, reason);
-        if (defect.score < 1 || defect.area < std::max(recipe_.min_area, 1U) || tolerated(defect, region, map)) {
+        if (defect.score < 1 || defect.area < std::max(recipe_.min_area, 1U) ||
+            (all_exact && tolerated(defect, region, map))) {
             below = std::max(below, std::min(defect.score, 0.999F));
             continue;
         }

@@ -27,8 +27,9 @@ constexpr double kScratchLength = 5, kScratchRatio = 2.5;  // lenslets; length o
 // One frame compared with the reference, one value a lenslet.
 struct ComparedFrame {
     std::span<const Difference> differences;
-    std::span<const float> emd, frobenius;  // over neighbours; empty if not judged
-    std::span<const std::uint8_t> mask;     // MaskBit
+    std::span<const float> emd, frobenius;      // over neighbours; empty if not judged
+    std::span<const std::uint8_t> mask;         // MaskBit
+    std::span<const std::uint8_t> bounds = {};  // 1: `emd` is an upper bound there; empty: it is exact everywhere
 };
 
 class ReferenceDefects {
@@ -36,8 +37,20 @@ class ReferenceDefects {
     // Allocates all memory, for up to a thousand defects; find() allocates for more.
     ReferenceDefects(const Extents& extents, const Recipe& recipe);
 
-    // `z_score` receives every lenslet's worst score.
-    FoundDefects find(const ComparedFrame& compared, const Pose& pose, std::span<float> z_score);
+    // First: the scores of a frame. `z_score` receives every lenslet's worst score.
+    void score_lenslets(const ComparedFrame& compared, std::span<float> z_score);
+
+    // The severity of lenslet k by its scores, its slope and its EMD gradient compared.emd[k]; not decreasing with it.
+    // 0 if it is not judged.
+    [[nodiscard]] float severity(const ComparedFrame& compared, std::size_t k) const;
+    // The same if the region and the score of a defect can depend on the exact gradient, else 0.
+    [[nodiscard]] float severity_by_gradient(const ComparedFrame& compared, std::size_t k) const;
+    // The severity from which a lenslet belongs to a region.
+    [[nodiscard]] float grow_severity() const { return recipe_.grow_score / recipe_.reject_score; }
+
+    // `all_exact` false: some lenslets at or above grow_severity() are bounds. Tolerances then allow no defect, because
+    // a region may be larger than it is, or be two.
+    FoundDefects find(const ComparedFrame& compared, const Pose& pose, bool all_exact = true);
 
   private:
     struct Region {
@@ -48,7 +61,8 @@ class ReferenceDefects {
         float worst = 0;                                                           // severity
         float min_light = 0, max_shift = 0, max_scattering = 0, max_gradient = 0;  // in their own units
     };
-    void score_lenslets(const ComparedFrame& compared, std::span<float> z_score);
+    [[nodiscard]] float severity_without_emd(const ComparedFrame& compared, std::size_t k) const;
+    [[nodiscard]] float severity_of_emd(const ComparedFrame& compared, std::size_t k) const;
     Region grow_region(std::uint32_t seed, const ComparedFrame& compared);
     [[nodiscard]] Defect describe(const Region& region, Reason& reason) const;
     [[nodiscard]] bool tolerated(const Defect& defect, const Region& region, const PoseMap& pose);
@@ -57,7 +71,7 @@ class ReferenceDefects {
     const Recipe recipe_;
     const Reference& reference_;
     std::vector<Scores> scores_;
-    std::vector<float> severity_;
+    std::vector<float> z_severity_, severity_;  // by the scores alone; of all
     std::vector<std::uint8_t> visited_;
     std::vector<std::uint32_t> queue_;
     std::vector<std::pair<Defect, Reason>> found_;

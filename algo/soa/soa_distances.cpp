@@ -89,15 +89,12 @@ HORD_FOR_EACH_ISA(slopes_for, slopes)
 
 SoaUse use_of(Feature feature) {
     switch (feature) {
+        case Feature::emd:
         case Feature::chi2: return SoaUse::shares;
         case Feature::hellinger: return SoaUse::roots;
         case Feature::marginal: return SoaUse::marginals;
         default: return SoaUse::sums;
     }
-}
-
-void unite(Lit& all, const Lit& more) {
-    for (std::size_t w = 0; w < all.size(); ++w) all[w] |= more[w];
 }
 
 // Every lenslet of the block has a HORD.
@@ -128,7 +125,7 @@ SoaDistances::SoaDistances(const Extents& extents, Feature feature, Isa isa, boo
         }
     }
     if (!of_sums) {
-        stride_ = static_cast<std::size_t>(rows_[0].array(1) - rows_[0].array(0));
+        stride_ = rows_[0].stride();
     }
     add_up_ = feature == Feature::chi2  ? add_chi2(isa)
         : feature == Feature::hellinger ? add_hellinger(isa)

@@ -21,7 +21,9 @@ class SoaDistances {
   public:
     static bool covers(Feature feature);
 
-    // `feature`: one that is covered. Mean deflections are kept if it needs them, or with `keeps_deflections`.
+    // `feature`: one that is covered; or emd, whose rows can be loaded for algo/soa/soa_emd_bounds.h, and whose
+    // compare_row() and over_neighbours() must not be called. Mean deflections are kept if it needs them, or with
+    // `keeps_deflections`.
     SoaDistances(const Extents& extents, Feature feature, Isa isa, bool keeps_deflections = false);
 
     // Rows first .. last-1 of the map of a whole field (algo/maps/feature_map.h). No allocation. `goes_on`: the
@@ -41,6 +43,8 @@ class SoaDistances {
                 DeflectionQ::from_raw(means.y[static_cast<std::size_t>(m)])};
     }
     void mark_row(int n, std::uint8_t* mask) const;
+    // Every lenslet of a block of row n, and every neighbour of one, has a HORD.
+    [[nodiscard]] bool all_neighbours_have_hords(int n, int block) const;
     void compare_row(int n, float* values, const std::uint8_t* mask);  // mask: from mark_row()
     // The Frobenius norm of the Jacobian, for every feature.
     void slopes_row(int n, float* frobenius, const std::uint8_t* mask);
@@ -59,7 +63,6 @@ class SoaDistances {
     };
     void compare_with_reference(float* values, std::uint8_t* mask);
     void slopes_row(Feature which, int n, float* values, const std::uint8_t* mask);
-    [[nodiscard]] bool all_neighbours_have_hords(int n, int block) const;
     void compare_block(int n, int block, float* values, const std::uint8_t* mask);
     [[nodiscard]] float squared_alone(const SoaRow& a, int m_a, const SoaRow& b, int m_b) const;
     [[nodiscard]] float by_deflections(Feature which, int m, int n) const;

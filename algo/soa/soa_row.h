@@ -42,6 +42,8 @@ class SoaRow {
         return values_.data() + static_cast<std::size_t>(k) * stride_ + kPad;
     }
 
+    [[nodiscard]] std::size_t stride() const { return stride_; }  // floats from an array to the next
+
     // Bit k: array k is not 0 everywhere in the block.
     using Lit = SoaBlock::Lit;
     [[nodiscard]] const Lit& lit(int block) const { return lit_[static_cast<std::size_t>(block)]; }
@@ -73,5 +75,9 @@ class SoaRow {
     common::Opaque<Work> work_;
     SoaBlock::Kernels kernels_;
 };
+
+inline void unite(SoaRow::Lit& all, const SoaRow::Lit& more) {
+    for (std::size_t w = 0; w < all.size(); ++w) all[w] |= more[w];
+}
 
 }  // namespace hord::algo

@@ -53,7 +53,7 @@ void read_line(TomlTable line, CoreConfig& core) {
     line.integer("max_parts", core.max_parts, 1, kLineCapacity);
 }
 
-void read_timing(TomlTable timing, CoreConfig& core) {
+void read_timing(TomlTable timing, CoreConfig& core, InspectionConfig& inspection) {
     us(timing, "exposure_us", core.exposure, 1, 1'000'000);
     ms(timing, "trigger_lead_ms", core.trigger_lead, 0, 60'000);
     us(timing, "strobe_delay_us", core.strobe_delay, 0, 1'000'000);
@@ -61,6 +61,7 @@ void read_timing(TomlTable timing, CoreConfig& core) {
     us(timing, "strobe_window_us", core.strobe_window, 1, 1'000'000);
     us(timing, "frame_window_us", core.frame_window, 1, 10'000'000);
     ms(timing, "frame_timeout_ms", core.frame_timeout, 1, 60'000);
+    ms(timing, "inspect_budget_ms", inspection.budget, 0, 60'000);
 }
 
 // Addresses and networks that may write, then those that may only read.
@@ -148,7 +149,7 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
     ms(station, "heartbeat_ms", config.core.station_heartbeat, 10, 60'000);
     station.integer("max_failures_in_a_row", config.core.max_failures_in_a_row, 0, 1'000'000);
     read_line(root.table("line"), config.core);
-    read_timing(root.table("timing"), config.core);
+    read_timing(root.table("timing"), config.core, config.inspection);
     read_sensor(root.table("sensor"), config.sensor, folder);
     read_rejector(root.table("rejector"), config.rejector, config.core);
     read_strobe(root.table("strobe"), config.strobe, config.core);

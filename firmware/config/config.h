@@ -79,6 +79,7 @@ struct InspectionConfig {
     std::filesystem::path recipes;  // folder of the recipes that can be selected by number; empty: none
     int threads = 1;                // parts inspected at the same time
     int queue = 8;                  // frames that can wait for a thread
+    Duration budget{};              // timing.inspect_budget_ms: algo::InspectionLimits::time_ns; 0: only that of work
 };
 
 // [optics]: when ageing light and optics become a fault (docs/service.md). Verdicts do not depend on it.

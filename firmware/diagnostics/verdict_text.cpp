@@ -55,14 +55,17 @@ std::string_view why_unfit(algo::Reason reason, const algo::Registered& register
 std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& extents) {
     if (found.verdict == algo::Verdict::unfit)
         return fmt::format("Not judged: {}.", why_unfit(found.reason, found.registered));
+    const char* const bounds = !found.bounded ? ""
+        : found.out_of_time                   ? " Some values are bounds: the time ran out."
+                                              : " Some values are bounds: the limit of work was reached.";
     if (found.defects.empty())
-        return fmt::format("Passed: the worst place reaches {:.0f} % of its limit.", 100 * found.score);
+        return fmt::format("Passed: the worst place reaches {:.0f} % of its limit.{}", 100 * found.score, bounds);
     const algo::Defect& d = found.defects.front();
     std::string text = fmt::format("Rejected: {} of {} at {}, {:.1f} times its limit", what_is(d.kind),
                                    length(size_of(d), recipe), place(d, recipe, extents), found.score);
     const std::size_t more = found.defects.size() - 1;
     if (more > 0) text += fmt::format("; {} weaker {}", more, more == 1 ? "one" : "ones");
-    return text + ".";
+    return text + "." + bounds;
 }
 
 std::vector<std::string> labels_of(const algo::Inspection& found, const algo::Recipe& recipe) {

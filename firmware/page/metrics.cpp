@@ -96,6 +96,8 @@ constexpr Row kRows[] = {
     {health, "frames_corrupt", kCounter, "hord_frames_corrupt_total",
      "Frames that were short, flagged, old or repeated."},
     {health, "frames_waiting", kGauge, "hord_frames_waiting", "Frames that wait for an inspection thread."},
+    {health, "bounded", kCounter, "hord_bounded_inspections_total",
+     "Parts that were judged by upper bounds, because a limit of work or time was reached."},
     {health, "modbus_connections", kGauge, "hord_modbus_connections", "Connections to the register server."},
     {health, "modbus_requests", kCounter, "hord_modbus_requests_total", "Requests that the register server answered."},
     {health, "modbus_exceptions", kCounter, "hord_modbus_exceptions_total", "Of these, with an exception."},

@@ -165,6 +165,9 @@ inline constexpr Register kHealth[] = {
            "its centre to the right of the field's middle; needs the recipe's lenslet_mm",
            optics<&OpticsReport::dust_x_mm>, {}, 0.001),
     number(8449, Type::s32, "dust_y", "mm", "the same, downwards", optics<&OpticsReport::dust_y_mm>, {}, 0.001),
+    number(8451, Type::u32, "bounded", "parts",
+           "inspected with upper bounds, because a limit of work or time was reached; may be rejected needlessly",
+           health<&HealthReport::bounded>),
 };
 
 inline constexpr Register kCalibration[] = {

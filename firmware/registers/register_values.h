@@ -15,7 +15,7 @@
 namespace hord::firmware {
 
 // Incremented when a row is added to the register map (station_blocks.h, plc_blocks.h).
-inline constexpr std::uint16_t kMapVersion = 3;
+inline constexpr std::uint16_t kMapVersion = 4;
 
 // Also served as Modbus device identification (FC 43/14).
 struct StationIdentity {
@@ -65,6 +65,7 @@ struct HealthReport {
     std::optional<std::uint32_t> uptime_s = {};
     std::optional<std::uint32_t> frames_lost = {}, frames_corrupt = {};
     std::optional<std::uint16_t> frames_waiting = {};
+    std::optional<std::uint32_t> bounded = {};
     std::optional<std::uint32_t> modbus_connections = {}, modbus_requests = {}, modbus_exceptions = {};
     std::optional<std::uint32_t> modbus_evicted = {}, modbus_broken = {};
     std::optional<double> processor_celsius = {}, disk_free_percent = {};

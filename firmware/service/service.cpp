@@ -1,6 +1,7 @@
 // Opens a service and runs it. The events of a running one: service_events.cpp; reload: service_reload.cpp.
 #include "firmware/service/service.h"
 
+#include <chrono>
 #include <cmath>
 #include <csignal>
 #include <filesystem>
@@ -25,6 +26,14 @@ StationIdentity identity_of(const Config& config) {
     // The low half must not be 0: in a command's `boot` that means any boot.
     while ((identity.boot_id & 0xFFFFU) == 0) identity.boot_id = std::random_device{}();
     return identity;
+}
+
+std::int64_t steady_ns() { return std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1); }
+
+algo::InspectionLimits limits_of(const InspectionConfig& inspection) {
+    algo::InspectionLimits limits;
+    limits.time_ns = std::chrono::duration_cast<std::chrono::nanoseconds>(inspection.budget).count();
+    return limits;
 }
 
 }  // namespace
@@ -107,7 +116,9 @@ Result<void> Service::open_inspector(const NumberedRecipe& recipe) {
                                      .recipe_number = recipe.number,
                                      .threads = config_.inspection.threads,
                                      .queue = config_.inspection.queue,
-                                     .observer = this};
+                                     .observer = this,
+                                     .now = config_.inspection.budget.count() > 0 ? steady_ns : nullptr,
+                                     .limits = limits_of(config_.inspection)};
     if (auto done = assign(inspector_, make_threaded_inspector(*loop_, settings)); !done) return done;
     const auto zero = grid_ ? algo::DriftZero::calibration : algo::DriftZero::first_parts;
     auto drift_monitor = DriftMonitor::create(*extents, algo::light_levels(recipe.recipe, format.bits), zero,

@@ -90,6 +90,7 @@ class Service final : public StationObserver, public InspectionObserver {
     void on_state(State from, State to) override;
     void on_trouble(const Error& error) override;
     void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) override;
+    void on_bounded(bool out_of_time);  // an inspection reached a limit
     void on_drift();
     void on_optics();
     void report_faults();
@@ -119,7 +120,8 @@ class Service final : public StationObserver, public InspectionObserver {
 
     OccupancyMarker occupancy_marker_{{}};
     std::vector<PartResult> unpublished_;
-    HealthReport health_{.frames_lost = 0, .frames_corrupt = 0};
+    HealthReport health_{.frames_lost = 0, .frames_corrupt = 0, .bounded = 0};
+    std::optional<Duration> bounded_told_;  // since opened_at_: when the journal was last told of a limit
     hal::TimePoint opened_at_{};
     std::uint32_t configured_recipe_ = 0;  // CRC-32
     std::uint32_t boot_id_ = 0;

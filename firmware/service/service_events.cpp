@@ -14,6 +14,7 @@ namespace {
 // Period of publishing heartbeats and the number of parts on the line; results and states are published at once.
 constexpr Duration kPublishEvery = milliseconds(50);
 constexpr Duration kHealthEvery = milliseconds(1000);
+constexpr Duration kTellBoundedEvery = milliseconds(600'000);
 constexpr const char* kProcessorMillidegrees = "/sys/class/thermal/thermal_zone0/temp";
 
 std::optional<double> processor_celsius() {
@@ -78,8 +79,21 @@ void Service::on_inspection(std::uint32_t part, const FrameView& frame, const al
     if (recorder_) recorder_->on_inspection(part, frame, inspection);
     if (teach_in_) teach_in_->on_inspection(part, frame, inspection);
     if (watchers_.inspection) watchers_.inspection(part, frame, inspection);
+    if (inspection.bounded) loop_->post([this, out_of_time = inspection.out_of_time] { on_bounded(out_of_time); });
     if (drift_ && drift_->add(frame)) loop_->post([this] { on_drift(); });
     if (optics_ && part != Station::kTestPart && optics_->add(frame, inspection)) loop_->post([this] { on_optics(); });
+}
+
+void Service::on_bounded(bool out_of_time) {
+    health_.bounded = *health_.bounded + 1;
+    const Duration now = loop_->now() - opened_at_;
+    if (bounded_told_ && now - *bounded_told_ < kTellBoundedEvery) return;
+    bounded_told_ = now;
+    on_trouble({ErrorCode::timeout,
+                fmt::format("an inspection reached its limit of {}: parts are judged by upper bounds and may be "
+                            "rejected needlessly ({} since the start)",
+                            out_of_time ? "time (timing.inspect_budget_ms)" : "work", *health_.bounded),
+                "see what the frames show: noise, fog or a dark level that is too low (hordctl inspect, dark_dn)"});
 }
 
 // Drift was detected, or is over.

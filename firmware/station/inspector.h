@@ -72,7 +72,8 @@ struct InspectorSettings {
     int threads = 1;                          // each with a pipeline of its own
     int queue = 8;                            // queued frames; one more is refused with busy
     InspectionObserver* observer = nullptr;   // outlives the inspector
-    algo::NowNs now = nullptr;                // clock for Inspection::times; null: they stay 0
+    algo::NowNs now = nullptr;                // clock for Inspection::times and limits; null: they stay 0
+    algo::InspectionLimits limits = {};       // of an inspection
 };
 
 // Worker threads; answers through loop.post(). Fails as Pipeline::create does.

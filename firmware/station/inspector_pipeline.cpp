@@ -30,7 +30,7 @@ Judged inspect_with(InspectionWorker& worker, std::uint32_t part, const hal::Fra
         if (!worker.decoder->decode(view, worker.decoded)) return judged;
         view = worker.decoded.view();
     }
-    auto inspection = worker.pipeline.inspect(view, settings.now);
+    auto inspection = worker.pipeline.inspect(view, settings.now, settings.limits);
     judged.failed = !inspection.has_value();
     if (judged.failed) return judged;
     judged.verdict = inspection->verdict;

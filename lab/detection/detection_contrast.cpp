@@ -184,14 +184,14 @@ struct Pipelines {
     std::shared_ptr<const algo::Reference> reference;
     algo::Pipeline without, with;
 };
-Result<Pipelines> learn_pipelines(const sim::Scene& scene, const std::vector<Frame>& frames) {
+Result<Pipelines> learn_pipelines(const sim::Scene& scene, const std::vector<Frame>& frames, algo::MapSet maps) {
     auto reference = learn_lens(scene, frames.size(), [&](std::size_t k) -> Result<Frame> { return frames[k]; });
     if (!reference) return tl::unexpected(reference.error());
     algo::Recipe recipe = production_recipe();
-    auto without = algo::Pipeline::create(scene.camera.extents, scene.camera.bits, recipe);
+    auto without = algo::Pipeline::create(scene.camera.extents, scene.camera.bits, recipe, 1, maps);
     if (!without) return tl::unexpected(without.error());
     recipe.reference = *reference;
-    auto with = algo::Pipeline::create(scene.camera.extents, scene.camera.bits, recipe);
+    auto with = algo::Pipeline::create(scene.camera.extents, scene.camera.bits, recipe, 1, maps);
     if (!with) return tl::unexpected(with.error());
     return Pipelines{*reference, std::move(*without), std::move(*with)};
 }
@@ -330,7 +330,7 @@ Result<Json> measure_contrast(const ExperimentOptions& options) {
         if (!light) return tl::unexpected(light.error());
         frames.push_back(expose_part(*light, scene, options.seed, 0xC000'0000U + static_cast<std::uint64_t>(k)));
     }
-    auto pipelines = learn_pipelines(nominal, frames);
+    auto pipelines = learn_pipelines(nominal, frames, algo::MapSet::exact);
     if (!pipelines) return tl::unexpected(pipelines.error());
     ContrastMeter meter(options, std::move(*pipelines));
     const std::vector<Flawed> flawed = flaws_of(nominal);
@@ -353,7 +353,7 @@ Result<Json> measure_times(const ExperimentOptions& options) {
     };
     std::vector<Frame> frames;
     for (std::uint64_t k = 0; k < algo::Reference::kMinParts; ++k) frames.push_back(shoot(k + 1));
-    auto pipelines = learn_pipelines(scene, frames);
+    auto pipelines = learn_pipelines(scene, frames, algo::MapSet::judged);
     if (!pipelines) return tl::unexpected(pipelines.error());
     frames.clear();
     const Frame frame = shoot(0);

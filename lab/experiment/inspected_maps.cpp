@@ -52,7 +52,7 @@ std::size_t filled_area(std::vector<std::uint8_t> in, int width, int height) {
 }  // namespace
 
 Result<InspectedMaps> inspect_frame(const Frame& frame, const algo::Extents& extents, int threads) {
-    auto pipeline = algo::Pipeline::create(extents, frame.bits(), {}, threads);
+    auto pipeline = algo::Pipeline::create(extents, frame.bits(), {}, threads, algo::MapSet::exact);
     if (!pipeline) return tl::unexpected(pipeline.error());
     const auto found = pipeline->inspect(frame.view());
     if (!found) return tl::unexpected(found.error());

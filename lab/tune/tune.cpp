@@ -125,8 +125,8 @@ Result<void> Tuner::open_pipelines(const std::string& first) {
     tuned_.bits = frame->bits();
     worst_.emplace(*extents, options_.base.recipe);
     const auto add = [&](const FeatureSet& set, std::vector<algo::Pipeline>& to) -> Result<void> {
-        auto pipeline =
-            algo::Pipeline::create(*extents, tuned_.bits, recipe_of(set, options_.base.recipe), options_.threads);
+        auto pipeline = algo::Pipeline::create(*extents, tuned_.bits, recipe_of(set, options_.base.recipe),
+                                               options_.threads, algo::MapSet::exact);
         if (!pipeline) return tl::unexpected(pipeline.error());
         to.push_back(std::move(*pipeline));
         return {};

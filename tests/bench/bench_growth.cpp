@@ -3,8 +3,8 @@
 // it.
 //
 // Frames: a spot of light in every lenslet that moves smoothly over the field, at 8 bits and up to 250 DN, dark
-// threshold 3 DN; 64x64 lenslets are drawn and repeated. `decided`: whether the EMD's gradient reaches 1 bin
-// (tests/support/emd_threshold/emd_threshold.h). CPU time of one thread, with decoding. Every frame is measured once
+// threshold 3 DN; 64x64 lenslets are drawn and repeated. `verdict`: a whole inspection with the default recipe
+// (algo/inspection/pipeline.h). CPU time of one thread, with decoding. Every frame is measured once
 // per round, so that other load affects all rows of the table alike; the median of the rounds counts.
 #include <algorithm>
 #include <cmath>
@@ -17,8 +17,8 @@
 #include <string>
 #include <vector>
 
+#include "algo/inspection/pipeline.h"
 #include "algo/maps/feature_map.h"
-#include "tests/support/emd_threshold/emd_threshold.h"
 
 namespace {
 
@@ -28,8 +28,7 @@ using namespace hord::algo;
 constexpr int kTile = 64;  // lenslets per side of the drawn tile
 constexpr int kRounds = 5;
 constexpr Feature kFeatures[] = {Feature::emd, Feature::chi2, Feature::jacobian_frobenius};
-constexpr std::size_t kDecided = std::size(kFeatures), kColumns = kDecided + 1;  // whether the EMD's gradient reaches
-constexpr float kLimit = 1;                                                      // bins
+constexpr std::size_t kVerdict = std::size(kFeatures), kColumns = kVerdict + 1;
 
 struct Scene {
     int lenslets = 256, bins = 9;
@@ -105,10 +104,10 @@ bool measure_once(Point& point) {
         auto mapper = FeatureMapper::create(e, 8, kLevels, kFeatures[f]);
         if (!mapper || !measure(f, [&] { return mapper->over_neighbours(frame.view()).has_value(); })) return false;
     }
-    const auto ground = GroundDistance::between_bins(scene.bins, scene.bins);
-    if (!ground) return false;
-    auto decisions = EmdThresholdMap::create(e, 8, kLevels, *ground);
-    return decisions && measure(kDecided, [&] { return decisions->decide(frame.view(), kLimit).has_value(); });
+    Recipe recipe;
+    recipe.part_required = false;
+    auto pipeline = Pipeline::create(e, 8, recipe);
+    return pipeline && measure(kVerdict, [&] { return pipeline->inspect(frame.view()).has_value(); });
 }
 
 double median(std::vector<double> values) {
@@ -161,8 +160,8 @@ int main(int argc, char** argv) {
         csv << ',' << name_of(f) << "_ns_a_lenslet";
         std::printf(" %s, ns a lenslet |", std::string(name_of(f)).c_str());
     }
-    csv << ",emd_decided_ns_a_lenslet\n";
-    std::printf(" emd decided, ns a lenslet |\n|---|---|---|---|---|---|---|\n");
+    csv << ",verdict_ns_a_lenslet\n";
+    std::printf(" verdict, ns a lenslet |\n|---|---|---|---|---|---|---|\n");
     std::vector<Point> points = all_points();
     for (int round = 0; round < kRounds; ++round) {
         for (Point& point : points) {

@@ -15,6 +15,6 @@ do for [panel = 1:4] {
     column_x = panel == 1 ? 2 : panel == 2 ? 3 : panel == 3 ? 4 : 5
     set xlabel word('"lenslets a side" "bins a side" "lit bins a lenslet" "read noise, DN"', panel)
     if (panel == 1) { set logscale x 2 } else { unset logscale x }
-    plot for [c = 6:9] data using column_x:(of(name, column_x, c)) with linespoints pt 7 title word('emd chi2 jacobian-frobenius emd-decided', c - 5)
+    plot for [c = 6:9] data using column_x:(of(name, column_x, c)) with linespoints pt 7 title word('emd chi2 jacobian-frobenius verdict', c - 5)
 }
 unset multiplot

@@ -150,6 +150,7 @@ Json to_json(const std::string& frame, const algo::Extents& extents, const algo:
                 {"feature", milliseconds(found.times.feature_ns)},
                 {"decide", milliseconds(found.times.decide_ns)},
                 {"total", milliseconds(found.times.total_ns)}}}};
+    if (found.bounded) json["bounded"] = true;
     if (recipe.reference) {
         json["explain"] = explain(found, recipe, extents);
         if (found.registered.found()) {

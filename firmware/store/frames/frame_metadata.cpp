@@ -4,6 +4,12 @@
 #include "firmware/store/results/records.h"
 
 namespace hord::firmware::store {
+namespace {
+
+// The value of the key "maps" where the gradient's map holds bounds. Without the key it is exact everywhere.
+constexpr const char* kMapsOfBounds = "judged";
+
+}  // namespace
 
 std::vector<std::uint8_t> bytes_of_maps(const algo::Inspection& inspection) {
     std::vector<std::uint8_t> bytes;
@@ -20,16 +26,26 @@ std::vector<std::uint8_t> bytes_of_maps(const algo::Inspection& inspection) {
 }
 
 Judgement judgement_of(const algo::Inspection& inspection) {
-    return {std::string(name_of(inspection.verdict)), std::string(name_of(inspection.reason)), inspection.score,
-            to_json(inspection.defects), to_hex(sha256(bytes_of_maps(inspection)))};
+    return {std::string(name_of(inspection.verdict)),
+            std::string(name_of(inspection.reason)),
+            inspection.score,
+            to_json(inspection.defects),
+            to_hex(sha256(bytes_of_maps(inspection))),
+            inspection.has_bounds,
+            inspection.bounded,
+            inspection.out_of_time};
 }
 
 Json to_json(const Judgement& j) {
-    return {{"verdict", j.verdict},
-            {"reason", j.reason},
-            {"score", j.score},
-            {"defects", j.defects},
-            {"maps_sha256", j.maps_sha256}};
+    Json json{{"verdict", j.verdict},
+              {"reason", j.reason},
+              {"score", j.score},
+              {"defects", j.defects},
+              {"maps_sha256", j.maps_sha256}};
+    if (j.maps_of_bounds) json["maps"] = kMapsOfBounds;
+    if (j.bounded) json["bounded"] = true;
+    if (j.out_of_time) json["out_of_time"] = true;
+    return json;
 }
 
 std::string FrameMetadata::to_json() const {
@@ -61,7 +77,12 @@ Result<FrameMetadata> FrameMetadata::from_json(const std::string& text, const st
         data.bits = json.value("bits", 8);
         data.judgement = {json.at("verdict").get<std::string>(),
                           std::string(algo::present_reason_name(json.at("reason").get<std::string>())),
-                          json.at("score").get<float>(), Json::array(), json.at("maps_sha256").get<std::string>()};
+                          json.at("score").get<float>(),
+                          Json::array(),
+                          json.at("maps_sha256").get<std::string>(),
+                          json.value("maps", "") == kMapsOfBounds,
+                          json.value("bounded", false),
+                          json.value("out_of_time", false)};
         for (const Json& d : json.at("defects")) {  // numbers as floats, the type in the inspection
             data.judgement.defects.push_back({{"m", d.at("m").get<float>()},
                                               {"n", d.at("n").get<float>()},

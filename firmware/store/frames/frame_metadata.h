@@ -18,6 +18,10 @@ struct Judgement {
     float score = 0;
     Json defects;             // all of them
     std::string maps_sha256;  // of the feature maps
+    // The gradient's map held bounds (algo::MapSet::judged). Frames kept by older versions have exact maps.
+    bool maps_of_bounds = false;
+    bool bounded = false;      // algo::Inspection::bounded
+    bool out_of_time = false;  // and why: maps, score and defects of such a judgement do not come again
     bool operator==(const Judgement&) const = default;
 };
 Judgement judgement_of(const algo::Inspection& inspection);

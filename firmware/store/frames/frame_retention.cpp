@@ -40,6 +40,7 @@ struct FrameRetention::Buffer {
     algo::Verdict verdict = algo::Verdict::unfit;
     algo::Reason reason = algo::Reason::none;
     float score = 0;
+    bool maps_of_bounds = false, bounded = false, out_of_time = false;
     std::shared_ptr<const std::string> recipe;
 
     void fill(std::uint32_t number, const FrameView& frame, const algo::Inspection& inspection) {
@@ -56,6 +57,9 @@ struct FrameRetention::Buffer {
         verdict = inspection.verdict;
         reason = inspection.reason;
         score = inspection.score;
+        maps_of_bounds = inspection.has_bounds;
+        bounded = inspection.bounded;
+        out_of_time = inspection.out_of_time;
     }
 };
 
@@ -230,8 +234,14 @@ std::string FrameRetention::metadata_of(const Buffer& buffer) const {
     data.trigger = buffer.trigger;
     data.grid = options_.extents;
     data.bits = buffer.samples.bits();
-    data.judgement = {std::string(name_of(buffer.verdict)), std::string(name_of(buffer.reason)), buffer.score,
-                      to_json(buffer.defects), to_hex(sha256(buffer.maps))};
+    data.judgement = {std::string(name_of(buffer.verdict)),
+                      std::string(name_of(buffer.reason)),
+                      buffer.score,
+                      to_json(buffer.defects),
+                      to_hex(sha256(buffer.maps)),
+                      buffer.maps_of_bounds,
+                      buffer.bounded,
+                      buffer.out_of_time};
     data.samples_sha256 = digest_of_samples(buffer.samples.view());
     data.recipe = *buffer.recipe;
     return data.to_json();

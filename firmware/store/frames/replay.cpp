@@ -8,13 +8,25 @@
 #include "firmware/store/frames/frame_png.h"
 
 namespace hord::firmware::store {
-std::string to_json_line(const Replayed& r) {
+namespace {
+
+Json changes_of(const Replayed& r) {
     Json changes = Json::array();
     if (r.then.verdict != r.now.verdict) changes.push_back("verdict");
     if (r.then.reason != r.now.reason) changes.push_back("reason");
+    if (r.then.out_of_time) return changes;
     if (r.then.score != r.now.score) changes.push_back("score");
     if (r.then.defects != r.now.defects) changes.push_back("defects");
-    if (r.then.maps_sha256 != r.now.maps_sha256) changes.push_back("maps");
+    const bool comparable = r.same_recipe || !r.then.maps_of_bounds;
+    if (comparable && r.then.maps_sha256 != r.now.maps_sha256) changes.push_back("maps");
+    return changes;
+}
+
+}  // namespace
+
+bool Replayed::same() const { return changes_of(*this).empty(); }
+
+std::string to_json_line(const Replayed& r) {
     return to_line({{"frame", r.frame},
                     {"part", r.part},
                     {"role", r.role},
@@ -22,19 +34,20 @@ std::string to_json_line(const Replayed& r) {
                     {"recipe_now", r.recipe_now},
                     {"then", to_json(r.then)},
                     {"now", to_json(r.now)},
-                    {"changes", std::move(changes)}});
+                    {"changes", changes_of(r)}});
 }
 
 Result<algo::Inspection> Replay::inspect(const FrameView& frame, const FrameMetadata& metadata,
                                          const std::string& name) {
     const algo::Extents& e = metadata.grid;
-    std::string wanted =
-        fmt::format("{}x{} {}x{} {} {}", e.m, e.n, e.i, e.j, frame.bits, given_ ? "" : metadata.recipe);
+    std::string wanted = fmt::format("{}x{} {}x{} {} {} {}", e.m, e.n, e.i, e.j, frame.bits,
+                                     metadata.judgement.maps_of_bounds, given_ ? "" : metadata.recipe);
     if (!pipeline_ || known_ != wanted) {
         pipeline_.reset();
         auto recipe = given_ ? Result<algo::Recipe>(*given_) : parse_recipe(metadata.recipe, name);
         if (!recipe) return tl::unexpected(recipe.error());
-        auto pipeline = algo::Pipeline::create(e, frame.bits, *recipe);
+        auto pipeline = algo::Pipeline::create(
+            e, frame.bits, *recipe, 1, metadata.judgement.maps_of_bounds ? algo::MapSet::judged : algo::MapSet::exact);
         if (!pipeline) return tl::unexpected(pipeline.error());
         pipeline_.emplace(std::move(*pipeline));
         recipe_ = std::move(*recipe);
@@ -58,7 +71,7 @@ Result<Replayed> Replay::judge(const std::filesystem::path& file) {
     const auto then = parse_recipe(metadata->recipe, file.string());
     return Replayed{file.filename().string(),          metadata->part, metadata->role,
                     then ? then->name : std::string(), recipe_.name,   std::move(metadata->judgement),
-                    judgement_of(*inspection)};
+                    judgement_of(*inspection),         !given_};
 }
 
 }  // namespace hord::firmware::store

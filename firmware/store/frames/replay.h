@@ -18,7 +18,10 @@ struct Replayed {
     std::uint32_t part = 0;
     std::string role, recipe_then, recipe_now;  // names
     Judgement then, now;
-    [[nodiscard]] bool same() const { return then == now; }  // to the bit
+    bool same_recipe = true;  // of the frame's metadata. Another one solves other gradients: maps of bounds differ
+    // To the bit. Not compared: maps, score and defects of an inspection whose time had run out
+    // (Judgement::out_of_time), and maps of bounds by another recipe.
+    [[nodiscard]] bool same() const;
     [[nodiscard]] bool verdict_changes() const { return then.verdict != now.verdict; }
 };
 

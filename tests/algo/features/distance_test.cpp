@@ -4,7 +4,6 @@
 
 #include <gtest/gtest.h>
 
-#include "tests/support/emd_threshold/emd_bounds.h"
 #include "tests/support/histograms.h"
 
 namespace hord::algo {
@@ -154,8 +153,6 @@ TEST(DistanceDeathTest, traps_a_sum_beyond_its_range_in_the_checked_build) {
         auto distance = Distance::create(feature, 9, 9);
         EXPECT_DEATH((void)(*distance)(Hord{a.data(), 1U << 24}, hord_of(a)), "") << name_of(feature);
     }
-    EmdBounds bounds(*GroundDistance::between_bins(9, 9));
-    EXPECT_DEATH((void)bounds(Hord{a.data(), 1U << 24}, hord_of(a)), "");
 }
 #endif
 

@@ -9,7 +9,6 @@
 #include "algo/maps/feature_map.h"
 #include "algo/recipe/recipe.h"
 #include "tests/support/counted_heap.h"
-#include "tests/support/emd_threshold/emd_threshold.h"
 
 namespace hord::algo {
 namespace {
@@ -79,9 +78,6 @@ TEST(Allocation, no_map_allocates_after_set_up) {
                             << name_of(feature);
                     }
                 }
-                const auto ground = *GroundDistance::between_bins(e.i, e.j);
-                auto decisions = EmdThresholdMap::create(e, bits, levels(bits), ground, threads);
-                EXPECT_EQ(allocated_by([&] { EXPECT_TRUE(decisions->decide(frame.view(), 1)); }), 0U);
             }
         }
     }
@@ -109,8 +105,6 @@ TEST(Workspace, of_every_map_is_below_16_mib_at_paper_size) {
         expect_small(std::string(name_of(feature)), lenslets * (sizeof(float) + 1),
                      [&] { return FeatureMapper::create(e, 16, levels(16), feature, {.threads = 2}); });
     }
-    const auto ground = *GroundDistance::between_bins(9, 9);
-    expect_small("decisions", lenslets * 2, [&] { return EmdThresholdMap::create(e, 16, levels(16), ground, 2); });
 }
 
 TEST(Allocation, decoding_a_raw_frame_into_one_that_is_there) {

@@ -95,7 +95,7 @@ TEST(FeatureSets, the_usual_ones_give_the_bits_they_always_gave) {
     for (const auto& [e, expected] : cases) {
         Recipe recipe;
         recipe.part_required = false;  // the part fills the field
-        Pipeline pipeline = pipeline_for(e, 8, recipe);
+        Pipeline pipeline = pipeline_for(e, 8, recipe, 1, MapSet::exact);
         const Frame frame = counted_frame(e, 7);
         const auto seen = pipeline.inspect(frame.view());
         ASSERT_TRUE(seen);
@@ -159,7 +159,7 @@ TEST(FeatureSets, do_not_depend_on_the_number_of_threads) {
 TEST(FeatureSets, what_is_off_is_empty_and_judged_by_nobody) {
     const Extents e{40, 36, 9, 9};
     const Frame frame = eventful(e, 8);
-    Pipeline usual = pipeline_for(e, 8, {});
+    Pipeline usual = pipeline_for(e, 8, {}, 1, MapSet::exact);
     const auto all = usual.inspect(frame.view());
     const auto worst = [&](Map map, float limit) {  // of the lenslets that are judged
         float most = 0;

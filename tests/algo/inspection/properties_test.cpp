@@ -24,7 +24,7 @@ struct Seen {
 };
 
 Seen inspected(const Extents& e, const Frame& frame, const Recipe& recipe = {}) {
-    auto pipeline = Pipeline::create(e, frame.bits(), recipe);
+    auto pipeline = Pipeline::create(e, frame.bits(), recipe, 1, MapSet::exact);
     EXPECT_TRUE(pipeline);
     const auto seen = pipeline->inspect(frame.view());
     EXPECT_TRUE(seen);

@@ -17,7 +17,7 @@
 #include "algo/maps/feature_map.h"
 #include "algo/recipe/recipe.h"
 #include "algo/reference/reference_comparison.h"
-#include "tests/support/emd_threshold/emd_threshold.h"
+#include "algo/soa/soa_emd_bounds.h"
 
 namespace {
 
@@ -74,8 +74,17 @@ std::uint64_t of_frames(const Extents& e, const FrameView& frame, const FrameVie
         sum.add(map->mask);
         if (is_distance(feature)) sum.add(mapper->against(frame, reference)->values);
     }
-    const auto ground = *GroundDistance::between_bins(e.i, e.j);
-    sum.add(EmdThresholdMap::create(e, frame.bits, levels, ground)->decide(frame, 1)->at_or_above);
+    SoaDistances rows(e, Feature::emd, isa, true);
+    const SoaEmdBounds bounds(e, isa);
+    std::vector<std::uint8_t> mask(static_cast<std::size_t>(e.m));
+    std::vector<float> upper(mask.size());
+    rows.load(frame, levels, 0);
+    for (int n = 0; n < e.n; ++n) {
+        if (n + 1 < e.n) rows.load(frame, levels, n + 1);
+        rows.mark_row(n, mask.data());
+        bounds.row(rows, n, mask.data(), upper.data());
+        sum.add(std::span<const float>(upper));
+    }
     return sum.value;
 }
 

@@ -1,0 +1,156 @@
+// Replaces upper bounds of the EMD gradient (algo/soa/soa_emd_bounds.h) by its exact values, lenslet by lenslet, where
+// a verdict needs them and as long as the budgets last (docs/notes/inspection.md, "Bounded time").
+//
+// The order in which lenslets are solved, and where the budget of work ends, depend on the frame alone, not on the
+// number of threads. Values are the bits of algo/maps/feature_map.h. Nothing is allocated after create().
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "algo/emd/emd_solver.h"
+#include "algo/features/gradient.h"
+#include "algo/frame/decode.h"
+#include "algo/inspection/pipeline.h"
+#include "algo/maps/row_thread_pool.h"
+
+namespace hord::algo {
+
+class ExactGradients {
+  public:
+    // `limit_bins`: of the gradient. `pool` outlives this. Fails as GroundDistance and EmdSolver do.
+    static Result<ExactGradients> create(const Extents& extents, float limit_bins, RowThreadPool& pool);
+
+    // Starts a frame. `mask`: kDark and kSaturated of every lenslet; `gradient`: upper bounds, 0 where there is no
+    // gradient. Both stay in place until the next start(). `now` may be null; `end_ns`: when time runs out, 0: never.
+    void start(const FrameView& frame, const LightLevels& levels, std::span<const std::uint8_t> mask,
+               std::span<float> gradient, const InspectionLimits& limits, NowNs now, std::int64_t end_ns);
+
+    // 1: the lenslet's gradient is an upper bound; 0: it is exact, or there is none.
+    [[nodiscard]] std::span<const std::uint8_t> bounds() const { return is_bound_; }
+    [[nodiscard]] bool out_of_work() const { return work_left_ <= 0; }
+    [[nodiscard]] bool out_of_time() const { return out_of_time_; }
+
+    // Below every gradient that has this severity, a value over the limit, rounding included.
+    [[nodiscard]] float least_gradient(float severity) const { return severity * limit_bins_ * 0.999F; }
+
+    // Solves all lenslets with a gradient of at least `least` and severity(k) >= level > 0, largest first. `severity`:
+    // computed from gradient[k], not decreasing with it. False if a budget ran out before.
+    template <class Severity>
+    bool solve_from(float level, float least, Severity&& severity) {
+        const auto wanted = [&](std::uint32_t k) {
+            return gradient_[k] >= least && is_bound_[k] != 0 && severity(k) >= level;
+        };
+        sort_candidates(wanted, [&](std::uint32_t k) { return (severity(k) - level) / (4 * level); });
+        std::size_t next = 0;
+        while (next < candidates_) {
+            if (!may_go_on()) return false;
+            const std::size_t count = std::min(next_chunk(kMaxChunk), candidates_ - next);
+            solve(std::span(order_).subspan(next, count));
+            next += count;
+        }
+        return true;
+    }
+
+    // The largest of `known` and of the severities below `ceiling` of lenslets that are bounds, by branch and bound;
+    // severity(k) is at most `known`, or at most gradient[k] over the limit.
+    // Only lenslets whose bound exceeds the largest value found so far are solved, largest bound first. `all_known` is
+    // false if a budget ran out; the result is then the largest bound.
+    template <class Severity>
+    float largest(float known, float ceiling, Severity&& severity, bool& all_known) {
+        all_known = true;
+        const float floor = known, least = least_gradient(known);
+        const auto wanted = [&](std::uint32_t k) {
+            if (gradient_[k] < least || is_bound_[k] == 0) return false;
+            const float value = severity(k);
+            return value > floor && value < ceiling;
+        };
+        sort_candidates(wanted, [&](std::uint32_t k) { return (severity(k) - floor) / (ceiling - floor); });
+        std::size_t next = 0, limit = kFirstChunk;
+        while (next < candidates_) {
+            if (!may_go_on()) {
+                all_known = false;
+                break;
+            }
+            // Those that may still exceed the largest value, at the front of what is left of order_.
+            const std::size_t most = next_chunk(limit), first = next;
+            std::size_t count = 0;
+            for (; next < candidates_ && count < most; ++next) {
+                if (severity(order_[next]) > known) order_[first + count++] = order_[next];
+            }
+            solve(std::span(order_).subspan(first, count));
+            for (const std::uint32_t k : std::span(order_).subspan(first, count)) known = std::max(known, severity(k));
+            limit = std::min(2 * limit, kMaxChunk);
+        }
+        for (; next < candidates_; ++next) known = std::max(known, severity(order_[next]));
+        return known;
+    }
+
+  private:
+    static constexpr std::size_t kFirstChunk = 4, kMaxChunk = 4096;  // lenslets between two looks at the budgets
+    static constexpr std::size_t kShare = 64;                        // lenslets that a thread takes at once
+    static constexpr int kBuckets = 256;
+
+    // The working memory of one thread.
+    struct Worker {
+        Worker(const Extents& bins, EmdSolver emd_solver)
+            : hords{HordRow(bins), HordRow(bins), HordRow(bins), HordRow(bins)}, solver(std::move(emd_solver)) {}
+        std::array<HordRow, 4> hords;  // of one lenslet each
+        std::array<SparseHord, 4> sparse;
+        EmdSolver solver;
+        std::array<EmdGradient, kShare> gradients;
+    };
+
+    ExactGradients(const Extents& extents, float limit_bins, RowThreadPool& pool, std::vector<Worker> workers);
+
+    // order_: the lenslets with wanted(k), by falling place(k) in kBuckets buckets of 0..1, then by number.
+    template <class Wanted, class Place>
+    void sort_candidates(const Wanted& wanted, const Place& place) {
+        const auto bucket = [&](std::uint32_t k) {
+            return static_cast<std::size_t>(kBuckets - 1) -
+                static_cast<std::size_t>(std::clamp(place(k), 0.0F, 0.999F) * kBuckets);
+        };
+        std::array<std::uint32_t, kBuckets> next{};
+        const auto lenslets = static_cast<std::uint32_t>(is_bound_.size());
+        candidates_ = 0;
+        for (std::uint32_t k = 0; k < lenslets; ++k) {
+            if (!wanted(k)) continue;
+            ++next[bucket(k)];
+            ++candidates_;
+        }
+        if (candidates_ == 0) return;
+        std::uint32_t first = 0;
+        for (std::uint32_t& of_bucket : next) first += std::exchange(of_bucket, first);
+        for (std::uint32_t k = 0; k < lenslets; ++k) {
+            if (wanted(k)) order_[next[bucket(k)]++] = k;
+        }
+    }
+    bool may_go_on();
+    [[nodiscard]] std::size_t next_chunk(std::size_t limit) const;
+    void solve(std::span<const std::uint32_t> lenslets);
+    std::int64_t solve_share(Worker& worker, std::span<const std::uint32_t> lenslets);
+    void decode(Worker& worker, int at, int m, int n) const;
+
+    Extents extents_;
+    float limit_bins_;
+    RowThreadPool* pool_;
+    std::vector<Worker> workers_;
+    std::vector<std::uint8_t> is_bound_;
+    std::vector<std::uint32_t> order_;
+    std::size_t candidates_ = 0;
+    std::array<std::int64_t, kMaxChunk / kShare> share_work_{};
+
+    // Of the present frame.
+    FrameView frame_;
+    LightLevels levels_;
+    std::span<const std::uint8_t> mask_;
+    std::span<float> gradient_;
+    NowNs now_ = nullptr;
+    std::int64_t end_ns_ = 0;
+    bool out_of_time_ = false;
+    std::int64_t work_left_ = 0, work_done_ = 0, solved_ = 0;
+};
+
+}  // namespace hord::algo
