@@ -18,6 +18,7 @@ struct Replayed {
     std::uint32_t part = 0;
     std::string role, recipe_then, recipe_now;  // names
     Judgement then, now;
+    std::string sentence;  // the verdict of now in words (firmware/diagnostics/verdict_text.h)
     [[nodiscard]] bool same() const { return then == now; }  // to the bit
     [[nodiscard]] bool verdict_changes() const { return then.verdict != now.verdict; }
 };
