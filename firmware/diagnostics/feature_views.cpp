@@ -146,9 +146,8 @@ float FeatureViews::severity(const FeatureView& view, std::size_t k) const {
     float value = view.map[k];
     if (recipe_.reference && view.name != kZScore) {
         const algo::PoseMap pose(found_.registered.pose, extents_);
-        const int columns = extents_.m;
-        const auto place = pose.to_reference(static_cast<double>(k % static_cast<std::size_t>(columns)),
-                                             static_cast<double>(k / static_cast<std::size_t>(columns)));
+        const int columns = extents_.m, row = static_cast<int>(k) / columns, column = static_cast<int>(k) % columns;
+        const auto place = pose.to_reference(column, row);
         const int m = static_cast<int>(std::lround(place.m)), n = static_cast<int>(std::lround(place.n));
         if (m < 0 || n < 0 || m >= columns || n >= extents_.n) return 0;
         const auto& good =
@@ -162,8 +161,8 @@ bool FeatureViews::in_worst_defect(std::size_t k) const {
     const algo::Defect& d = found_.defects.front();
     const float disc = std::sqrt(static_cast<float>(d.area) * std::numbers::inv_pi_v<float>);
     const float radius = std::max(disc, d.length / 2) + 1.5F;
-    const auto columns = static_cast<std::size_t>(extents_.m);
-    return std::hypot(static_cast<float>(k % columns) - d.m, static_cast<float>(k / columns) - d.n) <= radius;
+    const int row = static_cast<int>(k) / extents_.m, column = static_cast<int>(k) % extents_.m;
+    return std::hypot(static_cast<float>(column) - d.m, static_cast<float>(row) - d.n) <= radius;
 }
 
 const FeatureView& FeatureViews::deciding() const {
