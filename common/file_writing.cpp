@@ -28,11 +28,27 @@ int replace_file(const fs::path& file, const char* suffix, mode_t mode, bool syn
     return error;
 }
 
+Result<void> check_replaceable(const fs::path& file) {
+    std::error_code error;
+    const char* what = nullptr;
+    switch (fs::symlink_status(file, error).type()) {
+        case fs::file_type::symlink: what = "a symbolic link"; break;
+        case fs::file_type::block:
+        case fs::file_type::character: what = "a device"; break;
+        case fs::file_type::fifo: what = "a pipe"; break;
+        case fs::file_type::socket: what = "a socket"; break;
+        default: return {};
+    }
+    return fail(ErrorCode::refused, file.string() + " is " + what + ", not a regular file: it is not replaced",
+                "give the name of a regular file");
+}
+
 Result<void> write_atomically(const fs::path& file, std::span<const std::uint8_t> bytes) {
     const fs::path folder = file.parent_path();
     if (std::error_code error; !folder.empty() && !fs::is_directory(folder, error)) {
         return fail(ErrorCode::not_found, "the folder " + folder.string() + " does not exist", "create it first");
     }
+    if (auto fine = check_replaceable(file); !fine) return fine;
     const int error = replace_file(file, ".part", 0666, false, std::as_bytes(bytes));
     if (error == 0) return {};
     return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(error) + ")",
@@ -40,6 +56,7 @@ Result<void> write_atomically(const fs::path& file, std::span<const std::uint8_t
 }
 
 Result<void> write_durably(const fs::path& file, std::string_view text) {
+    if (auto fine = check_replaceable(file); !fine) return fine;
     int error = replace_file(file, ".new", 0644, true, std::as_bytes(std::span(text)));
     if (error == 0) error = sync_folder_of(file);
     if (error == 0) return {};

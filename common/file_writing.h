@@ -18,13 +18,17 @@ namespace hord::common {
 // None: it cannot be read, or is a folder; errno says why.
 std::optional<std::string> read_file(const std::filesystem::path& file);
 
+// Whether a rename to this place destroys nothing but an old file. Fails with refused if a symbolic link, a device, a
+// pipe or a socket is there. (A folder is never replaced: the rename fails.)
+Result<void> check_replaceable(const std::filesystem::path& file);
+
 // Writes FILE.part and renames it. Does not wait for the disk: a power cut may lose the file. Fails with not_found (the
-// folder) or io; FILE.part is removed then.
+// folder), refused (as check_replaceable()) or io; FILE.part is removed then.
 Result<void> write_atomically(const std::filesystem::path& file, std::span<const std::uint8_t> bytes);
 
 // Writes FILE.new, syncs it, renames it and syncs the folder: after a power cut the file is the old or the new one.
-// Fails with io (names the file); the old file is unchanged and FILE.new is removed, unless only the folder's sync
-// failed.
+// Fails with refused (as check_replaceable()) and io; both name the file. The old file is unchanged and FILE.new is
+// removed then, unless only the folder's sync failed.
 Result<void> write_durably(const std::filesystem::path& file, std::string_view text);
 
 // Steps of the above. Each returns 0 or errno. replace_file() writes FILE + suffix, syncs it if asked, and renames it;

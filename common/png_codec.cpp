@@ -1,5 +1,6 @@
 #include "common/png_codec.h"
 
+#include <algorithm>
 #include <csetjmp>
 #include <cstddef>
 #include <cstring>
@@ -83,7 +84,8 @@ struct Layout {
     int height_px = 0;
     int depth = 8;
     bool colour = false;
-    int significant_bits = 0;  // 0: no sBIT
+    int significant_bits = 0;              // 0: no sBIT
+    std::span<const png_color> palette{};  // not empty: the samples are indexes into it
 };
 
 void write_all(const Png& to, Job& job, const Layout& layout, const PngPacking& packing, png_textp note) {
@@ -93,8 +95,13 @@ void write_all(const Png& to, Job& job, const Layout& layout, const PngPacking& 
     if (packing.runs_only) png_set_compression_strategy(to.png, Z_RLE);
     png_set_filter(to.png, PNG_FILTER_TYPE_BASE, PNG_FILTER_SUB);
     png_set_IHDR(to.png, to.info, static_cast<png_uint_32>(layout.width_px), static_cast<png_uint_32>(layout.height_px),
-                 layout.depth, layout.colour ? PNG_COLOR_TYPE_RGB : PNG_COLOR_TYPE_GRAY, PNG_INTERLACE_NONE,
-                 PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+                 layout.depth,
+                 !layout.palette.empty() ? PNG_COLOR_TYPE_PALETTE
+                     : layout.colour     ? PNG_COLOR_TYPE_RGB
+                                         : PNG_COLOR_TYPE_GRAY,
+                 PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+    if (!layout.palette.empty())
+        png_set_PLTE(to.png, to.info, layout.palette.data(), static_cast<int>(layout.palette.size()));
     if (layout.significant_bits != 0) {
         png_color_8 depth{};
         depth.gray = static_cast<png_byte>(layout.significant_bits);
@@ -165,6 +172,17 @@ void read_all(const Png& from, Job& job, const std::string& keyword) {
     job.done = true;
 }
 
+// Borrows the note's strings; png_set_text() copies them.
+png_text text_of(const std::optional<PngNote>& note) {
+    png_text text{};
+    if (!note) return text;
+    text.compression = PNG_ITXT_COMPRESSION_NONE;
+    text.key = const_cast<char*>(note->keyword.c_str());
+    text.text = const_cast<char*>(note->text.c_str());
+    text.itxt_length = note->text.size();
+    return text;
+}
+
 }  // namespace
 
 Result<std::vector<std::uint8_t>> encode_grey_png(const FrameView& frame, const PngPacking& packing,
@@ -180,14 +198,29 @@ Result<std::vector<std::uint8_t>> encode_grey_png(const FrameView& frame, const 
                         .height_px = frame.height_px,
                         .depth = frame.bits > 8 ? 16 : 8,
                         .significant_bits = note ? frame.bits : 0};
-    png_text text{};
-    if (note) {  // png_set_text copies both
-        text.compression = PNG_ITXT_COMPRESSION_NONE;
-        text.key = const_cast<char*>(note->keyword.c_str());
-        text.text = const_cast<char*>(note->text.c_str());
-        text.itxt_length = note->text.size();
-    }
+    png_text text = text_of(note);
     return encode(job, layout, packing, note ? &text : nullptr);
+}
+
+Result<std::vector<std::uint8_t>> encode_index_png(int width_px, int height_px, std::span<const std::uint8_t> indexes,
+                                                   std::span<const PngColour> palette,
+                                                   const std::optional<PngNote>& note) {
+    const auto width = static_cast<std::size_t>(width_px);
+    if (width_px <= 0 || height_px <= 0 || indexes.size() != width * static_cast<std::size_t>(height_px) ||
+        palette.empty() || palette.size() > 256 || *std::ranges::max_element(indexes) >= palette.size()) {
+        return fail(ErrorCode::invalid_argument,
+                    "an image of " + std::to_string(width_px) + "x" + std::to_string(height_px) + " indexes into " +
+                        std::to_string(palette.size()) + " colours cannot be made a PNG",
+                    "report it");
+    }
+    std::vector<png_color> colours;
+    for (const PngColour& c : palette) colours.push_back({c.red, c.green, c.blue});
+    Job job;
+    job.rows.reserve(static_cast<std::size_t>(height_px));
+    for (std::size_t at = 0; at < indexes.size(); at += width)
+        job.rows.push_back(const_cast<png_bytep>(indexes.data() + at));
+    png_text text = text_of(note);
+    return encode(job, {.width_px = width_px, .height_px = height_px, .palette = colours}, {}, note ? &text : nullptr);
 }
 
 Result<std::vector<std::uint8_t>> encode_bgr_png(int width_px, int height_px, std::span<const std::uint8_t> bgr) {

@@ -1,4 +1,5 @@
-// PNG in memory, by libpng: reads and writes grey frames, writes colour pictures. Any thread; prints nothing.
+// PNG in memory, by libpng: reads and writes grey frames, writes colour pictures and palette images. Any thread; prints
+// nothing.
 #pragma once
 
 #include <cstdint>
@@ -33,6 +34,16 @@ Result<std::vector<std::uint8_t>> encode_grey_png(const FrameView& frame, const 
 // 8-bit colour from blue, green, red; rows unpadded. Fails with invalid_argument (no pixels, or not 3 bytes each),
 // internal.
 Result<std::vector<std::uint8_t>> encode_bgr_png(int width_px, int height_px, std::span<const std::uint8_t> bgr);
+
+struct PngColour {
+    std::uint8_t red = 0, green = 0, blue = 0;
+};
+
+// 8-bit indexes into `palette` (1 to 256 colours); rows unpadded. The note goes into an iTXt chunk. Fails with
+// invalid_argument (no pixels, another number of indexes, an index beyond the palette), internal.
+Result<std::vector<std::uint8_t>> encode_index_png(int width_px, int height_px, std::span<const std::uint8_t> indexes,
+                                                   std::span<const PngColour> palette,
+                                                   const std::optional<PngNote>& note = std::nullopt);
 
 struct GreyPng {
     Frame frame;                      // 8 or 16 bits; if a note was requested, the bits of sBIT

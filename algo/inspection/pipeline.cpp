@@ -130,7 +130,7 @@ struct Pipeline::Workspace {
           spectral(maps == MapSet::all ? e.lenslets() : 0), nuclear(spectral.size()), anisotropy(spectral.size()),
           checks(e, sample_bits, r), rim(RimFinder::of(r, e)), defect_finder(e, r) {
         paint_zones(recipe.zones, extents, zones, recipe.lenslet_mm);
-        if (recipe.reference) comparison.emplace(e, recipe);
+        if (recipe.reference) comparison.emplace(e, recipe, maps);
     }
 
     Extents extents;
@@ -157,14 +157,15 @@ struct Pipeline::Workspace {
 
     // The comparison with a reference.
     struct Comparison {
-        Comparison(const Extents& e, const Recipe& r)
+        Comparison(const Extents& e, const Recipe& r, MapSet maps)
             : registrar(e), outline(reference_outline(r, e)), defect_finder(e, r), differences(e.lenslets()),
-              z_score(e.lenslets()) {}
+              z_score(e.lenslets()), compared(maps == MapSet::all ? e.lenslets() : 0) {}
         Registrar registrar;
         std::vector<std::uint8_t> outline;  // kOutside and kRim of the reference
         ReferenceDefects defect_finder;
         std::vector<Difference> differences;
         std::vector<float> z_score;
+        std::vector<std::uint8_t> compared;
     };
     std::optional<Comparison> comparison;  // if the recipe has a reference
 
@@ -473,7 +474,12 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now, const In
         result.score = found->score;
         result.out_of_time = result.bounded && w.exact->out_of_time();
         result.verdict = found->defects.empty() ? Verdict::pass : Verdict::reject;
-        if (w.comparison) result.z_score = w.comparison->z_score;
+        if (w.comparison) {
+            result.z_score = w.comparison->z_score;
+            auto& compared = w.comparison->compared;
+            for (std::size_t k = 0; k < compared.size(); ++k) compared[k] = w.comparison->differences[k].has_light;
+            result.compared = compared;
+        }
     }
     watch.lap(result.times.decide_ns);
     total.lap(result.times.total_ns);

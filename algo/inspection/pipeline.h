@@ -66,6 +66,7 @@ struct Inspection {
     // With a reference: the worst score of a lenslet, in units of noise (algo/inspection/reference_defects.h), and the
     // pose of the part. Else empty.
     Map z_score;
+    std::span<const std::uint8_t> compared;  // MapSet::all: 0 where the reference has nothing to compare with
     Registered registered;
     StageTimes times;
 };

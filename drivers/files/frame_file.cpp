@@ -5,6 +5,7 @@
 #include <bit>
 #include <cctype>
 #include <fstream>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <system_error>
@@ -21,6 +22,8 @@ namespace {
 
 namespace fs = std::filesystem;
 using Bytes = std::vector<std::byte>;
+
+constexpr char kKeyword[] = "hord";  // of the iTXt chunk, as in the frames that a station keeps
 
 bool looks_like_a_frame(const fs::path& file) {
     std::string extension = file.extension().string();
@@ -133,15 +136,21 @@ Result<Frame> decode_pgm(std::string_view file, const std::string& name) {
     return frame;
 }
 
-Result<Frame> decode(std::span<const std::byte> bytes, const std::string& name) {
+// `note`: receives the text of the PNG chunk, if there is one; null: it is not read.
+Result<Frame> decode(std::span<const std::byte> bytes, const std::string& name,
+                     std::optional<std::string>* note = nullptr) {
     using namespace std::string_view_literals;
     constexpr const char* kUseGrey = "save it as 8- or 16-bit grey PNG, TIFF or binary PGM, one channel";
     const std::span file(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size());
     const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
     if (text.empty())
         return fail(ErrorCode::unreadable, name + " is truncated (it is empty)", "record or copy it again");
-    if (text.starts_with("\x89PNG\r\n\x1a\n"sv))
-        return common::decode_grey_png(file, name).map([](common::GreyPng&& png) { return std::move(png.frame); });
+    if (text.starts_with("\x89PNG\r\n\x1a\n"sv)) {
+        auto png = common::decode_grey_png(file, name, note != nullptr ? kKeyword : "");
+        if (!png) return tl::unexpected(png.error());
+        if (note != nullptr) *note = std::move(png->note);
+        return std::move(png->frame);
+    }
     if (text.starts_with("II*\0"sv) || text.starts_with("MM\0*"sv)) return common::decode_grey_tiff(file, name);
     if (text.starts_with("P5")) return decode_pgm(text, name);
     if (text.starts_with("P6") || text.starts_with("P3"))
@@ -153,22 +162,71 @@ Result<Frame> decode(std::span<const std::byte> bytes, const std::string& name) 
     return fail(ErrorCode::unreadable, name + " is not a PNG, TIFF or binary PGM image", kUseGrey);
 }
 
+// The frame in the expected format.
+Result<Frame> checked(Frame&& frame, const std::string& name, const ExpectedFrame& expected) {
+    auto good =
+        check_size(name, static_cast<std::uint64_t>(frame.width_px()), static_cast<std::uint64_t>(frame.height_px()));
+    if (good) good = check_expected(name, frame, expected);
+    if (!good) return tl::unexpected(good.error());
+    if (expected.bits != 0 && frame.bits() != expected.bits) {
+        Frame narrower(frame.width_px(), frame.height_px(), expected.bits);
+        std::ranges::copy(frame.bytes(), narrower.bytes().begin());
+        frame = std::move(narrower);
+    }
+    if (good = check_range(name, frame); !good) return tl::unexpected(good.error());
+    return std::move(frame);
+}
+
+// The geometry in the PNG's text and in the sidecar; none if the file has neither.
+Result<std::optional<FrameGeometry>> geometry_of(const fs::path& file, const std::optional<std::string>& note) {
+    std::optional<FrameGeometry> geometry;
+    if (note) {
+        auto parsed = geometry_from_json(*note, file.string());
+        if (!parsed) return tl::unexpected(parsed.error());
+        geometry = *parsed;
+    }
+    const fs::path sidecar = sidecar_of(file);
+    std::error_code error;
+    if (!fs::exists(sidecar, error)) return geometry;
+    const auto text = common::read_file(sidecar);
+    if (!text)
+        return fail(ErrorCode::unreadable, sidecar.string() + ", the geometry note of a frame, cannot be read",
+                    "check its permissions");
+    auto beside = geometry_from_json(*text, sidecar.string());
+    if (!beside) return tl::unexpected(beside.error());
+    if (geometry && !(*geometry == *beside)) {
+        return fail(ErrorCode::unreadable,
+                    file.string() + " and " + sidecar.string() + " contradict each other: " + describe(*geometry) +
+                        ", and " + describe(*beside),
+                    "remove or correct the sidecar");
+    }
+    return std::optional(*beside);
+}
+
 }  // namespace
 
 Result<Frame> decode_frame(std::span<const std::byte> bytes, const std::string& name, const ExpectedFrame& expected) {
-    auto frame = decode(bytes, name);
-    if (!frame) return frame;
-    auto good =
-        check_size(name, static_cast<std::uint64_t>(frame->width_px()), static_cast<std::uint64_t>(frame->height_px()));
-    if (good) good = check_expected(name, *frame, expected);
-    if (!good) return tl::unexpected(good.error());
-    if (expected.bits != 0 && frame->bits() != expected.bits) {
-        Frame narrower(frame->width_px(), frame->height_px(), expected.bits);
-        std::ranges::copy(frame->bytes(), narrower.bytes().begin());
-        frame = std::move(narrower);
+    return decode(bytes, name).and_then([&](Frame&& frame) { return checked(std::move(frame), name, expected); });
+}
+
+fs::path sidecar_of(const fs::path& file) { return fs::path(file).replace_extension(".frame.json"); }
+
+Result<NotedFrame> read_noted_frame(const fs::path& file, const ExpectedFrame& expected) {
+    const auto bytes = read_bytes(file);
+    if (!bytes) return tl::unexpected(bytes.error());
+    std::optional<std::string> note;
+    auto frame = decode(*bytes, file.string(), &note);
+    if (!frame) return tl::unexpected(frame.error());
+    const auto geometry = geometry_of(file, note);
+    if (!geometry) return tl::unexpected(geometry.error());
+    ExpectedFrame format = expected;
+    if (*geometry) {
+        if (auto fine = check_against(**geometry, *frame, file.string()); !fine) return tl::unexpected(fine.error());
+        format.bits = (*geometry)->bits;
     }
-    if (good = check_range(name, *frame); !good) return tl::unexpected(good.error());
-    return frame;
+    auto whole = checked(std::move(*frame), file.string(), format);
+    if (!whole) return tl::unexpected(whole.error());
+    return NotedFrame{std::move(*whole), *geometry};
 }
 
 Result<Frame> read_frame(const fs::path& file, const ExpectedFrame& expected) {
@@ -177,11 +235,13 @@ Result<Frame> read_frame(const fs::path& file, const ExpectedFrame& expected) {
     return decode_frame(*bytes, file.string(), expected);
 }
 
-Result<void> write_frame(const fs::path& file, const FrameView& frame) {
+Result<void> write_frame(const fs::path& file, const FrameView& frame, const std::optional<FrameGeometry>& geometry) {
     if (frame.data == nullptr || frame.width_px <= 0 || frame.height_px <= 0) {
         return fail(ErrorCode::invalid_argument, "the frame for " + file.string() + " is empty");
     }
-    const auto png = common::encode_grey_png(frame);
+    std::optional<common::PngNote> note;
+    if (geometry) note = common::PngNote{kKeyword, to_json(*geometry)};
+    const auto png = common::encode_grey_png(frame, {}, note);
     if (!png) return tl::unexpected(png.error());
     return common::write_atomically(file, *png);
 }

@@ -3,12 +3,14 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "common/frame.h"
 #include "common/result.h"
+#include "drivers/files/frame_geometry.h"
 
 namespace hord::drivers {
 
@@ -26,7 +28,21 @@ struct ExpectedFrame {
 // or compressions); invalid_argument (not the required format). A truncated file never returns a frame.
 Result<Frame> read_frame(const std::filesystem::path& file, const ExpectedFrame& expected = {});
 
-// The same from a file's bytes; `name` is used in the message.
+// A frame with its geometry note (drivers/files/frame_geometry.h), if its file has one.
+struct NotedFrame {
+    Frame frame;
+    std::optional<FrameGeometry> geometry;
+};
+
+// read_frame() with the note of the PNG or of the sidecar. A note says how many bits the samples have: `expected.bits`
+// counts only without one, and the caller compares. Also fails with unreadable (a damaged note, one that contradicts
+// the frame, a PNG and a sidecar that contradict each other) and unsupported (a note of another schema).
+Result<NotedFrame> read_noted_frame(const std::filesystem::path& file, const ExpectedFrame& expected = {});
+
+// NAME.frame.json beside NAME.png, NAME.tiff or NAME.pgm.
+std::filesystem::path sidecar_of(const std::filesystem::path& file);
+
+// read_frame() from a file's bytes; `name` is used in the message.
 Result<Frame> decode_frame(std::span<const std::byte> bytes, const std::string& name,
                            const ExpectedFrame& expected = {});
 
@@ -34,8 +50,10 @@ Result<Frame> decode_frame(std::span<const std::byte> bytes, const std::string& 
 // folder without a frame, no name given), unreadable (a folder).
 Result<std::vector<std::filesystem::path>> list_frames(const std::vector<std::filesystem::path>& files_or_folders);
 
-// Writes a PNG, 8- or 16-bit grey (9- to 15-bit samples right-aligned). The file is replaced atomically.
-// Fails with not_found (the folder), io, invalid_argument (an empty frame).
-Result<void> write_frame(const std::filesystem::path& file, const FrameView& frame);
+// Writes a PNG, 8- or 16-bit grey (9- to 15-bit samples right-aligned), with the note if there is one. The file is
+// replaced atomically. Fails with not_found (the folder), refused (a link or device is there), io, invalid_argument (an
+// empty frame).
+Result<void> write_frame(const std::filesystem::path& file, const FrameView& frame,
+                         const std::optional<FrameGeometry>& geometry = std::nullopt);
 
 }  // namespace hord::drivers

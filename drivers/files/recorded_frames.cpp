@@ -1,6 +1,7 @@
 #include "drivers/files/recorded_frames.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace hord::drivers {
 
@@ -14,17 +15,38 @@ Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(hal::EventLoop& loo
     ExpectedFrame expected;
     Error all;
     for (const fs::path& file : *files) {
-        auto frame = read_frame(file, expected);
-        if (!frame) {
-            if (all.what.empty()) all = frame.error();
-            else all.what += "\n" + frame.error().message();
+        auto read = sensor->read(file, expected);
+        if (!read) {
+            if (all.what.empty()) all = read.error();
+            else all.what += "\n" + read.error().message();
             continue;
         }
-        expected = {frame->width_px(), frame->height_px(), frame->bits()};
-        sensor->frames_.push_back(std::move(*frame));
+        expected = {read->width_px(), read->height_px(), read->bits()};
+        sensor->frames_.push_back(std::move(*read));
     }
     if (!all.what.empty()) return tl::unexpected(all);
     return sensor;
+}
+
+// The frame in the expected format; its note must be that of the frames before it.
+Result<Frame> RecordedFrames::read(const fs::path& file, const ExpectedFrame& expected) {
+    auto read = read_noted_frame(file, expected);
+    if (!read) return tl::unexpected(read.error());
+    const auto& geometry = read->geometry;
+    if (geometry && noted_ && !(*geometry == noted_->geometry)) {
+        return fail(
+            ErrorCode::invalid_argument,
+            file.string() + " says " + describe(*geometry) + ", and " + noted_->file + " " + describe(noted_->geometry),
+            "play frames of one geometry");
+    }
+    if (expected.bits != 0 && read->frame.bits() != expected.bits) {
+        return fail(ErrorCode::invalid_argument,
+                    file.string() + " has " + std::to_string(read->frame.bits()) +
+                        "-bit samples, and the frames before it " + std::to_string(expected.bits),
+                    "play frames of one depth");
+    }
+    if (geometry && !noted_) noted_ = Noted{file.string(), *geometry};
+    return std::move(read->frame);
 }
 
 hal::SensorFormat RecordedFrames::format() const {

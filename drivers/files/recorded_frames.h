@@ -8,6 +8,8 @@
 #include <atomic>
 #include <filesystem>
 #include <memory>
+#include <optional>
+#include <string>
 #include <vector>
 
 #include "drivers/files/frame_file.h"
@@ -22,13 +24,22 @@ class RecordedFrames final : public hal::Sensor {
     static constexpr hal::Duration kReadout = std::chrono::milliseconds(1);  // from the exposure's end to delivery
 
     // Loop thread; blocks while it reads. Folders as in list_frames(). Fails with not_found (no such file or folder, no
-    // frame in it), invalid_argument (frames of different formats), or as read_frame() does; names every bad file.
+    // frame in it), invalid_argument (frames of different formats or geometries), or as read_noted_frame() does; names
+    // every bad file.
     static Result<std::unique_ptr<RecordedFrames>> open(hal::EventLoop& loop,
                                                         const std::vector<std::filesystem::path>& files_or_folders);
     ~RecordedFrames() override { stop(); }
     [[nodiscard]] hal::SensorFormat format() const override;
 
     [[nodiscard]] std::size_t count() const { return frames_.size(); }
+
+    // The geometry that files of these frames note, the same in all of them, and the first such file. None: no file has
+    // a note.
+    struct Noted {
+        std::string file;
+        FrameGeometry geometry;
+    };
+    [[nodiscard]] const std::optional<Noted>& noted() const { return noted_; }
 
   private:
     enum class State : std::uint8_t { free, exposing, lent };
@@ -38,6 +49,7 @@ class RecordedFrames final : public hal::Sensor {
         hal::EventLoop::TimerId timer{};
     };
     explicit RecordedFrames(hal::EventLoop& loop) : loop_(loop) {}
+    Result<Frame> read(const std::filesystem::path& file, const ExpectedFrame& expected);
     Result<void> do_start(Listener& listener) override;
     Result<void> do_trigger(const hal::ExposureRequest& request) override;
     void do_stop() override;
@@ -49,6 +61,7 @@ class RecordedFrames final : public hal::Sensor {
 
     hal::EventLoop& loop_;
     std::vector<Frame> frames_;
+    std::optional<Noted> noted_;
     std::array<Slot, kBuffers> slots_;
     Listener* listener_ = nullptr;
     std::uint32_t sequence_ = 0;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include <fmt/format.h>
+
 #include "common/assign.h"
 #include "drivers/files/recorded_frames.h"
 #include "drivers/gpio/gpio_part_sensor.h"
@@ -54,6 +56,28 @@ sim::Scene clean_part(const Config& config) {
     scene.noise.read_e = 2;
     scene.noise.dark_dn = 1;
     return scene;
+}
+
+// Compares the geometry that recorded frames note with [inspection]. Fails with invalid_argument.
+Result<void> check_geometry(const drivers::RecordedFrames& frames, const InspectionConfig& inspection) {
+    const auto& noted = frames.noted();
+    if (!noted) return {};
+    const algo::Extents& grid = noted->geometry.grid;
+    const std::string says = noted->file + " says " + describe(noted->geometry);
+    const auto refuse = [&](const std::string& configured, const std::string& cure) {
+        return fail(ErrorCode::invalid_argument, says + ", and " + configured, cure);
+    };
+    if (noted->geometry.kind == drivers::FrameKind::raw) {
+        if (!inspection.grid.empty()) return {};
+        return refuse("inspection.grid names no calibration", "name the one of this sensor (hordctl calibrate)");
+    }
+    if (!inspection.grid.empty()) {
+        return refuse("inspection.grid = \"" + inspection.grid.string() + "\" decodes raw frames",
+                      "leave inspection.grid out, or play raw frames");
+    }
+    if (grid.i == inspection.bins_i && grid.j == inspection.bins_j) return {};
+    return refuse(fmt::format("inspection.macro is \"{}x{}\"", inspection.bins_i, inspection.bins_j),
+                  fmt::format("set inspection.macro = \"{}x{}\", or play other frames", grid.i, grid.j));
 }
 
 // Whether any device is simulated: then a simulated cell moves the parts.
@@ -197,8 +221,12 @@ Result<std::unique_ptr<hal::PartSensor>> open_part_sensor(hal::EventLoop& loop, 
 }
 
 Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Config& config) {
-    if (const auto* recorded = std::get_if<FrameFolder>(&config.sensor))
-        return drivers::RecordedFrames::open(loop, {recorded->folder});
+    if (const auto* recorded = std::get_if<FrameFolder>(&config.sensor)) {
+        auto frames = drivers::RecordedFrames::open(loop, {recorded->folder});
+        if (!frames) return tl::unexpected(frames.error());
+        if (auto fine = check_geometry(**frames, config.inspection); !fine) return tl::unexpected(fine.error());
+        return std::move(*frames);
+    }
     if (const auto* video = std::get_if<drivers::V4l2SensorOptions>(&config.sensor))
         return drivers::V4l2Sensor::open(loop, *video);
     if (const auto* camera = std::get_if<drivers::LibcameraSensorOptions>(&config.sensor))

@@ -1,9 +1,12 @@
 #include "firmware/diagnostics/map_images.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -17,9 +20,12 @@ namespace {
 
 constexpr int kMapSide = 444;  // pictures are enlarged until their longer side has at least this many pixels
 constexpr int kTitleHeight = 26;
-constexpr int kScaleWidth = 92;
+constexpr int kScaleWidth = 118;
+constexpr int kAxisWidth = 40, kAxisHeight = 34;  // left of the map, below it
+constexpr int kLineHeight = 18;                   // of the legend
 const cv::Scalar kInk(40, 40, 40);
 const cv::Scalar kPaper(255, 255, 255);
+const cv::Scalar kMark(40, 40, 230);  // of defects and limits
 
 int enlargement(int side) { return std::max(1, (kMapSide + side - 1) / side); }
 
@@ -44,6 +50,7 @@ cv::Mat to_mat(const Picture& picture) {
     return {picture.height, picture.width, CV_8UC3, const_cast<unsigned char*>(picture.bgr.data())};
 }
 
+// The colour scale right of the map, with ticks, unit and the limit.
 void draw_scale(cv::Mat& sheet, const MapPicture& what, int top, int height) {
     const int left = sheet.cols - kScaleWidth + 8;
     cv::Mat ramp(height, 1, CV_8U);
@@ -52,27 +59,178 @@ void draw_scale(cv::Mat& sheet, const MapPicture& what, int top, int height) {
     cv::Mat colours;
     cv::applyColorMap(ramp, colours, cv::COLORMAP_VIRIDIS);
     cv::resize(colours, sheet(cv::Rect(left, top, 14, height)), cv::Size(14, height), 0, 0, cv::INTER_NEAREST);
-    constexpr int kTicks = 4;
+    const bool marked = what.limit != 0 && what.limit >= what.low && what.limit <= what.high;
+    const auto place = [&](float value) {
+        return top +
+            static_cast<int>(
+                   std::lround(static_cast<float>(height - 1) * (what.high - value) / (what.high - what.low)));
+    };
+    const auto text_at = [&](int y) { return std::clamp(y + 4, top + 9, top + height - 1); };
+    constexpr int kTicks = 4, kApart = 13;
     for (int k = 0; k <= kTicks; ++k) {
-        const int y = top + (height - 1) * k / kTicks;
         const float value = what.high + (what.low - what.high) * static_cast<float>(k) / kTicks;
+        const int y = place(value);
         cv::line(sheet, {left + 14, y}, {left + 18, y}, kInk);
-        write_text(sheet, fmt::format("{:.3g}", value), {left + 21, std::clamp(y + 4, top + 9, top + height - 1)},
-                   0.36);
+        if (marked && std::abs(text_at(y) - text_at(place(what.limit))) < kApart) continue;
+        write_text(sheet, fmt::format("{:.3g}", value), {left + 21, text_at(y)}, 0.36);
+    }
+    if (marked) {
+        const int y = place(what.limit);
+        const std::string text = what.limit_text.empty() ? fmt::format("limit {:.3g}", what.limit) : what.limit_text;
+        cv::line(sheet, {left - 3, y}, {left + 20, y}, kPaper, 3);
+        cv::line(sheet, {left - 3, y}, {left + 20, y}, kMark, 1);
+        write_text(sheet, text, {left + 23, text_at(y)}, fitting(text, kScaleWidth - 32, 0.36), kMark);
     }
     write_text(sheet, what.unit, {left - 4, top - 8}, fitting(what.unit, kScaleWidth - 6, 0.36));
 }
 
+// The smallest of 1, 2, 5, 10, ... times a power of ten that makes at most `most` steps of `range`.
+double nice_step(double range, int most) {
+    double step = std::pow(10, std::floor(std::log10(range / most)));
+    for (const double factor : {2.0, 2.5, 2.0}) {
+        if (range / step <= most) break;
+        step *= factor;
+    }
+    return step;
+}
+
+struct Tick {
+    double lenslet;  // from the first one that is shown
+    std::string text;
+};
+
+// The ticks of an axis over `count` lenslets.
+std::vector<Tick> ticks_of(int count, int first, float lenslet_mm) {
+    constexpr int kMax = 6;
+    std::vector<Tick> ticks;
+    if (lenslet_mm <= 0) {
+        const int step = std::max(1, static_cast<int>(nice_step(count, kMax)));
+        for (int at = (first + step - 1) / step * step; at < first + count; at += step)
+            ticks.push_back({static_cast<double>(at - first), std::to_string(at)});
+        return ticks;
+    }
+    const double pitch = static_cast<double>(lenslet_mm), middle = 0.5 * (count - 1),
+                 step = nice_step(count * pitch, kMax);
+    const int most = static_cast<int>(middle * pitch / step);
+    for (int k = -most; k <= most; ++k) ticks.push_back({middle + k * step / pitch, fmt::format("{:g}", k * step)});
+    return ticks;
+}
+
+// Axes left of the map and below it.
+void draw_axes(cv::Mat& sheet, const MapPicture& what, const algo::Extents& extents, const cv::Rect& map, int zoom) {
+    const auto pixel = [&](double lenslet) { return static_cast<int>((lenslet + 0.5) * zoom); };
+    const auto width = [](const std::string& text) {
+        return cv::getTextSize(text, cv::FONT_HERSHEY_SIMPLEX, 0.36, 1, nullptr).width;
+    };
+    const int below = map.y + map.height;
+    for (const Tick& tick : ticks_of(extents.m, what.first_m, what.lenslet_mm)) {
+        const int x = map.x + pixel(tick.lenslet);
+        cv::line(sheet, {x, below}, {x, below + 4}, kInk);
+        write_text(sheet, tick.text, {x - width(tick.text) / 2, below + 15}, 0.36);
+    }
+    for (const Tick& tick : ticks_of(extents.n, what.first_n, what.lenslet_mm)) {
+        const int y = map.y + pixel(tick.lenslet);
+        cv::line(sheet, {map.x - 5, y}, {map.x - 1, y}, kInk);
+        write_text(sheet, tick.text, {map.x - 8 - width(tick.text), y + 4}, 0.36);
+    }
+    const std::string across = what.lenslet_mm > 0 ? "x, mm" : "lenslet m", down = what.lenslet_mm > 0 ? "y, mm" : "n";
+    write_text(sheet, across, {map.x + (map.width - width(across)) / 2, below + 29}, 0.36);
+    write_text(sheet, down, {2, below + 15}, 0.36);
+}
+
+// Why a lenslet has no value, or is not judged; `none`: it has one that is judged.
+enum class NoData : std::uint8_t { none, dark, saturated, border, outside, other, not_judged };
+constexpr std::size_t kNoDatas = 7;
+
+NoData no_data_of(const MapPicture& what, float value, std::uint8_t bits) {
+    const auto missing = static_cast<std::uint8_t>(bits & what.no_value);
+    if ((missing & algo::kSaturated) != 0) return NoData::saturated;
+    if ((missing & algo::kDark) != 0) return NoData::dark;
+    if ((missing & algo::kBorder) != 0) return NoData::border;
+    if ((missing & algo::kOutside) != 0) return NoData::outside;
+    if (missing != 0 || !std::isfinite(value)) return NoData::other;
+    return (bits & what.not_judged) != 0 ? NoData::not_judged : NoData::none;
+}
+
+// Grey with diagonal lines. The colour map has no grey.
+cv::Vec3b hatch(NoData reason, int x, int y) {
+    const bool line = (x + y) % 6 < 2;
+    switch (reason) {
+        case NoData::dark: return line ? cv::Vec3b(110, 110, 110) : cv::Vec3b(60, 60, 60);
+        case NoData::saturated: return line ? cv::Vec3b(190, 190, 190) : cv::Vec3b(245, 245, 245);
+        default: return line ? cv::Vec3b(120, 120, 120) : cv::Vec3b(170, 170, 170);
+    }
+}
+
+cv::Vec3b dimmed(const cv::Vec3b& colour) {
+    cv::Vec3b out;
+    for (int channel = 0; channel < 3; ++channel) out[channel] = static_cast<unsigned char>(colour[channel] / 2 + 60);
+    return out;
+}
+
+constexpr const char* text_of(NoData reason) {
+    switch (reason) {
+        case NoData::dark: return "no value: dark";
+        case NoData::saturated: return "no value: saturated";
+        case NoData::border: return "no value: border, nothing to compare";
+        case NoData::outside: return "no value: outside";
+        case NoData::not_judged: return "dimmed: rim or outside, not judged";
+        default: return "no value";
+    }
+}
+
+// The map at a pixel a lenslet in the colour map, enlarged, with its lenslets without data hatched; marks in `occurs`
+// what the legend has to explain.
+cv::Mat coloured(const MapPicture& what, algo::Map map, std::span<const std::uint8_t> mask,
+                 const algo::Extents& extents, int zoom, std::array<bool, kNoDatas>& occurs) {
+    cv::Mat level(extents.n, extents.m, CV_8U), reason(extents.n, extents.m, CV_8U);
+    for (int n = 0; n < extents.n; ++n) {
+        for (int m = 0; m < extents.m; ++m) {
+            const std::size_t k = extents.index(m, n);
+            const NoData no_data = no_data_of(what, map[k], mask[k]);
+            occurs[static_cast<std::size_t>(no_data)] = true;
+            reason.at<unsigned char>(n, m) = static_cast<unsigned char>(no_data);
+            const float share = std::isfinite(map[k]) ? (map[k] - what.low) / (what.high - what.low) : 0.0F;
+            level.at<unsigned char>(n, m) =
+                static_cast<unsigned char>(std::lround(255.0F * std::clamp(share, 0.0F, 1.0F)));
+        }
+    }
+    cv::Mat colours, picture;
+    cv::applyColorMap(level, colours, cv::COLORMAP_VIRIDIS);
+    cv::resize(colours, picture, {}, zoom, zoom, cv::INTER_NEAREST);
+    for (int y = 0; y < picture.rows; ++y) {
+        for (int x = 0; x < picture.cols; ++x) {
+            const auto no_data = static_cast<NoData>(reason.at<unsigned char>(y / zoom, x / zoom));
+            auto& pixel = picture.at<cv::Vec3b>(y, x);
+            if (no_data == NoData::not_judged) pixel = dimmed(pixel);
+            else if (no_data != NoData::none) pixel = hatch(no_data, x, y);
+        }
+    }
+    return picture;
+}
+
+// A line of the legend at `y`: a swatch and its words.
+void draw_legend(cv::Mat& sheet, NoData reason, int left, int y) {
+    constexpr int kSide = 12;
+    for (int dy = 0; dy < kSide; ++dy) {
+        for (int dx = 0; dx < kSide; ++dx) {
+            sheet.at<cv::Vec3b>(y + dy, left + dx) =
+                reason == NoData::not_judged ? dimmed({140, 145, 33}) : hatch(reason, dx, dy);  // viridis, its middle
+        }
+    }
+    cv::rectangle(sheet, {left, y}, {left + kSide, y + kSide}, kInk);
+    write_text(sheet, text_of(reason), {left + kSide + 6, y + 10}, 0.36);
+}
+
 void draw_defects(cv::Mat& map, std::span<const algo::Defect> defects, std::span<const std::string> labels, int zoom) {
-    constexpr std::size_t kMax = 20;
-    for (std::size_t k = 0; k < std::min(defects.size(), kMax); ++k) {
+    for (std::size_t k = 0; k < std::min(defects.size(), kMaxMarked); ++k) {
         const algo::Defect& defect = defects[k];
         const cv::Point centre(static_cast<int>((defect.m + 0.5F) * static_cast<float>(zoom)),
                                static_cast<int>((defect.n + 0.5F) * static_cast<float>(zoom)));
         const double radius_lenslets = std::sqrt(static_cast<double>(defect.area) / 3.14159) + 2.0;
         const int radius = std::max(8, static_cast<int>(radius_lenslets * zoom));
         cv::circle(map, centre, radius + 1, cv::Scalar(255, 255, 255), 3, cv::LINE_AA);
-        cv::circle(map, centre, radius, cv::Scalar(40, 40, 230), 2, cv::LINE_AA);
+        cv::circle(map, centre, radius, kMark, 2, cv::LINE_AA);
         const std::string label = k < labels.size() ? fmt::format("{} {}", k + 1, labels[k]) : std::to_string(k + 1);
         const int width = cv::getTextSize(label, cv::FONT_HERSHEY_SIMPLEX, 0.45, 1, nullptr).width;
         const int right = centre.x + radius + 3, left = std::max(0, std::min(right, map.cols - width - 2));
@@ -81,7 +239,7 @@ void draw_defects(cv::Mat& map, std::span<const algo::Defect> defects, std::span
             cv::putText(map, label, {left, centre.y + below}, cv::FONT_HERSHEY_SIMPLEX, 0.45, cv::Scalar(255, 255, 255),
                         3, cv::LINE_AA);
         }
-        write_text(map, label, {left, centre.y + below}, 0.45, cv::Scalar(40, 40, 230));
+        write_text(map, label, {left, centre.y + below}, 0.45, kMark);
     }
 }
 
@@ -99,45 +257,49 @@ MapPicture scale_to(std::string title, std::string unit, algo::Map map, std::spa
         high = std::max(high, common::nth_smallest(std::span(judged), (judged.size() - 1) * 999 / 1000));
     }
     if (!(high > low)) high = low + 1;
-    return {std::move(title), std::move(unit), low, high};
+    return {std::move(title), std::move(unit), low, high, limit};
+}
+
+MapPicture scale_to(std::string title, const FeatureView& view, const algo::Recipe& recipe) {
+    std::vector<std::uint8_t> judged(view.mask.size());
+    for (std::size_t k = 0; k < judged.size(); ++k) judged[k] = view.is_judged(k) ? algo::kValid : algo::kOutside;
+    MapPicture picture = scale_to(std::move(title), view.unit, view.map, judged, view.limit);
+    picture.limit_text = view.limit_text;
+    picture.no_value = view.no_value;
+    picture.not_judged = view.not_judged;
+    picture.lenslet_mm = recipe.lenslet_mm;
+    return picture;
 }
 
 Picture draw(const MapPicture& what, algo::Map map, std::span<const std::uint8_t> mask, const algo::Extents& extents,
              std::span<const algo::Defect> defects, std::span<const std::string> labels, const std::string& caption) {
-    cv::Mat level(extents.n, extents.m, CV_8U);
-    for (int n = 0; n < extents.n; ++n) {
-        for (int m = 0; m < extents.m; ++m) {
-            const float share = (map[static_cast<std::size_t>(n * extents.m + m)] - what.low) / (what.high - what.low);
-            level.at<unsigned char>(n, m) =
-                static_cast<unsigned char>(std::lround(255.0F * std::clamp(share, 0.0F, 1.0F)));
-        }
-    }
-    cv::Mat colours;
-    cv::applyColorMap(level, colours, cv::COLORMAP_VIRIDIS);
-    for (int n = 0; n < extents.n; ++n) {
-        for (int m = 0; m < extents.m; ++m) {
-            const std::uint8_t bits = mask[static_cast<std::size_t>(n * extents.m + m)];
-            auto& pixel = colours.at<cv::Vec3b>(n, m);
-            if ((bits & (algo::kDark | algo::kSaturated | algo::kBorder)) != 0) {
-                const unsigned char grey = (bits & algo::kSaturated) != 0 ? 225 : 120;
-                pixel = {grey, grey, grey};
-            } else if (bits != algo::kValid) {
-                for (int channel = 0; channel < 3; ++channel)
-                    pixel[channel] = static_cast<unsigned char>(pixel[channel] / 2 + 60);
-            }
-        }
-    }
     const int zoom = enlargement(std::max(extents.m, extents.n));
-    cv::Mat map_picture;
-    cv::resize(colours, map_picture, {}, zoom, zoom, cv::INTER_NEAREST);
+    std::array<bool, kNoDatas> occurs{};
+    cv::Mat map_picture = coloured(what, map, mask, extents, zoom, occurs);
     draw_defects(map_picture, defects, labels, zoom);
+    occurs[static_cast<std::size_t>(NoData::none)] = false;
 
-    const int foot = caption.empty() ? 0 : kTitleHeight;
-    cv::Mat sheet(map_picture.rows + kTitleHeight + foot, map_picture.cols + kScaleWidth, CV_8UC3, kPaper);
-    if (foot > 0) write_text(sheet, caption, {4, sheet.rows - 8}, fitting(caption, sheet.cols - 8, 0.5));
-    map_picture.copyTo(sheet(cv::Rect(0, kTitleHeight, map_picture.cols, map_picture.rows)));
-    write_text(sheet, what.title, {4, 18}, fitting(what.title, map_picture.cols - 8, 0.5));
+    const bool some_hidden = defects.size() > kMaxMarked;
+    const int legend = static_cast<int>(std::ranges::count(occurs, true)) + (some_hidden ? 1 : 0);
+    const int foot = kAxisHeight + legend * kLineHeight + (caption.empty() ? 0 : kTitleHeight);
+    cv::Mat sheet(map_picture.rows + kTitleHeight + foot, kAxisWidth + map_picture.cols + kScaleWidth, CV_8UC3, kPaper);
+    const cv::Rect place(kAxisWidth, kTitleHeight, map_picture.cols, map_picture.rows);
+    map_picture.copyTo(sheet(place));
+    const std::string title = what.unit.empty() ? what.title : what.title + ", " + what.unit;
+    write_text(sheet, title, {4, 18}, fitting(title, kAxisWidth + map_picture.cols - 12, 0.5));
     draw_scale(sheet, what, kTitleHeight, map_picture.rows);
+    draw_axes(sheet, what, extents, place, zoom);
+    int y = place.y + place.height + kAxisHeight;
+    for (std::size_t reason = 0; reason < occurs.size(); ++reason) {
+        if (!occurs[reason]) continue;
+        draw_legend(sheet, static_cast<NoData>(reason), kAxisWidth, y + 2);
+        y += kLineHeight;
+    }
+    if (some_hidden) {
+        write_text(sheet, fmt::format("{} of {} defects shown", kMaxMarked, defects.size()), {kAxisWidth, y + 12}, 0.4,
+                   kMark);
+    }
+    if (!caption.empty()) write_text(sheet, caption, {4, sheet.rows - 8}, fitting(caption, sheet.cols - 8, 0.5));
     return to_picture(sheet);
 }
 
@@ -206,6 +368,54 @@ Result<void> write_float_tiff(const std::filesystem::path& file, algo::Map map, 
     return common::encode_float_tiff(extents.m, extents.n, map).and_then([&](const auto& bytes) {
         return common::write_atomically(file, bytes);
     });
+}
+
+Result<void> write_float_tiff(const std::filesystem::path& file, const FeatureView& view,
+                              const algo::Extents& extents) {
+    return write_float_tiff(file, with_no_data(view.map, view.mask, view.no_value), extents);
+}
+
+namespace {
+
+struct MaskReason {
+    algo::MaskBit bit;
+    const char* name;
+    common::PngColour colour;
+};
+// The first that applies gives the colour of a mask value.
+constexpr MaskReason kMaskReasons[] = {
+    {algo::kSaturated, "saturated", {255, 255, 255}},
+    {algo::kDark, "dark", {0, 0, 0}},
+    {algo::kBorder, "border", {128, 128, 128}},
+    {algo::kOutside, "outside", {60, 90, 160}},
+    {algo::kRim, "rim", {130, 180, 230}},
+    {algo::kAtLimit, "at-limit", {240, 160, 30}},
+};
+constexpr common::PngColour kJudgedColour{40, 130, 60};
+constexpr unsigned kMaskValues = 64;
+
+std::string hex(const common::PngColour& c) { return fmt::format("#{:02x}{:02x}{:02x}", c.red, c.green, c.blue); }
+
+}  // namespace
+
+Result<void> write_mask_png(const std::filesystem::path& file, const FeatureView& view, const algo::Extents& extents) {
+    std::vector<common::PngColour> palette(kMaskValues, kJudgedColour);
+    for (unsigned value = 0; value < kMaskValues; ++value) {
+        const auto* reason =
+            std::ranges::find_if(kMaskReasons, [&](const MaskReason& r) { return (value & r.bit) != 0; });
+        if (reason != std::end(kMaskReasons)) palette[value] = reason->colour;
+    }
+    nlohmann::ordered_json legend{{"schema", 1}, {"feature", view.name}};
+    for (const MaskReason& reason : kMaskReasons) {
+        legend["bits"][reason.name] = static_cast<int>(reason.bit);
+        legend["colours"][reason.name] = hex(reason.colour);
+    }
+    legend["colours"]["judged"] = hex(kJudgedColour);
+    legend["no_value"] = static_cast<int>(view.no_value);
+    legend["not_judged"] = static_cast<int>(view.not_judged);
+    return common::encode_index_png(extents.m, extents.n, view.mask, palette,
+                                    common::PngNote{"hord-mask", legend.dump()})
+        .and_then([&](const auto& bytes) { return common::write_atomically(file, bytes); });
 }
 
 }  // namespace hord::firmware

@@ -1,4 +1,4 @@
-// Maps as image files: float TIFF, pseudocolour PNG with a scale, montage.
+// Maps as image files: float TIFF, mask PNG, pseudocolour PNG with axes, scale and legend, montage.
 #pragma once
 
 #include <filesystem>
@@ -8,22 +8,33 @@
 #include <vector>
 
 #include "algo/frame/extents.h"
+#include "algo/frame/mask.h"
 #include "algo/inspection/pipeline.h"
 #include "common/frame.h"
 #include "common/result.h"
+#include "firmware/diagnostics/feature_views.h"
 
 namespace hord::firmware {
 
 // What a pseudocolour picture shows. Colours run from `low` to `high` (viridis: dark blue to yellow); values outside
-// have the end colours. Lenslets without a valid value are grey, valid ones that are not judged (rim, outside the
-// inspection zones) keep their colour, dimmed. Defects are circled and numbered, the largest peak first; with `labels`,
-// each has its own text; `caption`, a sentence, goes below the map.
+// have the end colours. Lenslets without a value are hatched grey, which the colour map does not have; lenslets with a
+// value that is not judged (rim, outside the inspection zones) keep their colour, dimmed. A legend below the map
+// explains both where they occur. Defects are circled and numbered, the worst first, at most kMaxMarked; "20 of 53
+// shown" says that there are more. With `labels`, each has its own text; `caption`, a sentence, goes below.
 struct MapPicture {
-    std::string title;  // drawn above the map
+    std::string title;  // drawn above the map, with the unit
     std::string unit;   // drawn at the scale
     float low = 0;
     float high = 1;
+    float limit = 0;                            // marked on the scale; 0: none
+    std::string limit_text = {};                // beside the mark; empty: "limit 0.4"
+    std::uint8_t no_value = algo::kNoGradient;  // mask bits of lenslets without a value. A NaN is none, either
+    std::uint8_t not_judged = algo::kNotJudged;
+    // Axes: numbers of lenslets, from that of the top-left one; or with the pitch of a lenslet, mm from the middle.
+    int first_m = 0, first_n = 0;
+    float lenslet_mm = 0;
 };
+constexpr std::size_t kMaxMarked = 20;
 
 // An 8-bit BGR picture, rows unpadded.
 struct Picture {
@@ -33,9 +44,12 @@ struct Picture {
 };
 
 // The range of a map's judged values: low = 0 (or the smallest, if negative), high = all but the largest thousandth,
-// and at least `limit` (the recipe's, so that tolerated values look uniform); never equal.
+// and at least `limit` (the recipe's, so that tolerated values look uniform); never equal. The limit is marked.
 MapPicture scale_to(std::string title, std::string unit, algo::Map map, std::span<const std::uint8_t> mask,
                     float limit);
+
+// The same of a view: no data, limit and axes are the view's and the recipe's.
+MapPicture scale_to(std::string title, const FeatureView& view, const algo::Recipe& recipe);
 
 // `map` and `mask` hold one value a lenslet, m*n of `extents`. Small maps are enlarged by whole factors.
 Picture draw(const MapPicture& what, algo::Map map, std::span<const std::uint8_t> mask, const algo::Extents& extents,
@@ -59,5 +73,12 @@ Result<std::vector<std::uint8_t>> encode_png(const Picture& picture);
 // invalid_argument (nothing in it, or a map of another size), internal.
 Result<void> write_png(const std::filesystem::path& file, const Picture& picture);
 Result<void> write_float_tiff(const std::filesystem::path& file, algo::Map map, const algo::Extents& extents);
+
+// The view as float TIFF: NaN where a lenslet has no value.
+Result<void> write_float_tiff(const std::filesystem::path& file, const FeatureView& view, const algo::Extents& extents);
+
+// Why lenslets have no value or are not judged: an 8-bit palette PNG, a pixel a lenslet, whose index is the mask value
+// (algo/frame/mask.h). Its iTXt chunk "hord-mask" names feature, bits, colours, and the bits without a value, in JSON.
+Result<void> write_mask_png(const std::filesystem::path& file, const FeatureView& view, const algo::Extents& extents);
 
 }  // namespace hord::firmware

@@ -1,5 +1,5 @@
-// The feature map of a kept frame with its defects marked, and a description in words. The frame is inspected again, in
-// this process, with the recipe of its metadata.
+// The exact feature map of a kept frame with its defects marked, and a description in words. The frame is inspected
+// again, in this process, with the recipe of its metadata.
 #pragma once
 
 #include <cstdint>
@@ -17,16 +17,15 @@ namespace hord::firmware::page {
 
 struct DrawnPart {
     std::vector<std::uint8_t> png;  // the map
-    std::string
-        found;  // JSON: part, verdict, sentence, map, defects in words, whether the judgement is the same as then
+    std::string found;  // JSON: part, verdict, sentence, map, the worst defects in words, how many there are, whether
+                        // the judgement is the same as then
 };
 
 class PartPictures {
   public:
     // `feature`: "" (the one that decided), or one of the recipe's: "emd" (or another distance's name), "slope",
-    // "transmission"; "z-score" with a reference and no distance. Fails with invalid_argument (another
-    // feature), unreadable (metadata that are not a station's), and as Replay::inspect() does. One
-    // is drawn at a time.
+    // "transmission", with a reference "z-score"; "sums" (the light). Fails with invalid_argument (another feature),
+    // unreadable (metadata that are not a station's), and as Replay::inspect() does. One is drawn at a time.
     Result<std::shared_ptr<const DrawnPart>> draw(const KeptFrame& kept, const std::string& feature);
 
   private:

@@ -67,8 +67,9 @@ class Service final : public StationObserver, public InspectionObserver {
     void liveness_check(std::function<void()> all_here) { inspector_->liveness_check(std::move(all_here)); }
 
     [[nodiscard]] SdEventLoop& loop() { return *loop_; }
-    [[nodiscard]] Snapshot snapshot() const { return station_->snapshot(); }  // loop thread
-    [[nodiscard]] std::string registers_address() const;                      // "127.0.0.1:1502"
+    [[nodiscard]] Snapshot snapshot() const { return station_->snapshot(); }                   // loop thread
+    [[nodiscard]] const NumberedRecipe& recipe() const { return command_handler_->recipe(); }  // loop thread; in use
+    [[nodiscard]] std::string registers_address() const;                                       // "127.0.0.1:1502"
 
   private:
     Service(const Config& config, ServiceWatchers watchers, const ListenSockets& sockets)

@@ -79,7 +79,8 @@ std::optional<Error> write_raw(const sim::Scene& scene, const RenderArguments& a
     progress.reset();
     if (!raw) return raw.error();
     const Frame frame = sim::expose(raw->light, raw->width_px, raw->height_px, scene, scene.seed);
-    if (auto done = drivers::write_frame(arguments.raw, frame.view()); !done) return done.error();
+    const drivers::FrameGeometry geometry{drivers::FrameKind::raw, {}, frame.bits()};
+    if (auto done = drivers::write_frame(arguments.raw, frame.view(), geometry); !done) return done.error();
     fmt::print("{}: {}x{} pixels, {} bit, raw, seed {}\n", arguments.raw, frame.width_px(), frame.height_px(),
                frame.bits(), scene.seed);
     return std::nullopt;
@@ -94,7 +95,8 @@ Exit run_render(const RenderArguments& arguments) {
     progress.reset();
     if (!field) return complain(field.error());
     const Frame frame = sim::expose(*field, *scene, scene->seed);
-    if (auto done = drivers::write_frame(arguments.out, frame.view()); !done) return complain(done.error());
+    const drivers::FrameGeometry geometry{drivers::FrameKind::macro_pixels, scene->camera.extents, frame.bits()};
+    if (auto done = drivers::write_frame(arguments.out, frame.view(), geometry); !done) return complain(done.error());
     fmt::print("{}: {}x{} pixels, {} bit, seed {}\n", arguments.out, frame.width_px(), frame.height_px(), frame.bits(),
                scene->seed);
     if (!arguments.raw.empty()) {
@@ -116,7 +118,8 @@ void add_render(CLI::App& program, Exit& status) {
     auto* command = program.add_subcommand("render", "Trace a scene into a frame");
     auto arguments = std::make_shared<RenderArguments>();
     command->add_option("SCENE", arguments->scene, "Scene (TOML, docs/scene.md)")->required();
-    command->add_option("--out", arguments->out, "Macro-pixel frame to write (PNG)")->required();
+    command->add_option("--out", arguments->out, "Macro-pixel frame to write (PNG, with its geometry in a text chunk)")
+        ->required();
     command->add_option("--truth", arguments->truth, "Ground truth to write (JSON)");
     command->add_option("--raw", arguments->raw,
                         "The sensor's frame behind the scene's lenslet array to write, too (PNG)");

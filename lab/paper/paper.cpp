@@ -124,7 +124,8 @@ Result<void> write_pictures(const std::filesystem::path& out, const Figure& figu
             const Picture picture =
                 picture_of(seen, view, fmt::format("{}: {}", seen.scene.name, name_of(view)), high(view));
             if (auto done = write_png(out / (name + ".png"), picture); !done) return done;
-            if (auto done = write_float_tiff(out / (name + ".tiff"), seen.map(view), seen.scene.camera.extents); !done)
+            const auto values = with_no_data(seen.map(view), seen.mask(view), algo::kNoGradient);
+            if (auto done = write_float_tiff(out / (name + ".tiff"), values, seen.scene.camera.extents); !done)
                 return done;
             report.files.push_back(out / (name + ".png"));
             report.files.push_back(out / (name + ".tiff"));

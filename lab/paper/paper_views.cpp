@@ -27,7 +27,8 @@ Result<Frame> frame_of(const sim::Scene& scene, const std::filesystem::path& fol
     const auto light = sim::render(scene, {threads, progress});
     if (!light) return tl::unexpected(light.error());
     Frame frame = sim::expose(*light, scene, scene.seed);
-    if (auto done = drivers::write_frame(file, frame.view()); !done) return tl::unexpected(done.error());
+    const drivers::FrameGeometry geometry{drivers::FrameKind::macro_pixels, scene.camera.extents, frame.bits()};
+    if (auto done = drivers::write_frame(file, frame.view(), geometry); !done) return tl::unexpected(done.error());
     hash = hash_of(frame.bytes());
     if (auto done = cells.add(key, hash); !done) return tl::unexpected(done.error());
     return frame;
@@ -130,7 +131,10 @@ Picture close_picture_of(const SceneViews& views, View view, const std::string& 
     const std::string unit = is_light                 ? "of usual"
         : view == View::emd || view == View::emd_even ? "bins"
                                                       : "bins/lenslet";
-    return draw({title, unit, 0, high}, map, mask, {lenslets, lenslets, e.i, e.j}, {});
+    MapPicture picture{title, unit, 0, high};
+    picture.first_m = m0;
+    picture.first_n = n0;
+    return draw(picture, map, mask, {lenslets, lenslets, e.i, e.j}, {});
 }
 
 }  // namespace hord::lab

@@ -4,6 +4,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include "tests/support/temp_folder.h"
 
@@ -20,6 +21,25 @@ TEST(WholeFile, is_read_to_its_end_or_not_at_all) {
     EXPECT_EQ(read_file(folder.path() / "f"), std::string("a\0\n", 3));
     EXPECT_FALSE(read_file(folder.path() / "none"));
     EXPECT_FALSE(read_file(folder.path()));
+}
+
+TEST(WholeFile, replaces_no_link_and_no_pipe) {
+    const TempFolder folder;
+    const auto kept = folder.write("kept", "kept"), link = folder.path() / "link", pipe = folder.path() / "pipe";
+    std::filesystem::create_symlink(kept, link);
+    ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+    for (const auto& [file, what] : {std::pair(link, "symbolic link"), std::pair(pipe, "pipe"),
+                                     std::pair(std::filesystem::path("/dev/null"), "device")}) {
+        for (const auto& done : {write_atomically(file, Bytes{1}), write_durably(file, "1")}) {
+            ASSERT_FALSE(done);
+            EXPECT_EQ(done.error().code, ErrorCode::refused);
+            EXPECT_THAT(done.error().what, testing::AllOf(HasSubstr(file.string()), HasSubstr(what)));
+        }
+    }
+    EXPECT_TRUE(std::filesystem::is_symlink(link));
+    EXPECT_TRUE(std::filesystem::is_fifo(pipe));
+    EXPECT_TRUE(std::filesystem::is_character_file("/dev/null"));
+    EXPECT_EQ(TempFolder::read(kept), "kept");
 }
 
 TEST(WholeFile, replaces_the_old_one_or_leaves_it_and_nothing_beside_it) {

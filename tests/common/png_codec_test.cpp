@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -181,6 +182,59 @@ TEST(PngCodec, takes_no_memory_that_the_file_cannot_fill) {
 }
 
 // -- TIFF
+
+// Indexes, palette and text as another program reads them.
+struct ForeignPalette {
+    std::vector<std::uint8_t> indexes;
+    std::vector<png_color> palette;
+    std::string keyword, text;
+};
+ForeignPalette read_palette(const Bytes& bytes) {
+    ForeignPalette out;
+    std::size_t at = 0;
+    std::pair source{&bytes, &at};
+    png_structp png = png_create_read_struct(PNG_LIBPNG_VER_STRING, nullptr, nullptr, nullptr);
+    png_infop info = png_create_info_struct(png);
+    png_set_read_fn(png, &source, [](png_structp from, png_bytep to, std::size_t count) {
+        auto& [all, place] = *static_cast<std::pair<const Bytes*, std::size_t*>*>(png_get_io_ptr(from));
+        std::memcpy(to, all->data() + *place, count);
+        *place += count;
+    });
+    png_read_info(png, info);
+    EXPECT_EQ(png_get_color_type(png, info), PNG_COLOR_TYPE_PALETTE);
+    EXPECT_EQ(png_get_bit_depth(png, info), 8);
+    const auto width = png_get_image_width(png, info), height = png_get_image_height(png, info);
+    out.indexes.resize(std::size_t{width} * height);
+    for (std::size_t y = 0; y < height; ++y) png_read_row(png, out.indexes.data() + y * width, nullptr);
+    png_read_end(png, info);
+    png_colorp colours = nullptr;
+    int count = 0;
+    png_get_PLTE(png, info, &colours, &count);
+    out.palette.assign(colours, colours + count);
+    png_textp texts = nullptr;
+    if (png_get_text(png, info, &texts, nullptr) == 1) {
+        out.keyword = texts[0].key;
+        out.text = texts[0].text;
+    }
+    png_destroy_read_struct(&png, &info, nullptr);
+    return out;
+}
+
+TEST(Png, of_indexes_keeps_indexes_palette_and_note) {
+    const Bytes indexes{0, 1, 2, 2, 1, 0};
+    const PngColour palette[] = {{1, 2, 3}, {40, 50, 60}, {255, 254, 253}};
+    const auto bytes = encode_index_png(3, 2, indexes, palette, PngNote{"hord-mask", "what it is"});
+    ASSERT_TRUE(bytes) << bytes.error().message();
+    const ForeignPalette read = read_palette(*bytes);
+    EXPECT_EQ(read.indexes, indexes);
+    ASSERT_EQ(read.palette.size(), 3U);
+    EXPECT_EQ(read.palette[2].red, 255);
+    EXPECT_EQ(read.palette[2].blue, 253);
+    EXPECT_EQ(read.keyword, "hord-mask");
+    EXPECT_EQ(read.text, "what it is");
+    EXPECT_EQ(encode_index_png(3, 2, Bytes{0, 1, 2, 2, 1, 3}, palette).error().code, ErrorCode::invalid_argument);
+    EXPECT_EQ(encode_index_png(2, 2, indexes, palette).error().code, ErrorCode::invalid_argument);
+}
 
 }  // namespace
 }  // namespace hord::common

@@ -12,7 +12,6 @@
 #include "calib/files/accept_calibration.h"
 #include "calib/files/grid_toml.h"
 #include "common/cli/progress.h"
-#include "drivers/files/frame_file.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/frames/calibrate_pictures.h"
 #include "firmware/hordctl/frames/frame_reader.h"
@@ -97,7 +96,7 @@ Result<SensorFrames> read_sensor_frames(const std::string& dark, const std::stri
                                         SensorFrames otherwise) {
     for (const auto& [name, to] : {std::pair{&dark, &otherwise.dark}, {&flat, &otherwise.flat}}) {
         if (name->empty()) continue;
-        auto frame = drivers::read_frame(*name, {like.width_px(), like.height_px(), 0});
+        auto frame = read_raw_frame(*name, {like.width_px(), like.height_px(), 0});
         if (!frame) return tl::unexpected(frame.error());
         *to = std::move(*frame);
     }
@@ -114,7 +113,7 @@ Result<calib::DirectionFit> calibrate_directions(const std::filesystem::path& fo
     const auto own = read_sensor_frames(place(list->dark), place(list->flat), white, std::move(frames));
     if (!own) return tl::unexpected(own.error());
     const auto measure = [&](const std::string& name) -> Result<calib::SpotPlace> {
-        const auto frame = drivers::read_frame(place(name));
+        const auto frame = read_raw_frame(place(name));
         if (!frame) return tl::unexpected(frame.error());
         auto spot = calib::measure_spots(frame->view(), view_of(own->dark), view_of(own->flat), grid);
         if (!spot) return tl::unexpected(about(place(name), spot.error()));
@@ -147,7 +146,7 @@ Result<void> may_replace(const std::string& out, const calib::GridFile& fresh) {
 }
 
 Exit run_calibrate(const CalibrateArguments& arguments) {
-    const auto white = drivers::read_frame(arguments.white);
+    const auto white = read_raw_frame(arguments.white);
     if (!white) return complain(white.error());
     auto frames = read_sensor_frames(arguments.dark, arguments.flat, *white, {});
     if (!frames) return complain(frames.error());

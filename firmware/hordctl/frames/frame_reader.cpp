@@ -2,14 +2,18 @@
 
 #include <cstdio>
 
+#include <fmt/format.h>
+
 #include "calib/files/grid_toml.h"
-#include "drivers/files/frame_file.h"
 
 namespace hord::firmware {
 
 void add_frame_options(CLI::App& command, FrameOptions& options) {
-    command.add_option("--macro", options.macro, "Bins a lenslet of a macro-pixel frame, columns x rows")
-        ->capture_default_str();
+    command.add_option(
+        "--macro", options.macro,
+        fmt::format("Bins a lenslet of a macro-pixel frame, columns x rows; without it what the frame's geometry note "
+                    "says, else {}x{}",
+                    kDefaultBins, kDefaultBins));
     command.add_option("--grid", options.grid,
                        "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet");
     command
@@ -22,12 +26,12 @@ Error about(const std::string& file, const Error& error) { return {error.code, f
 
 Result<FrameReader> FrameReader::create(const FrameOptions& options) {
     FrameReader reader;
+    reader.options_ = options;
     auto& [i, j] = reader.bins_;
     char rest = 0;
-    if (std::sscanf(options.macro.c_str(), "%dx%d%c", &i, &j, &rest) != 2)
+    if (!options.macro.empty() && std::sscanf(options.macro.c_str(), "%dx%d%c", &i, &j, &rest) != 2)
         return fail(ErrorCode::invalid_argument, "--macro " + options.macro + " is not a macro-pixel size",
                     "write columns x rows of bins, as in 9x9");
-    reader.bits_ = options.bits;
     if (options.grid.empty()) return reader;
     auto grid = calib::read_grid(options.grid);
     if (!grid) return tl::unexpected(grid.error());
@@ -38,18 +42,61 @@ Result<FrameReader> FrameReader::create(const FrameOptions& options) {
     return reader;
 }
 
-Result<Frame> FrameReader::read(const std::string& file) const {
-    auto frame = drivers::read_frame(file, {.bits = bits_});
-    if (!frame || !decoder_) return frame;
-    auto decoded = decoder_->decode(frame->view());
-    if (!decoded) return tl::unexpected(about(file, decoded.error()));
-    return decoded;
+// The note against the options that were given.
+Result<void> FrameReader::compare(const drivers::FrameGeometry& noted, const std::string& file) const {
+    const auto refuse = [&](const std::string& given, const std::string& cure) {
+        return fail(ErrorCode::invalid_argument, file + " says " + describe(noted) + ", and " + given, cure);
+    };
+    if (options_.bits != 0 && options_.bits != noted.bits) {
+        return refuse(fmt::format("--bits says {}", options_.bits),
+                      fmt::format("leave --bits out, or give --bits {}", noted.bits));
+    }
+    if (noted.kind == drivers::FrameKind::raw) {
+        if (decoder_) return {};
+        return refuse("without --grid it would be read as macro-pixels",
+                      "give --grid with the calibration of its sensor (hordctl calibrate)");
+    }
+    if (decoder_)
+        return refuse("--grid " + options_.grid + " decodes raw frames", "leave --grid out, or give the raw frame");
+    if (options_.macro.empty() || std::pair(noted.grid.i, noted.grid.j) == bins_) return {};
+    return refuse(fmt::format("--macro says {}x{}", bins_.first, bins_.second),
+                  fmt::format("leave --macro out, or give --macro {}x{}", noted.grid.i, noted.grid.j));
 }
 
-Result<algo::Extents> FrameReader::extents_of(const Frame& frame, const std::string& file) const {
-    auto extents = algo::extents_of_frame(frame.width_px(), frame.height_px(), bins_.first, bins_.second);
+Result<MacroPixelFrame> FrameReader::read(const std::string& file) const {
+    auto read = drivers::read_noted_frame(file, {.bits = options_.bits});
+    if (!read) return tl::unexpected(read.error());
+    const auto& noted = read->geometry;
+    if (noted) {
+        if (auto fine = compare(*noted, file); !fine) return tl::unexpected(fine.error());
+    }
+    MacroPixelFrame out{std::move(read->frame), {}, GeometryFrom::program};
+    if (!options_.macro.empty()) out.geometry_from = GeometryFrom::option;
+    if (noted && noted->kind == drivers::FrameKind::macro_pixels) {
+        if (options_.macro.empty()) out.geometry_from = GeometryFrom::frame;
+        out.extents = noted->grid;
+        return out;
+    }
+    if (decoder_) {
+        auto decoded = decoder_->decode(out.frame.view());
+        if (!decoded) return tl::unexpected(about(file, decoded.error()));
+        out.frame = std::move(*decoded);
+    }
+    auto extents = algo::extents_of_frame(out.frame.width_px(), out.frame.height_px(), bins_.first, bins_.second);
     if (!extents) return tl::unexpected(about(file, extents.error()));
-    return extents;
+    out.extents = *extents;
+    return out;
+}
+
+Result<Frame> read_raw_frame(const std::string& file, const drivers::ExpectedFrame& expected) {
+    auto read = drivers::read_noted_frame(file, expected);
+    if (!read) return tl::unexpected(read.error());
+    if (read->geometry && read->geometry->kind == drivers::FrameKind::macro_pixels) {
+        return fail(ErrorCode::invalid_argument,
+                    file + " says " + describe(*read->geometry) + ", and a calibration needs a raw frame",
+                    "give the sensor's frame as it came");
+    }
+    return std::move(read->frame);
 }
 
 }  // namespace hord::firmware

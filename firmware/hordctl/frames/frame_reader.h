@@ -1,20 +1,26 @@
-// Reads a recorded frame as macro-pixels: as it is, or decoded through a calibration.
+// Reads a recorded frame as macro-pixels: as it is, or decoded through a calibration. What the frame's file says of its
+// geometry is compared with the options of the command line.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <string>
+#include <string_view>
+#include <utility>
 
 #include "algo/frame/grid_decoder.h"
 #include "common/cli/program.h"
 #include "common/frame.h"
+#include "drivers/files/frame_file.h"
 
 namespace hord::firmware {
 
 struct FrameOptions {
-    std::string macro = "9x9";  // bins a lenslet, columns x rows
-    std::string grid;           // a calibration file; empty: frames are macro-pixels already
-    int bits = 0;               // a sample that the sensor recorded; 0: as the file has
+    std::string macro;  // bins a lenslet, columns x rows; empty: what the frame's note says, else kDefaultBins
+    std::string grid;   // a calibration file; empty: frames are macro-pixels already
+    int bits = 0;       // a sample that the sensor recorded; 0: as the frame's note or its file has
 };
+inline constexpr int kDefaultBins = 9;
 
 // --macro, --grid and --bits.
 void add_frame_options(CLI::App& command, FrameOptions& options);
@@ -22,25 +28,42 @@ void add_frame_options(CLI::App& command, FrameOptions& options);
 // The same error with the file's name added.
 Error about(const std::string& file, const Error& error);
 
+// Where a frame's bins a lenslet come from.
+enum class GeometryFrom : std::uint8_t { option, frame, program };
+constexpr std::string_view name_of(GeometryFrom from) {
+    constexpr std::string_view names[] = {"option", "frame", "default"};
+    return names[static_cast<unsigned>(from)];
+}
+
+struct MacroPixelFrame {
+    Frame frame;
+    algo::Extents extents;
+    GeometryFrom geometry_from = GeometryFrom::program;
+};
+
 class FrameReader {
   public:
     // Fails with invalid_argument (--macro), and as calib::read_grid() and GridDecoder::create() do.
     static Result<FrameReader> create(const FrameOptions& options);
 
-    // Errors name the file.
-    Result<Frame> read(const std::string& file) const;
+    // Errors name the file. Fails with invalid_argument if the frame's geometry note (drivers/files/frame_geometry.h)
+    // says something else than --macro, --grid or --bits, or if the bins do not divide the frame; as
+    // drivers::read_noted_frame() and GridDecoder::decode() do.
+    [[nodiscard]] Result<MacroPixelFrame> read(const std::string& file) const;
 
-    // The light field in such a frame. The error names the file.
-    Result<algo::Extents> extents_of(const Frame& frame, const std::string& file) const;
-
-    [[nodiscard]] std::pair<int, int> bins() const { return bins_; }
     [[nodiscard]] double bin_rad() const { return bin_rad_; }  // one bin pitch; 0: not known
 
   private:
-    std::pair<int, int> bins_{9, 9};
-    int bits_ = 0;
+    [[nodiscard]] Result<void> compare(const drivers::FrameGeometry& noted, const std::string& file) const;
+
+    FrameOptions options_;
+    std::pair<int, int> bins_{kDefaultBins, kDefaultBins};  // of --macro
     double bin_rad_ = 0;
     std::shared_ptr<algo::GridDecoder> decoder_;  // none: frames are macro-pixels
 };
+
+// A frame for a calibration. Fails with invalid_argument if its note says that it holds macro-pixels, and as
+// drivers::read_noted_frame() does.
+Result<Frame> read_raw_frame(const std::string& file, const drivers::ExpectedFrame& expected = {});
 
 }  // namespace hord::firmware

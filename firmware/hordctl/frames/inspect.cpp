@@ -12,6 +12,8 @@
 #include "algo/inspection/pipeline.h"
 #include "algo/maps/feature_map.h"
 #include "common/assign.h"
+#include "common/file_writing.h"
+#include "firmware/diagnostics/feature_views.h"
 #include "firmware/diagnostics/map_images.h"
 #include "firmware/diagnostics/verdict_text.h"
 #include "firmware/hordctl/commands.h"
@@ -31,74 +33,27 @@ struct InspectOptions {
     std::vector<std::string> frames;
     FrameOptions reading;
     std::string recipe;
-    std::string feature;  // empty: the feature that the recipe judges
+    std::string feature;  // empty: the one that decided
     std::string reference;
     std::string out;
     bool json = false;
 };
 
-// A map that the inspection computes. Other features need a FeatureMapper.
-struct InspectedMap {
-    algo::Map algo::Inspection::*map;
-    float limit = 0;  // 0: no part is judged by it, and the inspection computes it with MapSet::all only
-};
-
-// Empty: the feature needs a FeatureMapper.
-std::optional<InspectedMap> inspected_map(const algo::FeatureChoice& choice, const algo::Recipe& recipe) {
-    using algo::Feature, algo::Inspection;
-    if (choice.against_reference) return std::nullopt;
-    if (choice.feature == recipe.gradient) return InspectedMap{&Inspection::gradient, limit_of_gradient(recipe)};
-    switch (choice.feature) {
-        case Feature::jacobian_frobenius:
-            return InspectedMap{&Inspection::frobenius, recipe.slopes ? recipe.frobenius_limit_bins : 0};
-        case Feature::jacobian_spectral: return InspectedMap{&Inspection::spectral};
-        case Feature::jacobian_nuclear: return InspectedMap{&Inspection::nuclear};
-        case Feature::anisotropy: return InspectedMap{&Inspection::anisotropy};
-        case Feature::transmission:
-            return InspectedMap{&Inspection::transmission, recipe.light ? recipe.transmission_limit : 0};
-        default: return std::nullopt;
-    }
-}
-
-constexpr const char* kZScore = "z-score";
-
-// The feature that is shown by default.
-std::string shown_of(const algo::Recipe& recipe) {
-    if (recipe.gradient) return std::string(name_of(*recipe.gradient));
-    if (recipe.reference) return kZScore;
-    return std::string(name_of(recipe.slopes ? algo::Feature::jacobian_frobenius : algo::Feature::transmission));
-}
-
 std::string known_features() {
-    return fmt::format("{}; the distances also as reference-NAME", fmt::join(algo::kFeatureNames, ", "));
-}
-
-// The requested map with the data to show it.
-struct FeatureView {
-    std::string name;
-    std::string unit;
-    algo::Map map;
-    std::span<const std::uint8_t> mask;
-    float limit = 0;  // 0: none
-};
-
-std::string unit_for_people(algo::Feature feature) {
-    if (feature == algo::Feature::transmission) return "of the typical lenslet";
-    const std::string_view unit = algo::unit_of(feature);
-    if (!unit.empty()) return std::string(unit);
-    return feature == algo::Feature::bhattacharyya ? "-ln of the overlap" : "0 to 1";
+    return fmt::format("{}, {}, {}; the distances also as reference-NAME", fmt::join(algo::kFeatureNames, ", "),
+                       kZScore, kSums);
 }
 
 struct Statistics {
     float p50 = 0, p99 = 0, max = 0;
-    std::size_t valid = 0;
+    std::size_t valid = 0;  // 0: the others are not known
 };
 
 // Over the lenslets that are judged.
-Statistics statistics_of(algo::Map map, std::span<const std::uint8_t> mask) {
+Statistics statistics_of(const FeatureView& view) {
     std::vector<float> values;
-    for (std::size_t k = 0; k < map.size(); ++k) {
-        if ((mask[k] & ~algo::kAtLimit) == algo::kValid) values.push_back(map[k]);
+    for (std::size_t k = 0; k < view.map.size(); ++k) {
+        if (view.is_judged(k)) values.push_back(view.map[k]);
     }
     if (values.empty()) return {};
     std::sort(values.begin(), values.end());
@@ -108,11 +63,24 @@ Statistics statistics_of(algo::Map map, std::span<const std::uint8_t> mask) {
     return {at(0.50), at(0.99), values.back(), values.size()};
 }
 
+Json to_json(const FeatureView& feature, double bin_rad) {
+    const Statistics s = statistics_of(feature);
+    const auto known = [&](auto value) { return s.valid > 0 ? Json(value) : Json(); };
+    Json json{{"name", feature.name}, {"unit", feature.unit}, {"p50", known(s.p50)},
+              {"p99", known(s.p99)},  {"max", known(s.max)},  {"valid", s.valid}};
+    if (bin_rad > 0 && (feature.unit == "bin pitches" || feature.unit == "bin pitches a lenslet")) {
+        json["bin_rad"] = bin_rad;
+        json["rad"] = {
+            {"p50", known(s.p50 * bin_rad)}, {"p99", known(s.p99 * bin_rad)}, {"max", known(s.max * bin_rad)}};
+    }
+    return json;
+}
+
 double milliseconds(std::int64_t ns) { return static_cast<double>(ns) / 1e6; }
 
-Json to_json(const std::string& frame, const algo::Extents& extents, const algo::Inspection& found,
+Json to_json(const std::string& frame, const MacroPixelFrame& read, const algo::Inspection& found,
              const FeatureView& feature, double bin_rad, const algo::Recipe& recipe) {
-    const Statistics s = statistics_of(feature.map, feature.mask);
+    const algo::Extents& extents = read.extents;
     Json defects = store::to_json(found.defects);
     for (std::size_t k = 0; k < found.defects.size(); ++k) {
         const algo::Defect& d = found.defects[k];
@@ -133,17 +101,13 @@ Json to_json(const std::string& frame, const algo::Extents& extents, const algo:
     }
     Json json{{"frame", frame},
               {"grid", {{"m", extents.m}, {"n", extents.n}, {"i", extents.i}, {"j", extents.j}}},
+              {"grid_from", name_of(read.geometry_from)},
               {"verdict", name_of(found.verdict)},
               {"reason", name_of(found.reason)},
               {"score", found.score},
               {"defects", defects},
-              {"feature",
-               {{"name", feature.name},
-                {"unit", feature.unit},
-                {"p50", s.p50},
-                {"p99", s.p99},
-                {"max", s.max},
-                {"valid", s.valid}}},
+              {"explain", explain(found, recipe, extents)},
+              {"feature", to_json(feature, bin_rad)},
               {"ms",
                {{"decode", milliseconds(found.times.decode_ns)},
                 {"hord", milliseconds(found.times.hord_ns)},
@@ -151,55 +115,44 @@ Json to_json(const std::string& frame, const algo::Extents& extents, const algo:
                 {"decide", milliseconds(found.times.decide_ns)},
                 {"total", milliseconds(found.times.total_ns)}}}};
     if (found.bounded) json["bounded"] = true;
-    if (recipe.reference) {
-        json["explain"] = explain(found, recipe, extents);
-        if (found.registered.found()) {
-            json["pose"] = {{"x", found.registered.pose.x},
-                            {"y", found.registered.pose.y},
-                            {"turn_rad", found.registered.pose.turn_rad()},
-                            {"light", found.registered.light}};
-        }
-    }
-    if (bin_rad > 0 && (feature.unit == "bin pitches" || feature.unit == "bin pitches a lenslet")) {
-        json["feature"]["bin_rad"] = bin_rad;
-        json["feature"]["rad"] = {{"p50", s.p50 * bin_rad}, {"p99", s.p99 * bin_rad}, {"max", s.max * bin_rad}};
+    if (recipe.reference && found.registered.found()) {
+        json["pose"] = {{"x", found.registered.pose.x},
+                        {"y", found.registered.pose.y},
+                        {"turn_rad", found.registered.pose.turn_rad()},
+                        {"light", found.registered.light}};
     }
     return json;
 }
 
-void print_for_people(const std::string& frame, const algo::Inspection& found) {
+void print_for_people(const std::string& file, const MacroPixelFrame& read, const algo::Inspection& found,
+                      const algo::Recipe& recipe) {
     std::string where;
     for (std::size_t k = 0; k < std::min<std::size_t>(found.defects.size(), 3); ++k) {
         const algo::Defect& d = found.defects[k];
         where += fmt::format("{}({:.1f}, {:.1f}) {} lenslets", where.empty() ? " at " : ", ", d.m, d.n, d.area);
     }
-    fmt::print("{:<32} {:<7} {:<14} score {:.2f}, {} defect{}{}\n", frame, name_of(found.verdict),
-               name_of(found.reason), found.score, found.defects.size(), found.defects.size() == 1 ? "" : "s", where);
+    fmt::print("{:<32} {:<7} {:<14} score {:.2f}, {} defect{}{}\n", file, name_of(found.verdict), name_of(found.reason),
+               found.score, found.defects.size(), found.defects.size() == 1 ? "" : "s", where);
+    fmt::print("    {}\n", explain(found, recipe, read.extents));
+    if (read.geometry_from == GeometryFrom::frame)
+        fmt::print("    {}x{} bins a lenslet, as the frame says\n", read.extents.i, read.extents.j);
 }
 
 Result<void> write_results(const fs::path& out, const std::string& frame, const algo::Extents& extents,
                            const algo::Inspection& found, const FeatureView& feature, const Json& json,
                            const algo::Recipe& recipe) {
     const std::string name = fs::path(frame).stem().string();
-    const auto picture = scale_to(fmt::format("{}: {} ({})", name, feature.name, name_of(found.verdict)), feature.unit,
-                                  feature.map, feature.mask, feature.limit);
-    const bool explained = recipe.reference != nullptr;
-    const auto labels = explained ? labels_of(found, recipe) : std::vector<std::string>{};
-    const std::string caption = explained ? explain(found, recipe, extents) : std::string{};
-    if (auto done = write_float_tiff(out / fmt::format("{}.{}.tiff", name, feature.name), feature.map, extents); !done)
-        return done;
-    if (auto done = write_png(out / fmt::format("{}.{}.png", name, feature.name),
-                              draw(picture, feature.map, feature.mask, extents, found.defects, labels, caption));
-        !done) {
-        return done;
-    }
-    const fs::path file = out / (name + ".json");
-    std::ofstream stream(file);
-    stream << store::to_text(json, 2) << '\n';
-    if (!stream.flush())
-        return fail(ErrorCode::io, file.string() + " cannot be written",
-                    "check that the folder may be written to and has space");
-    return {};
+    const auto picture =
+        scale_to(fmt::format("{}: {} ({})", name, feature.name, name_of(found.verdict)), feature, recipe);
+    const auto map = out / fmt::format("{}.{}", name, feature.name);
+    if (auto done = write_float_tiff(map.string() + ".tiff", feature, extents); !done) return done;
+    if (auto done = write_mask_png(out / (name + ".mask.png"), feature, extents); !done) return done;
+    const auto drawn = draw(picture, feature.map, feature.mask, extents, found.defects, labels_of(found, recipe),
+                            explain(found, recipe, extents));
+    if (auto done = write_png(map.string() + ".png", drawn); !done) return done;
+    const std::string text = store::to_text(json, 2) + '\n';
+    return common::write_atomically(out / (name + ".json"),
+                                    {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
 }
 
 // Whether the first bytes of a file are those of a reference file (hordctl learn).
@@ -227,68 +180,40 @@ class Inspector {
         if (!recipe) return tl::unexpected(recipe.error());
         recipe_ = std::move(recipe->recipe);
         if (learned_) recipe_.reference = learned_;
-        std::string feature = options_.feature.empty() ? shown_of(recipe_) : options_.feature;
-        if (feature == "surprise") {
-            fmt::print(stderr, "hordctl: the feature \"surprise\" is called \"{}\" now\n", kZScore);
-            feature = kZScore;
-        }
-        const auto refuse = [](std::string what, std::string cure) {
-            return fail(ErrorCode::invalid_argument, std::move(what), std::move(cure));
-        };
-        const auto choice = algo::feature_named(feature);
-        show_z_score_ = !choice && feature == kZScore;
-        if (!choice && !show_z_score_)
-            return refuse("feature " + feature + " is not known", "use one of " + known_features());
-        if (show_z_score_ && !recipe_.reference) {
-            return refuse("the z-score is measured against a learned reference",
-                          "give --reference REFERENCE (hordctl learn)");
-        }
-        if (choice) choice_ = *choice;
-        if (choice_.against_reference && options_.reference.empty())
-            return refuse("feature " + feature + " needs something to compare with", "give --reference FRAME");
-        if (!choice_.against_reference && !options_.reference.empty() && !learned_) {
-            return refuse("feature " + feature + " does not look at --reference",
-                          "ask for reference-" + feature + ", or leave it out");
-        }
-        if (learned_ && choice_.against_reference) {
-            return refuse(
-                options_.reference + " is a learned reference, and feature " + feature + " compares with a frame",
-                "give a frame, or leave --feature out");
-        }
-        if (choice_.against_reference) {
-            if (auto done = assign(reference_, reader_.read(options_.reference)); !done) return done;
-        }
+        if (auto done = choose_feature(); !done) return done;
         if (options_.out.empty()) return {};
         std::set<std::string> names;
         for (const std::string& frame : options_.frames) {
             const std::string name = fs::path(frame).stem().string();
             if (!names.insert(name).second) {
-                return refuse("two frames named " + name + " would overwrite each other in " + options_.out,
-                              "rename one, or inspect them into different folders");
+                return fail(ErrorCode::invalid_argument,
+                            "two frames named " + name + " would overwrite each other in " + options_.out,
+                            "rename one, or inspect them into different folders");
             }
         }
         return make_folder(options_.out);
     }
 
     Result<algo::Verdict> inspect(const std::string& file) {
-        auto frame = reader_.read(file);
-        if (!frame) return tl::unexpected(frame.error());
-        auto extents = reader_.extents_of(*frame, file);
-        if (!extents) return tl::unexpected(extents.error());
-        if (!pipeline_ || !(*extents == extents_) || frame->bits() != bits_) {
-            if (auto made = set_up(*extents, frame->bits()); !made) return tl::unexpected(about(file, made.error()));
+        auto read = reader_.read(file);
+        if (!read) return tl::unexpected(read.error());
+        const Frame& frame = read->frame;
+        if (!pipeline_ || !(read->extents == extents_) || frame.bits() != bits_) {
+            if (auto made = set_up(read->extents, frame.bits()); !made)
+                return tl::unexpected(about(file, made.error()));
         }
-        auto found = pipeline_->inspect(frame->view(), steady_ns);
+        auto found = pipeline_->inspect(frame.view(), steady_ns);
         if (!found) return tl::unexpected(about(file, found.error()));
-        auto feature = view(frame->view(), *found);
-        if (!feature) return tl::unexpected(about(file, feature.error()));
-        const Json json = to_json(file, extents_, *found, *feature, reader_.bin_rad(), recipe_);
-        if (options_.json) {
-            fmt::print("{}\n", store::to_text(json));
-        } else {
-            print_for_people(file, *found);
-            if (recipe_.reference) fmt::print("    {}\n", explain(*found, recipe_, extents_));
+        if (!shows_map()) {
+            print_for_people(file, *read, *found, recipe_);
+            return found->verdict;
         }
+        const FeatureViews views(*found, recipe_, extents_);
+        auto feature = view(frame.view(), *found, views);
+        if (!feature) return tl::unexpected(about(file, feature.error()));
+        const Json json = to_json(file, *read, *found, *feature, reader_.bin_rad(), recipe_);
+        if (options_.json) fmt::print("{}\n", store::to_text(json));
+        else print_for_people(file, *read, *found, recipe_);
         if (!options_.out.empty()) {
             if (auto done = write_results(options_.out, file, extents_, *found, *feature, json, recipe_); !done)
                 return tl::unexpected(done.error());
@@ -297,11 +222,90 @@ class Inspector {
     }
 
   private:
+    // Without --feature, --json and --out only the verdict is wanted.
+    [[nodiscard]] bool shows_map() const { return options_.json || !options_.out.empty() || !feature_.empty(); }
+
+    // The feature of --feature; without it each frame shows the one that decided. Also reads a frame that is given as
+    // --reference.
+    Result<void> choose_feature() {
+        feature_ = options_.feature;
+        if (feature_ == "surprise") {
+            fmt::print(stderr, "hordctl: the feature \"surprise\" is called \"{}\" now\n", kZScore);
+            feature_ = kZScore;
+        }
+        const auto refuse = [](std::string what, std::string cure) {
+            return fail(ErrorCode::invalid_argument, std::move(what), std::move(cure));
+        };
+        const std::string& reference = options_.reference;
+        const bool a_frame = !reference.empty() && !learned_;
+        const auto choice = algo::feature_named(feature_);
+        if (choice) choice_ = *choice;
+        else if (!feature_.empty() && feature_ != kZScore && feature_ != kSums)
+            return refuse("feature " + feature_ + " is not known", "use one of " + known_features());
+        if (feature_ == kZScore && !recipe_.reference) {
+            return refuse("the z-score is measured against a learned reference",
+                          "give --reference REFERENCE (hordctl learn)");
+        }
+        if (choice_.against_reference && reference.empty())
+            return refuse("feature " + feature_ + " needs something to compare with", "give --reference FRAME");
+        if (choice_.against_reference && learned_) {
+            return refuse(reference + " is a learned reference, and feature " + feature_ + " compares with a frame",
+                          "give a frame, or leave --feature out");
+        }
+        if (!a_frame) return {};
+        auto read = reader_.read(reference);
+        if (!read && read.error().code == ErrorCode::invalid_argument) return tl::unexpected(read.error());
+        if (!read) {
+            return fail(read.error().code,
+                        "--reference " + reference + " is no learned reference, and no frame that can be read (" +
+                            read.error().what + ")",
+                        "give what hordctl learn wrote, or a frame of a good part; " + read.error().cure);
+        }
+        if (!choice_.against_reference) {
+            const std::string name = algo::feature_named("reference-" + feature_) ? feature_ : "emd";
+            return refuse("--reference " + reference + " is a frame, and " +
+                              (feature_.empty() ? "no feature that compares with a frame is asked for"
+                                                : "feature " + feature_ + " does not look at it"),
+                          "ask for --feature reference-" + name + ", or leave --reference out");
+        }
+        reference_ = std::move(*read);
+        return {};
+    }
+
+    // A map that is shown must be exact everywhere; the verdict alone does without.
+    [[nodiscard]] algo::MapSet map_set() const {
+        if (!shows_map()) return algo::MapSet::judged;
+        const bool cheap = !choice_.against_reference && recipe_.light &&
+            choice_.feature == algo::Feature::transmission && !feature_.empty() && feature_ != kZScore;
+        return cheap || feature_ == kSums ? algo::MapSet::judged : algo::MapSet::all;
+    }
+
+    // Whether the feature's map is none of the inspection's.
+    [[nodiscard]] bool needs_mapper() const {
+        if (!algo::feature_named(feature_)) return false;
+        if (choice_.against_reference) return true;
+        using algo::Feature;
+        switch (choice_.feature) {
+            case Feature::jacobian_frobenius:
+            case Feature::jacobian_spectral:
+            case Feature::jacobian_nuclear:
+            case Feature::anisotropy:
+            case Feature::transmission: return false;
+            default: return choice_.feature != recipe_.gradient;
+        }
+    }
+
     Result<void> set_up(const algo::Extents& extents, int bits) {
-        const auto inspected = show_z_score_ ? std::nullopt : inspected_map(choice_, recipe_);
-        const auto maps = inspected && inspected->limit == 0 ? algo::MapSet::all : algo::MapSet::judged;
-        auto pipeline = algo::Pipeline::create(extents, bits, recipe_, 1, maps);
-        if (!inspected && !show_z_score_) {
+        if (choice_.against_reference && !(reference_.extents == extents)) {
+            return fail(
+                ErrorCode::invalid_argument,
+                fmt::format("--reference {} has {}x{} lenslets of {}x{} bins, and the frame {}x{} of {}x{}",
+                            options_.reference, reference_.extents.m, reference_.extents.n, reference_.extents.i,
+                            reference_.extents.j, extents.m, extents.n, extents.i, extents.j),
+                "give frames of one camera");
+        }
+        auto pipeline = algo::Pipeline::create(extents, bits, recipe_, 1, map_set());
+        if (needs_mapper()) {
             auto mapper =
                 algo::FeatureMapper::create(extents, bits, algo::light_levels(recipe_, bits), choice_.feature);
             if (auto done = assign(mapper_, std::move(mapper)); !done) return done;
@@ -312,30 +316,13 @@ class Inspector {
         return {};
     }
 
-    // The map of the requested feature. The time of a FeatureMapper is added to the inspection's.
-    Result<FeatureView> view(const FrameView& frame, algo::Inspection& found) {
-        if (show_z_score_) {
-            FeatureView seen{kZScore, "noises", found.z_score, found.mask, recipe_.reject_score};
-            if (found.z_score.empty()) {  // unfit: nothing was compared
-                nothing_.assign(found.mask.size(), 0.0F);
-                seen.map = nothing_;
-            }
-            // Rims and lenslets without neighbours are compared, too.
-            mask_.resize(found.mask.size());
-            for (std::size_t k = 0; k < mask_.size(); ++k)
-                mask_[k] = static_cast<std::uint8_t>(found.mask[k] & (algo::kSaturated | algo::kOutside));
-            seen.mask = mask_;
-            return seen;
-        }
-        FeatureView result{algo::name_of(choice_), unit_for_people(choice_.feature), {}, found.mask, 0};
-        if (const auto inspected = inspected_map(choice_, recipe_)) {
-            result.map = found.*inspected->map;
-            result.limit = inspected->limit;
-            return result;
-        }
+    // The map to show. The time of a FeatureMapper is added to the inspection's.
+    Result<FeatureView> view(const FrameView& frame, algo::Inspection& found, const FeatureViews& views) {
+        if (feature_.empty()) return views.deciding();
+        if (const FeatureView* of_inspection = views.find(feature_)) return *of_inspection;
         const std::int64_t start = steady_ns();
-        auto map =
-            choice_.against_reference ? mapper_->against(frame, reference_.view()) : mapper_->over_neighbours(frame);
+        auto map = choice_.against_reference ? mapper_->against(frame, reference_.frame.view())
+                                             : mapper_->over_neighbours(frame);
         if (!map)
             return tl::unexpected(choice_.against_reference ? about(options_.reference, map.error()) : map.error());
         const std::int64_t took = steady_ns() - start;
@@ -345,6 +332,7 @@ class Inspector {
         mask_.assign(map->mask.begin(), map->mask.end());
         for (std::size_t k = 0; k < mask_.size(); ++k)
             mask_[k] = static_cast<std::uint8_t>(mask_[k] | (found.mask[k] & algo::kNotJudged));
+        FeatureView result{.name = feature_, .title = feature_, .unit = unit_for_people(choice_.feature)};
         result.map = map->values;
         result.mask = mask_;
         return result;
@@ -353,11 +341,10 @@ class Inspector {
     const InspectOptions& options_;
     FrameReader reader_;
     std::shared_ptr<const algo::Reference> learned_;  // none: references are frames
-    bool show_z_score_ = false;                       // the requested map
-    std::vector<float> nothing_;
+    std::string feature_;                             // empty: the one that decided
     algo::FeatureChoice choice_;
     algo::Recipe recipe_;
-    Frame reference_;
+    MacroPixelFrame reference_;
     std::optional<algo::Pipeline> pipeline_;
     std::optional<algo::FeatureMapper> mapper_;
     std::vector<std::uint8_t> mask_;
@@ -390,23 +377,22 @@ void add_inspect(CLI::App& program, Exit& status) {
     command->add_option("FRAME", options->frames, "Frames: 8- or 16-bit grey images")->required();
     add_frame_options(*command, options->reading);
     command->add_option("--recipe", options->recipe, "Limits, masks and zones (TOML); without it the default recipe");
-    const auto* feature = command->add_option(
-        "--feature", options->feature,
-        "Feature whose map and statistics are written; without it, what the recipe judges by (emd). One of " +
-            known_features());
+    command->add_option("--feature", options->feature,
+                        "Feature whose map and statistics are written; without it, for each frame the one that decided "
+                        "(of a pass: that comes closest to its limit; of an unfit frame: sums). One of " +
+                            known_features());
     command->add_option("--reference", options->reference,
                         "What hordctl learn has learned: parts are judged against it, and --feature z-score shows "
                         "where they differ. Or a frame of a good part at the same place, for the reference- features");
-    command->add_option("--out", options->out, "Folder for NAME.FEATURE.tiff, NAME.FEATURE.png and NAME.json");
+    command->add_option("--out", options->out,
+                        "Folder for NAME.FEATURE.tiff (NaN: no value), NAME.mask.png (why), NAME.FEATURE.png and "
+                        "NAME.json");
     command->add_flag("--json", options->json, "Print one JSON object a frame");
     command->footer(
         "Example: hordctl inspect frames/*.png --macro 9x9 --out maps --json\n"
         "         hordctl inspect part.png --feature reference-chi2 --reference good_part.png --out maps\n"
         "         hordctl inspect part.png --reference lens.hordref --out maps");
-    command->callback([options, feature, &status] {
-        if (feature->count() == 0 && is_reference(options->reference)) options->feature = kZScore;
-        status = run_inspect(*options);
-    });
+    command->callback([options, &status] { status = run_inspect(*options); });
 }
 
 }  // namespace hord::firmware

@@ -30,9 +30,8 @@ Exit run_learn(const LearnArguments& arguments) {
     if (!recipe) return complain(recipe.error());
     const auto first = reader->read(arguments.frames.front());
     if (!first) return complain(first.error());
-    const auto extents = reader->extents_of(*first, arguments.frames.front());
-    if (!extents) return complain(extents.error());
-    const int bits = first->bits();
+    const algo::Extents& extents = first->extents;
+    const int bits = first->frame.bits();
 
     auto progress = std::make_unique<Progress>("learn");
     algo::LearnOptions options = arguments.learning;
@@ -41,28 +40,29 @@ Exit run_learn(const LearnArguments& arguments) {
     options.progress = [&](double done) { progress->show(done); };
     const auto frame_of = [&](std::size_t part) -> Result<Frame> {
         const std::string& file = arguments.frames[part];
-        auto frame = reader->read(file);
-        if (!frame) return frame;
-        if (frame->width_px() != extents->width_px() || frame->height_px() != extents->height_px() ||
-            frame->bits() != bits) {
+        auto read = reader->read(file);
+        if (!read) return tl::unexpected(read.error());
+        if (!(read->extents == extents) || read->frame.bits() != bits) {
             return fail(ErrorCode::invalid_argument,
                         file + " is not of the size and depth of " + arguments.frames.front(),
                         "give frames of one camera");
         }
-        return frame;
+        return std::move(read->frame);
     };
     const auto read_dn = arguments.read_dn
         ? Result<float>(*arguments.read_dn)
-        : algo::read_noise_of(*extents, options.levels, arguments.frames.size(), frame_of);
+        : algo::read_noise_of(extents, options.levels, arguments.frames.size(), frame_of);
     if (!read_dn) return complain(read_dn.error());
     options.read_dn = *read_dn;
-    const auto learned = algo::learn_reference(*extents, bits, arguments.frames.size(), frame_of, options);
+    const auto learned = algo::learn_reference(extents, bits, arguments.frames.size(), frame_of, options);
     progress.reset();
     if (!learned) return complain(learned.error());
     if (auto done = write_reference(arguments.out, learned->reference); !done) return complain(done.error());
     for (const algo::LeftOut& out : learned->left_out)
         fmt::print("left out: {}: {}\n", arguments.frames[out.part], out.why);
     const algo::Reference& r = learned->reference;
+    if (first->geometry_from == GeometryFrom::frame)
+        fmt::print("{}x{} bins a lenslet, as {} says\n", r.extents.i, r.extents.j, arguments.frames.front());
     fmt::print("{}: {}x{} lenslets of {}x{} bins, {} of {} parts, {} {:.3g} electrons a DN, {} read noise {:.2g} DN\n",
                arguments.out, r.extents.m, r.extents.n, r.extents.i, r.extents.j, r.parts, arguments.frames.size(),
                options.electrons_per_dn ? "given" : "estimated", r.sensor.electrons_per_dn,

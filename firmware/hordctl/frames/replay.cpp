@@ -139,29 +139,29 @@ Exit write_shard(const ReplayOptions& options, const store::Shard& shard, const 
 Exit print_replay(const ReplayOptions& options, const Chosen& chosen, const std::vector<store::ArchivedFile>& mine) {
     store::ReplayTally tally;
     Progress progress("frames", mine.size() < 50);
-    store::replay_all(mine, chosen.recipe, options.jobs,
-                      [&](const store::ArchivedFile&, Result<store::Replayed> replayed) {
-                          if (!replayed) {
-                              if (replayed.error().code == ErrorCode::not_found)
-                                  return true;  // the archive removed the frame meanwhile
-                              ++tally.records;
-                              ++tally.unreadable;
-                              complain(replayed.error());
-                              return true;
-                          }
-                          ++tally.records;
-                          tally.same += replayed->same() ? 1U : 0U;
-                          tally.verdicts += replayed->verdict_changes() ? 1U : 0U;
-                          if (options.json) {
-                              fmt::print("{}\n", store::to_json_line(*replayed));
-                          } else if (!replayed->same()) {
-                              const store::Judgement &then = replayed->then, &now = replayed->now;
-                              fmt::print("{}: {} {} {:.3f} -> {} {} {:.3f}\n", replayed->frame, then.verdict,
-                                         then.reason, then.score, now.verdict, now.reason, now.score);
-                          }
-                          progress.show(static_cast<double>(tally.records) / static_cast<double>(mine.size()));
-                          return true;
-                      });
+    store::replay_all(
+        mine, chosen.recipe, options.jobs, [&](const store::ArchivedFile&, Result<store::Replayed> replayed) {
+            if (!replayed) {
+                if (replayed.error().code == ErrorCode::not_found)
+                    return true;  // the archive removed the frame meanwhile
+                ++tally.records;
+                ++tally.unreadable;
+                complain(replayed.error());
+                return true;
+            }
+            ++tally.records;
+            tally.same += replayed->same() ? 1U : 0U;
+            tally.verdicts += replayed->verdict_changes() ? 1U : 0U;
+            if (options.json) {
+                fmt::print("{}\n", store::to_json_line(*replayed));
+            } else if (!replayed->same()) {
+                const store::Judgement &then = replayed->then, &now = replayed->now;
+                fmt::print("{}: {} {} {:.3f} -> {} {} {:.3f}\n    {}\n", replayed->frame, then.verdict, then.reason,
+                           then.score, now.verdict, now.reason, now.score, replayed->sentence);
+            }
+            progress.show(static_cast<double>(tally.records) / static_cast<double>(mine.size()));
+            return true;
+        });
     fmt::print(options.json ? stderr : stdout, "{}\n", summary_of(tally));
     return status_of(tally);
 }

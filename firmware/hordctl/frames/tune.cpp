@@ -90,6 +90,9 @@ Exit run_tune(const TuneArguments& arguments) {
     if (auto fine = check_apart(*good, *bad); !fine) return complain(fine.error());
     const auto reader = FrameReader::create(arguments.reading);
     if (!reader) return complain(reader.error());
+    const auto first = reader->read(good->front());
+    if (!first) return complain(first.error());
+    const std::pair bins(first->extents.i, first->extents.j);
     auto base = base_of(arguments);
     if (!base) return complain(base.error());
 
@@ -97,14 +100,26 @@ Exit run_tune(const TuneArguments& arguments) {
     TuneOptions options = arguments.tuning;
     options.false_rejects = arguments.false_rejects_percent / 100;
     options.base = std::move(*base);
-    options.bins = reader->bins();
-    options.read = [&](const std::string& file) { return reader->read(file); };
+    options.bins = bins;
+    options.read = [&](const std::string& file) -> Result<Frame> {
+        auto read = reader->read(file);
+        if (!read) return tl::unexpected(read.error());
+        if (std::pair(read->extents.i, read->extents.j) != bins) {
+            return fail(ErrorCode::invalid_argument,
+                        fmt::format("{} has {}x{} bins a lenslet, and {} {}x{}", file, read->extents.i, read->extents.j,
+                                    good->front(), bins.first, bins.second),
+                        "give frames of one camera");
+        }
+        return std::move(read->frame);
+    };
     options.progress = [&](double done, const std::string& note) { progress->show(done, note); };
     auto tuned = tune(*good, *bad, options);
     progress.reset();
     if (!tuned) return complain(tuned.error());
 
     store::Json json = to_json(*tuned);
+    if (first->geometry_from == GeometryFrom::frame && !arguments.json)
+        fmt::print("{}x{} bins a lenslet, as {} says\n", bins.first, bins.second, good->front());
     if (!arguments.json) {
         for (const LeftOut& out : tuned->left_out) fmt::print("left out: {}: {}\n", out.file, out.why);
         fmt::print("{}\n{}", to_text(table_of(*tuned)), describe(*tuned));

@@ -10,9 +10,22 @@ namespace hord::firmware {
 namespace {
 
 // One scale a column, so that rows can be compared; deflections beyond it take the end colour.
-constexpr float kBinsHigh = 2, kShareHigh = 1, kFrobeniusHigh = 2, kTransmissionHigh = 1.2F;
+constexpr float kBinsHigh = 2, kShareHigh = 1, kTransmissionHigh = 1.2F;
+
+// `otherwise`: of a feature without a fixed scale.
+float high_of(const FeatureView& view, float otherwise) {
+    if (view.name == name_of(algo::Feature::transmission)) return kTransmissionHigh;
+    if (view.unit.starts_with("bin pitches")) return kBinsHigh;
+    const auto choice = algo::feature_named(view.name);
+    return choice && algo::is_judged_gradient(choice->feature) ? kShareHigh : otherwise;
+}
 
 }  // namespace
+
+void Gallery::set_recipe(std::shared_ptr<const algo::Recipe> recipe) {
+    const std::lock_guard lock(mutex_);
+    recipe_ = std::move(recipe);
+}
 
 void Gallery::keep(std::uint32_t part, const FrameView& view, const algo::Inspection& found) {
     InspectedPart inspected{part,
@@ -20,42 +33,39 @@ void Gallery::keep(std::uint32_t part, const FrameView& view, const algo::Inspec
                             found.reason,
                             {view.width_px / bins_.first, view.height_px / bins_.second, bins_.first, bins_.second},
                             Frame(view.width_px, view.height_px, view.bits),
-                            found.compares,
-                            {found.gradient.begin(), found.gradient.end()},
-                            {found.frobenius.begin(), found.frobenius.end()},
-                            {found.transmission.begin(), found.transmission.end()},
-                            {found.mask.begin(), found.mask.end()},
-                            {found.defects.begin(), found.defects.end()}};
+                            nullptr};
     const auto row_bytes = static_cast<std::size_t>(view.width_px * view.sample_bytes());
     for (int y = 0; y < view.height_px; ++y) {
         std::copy_n(view.data + y * view.stride_bytes, row_bytes,
                     inspected.frame.bytes().begin() + static_cast<std::ptrdiff_t>(row_bytes) * y);
     }
     const std::lock_guard lock(mutex_);
+    inspected.recipe = recipe_;
     if (waiting_.size() >= kWaiting) waiting_.erase(waiting_.begin());
     waiting_[part] = std::move(inspected);
 }
 
-MontageRow Gallery::row(const std::string& kind, const InspectedPart& inspected) {
+Result<MontageRow> Gallery::row(const std::string& kind, const InspectedPart& inspected) {
     const algo::Extents& e = inspected.extents;
+    auto pipeline = algo::Pipeline::create(e, inspected.frame.view().bits, *inspected.recipe, 1, algo::MapSet::all);
+    if (!pipeline) return tl::unexpected(pipeline.error());
+    const auto found = pipeline->inspect(inspected.frame.view());
+    if (!found) return tl::unexpected(found.error());
+    const FeatureViews views(*found, *inspected.recipe, e);
     const std::string title = fmt::format(
         "raw frame of part {}: {}{}", inspected.part, name_of(inspected.verdict),
         inspected.reason == algo::Reason::none ? std::string() : fmt::format(", {}", name_of(inspected.reason)));
     std::vector<Picture> pictures{draw(title, inspected.frame.view(), e)};
-    const auto add = [&](const MapPicture& what, const std::vector<float>& map) {
-        if (!map.empty()) pictures.push_back(draw(what, map, inspected.mask, e, inspected.defects));
+    const auto add = [&](const FeatureView& view) {
+        const bool decided = view.name == views.deciding().name;
+        MapPicture picture = scale_to(decided ? view.title + ": decided" : view.title, view, *inspected.recipe);
+        picture.low = 0;
+        picture.high = high_of(view, picture.high);
+        pictures.push_back(draw(picture, view.map, view.mask, e, found->defects));
     };
-    if (inspected.compares == algo::Feature::emd) {
-        add({"EMD gradient", "bins", 0, kBinsHigh}, inspected.gradient);
-    } else if (inspected.compares) {
-        const bool in_bins = !algo::unit_of(*inspected.compares).empty();
-        add({std::string(name_of(*inspected.compares)) + " gradient", in_bins ? "bins" : "", 0,
-             in_bins ? kBinsHigh : kShareHigh},
-            inspected.gradient);
-    }
-    add({"Frobenius norm of the Jacobian", "bins a lenslet", 0, kFrobeniusHigh}, inspected.frobenius);
-    add({"transmission", "of typical", 0, kTransmissionHigh}, inspected.transmission);
-    return {kind, std::move(pictures)};
+    for (const FeatureView& view : views.judged()) add(view);
+    if (found->verdict == algo::Verdict::unfit) add(views.deciding());
+    return MontageRow{kind, std::move(pictures)};
 }
 
 void Gallery::settle(std::uint32_t part, const std::string& kind) {
@@ -73,9 +83,13 @@ Result<std::string> Gallery::write(const std::filesystem::path& folder) {
                     "see the messages above");
     if (auto made = make_folder(folder); !made) return tl::unexpected(made.error());
     std::vector<MontageRow> rows;
-    if (const auto good = kinds_.find("good"); good != kinds_.end()) rows.push_back(row("good", good->second));
-    for (const auto& [kind, inspected] : kinds_) {
-        if (kind != "good") rows.push_back(row(kind, inspected));
+    for (const bool good : {true, false}) {
+        for (const auto& [kind, inspected] : kinds_) {
+            if ((kind == "good") != good) continue;
+            auto drawn = row(kind, inspected);
+            if (!drawn) return tl::unexpected(drawn.error());
+            rows.push_back(std::move(*drawn));
+        }
     }
     const auto file = folder / "montage.png";
     if (auto done = write_png(file, montage(rows)); !done) return tl::unexpected(done.error());

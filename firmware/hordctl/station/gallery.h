@@ -1,10 +1,10 @@
-// Keeps one part of each kind, as the pipeline saw it, for a picture at the end of a run.
+// Keeps one part of each kind, with the frame that was inspected, for a picture at the end of a run.
 #pragma once
 
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <mutex>
-#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -19,8 +19,11 @@ class Gallery {
     // Bins of a macro-pixel of the frames to come.
     void set_bins(int bins_i, int bins_j) { bins_ = {bins_i, bins_j}; }
 
-    // Any thread. Copies frame and maps of a part until its kind is known; at most kWaiting parts wait. Draws nothing
-    // yet, so that the inspection is not held up.
+    // Any thread. The recipe of the inspections to come.
+    void set_recipe(std::shared_ptr<const algo::Recipe> recipe);
+
+    // Any thread. Copies the frame of a part until its kind is known; at most kWaiting parts wait. Inspects and draws
+    // nothing yet, so that the inspection is not held up.
     void keep(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection);
     static constexpr std::size_t kWaiting = 32;
 
@@ -28,8 +31,9 @@ class Gallery {
     void settle(std::uint32_t part, const std::string& kind);
 
     // Writes montage.png into `folder` (made if need be): a row a kind, good first; raw frame, gradient, Frobenius
-    // norm, transmission, those that the recipe chooses, each column in one scale. Returns the picture's path. Fails
-    // with io, not_found (nothing kept).
+    // norm, transmission, those that the recipe chooses, each column in one scale; the map that decided says so. The
+    // frames are inspected again for it, with all maps exact. Returns the picture's path. Fails with io, refused (the
+    // picture is a link or device), not_found (nothing kept), and as Pipeline::create() does.
     Result<std::string> write(const std::filesystem::path& folder);
 
   private:
@@ -39,15 +43,13 @@ class Gallery {
         algo::Reason reason = algo::Reason::none;
         algo::Extents extents;
         Frame frame;
-        std::optional<algo::Feature> compares;
-        std::vector<float> gradient, frobenius, transmission;  // empty: not judged
-        std::vector<std::uint8_t> mask;
-        std::vector<algo::Defect> defects;
+        std::shared_ptr<const algo::Recipe> recipe;
     };
-    static MontageRow row(const std::string& kind, const InspectedPart& inspected);
+    static Result<MontageRow> row(const std::string& kind, const InspectedPart& inspected);
 
     std::pair<int, int> bins_{9, 9};
     std::mutex mutex_;
+    std::shared_ptr<const algo::Recipe> recipe_ = std::make_shared<const algo::Recipe>();
     std::map<std::uint32_t, InspectedPart> waiting_;
     std::map<std::string, InspectedPart> kinds_;
 };

@@ -2,12 +2,14 @@
 #include <algorithm>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <thread>
 #include <utility>
 
 #include <fmt/format.h>
 
 #include "common/cli/progress.h"
+#include "firmware/diagnostics/verdict_text.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/station/gallery.h"
 #include "firmware/hordctl/station/run_report.h"
@@ -28,7 +30,8 @@ struct RunOptions {
     int vitals_every_s = 10, reset_after_s = 0;
 };
 
-Json to_json(const PartResult& result, const Backends::Fate& fate) {
+// `sentence`: empty for a part without inspection.
+Json to_json(const PartResult& result, const Backends::Fate& fate, const std::string& sentence) {
     Json json{{"part", result.part},
               {"verdict", name_of(result.verdict)},
               {"reason", name_of(result.reason)},
@@ -37,6 +40,7 @@ Json to_json(const PartResult& result, const Backends::Fate& fate) {
               {"latency_us", result.latency_us},
               {"reject", name_of(result.reject)},
               {"reject_latency_us", result.reject_latency_us}};
+    if (!sentence.empty()) json["explain"] = sentence;
     if (!fate.kind.empty()) json["truth"] = fate.kind;
     json["ejected"] = fate.ejected;
     if (fate.taken_off) json["taken_off"] = true;
@@ -72,6 +76,32 @@ Config with_room(double parts_per_second) {
     return config;
 }
 
+// The sentence of explain() of each part, until its result comes. Any thread.
+class Sentences {
+  public:
+    void set_recipe(std::shared_ptr<const algo::Recipe> recipe) {
+        const std::lock_guard lock(mutex_);
+        recipe_ = std::move(recipe);
+    }
+    void keep(std::uint32_t part, const algo::Inspection& found, const algo::Extents& extents) {
+        const std::lock_guard lock(mutex_);
+        while (by_part_.size() >= kMax) by_part_.erase(by_part_.begin());
+        by_part_[part] = explain(found, *recipe_, extents);
+    }
+    // Empty: the part was not inspected.
+    std::string take(std::uint32_t part) {
+        const std::lock_guard lock(mutex_);
+        const auto found = by_part_.extract(part);
+        return found.empty() ? std::string() : std::move(found.mapped());
+    }
+
+  private:
+    static constexpr std::size_t kMax = 1000;  // parts whose result has not come
+    std::mutex mutex_;
+    std::shared_ptr<const algo::Recipe> recipe_ = std::make_shared<const algo::Recipe>();
+    std::map<std::uint32_t, std::string> by_part_;
+};
+
 // One run: joins each part's result with its fate, and ends when all parts have both.
 class Run {
   public:
@@ -93,6 +123,7 @@ class Run {
         auto service = open(*config);
         if (!service) return complain(service.error());
         service_ = std::move(*service);
+        on_recipe(service_->recipe());
         fmt::print(stderr, "registers at {}\n", service_->registers_address());
         progress_ = std::make_unique<Progress>("parts", options_.line.parts == 0);
         if (options_.line.parts > 0 || options_.reset_after_s > 0) watch_for_line_stop(0);
@@ -125,13 +156,23 @@ class Run {
         watchers.line_over = [this] { on_line_over(); };
         watchers.state = [this](State from, State to) { say(fmt::format("{} to {}", name_of(from), name_of(to))); };
         watchers.trouble = [this](const Error& error) { say(error.message()); };
-        if (!options_.out.empty()) {
-            watchers.inspection = [this](std::uint32_t part, const FrameView& frame,
-                                         const algo::Inspection& inspection) {
-                gallery_.keep(part, frame, inspection);
+        watchers.recipe = [this](const NumberedRecipe& recipe) { on_recipe(recipe); };
+        if (!options_.out.empty() || options_.json) {
+            watchers.inspection = [this, bins = std::pair(config.inspection.bins_i, config.inspection.bins_j)](
+                                      std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) {
+                if (!options_.out.empty()) gallery_.keep(part, frame, inspection);
+                if (!options_.json) return;
+                const auto [i, j] = bins;
+                sentences_.keep(part, inspection, {frame.width_px / i, frame.height_px / j, i, j});
             };
         }
         return Service::open(config, simulation, std::move(watchers));
+    }
+
+    void on_recipe(const NumberedRecipe& recipe) {
+        auto in_use = std::make_shared<const algo::Recipe>(recipe.recipe);
+        gallery_.set_recipe(in_use);
+        sentences_.set_recipe(std::move(in_use));
     }
 
     void sample_vitals() {
@@ -189,7 +230,10 @@ class Run {
         const auto fate = fates_.find(arrived);
         if (result == results_.end() || fate == fates_.end()) return;
         report_.add(result->second, fate->second);
-        if (options_.json) fmt::print("{}\n", store::to_text(to_json(result->second, fate->second)));
+        if (options_.json) {
+            const std::string sentence = sentences_.take(result->second.part);
+            fmt::print("{}\n", store::to_text(to_json(result->second, fate->second, sentence)));
+        }
         gallery_.settle(result->second.part, fate->second.kind);
         ++settled_;
         if (options_.line.parts > 0 && progress_) {
@@ -252,6 +296,7 @@ class Run {
     RunReport report_;
     ResourceMonitor vitals_;
     Gallery gallery_;
+    Sentences sentences_;
     std::map<std::int64_t, PartResult> results_;  // by arrival, until their fate is known
     std::map<std::int64_t, Backends::Fate> fates_;
     std::size_t settled_ = 0, resets_ = 0;

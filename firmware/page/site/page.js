@@ -180,6 +180,8 @@ function links(place, key) {
   place.replaceChildren(link("record.tar", "Full record (archive)"), link("record.json", "Record (JSON)"), link("frame.png", "Frame (PNG)"));
 }
 
+const shownOf = (found) => found.defect_count > found.defects.length ? ` ${found.defects.length} of ${found.defect_count} defects shown.` : "";
+
 let drawing = false;
 async function showPicture(picture) {
   seen.wanted = picture;
@@ -204,7 +206,7 @@ async function showPicture(picture) {
       seen.picture = key;
       $("reject-card").dataset.key = key;
       say("map-of", `Picture of part ${part}.`);
-      say("reject-words", `Part ${part}. ${found.sentence}`);
+      say("reject-words", `Part ${part}. ${found.sentence}${shownOf(found)}`);
       $("reject-defects").replaceChildren(...found.defects.map((d) => element("li", `${d.words} at lenslet (${d.m.toFixed(0)}, ${d.n.toFixed(0)})`)));
       links($("reject-links"), key);
       const result = seen.results.get(key);
@@ -249,7 +251,7 @@ async function showPart(key) {
     map.alt = `Feature map of part ${found.part}. ${found.sentence}`;
     map.src = `/parts/${key}/map.png`;
     map.hidden = false;
-    say("part-words", found.sentence + (found.same_as_then ? "" : " (inspected again just now; the result differs from the first inspection)"));
+    say("part-words", found.sentence + shownOf(found) + (found.same_as_then ? "" : " (inspected again just now; the result differs from the first inspection)"));
   } catch (error) {
     say("part-words", error.message);
   }

@@ -52,6 +52,7 @@ std::string FrameMetadata::to_json() const {
     Json json{{"hord", 1},    {"station", station}, {"software", software}, {"boot", boot},
               {"part", part}, {"time_us", time_us}, {"role", role}};
     if (trigger != 0) json["trigger"] = trigger;
+    json["kind"] = "macro-pixels";  // a geometry note of drivers/files/frame_geometry.h, too
     json["grid"] = {{"m", grid.m}, {"n", grid.n}, {"i", grid.i}, {"j", grid.j}};
     json["bits"] = bits;
     json.update(store::to_json(judgement));
@@ -64,6 +65,9 @@ Result<FrameMetadata> FrameMetadata::from_json(const std::string& text, const st
     FrameMetadata data;
     try {
         const Json json = Json::parse(text);
+        if (!json.contains("hord"))  // a frame that only notes its geometry
+            return fail(ErrorCode::unreadable, name + " says nothing of its part",
+                        "name frames that a station has kept");
         data.station = json.value("station", "");
         data.software = json.value("software", "");
         data.boot = json.at("boot").get<std::uint32_t>();

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include "firmware/diagnostics/verdict_text.h"
 #include "firmware/recipes/recipe_file.h"
 #include "firmware/store/frames/frame_png.h"
 
@@ -34,6 +35,7 @@ std::string to_json_line(const Replayed& r) {
                     {"recipe_now", r.recipe_now},
                     {"then", to_json(r.then)},
                     {"now", to_json(r.now)},
+                    {"explain", r.sentence},
                     {"changes", changes_of(r)}});
 }
 
@@ -69,9 +71,15 @@ Result<Replayed> Replay::judge(const std::filesystem::path& file) {
     const auto inspection = inspect(frame, *metadata, file.string());
     if (!inspection) return tl::unexpected(inspection.error());
     const auto then = parse_recipe(metadata->recipe, file.string());
-    return Replayed{file.filename().string(),          metadata->part, metadata->role,
-                    then ? then->name : std::string(), recipe_.name,   std::move(metadata->judgement),
-                    judgement_of(*inspection),         !given_};
+    return Replayed{file.filename().string(),
+                    metadata->part,
+                    metadata->role,
+                    then ? then->name : std::string(),
+                    recipe_.name,
+                    std::move(metadata->judgement),
+                    judgement_of(*inspection),
+                    explain(*inspection, recipe_, metadata->grid),
+                    !given_};
 }
 
 }  // namespace hord::firmware::store

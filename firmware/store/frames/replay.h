@@ -18,6 +18,7 @@ struct Replayed {
     std::uint32_t part = 0;
     std::string role, recipe_then, recipe_now;  // names
     Judgement then, now;
+    std::string sentence;     // the verdict of now in words (firmware/diagnostics/verdict_text.h)
     bool same_recipe = true;  // of the frame's metadata. Another one solves other gradients: maps of bounds differ
     // To the bit. Not compared: maps, score and defects of an inspection whose time had run out
     // (Judgement::out_of_time), and maps of bounds by another recipe.

@@ -100,6 +100,7 @@ ShardWriter::~ShardWriter() {
 }
 
 Result<ShardWriter> ShardWriter::create(const fs::path& file, const ReplayIdentity& identity, const Shard& shard) {
+    if (auto fine = common::check_replaceable(file); !fine) return tl::unexpected(fine.error());
     ShardWriter writer(file);
     // A unique temporary name: two workers may write the same shard if one was assumed dead.
     std::string beside = file.string() + ".part.XXXXXX";

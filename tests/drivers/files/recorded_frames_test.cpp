@@ -108,5 +108,23 @@ TEST_F(Recorded, a_missing_file_an_empty_folder_and_no_name_at_all_are_refused) 
     EXPECT_FALSE(RecordedFrames::open(loop_, {}));
 }
 
+TEST_F(Recorded, frames_of_two_geometries_are_refused_and_one_is_told) {
+    const auto noted = [&](const char* name, int i, int bits) {
+        const FrameGeometry geometry{FrameKind::macro_pixels, {45 / i, 45 / i, i, i}, bits};
+        ASSERT_TRUE(write_frame(folder_.path() / name, Frame(45, 45, bits).view(), geometry));
+    };
+    noted("b.png", 9, 12);
+    ASSERT_TRUE(write_frame(folder_.path() / "c.png", Frame(45, 45, 12).view()));  // says nothing
+    const auto one = RecordedFrames::open(loop_, {folder_.path()});
+    ASSERT_TRUE(one) << one.error().message();
+    EXPECT_EQ((*one)->format().bits, 12);
+    ASSERT_TRUE((*one)->noted());
+    EXPECT_EQ((*one)->noted()->geometry.grid.i, 9);
+    noted("d.png", 5, 12);
+    const auto two = RecordedFrames::open(loop_, {folder_.path()});
+    ASSERT_FALSE(two);
+    EXPECT_THAT(two.error().what, AllOf(HasSubstr("d.png"), HasSubstr("5x5"), HasSubstr("b.png"), HasSubstr("9x9")));
+}
+
 }  // namespace
 }  // namespace hord::drivers

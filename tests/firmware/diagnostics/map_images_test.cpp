@@ -2,6 +2,7 @@
 #include "firmware/diagnostics/map_images.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 
 #include <gmock/gmock.h>
@@ -83,11 +84,146 @@ TEST(Pictures, a_float_map_is_read_back_equal) {
     EXPECT_EQ(std::memcmp(image.data, s.map.data(), s.map.size() * sizeof(float)), 0);
 }
 
+TEST(Pictures, a_lenslet_without_a_value_is_NaN_in_the_file) {
+    const TempFolder folder;
+    const Sample s = sample();
+    FeatureView view{.name = "emd", .map = s.map};
+    view.mask = s.mask;
+    ASSERT_TRUE(write_float_tiff(folder.path() / "map.tiff", view, kExtents));
+    const cv::Mat image = cv::imread((folder.path() / "map.tiff").string(), cv::IMREAD_UNCHANGED);
+    ASSERT_EQ(image.type(), CV_32FC1);
+    for (std::size_t k = 0; k < s.map.size(); ++k) {
+        const float value = image.at<float>(static_cast<int>(k) / kExtents.m, static_cast<int>(k) % kExtents.m);
+        if (s.mask[k] == algo::kValid) {
+            EXPECT_EQ(value, s.map[k]);
+        } else {
+            EXPECT_TRUE(std::isnan(value)) << k;
+        }
+    }
+}
+
+TEST(Pictures, a_mask_has_a_colour_a_reason_and_names_its_bits) {
+    const TempFolder folder;
+    const Sample s = sample();
+    FeatureView view{.name = "emd", .map = s.map};
+    std::vector<std::uint8_t> mask(s.mask.size());
+    for (unsigned bit = 0; bit < 6; ++bit) mask[bit] = static_cast<std::uint8_t>(1U << bit);
+    mask[6] = algo::kRim | algo::kDark;
+    view.mask = mask;
+    const auto file = folder.path() / "a.mask.png";
+    ASSERT_TRUE(write_mask_png(file, view, kExtents));
+    const cv::Mat image = cv::imread(file.string(), cv::IMREAD_COLOR);
+    ASSERT_EQ(image.size(), cv::Size(kExtents.m, kExtents.n));
+    for (int a = 0; a < 6; ++a) {
+        for (int b = 0; b < a; ++b) EXPECT_NE(image.at<cv::Vec3b>(0, a), image.at<cv::Vec3b>(0, b)) << a << " " << b;
+        EXPECT_NE(image.at<cv::Vec3b>(0, a), image.at<cv::Vec3b>(0, 7)) << a;  // of a lenslet that is judged
+    }
+    EXPECT_EQ(image.at<cv::Vec3b>(0, 6), image.at<cv::Vec3b>(0, 0));  // dark, whatever else
+    const std::string bytes = TempFolder::read(file);
+    EXPECT_THAT(bytes, HasSubstr("hord-mask"));
+    EXPECT_THAT(bytes, HasSubstr(R"("feature":"emd")"));
+    EXPECT_THAT(bytes, HasSubstr(R"("at-limit":32)"));
+    EXPECT_THAT(bytes, HasSubstr(R"("no_value":7)"));
+}
+
+// The pixels of two pictures that differ, in the rows that both have.
+std::vector<cv::Point> differences(const Picture& a, const Picture& b) {
+    std::vector<cv::Point> out;
+    for (int y = 0; y < std::min(a.height, b.height); ++y) {
+        for (int x = 0; x < std::min(a.width, b.width); ++x) {
+            const auto at = 3 * static_cast<std::size_t>(y * a.width + x);
+            if (!std::equal(a.bgr.data() + at, a.bgr.data() + at + 3, b.bgr.data() + at)) out.emplace_back(x, y);
+        }
+    }
+    return out;
+}
+bool is_grey(const Picture& picture, const cv::Point& p) {
+    const auto at = 3 * static_cast<std::size_t>(p.y * picture.width + p.x);
+    return picture.bgr[at] == picture.bgr[at + 1] && picture.bgr[at] == picture.bgr[at + 2];
+}
+std::size_t red_pixels(const Picture& picture) {
+    std::size_t count = 0;
+    for (std::size_t at = 0; at < picture.bgr.size(); at += 3)
+        count += picture.bgr[at] == 40 && picture.bgr[at + 1] == 40 && picture.bgr[at + 2] == 230 ? 1 : 0;
+    return count;
+}
+
+// 40 lenslets are enlarged 12 times: 480 pixels.
+TEST(Pictures, no_data_is_hatched_grey_which_no_value_is) {
+    std::vector<float> map(kExtents.lenslets());
+    for (std::size_t k = 0; k < map.size(); ++k) map[k] = static_cast<float>(k) / static_cast<float>(map.size());
+    std::vector<std::uint8_t> mask(kExtents.lenslets());
+    const MapPicture what{"EMD", "bins", 0, 1};
+    const Picture whole = draw(what, map, mask, kExtents, {});
+    const std::size_t k = kExtents.index(20, 15);
+    const float value = map[k];
+    for (const std::uint8_t bits : {algo::kDark, algo::kSaturated, algo::kBorder, algo::kValid}) {
+        mask[k] = bits;
+        map[k] = bits == algo::kValid ? std::nanf("") : value;
+        const Picture holed = draw(what, map, mask, kExtents, {});
+        const auto changed = differences(whole, holed);
+        std::size_t in_map = 0;
+        for (const cv::Point& p : changed) {
+            if (p.y >= 26 + 360) continue;  // the legend
+            ++in_map;
+            EXPECT_TRUE(is_grey(holed, p));
+            EXPECT_FALSE(is_grey(whole, p));
+        }
+        EXPECT_EQ(in_map, 144U) << int{bits};
+        EXPECT_GT(holed.height, whole.height) << "a legend explains it";
+    }
+    map[k] = value;
+    mask[k] = algo::kRim;  // a value that is not judged keeps its colour, dimmed
+    const Picture dimmed = draw(what, map, mask, kExtents, {});
+    const auto changed = differences(whole, dimmed);
+    ASSERT_GE(changed.size(), 144U);
+    EXPECT_FALSE(is_grey(dimmed, changed.front()));
+}
+
+TEST(Pictures, the_limit_is_marked_on_the_scale) {
+    const Sample s = sample();
+    MapPicture what{"EMD", "bins", 0, 1};
+    EXPECT_EQ(red_pixels(draw(what, s.map, s.mask, kExtents, {})), 0U);
+    what.limit = 0.4F;
+    EXPECT_GT(red_pixels(draw(what, s.map, s.mask, kExtents, {})), 15U);
+    EXPECT_EQ(scale_to("EMD", "bins", s.map, s.mask, 0.5F).limit, 0.5F);
+}
+
+TEST(Pictures, say_when_not_all_defects_are_marked) {
+    const Sample s = sample();
+    std::vector<algo::Defect> defects(20);
+    const Picture all = draw({"EMD", "bins", 0, 1}, s.map, s.mask, kExtents, defects);
+    defects.resize(53);
+    const Picture some = draw({"EMD", "bins", 0, 1}, s.map, s.mask, kExtents, defects);
+    ASSERT_EQ(some.height, all.height + 18);  // a line of text
+    const auto line = some.bgr.begin() + 3 * static_cast<std::ptrdiff_t>(some.width) * all.height;
+    EXPECT_GT(std::count_if(line, some.bgr.end(), [](unsigned char value) { return value < 200; }), 100);
+}
+
+TEST(Pictures, axes_count_lenslets_or_mm) {
+    const Sample s = sample();
+    MapPicture what{"EMD", "bins", 0, 1};
+    const Picture lenslets = draw(what, s.map, s.mask, kExtents, {});
+    what.first_m = 100;
+    const Picture later = draw(what, s.map, s.mask, kExtents, {});
+    what.first_m = 0;
+    what.lenslet_mm = 0.2F;
+    const Picture mm = draw(what, s.map, s.mask, kExtents, {});
+    for (const Picture* other : {&later, &mm}) {
+        const auto changed = differences(lenslets, *other);
+        EXPECT_GT(changed.size(), 50U);
+        // Only outside of the map: left of it or below it.
+        for (const cv::Point& p : changed) EXPECT_TRUE(p.x < 40 || p.y >= 26 + 360) << p.x << " " << p.y;
+    }
+}
+
 TEST(Pictures, what_cannot_be_written_is_named_with_its_cure_and_leaves_nothing) {
     const TempFolder folder;
     const Sample s = sample();
     for (const auto& done : {write_png(folder.path() / "no" / "map.png", drawn(s)),
-                             write_float_tiff(folder.path() / "no" / "map.tiff", s.map, kExtents)}) {
+                             write_float_tiff(folder.path() / "no" / "map.tiff", s.map, kExtents),
+                             write_mask_png(folder.path() / "no" / "map.png",
+                                            FeatureView{.name = "emd", .map = s.map, .mask = s.mask}, kExtents)}) {
         ASSERT_FALSE(done);
         EXPECT_EQ(done.error().code, ErrorCode::not_found);
         EXPECT_THAT(done.error().what, HasSubstr((folder.path() / "no").string()));

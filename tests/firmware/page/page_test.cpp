@@ -322,6 +322,12 @@ TEST(PagePicture, shows_what_the_inspection_said_then) {
     EXPECT_EQ(map.type, "image/png");
     EXPECT_TRUE(map.body.starts_with("\x89PNG"));
     EXPECT_NE(page.get("/parts/10/map.png", {{"map", "transmission"}}).body, map.body);
+    // Without a name the map that decided; its name among others.
+    const auto decided = found["map"].get<std::string>();
+    EXPECT_EQ(page.get("/parts/00000007-110/map.png", {{"map", decided}}).body, map.body) << decided;
+    EXPECT_TRUE(found["sentence"].get<std::string>().starts_with("Rejected: "));
+    EXPECT_EQ(page.get("/parts/00000007-110/map.png", {{"map", "sums"}}).status, 200);
+    EXPECT_EQ(found["defect_count"], found["defects"].size());  // fewer than 20
     EXPECT_EQ(page.get("/parts/10/map.png", {{"map", "../x"}}).status, 400);
     EXPECT_NEAR(brightest_share(page.frames.find(kBoot, kBadPart)->frame.frame.view()), 200.0 / 255, 0.02);
 }

@@ -49,8 +49,8 @@ TEST(Calibrate, a_real_sensor_is_calibrated_and_its_object_frame_decoded) {
     EXPECT_EQ(header, "m,n,x_px,y_px");
 
     const Said object = run("hordctl",
-                            {"inspect", data / "lf_sq_napariLF_object.png", "--grid", folder / "grid.toml", "--out",
-                             folder / "maps", "--json"});
+                            {"inspect", data / "lf_sq_napariLF_object.png", "--grid", folder / "grid.toml", "--feature",
+                             "emd", "--out", folder / "maps", "--json"});
     EXPECT_NE(object.status, 2) << object.err;
     EXPECT_EQ(Json::parse(object.out)["grid"]["i"], 9);
     EXPECT_TRUE(std::filesystem::exists(folder / "maps/lf_sq_napariLF_object.emd.tiff"));

@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "drivers/files/frame_file.h"
 #include "firmware/registers/register_client.h"
 #include "tests/system/cli/program.h"
 
@@ -131,12 +132,36 @@ TEST_F(RawFrames, of_another_size_than_the_calibration_are_refused) {
     std::ofstream(folder / "broken.toml") << "version = 1\n";
     EXPECT_EQ(run("hordctl", {"run", "--config", config_of({"lens"}, "broken.toml")}).status, 2);
     std::filesystem::remove_all(folder / "frames");
-    const std::string config = config_of({"lens.macro"}, grid());
-    const Said said = run("hordctl", {"run", "--config", config});
+    // The frame of macro-pixels without its geometry note: only the size tells.
+    const auto macro = drivers::read_frame(*rendered / "lens.macro.png");
+    ASSERT_TRUE(macro);
+    ASSERT_TRUE(drivers::write_frame(*rendered / "silent.png", macro->view()));
+    const Said said = run("hordctl", {"run", "--config", config_of({"silent"}, grid())});
     EXPECT_EQ(said.status, 2);
     EXPECT_THAT(said.err, HasSubstr("grid.toml"));
     EXPECT_THAT(said.err, HasSubstr("620x600"));
     EXPECT_THAT(said.err, HasSubstr("423x486"));
+}
+
+TEST_F(RawFrames, and_frames_of_macro_pixels_are_told_apart_by_what_they_say) {
+    const auto expect = [](const Said& said, const std::vector<std::string>& words) {
+        EXPECT_EQ(said.status, 2) << said.out;
+        for (const std::string& word : words) EXPECT_THAT(said.err, HasSubstr(word));
+    };
+    const std::string macro = *rendered / "lens.macro.png", raw = *rendered / "lens.png";
+    expect(run("hordctl", {"run", "--config", config_of({"lens.macro"}, grid())}),
+           {"1000.png says macro-pixels of 9x9 bins", "inspection.grid", "grid.toml", "leave inspection.grid out"});
+    std::filesystem::remove_all(folder / "frames");
+    expect(run("hordctl", {"run", "--config", config_of({"lens"}, "")}),
+           {"1000.png says a raw frame of 8 bits", "inspection.grid names no calibration"});
+    expect(run("hordctl", {"inspect", macro, "--grid", grid()}),
+           {macro + " says macro-pixels of 9x9 bins, 47x54 lenslets", "--grid " + grid(), "leave --grid out"});
+    expect(run("hordctl", {"inspect", raw}), {raw + " says a raw frame of 8 bits", "give --grid"});
+    expect(run("hordctl", {"calibrate", macro, "--out", folder / "no.toml"}),
+           {macro + " says macro-pixels", "a calibration needs a raw frame"});
+    expect(run("hordctl", {"calibrate", *rendered / "white.png", "--dark", macro, "--out", folder / "no.toml"}),
+           {macro});
+    EXPECT_FALSE(std::filesystem::exists(folder / "no.toml"));
 }
 
 // After a restart the service still knows which calibration it has used.

@@ -9,6 +9,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
 
 #include "algo/features/feature.h"
 #include "drivers/files/frame_file.h"
@@ -48,8 +50,9 @@ TEST(Inspect, a_plain_field_passes_with_status_0_at_8_and_16_bits) {
     const Said said =
         run("hordctl", {"inspect", write(folder, "a.png", plain_frame(8)), write(folder, "b.png", plain_frame(16))});
     EXPECT_EQ(said.status, 0) << said.err;
-    EXPECT_EQ(lines(said.out), 2U);
+    EXPECT_EQ(lines(said.out), 4U);  // each with its sentence
     EXPECT_THAT(said.out, HasSubstr("pass"));
+    EXPECT_THAT(said.out, HasSubstr("\n    Passed: the worst place reaches"));
 }
 
 TEST(Inspect, json_is_one_object_a_line_with_every_promised_key) {
@@ -61,6 +64,8 @@ TEST(Inspect, json_is_one_object_a_line_with_every_promised_key) {
     EXPECT_EQ(json["verdict"], "pass");
     EXPECT_EQ(json["feature"]["name"], "emd");
     EXPECT_GT(json["feature"]["valid"], 0);
+    EXPECT_EQ(json["grid_from"], "default");
+    EXPECT_THAT(json["explain"].get<std::string>(), HasSubstr("Passed"));
     for (const char* key : {"frame", "reason", "score", "defects", "feature", "ms"})
         EXPECT_TRUE(json.contains(key)) << key;
     for (const char* key : {"unit", "p50", "p99", "max"}) EXPECT_TRUE(json["feature"].contains(key)) << key;
@@ -74,7 +79,7 @@ TEST(Inspect, out_writes_map_picture_and_json) {
         run("hordctl",
             {"inspect", write(folder, "a.png", plain_frame()), "--out", folder / "maps", "--feature", "transmission"});
     ASSERT_EQ(said.status, 0) << said.err;
-    for (const char* name : {"maps/a.transmission.tiff", "maps/a.transmission.png", "maps/a.json"}) {
+    for (const char* name : {"maps/a.transmission.tiff", "maps/a.transmission.png", "maps/a.mask.png", "maps/a.json"}) {
         EXPECT_GT(std::filesystem::file_size(folder.path() / name), 100U) << name;
     }
 }
@@ -100,6 +105,86 @@ TEST(Inspect, every_feature_it_names_has_a_map) {
         EXPECT_EQ(map["max"], feature == "transmission" ? 1.0 : 0.0) << feature;  // a plain field
         EXPECT_TRUE(std::filesystem::exists(folder / ("maps/a." + feature + ".tiff")));
     }
+}
+
+// Two flaws in one frame: lenslet (7, 8) is dark, lenslet (12, 5) saturated.
+Frame flawed_frame() {
+    Frame frame = plain_frame();
+    for (int y = 0; y < 9; ++y) {
+        for (int x = 0; x < 9; ++x) frame.set(7 * 9 + x, 8 * 9 + y, 0);
+    }
+    frame.set(12 * 9 + 4, 5 * 9 + 4, 255);
+    return frame;
+}
+
+TEST(Inspect, a_lenslet_without_a_value_is_NaN_in_the_map_of_every_feature) {
+    const TemporaryFolder folder;
+    const std::string frame = write(folder, "a.png", flawed_frame()),
+                      reference = write(folder, "good.png", plain_frame());
+    std::vector<std::string> names{"sums"};
+    for (const auto name : algo::kFeatureNames) {
+        names.emplace_back(name);
+        if (algo::feature_named("reference-" + std::string(name))) names.push_back("reference-" + std::string(name));
+    }
+    for (const auto& feature : names) {
+        std::vector<std::string> arguments{"inspect", frame, "--feature", feature, "--out", folder / "maps"};
+        const bool compares_frames = feature.starts_with("reference-");
+        if (compares_frames) arguments.insert(arguments.end(), {"--reference", reference});
+        ASSERT_NE(run("hordctl", arguments).status, 2) << feature;
+        const cv::Mat map = cv::imread(folder / ("maps/a." + feature + ".tiff"), cv::IMREAD_UNCHANGED);
+        ASSERT_EQ(map.type(), CV_32FC1) << feature;
+        const bool light = feature == "transmission", sums = feature == "sums";
+        EXPECT_EQ(std::isnan(map.at<float>(8, 7)), !light && !sums) << feature;                      // dark
+        EXPECT_EQ(std::isnan(map.at<float>(5, 12)), !sums) << feature;                               // saturated
+        EXPECT_EQ(std::isnan(map.at<float>(0, 0)), !light && !sums && !compares_frames) << feature;  // border
+        EXPECT_FALSE(std::isnan(map.at<float>(12, 12))) << feature;
+        // The mask gives the reasons: black is dark, white is saturated.
+        const cv::Mat mask = cv::imread(folder / "maps/a.mask.png", cv::IMREAD_COLOR);
+        ASSERT_EQ(mask.size(), map.size()) << feature;
+        EXPECT_EQ(mask.at<cv::Vec3b>(8, 7) == cv::Vec3b(0, 0, 0), !light) << feature;
+        EXPECT_EQ(mask.at<cv::Vec3b>(5, 12), cv::Vec3b(255, 255, 255)) << feature;
+    }
+}
+
+// Without --feature the map that decided is shown, and the JSON names it.
+TEST(Inspect, shows_the_map_that_decided) {
+    const TemporaryFolder folder;
+    std::ofstream(folder / "r.toml") << "[part]\npresent = \"unchecked\"\n";
+    const auto inspect = [&](const std::string& name, const Frame& frame) {
+        const Said said = run("hordctl",
+                              {"inspect", write(folder, name + ".png", frame), "--recipe", folder / "r.toml", "--json",
+                               "--out", folder / "maps"});
+        const Json json = Json::parse(said.out);
+        const std::string feature = json["feature"]["name"];
+        EXPECT_TRUE(std::filesystem::exists(folder / ("maps/" + name + "." + feature + ".tiff"))) << said.out;
+        EXPECT_FALSE(json["explain"].get<std::string>().empty());
+        return std::pair(json["reason"].get<std::string>(), feature);
+    };
+    EXPECT_EQ(inspect("speck", flawed_frame()), std::pair(std::string("absorption"), std::string("transmission")));
+    Frame shifted = plain_frame();  // in one lenslet by three bins
+    for (int y = 0; y < 9; ++y) {
+        for (int x = 8; x > 2; --x) shifted.set(7 * 9 + x, 8 * 9 + y, shifted.view().sample(7 * 9 + x - 3, 8 * 9 + y));
+        for (int x = 0; x < 3; ++x) shifted.set(7 * 9 + x, 8 * 9 + y, 0);
+    }
+    const auto [reason, feature] = inspect("shifted", shifted);
+    EXPECT_EQ(feature, reason == "deflection-gradient" ? "jacobian-frobenius" : "emd") << reason;
+    EXPECT_NE(reason, "absorption");
+    const auto [why, shown] = inspect("dark", Frame(90, 90, 8));
+    EXPECT_EQ(shown, "sums") << why;
+}
+
+TEST(Inspect, does_not_write_over_a_link_or_a_device) {
+    const TemporaryFolder folder;
+    const std::string frame = write(folder, "a.png", plain_frame());
+    std::filesystem::create_directories(folder / "maps");
+    std::ofstream(folder / "precious") << "precious";
+    std::filesystem::create_symlink(folder / "precious", folder / "maps/a.json");
+    const Said said = run("hordctl", {"inspect", frame, "--out", folder / "maps"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("maps/a.json is a symbolic link"));
+    EXPECT_TRUE(std::filesystem::is_symlink(folder / "maps/a.json"));
+    std::ifstream precious(folder / "precious");
+    EXPECT_EQ(std::string(std::istreambuf_iterator<char>(precious), {}), "precious");
 }
 
 // In one lenslet of the frame the light is one bin further to the right than in the reference.
@@ -179,6 +264,13 @@ TEST(Inspect, refuses_a_reference_feature_without_a_reference_and_the_other_way_
                    "");
     expect_refusal({frame, "--feature", "reference-chi2", "--reference", write(folder, "deep.png", plain_frame(16))},
                    "deep.png", "at 8");
+    // What is given as a reference and is neither a learned one nor a frame is said to be that.
+    std::ofstream(folder / "torn.hordref") << "HORDRE";
+    for (const std::string& wrong : {folder.path().string(), folder / "torn.hordref", std::string("/nonexistent/r")}) {
+        expect_refusal({frame, "--reference", wrong}, wrong + " is no learned reference, and no frame",
+                       "hordctl learn");
+    }
+    expect_refusal({frame, "--reference", frame}, "no feature that compares with a frame", "reference-emd");
 }
 
 TEST(Inspect, refuses_an_unknown_recipe_key_and_an_impossible_value_at_once) {
