@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstdlib>
 #include <optional>
 #include <string>
@@ -19,6 +18,7 @@
 #include "algo/inspection/exact_gradients.h"
 #include "algo/inspection/frame_checks.h"
 #include "algo/inspection/reference_defects.h"
+#include "algo/inspection/reference_outline.h"
 #include "algo/inspection/rim.h"
 #include "algo/maps/row_thread_pool.h"
 #include "algo/recipe/zones.h"
@@ -84,32 +84,6 @@ struct EmdRows {
     [[nodiscard]] Deflection deflection(int m, int n) { return deflections_of(n)[static_cast<std::size_t>(m)]; }
 };
 
-// kOutside and kRim of the reference's own part, by the rule for frames. Lenslets that the reference does not know,
-// at the field's border, count as the next one that it knows on the way to the middle.
-std::vector<std::uint8_t> reference_outline(const Recipe& recipe, const Extents& e) {
-    const Reference& r = *recipe.reference;
-    std::vector<Deflection> deflections(e.lenslets());
-    std::vector<std::uint32_t> sums(e.lenslets());
-    std::vector<std::uint8_t> mask(e.lenslets());
-    const auto bins = [](float v) {
-        return DeflectionQ::from_raw(std::llround(static_cast<double>(v) * (1 << DeflectionQ::kFractionBits)));
-    };
-    for (int n = 0; n < e.n; ++n) {
-        for (int m = 0; m < e.m; ++m) {
-            const std::size_t to = e.index(m, n);
-            std::size_t from = to;
-            for (int inwards = 1; (r.mask[from] & kOutside) != 0 && 2 * inwards < std::min(e.m, e.n); ++inwards)
-                from = e.index(std::clamp(m, inwards, e.m - 1 - inwards), std::clamp(n, inwards, e.n - 1 - inwards));
-            deflections[to] = {bins(r.x[from]), bins(r.y[from])};
-            sums[to] = static_cast<std::uint32_t>(std::lround(r.light[from]));
-            mask[to] = (r.mask[from] & (kOutside | kDark)) != 0 ? kDark : kValid;
-        }
-    }
-    RimFinder::of(recipe, e).mark(deflections, sums, mask);
-    for (std::uint8_t& bits : mask) bits &= kNotJudged;
-    return mask;
-}
-
 // The working memory of one thread.
 struct Worker {
     std::optional<EmdRows> emd;                 // if the map of the EMD is wanted;
@@ -158,10 +132,10 @@ struct Pipeline::Workspace {
     // The comparison with a reference.
     struct Comparison {
         Comparison(const Extents& e, const Recipe& r, MapSet maps)
-            : registrar(e), outline(reference_outline(r, e)), defect_finder(e, r), differences(e.lenslets()),
-              z_score(e.lenslets()), compared(maps == MapSet::all ? e.lenslets() : 0) {}
+            : registrar(e), outline(r, e), defect_finder(e, r), differences(e.lenslets()), z_score(e.lenslets()),
+              compared(maps == MapSet::all ? e.lenslets() : 0) {}
         Registrar registrar;
-        std::vector<std::uint8_t> outline;  // kOutside and kRim of the reference
+        ReferenceOutline outline;
         ReferenceDefects defect_finder;
         std::vector<Difference> differences;
         std::vector<float> z_score;
@@ -183,7 +157,6 @@ struct Pipeline::Workspace {
         return recipe.slopes ? std::span<const float>(frobenius) : std::span<const float>();
     }
     [[nodiscard]] Reason unfit_reason() const;
-    void take_in_outline(const PoseMap& pose);
     Registered compare_with_reference(const FrameView& frame);
     Result<FoundDefects> find_defects(bool& bounded);
     FoundDefects find_differences(const Pose& pose, bool& bounded);
@@ -312,21 +285,6 @@ Reason Pipeline::Workspace::unfit_reason() const {
     return Reason::none;
 }
 
-// What lies inside the reference's part, beyond its rim, is inside this one: a defect is never taken for free field.
-void Pipeline::Workspace::take_in_outline(const PoseMap& pose) {
-    std::size_t k = 0;
-    for (int n = 0; n < extents.n; ++n) {
-        for (int m = 0; m < extents.m; ++m, ++k) {
-            if ((mask[k] & kOutside) == 0 || (zones[k] & kOutside) != 0) continue;
-            const PoseMap::Place q = pose.to_reference(m, n);
-            const int column = floor_of(q.m + 0.5), row = floor_of(q.n + 0.5);
-            if (column < 0 || row < 0 || column >= extents.m || row >= extents.n) continue;
-            if (comparison->outline[extents.index(column, row)] == kValid)
-                mask[k] &= static_cast<std::uint8_t>(~kOutside);
-        }
-    }
-}
-
 // Finds the pose of the part. If it is found, computes how every lenslet differs from the reference there.
 Registered Pipeline::Workspace::compare_with_reference(const FrameView& frame) {
     const Reference& reference = *recipe.reference;
@@ -335,7 +293,7 @@ Registered Pipeline::Workspace::compare_with_reference(const FrameView& frame) {
                                    static_cast<double>(reference.sensor.electrons_per_dn), reference.parts);
     if (!registered.found()) return registered;
     const PoseMap pose(registered.pose, extents);
-    take_in_outline(pose);
+    comparison->outline.take_in(pose, zones, mask);
     pool->share_out((extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
         ReferenceComparer& comparer = *workers[static_cast<std::size_t>(worker)].comparer;
         const auto columns = static_cast<std::size_t>(extents.m);

@@ -49,8 +49,8 @@ RimFinder RimFinder::of(const Recipe& recipe, const Extents& extents) {
 
 RimFinder::RimFinder(const Extents& extents, int margin, PartForm form, float steepest_bins)
     : extents_(extents), margin_(margin), form_(form), state_(extents.lenslets()), region_(extents.lenslets()),
-      queue_(extents.lenslets()), first_(static_cast<std::size_t>(extents.m)), last_(static_cast<std::size_t>(extents.m)),
-      part_in_column_(static_cast<std::size_t>(extents.m)) {
+      queue_(extents.lenslets()), first_(static_cast<std::size_t>(extents.m)),
+      last_(static_cast<std::size_t>(extents.m)), part_in_column_(static_cast<std::size_t>(extents.m)) {
     for (int n = 0; n < extents.n; ++n) {
         const bool whole_row = n == 0 || n == extents.n - 1;
         for (int m = 0; m < extents.m; m += whole_row ? 1 : extents.m - 1)
