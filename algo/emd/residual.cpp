@@ -50,7 +50,8 @@ void find_residual(const Hord& a, const Hord& b, int bins, Residual<Mass>& resid
     const std::uint16_t* const mass_b = b.mass;
     const auto sum_a = static_cast<Whole<Mass>>(a.sum);
     const auto sum_b = static_cast<Whole<Mass>>(b.sum);
-    auto& [surplus, deficit] = residual.side;
+    auto& surplus = residual.side[residual.kSurplus];
+    auto& deficit = residual.side[residual.kDeficit];
     std::size_t n_surplus = 0, n_deficit = 0;
     OccupiedBins(mass_a, mass_b, bins).for_each([&](int k) {
         const Whole<Mass> d = Whole<Mass>{mass_a[k]} * sum_b - Whole<Mass>{mass_b[k]} * sum_a;

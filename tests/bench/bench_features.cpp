@@ -175,7 +175,7 @@ void print_tables(const Collected& seen) {
         "| feature | one, ms | two, ms | quietest | median | the machine gives, quietest | median "
         "|\n|---|---|---|---|---|---|---|\n");
     for (const auto& [f, t] : of_threads) {
-        const auto ratios = [&](const std::vector<double>& of, double maps) {
+        const auto ratios = [&t = t](const std::vector<double>& of, double maps) {
             std::vector<double> all;
             for (std::size_t k = 0; k < of.size(); ++k) all.push_back(maps * t.one_ms[k] / of[k]);
             return median_of(all);

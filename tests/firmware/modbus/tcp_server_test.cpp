@@ -13,7 +13,6 @@
 namespace hord::firmware::modbus {
 namespace {
 
-using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 TEST_F(ServedStation, answers_a_frame_with_a_frame) {

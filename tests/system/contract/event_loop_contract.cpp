@@ -10,7 +10,6 @@ namespace hord::contract {
 namespace {
 
 using namespace std::chrono_literals;
-using testing::ElementsAre;
 
 TEST_P(EventLoopContract, a_timer_runs_once_and_never_early) {
     const hal::TimePoint due = h_->now() + 20ms;
