@@ -148,7 +148,7 @@ TEST(Tube, shows_a_speck_on_its_flank_to_a_reference_only) {
     };
     Recipe recipe = tube_recipe();
     EXPECT_EQ(notes(recipe),
-              (std::vector<std::string>{"the flanks of a tube are not judged without a reference: learn "
+              (std::vector<std::string>{"the flanks and ends of a tube are not judged without a reference: learn "
                                         "one with `hordctl learn`"}));
     EXPECT_EQ(judged(frame_of(50, true), t.extents, recipe).verdict, Verdict::pass);
     LearnOptions options{light_levels(recipe, 8), 10.0F, 0.6F, 0, 1, [](double) {}};

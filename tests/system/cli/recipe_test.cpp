@@ -64,8 +64,9 @@ TEST(Recipes, that_single_frames_cannot_judge_in_full_are_noted_and_can_be_used)
     };
     EXPECT_THAT(
         checked("[part]\nform = \"tube\"\n"),
-        HasSubstr("a.toml: note: the flanks of a tube are not judged without a reference: learn one with `hordctl "
-                  "learn`\n"));
+        HasSubstr(
+            "a.toml: note: the flanks and ends of a tube are not judged without a reference: learn one with `hordctl "
+            "learn`\n"));
     EXPECT_THAT(checked("[part]\nform = \"web\"\n"), HasSubstr("note: whether a part is there is not checked"));
     EXPECT_THAT(checked("[part]\nform = \"plate\"\n"), HasSubstr("note: a plate is found by its edges"));
     EXPECT_EQ(checked("name = \"bottle\"\n").find("note"), std::string::npos);
