@@ -20,6 +20,7 @@ constexpr int kEdgeReach = 3;         // lenslets from the outer edge in which a
 constexpr int kMinBand = 3;  // places next to each other with the band's light; fewer: a bright line in a flank
 constexpr unsigned kLightOf = 8, kLightNeeded = 7;  // a lenslet of the band has 7/8 of its typical light
 constexpr int kQuorumOf = 4, kQuorum = 3;           // of the lines across that make a distance from the edge flank: 3/4
+constexpr int kStraight = 8;                        // an edge follows its line to 1/8 of the tube's width
 constexpr int kEndMargins = 2;                      // margins at an end: a tube is as deep as it is wide
 constexpr int kSteepShare = 4;                      // at most 1/4 of the lit band, on each side, is flank for its slope
 
@@ -52,6 +53,9 @@ bool TubeOutline::find(const FieldLight& light, std::span<std::uint8_t> state) {
     find_edges(view, state);
     find_typical_light(view, light);
     if (!fit_line(view, sides_[0]) || !fit_line(view, sides_[1])) return false;
+    const int middle = present_[present_.size() / 2];
+    width_ = view.width() - sides_[0].line(middle) - sides_[1].line(middle);
+    if (!find_straight(view, sides_[0]) || !find_straight(view, sides_[1])) return false;
     find_flanks(view, light);
     find_ends(view);
     if (enclose(view) * kSmallestPart < extents_.lenslets()) return false;
@@ -150,9 +154,15 @@ bool TubeOutline::fit_line(View view, Side& side) {
     side.line.slope = common::lower_median(std::span(values_).first(pairs));
     for (std::size_t i = 0; i < present_.size(); ++i) values_[i] = edge(i) - side.line.slope * present_[i];
     side.line.offset = common::lower_median(std::span(values_).first(present_.size()));
+    return true;
+}
+
+// The first and last place where the edge follows its line; a neck or a cap does not. False if there is none.
+bool TubeOutline::find_straight(View view, Side& side) const {
+    const int most = std::max(margin_ + 1, width_ / kStraight);
     side.first = view.length(), side.last = -1;
     for (const int u : present_) {
-        if (std::abs(side.edge[static_cast<std::size_t>(u)] - side.line(u)) > margin_ + 1) continue;
+        if (std::abs(side.edge[static_cast<std::size_t>(u)] - side.line(u)) > most) continue;
         side.first = std::min(side.first, u);
         side.last = u;
     }
@@ -177,8 +187,6 @@ int TubeOutline::thickness(View view, const FieldLight& light, const Side& side,
 }
 
 void TubeOutline::find_flanks(View view, const FieldLight& light) {
-    const int middle = (std::max(sides_[0].first, sides_[1].first) + std::min(sides_[0].last, sides_[1].last)) / 2;
-    width_ = view.width() - sides_[0].line(middle) - sides_[1].line(middle);
     std::array<int, 2> dark{}, steep{};
     for (const std::size_t s : {0U, 1U}) {
         view.from_far_side = s == 1;
@@ -194,16 +202,23 @@ void TubeOutline::find_flanks(View view, const FieldLight& light) {
     for (const std::size_t s : {0U, 1U}) sides_[s].thickness = std::min(found[s], most);
 }
 
-// The ends of the tube at each place across, each a straight line from edge to edge.
+// The two ends of the tube at each place across: straight and square to the axis, through the outermost place where one
+// of the edges follows its line. (The other one may be hidden there.)
 void TubeOutline::find_ends(View view) {
-    const auto draw = [&](int near_u, int far_u, std::vector<int>& end) {
-        const int near_v = sides_[0].line(near_u), far_v = view.width() - 1 - sides_[1].line(far_u);
-        const int reach = std::max(far_v - near_v, 1);
-        for (int v = 0; v < view.width(); ++v)
-            end[static_cast<std::size_t>(v)] = near_u + (far_u - near_u) * std::clamp(v - near_v, 0, reach) / reach;
+    const std::int64_t slope = (sides_[0].line.slope - sides_[1].line.slope) / 2;
+    const auto along = [&](std::size_t side, int u) {  // position along the axis, 2^-16 lenslets
+        const int v = side == 0 ? sides_[0].line(u) : view.width() - 1 - sides_[1].line(u);
+        return (std::int64_t{u} << 16) + slope * v;
     };
-    draw(sides_[0].first, sides_[1].first, first_);
-    draw(sides_[0].last, sides_[1].last, last_);
+    const std::int64_t first = std::min(along(0, sides_[0].first), along(1, sides_[1].first)),
+                       last = std::max(along(0, sides_[0].last), along(1, sides_[1].last));
+    for (int v = 0; v < view.width(); ++v) {
+        const auto at = [&](std::int64_t end) {
+            return static_cast<int>((end - slope * v + (std::int64_t{1} << 15)) >> 16);
+        };
+        first_[static_cast<std::size_t>(v)] = at(first);
+        last_[static_cast<std::size_t>(v)] = at(last);
+    }
 }
 
 // Fills body_: all between the two lines and the two ends, and what the outline encloses beyond (a neck, a flange).

@@ -67,6 +67,7 @@ class TubeOutline {
     [[nodiscard]] bool is_steep(View view, const FieldLight& light, int u, int v) const;
     [[nodiscard]] int lines_with_flanks(View view, const FieldLight& light) const;
     bool fit_line(View view, Side& side);
+    [[nodiscard]] bool find_straight(View view, Side& side) const;
     [[nodiscard]] int thickness(View view, const FieldLight& light, const Side& side, bool steep_too) const;
     void find_flanks(View view, const FieldLight& light);
     void find_ends(View view);

@@ -84,7 +84,7 @@ std::vector<std::string> notes(const Recipe& recipe) {
     const bool alone = recipe.reference == nullptr;
     if (recipe.form == PartForm::tube && alone)
         messages.emplace_back(
-            "the flanks of a tube are not judged without a reference: learn one with `hordctl learn`");
+            "the flanks and ends of a tube are not judged without a reference: learn one with `hordctl learn`");
     if (recipe.form == PartForm::plate && recipe.part_required)
         messages.emplace_back(
             "a plate is found by its edges: one whose edges neither darken nor deflect light looks "

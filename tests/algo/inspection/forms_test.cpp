@@ -100,6 +100,31 @@ TEST(Tube, keeps_what_reaches_out_of_a_flank_and_what_crosses_the_band_judged) {
     EXPECT_EQ(tube.rows[12], "oooorrrjjjjjjjjrrrrooo");
 }
 
+// What lies beyond the ends is not judged.
+TEST(Tube, with_a_neck_and_a_flange_keeps_its_edges_and_ends) {
+    Rows drawing = repeated("....dd..........dd....", 26);
+    drawing[0] = drawing[1] = drawing[2] = "........dd..dd........";
+    drawing[24] = drawing[25] = ".dddddddddddddddddddd.";
+    const Marked tube = marked(drawing, PartForm::tube);
+    EXPECT_EQ(tube.rows[12], "oooorrrjjjjjjjjrrroooo");
+    EXPECT_EQ(tube.rows[2], "oooooooorrrrrroooooooo");
+    EXPECT_EQ(tube.rows[4], "oooorrrrrrrrrrrrrroooo");
+    EXPECT_EQ(tube.rows[5], "oooorrrjjjjjjjjrrroooo");
+    EXPECT_EQ(tube.rows[21], "oooorrrjjjjjjjjrrroooo");
+    EXPECT_EQ(tube.rows[25], "orrrrrrrrrrrrrrrrrrrro");
+}
+
+// A dark corner hides one edge at an end: the other edge shows where the tube ends.
+TEST(Tube, with_a_dark_corner_is_judged_there) {
+    Rows drawing = joined({repeated("......................", 4), repeated("....dd..........dd....", 26),
+                           repeated("......................", 4)});
+    for (std::size_t n = 0; n < 9; ++n) drawing[n].replace(0, 11, "ddddddddddd");
+    for (const Rows& rows :
+         {marked(drawing, PartForm::tube).rows, turned(marked(turned(drawing), PartForm::tube).rows)}) {
+        for (std::size_t n = 6; n < 28; ++n) EXPECT_EQ(rows[n].substr(7, 8), "jjjjjjjj") << n;
+    }
+}
+
 TEST(Tube, is_found_by_flanks_that_are_broken_into_pieces) {
     Rows drawing = repeated("....dd..........dd....", 24);
     for (const std::size_t n : {7U, 8U, 9U, 10U, 15U, 16U, 17U}) drawing[n] = "................dd....";

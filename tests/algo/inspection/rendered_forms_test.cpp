@@ -124,8 +124,8 @@ struct Case {
     friend std::ostream& operator<<(std::ostream& out, const Case& c) { return out << c.what; }
 };
 
-const Case kCases[] = {{"empty_vial", "vial-empty", PartForm::tube, 65, 25, 6, 5.5, 0.3, 0.25, 0.2},
-                       {"filled_vial", "vial-filled", PartForm::tube, 65, 25, 6, 5.5, 0.3, 0.25, 0.2},
+const Case kCases[] = {{"empty_vial", "vial-empty", PartForm::tube, 65, 19, 6, 5.5, 0.3, 0.25, 0.2},
+                       {"filled_vial", "vial-filled", PartForm::tube, 65, 19, 6, 5.5, 0.3, 0.25, 0.2},
                        {"plate", "plate", PartForm::plate, 89, 71, 1, 0, 0.2, 0.1, 0.05},
                        {"web", "web", PartForm::web, 41, 41, 0.25, 0, 0.15, 0.1, 0.05}};
 

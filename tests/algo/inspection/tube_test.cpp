@@ -39,7 +39,7 @@ double across_tube(const DrawnTube& t, int m, int n) {
     return m - 0.5 * (t.extents.m - 1) - t.centre - t.skew * (n - 0.5 * (t.extents.n - 1));
 }
 
-Frame drawn_tube(const DrawnTube& t, std::uint64_t seed, const DarkSpot* spot = nullptr) {
+Frame drawn_tube(const DrawnTube& t, std::uint64_t seed, const DarkSpot* spot = nullptr, double light = 1) {
     std::mt19937_64 random(seed);
     std::vector<int> thickness(static_cast<std::size_t>(2 * t.extents.n));
     for (int& flank : thickness) flank = t.flank + static_cast<int>(random() % 2);
@@ -51,7 +51,7 @@ Frame drawn_tube(const DrawnTube& t, std::uint64_t seed, const DarkSpot* spot = 
         if (std::abs(x) > t.half_width - thickness[row]) return {0, 0, 0};
         return {t.slope * x, 0, 1};
     });
-    return noisy(frame, {10, 2, 1}, seed);
+    return noisy(frame, {10, 2, light}, seed);
 }
 
 Recipe tube_recipe() {
@@ -94,8 +94,11 @@ TEST(Tube, with_a_dark_speck_in_its_band_is_rejected_wherever_it_lies_and_howeve
         const DrawnTube& t = kTubes[which];
         const int margin = default_rim_margin(t.extents);
         for (std::uint64_t seed = 1; seed <= 3; ++seed) {
-            EXPECT_EQ(judged_both_ways(drawn_tube(t, seed), t.extents, tube_recipe()).verdict, Verdict::pass)
-                << which << " seed " << seed;
+            for (const double light : {1.0, 0.5, 0.25}) {
+                EXPECT_EQ(judged_both_ways(drawn_tube(t, seed, nullptr, light), t.extents, tube_recipe()).verdict,
+                          Verdict::pass)
+                    << which << " seed " << seed << " light " << light;
+            }
         }
         std::mt19937_64 random(17 + which);
         const double band = t.half_width - t.flank - 1;
@@ -122,7 +125,9 @@ TEST(Tube, with_a_dark_speck_in_its_band_is_rejected_wherever_it_lies_and_howeve
             if (!reaches_in) continue;
             ++specks;
             const auto seed = static_cast<std::uint64_t>(100 + tried);
-            EXPECT_EQ(judged_both_ways(drawn_tube(t, seed, &spot), t.extents, tube_recipe()).verdict, Verdict::reject)
+            EXPECT_EQ(judged_both_ways(drawn_tube(t, seed, &spot, tried % 2 == 0 ? 1 : 0.3), t.extents, tube_recipe())
+                          .verdict,
+                      Verdict::reject)
                 << "tube " << which << ": speck of " << spot.radius << " at " << spot.m << ", " << spot.n;
         }
     }
@@ -143,7 +148,7 @@ TEST(Tube, shows_a_speck_on_its_flank_to_a_reference_only) {
     };
     Recipe recipe = tube_recipe();
     EXPECT_EQ(notes(recipe),
-              (std::vector<std::string>{"the flanks of a tube are not judged without a reference: learn "
+              (std::vector<std::string>{"the flanks and ends of a tube are not judged without a reference: learn "
                                         "one with `hordctl learn`"}));
     EXPECT_EQ(judged(frame_of(50, true), t.extents, recipe).verdict, Verdict::pass);
     LearnOptions options{light_levels(recipe, 8), 10.0F, 0.6F, 0, 1, [](double) {}};

@@ -53,6 +53,25 @@ TEST(Recipes, that_are_sealed_are_refused_once_somebody_changed_what_they_say_bu
     EXPECT_THAT(said.err, HasSubstr("sealed"));
 }
 
+TEST(Recipes, that_single_frames_cannot_judge_in_full_are_noted_and_can_be_used) {
+    const TemporaryFolder folder;
+    const std::string file = folder / "a.toml";
+    const auto checked = [&](const std::string& text) {
+        write(file, text);
+        const Said said = run("hordctl", {"recipe", "check", file});
+        EXPECT_EQ(said.status, 0) << said.err;
+        return said.out;
+    };
+    EXPECT_THAT(
+        checked("[part]\nform = \"tube\"\n"),
+        HasSubstr(
+            "a.toml: note: the flanks and ends of a tube are not judged without a reference: learn one with `hordctl "
+            "learn`\n"));
+    EXPECT_THAT(checked("[part]\nform = \"web\"\n"), HasSubstr("note: whether a part is there is not checked"));
+    EXPECT_THAT(checked("[part]\nform = \"plate\"\n"), HasSubstr("note: a plate is found by its edges"));
+    EXPECT_EQ(checked("name = \"bottle\"\n").find("note"), std::string::npos);
+}
+
 TEST(Recipes, of_the_package_can_be_used) {
     EXPECT_EQ(run("hordctl", {"recipe", "list", std::string(HORD_SOURCE_DIR) + "/deploy/recipes"}).status, 0);
 }
