@@ -1,22 +1,14 @@
-// Windows, subsampling and median, for the estimators of this folder.
+// Windows and median, for the estimators of this folder.
 #pragma once
 
-#include <algorithm>
+#include <span>
 #include <string>
-#include <vector>
 
 #include "algo/frame/extents.h"
+#include "algo/frame/spread.h"
 #include "common/statistics.h"
 
 namespace hord::algo {
-
-// At most `most` indices of 0..count-1, evenly spaced.
-inline std::vector<int> spread(int count, int most) {
-    std::vector<int> out;
-    const int taken = std::min(count, most);
-    for (int k = 0; k < taken; ++k) out.push_back(static_cast<int>((k + 0.5) * count / taken));
-    return out;
-}
 
 // Fails with invalid_argument for extents that check() refuses, or a window of fewer or more parts.
 inline Result<void> check_window(const Extents& extents, int window, int fewest, int most) {

@@ -15,6 +15,7 @@
 #include "algo/features/transmission.h"
 #include "algo/frame/decode.h"
 #include "algo/inspection/defects.h"
+#include "algo/inspection/frame_checks.h"
 #include "algo/inspection/reference_defects.h"
 #include "algo/inspection/rim.h"
 #include "algo/maps/row_thread_pool.h"
@@ -98,7 +99,8 @@ struct Pipeline::Workspace {
           frobenius(r.slopes || maps == MapSet::all ? e.lenslets() : 0),
           transmission(r.light || maps == MapSet::all ? e.lenslets() : 0),
           spectral(maps == MapSet::all ? e.lenslets() : 0), nuclear(spectral.size()), anisotropy(spectral.size()),
-          rim(e, r.rim_margin < 0 ? default_rim_margin(e) : r.rim_margin), defect_finder(e, r) {
+          checks(e, sample_bits, r), rim(e, r.rim_margin < 0 ? default_rim_margin(e) : r.rim_margin),
+          defect_finder(e, r) {
         paint_zones(recipe.zones, extents, zones, recipe.lenslet_mm);
         if (recipe.reference) comparison.emplace(e, recipe);
     }
@@ -106,7 +108,7 @@ struct Pipeline::Workspace {
     Extents extents;
     int bits;
     Recipe recipe;
-    LightLevels levels;
+    LightLevels levels;  // of the current frame
     std::unique_ptr<RowThreadPool> pool;
     std::vector<Worker> workers;  // one a thread
 
@@ -118,6 +120,7 @@ struct Pipeline::Workspace {
     std::vector<float> gradient, frobenius, transmission;
     std::vector<float> spectral, nuclear, anisotropy;
 
+    FrameChecks checks;
     RimFinder rim;
     DefectFinder defect_finder;
 
@@ -282,7 +285,7 @@ Registered Pipeline::Workspace::compare_with_reference(const FrameView& frame) {
         for (int n = band * kBandRows; n < std::min((band + 1) * kBandRows, extents.n); ++n) {
             comparer.compare_row(frame, std::span<const std::uint32_t>(sums).subspan(extents.index(0, n), columns),
                                  std::span<const std::uint8_t>(mask).subspan(extents.index(0, n), columns), n, pose,
-                                 registered.light,
+                                 registered.light, levels.dark,
                                  std::span(comparison->differences).subspan(extents.index(0, n), columns));
         }
     });
@@ -332,6 +335,9 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
     result.sums = w.sums;
 
     Stopwatch total(now), watch(now);
+    w.levels = w.checks.levels_of(frame);
+    result.dark_dn = w.levels.dark;
+    watch.lap(result.times.feature_ns);
     w.compute_maps(frame, watch, result.times);
     w.rim.mark(w.deflections, w.sums, w.mask);
     for (std::size_t k = 0; k < w.mask.size(); ++k) w.mask[k] |= w.zones[k];
@@ -340,6 +346,9 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now) {
     watch.lap(result.times.feature_ns);
 
     result.reason = w.unfit_reason();
+    if (result.reason == Reason::none)
+        result.reason = w.checks.judge(frame, {w.deflections, w.sums, w.mask}, w.rim.found());
+    result.frame = w.checks.findings();
     if (result.reason == Reason::none && w.comparison) {
         result.registered = w.compare_with_reference(frame);
         if (!result.registered.found()) result.reason = Reason::not_registered;

@@ -11,6 +11,7 @@
 
 #include "algo/frame/extents.h"
 #include "algo/frame/mask.h"
+#include "algo/inspection/frame_findings.h"
 #include "algo/recipe/recipe.h"
 #include "algo/reference/registration.h"
 #include "algo/verdict/verdict.h"
@@ -36,7 +37,8 @@ struct Inspection {
     Reason reason = Reason::nothing_to_see;
     float score = 0;                      // the worst value over its limit: >= 1 rejects
     bool bounded = false;                 // the work budget ran out: some values are upper bounds, the verdict is safe
-    std::uint32_t dark_dn = 0;            // DN, the level that was subtracted from every sample
+    std::uint32_t dark_dn = 0;            // DN, the level that was subtracted from every sample of this frame
+    FrameFindings frame;                  // what the checks of the whole frame found
     std::span<const Defect> defects;      // largest peak first
     std::optional<Feature> compares;      // the distance between neighbours that the recipe chooses
     Map gradient;                         // the gradient of that distance, in its unit (unit_of)
@@ -47,7 +49,7 @@ struct Inspection {
     Map nuclear;                          //
     Map anisotropy;                       // 0..1: how much the Jacobian has one direction (algo/features/jacobian.h)
     std::span<const std::uint8_t> mask;   // MaskBit, one a lenslet
-    std::span<const std::uint32_t> sums;  // DN above the dark level, one a lenslet, for every recipe
+    std::span<const std::uint32_t> sums;  // DN above dark_dn, one a lenslet, for every recipe
     // With a reference: the worst score of a lenslet, in units of noise (algo/inspection/reference_defects.h), and the
     // pose of the part. Else empty.
     Map z_score;

@@ -23,6 +23,8 @@ enum State : std::uint8_t {
 constexpr std::int64_t kFreeTolerance =
     static_cast<std::int64_t>(kFreeToleranceBins * (1 << DeflectionQ::kFractionBits));
 
+static_assert(kReached == FoundPart::kFreeField);
+
 bool close(DeflectionQ a, DeflectionQ b) { return std::abs(std::int64_t{a.raw()} - b.raw()) <= kFreeTolerance; }
 
 }  // namespace
@@ -32,9 +34,9 @@ int default_rim_margin(const Extents& extents) {
 }
 
 RimFinder::RimFinder(const Extents& extents, int margin)
-    : extents_(extents), margin_(margin), state_(extents.lenslets()), queue_(extents.lenslets()),
-      first_(static_cast<std::size_t>(extents.m)), last_(static_cast<std::size_t>(extents.m)),
-      part_in_column_(static_cast<std::size_t>(extents.m)) {
+    : extents_(extents), margin_(margin), state_(extents.lenslets()), region_(extents.lenslets()),
+      queue_(extents.lenslets()), first_(static_cast<std::size_t>(extents.m)),
+      last_(static_cast<std::size_t>(extents.m)), part_in_column_(static_cast<std::size_t>(extents.m)) {
     for (int n = 0; n < extents.n; ++n) {
         const bool whole_row = n == 0 || n == extents.n - 1;
         for (int m = 0; m < extents.m; m += whole_row ? 1 : extents.m - 1)
@@ -46,11 +48,14 @@ RimFinder::RimFinder(const Extents& extents, int margin)
 void RimFinder::mark(std::span<const Deflection> deflections, std::span<const std::uint32_t> sums,
                      std::span<std::uint8_t> mask) {
     std::ranges::fill(state_, std::uint8_t{0});
-    if (find_free_light(deflections, sums, mask)) {
+    found_ = {.free_light = find_free_light(deflections, sums, mask), .state = state_};
+    regions_ = 0;
+    if (found_.free_light) {
         reach_free_field();
         keep_large_parts();
     }
     enclose();
+    if (regions_ > 0) describe(deflections, sums, mask);
     mark_rim(mask);
 }
 
@@ -71,6 +76,7 @@ bool RimFinder::find_free_light(std::span<const Deflection> deflections, std::sp
     const auto y =
         DeflectionQ::from_raw(median_of_ring([&](std::uint32_t k) { return std::int64_t{deflections[k].y.raw()}; }));
 
+    free_ = {x, y};
     for (std::size_t k = 0; k < state_.size(); ++k) {
         const bool free = (mask[k] & kDark) == 0 && close(deflections[k].x, x) && close(deflections[k].y, y) &&
             2 * std::int64_t{sums[k]} >= sum;
@@ -117,7 +123,11 @@ void RimFinder::keep_large_parts() {
         if ((state_[k] & (kUnreached | kCounted)) != kUnreached) continue;
         const std::size_t count = mark_connected(k, kUnreached, kCounted, Connected::at_corners_too);
         if (count * kSmallestPart < state_.size()) continue;
-        for (std::size_t q = 0; q < count; ++q) state_[queue_[q]] |= kPart;
+        ++regions_;
+        for (std::size_t q = 0; q < count; ++q) {
+            state_[queue_[q]] |= kPart;
+            region_[queue_[q]] = static_cast<std::uint8_t>(regions_);
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "algo/frame/decode.h"
+#include "algo/light/dark_bins.h"
 
 namespace hord::algo {
 namespace {
@@ -78,6 +79,10 @@ LightLevels light_levels(const Recipe& recipe, int bits) {
             recipe.saturated_dn == 0 ? full_scale : recipe.saturated_dn};
 }
 
+std::uint32_t max_dark_rise(const Recipe& recipe, int bits) {
+    return recipe.max_dark_rise_dn == 0 ? default_dark_rise(bits) : recipe.max_dark_rise_dn;
+}
+
 std::vector<std::string> problems(const Recipe& recipe, const Extents& extents) {
     std::vector<std::string> messages;
     const auto positive = [&](float value, const char* name, const char* unit) {
@@ -94,6 +99,13 @@ std::vector<std::string> problems(const Recipe& recipe, const Extents& extents) 
     check_features(recipe, messages);
     share(recipe.max_saturated_share, "max_saturated_share");
     share(recipe.min_lit_share, "min_lit_share");
+    share(recipe.max_second_share, "max_second_share");
+    const auto limit_or_off = [&](float value, const char* name) {
+        if (!(value >= 0) || !std::isfinite(value))
+            messages.push_back(std::string(name) + " must be above 0 bin pitches, or 0: off");
+    };
+    limit_or_off(recipe.max_offset_bins, "max_offset_bins");
+    limit_or_off(recipe.max_spot_bins, "max_spot_bins");
     if (recipe.min_area > extents.lenslets())
         messages.push_back("min_area must be at most the number of lenslets, " + std::to_string(extents.lenslets()));
     if (std::int64_t{recipe.rim_margin} * 2 >= std::min(extents.m, extents.n)) {

@@ -83,6 +83,17 @@ struct Recipe {
     std::uint32_t min_sum_dn = 0;
     std::uint32_t saturated_dn = 0;
 
+    // The dark level is raised to the frame's own dark bins (algo/light/dark_bins.h). The pedestal may lie so far above
+    // `dark_dn`, DN; 0: the default of the bit depth. Beyond it the frame is unfit (Reason::unexpected_light).
+    std::uint32_t max_dark_rise_dn = 0;
+
+    // The free light beside the part (algo/inspection/frame_checks.h); 0 switches a check off. Beyond a limit the frame
+    // is unfit (Reason::unexpected_light).
+    float max_offset_bins = 0.5F;    // mean deflection from the middle of the bins, or from the reference's free light
+    float max_spot_bins = 1.0F;      // root mean square of the spot along each axis
+    float max_second_share = 0.05F;  // of the light in spots beside the main one, 0..1
+    bool check_period = true;        // the light repeats with the macro-pixels' size, else Reason::unexpected_geometry
+
     // Features that are computed and judged. A feature that is not chosen is not computed, its map is empty, and its
     // limit must keep the default.
     std::optional<Feature> gradient = Feature::emd;  // one of kJudgedGradients or none; with a reference: emd or none
@@ -99,6 +110,9 @@ struct Recipe {
 
     PartForm form = PartForm::round;
     bool part_required = true;  // a frame without one whole part is unfit (Reason::no_part)
+    // A round part looks the same when it is turned by 180 degrees, as discs and rectangles do; half a part does not.
+    // Not checked with a reference.
+    bool symmetric_outline = true;
 
     // The part's rim has large gradients. `rim_margin` lenslets inside it are not judged; negative: computed from the
     // number of lenslets (algo/inspection/rim.h).
@@ -132,6 +146,7 @@ float limit_of_gradient(const Recipe& recipe);
 // The recipe's light levels at a bit depth, in DN.
 struct LightLevels;  // algo/frame/decode.h
 LightLevels light_levels(const Recipe& recipe, int bits);
+std::uint32_t max_dark_rise(const Recipe& recipe, int bits);  // DN
 
 // All problems of a recipe for light fields of these extents, one message each; empty if it can be used.
 std::vector<std::string> problems(const Recipe& recipe, const Extents& extents);

@@ -145,7 +145,7 @@ LensletSamples<Sample> ReferenceComparer::copy_of(const LensletSamples<Sample>& 
 
 void ReferenceComparer::compare_row(const FrameView& frame, std::span<const std::uint32_t> sums,
                                     std::span<const std::uint8_t> mask, int n, const PoseMap& pose, double light,
-                                    std::span<Difference> out) {
+                                    std::uint32_t dark, std::span<Difference> out) {
     start_row(pose, n, light);
     const Extents& e = reference_.extents;
     const auto compare_samples = [&]<class Sample>(LensletSamples<Sample>(&waiting)[kLanes]) {
@@ -158,13 +158,13 @@ void ReferenceComparer::compare_row(const FrameView& frame, std::span<const std:
             if ((mask[k] & kSaturated) != 0) continue;
             int lane = add_to_group(m, n, sums[k], (mask[k] & kNoHord) == 0, out[k]);
             if (lane < 0) {
-                compare(waiting, reference_.levels.dark);
+                compare(waiting, dark);
                 lane = add_to_group(m, n, sums[k], (mask[k] & kNoHord) == 0, out[k]);
             }
             const LensletSamples<Sample> samples{first + std::ptrdiff_t{m} * e.i, stride};
             waiting[lane] = m * e.i + fitter_.readable() <= frame.width_px ? samples : copy_of(samples, lane);
         }
-        compare(waiting, reference_.levels.dark);
+        compare(waiting, dark);
     };
     if (frame.sample_bytes() == 2) compare_samples(group_.wide);
     else compare_samples(group_.narrow);

@@ -43,10 +43,11 @@ class ReferenceComparer {
     explicit ReferenceComparer(const Reference& reference, Isa isa = widest_isa(),
                                std::shared_ptr<const ReferenceSoa> soa = nullptr);
 
-    // Compares row n of a part, whose sums and masks were decoded with the reference's light levels. `light`: the
-    // part's typical light over the reference's. Writes one Difference a lenslet, but none of a kOutside one.
+    // Compares row n of a part, whose sums and masks were decoded with the reference's light levels, but `dark` as the
+    // dark level: that of this frame, DN. `light`: the part's typical light over the reference's. Writes one Difference
+    // a lenslet, but none of a kOutside one.
     void compare_row(const FrameView& frame, std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask,
-                     int n, const PoseMap& pose, double light, std::span<Difference> out);
+                     int n, const PoseMap& pose, double light, std::uint32_t dark, std::span<Difference> out);
 
   private:
     static constexpr int kLanes = kReferenceLanes;

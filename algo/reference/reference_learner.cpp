@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "algo/frame/mask.h"
+#include "algo/light/dark_bins.h"
 #include "algo/maps/feature_map.h"
 #include "algo/reference/reference_comparison.h"
 #include "algo/reference/spread_estimate.h"
@@ -40,8 +41,8 @@ class Learner {
   public:
     Learner(const Extents& extents, int bits, std::size_t count, const FrameOfPart& frame_of,
             const LearnOptions& options)
-        : extents_(extents), count_(count), frame_of_(frame_of), options_(options), row_(extents), registrar_(extents),
-          poses_(count), lights_(count, 1.0), left_out_(count, false) {
+        : extents_(extents), count_(count), frame_of_(frame_of), options_(options), row_(extents),
+          dark_bins_(extents, bits), registrar_(extents), poses_(count), lights_(count, 1.0), left_out_(count, false) {
         reference_.extents = extents;
         reference_.bits = bits;
         reference_.levels = options.levels;
@@ -51,6 +52,7 @@ class Learner {
     Result<Learned> run();
 
   private:
+    void lower_to_dark_level(Frame& frame);
     Result<Frame> decode(std::size_t of, Part& part, bool with_shares = false);
     Registered find(const ReferenceMaps& reference, const Part& part, std::uint32_t parts);
     bool find_pose(std::size_t k, const Part& part);
@@ -75,6 +77,7 @@ class Learner {
     const LearnOptions& options_;
     Reference reference_;
     HordRow row_;
+    DarkBinMeter dark_bins_;
     Registrar registrar_;
     std::vector<std::optional<Pose>> poses_;
     std::vector<double> lights_;  // of a part over the reference's
@@ -90,11 +93,28 @@ class Learner {
     std::optional<SpreadEstimate> spread_;
 };
 
+// Subtracts what the frame's dark bins read above the dark level. Saturated samples stay.
+void Learner::lower_to_dark_level(Frame& frame) {
+    const LightLevels& levels = reference_.levels;
+    const std::uint32_t rise =
+        options_.max_dark_rise_dn == 0 ? default_dark_rise(reference_.bits) : options_.max_dark_rise_dn;
+    const std::uint32_t above =
+        levels_above_dark_bins(levels, dark_bins_.measure(frame.view()), rise).levels.dark - levels.dark;
+    if (above == 0) return;
+    for (int y = 0; y < frame.height_px(); ++y) {
+        for (int x = 0; x < frame.width_px(); ++x) {
+            const std::uint32_t sample = frame.view().sample(x, y);
+            if (sample < levels.saturated) frame.set(x, y, sample > above ? sample - above : 0);
+        }
+    }
+}
+
 // Reads and decodes the frame of part `of`.
 Result<Frame> Learner::decode(std::size_t of, Part& part, bool with_shares) {
     auto frame = frame_of_(of);
     if (!frame) return frame;
     if (auto fine = check_frame(frame->view(), extents_, reference_.bits); !fine) return tl::unexpected(fine.error());
+    lower_to_dark_level(*frame);
     tick();
     const std::size_t count = extents_.lenslets(), stride = reference_.stride();
     part.sums.resize(count), part.deflections.resize(count), part.mask.resize(count);
@@ -339,7 +359,7 @@ Result<void> Learner::learn_spread() {
             const std::size_t first = extents_.index(0, n);
             comparer.compare_row(one->view(), std::span(part.sums).subspan(first, differences.size()),
                                  std::span(part.mask).subspan(first, differences.size()), n, pose, lights_[p],
-                                 differences);
+                                 reference_.levels.dark, differences);
             for (std::size_t m = 0; m < differences.size(); ++m) {
                 const std::size_t k = first + m;
                 spread_->add(static_cast<std::uint32_t>(p), differences[m], emd->values[k], frobenius->values[k]);

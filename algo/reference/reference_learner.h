@@ -24,6 +24,9 @@ struct LearnOptions {
     std::optional<float> electrons_per_dn;  // none: estimated
     float read_dn = 0.6F;
     float pedestal_dn = 0;  // the camera adds it to every sample
+    // A frame's own dark bins may lie so far above the dark level, DN; 0: the default of the bit depth. What they read
+    // above it is subtracted, as an inspection does (algo/light/dark_bins.h).
+    std::uint32_t max_dark_rise_dn = 0;
     int threads = 1;
     std::function<void(double)> progress = [](double) {};  // 0..1
 };

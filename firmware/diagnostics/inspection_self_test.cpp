@@ -38,7 +38,10 @@ Frame draw(int bins_i, int bins_j, int bits, bool bad) {
 }  // namespace
 
 Result<void> check_judgement(int bins_i, int bins_j, int bits) {
-    auto pipeline = algo::Pipeline::create({kLenslets, kLenslets, bins_i, bins_j}, bits, algo::Recipe{});
+    algo::Recipe recipe;
+    recipe.form = algo::PartForm::web;  // the drawn part fills the field
+    recipe.part_required = false;
+    auto pipeline = algo::Pipeline::create({kLenslets, kLenslets, bins_i, bins_j}, bits, recipe);
     if (!pipeline) return tl::unexpected(pipeline.error());
     for (const bool bad : {false, true}) {
         const Frame frame = draw(bins_i, bins_j, bits, bad);

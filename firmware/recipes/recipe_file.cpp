@@ -20,6 +20,8 @@ constexpr double kFar = 100'000;  // lenslets; larger than any light field
 constexpr unsigned kDefectKinds = 5;
 constexpr std::array<std::string_view, 4> kPartForms{"round", "tube", "plate", "web"};  // as algo::PartForm
 constexpr std::array<std::string_view, 2> kPartPresence{"required", "unchecked"};
+constexpr std::array<std::string_view, 2> kOutlines{"symmetric", "any"};
+constexpr std::array<std::string_view, 2> kChecked{"checked", "unchecked"};
 
 // A zone in its own unit. Keys without `_mm` are in `plain`: lenslets for a zone, mm for a tolerance.
 algo::Zone read_zone(TomlTable& table, algo::Zone::Unit plain) {
@@ -230,6 +232,11 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
     light.integer("saturated_dn", recipe.saturated_dn, 0, 65535);
     light.number("max_saturated_share", recipe.max_saturated_share, 0, 1);
     light.number("min_lit_share", recipe.min_lit_share, 0, 1);
+    light.integer("max_dark_rise_dn", recipe.max_dark_rise_dn, 0, 65535);
+    light.number("max_offset_bins", recipe.max_offset_bins, 0, 7);
+    light.number("max_spot_bins", recipe.max_spot_bins, 0, 7);
+    light.number("max_second_share", recipe.max_second_share, 0, 1);
+    if (const auto period = light.choice("period", kChecked)) recipe.check_period = *period == 0;
     TomlTable limits = root.table("limits");
     read_features(root, recipe);
     read_limits(limits, recipe);
@@ -240,6 +247,7 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
     TomlTable part = root.table("part");
     if (const auto form = part.choice("form", kPartForms)) recipe.form = static_cast<algo::PartForm>(*form);
     if (recipe.form == algo::PartForm::web) recipe.part_required = false;
+    if (const auto outline = part.choice("outline", kOutlines)) recipe.symmetric_outline = *outline == 0;
     if (const auto present = part.choice("present", kPartPresence)) recipe.part_required = *present == 0;
     if (recipe.form == algo::PartForm::web && recipe.part_required)
         part.problem("present", "is \"required\", and a web has no outline by which a frame could show it",
@@ -325,6 +333,21 @@ std::string format_limits(const algo::Recipe& r) {
     return text + fmt::format("min_area = {}\n", r.min_area);
 }
 
+// The limits on the frame's light; each is omitted where usual, so that the checksum of older recipes does not change.
+std::string format_light_checks(const algo::Recipe& r) {
+    const algo::Recipe usual;
+    std::string text;
+    const auto add = [&](std::string_view key, auto value, auto as_usual) {
+        if (value != as_usual) text += fmt::format("{} = {}\n", key, value);
+    };
+    add("max_dark_rise_dn", r.max_dark_rise_dn, usual.max_dark_rise_dn);
+    add("max_offset_bins", r.max_offset_bins, usual.max_offset_bins);
+    add("max_spot_bins", r.max_spot_bins, usual.max_spot_bins);
+    add("max_second_share", r.max_second_share, usual.max_second_share);
+    if (!r.check_period) text += fmt::format("period = \"{}\"\n", kChecked[1]);
+    return text;
+}
+
 // The recipe's text with `reference` as the name of its reference.
 std::string format(const NumberedRecipe& numbered, const std::string& reference_name) {
     const algo::Recipe& r = numbered.recipe;
@@ -333,15 +356,16 @@ std::string format(const NumberedRecipe& numbered, const std::string& reference_
                     in_quotes(r.name), numbered.number, numbered.version, r.rim_margin, format_features(r));
     // Omitted where usual, so that the checksum of older recipes does not change.
     const bool required = r.form != algo::PartForm::web;
-    if (r.form != algo::PartForm::round || r.part_required != required) {
+    if (r.form != algo::PartForm::round || r.part_required != required || !r.symmetric_outline) {
         text += fmt::format("[part]\nform = \"{}\"\n", kPartForms[static_cast<std::size_t>(r.form)]);
         if (r.part_required != required)
             text += fmt::format("present = \"{}\"\n", kPartPresence[r.part_required ? 0 : 1]);
+        if (!r.symmetric_outline) text += fmt::format("outline = \"{}\"\n", kOutlines[1]);
         text += "\n";
     }
     text += fmt::format(
-        "[light]\ndark_dn = {}\nmin_sum_dn = {}\nsaturated_dn = {}\nmax_saturated_share = {}\nmin_lit_share = {}\n\n",
-        r.dark_dn, r.min_sum_dn, r.saturated_dn, r.max_saturated_share, r.min_lit_share);
+        "[light]\ndark_dn = {}\nmin_sum_dn = {}\nsaturated_dn = {}\nmax_saturated_share = {}\nmin_lit_share = {}\n{}\n",
+        r.dark_dn, r.min_sum_dn, r.saturated_dn, r.max_saturated_share, r.min_lit_share, format_light_checks(r));
     text += "[limits]\n" + format_limits(r);
     for (const algo::Zone& zone : r.zones) {
         text += fmt::format("\n[[zone]]\nuse = \"{}\"\n", zone.use == algo::Zone::Use::inspect ? "inspect" : "ignore");

@@ -297,6 +297,7 @@ Result<TeachResult> LineTeachIn::learn() {
     TeachResult result{session_->recipe, {}};
     algo::LearnOptions options;
     options.levels = algo::light_levels(result.recipe.recipe, options_.bits);
+    options.max_dark_rise_dn = result.recipe.recipe.max_dark_rise_dn;
     const auto frame_of = [this](std::size_t k) { return read_spooled(k); };
     // As `hordctl learn` does; if every bin has light, a fifth of the dark level (algo/recipe/recipe.h).
     const auto read = algo::read_noise_of(options_.extents, options.levels, session_->parts, frame_of);

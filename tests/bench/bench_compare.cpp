@@ -109,7 +109,7 @@ std::vector<algo::Difference> compare_all(algo::ReferenceComparer& comparer) {
         const auto at = static_cast<std::size_t>(n) * columns;
         comparer.compare_row(c.frame.view(), std::span(c.sums).subspan(at, columns),
                              std::span(c.mask).subspan(at, columns), n, pose, c.registered.light,
-                             std::span(all).subspan(at, columns));
+                             c.recipe.reference->levels.dark, std::span(all).subspan(at, columns));
     }
     return all;
 }

@@ -116,7 +116,9 @@ class InspectionLoad {
                 frame.set(x, y, static_cast<std::uint32_t>(200 * std::exp(-(dx * dx + dy * dy))));
             }
         }
-        auto pipeline = algo::Pipeline::create(extents, 8, algo::Recipe{});
+        algo::Recipe recipe;
+        recipe.part_required = false;  // the frame is judged, although it shows no part
+        auto pipeline = algo::Pipeline::create(extents, 8, recipe);
         while (pipeline && !ends.stop_requested() && pipeline->inspect(frame.view())) ++frames_;
     }
     std::atomic<int> frames_{0};

@@ -93,7 +93,9 @@ TEST(FeatureSets, the_usual_ones_give_the_bits_they_always_gave) {
         std::uint64_t digest;
     } cases[] = {{{40, 36, 9, 9}, 0xfe1a8e96891ef889U}, {{21, 30, 5, 7}, 0xfb54ac3b838c676cU}};
     for (const auto& [e, expected] : cases) {
-        Pipeline pipeline = pipeline_for(e, 8, {});
+        Recipe recipe;
+        recipe.part_required = false;  // the part fills the field
+        Pipeline pipeline = pipeline_for(e, 8, recipe);
         const Frame frame = counted_frame(e, 7);
         const auto seen = pipeline.inspect(frame.view());
         ASSERT_TRUE(seen);

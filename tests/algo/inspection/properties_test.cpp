@@ -214,7 +214,9 @@ TEST(Geometry, a_defect_of_one_lenslet_is_found_where_it_is) {
     const Frame frame = drawn(e, 8, 240, [](int m, int n) -> Spot {
         return m == 13 && n == 17 ? Spot{2, -1, 1} : Spot{};
     });
-    const Seen seen = inspected(e, frame);
+    Recipe recipe;
+    recipe.part_required = false;
+    const Seen seen = inspected(e, frame, recipe);
     ASSERT_EQ(seen.defects.size(), 1U);
     EXPECT_EQ(seen.defects[0].m, 13);
     EXPECT_EQ(seen.defects[0].n, 17);

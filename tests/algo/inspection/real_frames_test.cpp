@@ -23,7 +23,7 @@ struct Scene {
 };
 
 // The truth is in the frames' own JSON files.
-const Scene kGood[] = {{"lens_111", true, {}}, {"empty_111", true, {}}, {"wedge_111", true, {}}};
+const Scene kGood[] = {{"lens_111", true, {}}, {"wedge_111", true, {}}};
 const Scene kBad[] = {{"bubble_r500_111", false, {55.0F, 55.0F}}, {"cutout_111", false, {34.1875F, 34.1875F}}};
 
 void expect_true_verdict(const Scene& scene, const Frame& frame, Point moved = {}, const Recipe& recipe = {}) {
@@ -78,11 +78,42 @@ TEST_P(RealFrame, is_judged_truly_at_12_and_16_bits) {
 }
 
 TEST_P(RealFrame, is_judged_truly_wherever_the_part_lies) {
-    for (const auto& [dm, dn] :
-         {std::pair(5, -3), std::pair(-8, 8), std::pair(-30, 12), std::pair(-9, 0), std::pair(0, 10)}) {
+    for (const auto& [dm, dn] : {std::pair(5, -3), std::pair(-8, 8), std::pair(-9, 0), std::pair(0, 10)}) {
         SCOPED_TRACE(std::to_string(dm) + ", " + std::to_string(dn));
         expect_true_verdict(GetParam(), shifted(frame_, kPovray, dm, dn),
                             {static_cast<float>(dm), static_cast<float>(dn)});
+    }
+}
+
+// A third of the part lies outside the field.
+TEST_P(RealFrame, is_no_part_where_the_field_cuts_it_and_judged_truly_where_that_is_allowed) {
+    const Frame cut = shifted(frame_, kPovray, -30, 12);
+    auto pipeline = Pipeline::create(kPovray, 8, {});
+    ASSERT_TRUE(pipeline);
+    const auto seen = pipeline->inspect(cut.view());
+    ASSERT_TRUE(seen);
+    EXPECT_EQ(seen->verdict, Verdict::unfit);
+    EXPECT_EQ(seen->reason, Reason::no_part);
+    EXPECT_EQ(seen->frame.fault, FrameFault::cut_by_field);
+    Recipe unchecked;
+    unchecked.part_required = false;
+    expect_true_verdict(GetParam(), cut, {-30, 12}, unchecked);
+}
+
+TEST(EmptyField, is_no_part_in_any_light) {
+    const auto empty = povray("empty_111");
+    if (!empty) GTEST_SKIP() << "empty_111_raw.png is neither below $HORD_DATA nor in ../shared/data";
+    for (const double light : {0.25, 1.0}) {
+        for (const int bits : {8, 12, 16}) {
+            auto pipeline = Pipeline::create(kPovray, bits, {});
+            ASSERT_TRUE(pipeline);
+            const Frame frame = noisy(*empty, {10, 2, light}, 1, bits);
+            const auto seen = pipeline->inspect(frame.view());
+            ASSERT_TRUE(seen);
+            EXPECT_EQ(seen->verdict, Verdict::unfit);
+            EXPECT_EQ(seen->reason, Reason::no_part);
+            EXPECT_EQ(seen->frame.fault, FrameFault::nothing);
+        }
     }
 }
 

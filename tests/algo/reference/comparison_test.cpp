@@ -51,7 +51,8 @@ TEST(Reference, one_reading_beside_a_spot_is_no_bend) {
     int looked_at = 0;
     for (int n = 0; n < kField.n; ++n) {
         decode_row(frame.view(), kField, kLevels, n, row);
-        comparer.compare_row(frame.view(), row.sums(), row.mask(), n, PoseMap(pose, kField), 1, differences);
+        comparer.compare_row(frame.view(), row.sums(), row.mask(), n, PoseMap(pose, kField), 1, kLevels.dark,
+                             differences);
         for (int m = 0; m < kField.m; ++m) {
             if (read_there[static_cast<std::size_t>(n * kField.m + m)] == 0 ||
                 !differences[static_cast<std::size_t>(m)].has_hord)
@@ -158,7 +159,7 @@ TEST(Reference, light_moves_as_far_along_rows_of_bins_as_along_columns) {
         HordRow row(e);
         std::vector<Difference> out(static_cast<std::size_t>(e.m));
         decode_row(frame.view(), e, kLevels, 4, row);
-        comparer.compare_row(frame.view(), row.sums(), row.mask(), 4, PoseMap({}, e), 1, out);
+        comparer.compare_row(frame.view(), row.sums(), row.mask(), 4, PoseMap({}, e), 1, kLevels.dark, out);
         return out[12];
     };
     const Difference across = differences(true), down = differences(false);
@@ -182,7 +183,7 @@ TEST(Reference, the_comparison_has_the_same_bits_on_every_instruction_set) {
         for (int n = 0; n < kField.n; ++n) {
             decode_row(frame.view(), kField, kLevels, n, row);
             comparer.compare_row(
-                frame.view(), row.sums(), row.mask(), n, PoseMap({0.3, -0.4, 0.01}, kField), 1,
+                frame.view(), row.sums(), row.mask(), n, PoseMap({0.3, -0.4, 0.01}, kField), 1, kLevels.dark,
                 std::span(differences)
                     .subspan(static_cast<std::size_t>(n * kField.m), static_cast<std::size_t>(kField.m)));
         }

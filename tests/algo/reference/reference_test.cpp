@@ -45,7 +45,7 @@ TEST(Reference, good_parts_score_about_normally_from_200_to_4000_electrons) {
             for (int n = 0; n < kField.n; ++n) {
                 decode_row(frame.view(), kField, kLevels, n, row);
                 comparer.compare_row(frame.view(), row.sums(), row.mask(), n, PoseMap(at.pose, kField), at.light,
-                                     differences);
+                                     kLevels.dark, differences);
                 for (const Difference& d : differences) {
                     if (!d.has_hord) continue;
                     const Scores scores = scores_of(d, r);

@@ -126,7 +126,7 @@ std::uint64_t of_comparison(const Reference& r, const FrameView& frame, Isa isa)
     const PoseMap pose({0.4, -0.3, 1.0 / 128}, r.extents);
     for (int n = 0; n < r.extents.n; ++n) {
         decode_row(frame, r.extents, r.levels, n, row);
-        comparer.compare_row(frame, row.sums(), row.mask(), n, pose, 0.9, differences);
+        comparer.compare_row(frame, row.sums(), row.mask(), n, pose, 0.9, r.levels.dark, differences);
         for (const Difference& d : differences) {
             sum.add(std::uint64_t{d.has_light} + 2 * std::uint64_t{d.has_hord});
             const Scores scores = scores_of(d, r);

@@ -1,0 +1,193 @@
+#include "algo/inspection/frame_checks.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "algo/frame/mask.h"
+#include "algo/light/mean_spot.h"
+#include "algo/reference/reference.h"
+#include "common/statistics.h"
+
+namespace hord::algo {
+namespace {
+
+constexpr std::size_t kMaxChosen = 1024;  // lenslets whose light is measured
+constexpr std::size_t kMinChosen = 8;
+constexpr double kPi = 3.141592653589793;
+
+bool is_light(FrameFault fault) { return fault >= FrameFault::pedestal && fault <= FrameFault::interrupted; }
+
+Reason reason_of(FrameFault fault) {
+    if (fault == FrameFault::none) return Reason::none;
+    if (fault == FrameFault::other_period) return Reason::unexpected_geometry;
+    return is_light(fault) ? Reason::unexpected_light : Reason::no_part;
+}
+
+template <class Visit>
+void for_each_outermost(const Extents& e, Visit&& visit) {
+    for (int n = 0; n < e.n; ++n) {
+        const bool whole_row = n == 0 || n == e.n - 1;
+        for (int m = 0; m < e.m; m += whole_row ? 1 : e.m - 1) visit(e.index(m, n));
+    }
+}
+
+// The widest spot along an axis of so many bins.
+double widest(float limit_bins, int bins) {
+    return std::min(static_cast<double>(limit_bins), kMaxSpotOfEven * rms_of_even_light(bins));
+}
+
+}  // namespace
+
+FrameChecks::FrameChecks(const Extents& extents, int bits, const Recipe& recipe)
+    : extents_(extents), levels_(light_levels(recipe, bits)), max_dark_rise_dn_(max_dark_rise(recipe, bits)),
+      max_offset_bins_(recipe.max_offset_bins), max_spot_bins_(recipe.max_spot_bins),
+      max_second_share_(recipe.max_second_share), form_(recipe.form), check_period_(recipe.check_period),
+      part_required_(recipe.part_required), symmetric_(recipe.symmetric_outline),
+      has_reference_(recipe.reference != nullptr), dark_bins_(extents, bits), period_(extents) {
+    chosen_.reserve(kMaxChosen);
+    scratch_.resize(kMaxChosen);
+    if (recipe.reference) expect_light_of_reference(*recipe.reference);
+}
+
+// Free light is expected where the reference's outermost lenslets show it. Where fewer than half of them have light,
+// the middle of the bins stays.
+void FrameChecks::expect_light_of_reference(const Reference& reference) {
+    if (!(reference.extents == extents_)) return;
+    std::vector<float> x, y;
+    std::size_t outermost = 0;
+    for_each_outermost(extents_, [&](std::size_t k) {
+        ++outermost;
+        if (reference.mask[k] != kValid) return;
+        x.push_back(reference.x[k]);
+        y.push_back(reference.y[k]);
+    });
+    if (2 * x.size() < outermost) return;
+    expected_x_ = static_cast<double>(common::lower_median(std::span(x)));
+    expected_y_ = static_cast<double>(common::lower_median(std::span(y)));
+}
+
+LightLevels FrameChecks::levels_of(const FrameView& frame) {
+    const DarkBins dark = dark_bins_.measure(frame);
+    const FrameLevels found = levels_above_dark_bins(levels_, dark, max_dark_rise_dn_);
+    findings_ = {.dark_measured = dark.measured,
+                 .pedestal_dn = static_cast<float>(dark.pedestal_dn),
+                 .dark_noise_dn = static_cast<float>(dark.noise_dn)};
+    fault_of_dark_ = !found.pedestal_allowed ? FrameFault::pedestal
+        : !found.noise_allowed               ? FrameFault::noise
+                                             : FrameFault::none;
+    dark_dn_ = found.levels.dark;
+    return found.levels;
+}
+
+// The lenslets of the free light, evenly thinned; without free light all that have a HORD.
+void FrameChecks::choose_lenslets(const DecodedField& field, const FoundPart& part) {
+    const auto suits = [&](std::size_t k) {
+        return (field.mask[k] & kNoHord) == 0 && (!part.free_light || part.shows_free_light(k));
+    };
+    std::size_t count = 0;
+    for (std::size_t k = 0; k < field.mask.size(); ++k) count += suits(k) ? 1 : 0;
+    const std::size_t step = (count + kMaxChosen - 1) / kMaxChosen;
+    chosen_.clear();
+    for (std::size_t k = 0, nth = 0; k < field.mask.size(); ++k) {
+        if (suits(k) && nth++ % step == 0) chosen_.push_back(static_cast<std::uint32_t>(k));
+    }
+}
+
+Deflection FrameChecks::median_of_chosen(const DecodedField& field) {
+    const auto median = [&](auto&& value_of) {
+        for (std::size_t k = 0; k < chosen_.size(); ++k) scratch_[k] = value_of(field.deflections[chosen_[k]]);
+        return DeflectionQ::from_raw(common::lower_median(std::span(scratch_).first(chosen_.size())));
+    };
+    return {median([](const Deflection& d) { return std::int64_t{d.x.raw()}; }),
+            median([](const Deflection& d) { return std::int64_t{d.y.raw()}; })};
+}
+
+FrameFault FrameChecks::check_light(const FrameView& frame, const DecodedField& field, const FoundPart& part) {
+    choose_lenslets(field, part);
+    findings_.in_free_light = part.free_light;
+    if (chosen_.size() < kMinChosen) return fault_of_dark_;
+    const MeanSpot spot = part.free_light ? mean_spot(frame, extents_, dark_dn_, chosen_)
+                                          : mean_spot(frame, extents_, dark_dn_, chosen_, field.deflections);
+    if (!spot.measured) return fault_of_dark_;
+    // A round part or a tube that fills the field may deflect all light; a web or a plate leaves most light where it
+    // is.
+    const bool shows_middle = part.free_light || form_ == PartForm::web || form_ == PartForm::plate;
+    const Deflection middle = part.free_light ? Deflection{} : median_of_chosen(field);
+    const double x = part.free_light ? spot.x : middle.x.to_double_rounded(),
+                 y = part.free_light ? spot.y : middle.y.to_double_rounded();
+    findings_.spot_measured = true;
+    findings_.x_bins = static_cast<float>(x - expected_x_);
+    findings_.y_bins = static_cast<float>(y - expected_y_);
+    findings_.spot_x_bins = static_cast<float>(spot.rms_x);
+    findings_.spot_y_bins = static_cast<float>(spot.rms_y);
+    findings_.second_share = static_cast<float>(spot.second_share);
+    findings_.lit_share = static_cast<float>(spot.lit_share);
+    if (fault_of_dark_ != FrameFault::none) return fault_of_dark_;
+    if (max_second_share_ > 0 && findings_.second_share > max_second_share_) return FrameFault::second_spot;
+    if (max_spot_bins_ > 0 &&
+        (spot.rms_x > widest(max_spot_bins_, extents_.i) || spot.rms_y > widest(max_spot_bins_, extents_.j)))
+        return FrameFault::wide_spot;
+    const float offset = std::max(std::abs(findings_.x_bins), std::abs(findings_.y_bins));
+    if (max_offset_bins_ > 0 && shows_middle && offset > max_offset_bins_) return FrameFault::off_centre;
+    return FrameFault::none;
+}
+
+// Without free light: an opaque holder leaves the outermost lenslets dark, and the part is what is lit inside it. It
+// shows itself by deflecting light; a hole without a part, or a window in a hole, does not.
+FrameFault FrameChecks::check_holder(const DecodedField& field) const {
+    std::size_t outermost = 0, lit_outermost = 0, lit = 0, deflecting = 0;
+    for_each_outermost(extents_, [&](std::size_t k) {
+        ++outermost;
+        lit_outermost += (field.mask[k] & kDark) == 0 ? 1 : 0;
+    });
+    if (10 * lit_outermost > outermost) return FrameFault::fills_field;
+    for (std::size_t k = 0; k < field.mask.size(); ++k) {
+        if ((field.mask[k] & kNoHord) != 0) continue;
+        ++lit;
+        const double x = field.deflections[k].x.to_double_rounded() - expected_x_,
+                     y = field.deflections[k].y.to_double_rounded() - expected_y_;
+        deflecting += std::max(std::abs(x), std::abs(y)) > kFreeToleranceBins ? 1 : 0;
+    }
+    const bool any = lit * kSmallestPart >= field.mask.size() &&
+        static_cast<double>(deflecting) >= kMinDeflectingShare * static_cast<double>(lit);
+    return any ? FrameFault::none : FrameFault::nothing;
+}
+
+FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& part) {
+    findings_.parts = part.parts;
+    findings_.sharp_share = static_cast<float>(part.sharp_outline);
+    findings_.free_beside = static_cast<float>(part.free_beside);
+    findings_.symmetry = static_cast<float>(part.symmetry);
+    if (part.area > 0) {
+        const double diameter = 2 * std::sqrt(static_cast<double>(part.area) / kPi);
+        findings_.border_cut = static_cast<float>(static_cast<double>(part.at_border) / diameter);
+    }
+    // A part that was learned is recognised by its pose: registration decides.
+    if (!part_required_ || has_reference_) return FrameFault::none;
+    if (!part.free_light) return check_holder(field);
+    if (part.parts == 0) return FrameFault::nothing;
+    if (part.sharp_outline < kMinSharpOutline) return FrameFault::no_outline;
+    // Tubes and plates may leave the field, and a plate may show its edges alone.
+    if (form_ != PartForm::round) return FrameFault::none;
+    if (part.parts > 1) return FrameFault::several;
+    if (static_cast<double>(findings_.border_cut) > kMaxBorderCut) return FrameFault::cut_by_field;
+    if (part.free_beside < kMinFreeBeside) return FrameFault::interrupted;
+    return symmetric_ && part.symmetry < kMinSymmetry ? FrameFault::lopsided : FrameFault::none;
+}
+
+Reason FrameChecks::judge(const FrameView& frame, const DecodedField& field, const FoundPart& part) {
+    FrameFault fault = check_light(frame, field, part);
+    // Free light that is as it should be cannot have another period: the period is only looked for where it is not.
+    if (check_period_ && (fault != FrameFault::none || !part.free_light)) {
+        const MacroPeriod period = period_.find(frame);
+        findings_.period_x = period.x;
+        findings_.period_y = period.y;
+        if (!period.expected) fault = FrameFault::other_period;
+    }
+    const FrameFault of_part = check_part(field, part);
+    if (fault == FrameFault::none) fault = of_part;
+    findings_.fault = fault;
+    return reason_of(fault);
+}
+
+}  // namespace hord::algo

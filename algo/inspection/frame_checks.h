@@ -1,0 +1,76 @@
+// Checks of a whole frame: can it be judged at all? Is its light that of a collimated source in the middle of the bins,
+// do its macro-pixels have the size that was said, and does it show one whole part? A frame that shows nothing, or
+// something that is not understood, must not pass. Each rule with its limits and reasons: docs/notes/inspection.md.
+//
+// Before decoding: the light levels for this frame. After the part was looked for: the verdict on the frame.
+// All memory is allocated by the constructor. Deterministic: sums of integers, and doubles in a fixed order.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "algo/features/deflection.h"
+#include "algo/frame/decode.h"
+#include "algo/inspection/frame_findings.h"
+#include "algo/inspection/rim.h"
+#include "algo/light/dark_bins.h"
+#include "algo/light/macro_period.h"
+#include "algo/recipe/recipe.h"
+#include "algo/verdict/verdict.h"
+
+namespace hord::algo {
+
+constexpr double kMaxBorderCut = 0.5;         // outermost lenslets of the part over the diameter of a disc of its area
+constexpr double kMinSharpOutline = 0.5;      // of the part's outline
+constexpr double kMinFreeBeside = 0.5;        // of a row or column beside the part
+constexpr double kMinSymmetry = 0.8;          // overlap of the part and its image turned by 180 degrees
+constexpr double kMaxSpotOfEven = 0.95;       // of the width of evenly lit bins
+constexpr double kMinDeflectingShare = 0.25;  // of the lit lenslets in an opaque holder
+
+// A decoded frame, one value a lenslet, row by row. `mask`: kDark and kSaturated are read.
+struct DecodedField {
+    std::span<const Deflection> deflections;
+    std::span<const std::uint32_t> sums;
+    std::span<const std::uint8_t> mask;
+};
+
+class FrameChecks {
+  public:
+    // Keeps what it needs of the recipe, and of its reference where the free light lies.
+    FrameChecks(const Extents& extents, int bits, const Recipe& recipe);
+
+    // The light levels for this frame: the recipe's, with the dark level raised to the frame's own dark bins.
+    LightLevels levels_of(const FrameView& frame);
+
+    // Reason::unexpected_geometry, unexpected_light or no_part; none if the frame can be judged. levels_of() was called
+    // with this frame; `field` was decoded with its result.
+    Reason judge(const FrameView& frame, const DecodedField& field, const FoundPart& part);
+
+    // Of the last frame.
+    [[nodiscard]] const FrameFindings& findings() const { return findings_; }
+
+  private:
+    FrameFault check_light(const FrameView& frame, const DecodedField& field, const FoundPart& part);
+    FrameFault check_part(const DecodedField& field, const FoundPart& part);
+    FrameFault check_holder(const DecodedField& field) const;
+    void choose_lenslets(const DecodedField& field, const FoundPart& part);
+    void expect_light_of_reference(const Reference& reference);
+    Deflection median_of_chosen(const DecodedField& field);
+
+    Extents extents_;
+    LightLevels levels_;
+    std::uint32_t max_dark_rise_dn_, dark_dn_ = 0;
+    float max_offset_bins_, max_spot_bins_, max_second_share_;
+    PartForm form_;
+    bool check_period_, part_required_, symmetric_, has_reference_;
+    double expected_x_ = 0, expected_y_ = 0;  // of the free light, bin pitches
+    FrameFault fault_of_dark_ = FrameFault::none;
+    DarkBinMeter dark_bins_;
+    MacroPeriodFinder period_;
+    std::vector<std::uint32_t> chosen_;  // lenslets whose light is measured
+    std::vector<std::int64_t> scratch_;
+    FrameFindings findings_;
+};
+
+}  // namespace hord::algo

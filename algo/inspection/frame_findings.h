@@ -1,0 +1,53 @@
+// What the checks of a whole frame found (algo/inspection/frame_checks.h): measured values, and the one thing that is
+// wrong with the frame, if any.
+#pragma once
+
+#include <cstdint>
+
+namespace hord::algo {
+
+// What is wrong with a frame, in words that a cure can follow.
+enum class FrameFault : std::uint8_t {
+    none,
+    // Reason::unexpected_geometry
+    other_period,  // the light repeats with another period than the macro-pixels' size
+    // Reason::unexpected_light
+    pedestal,     // the dark bins read more than is allowed: fog, black level
+    noise,        // pedestal and noise of the dark bins together take more than is allowed
+    off_centre,   // undeflected light is not in the middle of its lenslet
+    wide_spot,    // spots are wider than a collimated source makes them: defocus, stray light
+    second_spot,  // a second spot beside the main one: ghost, neighbouring light
+    interrupted,  // a row or column shows too little free light: lost rows, a hair, a part from border to border
+    // Reason::no_part
+    nothing,       // nothing in the field deflects or absorbs light
+    fills_field,   // no free light around it: the part is larger than the field, or something else covers the field
+    no_outline,    // the light changes slowly everywhere: that is no part's outline
+    several,       // more than one part
+    cut_by_field,  // a part that the field's border cuts off
+    lopsided,      // the part's outline is not symmetric: a piece of it is missing or covered
+};
+
+struct FrameFindings {
+    FrameFault fault = FrameFault::none;
+
+    bool dark_measured = false;  // lenslets have dark bins enough to measure them
+    float pedestal_dn = 0;       // median of the dark bins
+    float dark_noise_dn = 0;     // their standard deviation, rounding included
+
+    bool in_free_light = false;  // spot and offset are those of the free light; else of all lit lenslets
+    bool spot_measured = false;
+    float x_bins = 0, y_bins = 0;            // mean deflection of the free light from where it is expected, bin pitches
+    float spot_x_bins = 0, spot_y_bins = 0;  // root mean square of the spot along each axis, bin pitches
+    float second_share = 0;                  // of the light, in spots beside the main one
+    float lit_share = 0;                     // of the bins
+
+    int period_x = 0, period_y = 0;  // samples between repetitions; 0: not clear, or not measured because all is well
+
+    int parts = 0;          // regions of at least 1/16 of the field
+    float border_cut = 0;   // outermost lenslets of the field that belong to a part, over the part's diameter
+    float sharp_share = 0;  // share of the part's outline across which the light jumps
+    float free_beside = 1;  // least share of free light beside the part in a row or column
+    float symmetry = 0;     // overlap of the part and its image turned by 180 degrees, over both together
+};
+
+}  // namespace hord::algo

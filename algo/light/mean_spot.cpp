@@ -1,0 +1,157 @@
+#include "algo/light/mean_spot.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "algo/light/dark_bins.h"
+#include "common/statistics.h"
+
+namespace hord::algo {
+namespace {
+
+constexpr auto kMaxOfBins = static_cast<std::size_t>(kMaxBins) * kMaxBins;
+constexpr double kFaint = 0.01;  // of the brightest bin
+constexpr int kCoreSteps = 8;    // mean shifts; the middle then moves by less than a hundredth of a bin
+using Bins = std::array<double, kMaxOfBins>;
+
+struct Summed {
+    std::array<std::uint64_t, kMaxOfBins> samples{};  // DN, row by row
+    std::array<std::uint32_t, kMaxOfBins> count{};    // samples of this bin
+    std::uint64_t lit = 0, all = 0;                   // samples above the dark level; all
+};
+
+int whole_bins(DeflectionQ deflection) { return static_cast<int>(std::lround(deflection.to_double_rounded())); }
+
+template <class Sample>
+Summed sum_of(const FrameView& frame, const Extents& e, std::uint32_t dark_dn, std::span<const std::uint32_t> lenslets,
+              std::span<const Deflection> centres) {
+    Summed summed;
+    for (const std::uint32_t k : lenslets) {
+        const int m = static_cast<int>(k) % e.m, n = static_cast<int>(k) / e.m;
+        const int right = centres.empty() ? 0 : whole_bins(centres[k].x),
+                  down = centres.empty() ? 0 : whole_bins(centres[k].y);
+        for (int j = std::max(0, down); j < std::min(e.j, e.j + down); ++j) {
+            const auto* samples =
+                reinterpret_cast<const Sample*>(frame.data + (n * e.j + j) * frame.stride_bytes) + m * e.i;
+            for (int i = std::max(0, right); i < std::min(e.i, e.i + right); ++i) {
+                const auto bin = static_cast<std::size_t>((j - down) * e.i + i - right);
+                summed.samples[bin] += samples[i];
+                ++summed.count[bin];
+                ++summed.all;
+                summed.lit += samples[i] > dark_dn ? 1 : 0;
+            }
+        }
+    }
+    return summed;
+}
+
+// Mean light of each bin above the darkest ones, DN. Bins with less than kFaint of the brightest count as dark: noise
+// in many far bins would widen the spot.
+Bins light_of(const Summed& summed, const Extents& e) {
+    Bins light{}, sorted{};
+    const auto count = static_cast<std::size_t>(e.bins());
+    for (std::size_t b = 0; b < count; ++b) {
+        if (summed.count[b] > 0) light[b] = static_cast<double>(summed.samples[b]) / summed.count[b];
+    }
+    const double dark_share = share_of_dark_bins(e);
+    if (dark_share < kMinDarkShare) return light;
+    sorted = light;
+    const auto rank = static_cast<std::size_t>(dark_share / 2 * static_cast<double>(count));
+    const double floor = common::nth_smallest(std::span(sorted).first(count), rank);
+    const double faint = kFaint * (*std::max_element(light.begin(), light.begin() + e.bins()) - floor);
+    for (std::size_t b = 0; b < count; ++b) light[b] = light[b] - floor > faint ? light[b] - floor : 0;
+    return light;
+}
+
+// Light in bins that cannot be reached from the brightest one without climbing.
+double light_beside(const Bins& light, const Extents& e, std::size_t brightest) {
+    const double climb = kClimb * light[brightest];
+    std::array<bool, kMaxOfBins> reached{};
+    std::array<std::uint8_t, kMaxOfBins> queue{};
+    std::size_t queued = 0;
+    reached[brightest] = true;
+    queue[queued++] = static_cast<std::uint8_t>(brightest);
+    for (std::size_t q = 0; q < queued; ++q) {
+        const int i = queue[q] % e.i, j = queue[q] / e.i;
+        for (int y = std::max(0, j - 1); y <= std::min(e.j - 1, j + 1); ++y) {
+            for (int x = std::max(0, i - 1); x <= std::min(e.i - 1, i + 1); ++x) {
+                const auto at = static_cast<std::size_t>(y * e.i + x);
+                if (reached[at] || light[at] > light[queue[q]] + climb) continue;
+                reached[at] = true;
+                queue[queued++] = static_cast<std::uint8_t>(at);
+            }
+        }
+    }
+    double beside = 0;
+    for (std::size_t b = 0; b < static_cast<std::size_t>(e.bins()); ++b) {
+        if (!reached[b] && light[b] > climb) beside += light[b];
+    }
+    return beside;
+}
+
+struct Middle {
+    double x = 0, y = 0;
+};
+
+// The middle of the core, bins from the first: the mean of the light within kCoreBins along both axes, moved there
+// until it stays. A bin that is partly within counts in part, at the middle of that part.
+Middle core_of(const Bins& light, const Extents& e, Middle middle) {
+    const auto within = [](double centre, int k) {  // begin and end of what is within
+        return std::pair(std::max(centre - kCoreBins, k - 0.5), std::min(centre + kCoreBins, k + 0.5));
+    };
+    for (int step = 0; step < kCoreSteps; ++step) {
+        double sum = 0, x = 0, y = 0;
+        for (int j = 0; j < e.j; ++j) {
+            const auto [top, bottom] = within(middle.y, j);
+            for (int i = 0; i < e.i && bottom > top; ++i) {
+                const auto [left, right] = within(middle.x, i);
+                if (right <= left) continue;
+                const double mass = light[static_cast<std::size_t>(j * e.i + i)] * (right - left) * (bottom - top);
+                sum += mass;
+                x += mass * (left + right) / 2;
+                y += mass * (top + bottom) / 2;
+            }
+        }
+        if (!(sum > 0)) return middle;
+        middle = {x / sum, y / sum};
+    }
+    return middle;
+}
+
+}  // namespace
+
+MeanSpot mean_spot(const FrameView& frame, const Extents& e, std::uint32_t dark_dn,
+                   std::span<const std::uint32_t> lenslets, std::span<const Deflection> centres) {
+    const Summed summed = frame.bits > 8 ? sum_of<std::uint16_t>(frame, e, dark_dn, lenslets, centres)
+                                         : sum_of<std::uint8_t>(frame, e, dark_dn, lenslets, centres);
+    const Bins light = light_of(summed, e);
+    double sum = 0, x = 0, y = 0, xx = 0, yy = 0;
+    std::size_t b = 0, brightest = 0;
+    for (int j = 0; j < e.j; ++j) {
+        for (int i = 0; i < e.i; ++i, ++b) {
+            if (light[b] > light[brightest]) brightest = b;
+            sum += light[b];
+            x += light[b] * i;
+            y += light[b] * j;
+            xx += light[b] * i * i;
+            yy += light[b] * j * j;
+        }
+    }
+    if (!(sum > 0)) return {};
+    x /= sum;
+    y /= sum;
+    const auto at = static_cast<int>(brightest);
+    const Middle core = core_of(light, e, {static_cast<double>(at % e.i), static_cast<double>(at / e.i)});
+    const double lopsided = std::max(std::abs(x - core.x), std::abs(y - core.y));
+    MeanSpot spot{.measured = true, .x = x - 0.5 * (e.i - 1), .y = y - 0.5 * (e.j - 1)};
+    spot.rms_x = std::sqrt(std::max(0.0, xx / sum - x * x));
+    spot.rms_y = std::sqrt(std::max(0.0, yy / sum - y * y));
+    spot.second_share = std::max(light_beside(light, e, brightest) / sum, lopsided / kSecondSpotBins);
+    spot.lit_share = static_cast<double>(summed.lit) / static_cast<double>(summed.all);
+    return spot;
+}
+
+double rms_of_even_light(int bins) { return std::sqrt((bins * bins - 1) / 12.0); }
+
+}  // namespace hord::algo
