@@ -110,6 +110,25 @@ Statistics statistics_of(algo::Map map, std::span<const std::uint8_t> mask) {
 
 double milliseconds(std::int64_t ns) { return static_cast<double>(ns) / 1e6; }
 
+// What the checks of the whole frame measured.
+Json light_json(const algo::Inspection& found) {
+    const algo::FrameFindings& f = found.frame;
+    Json json{{"dark_dn", found.dark_dn}};
+    if (f.dark_measured) {
+        json["pedestal_dn"] = f.pedestal_dn;
+        json["dark_noise_dn"] = f.dark_noise_dn;
+    }
+    if (f.spot_measured) {
+        json["free"] = f.in_free_light;
+        json["offset_bins"] = {f.x_bins, f.y_bins};
+        json["spot_bins"] = {f.spot_x_bins, f.spot_y_bins};
+        json["second_share"] = f.second_share;
+        json["lit_share"] = f.lit_share;
+    }
+    if (f.period_x > 0 || f.period_y > 0) json["period"] = {f.period_x, f.period_y};
+    return json;
+}
+
 Json to_json(const std::string& frame, const algo::Extents& extents, const algo::Inspection& found,
              const FeatureView& feature, double bin_rad, const algo::Recipe& recipe) {
     const Statistics s = statistics_of(feature.map, feature.mask);
@@ -137,6 +156,7 @@ Json to_json(const std::string& frame, const algo::Extents& extents, const algo:
               {"reason", name_of(found.reason)},
               {"score", found.score},
               {"defects", defects},
+              {"light", light_json(found)},
               {"feature",
                {{"name", feature.name},
                 {"unit", feature.unit},
