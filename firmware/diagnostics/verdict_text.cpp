@@ -38,14 +38,79 @@ std::string_view what_is(algo::DefectKind kind) {
     return "a defect";
 }
 
-std::string_view why_unfit(algo::Reason reason, const algo::Registered& registered) {
-    switch (reason) {
+// What is wrong with the light, and the cure.
+std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe) {
+    switch (f.fault) {
+        case algo::FrameFault::pedestal:
+            return fmt::format("the dark bins read {:.1f} DN: keep stray light out, or lower the sensor's black level",
+                               f.pedestal_dn);
+        case algo::FrameFault::noise:
+            return fmt::format("the dark bins vary by {:.1f} DN about {:.1f} DN: see to the sensor's gain and cooling",
+                               f.dark_noise_dn, f.pedestal_dn);
+        case algo::FrameFault::off_centre: {
+            const bool across = std::abs(f.x_bins) >= std::abs(f.y_bins);
+            const float by = across ? f.x_bins : f.y_bins;
+            const std::string_view where =
+                across ? (by > 0 ? "to the right of" : "to the left of") : (by > 0 ? "below" : "above");
+            return fmt::format(
+                "the free light is {:.1f} bins {} the middle: calibrate again, or check that nothing moved",
+                std::abs(by), where);
+        }
+        case algo::FrameFault::wide_spot:
+            return fmt::format(
+                "spots are {:.1f} x {:.1f} bins wide (at most {:.1f}): focus the collimator and the "
+                "lenslets, or raise [light] max_spot_bins for a wide source",
+                f.spot_x_bins, f.spot_y_bins, recipe.max_spot_bins);
+        case algo::FrameFault::second_spot:
+            return fmt::format(
+                "{:.0f} % of the light is in a second spot: look for a reflection, a second lamp, or "
+                "light of the next lenslet (calibrate again)",
+                100 * f.second_share);
+        default:
+            return "a row or column of lenslets shows no free light: look for lost rows of the frame, something "
+                   "across the field, or a part that reaches from border to border";
+    }
+}
+
+std::string missing_part(const algo::FrameFindings& f) {
+    switch (f.fault) {
+        case algo::FrameFault::nothing:
+            return "nothing in the field deflects or absorbs light: check that the part was there, and the trigger's "
+                   "delay";
+        case algo::FrameFault::no_outline:
+            return "the light changes slowly everywhere, as no part's outline does: check the lamp and the optics";
+        case algo::FrameFault::several:
+            return fmt::format(
+                "there are {} parts in the field: space them, or set [part] form = \"plate\" if it is "
+                "one whose middle does not deflect light",
+                f.parts);
+        case algo::FrameFault::cut_by_field:
+            return "the field's border cuts the part: set the trigger's delay, or show the whole part";
+        case algo::FrameFault::lopsided:
+            return "the part's outline is not symmetric, as if a piece were missing: check the part, or set [part] "
+                   "outline = \"any\" if it has this shape";
+        default:
+            return "no free light surrounds the part: show the whole part, or set [part] form = \"web\" if it fills "
+                   "the field";
+    }
+}
+
+std::string period_fault(const algo::FrameFindings& f, const algo::Extents& e) {
+    const int i = f.period_x == 0 ? e.i : f.period_x, j = f.period_y == 0 ? e.j : f.period_y;
+    return fmt::format(
+        "the light repeats every {} x {} samples, not every {} x {}: give --macro {}x{}, or calibrate "
+        "again",
+        i, j, e.i, e.j, i, j);
+}
+
+std::string why_unfit(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& extents) {
+    switch (found.reason) {
         case algo::Reason::too_dark: return "there is too little light";
         case algo::Reason::saturated: return "too many lenslets are saturated";
-        case algo::Reason::no_part: return "there is not one whole part in the field";
-        case algo::Reason::unexpected_light: return "the light is not that of the calibrated cell";
-        case algo::Reason::unexpected_geometry: return "its macro-pixels have another size";
-        case algo::Reason::not_registered: return algo::explain(registered.outcome);
+        case algo::Reason::no_part: return missing_part(found.frame);
+        case algo::Reason::unexpected_light: return light_fault(found.frame, recipe);
+        case algo::Reason::unexpected_geometry: return period_fault(found.frame, extents);
+        case algo::Reason::not_registered: return algo::explain(found.registered.outcome);
         default: return "no lenslet is left to judge";
     }
 }
@@ -53,8 +118,7 @@ std::string_view why_unfit(algo::Reason reason, const algo::Registered& register
 }  // namespace
 
 std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& extents) {
-    if (found.verdict == algo::Verdict::unfit)
-        return fmt::format("Not judged: {}.", why_unfit(found.reason, found.registered));
+    if (found.verdict == algo::Verdict::unfit) return fmt::format("Not judged: {}.", why_unfit(found, recipe, extents));
     const char* const bounds = !found.bounded ? ""
         : found.out_of_time                   ? " Some values are bounds: the time ran out."
                                               : " Some values are bounds: the limit of work was reached.";

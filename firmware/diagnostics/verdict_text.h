@@ -10,7 +10,8 @@
 namespace hord::firmware {
 
 // "Rejected: a scattering defect of 0.9 mm at (3.1, -2.0) mm, 4.2 times its limit; 2 smaller ones." Lengths in mm if
-// the recipe has the lenslet pitch, else in lenslets; places from the middle of the field.
+// the recipe has the lenslet pitch, else in lenslets; places from the middle of the field. A frame that was not judged:
+// what was found, and the cure.
 std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& extents);
 
 // "scattering 0.9 mm, 4.2x": kind, size and how far over its limit; one a defect.

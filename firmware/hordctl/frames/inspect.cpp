@@ -78,6 +78,25 @@ Json to_json(const FeatureView& feature, double bin_rad) {
 
 double milliseconds(std::int64_t ns) { return static_cast<double>(ns) / 1e6; }
 
+// What the checks of the whole frame measured.
+Json light_json(const algo::Inspection& found) {
+    const algo::FrameFindings& f = found.frame;
+    Json json{{"dark_dn", found.dark_dn}};
+    if (f.dark_measured) {
+        json["pedestal_dn"] = f.pedestal_dn;
+        json["dark_noise_dn"] = f.dark_noise_dn;
+    }
+    if (f.spot_measured) {
+        json["free"] = f.in_free_light;
+        json["offset_bins"] = {f.x_bins, f.y_bins};
+        json["spot_bins"] = {f.spot_x_bins, f.spot_y_bins};
+        json["second_share"] = f.second_share;
+        json["lit_share"] = f.lit_share;
+    }
+    if (f.period_x > 0 || f.period_y > 0) json["period"] = {f.period_x, f.period_y};
+    return json;
+}
+
 Json to_json(const std::string& frame, const MacroPixelFrame& read, const algo::Inspection& found,
              const FeatureView& feature, double bin_rad, const algo::Recipe& recipe) {
     const algo::Extents& extents = read.extents;
@@ -107,6 +126,7 @@ Json to_json(const std::string& frame, const MacroPixelFrame& read, const algo::
               {"score", found.score},
               {"defects", defects},
               {"explain", explain(found, recipe, extents)},
+              {"light", light_json(found)},
               {"feature", to_json(feature, bin_rad)},
               {"ms",
                {{"decode", milliseconds(found.times.decode_ns)},

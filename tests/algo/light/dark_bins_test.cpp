@@ -1,0 +1,98 @@
+// Pedestal and noise of a frame's dark bins, and the dark level that follows.
+#include "algo/light/dark_bins.h"
+
+#include <gtest/gtest.h>
+
+#include "tests/support/odd_frames.h"
+
+namespace hord::algo {
+namespace {
+
+using namespace hord::algo::testing;
+
+constexpr Extents kField{40, 36, 9, 9};
+constexpr LightLevels kLevels{3, 16, 255};
+
+DarkBins measured(const Frame& frame, const Extents& e = kField) {
+    DarkBinMeter meter(e, frame.bits());
+    return meter.measure(frame.view());
+}
+
+Frame spots_on(double pedestal_dn, double noise_dn, std::uint64_t seed, int bits = 8, const Extents& e = kField) {
+    const LightImage light = spots(e, 200, 0.5, lens(e, 14, 2));
+    return exposed(light, {pedestal_dn, noise_dn}, seed, bits);
+}
+
+// The quantiles of the 80 % darkest bins are those of the 89 % that are dark, and the spots' outermost light is among
+// them: a tenth of the noise is the error of both.
+TEST(DarkBins, are_the_pedestal_and_its_noise) {
+    for (const double pedestal : {5.0, 8.3, 20.0, 100.0}) {
+        for (const double noise : {0.5, 1.0, 2.0}) {
+            const DarkBins dark = measured(spots_on(pedestal, noise, 1));
+            EXPECT_TRUE(dark.measured);
+            EXPECT_FALSE(dark.at_zero);
+            EXPECT_NEAR(dark.pedestal_dn, pedestal, 0.15 * noise + 0.1);
+            EXPECT_NEAR(dark.noise_dn, std::hypot(noise, 0.29), 0.15 * noise + 0.05);
+        }
+    }
+}
+
+TEST(DarkBins, at_16_bits_are_as_at_8) {
+    const DarkBins dark = measured(spots_on(5, 1, 2, 16));
+    EXPECT_NEAR(dark.pedestal_dn / 257, 5, 0.2);
+    EXPECT_NEAR(dark.noise_dn / 257, 1, 0.2);
+}
+
+TEST(DarkBins, noise_that_the_sensor_clips_is_measured_above_the_pedestal) {
+    const DarkBins dark = measured(spots_on(1, 2, 3));
+    EXPECT_NEAR(dark.pedestal_dn, 1, 0.3);
+    EXPECT_NEAR(dark.noise_dn, 2, 0.6);
+}
+
+// The promise that results of frames without a pedestal do not change.
+TEST(DarkBins, at_zero_leave_the_level_as_it_was_whatever_their_noise) {
+    for (const double noise : {0.0, 0.6, 2.0, 6.0}) {
+        const DarkBins dark = measured(spots_on(0, noise, 4));
+        EXPECT_TRUE(dark.at_zero);
+        const FrameLevels levels = levels_above_dark_bins(kLevels, dark, 8);
+        EXPECT_EQ(levels.levels.dark, kLevels.dark);
+        EXPECT_TRUE(levels.pedestal_allowed && levels.noise_allowed);
+    }
+}
+
+TEST(DarkBins, that_the_level_clears_leave_it_as_it_was) {
+    for (const auto& [pedestal, noise] : {std::pair(1.0, 0.3), std::pair(2.0, 0.3), std::pair(3.0, 0.0)})
+        EXPECT_EQ(levels_above_dark_bins(kLevels, measured(spots_on(pedestal, noise, 5)), 8).levels.dark, 3U);
+    // Somebody may have set the level two sigma above the pedestal, to see faint scattering.
+    const LightLevels faint{48, 60, 4095};
+    const LightImage light = spots(kField, 200, 0.5, lens(kField, 14, 2));
+    EXPECT_EQ(levels_above_dark_bins(faint, measured(exposed(light, {40 * 255.0 / 4095, 4 * 255.0 / 4095}, 6, 12)), 128)
+                  .levels.dark,
+              48U);
+}
+
+TEST(DarkBins, raise_the_level_three_sigma_above_the_pedestal_and_no_further_than_allowed) {
+    const auto levels = [](double pedestal, double noise) {
+        return levels_above_dark_bins(kLevels, measured(spots_on(pedestal, noise, 7)), 8);
+    };
+    const FrameLevels raised = levels(6, 1);
+    EXPECT_TRUE(raised.pedestal_allowed && raised.noise_allowed);
+    EXPECT_NEAR(raised.levels.dark, 9.5, 0.5);
+    EXPECT_EQ(raised.levels.min_sum, kLevels.min_sum);
+    EXPECT_TRUE(levels(11, 0.3).pedestal_allowed);
+    EXPECT_FALSE(levels(12, 0.3).pedestal_allowed);
+    const FrameLevels noisy = levels(10, 4);
+    EXPECT_TRUE(noisy.pedestal_allowed);
+    EXPECT_FALSE(noisy.noise_allowed);
+    EXPECT_EQ(noisy.levels.dark, 3U + 2 * 8);
+}
+
+TEST(DarkBins, are_not_measured_where_a_spot_may_cover_nearly_all) {
+    for (const Extents& e : {Extents{30, 30, 3, 3}, Extents{30, 30, 4, 4}, Extents{30, 30, 4, 5}})
+        EXPECT_FALSE(measured(spots_on(5, 1, 8, 8, e), e).measured);
+    EXPECT_TRUE(measured(spots_on(5, 1, 8, 8, {30, 30, 5, 5}), {30, 30, 5, 5}).measured);
+    EXPECT_TRUE(measured(spots_on(5, 1, 8, 8, {30, 30, 3, 15}), {30, 30, 3, 15}).measured);
+}
+
+}  // namespace
+}  // namespace hord::algo

@@ -1,0 +1,112 @@
+// Place, width and oneness of the mean spot.
+#include "algo/light/mean_spot.h"
+
+#include <cmath>
+#include <numeric>
+
+#include <gtest/gtest.h>
+
+#include "tests/support/odd_frames.h"
+
+namespace hord::algo {
+namespace {
+
+using namespace hord::algo::testing;
+
+constexpr Extents kField{24, 24, 9, 9};
+constexpr double kPixel = 1.0 / 12;  // variance of a bin
+
+std::vector<std::uint32_t> all_of(const Extents& e) {
+    std::vector<std::uint32_t> all(e.lenslets());
+    std::iota(all.begin(), all.end(), 0U);
+    return all;
+}
+MeanSpot spot_of(const LightImage& light, const Sensor& sensor = {}) {
+    const Frame frame = exposed(light, sensor, 1);
+    return mean_spot(frame.view(), light.extents, 3, all_of(light.extents));
+}
+LightImage still(double spread, double x = 0, double y = 0, const Extents& e = kField) {
+    return spots(e, 200, spread, [=](int, int) { return Spot{x, y, 1}; });
+}
+
+// The faint light that is left out (kFaint) narrows a spot by up to 3 %.
+TEST(MeanSpot, has_the_place_and_the_width_of_the_light) {
+    for (const double spread : {0.5, 0.7, 0.9}) {
+        for (const double x : {0.0, 0.3, -0.5, 1.2}) {
+            const MeanSpot spot = spot_of(still(spread, x, -x / 2));
+            ASSERT_TRUE(spot.measured);
+            EXPECT_NEAR(spot.x, x, 0.02);
+            EXPECT_NEAR(spot.y, -x / 2, 0.02);
+            EXPECT_NEAR(spot.rms_x, std::sqrt(spread * spread + kPixel), 0.04);
+            EXPECT_NEAR(spot.rms_y, std::sqrt(spread * spread + kPixel), 0.04);
+            EXPECT_LT(spot.second_share, 0.02) << spread << " " << x;
+        }
+    }
+}
+
+TEST(MeanSpot, of_even_numbers_of_bins_is_one_spot_too) {
+    for (const int bins : {4, 6, 8, 10, 14}) {
+        const Extents e{24, 24, bins, bins};
+        for (const double x : {0.0, 0.25, 0.5})
+            EXPECT_LT(spot_of(still(0.6, x, 0, e)).second_share, 0.03) << bins << " " << x;
+    }
+}
+
+TEST(MeanSpot, does_not_depend_on_pedestal_and_noise) {
+    const MeanSpot quiet = spot_of(still(0.6, 0.2));
+    for (const Sensor& sensor :
+         {Sensor{8, 0}, Sensor{8, 2}, Sensor{0, 2}, Sensor{0, 5}, Sensor{20, 5}, Sensor{8, 2, 0.5}}) {
+        const MeanSpot spot = spot_of(still(0.6, 0.2), sensor);
+        EXPECT_NEAR(spot.x, quiet.x, 0.02);
+        EXPECT_NEAR(spot.rms_x, quiet.rms_x, 0.05);
+        EXPECT_LT(spot.second_share, 0.02);
+    }
+}
+
+TEST(MeanSpot, is_not_one_spot_with_a_ghost_of_a_fifth) {
+    for (const auto& [right, down] :
+         {std::pair(2, 0), std::pair(2, 1), std::pair(3, 0), std::pair(3, -2), std::pair(0, 4)})
+        EXPECT_GT(spot_of(with_ghost(still(0.5), 0.2, right, down)).second_share, 0.05) << right << " " << down;
+    EXPECT_LT(spot_of(with_ghost(still(0.5), 0.02, 3, 0)).second_share, 0.05);
+}
+
+TEST(MeanSpot, is_two_spots_when_light_falls_between_two_lenslets) {
+    EXPECT_NEAR(spot_of(still(0.5, 4.5)).second_share, 0, 0.2);  // cut off at the last bin, nothing beside it
+    EXPECT_GT(spot_of(moved_px(still(0.5), 4, 0)).second_share, 0.1);
+    EXPECT_GT(spot_of(moved_px(still(0.5), 4, 0)).rms_x, 2);
+}
+
+TEST(MeanSpot, moved_by_each_lenslets_own_deflection_is_as_narrow_as_without_a_part) {
+    const LightImage light = spots(kField, 200, 0.5, [](int m, int n) {
+        return Spot{0.2 * (m - 12), 0.1 * (n - 12), 1};
+    });
+    std::vector<Deflection> centres(kField.lenslets());
+    for (int n = 0; n < kField.n; ++n) {
+        for (int m = 0; m < kField.m; ++m) {
+            centres[kField.index(m, n)] = {
+                DeflectionQ::from_raw(static_cast<std::int64_t>(0.2 * (m - 12) * (1 << 24))),
+                DeflectionQ::from_raw(static_cast<std::int64_t>(0.1 * (n - 12) * (1 << 24)))};
+        }
+    }
+    const Frame frame = exposed(light, {}, 1);
+    const MeanSpot moved = mean_spot(frame.view(), kField, 3, all_of(kField), centres),
+                   as_it_is = mean_spot(frame.view(), kField, 3, all_of(kField));
+    EXPECT_GT(as_it_is.rms_x, 1.2);
+    EXPECT_NEAR(moved.rms_x, std::sqrt(0.25 + 2 * kPixel), 0.08);  // the rest of a rounding is even over a bin
+    EXPECT_LT(moved.second_share, 0.03);
+}
+
+TEST(MeanSpot, without_light_is_not_measured) {
+    const LightImage dark{kField,
+                          std::vector<double>(static_cast<std::size_t>(kField.width_px() * kField.height_px()))};
+    EXPECT_FALSE(spot_of(dark, {0, 0}).measured);
+    EXPECT_FALSE(spot_of(dark, {100, 0, 1, false}).measured);
+}
+
+TEST(MeanSpot, without_focus_is_as_wide_as_even_light) {
+    EXPECT_NEAR(rms_of_even_light(9), 2.582, 1e-3);
+    EXPECT_NEAR(rms_of_even_light(3), 0.8165, 1e-3);
+}
+
+}  // namespace
+}  // namespace hord::algo
