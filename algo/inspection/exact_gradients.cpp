@@ -65,6 +65,11 @@ std::size_t ExactGradients::next_chunk(std::size_t limit) const {
     return std::clamp(affordable, std::size_t{1}, limit);
 }
 
+// Lenslets that the budget can pay for, each with the least work.
+std::size_t ExactGradients::most_affordable() const {
+    return static_cast<std::size_t>(std::max<std::int64_t>(work_left_, 0) / (kLensletWork + 2 * kPairWork) + 1);
+}
+
 void ExactGradients::solve(std::span<const std::uint32_t> lenslets) {
     const auto share = [&](std::size_t s) {
         return lenslets.subspan(s * kShare, std::min(kShare, lenslets.size() - s * kShare));

@@ -43,7 +43,8 @@ class ExactGradients {
         const auto wanted = [&](std::uint32_t k) {
             return gradient_[k] >= least && is_bound_[k] != 0 && severity(k) >= level;
         };
-        sort_candidates(wanted, [&](std::uint32_t k) { return (severity(k) - level) / (4 * level); });
+        const bool all = sort_candidates(
+            wanted, [&](std::uint32_t k) { return (severity(k) - level) / (4 * level); }, most_affordable());
         std::size_t next = 0;
         while (next < candidates_) {
             if (!may_go_on()) return false;
@@ -51,7 +52,7 @@ class ExactGradients {
             solve(std::span(order_).subspan(next, count));
             next += count;
         }
-        return true;
+        return all;
     }
 
     // The largest of `known` and of the severities below `ceiling` of lenslets that are bounds, by branch and bound;
@@ -67,7 +68,8 @@ class ExactGradients {
             const float value = severity(k);
             return value > floor && value < ceiling;
         };
-        sort_candidates(wanted, [&](std::uint32_t k) { return (severity(k) - floor) / (ceiling - floor); });
+        sort_candidates(
+            wanted, [&](std::uint32_t k) { return (severity(k) - floor) / (ceiling - floor); }, is_bound_.size());
         std::size_t next = 0, limit = kFirstChunk;
         while (next < candidates_) {
             if (!may_go_on()) {
@@ -105,9 +107,10 @@ class ExactGradients {
 
     ExactGradients(const Extents& extents, float limit_bins, RowThreadPool& pool, std::vector<Worker> workers);
 
-    // order_: the lenslets with wanted(k), by falling place(k) in kBuckets buckets of 0..1, then by number.
+    // order_: the lenslets with wanted(k), by falling place(k) in kBuckets buckets of 0..1, then by number. Buckets
+    // after the first `most` lenslets are left out; false if there are any.
     template <class Wanted, class Place>
-    void sort_candidates(const Wanted& wanted, const Place& place) {
+    bool sort_candidates(const Wanted& wanted, const Place& place, std::size_t most) {
         const auto bucket = [&](std::uint32_t k) {
             return static_cast<std::size_t>(kBuckets - 1) -
                 static_cast<std::size_t>(std::clamp(place(k), 0.0F, 0.999F) * kBuckets);
@@ -115,18 +118,25 @@ class ExactGradients {
         std::array<std::uint32_t, kBuckets> next{};
         const auto lenslets = static_cast<std::uint32_t>(is_bound_.size());
         candidates_ = 0;
+        std::size_t all = 0;
         for (std::uint32_t k = 0; k < lenslets; ++k) {
             if (!wanted(k)) continue;
             ++next[bucket(k)];
-            ++candidates_;
+            ++all;
         }
-        if (candidates_ == 0) return;
-        std::uint32_t first = 0;
-        for (std::uint32_t& of_bucket : next) first += std::exchange(of_bucket, first);
+        if (all == 0) return true;
+        std::size_t buckets = 0;
+        for (; buckets < next.size() && candidates_ < most; ++buckets) {
+            candidates_ +=
+                std::exchange(next[buckets], static_cast<std::uint32_t>(candidates_));  // now: its first place
+        }
         for (std::uint32_t k = 0; k < lenslets; ++k) {
-            if (wanted(k)) order_[next[bucket(k)]++] = k;
+            if (!wanted(k)) continue;
+            if (const std::size_t b = bucket(k); b < buckets) order_[next[b]++] = k;
         }
+        return candidates_ == all;
     }
+    [[nodiscard]] std::size_t most_affordable() const;
     bool may_go_on();
     [[nodiscard]] std::size_t next_chunk(std::size_t limit) const;
     void solve(std::span<const std::uint32_t> lenslets);

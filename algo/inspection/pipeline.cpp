@@ -312,8 +312,9 @@ Result<FoundDefects> Pipeline::Workspace::find_defects(bool& bounded) {
     Features features{gradient, judged_slopes(), transmission, mask};
     if (!exact) return defect_finder.find(features);
     features.bounds = exact->bounds();
-    bounded = !exact->solve_from(1, exact->least_gradient(1),
-                                 [&](std::size_t k) { return defect_finder.severities(features, k).gradient; });
+    bounded = !exact->solve_from(1, exact->least_gradient(1), [&](std::size_t k) {
+        return (mask[k] & (kNotJudged | kNoGradient)) == 0 ? gradient[k] / recipe.emd_limit_bins : 0;
+    });
     auto found = defect_finder.find(features);
     if (!found || !found->defects.empty()) return found;
     if (bounded) {  // bounds above the limit, in regions of too few lenslets

@@ -39,7 +39,7 @@ using NowNs = std::int64_t (*)();
 // core (algo/inspection/exact_gradients.cpp). When a limit is reached, the upper bounds of the lenslets that are left
 // are judged: a part may then be rejected that would pass, never the other way round.
 struct InspectionLimits {
-    std::int64_t work_a_lenslet = 30, work = 100'000;  // of a frame: lenslets times the first, plus the second
+    std::int64_t work_a_lenslet = 15, work = 50'000;  // of a frame: lenslets times the first, plus the second
     std::int64_t time_ns = 0;  // by the clock given to inspect(), since its call; 0, or without a clock: no limit
 };
 

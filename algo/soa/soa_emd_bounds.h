@@ -3,8 +3,8 @@
 //
 // A bound is at least the float that the exact gradient rounds to, rounding of this computation included: it is
 // widened by kRelativeMargin of itself and kMarginBins a pair. It is finite, and 0 where the mask has no gradient.
-// The same bits on every instruction set. The time depends on which bins are lit, by at most a factor of four, and not
-// on the masses. Plans, proof and tightness: docs/notes/emd.md.
+// The same bits on every instruction set. The time depends on which bins are lit, not on the masses. Plans, proof and
+// tightness: docs/notes/emd.md.
 // Test: tests/algo/soa/soa_emd_bounds_test.cpp, against EmdSolver.
 #pragma once
 

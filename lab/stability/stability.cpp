@@ -100,8 +100,10 @@ Result<ExperimentReport> run_stability(const ExperimentOptions& options) {
             claim.evidence =
                 fmt::format("{} cases, all right", std::ranges::count(table.rows(), claim.text, &StabilityRow::group));
     }
-    report.text = fmt::format("# Stability at the extremes\n\nSeed {}.\n\n```{}```\n\n## Claims\n\n{}\n", options.seed,
-                              as_text(table), describe(report.claims));
+    const auto times = measure_times(options);
+    if (!times) return tl::unexpected(times.error());
+    report.text = fmt::format("# Stability at the extremes\n\nSeed {}.\n\n```{}```\n\n## Claims\n\n{}\n# Times\n{}",
+                              options.seed, as_text(table), describe(report.claims), *times);
     report.files = {options.out / "stability.csv", options.out / "stability.txt"};
     if (auto done = write(report.files[0], as_csv(table)); !done) return tl::unexpected(done.error());
     if (auto done = write(report.files[1], as_text(table)); !done) return tl::unexpected(done.error());

@@ -53,12 +53,17 @@ void check_hords(const StabilityOptions& options, StabilityTable& table);
 void check_transport(const StabilityOptions& options, StabilityTable& table);
 void check_frames(const StabilityOptions& options, StabilityTable& table);
 
+// How long verdicts take, as Markdown: the processor's time for frames with a pedestal, noise, wide spots and many lit
+// bins, over that for a clean frame of the same geometry; 111x111 lenslets, and 555x555 unless options.quick. Says
+// where a goal is not reached. Times differ between machines and runs, so that they are no claims.
+Result<std::string> measure_times(const ExperimentOptions& options);
+
 // As text and as CSV.
 std::string as_text(const StabilityTable& table);
 std::string as_csv(const StabilityTable& table);
 
-// The experiment: the table as stability.csv and stability.txt in options.out, and a claim for every extreme. Fails
-// with io.
+// The experiment: the table as stability.csv and stability.txt in options.out, a claim for every extreme, and the
+// times. Fails with io.
 Result<ExperimentReport> run_stability(const ExperimentOptions& options);
 
 }  // namespace hord::lab

@@ -73,8 +73,8 @@ Difference compare_emd(const Frame& decoded, const Frame& wanted, const algo::Ex
     algo::Recipe recipe;
     recipe.dark_dn = 1;
     recipe.rim_margin = 0;
-    auto one = algo::Pipeline::create(extents, 16, recipe);
-    auto two = algo::Pipeline::create(extents, 16, recipe);
+    auto one = algo::Pipeline::create(extents, 16, recipe, 1, algo::MapSet::exact);
+    auto two = algo::Pipeline::create(extents, 16, recipe, 1, algo::MapSet::exact);
     const auto a = one->inspect(decoded.view());
     const auto b = two->inspect(wanted.view());
     Difference out;

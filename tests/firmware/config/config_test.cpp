@@ -36,6 +36,12 @@ TEST(Config, an_empty_file_is_the_defaults_and_they_can_be_used) {
     EXPECT_EQ(config->modbus.port, 1502);
 }
 
+TEST(Config, the_time_of_an_inspection_is_unlimited_unless_it_is_said) {
+    EXPECT_EQ(parse("")->inspection.budget, milliseconds(0));
+    EXPECT_EQ(parse("[timing]\ninspect_budget_ms = 40\n")->inspection.budget, milliseconds(40));
+    EXPECT_THAT(problems_of("[timing]\ninspect_budget_ms = -1\n"), HasSubstr("inspect_budget_ms"));
+}
+
 // The keys of a module also apply to the simulated module: an ignored time-out would stop the line.
 TEST(Config, what_is_said_of_a_module_holds_for_the_simulated_one) {
     const auto config = parse("[rejector]\nresponse_timeout_ms = 500\nreject_coil = 7\n");

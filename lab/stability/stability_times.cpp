@@ -1,0 +1,151 @@
+// Processor time of a verdict over that of a clean frame of the same geometry, whatever a frame shows.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <ctime>
+#include <numeric>
+#include <random>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include "algo/inspection/pipeline.h"
+#include "lab/stability/stability.h"
+
+namespace hord::lab {
+namespace {
+
+constexpr int kBins = 9, kFullScale = 254;
+// The goals of issue 21: a verdict's time over a clean frame's, and over the time with the exact map.
+constexpr double kMostOfClean = 3, kMostOfExact = 0.6;
+
+double cpu_ms() {
+    timespec now{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) / 1e6;
+}
+
+struct Light {
+    double pedestal_dn = 0, noise_dn = 0.6, radius_bins = 0.6;
+    int lit = 0;  // bins lit at random; 0: a spot
+};
+
+// A lens in free light that deflects by up to 3.5 bins, 8 bits.
+Frame drawn(const algo::Extents& e, const Light& light, std::uint64_t seed) {
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> noise(0, 1);
+    Frame frame(e.width_px(), e.height_px(), 8);
+    const double radius = 0.4 * e.m;
+    std::array<int, kBins * kBins> bins{};
+    std::iota(bins.begin(), bins.end(), 0);
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            const double x = (m - 0.5 * (e.m - 1)) / radius, y = (n - 0.5 * (e.n - 1)) / radius;
+            const double bend = x * x + y * y < 1 ? 3.5 : 0;
+            if (light.lit > 0) std::shuffle(bins.begin(), bins.end(), random);
+            for (int k = 0; k < e.bins(); ++k) {
+                const double dx = k % kBins - 4 - bend * x, dy = (k - k % kBins) / kBins - 4 - bend * y;
+                const auto rank = std::find(bins.begin(), bins.end(), k) - bins.begin();
+                double dn = light.lit == 0
+                    ? 240 * std::exp(-(dx * dx + dy * dy) / (2 * light.radius_bins * light.radius_bins))
+                    : rank < light.lit ? 20 + static_cast<double>(random() % 200)
+                                       : 0;
+                if (light.noise_dn > 0) dn += light.noise_dn * noise(random);
+                frame.set(
+                    m * kBins + k % kBins, n * kBins + k / kBins,
+                    static_cast<std::uint32_t>(std::clamp(std::lround(dn + light.pedestal_dn), 0L, long{kFullScale})));
+            }
+        }
+    }
+    return frame;
+}
+
+// Medians of the processor time, ms.
+struct Times {
+    double verdict = 0, exact = 0;
+    algo::Verdict found = algo::Verdict::unfit;
+    bool bounded = false;
+};
+
+Result<double> median_time(algo::Pipeline& pipeline, const Frame& frame, int repeats, Times& seen) {
+    std::vector<double> times;
+    for (int k = -1; k < repeats; ++k) {  // the first is not counted
+        const double before = cpu_ms();
+        const auto found = pipeline.inspect(frame.view());
+        const double after = cpu_ms();
+        if (!found) return tl::unexpected(found.error());
+        if (k >= 0) times.push_back(after - before);
+        seen.found = found->verdict;
+        seen.bounded = found->bounded;
+    }
+    std::ranges::sort(times);
+    return times[times.size() / 2];
+}
+
+Result<Times> measure(const algo::Extents& e, const Frame& frame, bool with_exact) {
+    algo::Recipe recipe;
+    Times times;
+    auto pipeline = algo::Pipeline::create(e, 8, recipe);
+    if (!pipeline) return tl::unexpected(pipeline.error());
+    const auto verdict = median_time(*pipeline, frame, 9, times);
+    if (!verdict) return tl::unexpected(verdict.error());
+    times.verdict = *verdict;
+    if (!with_exact) return times;
+    auto exactly = algo::Pipeline::create(e, 8, recipe, 1, algo::MapSet::exact);
+    if (!exactly) return tl::unexpected(exactly.error());
+    Times unused;
+    const auto exact = median_time(*exactly, frame, 9, unused);
+    if (!exact) return tl::unexpected(exact.error());
+    times.exact = *exact;
+    return times;
+}
+
+std::vector<std::pair<std::string, Light>> all_lights() {
+    std::vector<std::pair<std::string, Light>> all;
+    for (const int dn : {1, 2, 4, 8, 20}) {
+        all.push_back({fmt::format("pedestal of {} DN", dn), {.pedestal_dn = static_cast<double>(dn), .noise_dn = 0}});
+        all.push_back(
+            {fmt::format("pedestal of {} +- 1 DN", dn), {.pedestal_dn = static_cast<double>(dn), .noise_dn = 1}});
+    }
+    for (int dn = 0; dn <= 6; ++dn)
+        all.push_back({fmt::format("read noise of {} DN", dn), {.noise_dn = static_cast<double>(dn)}});
+    for (const double radius : {1.0, 2.0, 4.0})
+        all.push_back({fmt::format("spots of {} bins", radius), {.radius_bins = radius}});
+    for (const int lit : {1, 3, 7, 15, 30, 50, 81})
+        all.push_back({fmt::format("{} bins lit at random", lit), {.noise_dn = 0, .lit = lit}});
+    return all;
+}
+
+}  // namespace
+
+Result<std::string> measure_times(const ExperimentOptions& options) {
+    std::string text;
+    for (const int lenslets : {111, 555}) {
+        if (options.quick && lenslets > 111) continue;
+        const algo::Extents e{lenslets, lenslets, kBins, kBins};
+        const auto clean = measure(e, drawn(e, {}, options.seed), true);
+        if (!clean) return tl::unexpected(clean.error());
+        text += fmt::format(
+            "\n## {0}x{0} lenslets of {1}x{1} bins\n\nA verdict on the clean frame takes {2:.2f} ms of the "
+            "processor, {3:.2f} of the {4:.2f} ms with the exact map (goal: at most {5}: {6}).\n\n"
+            "| frame | of the clean frame's time | verdict | a limit of work was reached |\n"
+            "|---|---|---|---|\n",
+            lenslets, kBins, clean->verdict, clean->verdict / clean->exact, clean->exact, kMostOfExact,
+            clean->verdict <= kMostOfExact * clean->exact ? "reached" : "not reached");
+        double worst = 0;
+        std::string worst_name;
+        for (const auto& [name, light] : all_lights()) {
+            const auto times = measure(e, drawn(e, light, options.seed), false);
+            if (!times) return tl::unexpected(times.error());
+            const double ratio = times->verdict / clean->verdict;
+            text += fmt::format("| {} | {:.2f} | {} | {} |\n", name, ratio, name_of(times->found),
+                                times->bounded ? "yes" : "no");
+            if (ratio > worst) worst = ratio, worst_name = name;
+        }
+        text += fmt::format("\nThe worst is {}, {:.2f} times the clean frame (goal: at most {}: {}).\n", worst_name,
+                            worst, kMostOfClean, worst <= kMostOfClean ? "reached" : "not reached");
+    }
+    return text;
+}
+
+}  // namespace hord::lab
