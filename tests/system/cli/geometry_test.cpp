@@ -71,6 +71,7 @@ TEST_F(Told, render_writes_what_inspect_reads) {
     ASSERT_NE(same.status, 2) << same.err;
     EXPECT_EQ(Json::parse(same.out)["grid_from"], "option");
     refused({"inspect", raw}, {raw + " says a raw frame of 8 bits", "--grid"});
+    refused({"replay", frame}, {frame + " says nothing of its part"});  // no station has kept it
 }
 
 TEST_F(Told, another_macro_or_depth_than_the_frame_says_is_refused) {
