@@ -10,12 +10,25 @@ namespace hord::firmware {
 namespace {
 
 // One scale a column, so that rows can be compared; deflections beyond it take the end colour.
-constexpr float kBinsHigh = 2, kShareHigh = 1, kFrobeniusHigh = 2, kTransmissionHigh = 1.2F;
+constexpr float kBinsHigh = 2, kShareHigh = 1, kFrobeniusHigh = 0.8F, kTransmissionHigh = 1.2F;
+constexpr float kCameraWhite = 200;  // DN of an 8-bit camera for light 1
+
+Frame as_frame(const std::vector<float>& light, const algo::Extents& e) {
+    Frame frame(e.m, e.n, 8);
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            const float share = std::clamp(light[static_cast<std::size_t>(n * e.m + m)], 0.0F, 1.0F);
+            frame.set(m, n, static_cast<std::uint32_t>(kCameraWhite * share + 0.5F));
+        }
+    }
+    return frame;
+}
 
 }  // namespace
 
 void Gallery::keep(std::uint32_t part, const FrameView& view, const algo::Inspection& found) {
     InspectedPart inspected{part,
+                            0,
                             found.verdict,
                             found.reason,
                             {view.width_px / bins_.first, view.height_px / bins_.second, bins_.first, bins_.second},
@@ -36,46 +49,61 @@ void Gallery::keep(std::uint32_t part, const FrameView& view, const algo::Inspec
     waiting_[part] = std::move(inspected);
 }
 
-MontageRow Gallery::row(const std::string& kind, const InspectedPart& inspected) {
+MontageRow Gallery::row(const std::string& kind, const InspectedPart& inspected, const std::vector<float>& ordinary) {
+    using algo::Reason;
     const algo::Extents& e = inspected.extents;
-    const std::string title = fmt::format(
-        "raw frame of part {}: {}{}", inspected.part, name_of(inspected.verdict),
-        inspected.reason == algo::Reason::none ? std::string() : fmt::format(", {}", name_of(inspected.reason)));
-    std::vector<Picture> pictures{draw(title, inspected.frame.view(), e)};
-    const auto add = [&](const MapPicture& what, const std::vector<float>& map) {
-        if (!map.empty()) pictures.push_back(draw(what, map, inspected.mask, e, inspected.defects));
+    const std::string verdict =
+        fmt::format("part {}: {}{}", inspected.part, name_of(inspected.verdict),
+                    inspected.reason == Reason::none ? std::string() : fmt::format(", {}", name_of(inspected.reason)));
+    std::vector<Picture> pictures;
+    if (ordinary.size() == e.lenslets())
+        pictures.push_back(draw("telecentric camera", as_frame(ordinary, e).view(), e));
+    else pictures.push_back(draw("raw frame", inspected.frame.view(), e));
+
+    const bool by_light = inspected.reason == Reason::absorption && !inspected.transmission.empty();
+    const bool by_slope =
+        !inspected.frobenius.empty() && (inspected.reason == Reason::deflection_gradient || inspected.gradient.empty());
+    const auto add = [&](MapPicture what, const std::vector<float>& map, bool decided) {
+        if (map.empty()) return;
+        if (decided) what.title += ": " + verdict;
+        pictures.push_back(draw(what, map, inspected.mask, e, inspected.defects));
     };
-    if (inspected.compares == algo::Feature::emd) {
-        add({"EMD gradient", "bins", 0, kBinsHigh}, inspected.gradient);
+    add({"transmission", "of typical", 0, kTransmissionHigh}, inspected.transmission, by_light);
+    if (by_slope) {
+        add({"Jacobian norm", "bins a lenslet", 0, kFrobeniusHigh}, inspected.frobenius, !by_light);
+    } else if (inspected.compares == algo::Feature::emd) {
+        add({"EMD gradient", "bins", 0, kBinsHigh}, inspected.gradient, !by_light);
     } else if (inspected.compares) {
         const bool in_bins = !algo::unit_of(*inspected.compares).empty();
         add({std::string(name_of(*inspected.compares)) + " gradient", in_bins ? "bins" : "", 0,
              in_bins ? kBinsHigh : kShareHigh},
-            inspected.gradient);
+            inspected.gradient, !by_light);
     }
-    add({"Frobenius norm of the Jacobian", "bins a lenslet", 0, kFrobeniusHigh}, inspected.frobenius);
-    add({"transmission", "of typical", 0, kTransmissionHigh}, inspected.transmission);
     return {kind, std::move(pictures)};
 }
 
-void Gallery::settle(std::uint32_t part, const std::string& kind) {
+void Gallery::settle(std::uint32_t part, const std::string& kind, std::size_t look) {
     const std::lock_guard lock(mutex_);
     const auto found = waiting_.find(part);
     if (found == waiting_.end()) return;
+    found->second.look = look;
     kinds_.try_emplace(kind.empty() ? "part" : kind, std::move(found->second));
     waiting_.erase(found);
 }
 
-Result<std::string> Gallery::write(const std::filesystem::path& folder) {
+Result<std::string> Gallery::write(const std::filesystem::path& folder, const OrdinaryView& ordinary) {
     const std::lock_guard lock(mutex_);
     if (kinds_.empty())
         return fail(ErrorCode::not_found, "no part was inspected, so there is no picture of one",
                     "see the messages above");
     if (auto made = make_folder(folder); !made) return tl::unexpected(made.error());
     std::vector<MontageRow> rows;
-    if (const auto good = kinds_.find("good"); good != kinds_.end()) rows.push_back(row("good", good->second));
+    const auto add = [&](const std::string& kind, const InspectedPart& inspected) {
+        rows.push_back(row(kind, inspected, ordinary ? ordinary(inspected.look) : std::vector<float>()));
+    };
+    if (const auto good = kinds_.find("good"); good != kinds_.end()) add("good", good->second);
     for (const auto& [kind, inspected] : kinds_) {
-        if (kind != "good") rows.push_back(row(kind, inspected));
+        if (kind != "good") add(kind, inspected);
     }
     const auto file = folder / "montage.png";
     if (auto done = write_png(file, montage(rows)); !done) return tl::unexpected(done.error());
