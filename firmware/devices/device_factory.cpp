@@ -16,6 +16,7 @@
 #include "hal_sim/cell/production.h"
 #include "hal_sim/cell/rendered_frames.h"
 #include "hal_sim/coil_module/coil_module.h"
+#include "hal_sim/optics/camera/telecentric.h"
 
 namespace hord::firmware {
 namespace {
@@ -44,18 +45,6 @@ sim::CellOptions cell_options(const Config& config, const SimulationOptions& sim
     options.strobe.limits = {config.strobe.limits.max_on, config.strobe.limits.min_rest, config.strobe.channels};
     options.strobe.nominal_pulse = core.strobe;
     return options;
-}
-
-// The good part of the simulated line and its camera.
-sim::Scene clean_part(const Config& config) {
-    sim::Scene scene;
-    scene.name = "lens";
-    scene.part = sim::DoubleConvexLens{};
-    scene.camera.extents = {111, 111, config.inspection.bins_i, config.inspection.bins_j};
-    scene.noise.electrons_per_dn = 40;
-    scene.noise.read_e = 2;
-    scene.noise.dark_dn = 1;
-    return scene;
 }
 
 // Compares the geometry that recorded frames note with [inspection]. Fails with invalid_argument.
@@ -125,9 +114,23 @@ class ChosenBackends final : public Backends {
         watchers.part_gone = [this, fate = std::move(fate)](const sim::PartRecord& part) {
             if (!fate) return;
             fate({part.arrived, rendered_ == nullptr ? std::string() : cell_->world().schedule().kinds[part.kind].name,
-                  part.fate == sim::PartRecord::Fate::ejected, part.fate == sim::PartRecord::Fate::removed});
+                  part.kind, part.fate == sim::PartRecord::Fate::ejected, part.fate == sim::PartRecord::Fate::removed});
         };
         cell_->watch(std::move(watchers));
+    }
+
+    Result<std::vector<float>> telecentric_view(std::size_t look) const override {
+        if (!rendered_ || look >= rendered_->scenes().size()) {
+            return fail(ErrorCode::unsupported, "there is no telecentric view of this part",
+                        "only parts of the simulated line have one");
+        }
+        sim::Scene scene = rendered_->scenes()[look];
+        scene.telecentric.width_px = scene.camera.extents.m;
+        scene.telecentric.height_px = scene.camera.extents.n;
+        scene.telecentric.field_mm = scene.camera.field_mm;
+        auto picture = sim::render_telecentric(scene);
+        if (!picture) return tl::unexpected(picture.error());
+        return std::move(picture->light);
     }
 
   private:
@@ -146,10 +149,12 @@ class ChosenBackends final : public Backends {
             options.schedule.parts = recorded->count();
         if (!sensor_) {
             sim::ProductionOptions production;
-            production.clean = clean_part(config);
+            production.clean = sim::line_lens(config.inspection.bins_i, config.inspection.bins_j);
             production.seed = simulation.seed;
             production.good_share = simulation.good_share;
             production.good_parts = production.of_each_defect = simulation.variety;
+            if (simulation.deflectors)
+                production.defects.insert(production.defects.end(), sim::kDeflectors.begin(), sim::kDeflectors.end());
             auto drawn = sim::draw_production(production);
             if (!drawn) return tl::unexpected(drawn.error());
             sim::RenderedFramesOptions rendering;

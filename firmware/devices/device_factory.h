@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "algo/frame/extents.h"
 #include "drivers/hal/event_loop.h"
@@ -25,6 +26,7 @@ struct SimulationOptions {
     double parts_per_second = 10;
     double good_share = 0.7;
     int variety = 4;                       // different parts of each kind, rendered at the start
+    bool deflectors = false;               // also defects that only deflect light (hal_sim/cell/production.h)
     std::filesystem::path cache;           // folder that keeps rendered parts for the next start; empty: none
     bool own_coil_module = false;          // a Modbus coil module on loopback moves the simulated ejector
     int realtime = 0;                      // the coil module's real-time priority; 0: none
@@ -66,11 +68,18 @@ class Backends {
     struct Fate {
         hal::TimePoint arrived;  // equals the part's edge
         std::string kind;        // "good", "bubble", ...; empty for recorded frames
+        std::size_t look = 0;    // which of the rendered parts it is
         bool ejected = false;
         bool taken_off = false;  // by clear_line()
     };
     // Both are called on the loop's thread. `over`: the simulated line's last part has left. A real line never ends.
     virtual void watch_line(std::function<void(const Fate&)> fate, std::function<void()> over) = 0;
+
+    // What an ordinary inspection camera would have seen of a part of the simulated line: telecentric, along the axis,
+    // before a wide panel of light (sim::TelecentricCamera), without noise. One pixel a lenslet, row by row; 1: all
+    // light comes from the panel. Rendered at each call, within some ten milliseconds; any thread. Fails with
+    // unsupported for parts that are not rendered.
+    [[nodiscard]] virtual Result<std::vector<float>> telecentric_view(std::size_t look) const = 0;
 };
 
 }  // namespace hord::firmware

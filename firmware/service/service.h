@@ -63,6 +63,11 @@ class Service final : public StationObserver, public InspectionObserver {
     // Loop thread, simulated line only. Acts as a person at a stopped line: removes the parts and resets the station.
     void look_after_line();
 
+    // Simulated line only: the telecentric picture of a part (Backends::telecentric_view). Any thread.
+    [[nodiscard]] Result<std::vector<float>> telecentric_view(std::size_t look) const {
+        return backends_->telecentric_view(look);
+    }
+
     // Loop thread. Calls `all_here` there once every inspecting thread has answered; never if one hangs.
     void liveness_check(std::function<void()> all_here) { inspector_->liveness_check(std::move(all_here)); }
 

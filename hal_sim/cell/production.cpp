@@ -1,13 +1,23 @@
 #include "hal_sim/cell/production.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <string>
 
+#include "hal_sim/optics/scene/geometry.h"
 #include "hal_sim/world/random.h"
 
 namespace hord::sim {
 namespace {
+
+// Sizes of the defects that only deflect light, as [smallest, largest]: docs/notes/optics.md.
+constexpr double kDimpleRimMm[] = {0.7, 1.0}, kDimpleRad[] = {0.012, 0.014};
+constexpr double kStriaHalfMm[] = {0.6, 1.2}, kStriaRadiusMm[] = {0.095, 0.108}, kStriaIndex[] = {0.0098, 0.0108};
+constexpr double kStriaTurn = 0.2;  // rad, at most, from the direction in which the glass was drawn, y
+constexpr double kInclusionRadiusMm[] = {0.35, 0.45}, kInclusionIndex[] = {0.0026, 0.003};
+constexpr double kNearSharpMm = 0.1;       // depths within this of the sharp plane
+constexpr double kDeflectorsWithin = 0.5;  // of the aperture
 
 // Uniform draws, one after the other.
 class Draws {
@@ -33,15 +43,59 @@ Vec3 place_inside(Draws& draws, double within_mm) {
     return {radius * std::cos(angle), radius * std::sin(angle), 0};
 }
 
+// Depth in the glass that the camera sees sharply: the measurement plane, seen through the camera-side face.
+double sharp_z(const DoubleConvexLens& lens) { return (1 - lens.refractive_index) * surface_z(lens, 0, 0); }
+
+// A place on the face towards the source, and the direction out of the part there.
+struct OnFace {
+    Vec3 at, out;
+};
+OnFace on_source_side(const DoubleConvexLens& lens, double x, double y) {
+    const Vec3 at{x, y, -surface_z(lens, x, y)};
+    return {at, unit(at - Vec3{0, 0, lens.radius_of_curvature_mm - surface_z(lens, 0, 0)})};
+}
+
+// A shallow spherical hollow.
+SphericalCut draw_dimple(const Vec3& at, const DoubleConvexLens& lens, Draws& draws) {
+    const double rim_mm = draws.between(kDimpleRimMm[0], kDimpleRimMm[1]);
+    const double deflection_rad = draws.between(kDimpleRad[0], kDimpleRad[1]);
+    // At its rim the face changes its slope by rim (1 / radius + 1 / radius of the lens).
+    const double bend = deflection_rad / (lens.refractive_index - 1) / rim_mm;
+    const double radius = 1 / (bend - 1 / lens.radius_of_curvature_mm);
+    const double depth = rim_mm * rim_mm * bend / 2;
+    const OnFace face = on_source_side(lens, at.x, at.y);
+    return {face.at + (radius - depth) * face.out, radius};
+}
+
+// As wide as a lenslet: each deflects its light to both sides alike, and its mean deflection stays.
+Stria draw_stria(const Vec3& at, const DoubleConvexLens& lens, Draws& draws) {
+    const double half_mm = draws.between(kStriaHalfMm[0], kStriaHalfMm[1]);
+    const double turn = draws.between(-kStriaTurn, kStriaTurn);
+    const double z = sharp_z(lens) + draws.between(-kNearSharpMm, kNearSharpMm);
+    const Vec3 along{half_mm * std::sin(turn), half_mm * std::cos(turn), 0}, middle{at.x, at.y, z};
+    const double radius = draws.between(kStriaRadiusMm[0], kStriaRadiusMm[1]);
+    return {middle - along, middle + along, radius, draws.between(kStriaIndex[0], kStriaIndex[1]), true};
+}
+
+Inclusion draw_inclusion(const Vec3& at, const DoubleConvexLens& lens, Draws& draws) {
+    const double z = sharp_z(lens) + draws.between(-kNearSharpMm, kNearSharpMm);
+    const double radius = draws.between(kInclusionRadiusMm[0], kInclusionRadiusMm[1]);
+    return {{at.x, at.y, z}, radius, lens.refractive_index + draws.between(kInclusionIndex[0], kInclusionIndex[1]), 0};
+}
+
 SceneDefect draw_defect(PartClass made_as, const DoubleConvexLens& lens, Draws& draws) {
     // Away from the rim, where the rim mask hides defects (docs/architecture.md).
-    const Vec3 at = place_inside(draws, 0.65 * lens.aperture_radius_mm);
+    const bool deflects = std::ranges::find(kDeflectors, made_as) != kDeflectors.end();
+    const Vec3 at = place_inside(draws, (deflects ? kDeflectorsWithin : 0.65) * lens.aperture_radius_mm);
     switch (made_as) {
         case PartClass::bubble: return AirBubble{{at.x, at.y, draws.between(-0.5, 0.5)}, draws.between(0.3, 0.6)};
         case PartClass::cut: {
             const double radius = draws.between(0.8, 1.6);
             return SphericalCut{{at.x, at.y, surface_z(lens, at.x, at.y) + radius / 3}, radius};
         }
+        case PartClass::dimple: return draw_dimple(at, lens, draws);
+        case PartClass::stria: return draw_stria(at, lens, draws);
+        case PartClass::inclusion: return draw_inclusion(at, lens, draws);
         case PartClass::speck:
         case PartClass::good: break;
     }
@@ -49,6 +103,17 @@ SceneDefect draw_defect(PartClass made_as, const DoubleConvexLens& lens, Draws& 
 }
 
 }  // namespace
+
+Scene line_lens(int bins_i, int bins_j) {
+    Scene scene;
+    scene.name = "lens";
+    scene.part = DoubleConvexLens{};
+    scene.camera.extents = {111, 111, bins_i, bins_j};
+    scene.noise.electrons_per_dn = 40;
+    scene.noise.read_e = 2;
+    scene.noise.dark_dn = 1;
+    return scene;
+}
 
 Result<Production> draw_production(const ProductionOptions& options) {
     const auto* lens = std::get_if<DoubleConvexLens>(&options.clean.part);
@@ -59,24 +124,21 @@ Result<Production> draw_production(const ProductionOptions& options) {
     }
     Production production;
     Draws draws(options.seed);
-    for (std::size_t number = 0; number < kPartClassNames.size(); ++number) {
-        const auto made_as = static_cast<PartClass>(number);
-        const bool good = made_as == PartClass::good;
-        const int count = good ? options.good_parts : options.of_each_defect;
-        const auto defective =
-            static_cast<double>(options.of_each_defect) * static_cast<double>(kPartClassNames.size() - 1);
+    const auto add = [&](PartClass made_as, int count, double share) {
         for (int k = 0; k < count; ++k) {
             Scene scene = options.clean;
-            scene.name = std::string(kPartClassNames[number]) + "-" + std::to_string(k + 1);
+            scene.name = std::string(name_of(made_as)) + "-" + std::to_string(k + 1);
             scene.pose.x_mm = draws.between(-options.wobble_mm, options.wobble_mm);
             scene.pose.y_mm = draws.between(-options.wobble_mm, options.wobble_mm);
-            if (!good) scene.defects.push_back(draw_defect(made_as, *lens, draws));
+            if (made_as != PartClass::good) scene.defects = {draw_defect(made_as, *lens, draws)};
             production.scenes.push_back(std::move(scene));
-            production.kinds.push_back(
-                {std::string(kPartClassNames[number]), !good,
-                 good ? options.good_share / options.good_parts : (1 - options.good_share) / defective});
+            production.kinds.push_back({std::string(name_of(made_as)), made_as != PartClass::good, share});
         }
-    }
+    };
+    add(PartClass::good, options.good_parts, options.good_share / options.good_parts);
+    const auto defective = static_cast<double>(options.of_each_defect) * static_cast<double>(options.defects.size());
+    for (const PartClass made_as : options.defects)
+        add(made_as, options.of_each_defect, (1 - options.good_share) / defective);
     return production;
 }
 

@@ -1,4 +1,8 @@
 // Parts for the simulated cell, drawn from a seed: good ones, and each kind of defect at random places.
+//
+// bubble, cut and speck take light away. dimple (a shallow hollow in the face towards the source), stria and inclusion
+// (glass of slightly another index) only change the direction of light, by a few bin pitches: a camera with a wide
+// light behind the part does not see them. Their sizes and depths, and why: docs/notes/optics.md.
 #pragma once
 
 #include <array>
@@ -11,8 +15,13 @@
 
 namespace hord::sim {
 
-enum class PartClass : std::uint8_t { good, bubble, cut, speck };
-constexpr std::array<std::string_view, 4> kPartClassNames{"good", "bubble", "cut", "speck"};
+enum class PartClass : std::uint8_t { good, bubble, cut, speck, dimple, stria, inclusion };
+constexpr std::array<std::string_view, 7> kPartClassNames{"good",   "bubble", "cut",      "speck",
+                                                          "dimple", "stria",  "inclusion"};
+constexpr std::string_view name_of(PartClass made_as) { return kPartClassNames[static_cast<std::size_t>(made_as)]; }
+
+inline constexpr std::array kLightTakers = {PartClass::bubble, PartClass::cut, PartClass::speck};
+inline constexpr std::array kDeflectors = {PartClass::dimple, PartClass::stria, PartClass::inclusion};
 
 struct ProductionOptions {
     Scene clean;  // the good part: a double-convex lens; its camera, light and noise are used for all
@@ -21,7 +30,12 @@ struct ProductionOptions {
     int of_each_defect = 4;   // different parts of each defect kind
     double good_share = 0.7;  // of all parts, 0..1
     double wobble_mm = 0.1;   // parts lie within this of the field's centre
+    std::vector<PartClass> defects{kLightTakers.begin(), kLightTakers.end()};  // the kinds; drawn in this order
 };
+
+// The good part of the simulated line, and its camera: the lens of hal_sim/scenes/lens.toml in a field of 111x111
+// lenslets, 8 bits, with photon noise, read noise and a pedestal of 1 DN.
+Scene line_lens(int bins_i, int bins_j);
 
 // The pool of parts, for RenderedFrames and for the world's schedule: kinds[k] looks like scenes[k] and is named after
 // its class. The good parts together have the share `good_share`.
@@ -30,7 +44,8 @@ struct Production {
     std::vector<PartKind> kinds;
 };
 
-// The same options give the same parts. Fails with unsupported when the clean part is not a double-convex lens.
+// The same options give the same parts. Parts of a kind do not depend on the kinds after it in `defects`. Fails with
+// unsupported when the clean part is not a double-convex lens.
 Result<Production> draw_production(const ProductionOptions& options);
 
 }  // namespace hord::sim

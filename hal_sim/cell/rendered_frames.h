@@ -31,6 +31,9 @@ class RenderedFrames final : public FrameSource {
     static Result<std::unique_ptr<RenderedFrames>> make(std::vector<Scene> scenes,
                                                         const RenderedFramesOptions& options = {});
 
+    // By kind; the last is the empty field.
+    [[nodiscard]] const std::vector<Scene>& scenes() const { return scenes_; }
+
     [[nodiscard]] Format format() const override;
     FrameView expose(const Exposure& exposure, std::span<std::byte> scratch) override;
 
@@ -40,7 +43,7 @@ class RenderedFrames final : public FrameSource {
     void save_cache(const std::filesystem::path& file) const;
     [[nodiscard]] LightField shifted(const LightField& field, int lenslets) const;
 
-    std::vector<Scene> scenes_;  // by kind; the last is the empty field
+    std::vector<Scene> scenes_;
     std::vector<LightField> fields_;
     std::vector<std::vector<Frame>> ahead_;
     double nominal_share_ = 0;

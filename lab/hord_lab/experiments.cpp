@@ -2,6 +2,7 @@
 
 #include "lab/ablation/ablation.h"
 #include "lab/detection/detection.h"
+#include "lab/kinds/kinds.h"
 #include "lab/paper/paper.h"
 #include "lab/stability/stability.h"
 #include "lab/tradeoff/tradeoff.h"
@@ -20,6 +21,8 @@ std::span<const Experiment> experiments() {
          "about twenty-five minutes on one core (estimated from its parts)", run_detection},
         {"ablation", "What each physical effect does to detection, and what it costs", "about two minutes on two cores",
          run_ablation},
+        {"kinds", "The simulated line's kinds of defect: which camera or feature sees each, and why it is rejected",
+         "about half a minute on two cores", run_kinds},
         {"stability", "Do the features keep their promises at the extremes? A table of case, expected, got, verdict",
          "about half a minute", run_stability},
     };

@@ -8,9 +8,9 @@
 
 #include "algo/frame/mask.h"
 #include "algo/recipe/recipe.h"
+#include "hal_sim/optics/camera/telecentric.h"
 #include "lab/experiment/scenes.h"
 #include "lab/optics/truth.h"
-#include "lab/optics/views.h"
 #include "lab/report/tables.h"
 
 namespace hord::lab {

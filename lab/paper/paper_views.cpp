@@ -5,7 +5,7 @@
 
 #include "algo/frame/mask.h"
 #include "drivers/files/frame_file.h"
-#include "lab/optics/views.h"
+#include "hal_sim/optics/camera/telecentric.h"
 
 namespace hord::lab {
 

@@ -11,6 +11,7 @@ namespace {
 
 // One scale a column, so that rows can be compared; deflections beyond it take the end colour.
 constexpr float kBinsHigh = 2, kShareHigh = 1, kTransmissionHigh = 1.2F;
+constexpr float kCameraWhite = 200;  // DN of an 8-bit camera for light 1
 
 // `otherwise`: of a feature without a fixed scale.
 float high_of(const FeatureView& view, float otherwise) {
@@ -18,6 +19,17 @@ float high_of(const FeatureView& view, float otherwise) {
     if (view.unit.starts_with("bin pitches")) return kBinsHigh;
     const auto choice = algo::feature_named(view.name);
     return choice && algo::is_judged_gradient(choice->feature) ? kShareHigh : otherwise;
+}
+
+Frame as_frame(const std::vector<float>& light, const algo::Extents& e) {
+    Frame frame(e.m, e.n, 8);
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            const float share = std::clamp(light[static_cast<std::size_t>(n * e.m + m)], 0.0F, 1.0F);
+            frame.set(m, n, static_cast<std::uint32_t>(kCameraWhite * share + 0.5F));
+        }
+    }
+    return frame;
 }
 
 }  // namespace
@@ -29,6 +41,7 @@ void Gallery::set_recipe(std::shared_ptr<const algo::Recipe> recipe) {
 
 void Gallery::keep(std::uint32_t part, const FrameView& view, const algo::Inspection& found) {
     InspectedPart inspected{part,
+                            0,
                             found.verdict,
                             found.reason,
                             {view.width_px / bins_.first, view.height_px / bins_.second, bins_.first, bins_.second},
@@ -45,38 +58,46 @@ void Gallery::keep(std::uint32_t part, const FrameView& view, const algo::Inspec
     waiting_[part] = std::move(inspected);
 }
 
-Result<MontageRow> Gallery::row(const std::string& kind, const InspectedPart& inspected) {
+Result<MontageRow> Gallery::row(const std::string& kind, const InspectedPart& inspected,
+                                const std::vector<float>& ordinary) {
     const algo::Extents& e = inspected.extents;
     auto pipeline = algo::Pipeline::create(e, inspected.frame.view().bits, *inspected.recipe, 1, algo::MapSet::all);
     if (!pipeline) return tl::unexpected(pipeline.error());
     const auto found = pipeline->inspect(inspected.frame.view());
     if (!found) return tl::unexpected(found.error());
     const FeatureViews views(*found, *inspected.recipe, e);
-    const std::string title = fmt::format(
-        "raw frame of part {}: {}{}", inspected.part, name_of(inspected.verdict),
+    const std::string verdict = fmt::format(
+        "part {}: {}{}", inspected.part, name_of(inspected.verdict),
         inspected.reason == algo::Reason::none ? std::string() : fmt::format(", {}", name_of(inspected.reason)));
-    std::vector<Picture> pictures{draw(title, inspected.frame.view(), e)};
+    std::vector<Picture> pictures;
+    if (ordinary.size() == e.lenslets())
+        pictures.push_back(draw("telecentric camera", as_frame(ordinary, e).view(), e));
+    else pictures.push_back(draw("raw frame", inspected.frame.view(), e));
+    const FeatureView& deciding = views.deciding();
     const auto add = [&](const FeatureView& view) {
-        const bool decided = view.name == views.deciding().name;
-        MapPicture picture = scale_to(decided ? view.title + ": decided" : view.title, view, *inspected.recipe);
+        const bool decided = view.name == deciding.name;
+        MapPicture picture = scale_to(decided ? view.title + ": " + verdict : view.title, view, *inspected.recipe);
         picture.low = 0;
         picture.high = high_of(view, picture.high);
         pictures.push_back(draw(picture, view.map, view.mask, e, found->defects));
     };
-    for (const FeatureView& view : views.judged()) add(view);
-    if (found->verdict == algo::Verdict::unfit) add(views.deciding());
+    const FeatureView* const transmission = views.find(name_of(algo::Feature::transmission));
+    if (transmission != nullptr) add(*transmission);
+    if (transmission == nullptr || deciding.name != transmission->name) add(deciding);
+    else if (const FeatureView& other = views.judged().front(); other.name != deciding.name) add(other);
     return MontageRow{kind, std::move(pictures)};
 }
 
-void Gallery::settle(std::uint32_t part, const std::string& kind) {
+void Gallery::settle(std::uint32_t part, const std::string& kind, std::size_t look) {
     const std::lock_guard lock(mutex_);
     const auto found = waiting_.find(part);
     if (found == waiting_.end()) return;
+    found->second.look = look;
     kinds_.try_emplace(kind.empty() ? "part" : kind, std::move(found->second));
     waiting_.erase(found);
 }
 
-Result<std::string> Gallery::write(const std::filesystem::path& folder) {
+Result<std::string> Gallery::write(const std::filesystem::path& folder, const OrdinaryView& ordinary) {
     const std::lock_guard lock(mutex_);
     if (kinds_.empty())
         return fail(ErrorCode::not_found, "no part was inspected, so there is no picture of one",
@@ -86,7 +107,7 @@ Result<std::string> Gallery::write(const std::filesystem::path& folder) {
     for (const bool good : {true, false}) {
         for (const auto& [kind, inspected] : kinds_) {
             if ((kind == "good") != good) continue;
-            auto drawn = row(kind, inspected);
+            auto drawn = row(kind, inspected, ordinary ? ordinary(inspected.look) : std::vector<float>());
             if (!drawn) return tl::unexpected(drawn.error());
             rows.push_back(std::move(*drawn));
         }

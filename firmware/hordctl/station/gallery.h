@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -27,25 +28,31 @@ class Gallery {
     void keep(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection);
     static constexpr std::size_t kWaiting = 32;
 
-    // The part's kind; kept if it is the first of its kind.
-    void settle(std::uint32_t part, const std::string& kind);
+    // Keeps a part if it is the first of its kind. `look`: which of the simulated line's parts it looks like.
+    void settle(std::uint32_t part, const std::string& kind, std::size_t look);
 
-    // Writes montage.png into `folder` (made if need be): a row a kind, good first; raw frame, gradient, Frobenius
-    // norm, transmission, those that the recipe chooses, each column in one scale; the map that decided says so. The
-    // frames are inspected again for it, with all maps exact. Returns the picture's path. Fails with io, refused (the
-    // picture is a link or device), not_found (nothing kept), and as Pipeline::create() does.
-    Result<std::string> write(const std::filesystem::path& folder);
+    // What an ordinary camera would have seen of a part: one value a lenslet, 1 is the light; empty: unknown.
+    using OrdinaryView = std::function<std::vector<float>(std::size_t look)>;
+
+    // Writes montage.png into `folder` (made if need be): a row a kind, good first: the ordinary camera's picture (else
+    // the raw frame), the transmission, and the map that decided (another judged one, where the transmission did), each
+    // column in one scale. Verdict and reason stand over the map that decided. The frames are inspected again for it,
+    // with all maps exact. Returns the picture's path. Fails with io, refused (the picture is a link or device),
+    // not_found (nothing kept), and as Pipeline::create() does.
+    Result<std::string> write(const std::filesystem::path& folder, const OrdinaryView& ordinary = {});
 
   private:
     struct InspectedPart {
         std::uint32_t part = 0;
+        std::size_t look = 0;
         algo::Verdict verdict = algo::Verdict::unfit;
         algo::Reason reason = algo::Reason::none;
         algo::Extents extents;
         Frame frame;
         std::shared_ptr<const algo::Recipe> recipe;
     };
-    static Result<MontageRow> row(const std::string& kind, const InspectedPart& inspected);
+    static Result<MontageRow> row(const std::string& kind, const InspectedPart& inspected,
+                                  const std::vector<float>& ordinary);
 
     std::pair<int, int> bins_{9, 9};
     std::mutex mutex_;

@@ -141,7 +141,7 @@ class Run {
   private:
     Result<std::unique_ptr<Service>> open(const Config& config) {
         SimulationOptions simulation = options_.line;
-        simulation.own_coil_module = options_.simulate;
+        simulation.own_coil_module = simulation.deflectors = options_.simulate;
         auto rendering = std::make_shared<std::unique_ptr<Progress>>(std::make_unique<Progress>("render parts"));
         simulation.progress = [rendering](double done) {
             if (*rendering) (*rendering)->show(done);
@@ -234,7 +234,7 @@ class Run {
             const std::string sentence = sentences_.take(result->second.part);
             fmt::print("{}\n", store::to_text(to_json(result->second, fate->second, sentence)));
         }
-        gallery_.settle(result->second.part, fate->second.kind);
+        gallery_.settle(result->second.part, fate->second.kind, fate->second.look);
         ++settled_;
         if (options_.line.parts > 0 && progress_) {
             progress_->show(static_cast<double>(settled_) / static_cast<double>(options_.line.parts),
@@ -281,7 +281,9 @@ class Run {
                        last.line_stop ? ", line stop raised" : "");
         }
         if (!options_.out.empty()) {
-            const auto written = gallery_.write(options_.out);
+            const auto written = gallery_.write(options_.out, [this](std::size_t look) {
+                return service_->telecentric_view(look).value_or(std::vector<float>());
+            });
             if (!written) return complain(written.error());
             fmt::print(out, "picture: {}\n", *written);
         }
@@ -327,7 +329,9 @@ void add_run(CLI::App& program, Exit& status) {
     add_number(*command, "--good", options->line.good_share, "Share of good parts on the simulated line", 0.0, 1.0);
     add_number(*command, "--variety", options->line.variety,
                "Different parts of each kind on the simulated line; each is rendered at the start", 1, 1000);
-    command->add_option("--out", options->out, "Folder for a picture of one part of each kind");
+    command->add_option("--out", options->out,
+                        "Folder for a picture of one part of each kind: what a telecentric camera would have seen, the "
+                        "transmission, and the map that decided");
     command->add_option(
         "--store", options->store,
         "Folder to keep results and frames in (docs/store.md); without it, what the configuration says");

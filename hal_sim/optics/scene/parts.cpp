@@ -161,7 +161,21 @@ void add_defect(Body& body, const Around& glass, const Absorber& d) {
     body.fill_more(Solid::inside(sphere), glass.index, d.opaque ? kOpaque : glass.absorption + d.absorption_per_mm);
     body.features.push_back({d.centre_mm, d.centre_mm, d.radius_mm, d.radius_mm / 8});
 }
+// A prism of triangular section along the line: a base across the light, two flanks.
+Solid roof(Body& body, const Stria& d) {
+    const Vec3 along = unit(d.to_mm - d.from_mm);
+    const Vec3 across = unit(cross(along, {0, 0, 1})), up = cross(across, along);
+    const Vec3 base = d.from_mm - d.radius_mm * up, ridge = d.from_mm + d.radius_mm * up;
+    std::vector<Solid> faces{Solid::inside(add_plane(body, d.from_mm, -1.0 * along)),
+                             Solid::inside(add_plane(body, d.to_mm, along)),
+                             Solid::inside(add_plane(body, base, -1.0 * up))};
+    for (const double side : {-2.0, 2.0}) faces.push_back(Solid::inside(add_plane(body, ridge, side * across + up)));
+    body.features.push_back({d.from_mm, d.to_mm, 1.5 * d.radius_mm, d.radius_mm / 4});
+    return Solid::all(std::move(faces));
+}
+
 void add_defect(Body& body, const Around& glass, const Stria& d) {
+    if (d.soft) return body.fill_more(roof(body, d), glass.index + d.index_difference, glass.absorption);
     body.fill_more(thread(body, d.from_mm, d.to_mm, d.radius_mm), glass.index + d.index_difference, glass.absorption);
 }
 

@@ -119,6 +119,9 @@ struct Stria {  // a straight thread of glass of slightly another index
     Vec3 from_mm, to_mm;
     double radius_mm = 0.1;
     double index_difference = 1e-3;
+    // Instead of round: its thickness along the light falls evenly from 2 radius_mm in the middle to 0 at its edges,
+    // and both halves deflect light by 2 index_difference. A stria whose index fades out has no steep flanks.
+    bool soft = false;
 };
 using SceneDefect = std::variant<AirBubble, SphericalCut, AbsorbingSpeck, Inclusion, Scratch, Absorber, Stria>;
 

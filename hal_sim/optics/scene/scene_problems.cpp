@@ -85,7 +85,11 @@ void check_together(Checker& c, const Vial& vial) {
                   "use less than " + text_of(vial.outer_radius_mm));
 }
 void check_together(Checker& c, const Is<Scratch, Stria> auto& thread) {
-    c.require(length(thread.to_mm - thread.from_mm) > kThinnest, "to_mm", "is where it begins", "give it a length");
+    const Vec3 along = thread.to_mm - thread.from_mm;
+    c.require(length(along) > kThinnest, "to_mm", "is where it begins", "give it a length");
+    if constexpr (requires { thread.soft; })
+        c.require(!thread.soft || std::hypot(along.x, along.y) > 0.1 * length(along), "soft",
+                  "is not defined along the light", "lay the stria across the light, or make it round");
 }
 
 void check_shape(Checker& c, const Shape& shape) {
@@ -285,7 +289,13 @@ void check_noise(Checker& c, const SensorNoise& noise) {
 }
 
 void check_defects(Checker& c, const Scene& scene) {
-    // A vial and 16 scratches take 4 + 16 * 3 of Body::kMaxSurfaces; a solid leaves as much room.
+    // A vial, 14 scratches and 2 soft striae take 4 + 14 * 3 + 2 * 5 of Body::kMaxSurfaces; a solid leaves as much
+    // room.
+    constexpr std::ptrdiff_t kMaxSoft = 2;
+    const auto is_soft = [](const SceneDefect& of) {
+        const auto* stria = std::get_if<Stria>(&of);
+        return stria != nullptr && stria->soft;
+    };
     const auto* solid = std::get_if<SolidPart>(&scene.part);
     const std::size_t kMaxDefects = solid != nullptr && surfaces_of(solid->shape) > 16 ? 10 : 16;
     for (std::size_t k = 0; k < scene.defects.size(); ++k) {
@@ -293,6 +303,9 @@ void check_defects(Checker& c, const Scene& scene) {
         std::visit([&](const auto& defect) { fields(c, defect), check_together(c, defect); }, scene.defects[k]);
         if (k == kMaxDefects)
             c.require(false, "kind", "is one defect too many", "use at most " + std::to_string(kMaxDefects));
+        const auto at = scene.defects.begin() + static_cast<std::ptrdiff_t>(k);
+        if (is_soft(*at) && std::count_if(scene.defects.begin(), at, is_soft) == kMaxSoft)
+            c.require(false, "soft", "is one soft stria too many", "use at most " + std::to_string(kMaxSoft));
         if (std::holds_alternative<NoPart>(scene.part)) {
             c.require(std::holds_alternative<AbsorbingSpeck>(scene.defects[k]), "kind", "needs a part to be in",
                       "name a part, or use a speck");

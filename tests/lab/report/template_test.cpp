@@ -40,7 +40,7 @@ TEST(Template, what_a_field_contains_is_not_read_as_a_tag) {
 }
 
 TEST(Template, the_program_has_the_templates_of_the_reports) {
-    for (const char* name : {"detection", "tradeoff", "ablation", "paper", "tune"})
+    for (const char* name : {"detection", "tradeoff", "ablation", "kinds", "paper", "tune"})
         EXPECT_NE(fill_report(name, {}), "") << name;
     EXPECT_EQ(fill_report("poem", {}), "");
 }

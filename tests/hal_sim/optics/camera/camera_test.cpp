@@ -39,7 +39,7 @@ TEST(Array, an_aligned_one_of_a_pixel_a_bin_is_seen_as_the_macro_pixel_frame) {
     scene.part = DoubleConvexLens{};
     scene.camera.extents = {21, 19, 9, 9};
     const LightField field = *render(scene);
-    const lab::CameraPicture raw = *lab::render_raw(scene);
+    const CameraPicture raw = *lab::render_raw(scene);
     ASSERT_EQ(raw.width_px, 21 * 9);
     ASSERT_EQ(raw.height_px, 19 * 9);
     for (std::size_t k = 0; k < raw.light.size(); ++k) ASSERT_NEAR(raw.light[k], field.bins[k], 1e-6) << k;
@@ -97,7 +97,7 @@ TEST(Array, a_turned_distorted_hexagonal_one_has_its_lenslets_where_the_grid_s_m
 }
 
 // Light of a raw image within a box; each pixel's light is taken as uniform over the pixel.
-double under(const lab::CameraPicture& raw, double x0, double x1, double y0, double y1) {
+double under(const CameraPicture& raw, double x0, double x1, double y0, double y1) {
     double sum = 0;
     for (int y = static_cast<int>(std::floor(y0 + 0.5)); y <= static_cast<int>(std::ceil(y1 - 0.5)); ++y) {
         for (int x = static_cast<int>(std::floor(x0 + 0.5)); x <= static_cast<int>(std::ceil(x1 - 0.5)); ++x) {
@@ -118,7 +118,7 @@ TEST(Array, its_raw_frame_decodes_to_the_ideal_frame_of_the_same_scene) {
     std::get<DoubleConvexLens>(scene.part).radius_of_curvature_mm =
         600;  // up to 1.1 bins: no light near a lenslet's border, which pixels share
     const LightField ideal = *render(scene);
-    const lab::CameraPicture raw = *lab::render_raw(scene);
+    const CameraPicture raw = *lab::render_raw(scene);
     const algo::LensletGrid grid = grid_of(scene);
     const double bin = 15.4 / 9;
     double worst_light = 0, worst_slope = 0;
@@ -157,7 +157,7 @@ TEST(Array, dead_lenslets_are_dark_in_both_frames) {
     }
     EXPECT_EQ(field.bins[static_cast<std::size_t>((12 * 7 + 3) * 31 * 9 + 10 * 9 + 4)], 0);
     EXPECT_NEAR(dead, 0.05 * 31 * 33, 4 * std::sqrt(0.05 * 31 * 33));
-    const lab::CameraPicture raw = *lab::render_raw(scene);
+    const CameraPicture raw = *lab::render_raw(scene);
     const auto at = ArrayGeometry(scene).centre_px(10, 12);
     EXPECT_EQ(raw.light[static_cast<std::size_t>(std::lround(at.y)) * static_cast<std::size_t>(raw.width_px) +
                         static_cast<std::size_t>(std::lround(at.x))],

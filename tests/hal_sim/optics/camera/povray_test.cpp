@@ -11,8 +11,8 @@
 #include "algo/maps/feature_map.h"
 #include "algo/recipe/recipe.h"
 #include "hal_sim/optics/camera/render.h"
+#include "hal_sim/optics/camera/telecentric.h"
 #include "lab/optics/truth.h"
-#include "lab/optics/views.h"
 
 namespace hord::sim {
 namespace {
@@ -174,7 +174,7 @@ TEST_P(AgainstPovRay, the_conventional_picture_agrees) {
         scene_.telecentric.width_px = scene_.telecentric.height_px = kSide;
         scene_.telecentric.panel_half_mm = panel_half_mm;
         scene_.effects.fresnel = fresnel;
-        const lab::CameraPicture ours = *lab::render_telecentric(scene_);
+        const CameraPicture ours = *render_telecentric(scene_);
         double off = 0, darkest = 1;
         int rough = 0;
         for (int k = 0; k < kSide * kSide; ++k) {
