@@ -8,6 +8,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <system_error>
 
 #include <sys/types.h>
 
@@ -17,6 +18,9 @@ namespace hord::common {
 
 // None: it cannot be read, or is a folder; errno says why.
 std::optional<std::string> read_file(const std::filesystem::path& file);
+
+// Makes the folder (not its parents) unless it exists. Does not throw, whatever the disk answers.
+[[nodiscard]] std::error_code ensure_folder(const std::filesystem::path& folder);
 
 // Writes FILE.part and renames it. Does not wait for the disk: a power cut may lose the file. Fails with not_found (the
 // folder) or io; FILE.part is removed then.
