@@ -43,6 +43,13 @@ Result<void> check_replaceable(const fs::path& file) {
                 "give the name of a regular file");
 }
 
+std::error_code ensure_folder(const fs::path& folder) {
+    std::error_code made, read;
+    fs::create_directory(folder, made);
+    if (fs::is_directory(folder, read)) return {};
+    return made ? made : read ? read : std::make_error_code(std::errc::not_a_directory);
+}
+
 Result<void> write_atomically(const fs::path& file, std::span<const std::uint8_t> bytes) {
     const fs::path folder = file.parent_path();
     if (std::error_code error; !folder.empty() && !fs::is_directory(folder, error)) {

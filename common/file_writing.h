@@ -8,6 +8,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <system_error>
 
 #include <sys/types.h>
 
@@ -21,6 +22,9 @@ std::optional<std::string> read_file(const std::filesystem::path& file);
 // Whether a rename to this place destroys nothing but an old file. Fails with refused if a symbolic link, a device, a
 // pipe or a socket is there. (A folder is never replaced: the rename fails.)
 Result<void> check_replaceable(const std::filesystem::path& file);
+
+// Makes the folder (not its parents) unless it exists. Does not throw, whatever the disk answers.
+[[nodiscard]] std::error_code ensure_folder(const std::filesystem::path& folder);
 
 // Writes FILE.part and renames it. Does not wait for the disk: a power cut may lose the file. Fails with not_found (the
 // folder), refused (as check_replaceable()) or io; FILE.part is removed then.

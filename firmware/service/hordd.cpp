@@ -22,6 +22,7 @@ using namespace hord::firmware;
 
 constexpr int kBadConfiguration = 78;  // EX_CONFIG: systemd does not restart
 constexpr int kCannotRun = 2;
+constexpr int kResultsLost = 3;
 constexpr Duration kStatusEvery = milliseconds(1000);
 
 struct Options {
@@ -86,10 +87,14 @@ class Daemon {
         service_->loop().post([this] { begin(); });
         const auto ran = service_->run();
         sd_notify(0, "STOPPING=1\nSTATUS=halting");
-        service_.reset();  // lights off, permit down
+        const std::unique_ptr<Service> service = std::move(service_);  // watchers ask it nothing any more
+        const std::vector<Error> lost = service->close();              // lights off, permit down
+        for (const Error& error : lost) write_to_journal(JournalEvent::trouble, error.message());
         if (!ran) return complain(JournalEvent::trouble, ran.error(), kCannotRun);
-        write_to_journal(JournalEvent::stopped, "stopped as asked");
-        return 0;
+        if (!lost.empty()) sd_notifyf(0, "STATUS=%s", lost.front().message().c_str());
+        write_to_journal(JournalEvent::stopped,
+                         lost.empty() ? "stopped as asked" : "stopped as asked; " + lost.front().what);
+        return lost.empty() ? 0 : kResultsLost;
     }
 
   private:
@@ -184,8 +189,9 @@ int main(int argc, char** argv) {
     program.add_flag("--catalog", options.catalog,
                      "Only print the journal's catalogue: every message id, what it means and what to do");
     program.footer(
-        "Exit status: 0 stopped as asked, 2 a device or a port cannot be used, or usage, 78 the configuration cannot "
-        "be used.\n"
+        "Exit status: 0 stopped as asked, 2 a device or a port cannot be used, or usage, 3 stopped as asked, but "
+        "results "
+        "or frames could not be stored, 78 the configuration cannot be used.\n"
         "Example: hordd --config deploy/hordd.toml");
     if (const auto ended = parse_command_line(program, argc, argv)) return *ended;
     if (options.catalog) {

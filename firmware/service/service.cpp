@@ -220,6 +220,20 @@ Result<void> Service::run() {
     return done;
 }
 
+// In the order of the destructor. The store comes last: the line must not wait for it.
+std::vector<Error> Service::close() {
+    serial_server_.reset();
+    read_only_server_.reset();
+    server_.reset();
+    registers_.reset();
+    plc_interface_.reset();
+    command_handler_.reset();
+    station_.reset();
+    inspector_.reset();
+    backends_.reset();
+    return recorder_ ? recorder_->finish() : std::vector<Error>();
+}
+
 void Service::look_after_line() {
     backends_->clear_line();
     station_->request(Command::reset);

@@ -55,6 +55,10 @@ class Service final : public StationObserver, public InspectionObserver {
 
     void stop() { loop_->request_stop(); }  // any thread
 
+    // After run(): halts (lights off, outputs safe), then writes what waits for the store. Blocks for some seconds at
+    // most if the store fails. Returns what could not be stored: it is lost. Only the destructor may follow.
+    std::vector<Error> close();
+
     // Loop thread. Applies another configuration at run time: access rules, the PLC's timeout, the folder of recipes,
     // and, while the station does not execute, the recipe. Returns the differing tables and keys that need a restart.
     // Fails if the new recipe cannot be used; then nothing has changed.

@@ -43,7 +43,7 @@ class MemoryStore final : public ResultStore {
         if (auto error = ask(disk_.on_written)) return tl::unexpected(*error);
         return {};
     }
-    Result<bool> prune(const Retention&, UtcMicros) override {
+    Result<bool> prune(const Retention&, const ClockReading&) override {
         if (auto error = ask(disk_.on_prune)) return tl::unexpected(*error);
         ++disk_.pruned;
         return false;

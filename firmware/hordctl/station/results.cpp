@@ -16,6 +16,8 @@ namespace {
 
 using store::StoreReader;
 
+constexpr std::size_t kDamagedTold = 20;  // damaged rows that are named one by one
+
 struct ResultsOptions {
     std::string folder = kDefaultStore;
     std::string since, until, format = "table";
@@ -45,7 +47,10 @@ Exit list(ResultsOptions options, bool changes) {
     const bool csv = options.format == "csv", json = options.format == "json";
     if (csv) fmt::print("{}\n", changes ? store::csv_head_of_changes() : store::csv_head_of_results());
     else if (!json) fmt::print("{}\n", changes ? store::table_head_of_changes() : store::table_head_of_results());
+    std::size_t damaged = 0;
     const auto print = [&](const auto& row) {
+        if (!row.damage.empty() && ++damaged <= kDamagedTold)
+            fmt::print(stderr, "hordctl: row {}: {}\n", row.number, row.damage);
         fmt::print("{}\n",
                    csv        ? store::to_csv(row)
                        : json ? store::to_line(store::to_json(row))
@@ -53,7 +58,11 @@ Exit list(ResultsOptions options, bool changes) {
     };
     const auto done =
         changes ? (*reader)->each_change(options.filter, print) : (*reader)->each_result(options.filter, print);
-    return done ? Exit::good : complain(done.error());
+    if (!done) return complain(done.error());
+    if (damaged == 0) return Exit::good;
+    return complain({ErrorCode::unreadable,
+                     fmt::format("{} rows are damaged; what is unreadable is shown as 0 or empty", damaged),
+                     "hordctl results verify names every row that is not as it was written"});
 }
 
 // "results:4711:9f86d0..."
@@ -89,6 +98,7 @@ Exit verify(const ResultsOptions& options) {
         if (head.rows == 0) continue;
         fmt::print("{}: {} rows, {} to {}\n", head.chain, head.rows, head.first, head.number);
     }
+    for (const std::string& removed : verification->removed) fmt::print("{}\n", removed);
     if (!verification->problems.empty()) {
         fmt::print("NOT as it was written\n");
         return Exit::rejected;

@@ -274,6 +274,8 @@ class Run {
             for (const Reading& reading : *counters_) fmt::print(out, " {} {}", reading.what->name, reading.text);
             fmt::print(out, "\n");
         }
+        const std::vector<Error> lost = service_->close();
+        for (const Error& error : lost) fmt::print(stderr, "hordctl: {}\n", error.message());
         const Snapshot& last = *last_snapshot_;
         const bool stands = last.line_stop || last.state == State::error;
         if (stands) {
@@ -287,7 +289,7 @@ class Run {
             if (!written) return complain(written.error());
             fmt::print(out, "picture: {}\n", *written);
         }
-        return stands ? Exit::unfit : Exit::good;
+        return stands || !lost.empty() ? Exit::unfit : Exit::good;
     }
 
     static constexpr int kWaitsForReset = 5;  // seconds
@@ -352,7 +354,7 @@ void add_run(CLI::App& program, Exit& status) {
     command->add_flag("--json", options->json, "Print one JSON object a part; the report goes to stderr");
     command->footer(
         "Exit status: 0 every part got its verdict, 2 bad configuration or a port that is taken, 3 the station ended "
-        "in an error.\n"
+        "in an error, or results or frames could not be stored.\n"
         "Example: hordctl run --simulate --parts 200 --modbus 127.0.0.1:1502");
     command->callback([options, &status] { status = Run(*options).go(); });
 }

@@ -44,25 +44,48 @@ Result<std::uint64_t> free_bytes(const fs::path& folder) {
     return static_cast<std::uint64_t>(space.f_bavail) * space.f_frsize;
 }
 
+std::error_code remove_file(const fs::path& file) {
+    std::error_code error;
+    fs::remove(file, error);
+    return error;
+}
+
+// Calls `take` for every entry. Does not throw, unlike a range-based for.
+std::error_code each_entry(const fs::path& folder, const std::function<void(const fs::directory_entry&)>& take) {
+    std::error_code error;
+    for (fs::directory_iterator entry(folder, error); !error && entry != fs::directory_iterator();
+         entry.increment(error))
+        take(*entry);
+    return error;
+}
+
+Result<std::vector<ArchivedFile>> list_finished(const fs::path& folder) {
+    std::vector<fs::path> unfinished;
+    const std::error_code error = each_entry(folder, [&](const fs::directory_entry& entry) {
+        if (entry.path().string().ends_with(std::string(".png") + kUnfinished)) unfinished.push_back(entry.path());
+    });
+    if (!error) {
+        for (const fs::path& file : unfinished) (void)remove_file(file);
+    }
+    return list_frames(folder);
+}
+
 }  // namespace
 
-ArchiveDisk real_disk() { return {free_bytes, write_synced}; }
+ArchiveDisk real_disk() { return {common::ensure_folder, list_finished, remove_file, free_bytes, write_synced}; }
 
 Result<std::vector<ArchivedFile>> list_frames(const fs::path& folder) {
-    std::error_code error;
     std::vector<ArchivedFile> files;
-    fs::directory_iterator entries(folder, error);
+    const std::error_code error = each_entry(folder, [&](const fs::directory_entry& entry) {
+        const std::uint64_t number = number_of(entry.path());
+        if (number == 0) return;
+        std::error_code removed;  // the file was removed meanwhile
+        const std::uint64_t bytes = entry.file_size(removed);
+        if (!removed) files.push_back({number, entry.path(), bytes});
+    });
     if (error)
         return fail(ErrorCode::not_found, folder.string() + " cannot be read (" + error.message() + ")",
                     "name the folder of a station's store");
-    for (; entries != fs::directory_iterator(); entries.increment(error)) {
-        if (error) break;
-        const std::uint64_t number = number_of(entries->path());
-        if (number == 0) continue;
-        const std::uint64_t bytes = entries->file_size(error);
-        if (!error) files.push_back({number, entries->path(), bytes});
-        error.clear();  // the file was removed meanwhile
-    }
     std::sort(files.begin(), files.end(),
               [](const ArchivedFile& a, const ArchivedFile& b) { return a.file.filename() < b.file.filename(); });
     return files;
@@ -70,18 +93,13 @@ Result<std::vector<ArchivedFile>> list_frames(const fs::path& folder) {
 
 Result<std::unique_ptr<FrameArchive>> FrameArchive::open(const fs::path& folder, const ArchiveLimits& limits,
                                                          ArchiveDisk disk) {
-    std::error_code error;
-    fs::create_directory(folder, error);
-    if (!fs::is_directory(folder)) {
+    if (const std::error_code error = disk.make_folder(folder)) {
         return fail(ErrorCode::io,
-                    "the folder " + folder.string() + " cannot be made" + (error ? " (" + error.message() + ")" : ""),
+                    "the folder " + folder.string() + " cannot be made or used (" + error.message() + ")",
                     "create it and give it to the station's user (store.folder)");
     }
     std::unique_ptr<FrameArchive> archive(new FrameArchive(folder, limits, std::move(disk)));
-    for (const auto& entry : fs::directory_iterator(folder, error)) {
-        if (entry.path().string().ends_with(std::string(".png") + kUnfinished)) fs::remove(entry.path(), error);
-    }
-    auto files = list_frames(folder);
+    auto files = archive->disk_.list(folder);
     if (!files) return tl::unexpected(files.error());
     archive->files_.assign(files->begin(), files->end());
     for (const ArchivedFile& file : archive->files_) {
@@ -124,9 +142,7 @@ Result<void> FrameArchive::make_room(std::uint64_t bytes) {
 
 Result<void> FrameArchive::remove_oldest() {
     const ArchivedFile& oldest = files_.front();
-    std::error_code error;
-    fs::remove(oldest.file, error);  // no error if it was removed already
-    if (error)
+    if (const std::error_code error = disk_.remove(oldest.file))
         return fail(ErrorCode::io, oldest.file.string() + " cannot be removed (" + error.message() + ")",
                     "check the folder's permissions and the disk");
     bytes_ -= oldest.bytes;

@@ -12,6 +12,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include "common/result.h"
@@ -31,6 +32,10 @@ Result<std::vector<ArchivedFile>> list_frames(const std::filesystem::path& folde
 
 // The disk, replaceable in tests. Each blocks.
 struct ArchiveDisk {
+    std::function<std::error_code(const std::filesystem::path& folder)> make_folder;  // unless it exists
+    // All files of the archive, and none of those that were not finished: they are removed.
+    std::function<Result<std::vector<ArchivedFile>>(const std::filesystem::path& folder)> list;
+    std::function<std::error_code(const std::filesystem::path& file)> remove;  // no error if there is none
     std::function<Result<std::uint64_t>(const std::filesystem::path& folder)> free_bytes;
     // Durable when it returns; on failure the file does not exist.
     std::function<Result<void>(const std::filesystem::path& file, std::span<const std::uint8_t> bytes)> write;

@@ -11,6 +11,7 @@
 #include "firmware/store/frames/frame_metadata.h"
 #include "firmware/store/frames/frame_png.h"
 #include "firmware/store/results/hash_chain.h"
+#include "firmware/store/results/no_exceptions.h"
 #include "firmware/store/results/records.h"
 
 namespace hord::firmware::store {
@@ -72,6 +73,15 @@ FrameRetention::FrameRetention(Open open, FrameRetentionOptions options, std::fu
 }
 
 FrameRetention::~FrameRetention() = default;
+
+std::uint64_t FrameRetention::finish() {
+    const std::uint64_t before = counts().dropped;
+    if (thread_.joinable()) {
+        thread_.request_stop();
+        thread_.join();
+    }
+    return counts().dropped - before;
+}
 
 void FrameRetention::set_recipe(const std::string& text) {
     auto shared = std::make_shared<const std::string>(text);
@@ -185,7 +195,8 @@ void FrameRetention::work(const std::stop_token& stop) {
         if (!waits && stop.stop_requested()) return;
         lock.unlock();
         if (waits) (void)step();
-        else if (archive_ != nullptr) (void)archive_->trim();  // a remaining error is reported with the next frame
+        // A remaining error is reported with the next frame.
+        else if (archive_ != nullptr) (void)without_exceptions([&] { return archive_->trim(); });
         lock.lock();
     }
 }
@@ -205,7 +216,7 @@ bool FrameRetention::step() {
 }
 
 void FrameRetention::write(Buffer& buffer) {
-    const auto done = [&]() -> Result<void> {
+    const auto done = without_exceptions([&]() -> Result<void> {
         if (archive_ == nullptr) {
             auto opened = open_();
             if (!opened) return tl::unexpected(opened.error());
@@ -214,7 +225,7 @@ void FrameRetention::write(Buffer& buffer) {
         const auto png = encode_png(buffer.samples.view(), metadata_of(buffer));
         if (!png) return tl::unexpected(png.error());
         return archive_->add(fmt::format("{}-p{}-{}", file_time(buffer.time_us), buffer.part, buffer.role), *png);
-    }();
+    });
     std::unique_lock lock(mutex_);
     if (!done) return drop(lock, done.error());
     ++counts_.kept;

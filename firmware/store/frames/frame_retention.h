@@ -45,7 +45,10 @@ class FrameRetention {
 
     FrameRetention(Open open, FrameRetentionOptions options, std::function<UtcMicros()> utc_now,
                    Listener listener = {});
-    ~FrameRetention();  // writes the waiting frames if the disk works
+    ~FrameRetention();  // finishes
+
+    // Ends the thread. Writes the waiting frames if the disk works. Returns how many of them it had to drop.
+    std::uint64_t finish();
 
     // Any thread. The text of the recipe in use from now on.
     void set_recipe(const std::string& text);

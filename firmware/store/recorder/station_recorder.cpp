@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include <fmt/format.h>
+
 namespace hord::firmware::store {
 namespace {
 
@@ -73,6 +75,17 @@ void StationRecorder::on_inspection(std::uint32_t part, const FrameView& frame, 
         if (found_.size() > kFoundKept) found_.pop_front();
     }
     if (frames_) frames_->on_inspection(part, frame, inspection);
+}
+
+std::vector<Error> StationRecorder::finish() {
+    std::vector<Error> all;
+    if (const Unstored left = queue_.finish(); left.any()) all.push_back(left.error());
+    const std::uint64_t dropped = frames_ ? frames_->finish() : 0;
+    if (dropped > 0) {
+        all.push_back({ErrorCode::io, fmt::format("{} frames could not be kept before the end", dropped),
+                       "free space on the store's disk, or use a faster one"});
+    }
+    return all;
 }
 
 }  // namespace hord::firmware::store

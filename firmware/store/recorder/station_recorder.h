@@ -39,6 +39,10 @@ class StationRecorder final : public ResultSink {
     void on_change(const Change& change) override;
     void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) override;
 
+    // Writes what waits; blocks for some seconds at most if the store fails. Errors name what is in no store then. Call
+    // once, when nothing is reported any more.
+    std::vector<Error> finish();
+
     [[nodiscard]] StoreQueueState state() const { return queue_.state(); }
     // For tests without a thread.
     bool step() { return queue_.step(); }

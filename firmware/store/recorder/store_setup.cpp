@@ -10,7 +10,6 @@
 namespace hord::firmware {
 namespace {
 
-constexpr std::int64_t kDayMicros = 86'400'000'000;
 constexpr std::uint64_t kMegabyte = 1'000'000;
 constexpr std::size_t kFramesInMemory = 256 * kMegabyte;  // bytes; hordd.service has a ceiling
 
@@ -88,7 +87,7 @@ std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, cons
     options.start.boot = recorded.boot;
     options.start.station = config.name;
     options.start.software = recorded.software;
-    options.queue.retention.keep_us = wanted.keep_days * kDayMicros;
+    options.queue.retention.keep_days = wanted.keep_days;
     options.queue.retention.max_bytes = static_cast<std::uint64_t>(wanted.keep_mb) * kMegabyte;
     options.ignored_part = Station::kTestPart;
     const auto open = [folder] { return store::open_sqlite_store(folder); };

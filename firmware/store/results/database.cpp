@@ -1,5 +1,6 @@
 #include "firmware/store/results/database.h"
 
+#include <limits>
 #include <utility>
 
 #include <sqlite3.h>
@@ -7,7 +8,8 @@
 namespace hord::firmware::store {
 namespace {
 
-constexpr int kBusyMs = 5000;  // another program reads, or a checkpoint runs
+constexpr int kBusyMs = 5000;               // another program reads, or a checkpoint runs
+constexpr int kMaxValueBytes = 64'000'000;  // of a row; the longest text is a recipe's or a configuration's
 
 // For a file's name inside a URI.
 std::string percent_encoded(const std::string& name) {
@@ -40,9 +42,12 @@ tl::unexpected<Error> Database::failed(int code) const {
                         "check that its folder exists and that this user may use it");
         case SQLITE_CORRUPT:
         case SQLITE_NOTADB:
-            return fail(ErrorCode::unreadable, name + " is damaged (" + detail + ")",
-                        "move the file, its -wal and its -shm out of the folder and keep them; the station starts a "
-                        "new one by itself");
+        // The statements are fixed: these are errors of a schema or of values that the store did not write.
+        case SQLITE_ERROR:
+        case SQLITE_SCHEMA:
+        case SQLITE_MISMATCH:
+        case SQLITE_CONSTRAINT:
+        case SQLITE_TOOBIG: return damaged(detail);
         case SQLITE_BUSY:
         case SQLITE_LOCKED: return fail(ErrorCode::busy, name + " is locked by another program", "end that program");
         case SQLITE_IOERR:
@@ -54,6 +59,12 @@ tl::unexpected<Error> Database::failed(int code) const {
         case SQLITE_NOMEM: return fail(ErrorCode::io, "no memory for " + name, "give the station more memory");
         default: return fail(ErrorCode::internal, name + ": " + detail, "report it");
     }
+}
+
+tl::unexpected<Error> Database::damaged(const std::string& detail) const {
+    return fail(ErrorCode::unreadable, file_.string() + " is damaged (" + detail + ")",
+                "move the file, its -wal and its -shm out of the folder and keep them; the station starts a new one by "
+                "itself");
 }
 
 // -- statements
@@ -83,14 +94,14 @@ Result<void> Statement::bind(std::span<const Value> values) {
     return {};
 }
 
-Result<void> Statement::run(std::span<const Value> values, const std::function<void(const Statement&)>& take) {
+Result<void> Statement::run(std::span<const Value> values, const Take& take) {
     if (auto bound = bind(values); !bound) return bound;
     int code = SQLITE_OK;
-    while ((code = sqlite3_step(statement_)) == SQLITE_ROW) {
-        if (take) take(*this);
-    }
     Result<void> done;
-    if (code != SQLITE_DONE) done = database_->failed(code);  // before the reset, which may clear the message
+    while (done && (code = sqlite3_step(statement_)) == SQLITE_ROW) {
+        if (take) done = take(*this);
+    }
+    if (done && code != SQLITE_DONE) done = database_->failed(code);  // before the reset, which may clear the message
     sqlite3_reset(statement_);
     return done;
 }
@@ -102,27 +113,69 @@ Value Statement::value(int column) const {
         case SQLITE_INTEGER: return static_cast<std::int64_t>(sqlite3_column_int64(statement_, column));
         case SQLITE_FLOAT: return sqlite3_column_double(statement_, column);
         case SQLITE_TEXT: {
-            const auto* text = reinterpret_cast<const char*>(sqlite3_column_text(statement_, column));
-            return std::string(text, static_cast<std::size_t>(sqlite3_column_bytes(statement_, column)));
+            std::size_t count = 0;
+            const auto* text = static_cast<const char*>(bytes(column, true, count));
+            return std::string(text, count);
         }
         case SQLITE_BLOB: {
-            const auto* bytes = static_cast<const std::uint8_t*>(sqlite3_column_blob(statement_, column));
-            return Blob(bytes, bytes + sqlite3_column_bytes(statement_, column));
+            std::size_t count = 0;
+            const auto* blob = static_cast<const std::uint8_t*>(bytes(column, false, count));
+            return Blob(blob, blob + count);
         }
         default: return std::monostate{};
     }
 }
 
-std::int64_t Statement::integer(int column) const {
-    const Value read = value(column);
-    const auto* integer = std::get_if<std::int64_t>(&read);
-    return integer != nullptr ? *integer : 0;
+// SQLite gives null for an empty blob, and without memory.
+const void* Statement::bytes(int column, bool text, std::size_t& count) const {
+    const void* start = text ? static_cast<const void*>(sqlite3_column_text(statement_, column))
+                             : sqlite3_column_blob(statement_, column);
+    count = start == nullptr ? 0 : static_cast<std::size_t>(sqlite3_column_bytes(statement_, column));
+    return start == nullptr ? "" : start;
 }
 
-std::string Statement::text(int column) const {
-    const Value read = value(column);
-    const auto* text = std::get_if<std::string>(&read);
-    return text != nullptr ? *text : std::string();
+tl::unexpected<Error> Statement::wrong_type(int column, const char* written) const {
+    constexpr const char* kNames[] = {"of no type", "INTEGER", "REAL", "TEXT", "BLOB", "NULL"};
+    const int type = sqlite3_column_type(statement_, column);
+    const char* name = sqlite3_column_name(statement_, column);
+    return database_->damaged(std::string(name == nullptr ? "a column" : name) + " is " +
+                              kNames[type >= 1 && type <= 5 ? type : 0] + ", not " + written);
+}
+
+Error Statement::out_of_range(int column) const {
+    const char* name = sqlite3_column_name(statement_, column);
+    return database_->damaged(std::string(name == nullptr ? "a column" : name) + " is out of range").value();
+}
+
+Result<std::int64_t> Statement::integer(int column) const {
+    if (sqlite3_column_type(statement_, column) != SQLITE_INTEGER) return wrong_type(column, "INTEGER");
+    return static_cast<std::int64_t>(sqlite3_column_int64(statement_, column));
+}
+
+Result<std::string> Statement::text(int column) const {
+    if (sqlite3_column_type(statement_, column) != SQLITE_TEXT) return wrong_type(column, "TEXT");
+    std::size_t count = 0;
+    const auto* start = static_cast<const char*>(bytes(column, true, count));
+    return std::string(start, count);
+}
+
+Result<std::optional<std::int64_t>> Statement::integer_or_null(int column) const {
+    if (sqlite3_column_type(statement_, column) == SQLITE_NULL) return std::nullopt;
+    return integer(column).map([](std::int64_t read) { return std::optional(read); });
+}
+
+Result<std::optional<double>> Statement::real_or_null(int column) const {
+    const int type = sqlite3_column_type(statement_, column);
+    if (type == SQLITE_NULL) return std::nullopt;
+    if (type != SQLITE_FLOAT) return wrong_type(column, "REAL");
+    return sqlite3_column_double(statement_, column);
+}
+
+std::uint32_t RowReader::natural(int column) {
+    const std::int64_t read = integer(column);
+    if (read >= 0 && read <= std::numeric_limits<std::uint32_t>::max()) return static_cast<std::uint32_t>(read);
+    if (!error_) error_ = row_.out_of_range(column);
+    return 0;
 }
 
 // -- the connection
@@ -142,12 +195,18 @@ Result<std::unique_ptr<Database>> Database::open(const std::filesystem::path& fi
     std::string name = file.string();
     if (access == Access::read_at_rest) {
         flags |= SQLITE_OPEN_URI;
-        name = "file:" + percent_encoded(std::filesystem::absolute(file).string()) + "?immutable=1";
+        std::error_code error;
+        const std::filesystem::path whole = std::filesystem::absolute(file, error);
+        if (error) return database->failed(SQLITE_CANTOPEN);
+        name = "file:" + percent_encoded(whole.string()) + "?immutable=1";
     }
     const int code = sqlite3_open_v2(name.c_str(), &database->handle_, flags, vfs.empty() ? nullptr : vfs.c_str());
     if (code != SQLITE_OK) return database->failed(code);
     sqlite3_extended_result_codes(database->handle_, 1);
     sqlite3_busy_timeout(database->handle_, kBusyMs);
+    // A damaged length must not take all memory, and a schema that somebody edited must not call functions.
+    sqlite3_limit(database->handle_, SQLITE_LIMIT_LENGTH, kMaxValueBytes);
+    sqlite3_db_config(database->handle_, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, nullptr);
     return database;
 }
 
@@ -176,8 +235,7 @@ Result<void> Database::execute(const std::string& sql) {
     return {};
 }
 
-Result<void> Database::run(std::string_view sql, std::span<const Value> values,
-                           const std::function<void(const Statement&)>& take) {
+Result<void> Database::run(std::string_view sql, std::span<const Value> values, const Statement::Take& take) {
     auto statement = prepare(sql);
     if (!statement) return tl::unexpected(statement.error());
     return statement->run(values, take);
@@ -185,12 +243,28 @@ Result<void> Database::run(std::string_view sql, std::span<const Value> values,
 
 Result<Value> Database::get(std::string_view sql, std::span<const Value> values) {
     Value value;
-    return run(sql, values, [&](const Statement& row) { value = row.value(0); }).map([&] { return std::move(value); });
+    const auto take = [&](const Statement& row) -> Result<void> {
+        value = row.value(0);
+        return {};
+    };
+    return run(sql, values, take).map([&] { return std::move(value); });
 }
 
 Result<std::int64_t> Database::get_integer(std::string_view sql, std::span<const Value> values) {
     std::int64_t value = 0;
-    return run(sql, values, [&](const Statement& row) { value = row.integer(0); }).map([&] { return value; });
+    const auto take = [&](const Statement& row) {
+        return row.integer_or_null(0).map([&](std::optional<std::int64_t> read) { value = read.value_or(0); });
+    };
+    return run(sql, values, take).map([&] { return value; });
+}
+
+Result<std::string> Database::get_text(std::string_view sql, std::span<const Value> values) {
+    std::string value;
+    const auto take = [&](const Statement& row) -> Result<void> {
+        if (std::holds_alternative<std::monostate>(row.value(0))) return {};
+        return row.text(0).map([&](std::string read) { value = std::move(read); });
+    };
+    return run(sql, values, take).map([&] { return std::move(value); });
 }
 
 // -- transactions

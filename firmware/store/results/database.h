@@ -1,6 +1,7 @@
 // A thin layer over SQLite: connection, prepared statements, transactions.
 //
-// One thread at a time. Every error names the file and the cure (full disk, read-only, damaged).
+// One thread at a time. Every error names the file and the cure (full disk, read-only, damaged). No call throws for
+// what a file holds: a value of another type than it was written with is an error `unreadable`.
 #pragma once
 
 #include <chrono>
@@ -9,6 +10,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -34,21 +36,53 @@ class Statement {
     Statement& operator=(Statement&&) = delete;
     ~Statement();
 
-    // Binds ?1, ?2 ... and runs the statement to its end; `take` reads the current row.
-    Result<void> run(std::span<const Value> values, const std::function<void(const Statement&)>& take = {});
+    // Reads the current row. An error ends the run and is its result.
+    using Take = std::function<Result<void>(const Statement&)>;
+    // Binds ?1, ?2 ... and runs the statement to its end.
+    Result<void> run(std::span<const Value> values, const Take& take = {});
 
-    // Of the current row.
+    // Of the current row. The typed ones fail with unreadable for a value of another type; NULL is one.
     [[nodiscard]] int columns() const;
     [[nodiscard]] Value value(int column) const;
-    [[nodiscard]] std::int64_t integer(int column) const;  // 0 for other types
-    [[nodiscard]] std::string text(int column) const;      // empty for other types
+    [[nodiscard]] Result<std::int64_t> integer(int column) const;
+    [[nodiscard]] Result<std::string> text(int column) const;
+    [[nodiscard]] Result<std::optional<std::int64_t>> integer_or_null(int column) const;
+    [[nodiscard]] Result<std::optional<double>> real_or_null(int column) const;
+    [[nodiscard]] Error out_of_range(int column) const;  // for an integer that cannot have been written
 
   private:
     friend class Database;
     Statement(Database& database, sqlite3_stmt* statement) : database_(&database), statement_(statement) {}
     Result<void> bind(std::span<const Value> values);
+    [[nodiscard]] tl::unexpected<Error> wrong_type(int column, const char* written) const;
+    [[nodiscard]] const void* bytes(int column, bool text, std::size_t& count) const;
     Database* database_;
     sqlite3_stmt* statement_;
+};
+
+// Reads several columns of a row and keeps the first error, for rows of many columns. An unreadable column gives 0 or
+// an empty text.
+class RowReader {
+  public:
+    explicit RowReader(const Statement& row) : row_(row) {}
+    std::int64_t integer(int column) { return keep(row_.integer(column), std::int64_t{0}); }
+    std::string text(int column) { return keep(row_.text(column), std::string()); }
+    std::optional<std::int64_t> integer_or_null(int column) {
+        return keep(row_.integer_or_null(column), std::optional<std::int64_t>());
+    }
+    std::optional<double> real_or_null(int column) { return keep(row_.real_or_null(column), std::optional<double>()); }
+    std::uint32_t natural(int column);  // 0 to 2^32 - 1
+    [[nodiscard]] const std::optional<Error>& error() const { return error_; }
+
+  private:
+    template <class T>
+    T keep(Result<T> read, T otherwise) {
+        if (read) return *std::move(read);
+        if (!error_) error_ = std::move(read).error();
+        return otherwise;
+    }
+    const Statement& row_;
+    std::optional<Error> error_;
 };
 
 class Database {
@@ -66,11 +100,15 @@ class Database {
 
     Result<Statement> prepare(std::string_view sql);
     Result<void> execute(const std::string& sql);  // one or more statements, rows ignored
-    Result<void> run(std::string_view sql, std::span<const Value> values,
-                     const std::function<void(const Statement&)>& take = {});
-    // For statements with one row at most: its first value; NULL and 0 without a row.
+    Result<void> run(std::string_view sql, std::span<const Value> values, const Statement::Take& take = {});
+    // For statements with one row at most: its first value. Without a row, and for NULL: NULL, 0, an empty text. Fail
+    // with unreadable for a value of another type.
     Result<Value> get(std::string_view sql, std::span<const Value> values = {});
     Result<std::int64_t> get_integer(std::string_view sql, std::span<const Value> values = {});
+    Result<std::string> get_text(std::string_view sql, std::span<const Value> values = {});
+
+    // Error `unreadable`: the file is damaged, and how (`detail`); with the cure.
+    [[nodiscard]] tl::unexpected<Error> damaged(const std::string& detail) const;
 
     // From now on, statements fail with timeout after `most`.
     void limit_time(std::chrono::milliseconds most);

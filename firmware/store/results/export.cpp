@@ -46,7 +46,7 @@ std::string csv_line(const Json& row) {
 std::string kinds_of(const Json& defects) {
     std::set<std::string> kinds;
     for (const auto& defect : defects) {
-        if (defect.is_object()) kinds.insert(defect.value("kind", std::string()));
+        if (const auto kind = text_in(defect, "kind")) kinds.insert(*kind);
     }
     return fmt::format("{}", fmt::join(kinds, " "));
 }
@@ -84,6 +84,9 @@ UtcMicros utc_now() {
 
 std::string format_utc(UtcMicros time_us) {
     using std::chrono::floor;
+    // Years 0 to 9999; others were not written by a station.
+    if (time_us < -62'167'219'200 * kSecondMicros || time_us >= 253'402'300'800 * kSecondMicros)
+        return fmt::format("{} us", time_us);
     const std::chrono::sys_time<std::chrono::microseconds> time{std::chrono::microseconds(time_us)};
     const auto second = floor<std::chrono::seconds>(time);
     return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z", fmt::gmtime(std::chrono::system_clock::to_time_t(second)),
@@ -128,7 +131,7 @@ std::string to_csv(const StoredResult& result) { return csv_line(flat_row(result
 std::string to_csv(const StoredChange& change) { return csv_line(to_json(change)); }
 
 Json to_json(const StoredResult& r) {
-    Json defects = Json::parse(r.defects, nullptr, false);
+    Json defects = parse_stored(r.defects);
     if (defects.is_discarded()) defects = r.defects;  // a row that was edited: hordctl verify reports it
     return {{"number", r.number},
             {"time", format_utc(r.time_us)},
@@ -169,14 +172,40 @@ std::string table_head_of_changes() {
 std::string to_table(const StoredResult& r) {
     return fmt::format(kResultTable, r.number, format_utc(r.time_us), r.part, r.verdict, r.reason,
                        r.score ? fmt::format("{:.3f}", *r.score) : "", r.defect_count,
-                       kinds_of(Json::parse(r.defects, nullptr, false)),
+                       kinds_of(parse_stored(r.defects)),
                        fmt::format("{:.1f}", static_cast<double>(r.latency_us) / 1000.0), r.reject, r.recipe);
+}
+
+std::string describe_removal(const std::string& after) {
+    const Json json = parse_stored(after);
+    const auto from = integer_in(json, "from"), to = integer_in(json, "to");
+    if (!from || !to) return after;
+    const auto number = [&](const char* name) { return integer_in(json, name).value_or(0); };
+    const auto text = [&](const char* name) { return text_in(json, name).value_or("?"); };
+    std::string line = fmt::format("{} to {}", *from, *to);
+    if (json.contains("first_time")) line += fmt::format(" ({} to {})", text("first_time"), text("last_time"));
+    const std::string rule = text("rule");
+    if (rule == "keep_days") {
+        return line +
+            fmt::format(
+                   " removed: {} days old and more (keep_days {}), by the days that the clock has shown "
+                   "since {}",
+                   number("age_days"), number("limit"), text("witnessed"));
+    }
+    if (rule == "keep_mb") {
+        constexpr std::int64_t kMegabyte = 1'000'000;
+        return line +
+            fmt::format(" removed: the store had {} MB (keep_mb {})", number("used_bytes") / kMegabyte,
+                        number("limit_bytes") / kMegabyte);
+    }
+    return line + " removed";  // older software entered no reason
 }
 
 std::string to_table(const StoredChange& c) {
     const std::string who = c.peer.empty() ? "station" : c.token != 0 ? fmt::format("{} #{}", c.peer, c.token) : c.peer;
-    return fmt::format(kChangeTable, format_utc(c.time_us), c.what, who, c.name,
-                       one_line(c.before) + " -> " + one_line(c.after));
+    return fmt::format(
+        kChangeTable, format_utc(c.time_us), c.what, who, c.name,
+        c.what == "retention" ? describe_removal(c.after) : one_line(c.before) + " -> " + one_line(c.after));
 }
 
 }  // namespace hord::firmware::store

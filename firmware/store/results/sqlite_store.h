@@ -2,9 +2,12 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <string>
+#include <system_error>
 
+#include "common/file_writing.h"
 #include "firmware/store/results/result_store.h"
 
 namespace hord::firmware::store {
@@ -14,6 +17,8 @@ constexpr const char* kStoreFile = "results.db";
 struct SqliteStoreOptions {
     std::string vfs = {};  // SQLite VFS, for tests; empty: the system's
     std::int64_t rows_in_one_prune = 20'000;
+    // Makes the folder unless it exists. Replaceable in tests.
+    std::function<std::error_code(const std::filesystem::path&)> make_folder = common::ensure_folder;
 };
 
 // Creates the folder (not its parents) and the file if missing, migrates an older file, and locks the folder. Blocks.

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "firmware/store/results/json_text.h"
+#include "firmware/store/results/no_exceptions.h"
 
 namespace hord::firmware::store {
 namespace {
@@ -77,19 +78,62 @@ void StoreQueue::work(const std::stop_token& stop) {
             wake_.wait_for(lock, stop, options_.commit_every,
                            [this] { return urgent_ || waiting_.size() >= options_.batch; });
         }
-        const bool ending = stop.stop_requested();
+        if (stop.stop_requested()) return drain(lock);
         urgent_ = false;
         bool good = write_one_batch(lock);
-        while (good && (ending || waiting_.size() >= options_.batch) && !waiting_.empty()) good = write_one_batch(lock);
+        while (good && waiting_.size() >= options_.batch) good = write_one_batch(lock);
         if (good) prune(lock);
-        if (ending) break;
     }
-    if (waiting_.empty()) return;
-    const Error error{ErrorCode::io,
-                      fmt::format("{} records could not be written to the store before the end", waiting_.size()),
-                      "see the errors before"};
-    lock.unlock();
-    if (listener_.failed) listener_.failed(error);
+}
+
+void StoreQueue::drain(std::unique_lock<std::mutex>& lock) {
+    const hal::TimePoint until = steady_now() + options_.stop_within;
+    while (true) {
+        const bool good = write_one_batch(lock);
+        if (waiting_.empty() && lost_ == lost_reported_) return;
+        if (good) continue;
+        const hal::Duration left = until - steady_now();
+        if (left <= hal::Duration::zero()) return;
+        wake_.wait_for(lock, std::min(left, options_.retry_at_stop), [] { return false; });
+    }
+}
+
+Unstored StoreQueue::finish() {
+    if (thread_.joinable()) {
+        thread_.request_stop();
+        thread_.join();
+    }
+    const std::lock_guard lock(mutex_);
+    Unstored left;
+    left.why = last_error_;
+    const auto add = [&left](std::size_t results, std::uint32_t from, std::uint32_t to) {
+        if (results == 0) return;
+        left.from_sequence = left.results == 0 ? from : std::min(left.from_sequence, from);
+        left.to_sequence = std::max(left.to_sequence, to);
+        left.results += results;
+    };
+    for (const Entry& entry : waiting_) {
+        const auto* change = std::get_if<ChangeRecord>(&entry.record);
+        if (const auto* result = std::get_if<ResultRecord>(&entry.record)) {
+            add(1, result->result.sequence, result->result.sequence);
+        } else if (change != nullptr && change->what == ChangeRecord::What::lost) {
+            const Json lost = parse_stored(change->after);  // report_losses() wrote it
+            const auto member = [&](const char* name) { return integer_in(lost, name).value_or(0); };
+            add(static_cast<std::size_t>(member("records")), static_cast<std::uint32_t>(member("from_sequence")),
+                static_cast<std::uint32_t>(member("to_sequence")));
+        } else {
+            ++left.others;
+        }
+    }
+    add(lost_ - lost_reported_, lost_from_, lost_to_);
+    return left;
+}
+
+Error Unstored::error() const {
+    std::string what;
+    if (results > 0) what = fmt::format("{} results (sequences {} to {})", results, from_sequence, to_sequence);
+    if (others > 0) what += fmt::format("{}{} other records", results > 0 ? " and " : "", others);
+    return {ErrorCode::io, what + " could not be stored before the end and are lost", why};
 }
 
 bool StoreQueue::step() {
@@ -109,19 +153,7 @@ bool StoreQueue::write_one_batch(std::unique_lock<std::mutex>& lock) {
     in_flight_ = batch.size();
     lock.unlock();
 
-    Result<void> done{};
-    if (store_ == nullptr) {
-        auto opened = open_();
-        if (opened) {
-            store_ = std::move(*opened);
-            std::vector<Entry> context{{0, start_}};
-            for (const ChangeRecord& change : in_use_) context.push_back({0, change});
-            done = store_->write(context);
-        } else {
-            done = tl::unexpected(opened.error());
-        }
-    }
-    if (done && !batch.empty()) done = store_->write(batch);
+    const Result<void> done = without_exceptions([&] { return open_and_write(batch); });
     if (done) note_written(batch);
 
     lock.lock();
@@ -145,6 +177,18 @@ bool StoreQueue::write_one_batch(std::unique_lock<std::mutex>& lock) {
     return true;
 }
 
+Result<void> StoreQueue::open_and_write(const std::vector<Entry>& batch) {
+    if (store_ == nullptr) {
+        auto opened = open_();
+        if (!opened) return tl::unexpected(opened.error());
+        store_ = std::move(*opened);
+        std::vector<Entry> context{{0, start_}};
+        for (const ChangeRecord& change : in_use_) context.push_back({0, change});
+        if (auto done = store_->write(context); !done) return done;
+    }
+    return batch.empty() ? Result<void>() : store_->write(batch);
+}
+
 void StoreQueue::note_written(const std::vector<Entry>& batch) {
     for (const Entry& entry : batch) {
         const auto* change = std::get_if<ChangeRecord>(&entry.record);
@@ -158,9 +202,12 @@ void StoreQueue::note_written(const std::vector<Entry>& batch) {
 void StoreQueue::prune(std::unique_lock<std::mutex>& lock) {
     if (options_.thread && steady_now() < next_prune_) return;
     next_prune_ = steady_now() + options_.prune_every;
-    if (options_.retention.keep_us == 0 && options_.retention.max_bytes == 0) return;
+    if (options_.retention.keep_days == 0 && options_.retention.max_bytes == 0) return;
     lock.unlock();
-    const auto more = store_->prune(options_.retention, utc_now_());
+    const auto more = without_exceptions([&] {
+        const std::int64_t steady_ns = steady_now().time_since_epoch().count();
+        return store_->prune(options_.retention, {utc_now_(), steady_ns / 1000});
+    });
     lock.lock();
     if (!more) return fail_with(lock, more.error());
     if (*more) next_prune_ = {};  // the next batch first

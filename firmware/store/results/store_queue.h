@@ -27,6 +27,8 @@ struct StoreQueueOptions {
     hal::Duration commit_every = std::chrono::milliseconds(100);
     hal::Duration retry_every = std::chrono::seconds(1);
     hal::Duration prune_every = std::chrono::seconds(60);
+    hal::Duration stop_within = std::chrono::seconds(3);  // a failing store is tried for so long at the end
+    hal::Duration retry_at_stop = std::chrono::milliseconds(200);
     Retention retention = {};
     bool thread = true;  // false: only step() works
 };
@@ -36,6 +38,16 @@ struct StoreQueueState {
     std::uint32_t durable_sequence = 0;  // all results of this run up to it are durable or counted as lost
     std::size_t waiting = 0;
     std::uint64_t lost = 0;  // records since the start
+};
+
+// Records that are in no store at the end.
+struct Unstored {
+    std::size_t results = 0, others = 0;
+    std::uint32_t from_sequence = 0, to_sequence = 0;  // of the results; between them may be stored ones
+    std::string why;                                   // the last error of the store
+
+    [[nodiscard]] bool any() const { return results + others > 0; }
+    [[nodiscard]] Error error() const;  // names them; its cure is the store's last error
 };
 
 class StoreQueue {
@@ -49,7 +61,11 @@ class StoreQueue {
     // `start` describes the run. `utc_now` and `listener` are called on the queue's thread.
     StoreQueue(Open open, StoreQueueOptions options, StartRecord start, std::function<UtcMicros()> utc_now,
                Listener listener = {});
-    // The destructor writes the waiting records if the store works.
+    // The destructor finishes.
+
+    // Ends the thread. Writes what waits; tries a store that fails until `stop_within` is over. What is left is in no
+    // store. Call it once, from the thread that made the queue; records that are added later are not stored.
+    Unstored finish();
 
     // Any thread.
     void add(Record record);
@@ -65,6 +81,8 @@ class StoreQueue {
 
   private:
     void work(const std::stop_token& stop);
+    void drain(std::unique_lock<std::mutex>& lock);
+    Result<void> open_and_write(const std::vector<Entry>& batch);
     bool write_one_batch(std::unique_lock<std::mutex>& lock);
     void note_written(const std::vector<Entry>& batch);
     void prune(std::unique_lock<std::mutex>& lock);
@@ -93,7 +111,7 @@ class StoreQueue {
     std::uint32_t reported_to_ = 0;              // last sequence of the waiting report
     std::uint32_t durable_ = 0;
     bool failing_ = false, urgent_ = false;
-    std::jthread thread_;
+    std::jthread thread_;  // the last member: its end uses the others
 };
 
 }  // namespace hord::firmware::store

@@ -1,5 +1,7 @@
 #include "firmware/store/results/store_reader.h"
 
+#include <limits>
+
 #include <fmt/format.h>
 
 #include "firmware/store/results/database.h"
@@ -88,8 +90,10 @@ Result<void> StoreReader::each_result(const ResultFilter& filter,
     if (filter.number) where.add("number = ", *filter.number);
     if (filter.before) where.add("number < ", *filter.before);
     if (filter.boot)
-        where.add("run IN (SELECT number FROM changes WHERE what = 'start' AND json_extract(after, '$.boot') = ",
-                  std::int64_t{*filter.boot});
+        where.add(
+            "run IN (SELECT number FROM changes WHERE what = 'start' AND json_extract(iif(json_valid(after), after, "
+            "'{}'), '$.boot') = ",
+            std::int64_t{*filter.boot});
     if (filter.part) where.add("part = ", std::int64_t{*filter.part});
     if (!filter.verdict.empty()) where.add("verdict = ", filter.verdict);
     if (!filter.reason.empty()) {
@@ -101,7 +105,10 @@ Result<void> StoreReader::each_result(const ResultFilter& filter,
     if (!filter.recipe.empty())
         where.add("recipe IN (SELECT number FROM changes WHERE what = 'recipe' AND name = ", filter.recipe);
     if (!filter.kind.empty())
-        where.add("EXISTS (SELECT 1 FROM json_each(defects) WHERE json_extract(value, '$.kind') = ", filter.kind);
+        where.add(
+            "EXISTS (SELECT 1 FROM json_each(iif(json_valid(defects), defects, '[]')) WHERE type = 'object' AND "
+            "json_extract(value, '$.kind') = ",
+            filter.kind);
     if (filter.after) where.add("number > ", *filter.after);
     const std::string chosen = "SELECT * FROM results " + where.sql();
     const std::string inner = filter.oldest ? chosen + " ORDER BY number LIMIT " + std::to_string(*filter.oldest)
@@ -112,35 +119,40 @@ Result<void> StoreReader::each_result(const ResultFilter& filter,
         inner +
         ") r LEFT JOIN changes s ON s.number = r.run LEFT JOIN changes p ON p.number = r.recipe "
         "LEFT JOIN changes c ON c.number = r.calibration ORDER BY r.number";
-    std::int64_t known_run = -1;
+    std::optional<std::int64_t> known_run;
     StoredResult result;
-    return database_->run(sql, where.values(), [&](const Statement& row) {
-        result.number = row.integer(0);
-        result.run = row.integer(1);
-        result.time_us = row.integer(2);
+    const auto read_row = [&](const Statement& row) -> Result<void> {
+        RowReader read(row);
+        result.number = read.integer(0);
+        result.run = read.integer(1);
+        result.time_us = read.integer(2);
         if (result.run != known_run) {
             known_run = result.run;
-            const Json start = Json::parse(row.text(3), nullptr, false);
-            result.boot = start.is_object() ? start.value("boot", 0U) : 0U;
-            result.software = start.is_object() ? start.value("software", std::string()) : std::string();
+            const Json start = parse_stored(row.text(3).value_or(""));
+            const std::int64_t boot = integer_in(start, "boot").value_or(0);
+            result.boot =
+                boot >= 0 && boot <= std::numeric_limits<std::uint32_t>::max() ? static_cast<std::uint32_t>(boot) : 0;
+            result.software = text_in(start, "software").value_or("");
         }
-        result.sequence = static_cast<std::uint32_t>(row.integer(4));
-        result.part = static_cast<std::uint32_t>(row.integer(5));
-        result.verdict = row.text(6);
-        result.reason = algo::present_reason_name(row.text(7));
-        result.reject = row.text(8);
-        const Value score = row.value(9);
-        const auto* real = std::get_if<double>(&score);
-        result.score = real != nullptr ? std::optional(*real) : std::nullopt;
-        result.defect_count = row.integer(10);
-        result.defects = row.text(11);
-        result.latency_us = row.integer(12);
-        result.reject_latency_us = row.integer(13);
-        result.recipe_change = row.integer(14);
-        result.recipe = row.text(15);
-        result.calibration = row.text(16);
+        result.sequence = read.natural(4);
+        result.part = read.natural(5);
+        result.verdict = read.text(6);
+        result.reason = algo::present_reason_name(read.text(7));
+        result.reject = read.text(8);
+        result.score = read.real_or_null(9);
+        result.defect_count = read.integer(10);
+        result.defects = read.text(11);
+        result.latency_us = read.integer(12);
+        result.reject_latency_us = read.integer(13);
+        result.recipe_change = read.integer_or_null(14).value_or(0);
+        // Of other rows: their damage is not this row's.
+        result.recipe = row.text(15).value_or("");
+        result.calibration = row.text(16).value_or("");
+        result.damage = read.error() ? read.error()->what : "";
         take(result);
-    });
+        return {};
+    };
+    return database_->run(sql, where.values(), read_row);
 }
 
 Result<void> StoreReader::each_change(const ResultFilter& filter,
@@ -159,18 +171,21 @@ Result<void> StoreReader::each_change(const ResultFilter& filter,
     const std::string sql = filter.newest
         ? "SELECT * FROM (" + both + newest_first + " LIMIT " + std::to_string(*filter.newest) + ")" + order
         : both + order;
-    return database_->run(sql, where.values(), [&](const Statement& row) {
+    return database_->run(sql, where.values(), [&](const Statement& row) -> Result<void> {
+        RowReader read(row);
         StoredChange change;
-        change.number = row.integer(0);
-        change.run = row.integer(1);
-        change.time_us = row.integer(2);
-        change.what = row.text(3);
-        change.peer = row.text(4);
-        change.token = static_cast<std::uint32_t>(row.integer(5));
-        change.name = row.text(6);
-        change.before = row.text(7);
-        change.after = row.text(8);
+        change.number = read.integer(0);
+        change.run = read.integer(1);
+        change.time_us = read.integer(2);
+        change.what = read.text(3);
+        change.peer = read.text(4);
+        change.token = read.natural(5);
+        change.name = read.text(6);
+        change.before = read.text(7);
+        change.after = read.text(8);
+        if (read.error()) change.damage = read.error()->what;
         take(change);
+        return {};
     });
 }
 

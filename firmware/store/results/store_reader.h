@@ -27,6 +27,7 @@ struct StoredResult {
     std::int64_t latency_us = 0, reject_latency_us = 0;
     std::int64_t recipe_change = 0;  // number of the change that put it in use; 0: unknown
     std::string recipe, calibration, software;
+    std::string damage;  // empty: every column has its type; else what is wrong, and such columns are 0 or empty
 };
 
 // A row of changes or commands. `what` is "command" for the latter.
@@ -35,6 +36,7 @@ struct StoredChange {
     UtcMicros time_us = 0;
     std::string what, peer, name, before, after;
     std::uint32_t token = 0;
+    std::string damage;  // as of a result
 };
 
 // An empty member does not filter.
@@ -62,6 +64,7 @@ struct ChainHead {
 struct Verification {
     std::vector<std::string> problems;  // empty: every row is unchanged
     std::vector<ChainHead> heads;
+    std::vector<std::string> removed;  // what retention has removed of a chain: rows, times, when and why
 };
 
 class StoreReader {
