@@ -136,12 +136,14 @@ TEST(Tube, with_a_dark_speck_in_its_band_is_rejected_wherever_it_lies_and_howeve
 
 TEST(Tube, shows_a_speck_on_its_flank_to_a_reference_only) {
     const DrawnTube t{.extents = {45, 45, 9, 9}, .half_length = 99, .flank = 3};
-    const auto frame_of = [&](std::uint64_t seed, bool speck) {
+    enum class Speck { none, on_flank, on_axis };
+    const auto frame_of = [&](std::uint64_t seed, Speck speck) {
         const Frame frame = drawn(t.extents, 8, 240, [&](int m, int n) -> Spot {
             const double x = across_tube(t, m, n);
             if (std::abs(x) > t.half_width) return {};
             const double into_flank = std::abs(x) - (t.half_width - t.flank);
-            if (speck && std::abs(m - 9) <= 1 && std::abs(n - 20) <= 1) return {0, 0, 0};
+            const int at = speck == Speck::on_flank ? 9 : 22;
+            if (speck != Speck::none && std::abs(m - at) <= 1 && std::abs(n - 20) <= 1) return {0, 0, 0};
             return into_flank > 0 ? Spot{2 * (x > 0 ? 1.0 : -1.0), 0, 0.5} : Spot{0.1 * x, 0, 1};
         });
         return noisy(frame, {10, 2, 1}, seed);
@@ -150,15 +152,21 @@ TEST(Tube, shows_a_speck_on_its_flank_to_a_reference_only) {
     EXPECT_EQ(notes(recipe),
               (std::vector<std::string>{"the flanks and ends of a tube are not judged without a reference: learn "
                                         "one with `hordctl learn`"}));
-    EXPECT_EQ(judged(frame_of(50, true), t.extents, recipe).verdict, Verdict::pass);
+    EXPECT_EQ(judged(frame_of(50, Speck::on_flank), t.extents, recipe).verdict, Verdict::pass);
     LearnOptions options{light_levels(recipe, 8), 10.0F, 0.6F, 0, 1, [](double) {}};
     const auto learned = learn_reference(
-        t.extents, 8, 10, [&](std::size_t part) -> Result<Frame> { return frame_of(part, false); }, options);
+        t.extents, 8, 10, [&](std::size_t part) -> Result<Frame> { return frame_of(part, Speck::none); }, options);
     ASSERT_TRUE(learned) << learned.error().message();
     recipe.reference = std::make_shared<const Reference>(learned->reference);
     EXPECT_TRUE(notes(recipe).empty());
-    EXPECT_EQ(judged(frame_of(51, false), t.extents, recipe).verdict, Verdict::pass);
-    EXPECT_EQ(judged(frame_of(50, true), t.extents, recipe).verdict, Verdict::reject);
+    // With the reference a speck in the band is found by the rule for round parts, too.
+    for (const PartForm form : {PartForm::tube, PartForm::round}) {
+        recipe.form = form;
+        EXPECT_EQ(judged(frame_of(50, Speck::on_flank), t.extents, recipe).verdict, Verdict::reject);
+        EXPECT_EQ(judged(frame_of(52, Speck::on_axis), t.extents, recipe).verdict, Verdict::reject);
+    }
+    recipe.form = PartForm::tube;
+    EXPECT_EQ(judged(frame_of(51, Speck::none), t.extents, recipe).verdict, Verdict::pass);
 }
 
 // A chip through which free light passes changes the outline of a single frame. The reference's outline stays.
