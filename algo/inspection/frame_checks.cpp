@@ -11,7 +11,7 @@
 namespace hord::algo {
 namespace {
 
-constexpr std::size_t kMaxChosen = 1024;  // lenslets whose light is measured
+constexpr std::size_t kMaxChosen = 256;  // lenslets whose light is measured
 constexpr std::size_t kMinChosen = 8;
 constexpr double kPi = 3.141592653589793;
 

@@ -1,12 +1,16 @@
-// Frames that show nothing to judge are unfit or rejected; good parts pass. Kinds: tests/support/odd_frames.h.
+// Frames that show nothing to judge never pass; good parts do. The kinds of frames: tests/support/odd_frames.h.
 #include "algo/inspection/frame_checks.h"
 
-#include <cstdio>
 #include <cstdlib>
+#include <iomanip>
+#include <iostream>
+#include <map>
+#include <sstream>
 
 #include <gtest/gtest.h>
 
 #include "algo/inspection/pipeline.h"
+#include "hal_sim/optics/camera/render.h"
 #include "tests/support/odd_frames.h"
 
 namespace hord::algo {
@@ -14,54 +18,66 @@ namespace {
 
 using namespace hord::algo::testing;
 
-const Extents kGeometries[] = {{111, 111, 9, 9}, {45, 45, 9, 9}, {45, 45, 5, 5},
+constexpr Extents kUsual{111, 111, 9, 9};
+const Extents kGeometries[] = {kUsual,           {45, 45, 9, 9}, {45, 45, 5, 5},
                                {45, 45, 15, 15}, {40, 36, 9, 9}, {36, 45, 7, 8}};
 
+// Without the maps, which end with the pipeline.
 Inspection inspected(const Extents& e, const Frame& frame, const Recipe& recipe = {}) {
     auto pipeline = Pipeline::create(e, frame.bits(), recipe);
     EXPECT_TRUE(pipeline);
-    auto found = pipeline->inspect(frame.view());
+    const auto found = pipeline->inspect(frame.view());
     EXPECT_TRUE(found);
-    Inspection copy = *found;  // its spans are not valid any more
-    copy.defects = {};
+    Inspection copy;
+    copy.verdict = found->verdict;
+    copy.reason = found->reason;
+    copy.score = found->score;
+    copy.dark_dn = found->dark_dn;
+    copy.frame = found->frame;
     return copy;
 }
 
 std::string told(const Inspection& found) {
     const FrameFindings& f = found.frame;
-    char text[400];
-    std::snprintf(text, sizeof text,
-                  "%s %s fault %d dark %u (%.2f +- %.2f) free %d offset %.2f %.2f spot %.2f %.2f second %.3f lit %.2f "
-                  "period %d %d parts %d cut %.2f sharp %.2f beside %.2f symmetry %.2f score %.2f",
-                  std::string(name_of(found.verdict)).c_str(), std::string(name_of(found.reason)).c_str(),
-                  static_cast<int>(f.fault), found.dark_dn, double(f.pedestal_dn), double(f.dark_noise_dn),
-                  f.in_free_light, double(f.x_bins), double(f.y_bins), double(f.spot_x_bins), double(f.spot_y_bins),
-                  double(f.second_share), double(f.lit_share), f.period_x, f.period_y, f.parts, double(f.border_cut),
-                  double(f.sharp_share), double(f.free_beside), double(f.symmetry), double(found.score));
-    return text;
+    std::ostringstream text;
+    text << std::fixed << std::setprecision(2) << name_of(found.verdict) << " " << name_of(found.reason) << ", fault "
+         << static_cast<int>(f.fault) << ", dark " << found.dark_dn << " (" << f.pedestal_dn << " +- "
+         << f.dark_noise_dn << "), free " << f.in_free_light << ", offset " << f.x_bins << " " << f.y_bins << ", spot "
+         << f.spot_x_bins << " " << f.spot_y_bins << ", second " << f.second_share << ", period " << f.period_x << " "
+         << f.period_y << ", parts " << f.parts << ", cut " << f.border_cut << ", sharp " << f.sharp_share
+         << ", beside " << f.free_beside << ", symmetry " << f.symmetry << ", score " << found.score;
+    return text.str();
+}
+
+// HORD_TABLE=1 prints what each kind gives.
+void print(const Kind& kind, const Inspection& found) {
+    if (std::getenv("HORD_TABLE") != nullptr) std::cout << kind.name << ": " << told(found) << "\n";
 }
 
 class Field : public ::testing::TestWithParam<Extents> {};
 
 TEST_P(Field, that_shows_nothing_to_judge_never_passes) {
+    int count = 0;
     for (const Kind& kind : unfit_kinds()) {
         for (const std::uint64_t seed : {1U, 2U}) {
             const auto frame = kind.frame(GetParam(), seed);
             if (!frame) continue;
+            ++count;
             const Inspection found = inspected(GetParam(), *frame);
-            if (std::getenv("HORD_TABLE")) std::printf("%-50s %s\n", kind.name.c_str(), told(found).c_str());
+            print(kind, found);
             EXPECT_NE(found.verdict, Verdict::pass) << kind.name << ": " << told(found);
         }
     }
+    EXPECT_GE(count, 2 * 60);
 }
 
 TEST_P(Field, of_a_good_part_passes) {
     for (const Kind& kind : good_kinds()) {
         for (const std::uint64_t seed : {1U, 2U}) {
             const auto frame = kind.frame(GetParam(), seed);
-            if (!frame) continue;
+            ASSERT_TRUE(frame);
             const Inspection found = inspected(GetParam(), *frame);
-            if (std::getenv("HORD_TABLE")) std::printf("%-50s %s\n", kind.name.c_str(), told(found).c_str());
+            print(kind, found);
             EXPECT_EQ(found.verdict, Verdict::pass) << kind.name << ": " << told(found);
         }
     }
@@ -73,6 +89,154 @@ std::string name_of_field(const ::testing::TestParamInfo<Extents>& field) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Of, Field, ::testing::ValuesIn(kGeometries), name_of_field);
+
+// The reason says what to mend.
+TEST(FrameChecks, give_the_reason) {
+    using enum FrameFault;
+    const std::map<std::string, std::pair<Reason, FrameFault>> expected = {
+        {"black", {Reason::too_dark, none}},
+        {"white", {Reason::saturated, none}},
+        {"grey fog, 120 DN", {Reason::unexpected_light, pedestal}},
+        {"fog with a gradient", {Reason::unexpected_light, pedestal}},
+        {"empty field", {Reason::no_part, nothing}},
+        {"empty field with specks of dust", {Reason::no_part, nothing}},
+        {"empty field, light bent slowly", {Reason::no_part, no_outline}},
+        {"empty field, shifted by 1.0 samples", {Reason::unexpected_light, off_centre}},
+        {"lens, shifted by 1.5 samples", {Reason::unexpected_light, off_centre}},
+        {"lens, shifted by 4.0 samples", {Reason::unexpected_light, second_spot}},
+        {"lens, ghost of 20 %", {Reason::unexpected_light, second_spot}},
+        {"lens, defocused", {Reason::unexpected_light, wide_spot}},
+        {"lens, pedestal of 20 DN", {Reason::unexpected_light, pedestal}},
+        {"lens, stuck columns", {Reason::unexpected_light, interrupted}},
+        {"lens of 3x3 bins", {Reason::unexpected_geometry, other_period}},
+        {"empty field of 3x3 bins", {Reason::unexpected_geometry, other_period}},
+        {"two parts", {Reason::no_part, several}},
+        {"half a part at the field's left border", {Reason::no_part, cut_by_field}},
+        {"half a part in the middle of the field", {Reason::no_part, lopsided}},
+        {"a part that fills the field", {Reason::no_part, fills_field}},
+        {"an opaque holder without a part", {Reason::no_part, nothing}},
+    };
+    std::size_t seen = 0;
+    for (const Kind& kind : unfit_kinds()) {
+        const auto found = expected.find(kind.name);
+        if (found == expected.end()) continue;
+        ++seen;
+        const Inspection inspection = inspected(kUsual, kind.frame(kUsual, 3).value());
+        EXPECT_EQ(inspection.verdict, Verdict::unfit) << kind.name;
+        EXPECT_EQ(inspection.reason, found->second.first) << kind.name << ": " << told(inspection);
+        EXPECT_EQ(inspection.frame.fault, found->second.second) << kind.name << ": " << told(inspection);
+    }
+    EXPECT_EQ(seen, expected.size());
+}
+
+// 3x3 macro-pixels read as 9x9, and 9x9 as 3x3: the period that was found is named.
+TEST(FrameChecks, name_the_period_of_another_geometry) {
+    for (const auto& [real, said] : {std::pair(3, 9), std::pair(9, 3), std::pair(5, 15), std::pair(15, 5)}) {
+        const Extents e{90, 90, real, real}, read_as{90 * real / said, 90 * real / said, said, said};
+        const Frame frame = exposed(spots(e, 200, 0.5, lens(e, 32, 0.25 * real)), {}, 1);
+        const Inspection found = inspected(read_as, frame);
+        EXPECT_EQ(found.reason, Reason::unexpected_geometry) << told(found);
+        EXPECT_EQ(std::pair(found.frame.period_x, found.frame.period_y), std::pair(real, real));
+    }
+}
+
+TEST(FrameChecks, are_widened_and_switched_off_by_the_recipe) {
+    const auto kind = [](const std::string& name) {
+        for (const Kind& k : unfit_kinds()) {
+            if (k.name == name) return k.frame(kUsual, 1).value();
+        }
+        return Frame();
+    };
+    Recipe recipe;
+    recipe.max_offset_bins = 0;
+    EXPECT_EQ(inspected(kUsual, kind("lens, shifted by 1.0 samples"), recipe).verdict, Verdict::pass);
+    recipe = {};
+    recipe.max_spot_bins = 2;
+    EXPECT_NE(inspected(kUsual, kind("lens, defocused"), recipe).verdict, Verdict::unfit);
+    recipe = {};
+    recipe.max_second_share = 0.3F;
+    EXPECT_NE(inspected(kUsual, kind("lens, ghost of 20 %"), recipe).frame.fault, FrameFault::second_spot);
+    recipe = {};
+    recipe.max_dark_rise_dn = 40;
+    EXPECT_EQ(inspected(kUsual, kind("lens, pedestal of 20 DN"), recipe).verdict, Verdict::pass);
+    recipe = {};
+    recipe.symmetric_outline = false;
+    EXPECT_NE(inspected(kUsual, kind("half a part in the middle of the field"), recipe).verdict, Verdict::unfit);
+    recipe = {};
+    recipe.part_required = false;
+    EXPECT_EQ(inspected(kUsual, kind("empty field"), recipe).verdict, Verdict::pass);
+    EXPECT_EQ(inspected(kUsual, kind("a part that fills the field"), recipe).verdict, Verdict::pass);
+}
+
+// The lit region of an opaque holder is the part; what the recipe's zones leave out is the holder.
+TEST(FrameChecks, know_a_part_in_an_opaque_holder) {
+    const Extents e{60, 60, 9, 9};
+    const auto through = [&](double rim_bins) {
+        return exposed(spots(e, 200, 0.5,
+                             [=](int m, int n) {
+                                 const Spot s = lens(e, 24, rim_bins)(m, n);
+                                 const bool hole = std::hypot(m - 29.5, n - 29.5) <= 24;
+                                 return Spot{s.x, s.y, hole ? 1.0 : 0.0};
+                             }),
+                       {}, 1);
+    };
+    Recipe recipe;
+    Zone zone;
+    zone.centre = {29.5F, 29.5F};
+    zone.radius = 20;
+    recipe.zones = {zone};
+    EXPECT_EQ(inspected(e, through(3), recipe).verdict, Verdict::pass);
+    EXPECT_EQ(inspected(e, through(0), recipe).reason, Reason::no_part);
+}
+
+TEST(FrameChecks, web_needs_no_part_and_is_held_to_its_light) {
+    const Extents e{60, 60, 9, 9};
+    Recipe web;
+    web.form = PartForm::web;
+    web.part_required = false;
+    const LightImage film = spots(e, 200, 0.6, [](int m, int n) {
+        return Spot{0.3 * std::sin(0.2 * m), 0.3 * std::cos(0.15 * n), 1};
+    });
+    EXPECT_EQ(inspected(e, exposed(film, {}, 1), web).verdict, Verdict::pass);
+    EXPECT_EQ(inspected(e, exposed(film, {6, 1}, 1), web).verdict, Verdict::pass);
+    EXPECT_EQ(inspected(e, exposed(moved_px(film, 1.5, 0), {}, 1), web).frame.fault, FrameFault::off_centre);
+    EXPECT_EQ(inspected(e, exposed(blurred(film, 1.5), {}, 1), web).reason, Reason::unexpected_light);
+    EXPECT_EQ(inspected(e, exposed(with_ghost(film, 0.2, 3, 0), {}, 1), web).reason, Reason::unexpected_light);
+    const Extents other{180, 180, 3, 3};
+    const Frame of_3x3 = exposed(spots(other, 200, 0.5, [](int, int) { return Spot{}; }), {}, 1);
+    EXPECT_EQ(inspected(e, of_3x3, web).reason, Reason::unexpected_geometry);
+}
+
+// The same level, and so the same result, whatever the noise below the recipe's level does.
+TEST(FrameChecks, leave_the_dark_level_of_a_frame_without_pedestal) {
+    for (const double noise : {0.0, 0.6, 2.0}) {
+        const Frame frame = exposed(spots(kUsual, 200, 0.6, lens(kUsual, 42, 3)), {0, noise}, 1);
+        EXPECT_EQ(inspected(kUsual, frame).dark_dn, kDarkDn8Bit);
+    }
+    const Frame raised = exposed(spots(kUsual, 200, 0.6, lens(kUsual, 42, 3)), {6, 0.6}, 1);
+    EXPECT_NEAR(inspected(kUsual, raised).dark_dn, 8.5, 0.5);
+}
+
+// Parts that the simulated cell renders are recognised as one whole part, at two places of the field.
+TEST(FrameChecks, recognise_rendered_parts) {
+    const sim::Part parts[] = {sim::DoubleConvexLens{}, sim::PlanoConvexLens{}, sim::CylinderLens{},
+                               sim::Wedge{.tilt_x_rad = 0.06, .tilt_y_rad = 0.03}};
+    for (const sim::Part& part : parts) {
+        for (const double x_mm : {0.0, 1.2}) {
+            sim::Scene scene;
+            scene.part = part;
+            scene.pose.x_mm = x_mm;
+            scene.camera.extents = {55, 55, 9, 9};
+            scene.noise.electrons_per_dn = 40;
+            scene.noise.read_e = 8;
+            scene.noise.dark_dn = 1;
+            const auto field = sim::render(scene);
+            ASSERT_TRUE(field);
+            const Inspection found = inspected(scene.camera.extents, sim::expose(*field, scene, 1));
+            EXPECT_NE(found.verdict, Verdict::unfit) << part.index() << ": " << told(found);
+        }
+    }
+}
 
 }  // namespace
 }  // namespace hord::algo

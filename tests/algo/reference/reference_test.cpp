@@ -1,7 +1,10 @@
 // Judging a part against a reference of good parts.
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdlib>
+#include <memory>
+#include <random>
 
 #include <gtest/gtest.h>
 
@@ -273,6 +276,51 @@ TEST(Reference, ageing_optics_are_told_from_parts_that_wobble) {
     EXPECT_NEAR(dust->latest()->largest[0].n, 15, 0.5);
     ASSERT_TRUE(dust->latest()->pose_spread);
     EXPECT_NEAR(*dust->latest()->pose_spread, 0.29, 0.1);  // of +-0.5 lenslet
+}
+
+// One electron a DN, read noise of 2 DN, and the camera's black level below both.
+Frame on_pedestal(const Frame& frame, double pedestal_dn, std::uint64_t seed) {
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> normal;
+    Frame out(frame.width_px(), frame.height_px(), frame.bits());
+    for (int y = 0; y < frame.height_px(); ++y) {
+        for (int x = 0; x < frame.width_px(); ++x) {
+            const double light = frame.view().sample(x, y);
+            const double dn = light + std::hypot(std::sqrt(light), 2.0) * normal(random) + pedestal_dn;
+            out.set(x, y, static_cast<std::uint32_t>(std::clamp(std::lround(dn), 0L, 4095L)));
+        }
+    }
+    return out;
+}
+
+// Learned without a pedestal, judged on one, and the other way round.
+TEST(Reference, takes_the_dark_level_from_the_frame_when_it_judges_and_when_it_learns) {
+    const auto speck = [](int m, int n, Spot& spot) {
+        if (std::hypot(m - 24, n - 20) < 1.6) spot.light *= 0.4;
+    };
+    std::vector<Frame> raised;
+    for (std::uint64_t k = 0; k < 12; ++k) raised.push_back(on_pedestal(part(wobble(k)), 30, k));
+    const auto of_raised = learn(raised.size(), [&](std::size_t k) { return raised[k]; });
+    ASSERT_TRUE(of_raised) << of_raised.error().message();
+    EXPECT_TRUE(of_raised->left_out.empty());
+    Recipe raised_recipe = recipe();
+    raised_recipe.reference = std::make_shared<Reference>(of_raised->reference);
+    for (std::uint64_t seed = 100; seed < 106; ++seed) {
+        const Frame good = part(wobble(seed)), bad = part(wobble(seed), speck);
+        for (const auto& [with, pedestal] : {std::pair(&raised_recipe, 0.0), std::pair(&raised_recipe, 30.0)}) {
+            EXPECT_EQ(judge(on_pedestal(good, pedestal, seed), *with).verdict, Verdict::pass)
+                << seed << " " << pedestal;
+            EXPECT_EQ(judge(on_pedestal(bad, pedestal, seed), *with).verdict, Verdict::reject)
+                << seed << " " << pedestal;
+        }
+        EXPECT_EQ(judge(on_pedestal(good, 30, seed)).verdict, Verdict::pass) << seed;
+        EXPECT_EQ(judge(on_pedestal(bad, 30, seed)).verdict, Verdict::reject) << seed;
+    }
+}
+
+TEST(Reference, does_not_know_an_empty_field) {
+    const Frame empty = drawn(kField, kBits, kElectrons / (1.22 * 1.22), [](int, int) { return Spot{}; });
+    for (std::uint64_t seed = 1; seed <= 3; ++seed) EXPECT_EQ(judge(seen(empty, seed)).verdict, Verdict::unfit);
 }
 
 }  // namespace

@@ -344,7 +344,7 @@ TEST(PageRecord, holds_everything_and_an_archive_that_tar_reads) {
     const auto inside = folder.path() / "part-00000007-110";
     const Json record = Json::parse(store::test::read_text(inside / "record.json"));
     EXPECT_EQ(record["result"]["number"], 10);
-    EXPECT_EQ(record["frame_metadata"]["recipe"], "name = \"lens\"\n");
+    EXPECT_EQ(record["frame_metadata"]["recipe"], std::string(kKeptRecipe));
     EXPECT_EQ(store::test::read_text(inside / "frame.png"), page.get("/parts/10/frame.png").body);
     EXPECT_THAT(Json::parse(page.get("/parts/11/record.json").body)["no_frame"].get<std::string>(),
                 HasSubstr("no frame of part 111"));

@@ -36,6 +36,9 @@ inline Frame part_frame(const algo::Extents& e, bool bad) {
     return frame;
 }
 
+// Of the kept frames: their part fills the field.
+constexpr std::string_view kKeptRecipe = "name = \"lens\"\n[part]\npresent = \"unchecked\"\n";
+
 // Frames as a station keeps them.
 inline void keep_frame(const std::filesystem::path& store, std::uint32_t part, bool bad) {
     const algo::Extents extents{24, 24, 5, 5};
@@ -48,8 +51,8 @@ inline void keep_frame(const std::filesystem::path& store, std::uint32_t part, b
             return store::FrameArchive::open(store / store::kFramesFolder, {1'000'000'000, 0});
         },
         options, [] { return store::test::kNoon; });
-    const auto recipe = parse_recipe("name = \"lens\"\n", "lens.toml");
-    keeper.set_recipe("name = \"lens\"\n");
+    const auto recipe = parse_recipe(kKeptRecipe, "lens.toml");
+    keeper.set_recipe(std::string(kKeptRecipe));
     auto pipeline = algo::Pipeline::create(extents, 8, *recipe);
     const Frame frame = part_frame(extents, bad);
     keeper.on_inspection(part, frame.view(), *pipeline->inspect(frame.view()));

@@ -45,6 +45,33 @@ TEST(Recipe, the_form_of_a_part_says_whether_a_frame_must_show_one) {
     EXPECT_THAT(parse_recipe("[part]\nform = \"cube\"\n", "r.toml").error().what, HasSubstr("cube"));
 }
 
+TEST(Recipe, the_checks_of_light_and_outline_are_read_written_and_omitted_where_usual) {
+    const auto usual = parse_recipe("", "r.toml");
+    const std::string text = format_recipe({.recipe = *usual});
+    for (const char* key :
+         {"max_dark_rise_dn", "max_offset_bins", "max_spot_bins", "max_second_share", "period", "outline"})
+        EXPECT_THAT(text, Not(HasSubstr(key)));
+    const auto other = parse_recipe(
+        "[part]\noutline = \"any\"\n[light]\nmax_dark_rise_dn = 40\nmax_offset_bins = 0\n"
+        "max_spot_bins = 1.5\nmax_second_share = 0.2\nperiod = \"unchecked\"\n",
+        "r.toml");
+    ASSERT_TRUE(other) << other.error().message();
+    const auto again = parse_recipe(format_recipe({.recipe = *other}), "r.toml");
+    ASSERT_TRUE(again);
+    for (const auto& recipe : {*other, *again}) {
+        EXPECT_FALSE(recipe.symmetric_outline);
+        EXPECT_FALSE(recipe.check_period);
+        EXPECT_EQ(recipe.max_dark_rise_dn, 40U);
+        EXPECT_EQ(recipe.max_offset_bins, 0);
+        EXPECT_EQ(recipe.max_spot_bins, 1.5F);
+        EXPECT_EQ(recipe.max_second_share, 0.2F);
+    }
+    const auto refused = parse_recipe("[light]\nmax_second_share = 2\nperiod = \"often\"\n", "r.toml");
+    ASSERT_FALSE(refused);
+    EXPECT_THAT(refused.error().what, HasSubstr("max_second_share"));
+    EXPECT_THAT(refused.error().what, HasSubstr("often"));
+}
+
 TEST(Recipe, zones_are_circles_and_polygons) {
     const auto recipe = parse_recipe(R"(
 [[zone]]

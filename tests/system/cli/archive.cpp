@@ -39,7 +39,8 @@ Frame part_frame(const algo::Extents& e, std::uint32_t seed, bool bad) {
 }
 
 Result<void> fill(const std::filesystem::path& store, std::uint32_t count, const algo::Extents& extents) {
-    const algo::Recipe recipe;
+    algo::Recipe recipe;
+    recipe.part_required = false;  // the drawn part fills the field
     auto pipeline = algo::Pipeline::create(extents, 8, recipe);
     if (!pipeline) return tl::unexpected(pipeline.error());
     std::error_code error;

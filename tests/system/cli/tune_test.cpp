@@ -53,6 +53,9 @@ std::string text_of(const std::string& file) {
     return {std::istreambuf_iterator<char>(stream), {}};
 }
 
+// The drawn part fills the field.
+constexpr const char* kFillsField = "[part]\npresent = \"unchecked\"\n";
+
 class Tune : public ::testing::Test {
   protected:
     void write(const std::string& name, const Frame& frame) {
@@ -68,6 +71,10 @@ class Tune : public ::testing::Test {
     }
     Said tune(std::vector<std::string> more) {
         std::vector<std::string> arguments{"tune", "--good", folder / "good", "--bad", folder / "bad", "--bits", "12"};
+        if (std::ranges::find(more, "--recipe") == more.end()) {
+            std::ofstream(folder / "unchecked.toml") << kFillsField;
+            arguments.insert(arguments.end(), {"--recipe", folder / "unchecked.toml"});
+        }
         arguments.insert(arguments.end(), more.begin(), more.end());
         return run("hordctl", arguments);
     }
@@ -148,7 +155,7 @@ TEST_F(Tune, parts_that_lack_light_are_judged_by_their_light) {
 TEST_F(Tune, parts_that_scatter_are_judged_by_a_distance) {
     frames(12, 8, Flaw::haze);
     std::ofstream(folder / "base.toml")
-        << "[light]\ndark_dn = 1\nmin_sum_dn = 60\n";  // low, so that light spread thinly counts
+        << kFillsField << "[light]\ndark_dn = 1\nmin_sum_dn = 60\n";  // low, so that light spread thinly counts
     const Said said = tune({"--budget", "100000", "--recipe", folder / "base.toml", "--out", folder / "haze.toml"});
     ASSERT_EQ(said.status, 0) << said.err;
     EXPECT_THAT(said.out, HasSubstr("12 good and 8 bad frames of 26x24 lenslets of 9x9 bins, 12 bits"));
@@ -173,7 +180,8 @@ TEST_F(Tune, starts_from_a_recipe_and_measures_a_reference) {
     }
     ASSERT_EQ(run("hordctl", learn).status, 0);
     std::ofstream(folder / "base.toml") << "name = \"lens\"\nnumber = 7\nversion = 3\n[limits]\nmin_area = "
-                                           "4\n[[zone]]\nshape = \"circle\"\ncentre = [13, 11]\nradius = 20\n";
+                                           "4\n[[zone]]\nshape = \"circle\"\ncentre = [13, 11]\nradius = 20\n"
+                                        << kFillsField;
     const Said said = tune({"--budget", "100000", "--recipe", folder / "base.toml", "--reference",
                             folder / "lens.hordref", "--out", folder / "lens.toml", "--json"});
     ASSERT_EQ(said.status, 0) << said.err;
