@@ -56,6 +56,7 @@ Result<std::vector<std::string>> Service::reload(const Config& next) {
             next.inspection.threads != config_.inspection.threads || next.inspection.queue != config_.inspection.queue,
         "[inspection] macro, threads or queue");
     restart(next.inspection.grid != config_.inspection.grid, "inspection.grid");
+    restart(next.inspection.budget != config_.inspection.budget, "timing.inspect_budget_ms");
     restart(next.optics != config_.optics, "[optics]");
     restart(next.store != config_.store, "[store]");
     if (recorder_) note_configuration(*recorder_, next);

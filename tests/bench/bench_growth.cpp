@@ -78,7 +78,7 @@ double cpu_ns() {
 }
 
 // A row of the table.
-struct Point {
+struct GrowthPoint {
     const char* series;
     std::string what;
     Scene scene;
@@ -86,7 +86,7 @@ struct Point {
     std::vector<double> ns[kColumns] = {};  // per lenslet, one per round
 };
 
-bool measure_once(Point& point) {
+bool measure_once(GrowthPoint& point) {
     const Scene& scene = point.scene;
     const Extents e{scene.lenslets, scene.lenslets, scene.bins, scene.bins};
     constexpr LightLevels kLevels{3, 16, 255};
@@ -115,7 +115,7 @@ double median(std::vector<double> values) {
     return values[values.size() / 2];
 }
 
-void print(const Point& p, std::ofstream& csv) {
+void print(const GrowthPoint& p, std::ofstream& csv) {
     csv << p.series << ',' << p.scene.lenslets << ',' << p.scene.bins << ',' << p.lit << ',' << p.scene.noise_dn;
     std::printf("| %s | %s | %.1f |", p.series, p.what.c_str(), p.lit);
     for (const auto& ns : p.ns) {
@@ -126,8 +126,8 @@ void print(const Point& p, std::ofstream& csv) {
     std::printf("\n");
 }
 
-std::vector<Point> all_points() {
-    std::vector<Point> points;
+std::vector<GrowthPoint> all_points() {
+    std::vector<GrowthPoint> points;
     const auto add = [&](const char* series, const std::string& what, const Scene& scene) {
         points.push_back({series, what, scene});
     };
@@ -162,15 +162,15 @@ int main(int argc, char** argv) {
     }
     csv << ",verdict_ns_a_lenslet\n";
     std::printf(" verdict, ns a lenslet |\n|---|---|---|---|---|---|---|\n");
-    std::vector<Point> points = all_points();
+    std::vector<GrowthPoint> points = all_points();
     for (int round = 0; round < kRounds; ++round) {
-        for (Point& point : points) {
+        for (GrowthPoint& point : points) {
             if (measure_once(point)) continue;
             std::fprintf(stderr, "bench_growth: no map of %s %s\n", point.series, point.what.c_str());
             return 1;
         }
     }
-    for (const Point& point : points) print(point, csv);
+    for (const GrowthPoint& point : points) print(point, csv);
     if (csv.flush()) return 0;
     std::fprintf(stderr, "bench_growth: %s cannot be written: give a folder that may be written to\n", argv[1]);
     return 2;
