@@ -32,11 +32,8 @@ TEST_P(KindOfDefect, that_only_deflects_light_is_rejected_for_a_reason_of_hords_
         EXPECT_EQ(part.verdict, Verdict::reject) << seed;
         EXPECT_THAT(part.reason, ::testing::AnyOf(Reason::neighbours_disagree, Reason::deflection_gradient)) << seed;
         EXPECT_LT(contrast(part, LineView::telecentric), kVisible) << seed;
-        // Flanks spread light below the dark level: striae and inclusions show faintly in the transmission.
+        // Light that is spread or shifted a little shows in the transmission, far from its limit.
         EXPECT_LT(part.missing_light, kHalfOfLimit) << seed;
-        if (GetParam() == sim::PartClass::dimple) {
-            EXPECT_LT(contrast(part, LineView::transmission), kVisible) << seed;
-        }
         EXPECT_GE(contrast(part, LineView::emd), kVisible) << seed;
     }
 }
