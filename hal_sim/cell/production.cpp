@@ -12,8 +12,8 @@ namespace hord::sim {
 namespace {
 
 // Sizes of the defects that only deflect light, as [smallest, largest]: docs/notes/optics.md.
-constexpr double kDimpleRimMm[] = {0.7, 1.0}, kDimpleRad[] = {0.012, 0.014};
-constexpr double kStriaHalfMm[] = {0.6, 1.2}, kStriaRadiusMm[] = {0.095, 0.108}, kStriaIndex[] = {0.0098, 0.0108};
+constexpr double kDimpleRimMm[] = {0.8, 1.0}, kDimpleRad[] = {0.011, 0.012};
+constexpr double kStriaHalfMm[] = {0.6, 1.2}, kStriaRadiusMm[] = {0.095, 0.108}, kStriaIndex[] = {0.0112, 0.012};
 constexpr double kStriaTurn = 0.2;  // rad, at most, from the direction in which the glass was drawn, y
 constexpr double kInclusionRadiusMm[] = {0.35, 0.45}, kInclusionIndex[] = {0.0026, 0.003};
 constexpr double kNearSharpMm = 0.1;       // depths within this of the sharp plane

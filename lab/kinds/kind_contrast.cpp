@@ -95,7 +95,7 @@ Result<std::vector<SeenPart>> see_scenes(const std::vector<sim::Scene>& scenes,
         const sim::Scene& scene = scenes[k];
         const auto views = views_of(scene, seed + k, threads);
         if (!views) return tl::unexpected(views.error());
-        SeenPart part{kinds[k], views->verdict, views->reason, views->score, {}};
+        SeenPart part{kinds[k], views->verdict, views->reason, views->score, {}, 0};
         if (k == 0) {
             for (std::size_t v = 0; v < good.size(); ++v)
                 good[v] = interior_of(views->signals[v].values, views->signals[v].mask);
@@ -104,8 +104,10 @@ Result<std::vector<SeenPart>> see_scenes(const std::vector<sim::Scene>& scenes,
             if (!where) return tl::unexpected(where.error());
             for (std::size_t v = 0; v < good.size(); ++v) {
                 const Signal& signal = views->signals[v];
-                part.contrast[v] =
-                    contrast_of(signal.values, signal.mask, scene.camera.extents, *where, good[v], floor_of(v)).ratio;
+                const Contrast seen =
+                    contrast_of(signal.values, signal.mask, scene.camera.extents, *where, good[v], floor_of(v));
+                part.contrast[v] = seen.ratio;
+                if (static_cast<LineView>(v) == LineView::transmission) part.missing_light = seen.peak;
             }
         }
         parts.push_back(part);

@@ -26,6 +26,7 @@ struct SeenPart {
     // By LineView: the defect's peak over the good part's 99th percentile, at least 1 % for light (contrast_of in
     // lab/experiment/inspected_maps.h). Seen: from kVisible. 0 for a good part.
     std::array<double, kLineViewNames.size()> contrast{};
+    double missing_light = 0;  // largest share that the transmission misses, or has too much, at the defect
 };
 
 // One good part and one part of each of `kinds`, drawn and exposed as the simulated line does with this seed. The good

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "algo/recipe/recipe.h"
 #include "lab/experiment/inspected_maps.h"
 #include "lab/experiment/result_cache.h"
 #include "lab/kinds/kind_contrast.h"
@@ -80,6 +81,7 @@ Table table_of(const std::vector<Kind>& kinds) {
 std::vector<Claim> claims_of(const std::vector<Kind>& kinds) {
     std::size_t good = 0, passed = 0, takers = 0, takers_rejected = 0, deflectors = 0, rejected_by_hords = 0;
     std::size_t seen_telecentric = 0, seen_transmission = 0;
+    double missing = 0;
     std::set<algo::Reason> reasons;
     for (const Kind& kind : kinds) {
         const std::size_t count = kind.parts.size();
@@ -95,41 +97,42 @@ std::vector<Claim> claims_of(const std::vector<Kind>& kinds) {
         deflectors += count;
         seen_telecentric += kind.seen_by(LineView::telecentric);
         seen_transmission += kind.seen_by(LineView::transmission);
+        for (const SeenPart& part : kind.parts) missing = std::max(missing, part.missing_light);
         rejected_by_hords += static_cast<std::size_t>(std::ranges::count_if(kind.parts, [](const SeenPart& part) {
             return part.verdict == algo::Verdict::reject && is_of_hords(part.reason);
         }));
     }
     reasons.erase(algo::Reason::none);
+    const double rejecting = 1 - static_cast<double>(algo::Recipe{}.transmission_limit);
     std::string list;
     for (const algo::Reason reason : reasons) list += (list.empty() ? "" : ", ") + std::string(name_of(reason));
     return {
         {"The default recipe passes every good part", passed == good, fmt::format("{} of {}", passed, good)},
         {"It rejects every bubble, cut and speck", takers_rejected == takers,
          fmt::format("{} of {}", takers_rejected, takers)},
-        {"It rejects every dimple, stria, inclusion and haze, because neighbours disagree or the deflection changes "
-         "too fast",
+        {"It rejects every dimple, stria and inclusion, because neighbours disagree or the deflection changes too fast",
          rejected_by_hords == deflectors, fmt::format("{} of {}", rejected_by_hords, deflectors)},
-        {"The telecentric camera sees none of these four kinds", seen_telecentric == 0,
+        {"The telecentric camera sees none of these three kinds", seen_telecentric == 0,
          fmt::format("it sees {} of {}", seen_telecentric, deflectors)},
-        {"The transmission shows none of them", seen_transmission == 0,
-         fmt::format("it shows {} of {}", seen_transmission, deflectors)},
+        {"The transmission shows no dimple, stria or inclusion", seen_transmission == 0,
+         fmt::format("it shows {} of {}", seen_transmission, deflectors), false},
+        {"At each of them it misses less than half of what rejects a part", missing < 0.5 * rejecting,
+         fmt::format("at most {:.0f} % of the light; {:.0f} % rejects", 100 * missing, 100 * rejecting)},
         {"Parts are rejected for at least three reasons", reasons.size() >= 3, list},
     };
 }
 
 Json to_json(const SeenPart& part) {
-    return {{"kind", name_of(part.made_as)},
-            {"verdict", static_cast<int>(part.verdict)},
-            {"reason", static_cast<int>(part.reason)},
-            {"score", part.score},
-            {"contrast", part.contrast}};
+    return {{"kind", name_of(part.made_as)},           {"verdict", static_cast<int>(part.verdict)},
+            {"reason", static_cast<int>(part.reason)}, {"score", part.score},
+            {"missing", part.missing_light},           {"contrast", part.contrast}};
 }
 SeenPart part_of(const Json& json, sim::PartClass made_as) {
-    SeenPart part{made_as,
-                  static_cast<algo::Verdict>(json["verdict"].get<int>()),
-                  static_cast<algo::Reason>(json["reason"].get<int>()),
-                  json["score"].get<float>(),
-                  {}};
+    SeenPart part{.made_as = made_as,
+                  .verdict = static_cast<algo::Verdict>(json["verdict"].get<int>()),
+                  .reason = static_cast<algo::Reason>(json["reason"].get<int>()),
+                  .score = json["score"].get<float>(),
+                  .missing_light = json["missing"].get<double>()};
     for (std::size_t view = 0; view < part.contrast.size(); ++view)
         part.contrast[view] = json["contrast"][view].get<double>();
     return part;
@@ -139,7 +142,7 @@ SeenPart part_of(const Json& json, sim::PartClass made_as) {
 
 Result<ExperimentReport> run_kinds(const ExperimentOptions& options) {
     auto cells =
-        ResultCache::open(options.out / "cells.jsonl", {{"experiment", "kinds"}, {"seed", options.seed}, {"form", 1}});
+        ResultCache::open(options.out / "cells.jsonl", {{"experiment", "kinds"}, {"seed", options.seed}, {"form", 2}});
     if (!cells) return tl::unexpected(cells.error());
     std::vector<sim::PartClass> defects{sim::kLightTakers.begin(), sim::kLightTakers.end()};
     defects.insert(defects.end(), sim::kDeflectors.begin(), sim::kDeflectors.end());

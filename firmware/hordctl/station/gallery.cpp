@@ -11,7 +11,6 @@ namespace {
 
 // One scale a column, so that rows can be compared; deflections beyond it take the end colour.
 constexpr float kBinsHigh = 2, kShareHigh = 1, kTransmissionHigh = 1.2F;
-constexpr float kCameraWhite = 200;  // DN of an 8-bit camera for light 1
 
 // `otherwise`: of a feature without a fixed scale.
 float high_of(const FeatureView& view, float otherwise) {
@@ -19,17 +18,6 @@ float high_of(const FeatureView& view, float otherwise) {
     if (view.unit.starts_with("bin pitches")) return kBinsHigh;
     const auto choice = algo::feature_named(view.name);
     return choice && algo::is_judged_gradient(choice->feature) ? kShareHigh : otherwise;
-}
-
-Frame as_frame(const std::vector<float>& light, const algo::Extents& e) {
-    Frame frame(e.m, e.n, 8);
-    for (int n = 0; n < e.n; ++n) {
-        for (int m = 0; m < e.m; ++m) {
-            const float share = std::clamp(light[static_cast<std::size_t>(n * e.m + m)], 0.0F, 1.0F);
-            frame.set(m, n, static_cast<std::uint32_t>(kCameraWhite * share + 0.5F));
-        }
-    }
-    return frame;
 }
 
 }  // namespace
@@ -70,9 +58,13 @@ Result<MontageRow> Gallery::row(const std::string& kind, const InspectedPart& in
         "part {}: {}{}", inspected.part, name_of(inspected.verdict),
         inspected.reason == algo::Reason::none ? std::string() : fmt::format(", {}", name_of(inspected.reason)));
     std::vector<Picture> pictures;
-    if (ordinary.size() == e.lenslets())
-        pictures.push_back(draw("telecentric camera", as_frame(ordinary, e).view(), e));
-    else pictures.push_back(draw("raw frame", inspected.frame.view(), e));
+    if (ordinary.size() == e.lenslets()) {
+        const std::vector<std::uint8_t> everywhere(e.lenslets(), algo::kValid);
+        pictures.push_back(
+            draw({"telecentric camera", "of the light", 0, kTransmissionHigh}, ordinary, everywhere, e, {}));
+    } else {
+        pictures.push_back(draw("raw frame", inspected.frame.view(), e));
+    }
     const FeatureView& deciding = views.deciding();
     const auto add = [&](const FeatureView& view) {
         const bool decided = view.name == deciding.name;

@@ -103,6 +103,28 @@ TEST(Run, simulated_parts_get_one_verdict_each_and_bad_ones_leave_through_the_ej
     }
 }
 
+// Light that is missing, neighbours that disagree, a deflection that changes too fast: each kind of defect has its own.
+TEST(Run, simulated_defects_are_rejected_for_three_reasons_and_shown_beside_an_ordinary_camera_s_picture) {
+    const TemporaryFolder folder;
+    const Said said = run("hordctl",
+                          {"run", "--simulate", "--variety", "1", "--parts", "12", "--good", "0.1", "--rate", "2",
+                           "--modbus", "127.0.0.1:0", "--json", "--out", folder / "pictures"},
+                          std::chrono::seconds(120));
+    ASSERT_EQ(said.status, 0) << said.err;
+    std::set<std::string> reasons;
+    for (const Json& part : json_lines(said.out)) {
+        const std::string truth = part["truth"], reason = part["reason"];
+        if (truth == "good") continue;
+        reasons.insert(reason);
+        const bool deflects = truth == "dimple" || truth == "stria" || truth == "inclusion";
+        if (deflects || truth == "speck") {
+            EXPECT_EQ(reason == "absorption", !deflects) << part;
+        }
+    }
+    EXPECT_THAT(reasons, ::testing::IsSupersetOf({"neighbours-disagree", "deflection-gradient", "absorption"}));
+    EXPECT_TRUE(std::filesystem::exists(folder / "pictures/montage.png"));
+}
+
 TEST(Run, vitals_are_written_and_stay_flat) {
     const TemporaryFolder folder;
     const Said said = run("hordctl",

@@ -76,6 +76,24 @@ TEST(Parts, a_scratch_is_a_groove_of_its_length) {
     EXPECT_NEAR(sum(67, 50), sum(55, 55), 1e-3);
 }
 
+TEST(Parts, a_soft_stria_deflects_its_two_halves_by_twice_its_index_difference_and_nothing_beside_it) {
+    constexpr double kDifference = 0.01, kPlate = 1.5, kStria = kPlate + kDifference;
+    // The closed form of a prism whose flank is as steep as 2, within a plate.
+    const double flank = std::atan(2.0);
+    const double inside = flank - std::asin(std::sin(flank) * kPlate / kStria);
+    const double expected = std::tan(std::asin(kStria * std::sin(inside)));
+    EXPECT_NEAR(expected, 2 * kDifference, 0.02 * 2 * kDifference);
+    const Body soft = body(Plate{}, {Stria{{0, -2, 0}, {0, 2, 0}, 0.1, kDifference, true}});
+    const auto at = [&](double x, double y) { return trace(soft, {x, y, 0, 0}); };
+    for (const double x : {0.03, 0.05, 0.08}) {
+        EXPECT_NEAR(at(x, 0.3).u, -at(-x, 0.3).u, 1e-9) << x;
+        EXPECT_NEAR(std::abs(at(x, 0.3).u), expected, 1e-9) << x;
+        EXPECT_NEAR(at(x, 0.3).v, 0, 1e-9) << x;
+    }
+    EXPECT_EQ(at(0.11, 0.3).u, 0);
+    EXPECT_EQ(at(0.05, 2.1).u, 0);
+}
+
 TEST(Effects, fresnel_takes_four_percent_a_face_and_nothing_when_off) {
     const CameraRay ray{1, 1, 0, 0};
     EXPECT_EQ(trace(body(Plate{}), ray).weight, 1);
