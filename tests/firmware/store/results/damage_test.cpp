@@ -167,6 +167,8 @@ TEST_P(EveryValue, of_every_column_may_be_damaged) {
                     sqlite3_close(db);
                     if (!done) continue;  // a key that SQLite itself keeps an integer or unique
                     if (strict) make_strict_again(folder, whole);
+                    ASSERT_EQ(sql_integer(folder, "SELECT count(*) FROM sqlite_schema WHERE sql LIKE '% STRICT%'"),
+                              strict ? 6U : 0U);
                     ++edits;
                     SCOPED_TRACE(edit);
                     Said said;
