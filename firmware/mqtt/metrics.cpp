@@ -42,7 +42,13 @@ struct Worst {
 Worst worst_of(const StoredResult& result) {
     const auto list = nlohmann::json::parse(result.defects, nullptr, false);
     if (!list.is_array() || list.empty() || !list[0].is_object()) return {};
-    return {list[0].value("kind", std::string()), list[0].value("m", 0.0), list[0].value("n", 0.0)};
+    // Members of another type are of a row that somebody edited.
+    const auto& worst = list[0];
+    const auto number = [&](const char* name) {
+        return worst.contains(name) && worst[name].is_number() ? worst[name].get<double>() : 0.0;
+    };
+    const bool named = worst.contains("kind") && worst["kind"].is_string();
+    return {named ? worst["kind"].get<std::string>() : std::string(), number("m"), number("n")};
 }
 
 std::uint64_t natural(std::int64_t value) { return static_cast<std::uint64_t>(std::max<std::int64_t>(value, 0)); }

@@ -100,7 +100,7 @@ Result<ExperimentReport> run_stability(const ExperimentOptions& options) {
             claim.evidence =
                 fmt::format("{} cases, all right", std::ranges::count(table.rows(), claim.text, &StabilityRow::group));
     }
-    const auto times = measure_times(options);
+    const auto times = measure_verdict_times(options);
     if (!times) return tl::unexpected(times.error());
     report.text = fmt::format("# Stability at the extremes\n\nSeed {}.\n\n```{}```\n\n## Claims\n\n{}\n# Times\n{}",
                               options.seed, as_text(table), describe(report.claims), *times);

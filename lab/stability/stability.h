@@ -56,7 +56,7 @@ void check_frames(const StabilityOptions& options, StabilityTable& table);
 // How long verdicts take, as Markdown: the processor's time for frames with a pedestal, noise, wide spots and many lit
 // bins, over that for a clean frame of the same geometry; 111x111 lenslets, and 555x555 unless options.quick. Says
 // where a goal is not reached. Times differ between machines and runs, so that they are no claims.
-Result<std::string> measure_times(const ExperimentOptions& options);
+Result<std::string> measure_verdict_times(const ExperimentOptions& options);
 
 // As text and as CSV.
 std::string as_text(const StabilityTable& table);

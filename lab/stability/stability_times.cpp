@@ -118,7 +118,7 @@ std::vector<std::pair<std::string, Light>> all_lights() {
 
 }  // namespace
 
-Result<std::string> measure_times(const ExperimentOptions& options) {
+Result<std::string> measure_verdict_times(const ExperimentOptions& options) {
     std::string text;
     for (const int lenslets : {111, 555}) {
         if (options.quick && lenslets > 111) continue;

@@ -147,35 +147,67 @@ Error Statement::out_of_range(int column) const {
     return database_->damaged(std::string(name == nullptr ? "a column" : name) + " is out of range").value();
 }
 
+bool Statement::is(int column, int type) const { return sqlite3_column_type(statement_, column) == type; }
+
+std::string_view Statement::text_of(int column) const {
+    std::size_t count = 0;
+    const auto* start = static_cast<const char*>(bytes(column, true, count));
+    return {start, count};
+}
+
 Result<std::int64_t> Statement::integer(int column) const {
-    if (sqlite3_column_type(statement_, column) != SQLITE_INTEGER) return wrong_type(column, "INTEGER");
+    if (!is(column, SQLITE_INTEGER)) return wrong_type(column, "INTEGER");
     return static_cast<std::int64_t>(sqlite3_column_int64(statement_, column));
 }
 
 Result<std::string> Statement::text(int column) const {
-    if (sqlite3_column_type(statement_, column) != SQLITE_TEXT) return wrong_type(column, "TEXT");
-    std::size_t count = 0;
-    const auto* start = static_cast<const char*>(bytes(column, true, count));
-    return std::string(start, count);
+    if (!is(column, SQLITE_TEXT)) return wrong_type(column, "TEXT");
+    return std::string(text_of(column));
 }
 
 Result<std::optional<std::int64_t>> Statement::integer_or_null(int column) const {
-    if (sqlite3_column_type(statement_, column) == SQLITE_NULL) return std::nullopt;
+    if (is(column, SQLITE_NULL)) return std::nullopt;
     return integer(column).map([](std::int64_t read) { return std::optional(read); });
 }
 
-Result<std::optional<double>> Statement::real_or_null(int column) const {
-    const int type = sqlite3_column_type(statement_, column);
-    if (type == SQLITE_NULL) return std::nullopt;
-    if (type != SQLITE_FLOAT) return wrong_type(column, "REAL");
-    return sqlite3_column_double(statement_, column);
+// -- rows of many columns: no Result for a value that is as it should be
+
+void RowReader::keep(Error error) {
+    if (!error_) error_ = std::move(error);
+}
+
+std::int64_t RowReader::integer(int column) {
+    if (row_.is(column, SQLITE_INTEGER)) return sqlite3_column_int64(row_.statement_, column);
+    keep(row_.wrong_type(column, "INTEGER").value());
+    return 0;
+}
+
+std::string RowReader::text(int column) {
+    if (row_.is(column, SQLITE_TEXT)) return std::string(row_.text_of(column));
+    keep(row_.wrong_type(column, "TEXT").value());
+    return {};
+}
+
+std::optional<std::int64_t> RowReader::integer_or_null(int column) {
+    return row_.is(column, SQLITE_NULL) ? std::nullopt : std::optional(integer(column));
+}
+
+std::optional<double> RowReader::real_or_null(int column) {
+    if (row_.is(column, SQLITE_NULL)) return std::nullopt;
+    if (row_.is(column, SQLITE_FLOAT)) return sqlite3_column_double(row_.statement_, column);
+    keep(row_.wrong_type(column, "REAL").value());
+    return std::nullopt;
 }
 
 std::uint32_t RowReader::natural(int column) {
     const std::int64_t read = integer(column);
     if (read >= 0 && read <= std::numeric_limits<std::uint32_t>::max()) return static_cast<std::uint32_t>(read);
-    if (!error_) error_ = row_.out_of_range(column);
+    keep(row_.out_of_range(column));
     return 0;
+}
+
+std::string RowReader::text_or_empty(int column) const {
+    return row_.is(column, SQLITE_TEXT) ? std::string(row_.text_of(column)) : std::string();
 }
 
 // -- the connection

@@ -47,14 +47,16 @@ class Statement {
     [[nodiscard]] Result<std::int64_t> integer(int column) const;
     [[nodiscard]] Result<std::string> text(int column) const;
     [[nodiscard]] Result<std::optional<std::int64_t>> integer_or_null(int column) const;
-    [[nodiscard]] Result<std::optional<double>> real_or_null(int column) const;
     [[nodiscard]] Error out_of_range(int column) const;  // for an integer that cannot have been written
 
   private:
     friend class Database;
+    friend class RowReader;
     Statement(Database& database, sqlite3_stmt* statement) : database_(&database), statement_(statement) {}
     Result<void> bind(std::span<const Value> values);
+    [[nodiscard]] bool is(int column, int type) const;  // SQLITE_INTEGER, ...
     [[nodiscard]] tl::unexpected<Error> wrong_type(int column, const char* written) const;
+    [[nodiscard]] std::string_view text_of(int column) const;
     [[nodiscard]] const void* bytes(int column, bool text, std::size_t& count) const;
     Database* database_;
     sqlite3_stmt* statement_;
@@ -65,22 +67,16 @@ class Statement {
 class RowReader {
   public:
     explicit RowReader(const Statement& row) : row_(row) {}
-    std::int64_t integer(int column) { return keep(row_.integer(column), std::int64_t{0}); }
-    std::string text(int column) { return keep(row_.text(column), std::string()); }
-    std::optional<std::int64_t> integer_or_null(int column) {
-        return keep(row_.integer_or_null(column), std::optional<std::int64_t>());
-    }
-    std::optional<double> real_or_null(int column) { return keep(row_.real_or_null(column), std::optional<double>()); }
-    std::uint32_t natural(int column);  // 0 to 2^32 - 1
+    std::int64_t integer(int column);
+    std::string text(int column);
+    std::optional<std::int64_t> integer_or_null(int column);
+    std::optional<double> real_or_null(int column);
+    std::uint32_t natural(int column);                          // 0 to 2^32 - 1
+    [[nodiscard]] std::string text_or_empty(int column) const;  // empty for other types, which are no error
     [[nodiscard]] const std::optional<Error>& error() const { return error_; }
 
   private:
-    template <class T>
-    T keep(Result<T> read, T otherwise) {
-        if (read) return *std::move(read);
-        if (!error_) error_ = std::move(read).error();
-        return otherwise;
-    }
+    void keep(Error error);
     const Statement& row_;
     std::optional<Error> error_;
 };

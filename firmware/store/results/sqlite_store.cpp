@@ -174,12 +174,12 @@ Result<void> SqliteStore::write(std::span<const Entry> entries) {
     if (!transaction) return tl::unexpected(transaction.error());
     std::uint64_t newest = 0;
     for (const Entry& entry : entries) newest = std::max(newest, entry.number);
-    // A batch that an error left in doubt is the first one after it. A higher entry in the file would make the store
-    // skip results that it does not have.
-    if (newest != 0 && std::exchange(in_doubt_, false) && last_entry_ > newest)
-        return database_->damaged(
-            fmt::format("it has entry {} of this run, and {} is the newest", last_entry_, newest));
     for (const Entry& entry : entries) {
+        // A batch that an error left in doubt is the first one after it. A higher entry in the file would make the
+        // store skip results that it does not have.
+        if (entry.number != 0 && std::exchange(in_doubt_, false) && last_entry_ > newest)
+            return database_->damaged(
+                fmt::format("it has entry {} of this run, and {} is the newest", last_entry_, newest));
         if (entry.number != 0 && entry.number <= last_entry_) continue;
         auto done = std::visit([&](const auto& record) { return store(entry.number, record); }, entry.record);
         if (!done) return done;
@@ -265,7 +265,7 @@ Result<bool> SqliteStore::prune(const Retention& retention, const ClockReading& 
 Result<void> SqliteStore::witness(const ClockReading& now) {
     const auto shown = witness_.observe(now);
     if (!shown || shown == days_.newest()) return {};
-    const ClockDay day{*shown, witness_.count(days_.newest(), *shown), results_->number(), commands_->number()};
+    const ClockDay day{*shown, results_->number(), commands_->number()};
     auto transaction = Transaction::begin(*database_);
     if (!transaction) return tl::unexpected(transaction.error());
     const std::vector<Value> row{std::string("clock"), std::string(), std::int64_t{0},
@@ -273,6 +273,7 @@ Result<void> SqliteStore::witness(const ClockReading& now) {
     if (auto done = changes_->append(run_, 0, now.utc_us, row); !done) return done;
     if (auto done = close_batch(*transaction); !done) return done;
     days_.add(day);
+    witness_.entered();
     return {};
 }
 

@@ -128,7 +128,7 @@ Result<void> StoreReader::each_result(const ResultFilter& filter,
         result.time_us = read.integer(2);
         if (result.run != known_run) {
             known_run = result.run;
-            const Json start = parse_stored(row.text(3).value_or(""));
+            const Json start = parse_stored(read.text_or_empty(3));
             const std::int64_t boot = integer_in(start, "boot").value_or(0);
             result.boot =
                 boot >= 0 && boot <= std::numeric_limits<std::uint32_t>::max() ? static_cast<std::uint32_t>(boot) : 0;
@@ -146,8 +146,8 @@ Result<void> StoreReader::each_result(const ResultFilter& filter,
         result.reject_latency_us = read.integer(13);
         result.recipe_change = read.integer_or_null(14).value_or(0);
         // Of other rows: their damage is not this row's.
-        result.recipe = row.text(15).value_or("");
-        result.calibration = row.text(16).value_or("");
+        result.recipe = read.text_or_empty(15);
+        result.calibration = read.text_or_empty(16);
         result.damage = read.error() ? read.error()->what : "";
         take(result);
         return {};

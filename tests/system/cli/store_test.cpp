@@ -151,12 +151,24 @@ TEST(Store, that_cannot_be_opened_is_a_fault_and_the_line_goes_on) {
     fs::create_directories(folder / "store");
     std::ofstream(folder / "store/results.db") << std::string(10'000, 'x');
     const Said said = produce(folder, 5);
-    EXPECT_EQ(said.status, 0) << said.err;
+    EXPECT_EQ(said.status, 3) << said.err;
     EXPECT_EQ(lines(said.out), 5U) << said.out;
     EXPECT_THAT(said.err, HasSubstr("results.db is damaged"));
+    EXPECT_THAT(said.err, HasSubstr("5 results (sequences 1 to 5)"));
+    EXPECT_THAT(said.err, HasSubstr("could not be stored before the end"));
     EXPECT_THAT(said.err, HasSubstr("move the file"));
     EXPECT_EQ(fs::file_size(folder / "store/results.db"), 10'000U);  // unchanged
     EXPECT_EQ(run("hordctl", {"results", "--store", folder / "store"}).status, 2);
+}
+
+TEST(Store, on_a_path_that_the_disk_does_not_answer_for_is_a_fault_and_the_line_goes_on) {
+    const TemporaryFolder folder;
+    fs::create_symlink("store", folder / "store");  // ELOOP: a status that is neither "there" nor "not there"
+    const Said said = produce(folder, 3);
+    EXPECT_EQ(said.status, 3) << said.err;
+    EXPECT_EQ(lines(said.out), 3U) << said.out;
+    EXPECT_THAT(said.err, HasSubstr("cannot be made or used"));
+    EXPECT_THAT(said.err, HasSubstr("3 results (sequences 1 to 3)"));
 }
 
 TEST(Store, of_another_station_that_runs_is_not_touched) {

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <random>
+#include <stdexcept>
 
 #include <nlohmann/json.hpp>
 
@@ -162,6 +163,28 @@ TEST(FrameArchive, names_the_file_that_a_disk_refuses) {
     EXPECT_THAT(archive.error().message(), HasSubstr("/proc/hord-frames"));
 }
 
+TEST(FrameArchive, on_a_disk_that_answers_with_errors_fails_and_does_not_throw) {
+    const TempFolder folder;
+    std::filesystem::create_symlink("loop", folder.path() / "loop");
+    for (const char* name : {"loop", "loop/frames", "none/frames"})
+        EXPECT_EQ(FrameArchive::open(folder.path() / name, {}).error().code, ErrorCode::io);
+    const auto io_error = [](const std::filesystem::path&) { return std::make_error_code(std::errc::io_error); };
+    ArchiveDisk disk = real_disk();
+    disk.make_folder = io_error;
+    EXPECT_THAT(FrameArchive::open(folder.path(), {}, disk).error().message(), HasSubstr("Input/output error"));
+    disk = real_disk();
+    disk.list = [](const std::filesystem::path&) -> Result<std::vector<ArchivedFile>> {
+        return fail(ErrorCode::io, "the folder cannot be read (Input/output error)", "check the disk");
+    };
+    EXPECT_FALSE(FrameArchive::open(folder.path(), {}, disk));
+    disk = real_disk();
+    disk.remove = io_error;
+    auto archive = FrameArchive::open(folder.path(), {.max_bytes = 1000, .min_free_bytes = 0}, disk);
+    ASSERT_TRUE(archive);
+    ASSERT_TRUE((*archive)->add("x", std::vector<std::uint8_t>(800)));
+    EXPECT_THAT((*archive)->add("y", std::vector<std::uint8_t>(800)).error().message(), HasSubstr("cannot be removed"));
+}
+
 // -- choosing
 
 // The drawn part fills the field.
@@ -208,6 +231,7 @@ struct Cell {
     std::vector<std::string> kept() {
         write_all();
         std::vector<std::string> all;
+        if (!std::filesystem::exists(folder.path() / "frames")) return all;
         for (const std::string& name : names(folder.path() / "frames")) {
             const auto from = name.find("-p") + 1;
             all.push_back(name.substr(from, name.size() - from - 4));
@@ -291,6 +315,22 @@ TEST(FrameRetention, goes_on_when_a_full_disk_has_room_again) {
     cell.inspect(3, true);
     EXPECT_THAT(cell.kept(), ElementsAre("p3-reject"));
     EXPECT_EQ(cell.said.back(), "works again");
+}
+
+TEST(FrameRetention, takes_an_exception_of_the_archive_for_a_failure) {
+    ArchiveDisk disk = real_disk();
+    bool throws = true;
+    disk.make_folder = [&, real = disk.make_folder](const std::filesystem::path& folder) {
+        if (throws) throw std::runtime_error("status: Input/output error");
+        return real(folder);
+    };
+    Cell cell({.before = 0, .after = 0}, disk);
+    cell.inspect(1, true);
+    EXPECT_THAT(cell.kept(), IsEmpty());
+    EXPECT_THAT(cell.said, ElementsAre(HasSubstr("Input/output error")));
+    throws = false;
+    cell.inspect(2, true);
+    EXPECT_THAT(cell.kept(), ElementsAre("p2-reject"));
 }
 
 TEST(FrameRetention, writes_everything_that_replay_and_people_need) {

@@ -134,10 +134,36 @@ inline std::vector<StoredChange> changes(const TempFolder& folder, const ResultF
 
 inline Verification verify(const std::filesystem::path& folder, const std::vector<ChainHead>& noted = {}) {
     auto reader = StoreReader::open(folder);
-    if (!reader) return {{reader.error().message()}, {}};
+    if (!reader) return {{reader.error().message()}, {}, {}};
     auto verification = (*reader)->verify(noted);
-    if (!verification) return {{verification.error().message()}, {}};
+    if (!verification) return {{verification.error().message()}, {}, {}};
     return *verification;
 }
+
+// Lets days pass by both clocks: each day the clock shows the same day for long enough, and the store prunes.
+struct Calendar {
+    ClockReading now{kNoon, 1000 * kSecond};
+
+    void pass(UtcMicros time_us) {
+        now.utc_us += time_us;
+        now.steady_us += time_us;
+    }
+    Result<bool> witness(ResultStore& store, const Retention& retention) {
+        (void)store.prune(retention, now);
+        pass(600 * kSecond);
+        auto more = store.prune(retention, now);
+        pass(-600 * kSecond);
+        return more;
+    }
+    // Each day is witnessed. The first is that of `now`; then `now` is a day later.
+    Result<bool> live(ResultStore& store, const Retention& retention, int days) {
+        Result<bool> more = false;
+        for (int k = 0; k < days && more; ++k) {
+            more = witness(store, retention);
+            pass(kDay);
+        }
+        return more;
+    }
+};
 
 }  // namespace hord::firmware::store::test

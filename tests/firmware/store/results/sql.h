@@ -22,6 +22,13 @@ inline void sql(const std::filesystem::path& folder, const std::string& statemen
 }
 inline void sql(const TempFolder& folder, const std::string& statements) { sql(folder.path(), statements); }
 
+// The tables as older software made them: neither STRICT nor NOT NULL refuses an edit.
+inline void loosen(const TempFolder& folder) {
+    sql(folder,
+        "PRAGMA writable_schema = ON; UPDATE sqlite_schema SET sql = replace(replace(replace(sql, ') STRICT, WITHOUT', "
+        "') WITHOUT'), ') STRICT', ')'), ' NOT NULL', '') WHERE type = 'table'; PRAGMA writable_schema = RESET");
+}
+
 inline std::uintmax_t sql_integer(const TempFolder& folder, const std::string& query) {
     sqlite3* db = nullptr;
     EXPECT_EQ(sqlite3_open((folder.path() / "results.db").c_str(), &db), SQLITE_OK);

@@ -1,7 +1,9 @@
 // The queue between line and disk: no record is stored twice or lost silently, and the line never waits for the disk.
 #include "firmware/store/results/store_queue.h"
 
+#include <atomic>
 #include <future>
+#include <stdexcept>
 
 #include "lab/soak/memory_store.h"
 #include "tests/firmware/store/results/samples.h"
@@ -179,8 +181,8 @@ class Fragile final : public ResultStore {
     Result<void> write(std::span<const Entry> entries) override {
         return fails_ ? tl::unexpected(full()) : inner_->write(entries);
     }
-    Result<bool> prune(const Retention& retention, UtcMicros now_us) override {
-        return inner_->prune(retention, now_us);
+    Result<bool> prune(const Retention& retention, const ClockReading& now) override {
+        return inner_->prune(retention, now);
     }
 
   private:
@@ -256,13 +258,74 @@ TEST(StoreQueue, with_its_thread_keeps_what_is_acknowledged_and_the_rest_at_the_
 }
 
 TEST(StoreQueue, prunes_by_itself_and_reports_when_that_fails) {
-    Bench bench({.retention = {.keep_us = kDay, .max_bytes = 0}});
+    Bench bench({.retention = {.keep_days = 1, .max_bytes = 0}});
     bench.add(1, 1);
     EXPECT_TRUE(bench.queue.step());
     EXPECT_EQ(bench.disk.pruned, 1);
     bench.disk.on_prune = [] { return std::optional(full()); };
     EXPECT_FALSE(bench.queue.step());
     EXPECT_THAT(bench.said, SizeIs(1));
+}
+
+// -- the end
+
+StoreQueueOptions ends_soon() {
+    return {.stop_within = std::chrono::milliseconds(100), .retry_at_stop = std::chrono::milliseconds(1)};
+}
+
+TEST(StoreQueue, says_at_the_end_what_could_not_be_stored) {
+    MemoryDisk disk;
+    std::atomic<bool> is_full = false;
+    disk.on_write = [&] { return is_full ? std::optional(full()) : std::nullopt; };
+    StoreQueue queue([&] { return MemoryStore::open(disk); }, ends_soon(), start(), [] { return kNoon; });
+    for (std::uint32_t k = 1; k <= 37; ++k) queue.add(result(k));
+    while (queue.acknowledge("plc", kNoon, 37) != AckStatus::recorded) std::this_thread::yield();
+    is_full = true;
+    for (std::uint32_t k = 38; k <= 120; ++k) queue.add(result(k));
+    const Unstored left = queue.finish();
+    EXPECT_EQ(left.results, 83U);
+    EXPECT_EQ(left.from_sequence, 38U);
+    EXPECT_EQ(left.to_sequence, 120U);
+    EXPECT_THAT(left.error().what, HasSubstr("83 results (sequences 38 to 120)"));
+    EXPECT_THAT(left.error().cure, HasSubstr("disk is full"));
+    EXPECT_EQ(sequences(disk), count_to(37));
+}
+
+TEST(StoreQueue, counts_at_the_end_what_found_no_room_in_memory_before) {
+    MemoryDisk disk;
+    disk.on_open = [] { return std::optional(full()); };
+    StoreQueueOptions options = ends_soon();
+    options.capacity = 10;
+    StoreQueue queue([&] { return MemoryStore::open(disk); }, options, start(), [] { return kNoon; });
+    for (std::uint32_t k = 1; k <= 25; ++k) queue.add(result(k));
+    const Unstored left = queue.finish();
+    EXPECT_EQ(left.results, 25U);
+    EXPECT_EQ(left.from_sequence, 1U);
+    EXPECT_EQ(left.to_sequence, 25U);
+}
+
+TEST(StoreQueue, keeps_everything_if_the_disk_has_room_again_before_the_end_is_over) {
+    MemoryDisk disk;
+    int attempts = 0;
+    disk.on_write = [&] { return ++attempts <= 5 ? std::optional(full()) : std::nullopt; };
+    StoreQueueOptions options = ends_soon();
+    options.stop_within = std::chrono::hours(1);
+    StoreQueue queue([&] { return MemoryStore::open(disk); }, options, start(), [] { return kNoon; });
+    for (std::uint32_t k = 1; k <= 20; ++k) queue.add(result(k));
+    EXPECT_FALSE(queue.finish().any());
+    EXPECT_EQ(sequences(disk), count_to(20));
+}
+
+TEST(StoreQueue, takes_an_exception_of_the_store_for_a_failure) {
+    Bench bench;
+    bench.add(1, 2);
+    bench.disk.on_open = []() -> std::optional<Error> { throw std::runtime_error("status: Input/output error"); };
+    EXPECT_FALSE(bench.queue.step());
+    EXPECT_TRUE(bench.queue.state().failing);
+    EXPECT_THAT(bench.said, ElementsAre(HasSubstr("Input/output error")));
+    bench.disk.on_open = nullptr;
+    EXPECT_TRUE(bench.queue.step());
+    EXPECT_EQ(sequences(bench.disk), count_to(2));
 }
 
 }  // namespace

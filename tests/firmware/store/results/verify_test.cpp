@@ -13,14 +13,21 @@ using ::testing::Not;
 
 // Two runs, two recipes, commands, and a prefix that retention has removed: results 101 to 340 are left.
 void fill(const TempFolder& folder) {
+    Calendar calendar;
+    const Retention a_day{.keep_days = 1, .max_bytes = 0};
     Story first;
-    first.add(recipe("a", "1")).add_results(1, 200);
+    first.add(recipe("a", "1")).add_results(1, 100);
     for (std::uint32_t k = 1; k <= 20; ++k)
         first.add(ChangeRecord{ChangeRecord::What::command, kNoon + k, "plc:1", k, "stop", "Ready", "completed"});
-    write(folder, first);
+    {
+        const auto store = open(folder);
+        ASSERT_TRUE(store->write(first.entries()));
+        ASSERT_TRUE(calendar.live(*store, a_day, 1));
+        ASSERT_TRUE(store->write(first.add_results(101, 200).entries()));
+    }
     const auto store = open(folder);
     ASSERT_TRUE(store->write(Story(start(8)).add(recipe("b", "2")).add_results(1, 140).entries()));
-    ASSERT_TRUE(store->prune({.keep_us = kDay, .max_bytes = 0}, kNoon + kDay + 101 * 100'000));
+    ASSERT_TRUE(calendar.live(*store, a_day, 10));
 }
 
 struct Tampering {
@@ -35,6 +42,8 @@ TEST_P(EveryTampering, is_found) {
     const TempFolder folder;
     fill(folder);
     ASSERT_THAT(verify(folder.path()).problems, IsEmpty());
+    // A new store refuses a value of another type; one of before does not.
+    if (std::string_view(GetParam().name) == "type_edited") loosen(folder);
     sql(folder, GetParam().sql);
     const auto problems = verify(folder.path()).problems;
     EXPECT_THAT(problems, Contains(HasSubstr(GetParam().told))) << ::testing::PrintToString(problems);
@@ -161,8 +170,13 @@ TEST(Verify, accepts_a_noted_head_that_retention_has_removed_since) {
     write(folder, Story().add_results(1, 50));
     const auto noted = verify(folder.path()).heads;
     const auto store = open(folder);
+    Calendar calendar;
+    const Retention a_day{.keep_days = 1, .max_bytes = 0};
+    ASSERT_TRUE(store->write(Story().add_results(1, 70).entries()));
+    ASSERT_TRUE(calendar.live(*store, a_day, 1));
     ASSERT_TRUE(store->write(Story().add_results(1, 80).entries()));
-    ASSERT_TRUE(store->prune({.keep_us = kDay, .max_bytes = 0}, kNoon + kDay + 71 * 100'000));
+    ASSERT_TRUE(calendar.live(*store, a_day, 10));
+    EXPECT_EQ(results(folder).front().number, 71);
     EXPECT_THAT(verify(folder.path(), noted).problems, IsEmpty());
 }
 

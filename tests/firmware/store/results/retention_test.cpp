@@ -1,0 +1,247 @@
+// What is removed for its age, by a clock that may be wrong, and for its size; and what the chain says of it.
+#include <random>
+
+#include "firmware/store/results/clock_days.h"
+#include "firmware/store/results/export.h"
+#include "tests/firmware/store/results/samples.h"
+#include "tests/firmware/store/results/sql.h"
+
+namespace hord::firmware::store::test {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::SizeIs;
+
+constexpr std::int64_t kFirstDay = kNoon / kDay;
+
+std::vector<StoredChange> changes_of(const TempFolder& folder, const std::string& what) {
+    ResultFilter filter;
+    filter.what = what;
+    return changes(folder, filter);
+}
+
+TEST(Retention, removes_what_is_too_old_and_says_what_and_why) {
+    const TempFolder folder;
+    const auto store = open(folder);
+    Calendar calendar;
+    const Retention ten_days{.keep_days = 10, .max_bytes = 0};
+    Story run;
+    ASSERT_TRUE(store->write(run.add_results(1, 200).entries()));
+    ASSERT_TRUE(calendar.live(*store, ten_days, 1));
+    ASSERT_TRUE(store->write(run.add_results(201, 500).entries()));
+    ASSERT_TRUE(calendar.live(*store, ten_days, 9 + 9));
+    ASSERT_THAT(results(folder), SizeIs(500));  // nine days old, by the days that are held
+    const auto more = calendar.live(*store, ten_days, 1);
+    ASSERT_TRUE(more) << more.error().message();
+    EXPECT_FALSE(*more);
+    const auto all = results(folder);
+    ASSERT_THAT(all, SizeIs(300));
+    EXPECT_EQ(all.front().number, 201);
+    const Verification verification = verify(folder.path());
+    EXPECT_THAT(verification.problems, IsEmpty());
+    EXPECT_EQ(verification.heads.back().first, 201);
+    EXPECT_EQ(verification.heads.back().number, 500);
+    ASSERT_THAT(verification.removed, SizeIs(1));
+    EXPECT_THAT(verification.removed[0], HasSubstr("results: retention has removed rows up to 200"));
+    const auto removals = changes_of(folder, "retention");
+    ASSERT_THAT(removals, SizeIs(1));
+    EXPECT_EQ(removals[0].time_us, calendar.now.utc_us - kDay);
+    const std::string told = to_table(removals[0]);
+    EXPECT_THAT(told, HasSubstr("1 to 200 (" + format_utc(kNoon + 100'000) + " to " + format_utc(kNoon + 20'000'000)));
+    EXPECT_THAT(told, HasSubstr("10 days old and more (keep_days 10)"));
+    EXPECT_THAT(told, HasSubstr("since " + format_day(kFirstDay)));
+}
+
+TEST(Retention, works_in_bounded_steps_and_never_removes_the_newest_row) {
+    const TempFolder folder;
+    const auto store = open(folder, {.rows_in_one_prune = 200});
+    ASSERT_TRUE(store->write(Story().add_results(1, 500).entries()));
+    const Retention retention{.keep_days = 1, .max_bytes = 0};
+    Calendar calendar;
+    ASSERT_TRUE(calendar.live(*store, retention, 10));
+    calendar.pass(600 * kSecond);
+    ASSERT_TRUE(store->prune({.keep_days = 0, .max_bytes = 0}, calendar.now));
+    calendar.pass(600 * kSecond);
+    std::vector<std::size_t> left;
+    for (bool more = true; more;) {
+        more = store->prune(retention, calendar.now).value();
+        left.push_back(results(folder).size());
+        EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
+    }
+    EXPECT_THAT(left, ElementsAre(300, 100, 1));
+    ASSERT_TRUE(store->write(Story().add_results(1, 501).entries()));
+    EXPECT_EQ(results(folder).back().number, 501);
+    EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
+}
+
+TEST(Retention, keeps_the_file_under_its_limit_and_gives_space_back) {
+    const TempFolder folder;
+    const auto store = open(folder);
+    constexpr std::uint64_t kLimit = 2'000'000;
+    Story run;
+    std::uint32_t last = 0;
+    std::uintmax_t largest = 0;
+    for (int round = 0; round < 10; ++round) {
+        run.add_results(last + 1, last + 2000);
+        last += 2000;
+        ASSERT_TRUE(store->write(run.entries()));
+        for (bool more = true; more;)
+            more = store->prune({.keep_days = 0, .max_bytes = kLimit}, ClockReading{kNoon, 0}).value();
+        if (round >= 6)
+            largest = std::max(largest,
+                               sql_integer(folder,
+                                           "SELECT (page_count - freelist_count) * page_size FROM pragma_page_count, "
+                                           "pragma_freelist_count, pragma_page_size"));
+    }
+    EXPECT_LE(largest, kLimit);
+    EXPECT_EQ(results(folder).back().sequence, last);
+    EXPECT_GT(results(folder).size(), 4000U);  // what fits is kept
+    EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
+    EXPECT_THAT(to_table(changes_of(folder, "retention").back()), HasSubstr("(keep_mb 2)"));
+}
+
+// -- wrong clocks
+
+// The station of the issue: 999 results and 35 commands, each day some, kept for 400 days.
+struct Station {
+    Station() : store(open(folder)) {
+        for (std::uint32_t day = 0; day < 35; ++day) {
+            run.add_results(day * 28 + 1, day * 28 + 28);
+            run.add(ChangeRecord{ChangeRecord::What::command, kNoon + day * kDay, "plc:1", day + 1, "stop", "", ""});
+            EXPECT_TRUE(store->write(run.entries()));
+            EXPECT_TRUE(calendar.live(*store, retention, 1));
+        }
+    }
+    [[nodiscard]] std::size_t rows() const {
+        ResultFilter filter;
+        filter.what = "command";
+        return results(folder).size() + changes(folder, filter).size();
+    }
+    TempFolder folder;
+    std::unique_ptr<ResultStore> store;
+    Retention retention{.keep_days = 400, .max_bytes = 0};
+    Calendar calendar;
+    Story run;
+};
+
+TEST(Retention, by_a_clock_two_years_ahead_for_70_seconds_removes_nothing) {
+    Station station;
+    ASSERT_EQ(station.rows(), 35U * 29);
+    station.calendar.now.utc_us += 730 * kDay;
+    for (int k = 0; k < 8; ++k) {
+        ASSERT_TRUE(station.store->prune(station.retention, station.calendar.now));
+        station.calendar.pass(10 * kSecond);
+    }
+    EXPECT_EQ(station.rows(), 35U * 29);
+    EXPECT_THAT(verify(station.folder.path()).problems, IsEmpty());
+}
+
+TEST(Retention, by_a_clock_years_ahead_or_behind_for_weeks_removes_nothing) {
+    for (const int years : {2, -2, -56}) {
+        Station station;
+        const UtcMicros wrong = years * 365 * kDay;
+        station.calendar.now.utc_us += wrong;
+        ASSERT_TRUE(station.calendar.live(*station.store, station.retention, 20));
+        EXPECT_EQ(station.rows(), 35U * 29) << years;
+        station.calendar.now.utc_us -= wrong;
+        ASSERT_TRUE(station.calendar.live(*station.store, station.retention, 20));
+        EXPECT_EQ(station.rows(), 35U * 29) << years;
+    }
+}
+
+TEST(Retention, goes_on_after_a_clock_was_ahead_and_after_a_long_pause) {
+    for (const bool comes_back : {true, false}) {
+        Station station;
+        station.retention.keep_days = 40;
+        station.calendar.now.utc_us += 730 * kDay;
+        ASSERT_TRUE(station.calendar.live(*station.store, station.retention, 3));
+        if (comes_back) station.calendar.now.utc_us -= 730 * kDay;
+        ASSERT_TRUE(station.calendar.live(*station.store, station.retention, 40));
+        EXPECT_LT(station.rows(), 25U * 29) << comes_back;
+        EXPECT_GT(station.rows(), 0U);
+        EXPECT_THAT(verify(station.folder.path()).problems, IsEmpty());
+    }
+}
+
+TEST(Retention, does_not_believe_a_clock_that_is_set_a_month_ahead_every_hour) {
+    Station station;
+    for (int k = 0; k < 60; ++k) {
+        ASSERT_TRUE(station.calendar.witness(*station.store, station.retention));
+        station.calendar.pass(3600 * kSecond);
+        station.calendar.now.utc_us += 30 * kDay;
+    }
+    EXPECT_EQ(station.rows(), 35U * 29);
+}
+
+// Days of operation with pauses, restarts and wrong clocks: by days, weeks or years, ahead and behind, each for three
+// days at most. No row is removed before its true time.
+TEST(Retention, by_a_clock_that_is_often_wrong_removes_no_row_too_early) {
+    std::size_t removed_in_all = 0;
+    for (std::uint64_t seed = 1; seed <= 300; ++seed) {
+        std::mt19937_64 random(seed);
+        const auto below = [&](std::uint64_t limit) { return static_cast<std::int64_t>(random() % limit); };
+        ClockDays days;
+        const std::int64_t keep = 20 + below(100);
+        std::vector<std::int64_t> true_day_of_row;  // by number
+        std::int64_t removed = 0, today = kFirstDay, wrong = 0, wrong_for = 0;
+        for (int k = 0; k < 400; ++k) {
+            today += below(8) == 0 ? below(20) : 1;
+            for (int rows = 0; rows < 3; ++rows) true_day_of_row.push_back(today);
+            if (wrong_for > 0) --wrong_for;
+            else if (wrong != 0) wrong = 0, wrong_for = -10;  // right for some days
+            else if (++wrong_for > 0 && below(5) == 0) {
+                constexpr std::int64_t kSizes[] = {1, 5, 20, 31, 60, 730, 20'000};
+                wrong = kSizes[below(7)] * (below(2) == 0 ? 1 : -1);
+                wrong_for = below(3);  // and this day: three at most
+            }
+            const std::int64_t shown = std::max<std::int64_t>(today + wrong, 0);
+            const auto rows = static_cast<std::int64_t>(true_day_of_row.size());
+            if (shown != days.newest()) days.add({shown, rows, 0});
+            const auto older = days.older_than(keep);
+            if (!older) continue;
+            for (; removed < older->entry.results; ++removed) {
+                ASSERT_GE(today - true_day_of_row[static_cast<std::size_t>(removed)], keep)
+                    << "seed " << seed << ", day " << k << ", row " << removed;
+            }
+        }
+        removed_in_all += static_cast<std::size_t>(removed);
+    }
+    EXPECT_GT(removed_in_all, 300U * 400);  // of 1200 rows a seed: most of those that are old enough
+}
+
+TEST(ClockWitness, wants_ten_minutes_of_one_clock_in_one_piece) {
+    ClockWitness witness;
+    ClockReading now{kNoon, 0};
+    const auto minute = [&](UtcMicros extra_us = 0) {
+        now.utc_us += 60 * kSecond + extra_us;
+        now.steady_us += 60 * kSecond;
+        return witness.observe(now).has_value();
+    };
+    EXPECT_FALSE(witness.observe(now));
+    for (int k = 0; k < 9; ++k) EXPECT_FALSE(minute());
+    EXPECT_FALSE(minute(5 * kSecond));                          // set
+    for (int k = 0; k < 9; ++k) EXPECT_FALSE(minute(kSecond));  // slewed
+    EXPECT_TRUE(minute());
+    witness.entered();
+    now.utc_us += kDay;
+    for (int k = 0; k < 100; ++k) EXPECT_FALSE(minute());  // the next day by a clock that was set
+    for (int k = 0; k < 12 * 60 - 101; ++k) (void)minute();
+    EXPECT_TRUE(minute());
+}
+
+TEST(ClockDays, with_a_damaged_number_removes_nothing_that_a_later_day_has) {
+    ClockDays days;
+    days.add({kFirstDay, 1'000'000, 5});
+    for (int k = 1; k <= 30; ++k) days.add({kFirstDay + k, 10 * k, k});
+    EXPECT_EQ(days.older_than(21)->entry.results, 10);  // dated by the middle of seven, 24 days after the first
+    EXPECT_FALSE(days.older_than(22));
+    EXPECT_FALSE(clock_day_from(R"({"day":"x","date":"","results":1,"commands":1})"));
+    EXPECT_FALSE(clock_day_from(R"({"day":5,"results":-1,"commands":1})"));
+    const ClockDay day{kFirstDay, 7, 8};
+    EXPECT_EQ(clock_day_from(to_json_line(day))->results, 7);
+}
+
+}  // namespace
+}  // namespace hord::firmware::store::test
