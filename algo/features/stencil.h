@@ -8,6 +8,8 @@
 // at their corners and so form one region around it.
 #pragma once
 
+#include <cassert>
+
 namespace hord::algo {
 
 struct Stencil {
@@ -15,8 +17,11 @@ struct Stencil {
     int after = 1;
 
     [[nodiscard]] constexpr bool valid() const { return before != after; }
-    // Factor that makes a difference per two lenslets.
-    [[nodiscard]] constexpr int weight() const { return 2 / (after - before); }
+    // Factor that makes a difference per two lenslets. Only for a valid stencil.
+    [[nodiscard]] constexpr int weight() const {
+        assert(valid());
+        return 2 / (after - before);
+    }
 };
 
 constexpr Stencil stencil(bool has_before, bool has_after) { return {has_before ? -1 : 0, has_after ? 1 : 0}; }
