@@ -50,8 +50,8 @@ class ClockWitness {
 // The witnessed days of a store, in the order of their entries.
 class ClockDays {
   public:
-    // Entries that date a row, and the newest ones. If at most three of them in a row are of a wrong clock, no row counts
-    // as older than it is.
+    // Entries that date a row, and the newest ones. If at most three of them in a row are of a wrong clock, no row
+    // counts as older than it is.
     static constexpr std::size_t kHeld = 7;
     // A longer gap in the calendar of witnessed days is a clock that was set, or a station that was off: it makes
     // nothing older.
