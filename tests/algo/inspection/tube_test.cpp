@@ -153,7 +153,7 @@ TEST(Tube, shows_a_speck_on_its_flank_to_a_reference_only) {
               (std::vector<std::string>{"the flanks and ends of a tube are not judged without a reference: learn "
                                         "one with `hordctl learn`"}));
     EXPECT_EQ(judged(frame_of(50, Speck::on_flank), t.extents, recipe).verdict, Verdict::pass);
-    LearnOptions options{light_levels(recipe, 8), 10.0F, 0.6F, 0, 1, [](double) {}};
+    LearnOptions options{.levels = light_levels(recipe, 8), .electrons_per_dn = 10.0F};
     const auto learned = learn_reference(
         t.extents, 8, 10, [&](std::size_t part) -> Result<Frame> { return frame_of(part, Speck::none); }, options);
     ASSERT_TRUE(learned) << learned.error().message();
@@ -184,7 +184,7 @@ TEST(Reference, keeps_what_broke_out_of_a_part_inside_it) {
     EXPECT_EQ(judged(frame_of(50, true), e, recipe).verdict, Verdict::pass);
     const auto learned =
         learn_reference(e, 8, 10, [&](std::size_t part) -> Result<Frame> { return frame_of(part, false); },
-                        {light_levels(recipe, 8), 10.0F, 0.6F, 0, 1, [](double) {}});
+                        {.levels = light_levels(recipe, 8), .electrons_per_dn = 10.0F});
     ASSERT_TRUE(learned) << learned.error().message();
     recipe.reference = std::make_shared<const Reference>(learned->reference);
     EXPECT_EQ(judged(frame_of(51, false), e, recipe).verdict, Verdict::pass);
