@@ -89,7 +89,8 @@ std::string format_utc(UtcMicros time_us) {
         return fmt::format("{} us", time_us);
     const std::chrono::sys_time<std::chrono::microseconds> time{std::chrono::microseconds(time_us)};
     const auto second = floor<std::chrono::seconds>(time);
-    return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z", fmt::gmtime(std::chrono::system_clock::to_time_t(second)),
+    return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z",
+                       fmt::gmtime(static_cast<std::time_t>(second.time_since_epoch().count())),
                        floor<std::chrono::milliseconds>(time - second).count());
 }
 

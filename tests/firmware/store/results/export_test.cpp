@@ -1,6 +1,8 @@
 // Text exports of the station, compared with stored files because external programs read them.
 #include "firmware/store/results/export.h"
 
+#include <limits>
+
 #include <fmt/format.h>
 
 #include "tests/firmware/store/results/samples.h"
@@ -48,6 +50,14 @@ TEST(Export, gives_the_same_bytes_as_ever) {
     EXPECT_EQ(all_of(results(folder), "", json_line), read_text(kExpected / "results.jsonl"));
     EXPECT_EQ(all_of(changes(folder), csv_head_of_changes() + "\n", to_csv), read_text(kExpected / "changes.csv"));
     EXPECT_EQ(all_of(changes(folder), "", json_line), read_text(kExpected / "changes.jsonl"));
+}
+
+TEST(Export, writes_times_of_any_year_and_what_is_no_time) {
+    EXPECT_EQ(format_utc(32'503'680'000 * kSecond + 5000),
+              "3000-01-01T00:00:00.005Z");  // beyond a clock of nanoseconds
+    EXPECT_EQ(format_utc(-kSecond), "1969-12-31T23:59:59.000Z");
+    EXPECT_EQ(format_utc(std::numeric_limits<UtcMicros>::max()), "9223372036854775807 us");
+    EXPECT_EQ(format_utc(std::numeric_limits<UtcMicros>::min()), "-9223372036854775808 us");
 }
 
 // The number format of every store and archive. nlohmann-json writes other digits for about one value in a thousand.
