@@ -135,6 +135,8 @@ Json to_json(const std::string& frame, const MacroPixelFrame& read, const algo::
                 {"decide", milliseconds(found.times.decide_ns)},
                 {"total", milliseconds(found.times.total_ns)}}}};
     if (found.bounded) json["bounded"] = true;
+    if (found.has_bounds && found.compares && feature.name == name_of(*found.compares))
+        json["feature"]["bounds"] = true;
     if (recipe.reference && found.registered.found()) {
         json["pose"] = {{"x", found.registered.pose.x},
                         {"y", found.registered.pose.y},
@@ -292,9 +294,10 @@ class Inspector {
         return {};
     }
 
-    // A map that is shown must be exact everywhere; the verdict alone does without.
+    // A map that was asked for must be exact everywhere. The verdict does without, and so do the numbers of --json:
+    // they say where they are bounds.
     [[nodiscard]] algo::MapSet map_set() const {
-        if (!shows_map()) return algo::MapSet::judged;
+        if (feature_.empty() && options_.out.empty()) return algo::MapSet::judged;
         const bool cheap = !choice_.against_reference && recipe_.light &&
             choice_.feature == algo::Feature::transmission && !feature_.empty() && feature_ != kZScore;
         return cheap || feature_ == kSums ? algo::MapSet::judged : algo::MapSet::all;

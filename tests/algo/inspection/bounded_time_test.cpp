@@ -161,20 +161,32 @@ TEST(BoundedTime, results_do_not_depend_on_the_number_of_threads) {
     }
 }
 
-// Dense noise: every lenslet is above its limit by its bound, most are not exactly.
+// Noise in half of the bins: every lenslet is above its limit by its bound, most are not exactly. The other bins are
+// dark, so that the dark level stays.
 Frame noise(const Extents& e) {
     std::mt19937_64 random(53);
     Frame frame(e.width_px(), e.height_px(), 8);
     for (int y = 0; y < frame.height_px(); ++y) {
-        for (int x = 0; x < frame.width_px(); ++x) frame.set(x, y, 20 + static_cast<std::uint32_t>(random() % 200));
+        for (int x = 0; x < frame.width_px(); ++x) {
+            const auto light = static_cast<std::uint32_t>(random() % 200);
+            frame.set(x, y, random() % 2 == 0 ? 0 : 20 + light);
+        }
     }
     return frame;
+}
+
+// Judges any frame: what is tested is the time of a verdict.
+Recipe unchecked() {
+    Recipe recipe;
+    recipe.part_required = recipe.check_period = false;
+    recipe.max_offset_bins = recipe.max_spot_bins = recipe.max_second_share = 0;
+    return recipe;
 }
 
 TEST(BoundedTime, work_has_a_limit_and_the_result_says_that_it_was_reached) {
     const Extents e{80, 80, 9, 9};
     const Frame frame = noise(e);
-    Pipeline pipeline = pipeline_for(e, 8, {}, MapSet::judged);
+    Pipeline pipeline = pipeline_for(e, 8, unchecked(), MapSet::judged);
     const auto seen = pipeline.inspect(frame.view());
     EXPECT_TRUE(seen->bounded);
     EXPECT_FALSE(seen->out_of_time);
@@ -213,7 +225,7 @@ std::int64_t next_tick() { return ticks += 1'000'000; }
 TEST(BoundedTime, time_has_a_limit_by_the_callers_clock) {
     const Extents e{40, 40, 9, 9};
     const Frame frame = noise(e);
-    Pipeline pipeline = pipeline_for(e, 8, {}, MapSet::judged);
+    Pipeline pipeline = pipeline_for(e, 8, unchecked(), MapSet::judged);
     ticks = 0;
     const auto late = pipeline.inspect(frame.view(), next_tick, {1'000'000'000, 0, 1});
     EXPECT_TRUE(late->bounded);
@@ -224,7 +236,7 @@ TEST(BoundedTime, time_has_a_limit_by_the_callers_clock) {
     EXPECT_FALSE(in_time->out_of_time);
     // Without a clock there is no limit of time; the exact map knows none.
     EXPECT_FALSE(pipeline.inspect(frame.view(), nullptr, {1'000'000'000, 0, 1})->bounded);
-    EXPECT_FALSE(pipeline_for(e, 8, {}, MapSet::exact).inspect(frame.view(), next_tick, {0, 0, 1})->bounded);
+    EXPECT_FALSE(pipeline_for(e, 8, unchecked(), MapSet::exact).inspect(frame.view(), next_tick, {0, 0, 1})->bounded);
 }
 
 }  // namespace

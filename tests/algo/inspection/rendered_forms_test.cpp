@@ -58,6 +58,7 @@ struct Tally {
     int found = 0;                 // rejected, with a defect within kNear lenslets of a place
     float worst = 0;               // largest score
     Reason reason = Reason::none;  // of the last frame
+    int unfit = 0;
 };
 constexpr double kNear = 3;
 
@@ -80,6 +81,7 @@ Tally tally(const sim::Scene& scene, const LightField& field, const Recipe& reci
                                        [&](const Point& p) { return std::hypot(d.m - p.m, d.n - p.n) <= kNear; });
         });
         result.found += found ? 1 : 0;
+        result.unfit += seen->verdict == Verdict::unfit ? 1 : 0;
     }
     return result;
 }
@@ -187,7 +189,9 @@ TEST_P(RenderedForm, with_a_defect_is_rejected_at_the_defect) {
         print(c.what, one.what, one.radius_mm, t, places.size());
         if (!one.must_be_found) continue;
         EXPECT_EQ(t.passed, 0) << one.what << ", " << places.size() << " lenslets, score " << t.worst;
-        EXPECT_EQ(t.found, t.frames) << one.what;
+        // In a field that a tube fills, a speck may hide that there is a tube: no part.
+        EXPECT_EQ(t.found + (c.form == PartForm::tube ? t.unfit : 0), t.frames) << one.what;
+        EXPECT_GT(t.found, t.unfit) << one.what;
     }
 }
 
@@ -231,8 +235,10 @@ TEST_P(RenderedForm, with_a_dark_spot_on_any_judged_lenslet_is_rejected) {
             const Frame frame = expose(spotted, good, static_cast<std::uint64_t>(tried));
             const auto found = pipeline->inspect(frame.view());
             ASSERT_TRUE(found);
-            EXPECT_EQ(found->verdict, Verdict::reject)
-                << m << ", " << n << ", radius " << radius << (turned ? ", turned" : "");
+            // A spot may also hide that there is a tube: unfit.
+            const bool bad = found->verdict == Verdict::reject ||
+                (GetParam().form == PartForm::tube && found->verdict == Verdict::unfit);
+            EXPECT_TRUE(bad) << m << ", " << n << ", radius " << radius << (turned ? ", turned" : "");
         }
         EXPECT_GT(spots, 20);
         if (long_tests()) std::printf("%s: %d spots\n", GetParam().what, spots);

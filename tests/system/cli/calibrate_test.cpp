@@ -143,7 +143,8 @@ TEST(Calibrate, captures_at_known_tilts_give_radians) {
     EXPECT_NEAR(directions["zero_px"]["x"].get<double>(), 0.5, 0.02);
     EXPECT_LE(directions["left_out_px"]["rms_x"].get<double>(), 0.02);
 
-    const Said seen = run("hordctl", {"inspect", folder / "white.pgm", "--grid", folder / "grid.toml", "--json"});
+    const Said seen =
+        run("hordctl", {"inspect", folder / "white.pgm", "--grid", folder / "grid.toml", "--feature", "emd", "--json"});
     EXPECT_NE(seen.status, 2) << seen.err;
     EXPECT_NEAR(Json::parse(seen.out)["feature"]["bin_rad"].get<double>(), 24.0 / 9 / px_a_rad, 1e-4);
 

@@ -381,7 +381,7 @@ TEST(Replay, with_the_recipe_of_then_is_the_same_to_the_bit) {
 
 // As frames were kept before gradients were bounded.
 TEST(Replay, of_frames_with_exact_maps_is_the_same_to_the_bit) {
-    Cell cell({.before = 1, .after = 1}, real_disk(), {}, algo::MapSet::exact);
+    Cell cell({.before = 1, .after = 1}, real_disk(), unchecked_part(), algo::MapSet::exact);
     for (std::uint32_t part = 1; part <= 6; ++part) cell.inspect(part, part % 3 == 0);
     cell.write_all();
     Replay replay;
