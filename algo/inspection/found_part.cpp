@@ -112,6 +112,7 @@ double RimFinder::point_symmetry() const {
             n_sum += n;
         }
     }
+    if (area == 0) return 0;
     const std::int64_t twice_m = divide_rounded(2 * m_sum, area), twice_n = divide_rounded(2 * n_sum, area);
     for (int n = 0; n < extents_.n; ++n) {
         for (int m = 0; m < extents_.m; ++m) both += inside(m, n) && inside(twice_m - m, twice_n - n) ? 1 : 0;

@@ -86,7 +86,7 @@ void FrameChecks::choose_lenslets(const DecodedField& field, const FoundPart& pa
     };
     std::size_t count = 0;
     for (std::size_t k = 0; k < field.mask.size(); ++k) count += suits(k) ? 1 : 0;
-    const std::size_t step = (count + kMaxChosen - 1) / kMaxChosen;
+    const std::size_t step = std::max<std::size_t>((count + kMaxChosen - 1) / kMaxChosen, 1);
     chosen_.clear();
     for (std::size_t k = 0, nth = 0; k < field.mask.size(); ++k) {
         if (suits(k) && nth++ % step == 0) chosen_.push_back(static_cast<std::uint32_t>(k));

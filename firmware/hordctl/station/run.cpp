@@ -274,6 +274,12 @@ class Run {
             for (const Reading& reading : *counters_) fmt::print(out, " {} {}", reading.what->name, reading.text);
             fmt::print(out, "\n");
         }
+        Result<std::string> picture;
+        if (!options_.out.empty()) {
+            picture = gallery_.write(options_.out, [this](std::size_t look) {
+                return service_->telecentric_view(look).value_or(std::vector<float>());
+            });
+        }
         const std::vector<Error> lost = service_->close();
         for (const Error& error : lost) fmt::print(stderr, "hordctl: {}\n", error.message());
         const Snapshot& last = *last_snapshot_;
@@ -282,13 +288,8 @@ class Run {
             fmt::print(out, "the station ended in {}{}\n", name_of(last.state),
                        last.line_stop ? ", line stop raised" : "");
         }
-        if (!options_.out.empty()) {
-            const auto written = gallery_.write(options_.out, [this](std::size_t look) {
-                return service_->telecentric_view(look).value_or(std::vector<float>());
-            });
-            if (!written) return complain(written.error());
-            fmt::print(out, "picture: {}\n", *written);
-        }
+        if (!picture) return complain(picture.error());
+        if (!options_.out.empty()) fmt::print(out, "picture: {}\n", *picture);
         return stands || !lost.empty() ? Exit::unfit : Exit::good;
     }
 
