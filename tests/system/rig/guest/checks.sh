@@ -275,8 +275,8 @@ libcamera_disconnect() {
     systemctl restart --no-block hordd
     return $rc
 }
-# Verdicts of this process on its camera's frames: pass or reject only for inspected parts.
-has_judged() { [[ $(systemctl show -P StatusText hordd) =~ ([0-9]+)\ pass,\ ([0-9]+)\ reject ]] && [ $((BASH_REMATCH[1] + BASH_REMATCH[2])) -gt 0 ]; }
+# This process has inspected its camera's frames. They are a test pattern: unfit, for its period.
+has_judged() { hordctl status --json | grep -q '"inspected":[1-9]'; }
 libcamera_goes() {
     wait_for 120 executes || { tail -n 5 /run/hordd.log; return 1; }
     wait_for 120 has_judged || { systemctl show -P StatusText hordd; hordctl results --format csv --last 5 | cut -d, -f5-8; return 1; }
