@@ -5,7 +5,7 @@
 //
 // A Pipeline is used by one thread at a time. create() allocates; inspect() streams rows through a window of three HORD
 // rows a thread, which stays in cache, and allocates only in the search for defects. No I/O, no clock, no logging.
-// The results do not depend on the number of threads, to the bit, unless time runs out (InspectionLimits::time_ns).
+// The results do not depend on the number of threads, bit for bit, unless time runs out (InspectionLimits::time_ns).
 #pragma once
 
 #include <cstdint>

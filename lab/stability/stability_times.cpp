@@ -17,7 +17,7 @@ namespace {
 
 constexpr int kBins = 9, kFullScale = 254;
 // The goals of issue 21: a verdict's time over a clean frame's, and over the time with the exact map.
-constexpr double kMostOfClean = 3, kMostOfExact = 0.6;
+constexpr double kMaxOverClean = 3, kMaxOfExact = 0.6;
 
 double cpu_ms() {
     timespec now{};
@@ -130,8 +130,8 @@ Result<std::string> measure_verdict_times(const ExperimentOptions& options) {
             "processor, {3:.2f} of the {4:.2f} ms with the exact map (goal: at most {5}: {6}).\n\n"
             "| frame | of the clean frame's time | verdict | a limit of work was reached |\n"
             "|---|---|---|---|\n",
-            lenslets, kBins, clean->verdict, clean->verdict / clean->exact, clean->exact, kMostOfExact,
-            clean->verdict <= kMostOfExact * clean->exact ? "reached" : "not reached");
+            lenslets, kBins, clean->verdict, clean->verdict / clean->exact, clean->exact, kMaxOfExact,
+            clean->verdict <= kMaxOfExact * clean->exact ? "reached" : "not reached");
         double worst = 0;
         std::string worst_name;
         for (const auto& [name, light] : all_lights()) {
@@ -143,7 +143,7 @@ Result<std::string> measure_verdict_times(const ExperimentOptions& options) {
             if (ratio > worst) worst = ratio, worst_name = name;
         }
         text += fmt::format("\nThe worst is {}, {:.2f} times the clean frame (goal: at most {}: {}).\n", worst_name,
-                            worst, kMostOfClean, worst <= kMostOfClean ? "reached" : "not reached");
+                            worst, kMaxOverClean, worst <= kMaxOverClean ? "reached" : "not reached");
     }
     return text;
 }

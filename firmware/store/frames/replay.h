@@ -20,7 +20,7 @@ struct Replayed {
     Judgement then, now;
     std::string sentence;     // the verdict of now in words (firmware/diagnostics/verdict_text.h)
     bool same_recipe = true;  // of the frame's metadata. Another one solves other gradients: maps of bounds differ
-    // To the bit. Not compared: maps, score and defects of an inspection whose time had run out
+    // Bit for bit. Not compared: maps, score and defects of an inspection whose time had run out
     // (Judgement::out_of_time), and maps of bounds by another recipe.
     [[nodiscard]] bool same() const;
     [[nodiscard]] bool verdict_changes() const { return then.verdict != now.verdict; }
