@@ -176,7 +176,7 @@ TEST(Haze, spreads_slopes_by_its_rms_and_keeps_the_light) {
     // Disc, Gaussian, the fine cell that is even before it is spread, and the bin; less what lies beyond the bins.
     EXPECT_NEAR(square, 0.61 * 0.61 / 4 + 1 + 1.0 / 108 + 1.0 / 12, 0.01);
     const std::vector<double> away = bins_of(scene, 6, 4);
-    for (std::size_t k = 0; k < away.size(); ++k) EXPECT_EQ(away[k], beside[k]) << k;
+    for (std::size_t k = 0; k < away.size(); ++k) EXPECT_NEAR(away[k], beside[k], 1e-6) << k;
     // A quarter of the lenslet is covered: three quarters of its light go straight on.
     scene.defects = {Haze{{0, 0, 0}, pitch / std::sqrt(4 * kPi), bin}};
     const auto [some, less] = moments(bins_of(scene, 4, 4));
