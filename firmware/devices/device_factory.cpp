@@ -153,8 +153,7 @@ class ChosenBackends final : public Backends {
             production.seed = simulation.seed;
             production.good_share = simulation.good_share;
             production.good_parts = production.of_each_defect = simulation.variety;
-            if (simulation.deflectors)
-                production.defects.insert(production.defects.end(), sim::kDeflectors.begin(), sim::kDeflectors.end());
+            if (simulation.all_defects) production.defects.assign(sim::kAllDefects.begin(), sim::kAllDefects.end());
             auto drawn = sim::draw_production(production);
             if (!drawn) return tl::unexpected(drawn.error());
             sim::RenderedFramesOptions rendering;

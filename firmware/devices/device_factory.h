@@ -26,7 +26,7 @@ struct SimulationOptions {
     double parts_per_second = 10;
     double good_share = 0.7;
     int variety = 4;                       // different parts of each kind, rendered at the start
-    bool deflectors = false;               // also defects that only deflect light (hal_sim/cell/production.h)
+    bool all_defects = false;              // all kinds of hal_sim/cell/production.h, else its kLightTakers
     std::filesystem::path cache;           // folder that keeps rendered parts for the next start; empty: none
     bool own_coil_module = false;          // a Modbus coil module on loopback moves the simulated ejector
     int realtime = 0;                      // the coil module's real-time priority; 0: none

@@ -356,6 +356,13 @@ Picture montage(std::span<const MontageRow> rows) {
     return to_picture(sheet);
 }
 
+Picture halved(const Picture& picture) {
+    const cv::Mat whole(picture.height, picture.width, CV_8UC3, const_cast<unsigned char*>(picture.bgr.data()));
+    cv::Mat half;
+    cv::resize(whole, half, {picture.width / 2, picture.height / 2}, 0, 0, cv::INTER_AREA);
+    return {half.cols, half.rows, {half.datastart, half.dataend}};
+}
+
 Result<std::vector<std::uint8_t>> encode_png(const Picture& picture) {
     return common::encode_bgr_png(picture.width, picture.height, picture.bgr);
 }

@@ -66,6 +66,9 @@ struct MontageRow {
 };
 Picture montage(std::span<const MontageRow> rows);
 
+// The picture at half its size, averaged.
+Picture halved(const Picture& picture);
+
 // The picture as the bytes of a PNG file. Fails with invalid_argument (no pixels), internal.
 Result<std::vector<std::uint8_t>> encode_png(const Picture& picture);
 

@@ -11,13 +11,18 @@
 namespace hord::sim {
 namespace {
 
-// Sizes of the defects that only deflect light, as [smallest, largest]: docs/notes/optics.md.
-constexpr double kDimpleRimMm[] = {0.8, 1.0}, kDimpleRad[] = {0.011, 0.012};
-constexpr double kStriaHalfMm[] = {0.6, 1.2}, kStriaRadiusMm[] = {0.095, 0.108}, kStriaIndex[] = {0.0112, 0.012};
+// Sizes of the defects that do not take light away, as [smallest, largest]; all of the camera's face towards the
+// source. Where they come from, and their ISO 10110 terms: docs/notes/optics.md.
+constexpr double kDimpleRimMm[] = {0.8, 1.0}, kDimpleRad[] = {0.0105, 0.0115};
+constexpr double kStriaHalfMm[] = {0.6, 1.2}, kStriaRadiusMm[] = {0.35, 0.42}, kStriaRad[] = {0.0058, 0.0064};
 constexpr double kStriaTurn = 0.2;  // rad, at most, from the direction in which the glass was drawn, y
-constexpr double kInclusionRadiusMm[] = {0.35, 0.45}, kInclusionIndex[] = {0.0026, 0.003};
-constexpr double kNearSharpMm = 0.1;       // depths within this of the sharp plane
-constexpr double kDeflectorsWithin = 0.5;  // of the aperture
+constexpr double kInclusionRadiusMm[] = {0.45, 0.6}, kInclusionRadPerMm[] = {0.0195, 0.0215};
+constexpr double kHazeRadiusMm[] = {0.7, 1.0}, kHazeRad[] = {0.015, 0.0158};
+constexpr double kScratchHalfMm[] = {0.6, 1.2}, kScratchRadiusMm[] = {0.042, 0.05};
+constexpr double kScratchTurn[] = {0.2, 1.3};  // rad, from y
+constexpr double kSkinMm = 0.1;                // of flawless glass over a stria or an inclusion
+constexpr double kSharpBelowMm = 0.25;         // depth in the glass of line_lens() that its camera sees sharply
+constexpr double kDeflectorsWithin = 0.5;      // of the aperture
 
 // Uniform draws, one after the other.
 class Draws {
@@ -43,9 +48,6 @@ Vec3 place_inside(Draws& draws, double within_mm) {
     return {radius * std::cos(angle), radius * std::sin(angle), 0};
 }
 
-// Depth in the glass that the camera sees sharply: the measurement plane, seen through the camera-side face.
-double sharp_z(const DoubleConvexLens& lens) { return (1 - lens.refractive_index) * surface_z(lens, 0, 0); }
-
 // A place on the face towards the source, and the direction out of the part there.
 struct OnFace {
     Vec3 at, out;
@@ -67,26 +69,41 @@ SphericalCut draw_dimple(const Vec3& at, const DoubleConvexLens& lens, Draws& dr
     return {face.at + (radius - depth) * face.out, radius};
 }
 
-// As wide as a lenslet: each deflects its light to both sides alike, and its mean deflection stays.
+// The two halves deflect to opposite sides: the mean deflection of neighbours jumps in the middle.
 Stria draw_stria(const Vec3& at, const DoubleConvexLens& lens, Draws& draws) {
     const double half_mm = draws.between(kStriaHalfMm[0], kStriaHalfMm[1]);
     const double turn = draws.between(-kStriaTurn, kStriaTurn);
-    const double z = sharp_z(lens) + draws.between(-kNearSharpMm, kNearSharpMm);
-    const Vec3 along{half_mm * std::sin(turn), half_mm * std::cos(turn), 0}, middle{at.x, at.y, z};
     const double radius = draws.between(kStriaRadiusMm[0], kStriaRadiusMm[1]);
-    return {middle - along, middle + along, radius, draws.between(kStriaIndex[0], kStriaIndex[1]), true};
+    const Vec3 along{half_mm * std::sin(turn), half_mm * std::cos(turn), 0};
+    const Vec3 middle{at.x, at.y, kSkinMm + radius - surface_z(lens, at.x, at.y)};
+    return {middle - along, middle + along, radius, draws.between(kStriaRad[0], kStriaRad[1]) / 2, true};
 }
 
 Inclusion draw_inclusion(const Vec3& at, const DoubleConvexLens& lens, Draws& draws) {
-    const double z = sharp_z(lens) + draws.between(-kNearSharpMm, kNearSharpMm);
     const double radius = draws.between(kInclusionRadiusMm[0], kInclusionRadiusMm[1]);
-    return {{at.x, at.y, z}, radius, lens.refractive_index + draws.between(kInclusionIndex[0], kInclusionIndex[1]), 0};
+    const double rim_rad = radius * draws.between(kInclusionRadPerMm[0], kInclusionRadPerMm[1]);
+    const double z = kSkinMm + radius / 4 - surface_z(lens, at.x, at.y);
+    return {{at.x, at.y, z}, radius, lens.refractive_index + rim_rad / Inclusion::kSoftRim, 0, true};
+}
+
+Haze draw_haze(const Vec3& at, const DoubleConvexLens& lens, Draws& draws) {
+    const double radius = draws.between(kHazeRadiusMm[0], kHazeRadiusMm[1]);
+    return {{at.x, at.y, -surface_z(lens, at.x, at.y)}, radius, draws.between(kHazeRad[0], kHazeRad[1])};
+}
+
+// Its axis touches the face: half of the groove is in the glass.
+Scratch draw_scratch(const Vec3& at, const DoubleConvexLens& lens, Draws& draws) {
+    const double half_mm = draws.between(kScratchHalfMm[0], kScratchHalfMm[1]);
+    const double turn = draws.between(kScratchTurn[0], kScratchTurn[1]);
+    const OnFace face = on_source_side(lens, at.x, at.y);
+    const Vec3 across{std::cos(turn), -std::sin(turn), 0}, along = half_mm * unit(cross(face.out, across));
+    return {face.at - along, face.at + along, draws.between(kScratchRadiusMm[0], kScratchRadiusMm[1])};
 }
 
 SceneDefect draw_defect(PartClass made_as, const DoubleConvexLens& lens, Draws& draws) {
     // Away from the rim, where the rim mask hides defects (docs/architecture.md).
-    const bool deflects = std::ranges::find(kDeflectors, made_as) != kDeflectors.end();
-    const Vec3 at = place_inside(draws, (deflects ? kDeflectorsWithin : 0.65) * lens.aperture_radius_mm);
+    const bool newer = made_as > PartClass::speck;
+    const Vec3 at = place_inside(draws, (newer ? kDeflectorsWithin : 0.65) * lens.aperture_radius_mm);
     switch (made_as) {
         case PartClass::bubble: return AirBubble{{at.x, at.y, draws.between(-0.5, 0.5)}, draws.between(0.3, 0.6)};
         case PartClass::cut: {
@@ -96,6 +113,8 @@ SceneDefect draw_defect(PartClass made_as, const DoubleConvexLens& lens, Draws& 
         case PartClass::dimple: return draw_dimple(at, lens, draws);
         case PartClass::stria: return draw_stria(at, lens, draws);
         case PartClass::inclusion: return draw_inclusion(at, lens, draws);
+        case PartClass::haze: return draw_haze(at, lens, draws);
+        case PartClass::scratch: return draw_scratch(at, lens, draws);
         case PartClass::speck:
         case PartClass::good: break;
     }
@@ -107,7 +126,11 @@ SceneDefect draw_defect(PartClass made_as, const DoubleConvexLens& lens, Draws& 
 Scene line_lens(int bins_i, int bins_j) {
     Scene scene;
     scene.name = "lens";
-    scene.part = DoubleConvexLens{};
+    const DoubleConvexLens lens;
+    scene.part = lens;
+    // Seen through the face at height h, the measurement plane lies n times as deep below it.
+    const double h = surface_z(lens, 0, 0), n = lens.refractive_index;
+    scene.pose.z_mm = (2 * h - kSharpBelowMm) / n - h;
     scene.camera.extents = {111, 111, bins_i, bins_j};
     scene.noise.electrons_per_dn = 40;
     scene.noise.read_e = 2;

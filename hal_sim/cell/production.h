@@ -1,8 +1,9 @@
 // Parts for the simulated cell, drawn from a seed: good ones, and each kind of defect at random places.
 //
-// bubble, cut and speck take light away. dimple (a shallow hollow in the face towards the source), stria and inclusion
-// (glass of slightly another index) only change the direction of light, by a few bin pitches: a camera with a wide
-// light behind the part does not see them. Their sizes and depths, and why: docs/notes/optics.md.
+// bubble, cut, speck and scratch take light away. dimple (a shallow hollow in the face towards the source), stria and
+// inclusion (glass of slightly another index) deflect it by less than a bin pitch, haze scatters it into neighbouring
+// bins: a camera with a wide light behind the part does not see them. Their sizes and depths, and why:
+// docs/notes/optics.md.
 #pragma once
 
 #include <array>
@@ -15,13 +16,16 @@
 
 namespace hord::sim {
 
-enum class PartClass : std::uint8_t { good, bubble, cut, speck, dimple, stria, inclusion };
-constexpr std::array<std::string_view, 7> kPartClassNames{"good",   "bubble", "cut",      "speck",
-                                                          "dimple", "stria",  "inclusion"};
+enum class PartClass : std::uint8_t { good, bubble, cut, speck, dimple, stria, inclusion, haze, scratch };
+constexpr std::array<std::string_view, 9> kPartClassNames{"good",  "bubble",    "cut",  "speck",  "dimple",
+                                                          "stria", "inclusion", "haze", "scratch"};
 constexpr std::string_view name_of(PartClass made_as) { return kPartClassNames[static_cast<std::size_t>(made_as)]; }
 
 inline constexpr std::array kLightTakers = {PartClass::bubble, PartClass::cut, PartClass::speck};
 inline constexpr std::array kDeflectors = {PartClass::dimple, PartClass::stria, PartClass::inclusion};
+inline constexpr std::array kAllDefects = {PartClass::bubble, PartClass::cut,    PartClass::speck,
+                                           PartClass::dimple, PartClass::stria,  PartClass::inclusion,
+                                           PartClass::haze,   PartClass::scratch};
 
 struct ProductionOptions {
     Scene clean;  // the good part: a double-convex lens; its camera, light and noise are used for all
@@ -34,7 +38,8 @@ struct ProductionOptions {
 };
 
 // The good part of the simulated line, and its camera: the lens of hal_sim/scenes/lens.toml in a field of 111x111
-// lenslets, 8 bits, with photon noise, read noise and a pedestal of 1 DN.
+// lenslets, 8 bits, with photon noise, read noise and a pedestal of 1 DN. It sees sharply what lies just below the face
+// towards the source.
 Scene line_lens(int bins_i, int bins_j);
 
 // The pool of parts, for RenderedFrames and for the world's schedule: kinds[k] looks like scenes[k] and is named after

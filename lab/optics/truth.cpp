@@ -34,6 +34,7 @@ bool meets(const RayPolyline& way, const AbsorbingSpeck& d) {
     }
     return false;
 }
+bool meets(const RayPolyline& way, const Haze& d) { return meets(way, AbsorbingSpeck{d.centre_mm, d.radius_mm}); }
 
 bool meets(const RayPolyline& way, const Inclusion& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
 bool meets(const RayPolyline& way, const Absorber& d) { return meets(way, d.centre_mm, d.radius_mm, true); }

@@ -6,7 +6,6 @@
 #include <numbers>
 
 #include <fmt/format.h>
-#include <opencv2/imgproc.hpp>
 
 #include "lab/experiment/scenes.h"
 #include "lab/paper/paper_vary.h"
@@ -36,14 +35,6 @@ std::array<sim::Scene, kScenes> scenes_of_figure(int lenslets, std::uint64_t see
     scenes[kAbsorber].defects = {absorber_of_lens(kAbsorberTransmission)};
     for (auto& scene : scenes) scene.seed = seed;
     return scenes;
-}
-
-// The picture at half its size, averaged.
-Picture halved(const Picture& picture) {
-    const cv::Mat whole(picture.height, picture.width, CV_8UC3, const_cast<unsigned char*>(picture.bgr.data()));
-    cv::Mat half;
-    cv::resize(whole, half, {picture.width / 2, picture.height / 2}, 0, 0, cv::INTER_AREA);
-    return {half.cols, half.rows, {half.datastart, half.dataend}};
 }
 
 // The share of 360 directions from the centre in which the map is bright within four lenslets of the lens' edge.

@@ -2,29 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
-#include <string_view>
+#include <utility>
 
 #include <fmt/format.h>
+
+#include "lab/report/template.h"
 
 namespace hord::lab {
 namespace {
 
-std::string csv_cell(std::string_view text) {
-    std::string result = "\"";
-    for (const char c : text) result += c == '"' ? std::string("\"\"") : std::string(1, c);
-    return result + '"';
-}
-
 const char* verdict_of(const StabilityRow& row) { return row.good ? "right" : "WRONG"; }
-
-Result<void> write(const std::filesystem::path& file, const std::string& text) {
-    std::ofstream stream(file);
-    stream << text;
-    if (stream.flush()) return {};
-    return fail(ErrorCode::io, file.string() + " cannot be written",
-                "check that the folder may be written to and has space");
-}
 
 }  // namespace
 
@@ -60,23 +47,11 @@ StabilityTable check_stability(const StabilityOptions& options) {
     return table;
 }
 
-std::string as_text(const StabilityTable& table) {
-    std::string text, group;
-    for (const StabilityRow& row : table.rows()) {
-        if (row.group != group) text += fmt::format("\n{}\n", group = row.group);
-        text +=
-            fmt::format("  {:5}  {:<72}  expected {:<34}  got {}\n", verdict_of(row), row.name, row.expected, row.got);
-    }
-    return text + fmt::format("\n{} cases, {} wrong\n", table.rows().size(), table.wrong());
-}
-
-std::string as_csv(const StabilityTable& table) {
-    std::string text = "extreme,case,expected,got,verdict\n";
-    for (const StabilityRow& row : table.rows()) {
-        text += fmt::format("{},{},{},{},{}\n", csv_cell(row.group), csv_cell(row.name), csv_cell(row.expected),
-                            csv_cell(row.got), verdict_of(row));
-    }
-    return text;
+Table table_of(const StabilityTable& cases) {
+    Table table{{"extreme", "case", "expected", "got", "verdict"}, {}};
+    for (const StabilityRow& row : cases.rows())
+        table.rows.push_back({row.group, row.name, row.expected, row.got, verdict_of(row)});
+    return table;
 }
 
 Result<ExperimentReport> run_stability(const ExperimentOptions& options) {
@@ -102,11 +77,19 @@ Result<ExperimentReport> run_stability(const ExperimentOptions& options) {
     }
     const auto times = measure_verdict_times(options);
     if (!times) return tl::unexpected(times.error());
-    report.text = fmt::format("# Stability at the extremes\n\nSeed {}.\n\n```{}```\n\n## Claims\n\n{}\n# Times\n{}",
-                              options.seed, as_text(table), describe(report.claims), *times);
-    report.files = {options.out / "stability.csv", options.out / "stability.txt"};
-    if (auto done = write(report.files[0], as_csv(table)); !done) return tl::unexpected(done.error());
-    if (auto done = write(report.files[1], as_text(table)); !done) return tl::unexpected(done.error());
+    for (const auto& [name, of] : {std::pair{"stability.csv", table_of(table)}, {"times.csv", times->frames}}) {
+        if (auto done = write_csv(options.out / name, of); !done) return tl::unexpected(done.error());
+        report.files.push_back(options.out / name);
+    }
+    report.text = fill_report("stability",
+                              {{"quick", options.quick ? "yes" : ""},
+                               {"seed", std::to_string(options.seed)},
+                               {"claims", describe(report.claims)},
+                               {"cases", std::to_string(table.rows().size())},
+                               {"wrong", std::to_string(table.wrong())},
+                               {"rows", to_markdown(table_of(table))},
+                               {"sizes", to_markdown(times->sizes)},
+                               {"frames", to_markdown(times->frames)}});
     return report;
 }
 

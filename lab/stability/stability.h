@@ -11,6 +11,7 @@
 
 #include "common/result.h"
 #include "lab/experiment/experiment.h"
+#include "lab/report/tables.h"
 
 namespace hord::lab {
 
@@ -53,17 +54,18 @@ void check_hords(const StabilityOptions& options, StabilityTable& table);
 void check_transport(const StabilityOptions& options, StabilityTable& table);
 void check_frames(const StabilityOptions& options, StabilityTable& table);
 
-// How long verdicts take, as Markdown: the processor's time for frames with a pedestal, noise, wide spots and many lit
-// bins, over that for a clean frame of the same geometry; 111x111 lenslets, and 555x555 unless options.quick. Says
-// where a goal is not reached. Times differ between machines and runs, so that they are no claims.
-Result<std::string> measure_verdict_times(const ExperimentOptions& options);
+// How long verdicts take, in processor time, for frames with a pedestal, noise, wide spots and many lit bins; 111x111
+// lenslets, and 555x555 unless options.quick. Says where a goal is not reached. Times differ between machines and runs,
+// so that they are no claims.
+struct VerdictTimes {
+    Table sizes;   // the clean frame and the worst one of each size, with the goals
+    Table frames;  // every frame, over the clean frame's time
+};
+Result<VerdictTimes> measure_verdict_times(const ExperimentOptions& options);
 
-// As text and as CSV.
-std::string as_text(const StabilityTable& table);
-std::string as_csv(const StabilityTable& table);
+Table table_of(const StabilityTable& cases);
 
-// The experiment: the table as stability.csv and stability.txt in options.out, a claim for every extreme, and the
-// times. Fails with io.
+// The experiment: stability.csv and times.csv in options.out, a claim for every extreme, and the times. Fails with io.
 Result<ExperimentReport> run_stability(const ExperimentOptions& options);
 
 }  // namespace hord::lab

@@ -118,34 +118,35 @@ std::vector<std::pair<std::string, Light>> all_lights() {
 
 }  // namespace
 
-Result<std::string> measure_verdict_times(const ExperimentOptions& options) {
-    std::string text;
+Result<VerdictTimes> measure_verdict_times(const ExperimentOptions& options) {
+    VerdictTimes all{
+        {{"lenslets", "clean frame, ms", fmt::format("of the exact map's time (goal: {})", kMaxOfExact), "goal",
+          "worst frame", fmt::format("of the clean frame's time (goal: {})", kMaxOverClean), "goal"},
+         {}},
+        {{"lenslets", "frame", "of the clean frame's time", "verdict", "a limit of work was reached"}, {}}};
+    const auto reached = [](bool good) { return good ? "reached" : "not reached"; };
     for (const int lenslets : {111, 555}) {
         if (options.quick && lenslets > 111) continue;
+        const std::string size = fmt::format("{0}x{0}", lenslets);
         const algo::Extents e{lenslets, lenslets, kBins, kBins};
         const auto clean = measure(e, drawn(e, {}, options.seed), true);
         if (!clean) return tl::unexpected(clean.error());
-        text += fmt::format(
-            "\n## {0}x{0} lenslets of {1}x{1} bins\n\nA verdict on the clean frame takes {2:.2f} ms of the "
-            "processor, {3:.2f} of the {4:.2f} ms with the exact map (goal: at most {5}: {6}).\n\n"
-            "| frame | of the clean frame's time | verdict | a limit of work was reached |\n"
-            "|---|---|---|---|\n",
-            lenslets, kBins, clean->verdict, clean->verdict / clean->exact, clean->exact, kMaxOfExact,
-            clean->verdict <= kMaxOfExact * clean->exact ? "reached" : "not reached");
         double worst = 0;
         std::string worst_name;
         for (const auto& [name, light] : all_lights()) {
             const auto times = measure(e, drawn(e, light, options.seed), false);
             if (!times) return tl::unexpected(times.error());
             const double ratio = times->verdict / clean->verdict;
-            text += fmt::format("| {} | {:.2f} | {} | {} |\n", name, ratio, name_of(times->found),
-                                times->bounded ? "yes" : "no");
+            all.frames.rows.push_back({size, name, fmt::format("{:.2f}", ratio), std::string(name_of(times->found)),
+                                       times->bounded ? "yes" : "no"});
             if (ratio > worst) worst = ratio, worst_name = name;
         }
-        text += fmt::format("\nThe worst is {}, {:.2f} times the clean frame (goal: at most {}: {}).\n", worst_name,
-                            worst, kMaxOverClean, worst <= kMaxOverClean ? "reached" : "not reached");
+        const double of_exact = clean->verdict / clean->exact;
+        all.sizes.rows.push_back({size, fmt::format("{:.2f}", clean->verdict), fmt::format("{:.2f}", of_exact),
+                                  reached(of_exact <= kMaxOfExact), worst_name, fmt::format("{:.2f}", worst),
+                                  reached(worst <= kMaxOverClean)});
     }
-    return text;
+    return all;
 }
 
 }  // namespace hord::lab

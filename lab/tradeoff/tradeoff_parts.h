@@ -4,7 +4,7 @@
 // deflection change by `slope` over two lenslets across x. Slopes are in bins of the nine-bin camera (15 mrad), so they
 // mean the same part for every camera: all see the same 135 mrad with the same source, divided into more or fewer bins.
 // Each good part has its own pose (0.1 lenslet about one of four nominal places); each bad one has four separate
-// defects, log-uniform in size. Bubbles and inclusions are traced. Haze is not, since the optics do not scatter: in a
+// defects, log-uniform in size. Bubbles and inclusions are traced. Haze is added to the light field: in a
 // disc of 1.2 lenslets radius, a share of every lenslet's light is spread by a Gaussian of 15 mrad. The sensor: one
 // electron a DN, 16 bit, read noise 2 electrons, no pedestal; photon noise.
 //

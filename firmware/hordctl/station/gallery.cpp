@@ -10,12 +10,12 @@ namespace hord::firmware {
 namespace {
 
 // One scale a column, so that rows can be compared; deflections beyond it take the end colour.
-constexpr float kBinsHigh = 2, kShareHigh = 1, kTransmissionHigh = 1.2F;
+constexpr float kShareHigh = 1, kTransmissionHigh = 1.2F;
 
 // `otherwise`: of a feature without a fixed scale.
 float high_of(const FeatureView& view, float otherwise) {
     if (view.name == name_of(algo::Feature::transmission)) return kTransmissionHigh;
-    if (view.unit.starts_with("bin pitches")) return kBinsHigh;
+    if (view.unit.starts_with("bin pitches") && view.limit > 0) return 2 * view.limit;
     const auto choice = algo::feature_named(view.name);
     return choice && algo::is_judged_gradient(choice->feature) ? kShareHigh : otherwise;
 }
@@ -105,7 +105,7 @@ Result<std::string> Gallery::write(const std::filesystem::path& folder, const Or
         }
     }
     const auto file = folder / "montage.png";
-    if (auto done = write_png(file, montage(rows)); !done) return tl::unexpected(done.error());
+    if (auto done = write_png(file, halved(montage(rows))); !done) return tl::unexpected(done.error());
     return file.string();
 }
 

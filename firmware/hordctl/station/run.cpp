@@ -141,7 +141,7 @@ class Run {
   private:
     Result<std::unique_ptr<Service>> open(const Config& config) {
         SimulationOptions simulation = options_.line;
-        simulation.own_coil_module = simulation.deflectors = options_.simulate;
+        simulation.own_coil_module = simulation.all_defects = options_.simulate;
         auto rendering = std::make_shared<std::unique_ptr<Progress>>(std::make_unique<Progress>("render parts"));
         simulation.progress = [rendering](double done) {
             if (*rendering) (*rendering)->show(done);

@@ -49,12 +49,19 @@ bool is_smooth(const CellSamples& samples) {
 // One pass over one lenslet.
 class LensletLight::Gathering {
   public:
-    Gathering(const LensletLight& in, const Pass& pass, const SlopeGrid& grid, const LensletCell& whole, double* cells)
-        : camera_(in.camera_), obstacles_(in.obstacles_), body_(pass.optics->body), clean_(pass.optics->clean),
-          pass_(pass), bin_rad_(in.bin_rad_), importance_(pass.ghost.is_one() ? kGhostImportance : 1), grid_(grid),
-          whole_(whole), cells_(cells) {}
+    // `body`: the pass's part, or it with other transmissions.
+    Gathering(const LensletLight& in, const Pass& pass, const Body& body, const SlopeGrid& grid,
+              const LensletCell& whole, double* cells)
+        : camera_(in.camera_), obstacles_(in.obstacles_), body_(body), clean_(pass.optics->clean), pass_(pass),
+          bin_rad_(in.bin_rad_), importance_(pass.ghost.is_one() ? kGhostImportance : 1), grid_(grid), whole_(whole),
+          cells_(cells) {}
 
     void collect(const std::vector<const Feature*>& near) { collect(whole_, near); }
+    [[nodiscard]] bool may_meet(const Feature& feature) const {
+        std::vector<const Feature*> near;
+        keep_near(whole_, {&feature}, near);
+        return !near.empty();
+    }
 
   private:
     struct Mirror {
@@ -99,16 +106,33 @@ void LensletLight::collect(const CameraGeometry::Place& lenslet, const SlopeGrid
         const Pass& pass = passes_[k];
         near.clear();
         for (const Feature& feature : pass.optics->body.features) near.push_back(&feature);
+        const Body& body = pass.optics->body;
         if (!pass.optics->diffraction) {
-            Gathering(*this, pass, grid, whole, cells).collect(near);
+            Gathering light(*this, pass, body, grid, whole, cells);
+            if (pass.optics->scattering && light.may_meet(pass.optics->scattering->haze))
+                add_scattered(pass, grid, whole, near, cells);
+            else light.collect(near);
             continue;
         }
         const SlopeGrid sharp = pass.optics->diffraction->fine(grid);
         if (k == 0 || passes_[k - 1].optics != pass.optics) fine.assign(static_cast<std::size_t>(sharp.cells()), 0.0);
-        Gathering(*this, pass, sharp, whole, fine.data()).collect(near);
+        Gathering(*this, pass, body, sharp, whole, fine.data()).collect(near);
         if (k + 1 == passes_.size() || passes_[k + 1].optics != pass.optics)
             pass.optics->diffraction->blur(grid, fine.data(), cells);
     }
+}
+
+// What passes the haze is the part's light less the light of the part with opaque haze.
+void LensletLight::add_scattered(const Pass& pass, const SlopeGrid& grid, const LensletCell& whole,
+                                 const std::vector<const Feature*>& near, double* cells) const {
+    const Scattering& scattering = *pass.optics->scattering;
+    const SlopeGrid fine = scattering.blur.fine(grid);
+    std::vector<double> hazy(static_cast<std::size_t>(fine.cells())), beside(hazy.size());
+    Gathering(*this, pass, pass.optics->body, fine, whole, hazy.data()).collect(near);
+    Gathering(*this, pass, scattering.opaque, fine, whole, beside.data()).collect(near);
+    for (std::size_t k = 0; k < hazy.size(); ++k) hazy[k] = std::max(0.0, hazy[k] - beside[k]);
+    Gathering(*this, pass, scattering.opaque, grid, whole, cells).collect(near);
+    scattering.blur.blur(grid, hazy.data(), cells);
 }
 
 CellSamples LensletLight::Gathering::sample(const LensletCell& cell) const {

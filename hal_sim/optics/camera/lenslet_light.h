@@ -9,11 +9,13 @@
 #include <vector>
 
 #include "hal_sim/optics/camera/camera.h"
-#include "hal_sim/optics/camera/diffraction.h"
 #include "hal_sim/optics/camera/obstacles.h"
+#include "hal_sim/optics/camera/slope_blur.h"
 #include "hal_sim/optics/camera/source_area.h"
 
 namespace hord::sim {
+
+struct LensletCell;
 
 class LensletLight {
   public:
@@ -28,11 +30,17 @@ class LensletLight {
 
   private:
     class Gathering;
+    struct Scattering {
+        SlopeBlur blur;
+        Body opaque;  // the part, but no light passes the haze
+        Feature haze;
+    };
     // The part in light of one wavelength.
     struct Optics {
         double wavelength_nm;
         Body body, clean;
-        std::unique_ptr<Diffraction> diffraction;  // null without diffraction
+        std::unique_ptr<SlopeBlur> diffraction;  // null without diffraction
+        std::unique_ptr<Scattering> scattering;  // null without haze
     };
     struct Pass {
         const Optics* optics;
@@ -40,6 +48,9 @@ class LensletLight {
         double shift_x, shift_y;     // of the part, mm
         Ghost ghost;
     };
+
+    void add_scattered(const Pass& pass, const SlopeGrid& grid, const LensletCell& whole,
+                       const std::vector<const Feature*>& near, double* cells) const;
 
     CameraGeometry camera_;
     Obstacles obstacles_;

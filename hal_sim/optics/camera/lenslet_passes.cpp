@@ -35,13 +35,23 @@ LensletLight::LensletLight(const Scene& scene, const SlopeGrid& grid)
         for (const auto& known : optics_) {
             if (same || known->wavelength_nm == wavelength_nm) return known.get();
         }
-        auto made = std::make_unique<Optics>(
-            Optics{wavelength_nm, body_of(scene, true, wavelength_nm), body_of(scene, false, wavelength_nm), nullptr});
+        auto made = std::make_unique<Optics>(Optics{wavelength_nm, body_of(scene, true, wavelength_nm),
+                                                    body_of(scene, false, wavelength_nm), nullptr, nullptr});
         made->clean.low = made->body.low;
         made->clean.high = made->body.high;
         if (scene.effects.diffraction) {
             const double first_zero = wavelength_nm * 1e-6 / camera_.pitch_mm() / bin_rad_;
-            made->diffraction = std::make_unique<Diffraction>(first_zero, grid.step, std::max(grid.i, grid.j));
+            made->diffraction =
+                std::make_unique<SlopeBlur>(SlopeBlur::diffraction(first_zero, grid.step, std::max(grid.i, grid.j)));
+        }
+        for (std::size_t k = 0; k < made->body.discs.size(); ++k) {
+            const Disc& disc = made->body.discs[k];
+            if (!(disc.scatter_rad > 0)) continue;
+            made->scattering = std::make_unique<Scattering>(
+                Scattering{SlopeBlur::gaussian(disc.scatter_rad / bin_rad_, grid.step, std::max(grid.i, grid.j)),
+                           made->body,
+                           {disc.centre, disc.centre, disc.radius, disc.radius / 2}});
+            made->scattering->opaque.discs[k].transmission = 0;
         }
         optics_.push_back(std::move(made));
         return optics_.back().get();

@@ -119,6 +119,7 @@ void build(Body& body, const Vial& vial) {
 // The part around a defect.
 struct Around {
     double index, wavelength_nm, absorption;
+    std::size_t part_surfaces;  // the first ones of the body
 };
 
 void add_hollow(Body& body, const Vec3& centre, double radius) {
@@ -130,12 +131,39 @@ void add_hollow(Body& body, const Vec3& centre, double radius) {
 void add_defect(Body& body, const Around&, const AirBubble& bubble) {
     add_hollow(body, bubble.centre_mm, bubble.radius_mm);
 }
-void add_defect(Body& body, const Around&, const SphericalCut& cut) { add_hollow(body, cut.centre_mm, cut.radius_mm); }
+
+// What a cut takes out of a convex part lies in a ball about the circle in which its sphere meets a face. The sphere of
+// a shallow cut is many times as large.
+void add_defect(Body& body, const Around& part, const SphericalCut& cut) {
+    add_hollow(body, cut.centre_mm, cut.radius_mm);
+    Feature& bite = body.features.back();
+    for (std::size_t s = 0; body.convex && s < part.part_surfaces; ++s) {
+        const Surface& face = body.surfaces[s];
+        const bool plane = face.shape == Surface::Shape::plane;
+        if (!plane && face.shape != Surface::Shape::sphere) continue;
+        // The circle lies at distance `along` from the cut's centre, towards the part.
+        const Vec3 to_face = face.point - cut.centre_mm;
+        const double apart = length(to_face), r = cut.radius_mm, square = r * r - face.radius * face.radius;
+        const Vec3 inwards = plane ? -1.0 * face.axis : (1 / apart) * to_face;
+        const double along = plane ? dot(to_face, inwards) : (apart * apart + square) / (2 * apart);
+        const bool less_than_half = along > 0 && along < r && (plane || along < apart);
+        if (!less_than_half || std::sqrt(r * r - along * along) >= bite.reach) continue;
+        bite.from = bite.to = cut.centre_mm + along * inwards;
+        bite.reach = std::sqrt(r * r - along * along);
+        bite.resolution = bite.reach / 8;
+    }
+}
+void add_disc(Body& body, const Disc& disc) {
+    body.discs.push_back(disc);
+    body.features.push_back({disc.centre, disc.centre, disc.radius, disc.radius / 2});
+    const double r = 1.001 * disc.radius;
+    include(body, disc.centre - Vec3{r, r, 1e-3 * r}, disc.centre + Vec3{r, r, 1e-3 * r});
+}
 void add_defect(Body& body, const Around&, const AbsorbingSpeck& speck) {
-    body.discs.push_back({speck.centre_mm, speck.radius_mm, speck.transmission});
-    body.features.push_back({speck.centre_mm, speck.centre_mm, speck.radius_mm, speck.radius_mm / 2});
-    const double r = 1.001 * speck.radius_mm;
-    include(body, speck.centre_mm - Vec3{r, r, 1e-3 * r}, speck.centre_mm + Vec3{r, r, 1e-3 * r});
+    add_disc(body, {speck.centre_mm, speck.radius_mm, speck.transmission});
+}
+void add_defect(Body& body, const Around&, const Haze& haze) {
+    add_disc(body, {haze.centre_mm, haze.radius_mm, 1, haze.scatter_rad});
 }
 
 // A thread: the cylinder between two places.
@@ -149,8 +177,16 @@ Solid thread(Body& body, const Vec3& from, const Vec3& to, double radius) {
 }
 
 void add_defect(Body& body, const Around& glass, const Inclusion& d) {
-    const int sphere = add_sphere(body, d.centre_mm, d.radius_mm);
-    body.fill_more(Solid::inside(sphere), dispersed(d.refractive_index, d.abbe_number, glass.wavelength_nm));
+    const double index = dispersed(d.refractive_index, d.abbe_number, glass.wavelength_nm);
+    if (d.soft) {  // two caps of height radius / 4 on one rim
+        const double height = d.radius_mm / 4, sphere = (d.radius_mm * d.radius_mm / height + height) / 2;
+        const Vec3 off{0, 0, sphere - height};
+        const int camera_side = add_sphere(body, d.centre_mm - off, sphere);
+        const int source_side = add_sphere(body, d.centre_mm + off, sphere);
+        body.fill_more(Solid::all({Solid::inside(camera_side), Solid::inside(source_side)}), index);
+    } else {
+        body.fill_more(Solid::inside(add_sphere(body, d.centre_mm, d.radius_mm)), index);
+    }
     body.features.push_back({d.centre_mm, d.centre_mm, d.radius_mm, d.radius_mm / 8});
 }
 void add_defect(Body& body, const Around&, const Scratch& d) {
@@ -208,7 +244,7 @@ Body body_of(const Scene& scene, bool with_defects, double wavelength_nm) {
         scene.part);
     body.tint(scene.glass.absorption_per_mm);
     if (with_defects) {
-        const Around glass{index, wavelength_nm, scene.glass.absorption_per_mm};
+        const Around glass{index, wavelength_nm, scene.glass.absorption_per_mm, body.surfaces.size()};
         for (const SceneDefect& defect : scene.defects) {
             std::visit([&](const auto& d) { add_defect(body, glass, d); }, defect);
         }

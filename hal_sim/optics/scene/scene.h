@@ -104,6 +104,11 @@ struct Inclusion {  // a sphere of another index inside the part
     double radius_mm = 0.5;
     double refractive_index = 1.6;
     double abbe_number = 0;
+    // Instead of a ball: a lens of this radius, a quarter as thick as wide, that deflects light by kSoftRim times the
+    // difference of the indices at its rim, and evenly less towards its middle. An inclusion whose index fades out has
+    // no steep flanks.
+    bool soft = false;
+    static constexpr double kSoftRim = 16.0 / 15;  // 2 tan of the caps' slope: sin = 8 / 17
 };
 struct Scratch {  // a round groove of this radius along a straight line
     Vec3 from_mm, to_mm;
@@ -123,7 +128,15 @@ struct Stria {  // a straight thread of glass of slightly another index
     // and both halves deflect light by 2 index_difference. A stria whose index fades out has no steep flanks.
     bool soft = false;
 };
-using SceneDefect = std::variant<AirBubble, SphericalCut, AbsorbingSpeck, Inclusion, Scratch, Absorber, Stria>;
+// A disc across the light that scatters: structures far smaller than a lenslet spread the slopes of what passes by a
+// Gaussian. No light is lost. Its plane is the one that the camera sees sharply, or near it: light is spread, not
+// moved.
+struct Haze {
+    Vec3 centre_mm;
+    double radius_mm = 0.5;
+    double scatter_rad = 0.015;  // rms along each axis
+};
+using SceneDefect = std::variant<AirBubble, SphericalCut, AbsorbingSpeck, Inclusion, Scratch, Absorber, Stria, Haze>;
 
 constexpr double kLineD = 587.56;  // nm; refractive indices are given for this wavelength
 

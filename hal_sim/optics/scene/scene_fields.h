@@ -86,10 +86,11 @@ void fields(auto& on, Is<Motion> auto& motion) {
 
 // -- defects: balls about a centre, threads from a place to another
 
-void fields(auto& on, Is<AirBubble, SphericalCut, AbsorbingSpeck, Inclusion, Absorber> auto& ball) {
+void fields(auto& on, Is<AirBubble, SphericalCut, AbsorbingSpeck, Inclusion, Absorber, Haze> auto& ball) {
     on.vector("centre_mm", ball.centre_mm, -kLargest, kLargest);
     on.number("radius_mm", ball.radius_mm, kThinnest, kLargest);
     if constexpr (requires { ball.transmission; }) on.number("transmission", ball.transmission, 0, 1);
+    if constexpr (requires { ball.scatter_rad; }) on.number("scatter_rad", ball.scatter_rad, 1e-6, 0.5);
     if constexpr (requires { ball.refractive_index; }) on.number("refractive_index", ball.refractive_index, 1, 4);
     if constexpr (requires { ball.abbe_number; }) on.number_or_none("abbe_number", ball.abbe_number, 10, 200);
     if constexpr (requires { ball.absorption_per_mm; }) on.number("absorption_per_mm", ball.absorption_per_mm, 0, 1e6);

@@ -56,7 +56,7 @@ void read_more(TomlTable& table, Absorber& d) {
     if (d.opaque && table.has("absorption_per_mm"))
         table.problem("absorption_per_mm", "contradicts opaque = true", "name one of them");
 }
-void read_more(TomlTable& table, Stria& d) { table.boolean("soft", d.soft); }
+void read_more(TomlTable& table, Is<Inclusion, Stria> auto& d) { table.boolean("soft", d.soft); }
 
 using Tables = std::map<std::string, std::vector<TomlTable>, std::less<>>;
 

@@ -296,6 +296,10 @@ void check_defects(Checker& c, const Scene& scene) {
         const auto* stria = std::get_if<Stria>(&of);
         return stria != nullptr && stria->soft;
     };
+    const auto is_haze = [](const SceneDefect& of) { return std::holds_alternative<Haze>(of); };
+    const Relay& relay = scene.camera.relay;
+    const bool blocked = relay.stop_radius_mm > 0 || relay.lens1_radius_mm > 0 || relay.lens2_radius_mm > 0 ||
+        !scene.camera.dust.empty();
     const auto* solid = std::get_if<SolidPart>(&scene.part);
     const std::size_t kMaxDefects = solid != nullptr && surfaces_of(solid->shape) > 16 ? 10 : 16;
     for (std::size_t k = 0; k < scene.defects.size(); ++k) {
@@ -306,6 +310,11 @@ void check_defects(Checker& c, const Scene& scene) {
         const auto at = scene.defects.begin() + static_cast<std::ptrdiff_t>(k);
         if (is_soft(*at) && std::count_if(scene.defects.begin(), at, is_soft) == kMaxSoft)
             c.require(false, "soft", "is one soft stria too many", "use at most " + std::to_string(kMaxSoft));
+        if (is_haze(*at)) {
+            c.require(std::none_of(scene.defects.begin(), at, is_haze), "kind", "is a second haze", "use one");
+            c.require(!blocked && !scene.effects.diffraction, "kind",
+                      "cannot be rendered with diffraction, a stop, lenses' rims or dust", "remove them, or the haze");
+        }
         if (std::holds_alternative<NoPart>(scene.part)) {
             c.require(std::holds_alternative<AbsorbingSpeck>(scene.defects[k]), "kind", "needs a part to be in",
                       "name a part, or use a speck");

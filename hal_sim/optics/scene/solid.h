@@ -34,6 +34,7 @@ struct Disc {
     Vec3 centre;
     double radius = 0;
     double transmission = 0;
+    double scatter_rad = 0;  // the camera spreads what passes (lenslet_light.h); a traced ray goes straight on
 };
 
 // A small structure that may deflect light: rendering samples densely near it.

@@ -1,11 +1,15 @@
 // The state of one ray inside the body. For trace.cpp and trace_many.cpp only.
 #pragma once
 
+#include <algorithm>
+
 #include "hal_sim/optics/trace/trace.h"
 
 namespace hord::sim {
 
-constexpr int kMaxCrossings = 16;
+// Crossings after which a ray is lost. A ray that is never reflected crosses each convex surface at most twice; the
+// rest is for reflections.
+inline int max_crossings(const Body& body) { return std::max(16, 2 * static_cast<int>(body.surfaces.size()) + 4); }
 constexpr double kMinWeight = 1e-12;  // share of the light; a ray with less is lost
 constexpr double kCoincident = 1e-6;  // of the body's size; above every crossing_error() here
 

@@ -52,6 +52,7 @@ template <bool kLosses>
 bool follow(const Body& body, RayState& state, RayPolyline* polyline, [[maybe_unused]] Ghost ghost) {
     Ray& ray = state.ray;
     const std::size_t count = body.surfaces.size();
+    const int most = max_crossings(body);
     double next[Body::kMaxSurfaces];
     for (;; ++state.step) {
         std::size_t first = 0;
@@ -65,7 +66,7 @@ bool follow(const Body& body, RayState& state, RayPolyline* polyline, [[maybe_un
             if (kLosses && state.faces <= ghost.second) return false;
             break;
         }
-        if (state.step == kMaxCrossings || !(t < kNever)) return false;  // never leaves: caused by rounding only
+        if (state.step == most || !(t < kNever)) return false;  // never leaves: caused by rounding only
         // Faces that coincide within their error bounds are crossed together.
         std::uint64_t crossed = std::uint64_t{1} << first;
         for (std::size_t s = 0; s < count; ++s) {

@@ -40,7 +40,7 @@ struct Ghost {
     [[nodiscard]] bool is_one() const { return first >= 0; }
 };
 
-// Total reflection is followed. A ray is lost after 16 crossings, or when it turns back to the camera.
+// Total reflection is followed. A ray is lost after max_crossings() (ray_state.h), or when it turns back to the camera.
 Arrival trace(const Body& body, const CameraRay& ray, RayPolyline* polyline = nullptr, Ghost ghost = {});
 
 // arrivals[k] = trace(body, rays[k], nullptr, ghost), to the bit, several times faster: rays with the same path are

@@ -152,6 +152,7 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
         if (lanes == 0) return;
     }
     const std::size_t surfaces = body.surfaces.size();
+    const int most = max_crossings(body);
     unsigned other = 0;
     for (std::size_t s = 0; s < surfaces; ++s) {
         const unsigned inside = inside_of(body.surfaces[s], ray.origin),
@@ -192,7 +193,7 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
         for (std::size_t s = 0; s < surfaces; ++s) {
             if (s != first) clear = clear & (next[s] > nearest);
         }
-        unsigned same = step == kMaxCrossings ? 0 : mask_bits(clear) & lanes;
+        unsigned same = step == most ? 0 : mask_bits(clear) & lanes;
 
         const std::uint64_t crossed = std::uint64_t{1} << first;
         const std::uint8_t beyond = body.medium(inside_bits ^ crossed);

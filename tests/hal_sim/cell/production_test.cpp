@@ -17,7 +17,7 @@ ProductionOptions two_of_each() {
 TEST(Production, more_kinds_leave_the_parts_of_the_others_as_they_are) {
     ProductionOptions options = two_of_each();
     const auto few = draw_production(options);
-    options.defects.insert(options.defects.end(), kDeflectors.begin(), kDeflectors.end());
+    options.defects.assign(kAllDefects.begin(), kAllDefects.end());
     const auto many = draw_production(options);
     ASSERT_TRUE(few && many);
     ASSERT_EQ(few->scenes.size(), 2U * (1 + kLightTakers.size()));
@@ -38,7 +38,7 @@ TEST(Production, of_every_kind_can_be_rendered_and_has_one_defect_a_bad_part) {
     for (const std::uint64_t seed : {1, 2, 3, 4, 5, 6, 7, 8}) {
         ProductionOptions options = two_of_each();
         options.seed = seed;
-        options.defects.insert(options.defects.end(), kDeflectors.begin(), kDeflectors.end());
+        options.defects.assign(kAllDefects.begin(), kAllDefects.end());
         const auto drawn = draw_production(options);
         ASSERT_TRUE(drawn);
         double share = 0;

@@ -52,6 +52,17 @@ class Told : public ::testing::Test {
     TemporaryFolder folder;
 };
 
+// The commands in hal_sim/scenes/vial.toml give the verdicts that it promises.
+TEST_F(Told, the_example_vial_is_rejected_for_its_bubble_by_its_recipe_and_a_good_one_passes) {
+    const std::string scenes = std::string(HORD_SOURCE_DIR) + "/hal_sim/scenes/";
+    for (const auto& [scene, status] : {std::pair{"vial", 1}, {"vial-filled", 0}}) {
+        const std::string frame = folder / (std::string(scene) + ".png");
+        ASSERT_EQ(run("hord-lab", {"render", scenes + scene + ".toml", "--out", frame}).status, 0) << scene;
+        const Said said = run("hordctl", {"inspect", frame, "--recipe", scenes + "../recipes/vial.toml"});
+        EXPECT_EQ(said.status, status) << said.out << said.err;
+    }
+}
+
 TEST_F(Told, render_writes_what_inspect_reads) {
     std::ofstream(folder / "s.toml") << "[camera]\nm = 24\nn = 20\ni = 5\nj = 5\nfull_bin_dn = 200\n";
     const std::string frame = folder / "s.png", raw = folder / "raw.png";

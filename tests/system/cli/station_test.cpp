@@ -116,7 +116,7 @@ TEST(Run, simulated_defects_are_rejected_for_three_reasons_and_shown_beside_an_o
         const std::string truth = part["truth"], reason = part["reason"];
         if (truth == "good") continue;
         reasons.insert(reason);
-        const bool deflects = truth == "dimple" || truth == "stria" || truth == "inclusion";
+        const bool deflects = truth == "dimple" || truth == "stria" || truth == "inclusion" || truth == "haze";
         if (deflects || truth == "speck") {
             EXPECT_EQ(reason == "absorption", !deflects) << part;
         }

@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "hal_sim/optics/camera/diffraction.h"
+#include "hal_sim/optics/camera/slope_blur.h"
 #include "tests/hal_sim/optics/camera/small_scene.h"
 
 namespace hord::sim {
@@ -28,7 +28,7 @@ TEST(Diffraction, is_the_pattern_of_a_square_aperture) {
     EXPECT_NEAR(share_between(-1, 1), 0.9028233336, 1e-6);  // of the main lobe
     for (const double first_zero : {0.02, 0.18, 1.0, 2.5}) {
         const SlopeGrid line{-4.5, -0.5, 1, 9, 1};
-        const Diffraction diffraction(first_zero, 1.0, 9);
+        const SlopeBlur diffraction = SlopeBlur::diffraction(first_zero, 1.0, 9);
         std::vector<double> sharp(27 * 3), blurred(9);
         sharp[27 + 13] = 1;  // the middle third of the middle bin
         diffraction.blur(line, sharp.data(), blurred.data());
@@ -48,7 +48,7 @@ TEST(Diffraction, is_the_pattern_of_a_square_aperture) {
 
 TEST(Diffraction, blurs_a_point_into_the_pattern_and_keeps_its_light) {
     const SlopeGrid grid{-4.5, -4.5, 1, 9, 9};
-    const Diffraction diffraction(1.0, 1.0, 9);
+    const SlopeBlur diffraction = SlopeBlur::diffraction(1.0, 1.0, 9);
     const SlopeGrid fine = diffraction.fine(grid);
     ASSERT_EQ(fine.i, 27);
     std::vector<double> sharp(27 * 27), blurred(81);
@@ -155,6 +155,34 @@ TEST(Dust, shades_where_it_lies_and_stays_when_the_part_moves) {
     const double before = hord(scene, 5, 4).sum;
     scene.pose = {1.3, 0.4, 0};
     EXPECT_NEAR(hord(scene, 5, 4).sum, before, 1e-4);
+}
+
+TEST(Haze, spreads_slopes_by_its_rms_and_keeps_the_light) {
+    Scene scene = small(Plate{}, 9);
+    const double pitch = 24.0 / 9, bin = scene.camera.bin_pitch_rad;
+    const std::vector<double> clean = bins_of(scene, 4, 4), beside = bins_of(scene, 6, 4);
+    const Haze haze{{0, 0, 0}, 1.2 * pitch, bin};
+    scene.defects = {haze};
+    const auto moments = [](const std::vector<double>& bins) {  // light, and its mean square along u
+        double sum = 0, square = 0;
+        for (int k = 0; k < 81; ++k) {
+            const double light = bins[static_cast<std::size_t>(k)];
+            sum += light, square += light * (k % 9 - 4) * (k % 9 - 4);
+        }
+        return std::pair{sum, square / sum};
+    };
+    const auto [light, square] = moments(bins_of(scene, 4, 4));
+    EXPECT_NEAR(light, kSource, 2e-3 * kSource);
+    // Disc, Gaussian, the fine cell that is even before it is spread, and the bin; less what lies beyond the bins.
+    EXPECT_NEAR(square, 0.61 * 0.61 / 4 + 1 + 1.0 / 108 + 1.0 / 12, 0.01);
+    const std::vector<double> away = bins_of(scene, 6, 4);
+    for (std::size_t k = 0; k < away.size(); ++k) EXPECT_NEAR(away[k], beside[k], 1e-6) << k;
+    // A quarter of the lenslet is covered: three quarters of its light go straight on.
+    scene.defects = {Haze{{0, 0, 0}, pitch / std::sqrt(4 * kPi), bin}};
+    const auto [some, less] = moments(bins_of(scene, 4, 4));
+    EXPECT_NEAR(some, kSource, 2e-2 * kSource);
+    const double straight = moments(clean).second;
+    EXPECT_NEAR(less, straight + 0.25 * (square - straight), 0.01);
 }
 
 TEST(Motion, smears_an_edge_over_the_way_and_leaves_the_inside_alone) {

@@ -49,6 +49,12 @@ pitch_um = 100
     EXPECT_THAT(refusal("[light]\n[[light.collimator]]\npower = 0\n"), HasSubstr("no collimator gives light"));
     EXPECT_THAT(refusal("[camera]\nfield_mm = 20\n[camera.array]\npitch_um = 100\nfocal_um = 300\n"),
                 HasSubstr(":2: camera.field_mm: is said by camera.array"));
+    const std::string haze = "[[defect]]\nkind = \"haze\"\ncentre_mm = [0, 0, 0]\n",
+                      plate = "[part]\nkind = \"plate\"\n";
+    EXPECT_EQ(refusal(plate + haze), "accepted");
+    EXPECT_THAT(refusal(plate + haze + haze), HasSubstr(":7: defect[1].kind: is a second haze"));
+    EXPECT_THAT(refusal(plate + haze + "[[dust]]\nplane = \"lens1\"\n"),
+                HasSubstr("cannot be rendered with diffraction"));
     EXPECT_THAT(refusal("[part]\nabbe_number = 60\n"), HasSubstr("there is no glass to have a colour"));
     EXPECT_THAT(refusal("[[dust]]\nplane = \"lens3\"\n"), HasSubstr("use one of lens1, stop, lens2, lenslets"));
     EXPECT_THAT(refusal("[motion]\nvelocity_mm_s = [1, 0]\nstrobe_us = 1e7\n"), HasSubstr("lenslets while it is lit"));

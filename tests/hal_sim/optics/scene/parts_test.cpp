@@ -94,6 +94,39 @@ TEST(Parts, a_soft_stria_deflects_its_two_halves_by_twice_its_index_difference_a
     EXPECT_EQ(at(0.05, 2.1).u, 0);
 }
 
+TEST(Parts, a_soft_inclusion_deflects_evenly_up_to_its_rim_and_nothing_beside_it) {
+    constexpr double kRadius = 0.5, kDifference = 0.008;
+    const Body soft = body(Plate{}, {Inclusion{{0, 0, 0}, kRadius, 1.5 + kDifference, 0, true}});
+    const auto at = [&](double x) { return trace(soft, {x, 0, 0, 0}).u; };
+    // Thin caps: twice the difference times the slope of a cap with radius 17/8 of the rim's.
+    for (const double x : {0.05, 0.2, 0.35, 0.49}) {
+        const double slope = std::tan(std::asin(x / (17.0 / 8 * kRadius)));
+        EXPECT_NEAR(std::abs(at(x)), 2 * kDifference * slope, 0.02 * kDifference) << x;
+        EXPECT_NEAR(at(x), -at(-x), 1e-12) << x;
+    }
+    EXPECT_NEAR(std::abs(at(0.4999)), Inclusion::kSoftRim * kDifference, 0.02 * kDifference);
+    EXPECT_EQ(at(0.501), 0);
+}
+
+// The sphere of a shallow cut is much larger than its bite: it made every cell of the part a small one.
+TEST(Parts, a_cut_is_looked_at_closely_only_where_it_bites) {
+    constexpr double kRim = 0.9, kSphere = 50;
+    const Plate plate{8, 4, 1.5};
+    const Body flat = body(plate, {SphericalCut{{1, 2, 2 + std::sqrt(kSphere * kSphere - kRim * kRim)}, kSphere}});
+    ASSERT_EQ(flat.features.size(), 1U);
+    EXPECT_NEAR(flat.features[0].reach, kRim, 1e-9);
+    EXPECT_NEAR(length(flat.features[0].from - Vec3{1, 2, 2}), 0, 1e-9);
+    // On a lens the rim's plane cuts both spheres.
+    const DoubleConvexLens lens;
+    const double r = lens.radius_of_curvature_mm, top = 2 + r - std::sqrt(r * r - 100);
+    const double sag_lens = r - std::sqrt(r * r - kRim * kRim),
+                 sag_cut = kSphere - std::sqrt(kSphere * kSphere - kRim * kRim);
+    const Body round = body(lens, {SphericalCut{{0, 0, top - sag_lens - sag_cut + kSphere}, kSphere}});
+    EXPECT_NEAR(round.features[0].reach, kRim, 1e-9);
+    // More than half of a sphere in the glass: all of it.
+    EXPECT_EQ(body(plate, {SphericalCut{{0, 0, 1.9}, 1}}).features[0].reach, 1);
+}
+
 TEST(Effects, fresnel_takes_four_percent_a_face_and_nothing_when_off) {
     const CameraRay ray{1, 1, 0, 0};
     EXPECT_EQ(trace(body(Plate{}), ray).weight, 1);

@@ -273,6 +273,19 @@ TEST(Trace, a_bubble_in_a_bubble_is_not_there_and_neither_is_one_outside) {
     }
 }
 
+// A ray crosses eight nested balls and the lens at 18 faces. What the faces reflect and what they let through is all.
+TEST(Trace, nested_inclusions_keep_all_the_light_that_they_do_not_reflect) {
+    Scene scene = with(DoubleConvexLens{});
+    const auto index = [](int k) { return 1.5 + 0.01 * k; };
+    for (int k = 1; k <= 8; ++k) scene.defects.push_back(Inclusion{{0, 0, 0}, 0.9 - 0.1 * k, index(k)});
+    const Body bare = body_of(scene, true);
+    for (double x = -1; x < 1; x += 0.01) EXPECT_EQ(trace(bare, {x, 0.003, 0.001, 0}).weight, 1) << x;
+    scene.effects.fresnel = true;
+    double passes = 0.96;  // of one face of the lens
+    for (int k = 1; k <= 8; ++k) passes *= 1 - std::pow((index(k) - index(k - 1)) / (index(k) + index(k - 1)), 2);
+    EXPECT_NEAR(trace(body_of(scene, true), {0, 0, 0, 0}).weight, passes * passes, 1e-14);
+}
+
 TEST(Trace, a_speck_takes_its_share_of_the_light_and_only_that) {
     const Body body = with_defect(DoubleConvexLens{}, AbsorbingSpeck{{1, 2, 0}, 0.5, 0.25});
     const Body bare = clean(DoubleConvexLens{});

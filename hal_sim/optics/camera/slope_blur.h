@@ -1,5 +1,4 @@
-// Blur by diffraction at a lenslet's square aperture: light of one slope spreads over the slopes around it as sinc^2,
-// wavelength / pitch from the middle to the first zero. Why: docs/notes/optics.md.
+// Spreads light of one slope over the slopes around it, along u and v independently.
 #pragma once
 
 #include <vector>
@@ -8,13 +7,16 @@
 
 namespace hord::sim {
 
-class Diffraction {
+class SlopeBlur {
   public:
     static constexpr double kFinest = 1.0 / 3;  // bins: light is uniform over such a cell before it is blurred
 
-    // `first_zero`: from the pattern's middle, in bin pitches. `step` and the maximum cells a side of the grids that
-    // blur() takes.
-    Diffraction(double first_zero, double step, int most_cells);
+    // `step` and `most_cells`: of the grids that blur() takes, and their maximum cells a side.
+    // By diffraction at a lenslet's square aperture: sinc^2, `first_zero` = wavelength / pitch from the middle, in bin
+    // pitches. Why: docs/notes/optics.md.
+    static SlopeBlur diffraction(double first_zero, double step, int most_cells);
+    // By a Gaussian of this rms, in bin pitches.
+    static SlopeBlur gaussian(double rms, double step, int most_cells);
 
     // The finer grid that light is collected in for `grid`.
     [[nodiscard]] SlopeGrid fine(const SlopeGrid& grid) const;
@@ -23,6 +25,7 @@ class Diffraction {
     void blur(const SlopeGrid& grid, const double* fine, double* cells) const;
 
   private:
+    SlopeBlur(double (&density)(double), double unit, double step, int most_cells);
     [[nodiscard]] double share(int fine_cell, int cell) const {
         return share_[static_cast<std::size_t>(fine_cell - split_ * cell + middle_)];
     }

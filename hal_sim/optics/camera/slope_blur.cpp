@@ -1,4 +1,4 @@
-#include "hal_sim/optics/camera/diffraction.h"
+#include "hal_sim/optics/camera/slope_blur.h"
 
 #include <algorithm>
 #include <cmath>
@@ -17,6 +17,8 @@ double sinc_squared(double x) {
     return sine * sine / (kPi * kPi * x * x);
 }
 
+double normal(double x) { return std::abs(x) < 30 ? 0.39894228040143268 * exact::exp(-0.5 * x * x) : 0; }
+
 // Five-point Gauss-Legendre quadrature over [a, b].
 template <class F>
 double five_points(double a, double b, const F& f) {
@@ -30,18 +32,24 @@ double five_points(double a, double b, const F& f) {
 
 }  // namespace
 
-Diffraction::Diffraction(double first_zero, double step, int most_cells)
+SlopeBlur SlopeBlur::diffraction(double first_zero, double step, int most_cells) {
+    return {sinc_squared, first_zero, step, most_cells};
+}
+SlopeBlur SlopeBlur::gaussian(double rms, double step, int most_cells) { return {normal, rms, step, most_cells}; }
+
+// `density`: of a point's light, even, with integral 1, by slope in `unit` bin pitches.
+SlopeBlur::SlopeBlur(double (&density)(double), double unit, double step, int most_cells)
     : split_(std::max(1, static_cast<int>(std::ceil(step / kFinest - 1e-9)))) {
     const double narrow = step / split_;
     middle_ = split_ * most_cells;
     share_.resize(static_cast<std::size_t>(2 * middle_ + split_));
     // F(x): share of a point's light before x. The light of a uniform fine cell before an edge is a difference of the
-    // integral of F: x F(x) - M(x), with M(x) = integral of t sinc^2(t). All edges are multiples of a fine cell, so F
+    // integral of F: x F(x) - M(x), with M(x) = integral of t density(t). All edges are multiples of a fine cell, so F
     // and M are cumulative sums from 0.
     const int edges = middle_ + 2 * split_ + 1;
     std::vector<double> integral(static_cast<std::size_t>(2 * edges + 1));  // at (k - edges) * narrow
     double share = 0, moment = 0;                                           // from 0
-    const double apart = narrow / first_zero;
+    const double apart = narrow / unit;
     const int pieces = std::max(1, static_cast<int>(std::ceil(4 * apart)));
     for (int k = 0; k <= edges; ++k) {
         const double x = k * apart;
@@ -49,8 +57,8 @@ Diffraction::Diffraction(double first_zero, double step, int most_cells)
         integral[static_cast<std::size_t>(edges - k)] = -x * (0.5 - share) - moment;
         for (int p = 0; p < pieces; ++p) {
             const double a = x + apart * p / pieces, b = x + apart * (p + 1) / pieces;
-            share += five_points(a, b, sinc_squared);
-            moment += five_points(a, b, [](double t) { return t * sinc_squared(t); });
+            share += five_points(a, b, density);
+            moment += five_points(a, b, [&](double t) { return t * density(t); });
         }
     }
     const auto before = [&](int edge) {  // of a fine cell's light that begins at 0; `edge` in fine cells
@@ -62,11 +70,11 @@ Diffraction::Diffraction(double first_zero, double step, int most_cells)
     }
 }
 
-SlopeGrid Diffraction::fine(const SlopeGrid& grid) const {
+SlopeGrid SlopeBlur::fine(const SlopeGrid& grid) const {
     return {grid.left, grid.top, grid.step / split_, grid.i * split_, grid.j * split_};
 }
 
-void Diffraction::blur(const SlopeGrid& grid, const double* fine, double* cells) const {
+void SlopeBlur::blur(const SlopeGrid& grid, const double* fine, double* cells) const {
     const int width = grid.i * split_, height = grid.j * split_;
     std::vector<double> row(static_cast<std::size_t>(grid.i));
     for (int l = 0; l < height; ++l) {
