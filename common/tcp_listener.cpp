@@ -64,6 +64,16 @@ std::string address_text(const sockaddr_storage& address, socklen_t length) {
 
 std::string_view host_of(std::string_view address) { return address.substr(0, address.rfind(':')); }
 
+std::string resolve_problem(const std::string& host) {
+    addrinfo hints{};
+    hints.ai_socktype = SOCK_STREAM;
+    addrinfo* found = nullptr;
+    if (const int error = ::getaddrinfo(host.c_str(), nullptr, &hints, &found); error != 0)
+        return fmt::format("the host name cannot be resolved ({})", ::gai_strerror(error));
+    ::freeaddrinfo(found);
+    return {};
+}
+
 std::string local_address(int fd) {
     sockaddr_storage address{};
     socklen_t length = sizeof address;

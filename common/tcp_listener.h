@@ -1,4 +1,4 @@
-// Listening TCP sockets and their addresses as text.
+// TCP: listening sockets, addresses as text, host names.
 #pragma once
 
 #include <cstdint>
@@ -21,6 +21,9 @@ Result<UniqueFd> listen_on(std::string_view what, const std::string& host, std::
 std::string address_text(const sockaddr_storage& address, socklen_t length);
 // The text without its port.
 std::string_view host_of(std::string_view address);
+
+// Why `host` has no address: a name that cannot be resolved. Empty: it has one. Asks the system's resolver: may block.
+std::string resolve_problem(const std::string& host);
 
 // The address that the socket is bound to; of an invalid one empty.
 std::string local_address(int fd);

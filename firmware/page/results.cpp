@@ -145,6 +145,7 @@ Result<Json> Results::changes(std::int64_t most) {
             row["before"] = c.before;
             row["after"] = c.after;
         }
+        if (!c.damage.empty()) row["damage"] = c.damage;
         rows.push_back(std::move(row));
     }
     return Json{{"rows", std::move(rows)}};
