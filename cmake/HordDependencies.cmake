@@ -45,9 +45,9 @@ if(NOT mosquitto_FOUND)
 endif()
 
 # Of the page alone (firmware/page). pkg-config's own complaint does not name Debian's package.
-pkg_check_modules(httplib IMPORTED_TARGET cpp-httplib)
-if(NOT httplib_FOUND)
-  message(FATAL_ERROR "cpp-httplib, which hord-page answers browsers with, is missing: install libcpp-httplib-dev")
+pkg_check_modules(microhttpd IMPORTED_TARGET libmicrohttpd)
+if(NOT microhttpd_FOUND)
+  message(FATAL_ERROR "libmicrohttpd, which hord-page answers browsers with, is missing: install libmicrohttpd-dev")
 endif()
 pkg_check_modules(prometheus IMPORTED_TARGET prometheus-cpp-core)
 if(NOT prometheus_FOUND)

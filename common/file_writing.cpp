@@ -1,13 +1,14 @@
 #include "common/file_writing.h"
 
+#include <array>
 #include <cerrno>
 #include <cstring>
-#include <fstream>
-#include <iterator>
 #include <string>
 #include <system_error>
 
 #include <fcntl.h>
+#include <poll.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "common/unique_fd.h"
@@ -72,15 +73,33 @@ Result<void> write_durably(const fs::path& file, std::string_view text) {
 }
 
 std::optional<std::string> read_file(const fs::path& file) {
-    std::error_code error;
-    std::ifstream in(file, std::ios::binary);
-    if (!in) return std::nullopt;
-    if (fs::is_directory(file, error)) {
-        errno = EISDIR;  // the stream opens it, and throws when it reads
+    constexpr std::size_t kPiece = 1 << 16, kMaxFile = std::size_t{2} << 30, kMaxOther = std::size_t{64} << 20;
+    constexpr int kPipeTimeout_ms = 5000;
+    const UniqueFd fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY));
+    struct stat what {};
+    if (!fd || ::fstat(fd.get(), &what) != 0) return std::nullopt;
+    const std::size_t most = S_ISREG(what.st_mode) ? kMaxFile : kMaxOther;
+    std::string text;
+    if (S_ISREG(what.st_mode)) text.reserve(static_cast<std::size_t>(what.st_size));
+    for (std::array<char, kPiece> piece;;) {
+        const ssize_t count = ::read(fd.get(), piece.data(), piece.size());
+        if (count == 0) {
+            if (text.empty() && S_ISFIFO(what.st_mode)) errno = ENODATA;  // nobody writes into it
+            else return text;
+        } else if (count > 0 && text.size() + static_cast<std::size_t>(count) <= most) {
+            text.append(piece.data(), static_cast<std::size_t>(count));
+            continue;
+        } else if (count > 0) {
+            errno = EFBIG;
+        } else if (errno == EINTR) {
+            continue;
+        } else if (errno == EAGAIN) {
+            pollfd readable{fd.get(), POLLIN, 0};
+            if (::poll(&readable, 1, kPipeTimeout_ms) != 0) continue;
+            errno = ETIMEDOUT;
+        }
         return std::nullopt;
     }
-    std::string text{std::istreambuf_iterator<char>(in), {}};
-    return in.bad() ? std::nullopt : std::optional(std::move(text));
 }
 
 int write_all(int fd, std::span<const std::byte> bytes) {

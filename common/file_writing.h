@@ -16,7 +16,8 @@
 
 namespace hord::common {
 
-// None: it cannot be read, or is a folder; errno says why.
+// None: it cannot be read, is a folder, or never ends; errno says why. Waits at most 5 s for each piece of a pipe;
+// reads at most 2 GiB of a file, 64 MiB of a pipe or device.
 std::optional<std::string> read_file(const std::filesystem::path& file);
 
 // Whether a rename to this place destroys nothing but an old file. Fails with refused if a symbolic link, a device, a

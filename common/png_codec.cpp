@@ -30,6 +30,8 @@ struct Job {
     std::vector<std::uint8_t> written;
     // reading
     std::span<const std::uint8_t> to_read;
+    std::function<Result<void>(std::uint32_t, std::uint32_t)> check_size;
+    std::optional<Error> refused;  // by it
     GreyPng read;
     bool done = false;
 };
@@ -155,6 +157,8 @@ void read_all(const Png& from, Job& job, const std::string& keyword) {
         bits = significant->gray;
     if (depth == 16) png_set_swap(from.png);
     const auto width = png_get_image_width(from.png, from.info), height = png_get_image_height(from.png, from.info);
+    if (auto good = job.check_size(width, height); !good) job.refused = std::move(good.error());
+    if (job.refused) return;
     const std::size_t row_bytes = static_cast<std::size_t>(width) * (depth == 16 ? 2U : 1U);
     if (std::uint64_t{row_bytes} * height > kMaxUnpacked * job.to_read.size())
         png_error(from.png, "it is too short for the size that it says");
@@ -239,14 +243,18 @@ Result<std::vector<std::uint8_t>> encode_bgr_png(int width_px, int height_px, st
 }
 
 Result<GreyPng> decode_grey_png(std::span<const std::uint8_t> bytes, std::string_view name,
-                                const std::string& note_keyword) {
+                                const std::string& note_keyword, const AcceptSize& accept) {
     Job job;
     job.to_read = bytes;
+    job.check_size = [&](std::uint32_t width, std::uint32_t height) {
+        return check_declared_size(name, width, height, accept);
+    };
     const Png reader(job, false);
     if (reader.info != nullptr) read_all(reader, job, note_keyword);
     if (job.not_grey != nullptr)
         return fail(ErrorCode::unsupported, std::string(name) + " is not a grey frame (" + job.not_grey + ")",
                     "save it as 8- or 16-bit grey PNG, TIFF or binary PGM, one channel");
+    if (job.refused) return tl::unexpected(std::move(*job.refused));
     if (!job.done)
         return fail(ErrorCode::unreadable, std::string(name) + " is truncated or damaged (" + job.why + ")",
                     "record or copy it again");

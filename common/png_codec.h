@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "common/frame.h"
+#include "common/frame_size.h"
 #include "common/result.h"
 
 namespace hord::common {
@@ -53,8 +54,8 @@ struct GreyPng {
 
 // Grey of 8 or 16 bits, interlaced or not. Checks every chunk's checksum. Memory is limited: for the samples to what
 // the bytes can decompress to, for a note to 8 MB; other chunks are skipped. `name` is used in the message. Fails with
-// unreadable (truncated, damaged) and unsupported (not grey).
+// unreadable (truncated, damaged), unsupported (not grey, too large) and as `accept`.
 Result<GreyPng> decode_grey_png(std::span<const std::uint8_t> bytes, std::string_view name,
-                                const std::string& note_keyword = {});
+                                const std::string& note_keyword = {}, const AcceptSize& accept = {});
 
 }  // namespace hord::common

@@ -174,6 +174,11 @@ class GreyReader {
         return {};
     }
 
+    [[nodiscard]] Result<void> check_size(std::string_view name, const AcceptSize& accept) const {
+        const bool transposed = orientation(tag<std::uint16_t>(tiff_, TIFFTAG_ORIENTATION), width_, height_).transposed;
+        return check_declared_size(name, transposed ? height_ : width_, transposed ? width_ : height_, accept);
+    }
+
     // False: libtiff failed (its error says why), or there are too few samples.
     bool read(Frame& frame) const {
         const Orientation to = orientation(tag<std::uint16_t>(tiff_, TIFFTAG_ORIENTATION), width_, height_);
@@ -245,7 +250,7 @@ bool write(const Tiff& tiff, int width_px, int height_px, std::span<const float>
 
 }  // namespace
 
-Result<Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::string_view name) {
+Result<Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::string_view name, const AcceptSize& accept) {
     MemoryFile file{.to_read = bytes};
     const auto damaged = [&](const std::string& why) {
         return fail(
@@ -261,6 +266,7 @@ Result<Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::string_
                     "save it as 8- or 16-bit grey, one channel, uncompressed or with LZW, deflate or PackBits");
     }
     if (const std::string why = reader.damaged(); !why.empty()) return damaged(why);
+    if (auto good = reader.check_size(name, accept); !good) return tl::unexpected(good.error());
     Frame frame;
     if (!reader.read(frame) || !file.why.empty()) return damaged(file.why);
     return frame;

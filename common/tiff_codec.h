@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "common/frame.h"
+#include "common/frame_size.h"
 #include "common/result.h"
 
 namespace hord::common {
@@ -15,7 +16,8 @@ namespace hord::common {
 // LZW, deflate or PackBits; turned by its orientation tag. Memory and time are limited to what the bytes can decompress
 // to. `name` is used in the message. Fails with unreadable (damaged, truncated), unsupported (another layout or
 // compression, several images).
-Result<Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::string_view name);
+Result<Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::string_view name,
+                               const AcceptSize& accept = {});
 
 // One channel of 32-bit floats, uncompressed, in this machine's byte order. `values` has width * height, row by row.
 // Fails with invalid_argument (another number of values, or none), internal.

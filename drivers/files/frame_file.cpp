@@ -65,15 +65,24 @@ Result<void> check_size(const std::string& name, std::uint64_t width, std::uint6
                 "give a frame of the lenslet sensor");
 }
 
-Result<void> check_expected(const std::string& name, const Frame& frame, const ExpectedFrame& expected) {
-    const int width = expected.width_px > 0 ? expected.width_px : frame.width_px();
-    const int height = expected.height_px > 0 ? expected.height_px : frame.height_px();
-    if (frame.width_px() != width || frame.height_px() != height) {
+// Before a frame of this size is decoded.
+common::AcceptSize size_check(const std::string& name, const ExpectedFrame& expected) {
+    return [&](std::uint32_t width, std::uint32_t height) -> Result<void> {
+        if (auto good = check_size(name, width, height); !good) return good;
+        const auto as_declared = [](int wanted, std::uint32_t declared) {
+            return wanted > 0 ? wanted : static_cast<int>(declared);
+        };
+        const int wanted_width = as_declared(expected.width_px, width),
+                  wanted_height = as_declared(expected.height_px, height);
+        if (std::cmp_equal(width, wanted_width) && std::cmp_equal(height, wanted_height)) return {};
         return fail(ErrorCode::invalid_argument,
-                    name + " is " + size_text(frame.width_px(), frame.height_px()) + " pixels, expected " +
-                        size_text(width, height),
+                    name + " is " + size_text(static_cast<int>(width), static_cast<int>(height)) +
+                        " pixels, expected " + size_text(wanted_width, wanted_height),
                     "give frames of the configured sensor, or correct the configured size");
-    }
+    };
+}
+
+Result<void> check_bits(const std::string& name, const Frame& frame, const ExpectedFrame& expected) {
     // A file with two bytes a sample may have any depth from 9 to 16 bits.
     if (expected.bits != 0 && (expected.bits > 8) != (frame.bits() > 8)) {
         return fail(
@@ -102,7 +111,7 @@ Result<void> check_range(const std::string& name, const Frame& frame) {
 }
 
 // "P5", width, height, maximum, each after white space or a comment; then one white space and the samples, big-endian.
-Result<Frame> decode_pgm(std::string_view file, const std::string& name) {
+Result<Frame> decode_pgm(std::string_view file, const std::string& name, const common::AcceptSize& accept) {
     const auto refuse = [&](const std::string& why) {
         return fail(ErrorCode::unreadable, name + " is " + why, "record or copy it again");
     };
@@ -122,6 +131,10 @@ Result<Frame> decode_pgm(std::string_view file, const std::string& name) {
         return refuse(at >= file.size() ? "truncated (its header is cut off)" : "damaged (its PGM header has no size)");
     if (maximum == 0 || maximum > 65535) return refuse("damaged (its PGM maximum is not in 1..65535)");
     if (auto good = check_size(name, width, height); !good) return tl::unexpected(good.error());
+    if (auto good = common::check_declared_size(name, static_cast<std::uint32_t>(width),
+                                                static_cast<std::uint32_t>(height), accept);
+        !good)
+        return tl::unexpected(good.error());
     const auto samples = file.substr(at + 1);
     const int bits = std::max(8, static_cast<int>(std::bit_width(maximum)));
     const std::uint64_t needed = width * height * (bits > 8 ? 2 : 1);
@@ -137,22 +150,23 @@ Result<Frame> decode_pgm(std::string_view file, const std::string& name) {
 }
 
 // `note`: receives the text of the PNG chunk, if there is one; null: it is not read.
-Result<Frame> decode(std::span<const std::byte> bytes, const std::string& name,
+Result<Frame> decode(std::span<const std::byte> bytes, const std::string& name, const ExpectedFrame& expected,
                      std::optional<std::string>* note = nullptr) {
     using namespace std::string_view_literals;
     constexpr const char* kUseGrey = "save it as 8- or 16-bit grey PNG, TIFF or binary PGM, one channel";
     const std::span file(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size());
     const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    const common::AcceptSize accept = size_check(name, expected);
     if (text.empty())
         return fail(ErrorCode::unreadable, name + " is truncated (it is empty)", "record or copy it again");
     if (text.starts_with("\x89PNG\r\n\x1a\n"sv)) {
-        auto png = common::decode_grey_png(file, name, note != nullptr ? kKeyword : "");
+        auto png = common::decode_grey_png(file, name, note != nullptr ? kKeyword : "", accept);
         if (!png) return tl::unexpected(png.error());
         if (note != nullptr) *note = std::move(png->note);
         return std::move(png->frame);
     }
-    if (text.starts_with("II*\0"sv) || text.starts_with("MM\0*"sv)) return common::decode_grey_tiff(file, name);
-    if (text.starts_with("P5")) return decode_pgm(text, name);
+    if (text.starts_with("II*\0"sv) || text.starts_with("MM\0*"sv)) return common::decode_grey_tiff(file, name, accept);
+    if (text.starts_with("P5")) return decode_pgm(text, name, accept);
     if (text.starts_with("P6") || text.starts_with("P3"))
         return fail(ErrorCode::unsupported, name + " is not a grey frame (a colour PPM)", kUseGrey);
     if (text.starts_with("P2"))
@@ -164,9 +178,7 @@ Result<Frame> decode(std::span<const std::byte> bytes, const std::string& name,
 
 // The frame in the expected format.
 Result<Frame> checked(Frame&& frame, const std::string& name, const ExpectedFrame& expected) {
-    auto good =
-        check_size(name, static_cast<std::uint64_t>(frame.width_px()), static_cast<std::uint64_t>(frame.height_px()));
-    if (good) good = check_expected(name, frame, expected);
+    auto good = check_bits(name, frame, expected);
     if (!good) return tl::unexpected(good.error());
     if (expected.bits != 0 && frame.bits() != expected.bits) {
         Frame narrower(frame.width_px(), frame.height_px(), expected.bits);
@@ -206,7 +218,9 @@ Result<std::optional<FrameGeometry>> geometry_of(const fs::path& file, const std
 }  // namespace
 
 Result<Frame> decode_frame(std::span<const std::byte> bytes, const std::string& name, const ExpectedFrame& expected) {
-    return decode(bytes, name).and_then([&](Frame&& frame) { return checked(std::move(frame), name, expected); });
+    return decode(bytes, name, expected).and_then([&](Frame&& frame) {
+        return checked(std::move(frame), name, expected);
+    });
 }
 
 fs::path sidecar_of(const fs::path& file) { return fs::path(file).replace_extension(".frame.json"); }
@@ -215,7 +229,7 @@ Result<NotedFrame> read_noted_frame(const fs::path& file, const ExpectedFrame& e
     const auto bytes = read_bytes(file);
     if (!bytes) return tl::unexpected(bytes.error());
     std::optional<std::string> note;
-    auto frame = decode(*bytes, file.string(), &note);
+    auto frame = decode(*bytes, file.string(), expected, &note);
     if (!frame) return tl::unexpected(frame.error());
     const auto geometry = geometry_of(file, note);
     if (!geometry) return tl::unexpected(geometry.error());

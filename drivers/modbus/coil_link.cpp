@@ -11,6 +11,8 @@
 #include <poll.h>
 #include <unistd.h>
 
+#include "common/tcp_listener.h"
+
 namespace hord::drivers {
 namespace {
 
@@ -89,6 +91,9 @@ Result<void> CoilLink::connect() {
                     error == EACCES ? "join the group dialout"
                                     : "check the adapter, rejector.device, and whether rejector.rs485 fits it");
     }
+    if (const std::string unknown = common::resolve_problem(address_.host); !unknown.empty())
+        return fail(ErrorCode::disconnected, "the rejector module at " + name() + " cannot be reached: " + unknown,
+                    "check rejector.host");
     const bool unanswered = error == ETIMEDOUT || error == EINPROGRESS;
     return fail(unanswered ? ErrorCode::timeout : ErrorCode::disconnected,
                 "the rejector module at " + name() +

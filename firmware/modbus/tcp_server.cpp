@@ -4,14 +4,13 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <map>
 #include <tuple>
 #include <utility>
 #include <vector>
 
-#include <arpa/inet.h>
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <netdb.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <sys/epoll.h>
@@ -19,6 +18,7 @@
 #include <unistd.h>
 
 #include "common/assign.h"
+#include "common/tcp_listener.h"
 #include "common/unique_fd.h"
 
 namespace hord::firmware::modbus {
@@ -26,11 +26,11 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr int kBacklog = 1024;
 constexpr int kAcceptsPerTurn = 8;
 constexpr int kServedPerTurn = 32;         // connections served in one callback of the loop
 constexpr std::uint64_t kEstablished = 8;  // completed requests of an established client
 constexpr auto kEstablishedIdle = 10s;     // longest silence of one
+constexpr std::size_t kCrowd = 4;          // an address that holds more than 1/kCrowd of all connections is crowded
 constexpr auto kPauseWithoutDescriptors = 100ms;
 
 // One turn reads at most kInputSize bytes, and only when every earlier reply has been sent. The shortest request with a
@@ -39,55 +39,12 @@ constexpr std::size_t kInputSize = 264;
 constexpr std::size_t kOutputSize = 8192;
 static_assert((kInputSize / 11 + 1) * kMaxTcpFrame <= kOutputSize);
 
-std::string address_of(const sockaddr_storage& address, socklen_t length) {
-    char host[NI_MAXHOST] = "?", port[NI_MAXSERV] = "?";
-    ::getnameinfo(reinterpret_cast<const sockaddr*>(&address), length, host, sizeof host, port, sizeof port,
-                  NI_NUMERICHOST | NI_NUMERICSERV);
-    return address.ss_family == AF_INET6 ? fmt::format("[{}]:{}", host, port) : fmt::format("{}:{}", host, port);
+bool writes(std::uint8_t function) {
+    constexpr std::array<std::uint8_t, 6> kWriting{5, 6, 15, 16, 22, 23};
+    return std::ranges::find(kWriting, function) != kWriting.end();
 }
 
 void set_option(int fd, int level, int option, int value) { ::setsockopt(fd, level, option, &value, sizeof value); }
-
-tl::unexpected<Error> listen_error(const ServerOptions& options, int error) {
-    const std::string where = fmt::format("Modbus port {} on {}", options.port, options.host);
-    switch (error) {
-        case EADDRINUSE:
-            return fail(ErrorCode::busy, where + " is taken by another program",
-                        fmt::format("choose another port, or stop the program that `ss -ltnp 'sport = :{}'` names",
-                                    options.port));
-        case EACCES:
-        case EPERM:
-            return fail(ErrorCode::refused, where + " may not be opened by this user",
-                        "choose a port from 1024 up, or let systemd open it (socket activation)");
-        case EADDRNOTAVAIL:
-            return fail(ErrorCode::not_found, fmt::format("{} is not an address of this machine", options.host),
-                        "choose one that `ip address` lists, or 0.0.0.0 for all");
-        default:
-            return fail(ErrorCode::io, fmt::format("{} cannot be opened: {}", where, std::strerror(error)),
-                        "check the network");
-    }
-}
-
-Result<common::UniqueFd> listen_on(const ServerOptions& options) {
-    addrinfo hints{};
-    hints.ai_flags = AI_PASSIVE | AI_NUMERICHOST | AI_NUMERICSERV;
-    hints.ai_socktype = SOCK_STREAM;
-    addrinfo* found = nullptr;
-    const std::string host = options.host == "localhost" ? "127.0.0.1" : options.host;
-    if (::getaddrinfo(host.c_str(), std::to_string(options.port).c_str(), &hints, &found) != 0) {
-        return fail(ErrorCode::invalid_argument,
-                    fmt::format("\"{}\" is not a network address to listen on", options.host),
-                    "give an IPv4 or IPv6 address of this machine, or 0.0.0.0 for all");
-    }
-    common::UniqueFd fd(::socket(found->ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
-    set_option(fd.get(), SOL_SOCKET, SO_REUSEADDR, 1);
-    const bool good =
-        fd.get() >= 0 && ::bind(fd.get(), found->ai_addr, found->ai_addrlen) == 0 && ::listen(fd.get(), kBacklog) == 0;
-    const int error = errno;
-    ::freeaddrinfo(found);
-    if (!good) return listen_error(options, error);
-    return fd;
-}
 
 }  // namespace
 
@@ -95,7 +52,7 @@ struct Server::Impl {
     struct Connection {
         common::UniqueFd fd;
         std::string peer;
-        bool may_write = false;
+        bool may_write = false, has_written = false;  // may, has: completed a writing request
         FramerTcp framer;
         std::array<std::uint8_t, kOutputSize> output;
         std::size_t filled = 0, sent = 0;  // output[sent, filled) is not sent yet
@@ -166,9 +123,14 @@ struct Server::Impl {
                 ++statistics.refused;
                 continue;
             }
+            const bool may_write = options.may_write && access == Access::read_write;
+            std::string peer = common::address_text(address, length);
+            if (connections.size() >= options.max_connections && !evict(may_write, peer)) {
+                ++statistics.refused;
+                continue;
+            }
             ++statistics.accepted;
-            if (connections.size() >= options.max_connections) evict();
-            welcome(std::move(fd), address_of(address, length), options.may_write && access == Access::read_write);
+            welcome(std::move(fd), std::move(peer), may_write);
         }
     }
 
@@ -189,22 +151,29 @@ struct Server::Impl {
         wait_for(c, EPOLL_CTL_ADD, EPOLLIN);
     }
 
-    void evict() {
-        const auto rank = [now = loop.now()](const std::unique_ptr<Connection>& c) {
-            int tier = c->requests_done == 0 ? 0 : c->requests_done < kEstablished ? 1 : 2;
-            if (tier == 2 && now - c->last_used > kEstablishedIdle) tier = 1;
-            return std::tuple(tier, c->last_used);
+    // Closes a connection for a newcomer. False: the newcomer may only read, and all connections may write.
+    bool evict(bool for_writer, std::string_view newcomer) {
+        std::map<std::string_view, std::size_t> held{{common::host_of(newcomer), 1}};
+        for (const auto& c : connections) ++held[common::host_of(c->peer)];
+        const auto rank = [&, now = loop.now()](const Connection& c) {
+            int tier = c.requests_done == 0 ? 0 : c.requests_done < kEstablished ? 1 : 2;
+            if (tier == 2 && now - c.last_used > kEstablishedIdle) tier = 1;
+            const bool crowded = kCrowd * held[common::host_of(c.peer)] > options.max_connections;
+            return std::tuple(c.has_written, !crowded, tier, c.last_used);
         };
-        const auto victim = std::min_element(connections.begin(), connections.end(),
-                                             [&](const auto& a, const auto& b) { return rank(a) < rank(b); });
-        if (victim == connections.end()) return;
+        Connection* victim = nullptr;
+        for (const auto& c : connections) {
+            if ((for_writer || !c->may_write) && (victim == nullptr || rank(*c) < rank(*victim))) victim = c.get();
+        }
+        if (victim == nullptr) return false;
         ++statistics.evicted;
-        close(**victim);
+        close(*victim);
+        return true;
     }
 
     // The process has no descriptors left: close a connection, or try again later.
     void make_room_for_descriptors() {
-        if (!connections.empty()) return evict();
+        if (evict(false, {}) || evict(true, {})) return;
         loop.unwatch(std::exchange(listener_watch, hal::EventLoop::WatchId::none));
         pause = loop.call_after(kPauseWithoutDescriptors, [this] {
             pause = hal::EventLoop::TimerId::none;
@@ -249,7 +218,9 @@ struct Server::Impl {
     }
 
     void close(Connection& c) {
-        c.fd.reset();  // removes it from the epoll, too
+        // Closing alone leaves it in the epoll while a forked child holds the descriptor.
+        ::epoll_ctl(ready.get(), EPOLL_CTL_DEL, c.fd.get(), nullptr);
+        c.fd.reset();
         const auto at =
             std::find_if(connections.begin(), connections.end(), [&](const auto& p) { return p.get() == &c; });
         closed.push_back(std::move(*at));
@@ -285,6 +256,7 @@ struct Server::Impl {
         ++c.replies_waiting;
         ++statistics.requests;
         if ((frame[kMbapSize] & 0x80U) != 0) ++statistics.exceptions;
+        else if (writes(frame[kMbapSize])) c.has_written = true;
     }
 
     // False: the connection is lost. Bytes that do not fit into the socket's buffer stay in `output`.
@@ -307,7 +279,7 @@ Server::Server(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Server::~Server() = default;
 
 Result<std::unique_ptr<Server>> Server::open(hal::EventLoop& loop, RegisterModel& model, ServerOptions options) {
-    auto fd = listen_on(options);
+    auto fd = common::listen_on("Modbus", options.host, options.port);
     if (!fd) return tl::unexpected(fd.error());
     return adopt(loop, model, fd->release(), std::move(options));
 }
@@ -334,13 +306,8 @@ Result<std::unique_ptr<Server>> Server::adopt(hal::EventLoop& loop, RegisterMode
 
 void Server::set_access(std::vector<AccessRule> access) { impl_->set_access(std::move(access)); }
 
-std::uint16_t Server::port() const {
-    sockaddr_storage address{};
-    socklen_t length = sizeof address;
-    if (::getsockname(impl_->listener.get(), reinterpret_cast<sockaddr*>(&address), &length) != 0) return 0;
-    return ntohs(address.ss_family == AF_INET6 ? reinterpret_cast<const sockaddr_in6&>(address).sin6_port
-                                               : reinterpret_cast<const sockaddr_in&>(address).sin_port);
-}
+std::string Server::address() const { return common::local_address(impl_->listener.get()); }
+std::uint16_t Server::port() const { return common::local_port(impl_->listener.get()); }
 
 ServerStatistics Server::statistics() const {
     ServerStatistics now = impl_->statistics;

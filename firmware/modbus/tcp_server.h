@@ -1,9 +1,12 @@
 // The Modbus TCP server: on the event loop, never blocking, with bounded memory.
 //
 // A client cannot block others. Slow or partial requests wait in the connection's own framer. A client that does not
-// read its replies is not read. The first wrong header closes the connection. A turn serves a few requests of each. A
-// new connection always gets a slot: closed for it is one that never completed a request, else one that completed few,
-// else the one idle for longest.
+// read its replies is not read. The first wrong header closes the connection. A turn serves a few requests of each.
+//
+// A new connection gets a slot. Closed for it is, in this order: one that never wrote before one that did; one of an
+// address that holds more than a quarter of all slots; one that never completed a request, then one that completed few,
+// then the one idle for longest. A connection that may write is never closed for one that may only read: the newcomer
+// is refused then.
 #pragma once
 
 #include <cstdint>
@@ -31,7 +34,7 @@ struct ServerStatistics {
     std::uint64_t accepted = 0;  // connections
     std::uint64_t evicted = 0;   // closed to make room for others
     std::uint64_t broken = 0;    // closed for bytes that are not Modbus
-    std::uint64_t refused = 0;   // closed at once by the access rules
+    std::uint64_t refused = 0;   // closed at once by the access rules, or because all others may write
     std::uint64_t requests = 0, exceptions = 0;
     std::size_t connections = 0;  // now
 };
@@ -56,6 +59,7 @@ class Server {
     // Loop thread. Replaces the access rules; connections that they do not allow are closed.
     void set_access(std::vector<AccessRule> access);
 
+    [[nodiscard]] std::string address() const;  // that it listens at: "127.0.0.1:502"
     [[nodiscard]] std::uint16_t port() const;
     [[nodiscard]] ServerStatistics statistics() const;  // loop thread
 

@@ -166,7 +166,8 @@ void EdgeNode::host_state(std::string_view text, UtcMs now) {
     if (!understood) return refuse("a state of the primary host that is no {\"online\":...,\"timestamp\":...}");
     const auto time = json["timestamp"].get<std::int64_t>();
     if (time < host_time_) return;  // older than the known state
-    host_time_ = time;
+    // A time in the future would make every later state too old: it counts as now.
+    host_time_ = std::min<std::int64_t>(time, now);
     const bool online = json["online"].get<bool>();
     if (online && session_ == Session::waiting) birth(now);
     if (!online && session_ == Session::born) {

@@ -3,7 +3,6 @@
 #include <csignal>
 #include <cstdio>
 #include <string>
-#include <thread>
 
 #include <fmt/format.h>
 #include <unistd.h>
@@ -95,16 +94,13 @@ int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint
         light_at = now;
         if (const auto kept = frames.newest()) live.set_light(brightest_share(kept->frame.frame.view()));
     });
-    std::thread answering([&] { (*server)->run(); });
-    log(fmt::format("http://{}:{}/ shows the station at {}{}", config.host, (*server)->port(), config.modbus,
+    log(fmt::format("http://{}/ shows the station at {}{}", (*server)->address(), config.modbus,
                     tokens.empty() ? "" : "; commands need a token"));
     if (!tokens.empty() && config.host != "127.0.0.1" && config.host != "localhost" && config.host != "::1") {
         log("tokens travel unencrypted beyond this machine: put a TLS proxy in front, see docs/page.md");
     }
     int signal = 0;
     sigwait(&ends, &signal);
-    (*server)->stop();
-    answering.join();
     return 0;
 }
 

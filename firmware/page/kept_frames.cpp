@@ -1,11 +1,15 @@
 #include "firmware/page/kept_frames.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <cinttypes>
 #include <cstdio>
-#include <fstream>
+#include <utility>
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "firmware/store/frames/frame_archive.h"
 
@@ -61,21 +65,21 @@ void KeptFrames::refresh() {
 
 Result<KeptFrame> KeptFrames::read(const std::string& name) const {
     const fs::path file = folder_ / name;
-    std::error_code error;
-    const auto size = fs::file_size(file, error);
-    if (error)
-        return fail(ErrorCode::not_found, name + " is no longer kept",
-                    "the ring of pictures has made room for newer ones");
-    if (size > kLargestFile)
-        return fail(ErrorCode::unreadable, name + " is too large for a frame", "see the store's folder");
     KeptFrame kept;
     kept.name = name;
-    kept.bytes.resize(static_cast<std::size_t>(size));
-    std::ifstream in(file, std::ios::binary);
-    if (!in.read(reinterpret_cast<char*>(kept.bytes.data()), static_cast<std::streamsize>(size))) {
+    kept.file.reset(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+    if (!kept.file && errno == ENOENT)
+        return fail(ErrorCode::not_found, name + " is no longer kept",
+                    "the ring of pictures has made room for newer ones");
+    struct stat what {};
+    const bool regular = kept.file && ::fstat(kept.file.get(), &what) == 0 && S_ISREG(what.st_mode);
+    if (regular && std::cmp_greater(what.st_size, kLargestFile))
+        return fail(ErrorCode::unreadable, name + " is too large for a frame", "see the store's folder");
+    kept.file_size = regular ? static_cast<std::size_t>(what.st_size) : 0;
+    std::vector<std::uint8_t> bytes(kept.file_size);
+    if (!regular || ::pread(kept.file.get(), bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size()))
         return fail(ErrorCode::io, name + " cannot be read", "check the rights of the page's user, and the disk");
-    }
-    auto frame = store::decode_png(kept.bytes, name);
+    auto frame = store::decode_png(bytes, name);
     if (!frame) return tl::unexpected(frame.error());
     kept.frame = std::move(*frame);
     auto metadata = store::FrameMetadata::from_json(kept.frame.metadata, name);

@@ -10,14 +10,16 @@
 #include <vector>
 
 #include "common/result.h"
+#include "common/unique_fd.h"
 #include "firmware/store/frames/frame_metadata.h"
 #include "firmware/store/frames/frame_png.h"
 
 namespace hord::firmware::page {
 
 struct KeptFrame {
-    std::string name;                 // of its file
-    std::vector<std::uint8_t> bytes;  // of its file
+    std::string name;  // of its file
+    common::UniqueFd file;
+    std::size_t file_size = 0;
     store::AnnotatedFrame frame;
     store::FrameMetadata metadata;
 };

@@ -1,7 +1,9 @@
 #include "firmware/page/pages.h"
 
 #include <algorithm>
+#include <cctype>
 #include <chrono>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -17,6 +19,8 @@ using store::to_text;
 
 constexpr std::string_view kBearer = "Bearer ";
 constexpr auto kFrameTimeout = std::chrono::seconds(5);
+constexpr std::uint64_t kRefusalsLogged = 5;  // in kRefusalPeriod
+constexpr auto kRefusalPeriod = std::chrono::seconds(60);
 
 Reply refusal(int status, std::string_view what, std::string_view cure) {
     return {.status = status, .body = to_text({{"error", what}, {"cure", cure}})};
@@ -42,15 +46,21 @@ std::string field(const Fields& fields, const std::string& name) {
     return at == fields.end() ? std::string() : at->second;
 }
 
-// "localhost:8070", "[::1]:8070" without its port, in lower case.
+// "localhost:8070", "[::1]:8070" without its port, in lower case. Empty: no host with or without a port (RFC 3986),
+// such as "[::1].evil" or "127.0.0.1:x@evil".
 std::string host_alone(std::string_view host) {
-    if (host.starts_with('[')) {
-        const auto end = host.find(']');
-        host = end == std::string_view::npos ? host : host.substr(0, end + 1);
-    } else if (const auto colon = host.find(':'); colon != std::string_view::npos) {
-        host = host.substr(0, colon);
-    }
-    return lower(host);
+    const bool bracketed = host.starts_with('[');
+    const auto end = std::min(bracketed ? host.find(']') : host.find(':'), host.size());
+    const auto name = host.substr(0, end + (bracketed && end < host.size() ? 1 : 0));
+    const auto port = host.substr(name.size());
+    const auto allowed = [&](unsigned char c) {
+        return std::isalnum(c) != 0 || c == '.' || c == '-' || c == '_' ||
+            (bracketed && (c == ':' || c == '[' || c == ']'));
+    };
+    const auto digit = [](char c) { return c >= '0' && c <= '9'; };
+    if (!std::ranges::all_of(name, allowed)) return {};
+    if (!port.empty() && (port[0] != ':' || !std::ranges::all_of(port.substr(1), digit))) return {};
+    return lower(name);
 }
 
 // The commands that the page offers. A recipe is selected by number; its limits cannot be set on the page.
@@ -99,28 +109,27 @@ const std::vector<std::pair<std::string, std::string>>& headers_of_every_reply()
 
 bool Pages::may_be_called(std::string_view given) const {
     const std::string host = host_alone(given);
+    if (host.empty()) return false;
     if (host == "localhost" || host == "127.0.0.1" || host == "[::1]" || host == host_alone(deps_.config.host))
         return true;
     return std::find(deps_.config.names.begin(), deps_.config.names.end(), host) != deps_.config.names.end();
 }
 
-std::optional<Reply> Pages::answer_without_body(const Request& request) {
-    auto reply = reply_without_body(request);
-    const std::lock_guard lock(mutex_);
-    if (reply) ++replies_[reply->status];
-    return reply;
-}
-
-Reply Pages::answer_command(const Request& request) {
-    Reply reply = execute(request);
+Reply Pages::answer(const Request& request) {
+    Reply reply = reply_to(request);
     const std::lock_guard lock(mutex_);
     ++replies_[reply.status];
     return reply;
 }
 
-std::optional<Reply> Pages::reply_without_body(const Request& request) {
-    if (request.host.empty() || !may_be_called(request.host)) {
-        return refusal(421, "this page is not called \"" + host_alone(request.host).substr(0, 80) + "\"",
+bool Pages::is_in_memory(const Request& request) {
+    constexpr std::string_view kSlow[] = {"/parts/", "/api/results", "/api/recipe", "/api/changes", "/api/command"};
+    return std::ranges::none_of(kSlow, [&](std::string_view path) { return request.path.starts_with(path); });
+}
+
+Reply Pages::reply_to(const Request& request) {
+    if (!may_be_called(request.host)) {
+        return refusal(421, "this page is not called \"" + request.host.substr(0, 80) + "\"",
                        "add the name to page.names in page.toml, or use the address that it listens at");
     }
     if (request.path.find('\0') != std::string::npos || request.path.empty() || request.path[0] != '/')
@@ -131,7 +140,7 @@ std::optional<Reply> Pages::reply_without_body(const Request& request) {
                                   "to allow commands, name a file of tokens in page.toml: [actions] tokens", request);
         if (!request.content_type.starts_with("application/json"))
             return refuse_command(415, "a command is JSON", "send {\"command\":\"stop\"} as application/json", request);
-        return std::nullopt;
+        return execute(request);
     }
     if (request.method == "GET" || request.method == "HEAD") return get(request);
     Reply reply = refusal(405, "this page only answers GET", "commands are sent to /api/command with POST");
@@ -221,13 +230,23 @@ Reply Pages::part(const Request& request, std::string_view name, std::string_vie
         }
         const std::string text = to_text(record, 2) + "\n";
         if (what == "record.json") return download(file("application/json", text), base + ".json");
-        std::vector<ArchiveMember> members{{base + "/record.json", text}};
-        const std::string frame = kept ? bytes(kept->bytes) : std::string();
-        if (kept) members.push_back({base + "/frame.png", frame});
-        return download(file("application/x-tar", tar_of(members, row->time_us / 1'000'000)), base + ".tar");
+        const std::int64_t time_s = row->time_us / 1'000'000;
+        Reply tar = file("application/x-tar",
+                         tar_header(base + "/record.json", text.size(), time_s) + text + tar_padding(text.size()));
+        if (kept) {
+            tar.body += tar_header(base + "/frame.png", kept->file_size, time_s);
+            tar.file = {std::move(kept->file), kept->file_size};
+            tar.tail = tar_padding(kept->file_size);
+        }
+        tar.tail.append(2 * kTarBlock, '\0');
+        return download(std::move(tar), base + ".tar");
     }
     if (!kept) return refusal(kept.error());
-    if (what == "frame.png") return download(file("image/png", bytes(kept->bytes)), base + ".png");
+    if (what == "frame.png") {
+        Reply png = file("image/png", "");
+        png.file = {std::move(kept->file), kept->file_size};
+        return download(std::move(png), base + ".png");
+    }
     const auto drawn = deps_.pictures.draw(*kept, field(request.query, "map"));
     if (!drawn) return refusal(drawn.error());
     if (what == "found.json") return json_text((*drawn)->found);
@@ -254,8 +273,25 @@ Reply Pages::refuse_command(int status, const char* what, const char* cure, cons
         const std::lock_guard lock(mutex_);
         ++commands_["refused"];
     }
-    if (deps_.log) deps_.log(fmt::format("a command from {} is refused: {}", request.peer, what));
+    log_refusal(fmt::format("a command from {} is refused: {}", request.peer, what));
     return refusal(status, what, cure);
+}
+
+// A client may send refused commands without end: most are only counted.
+void Pages::log_refusal(const std::string& line) {
+    if (!deps_.log) return;
+    std::uint64_t not_logged = 0;
+    {
+        const std::lock_guard lock(mutex_);
+        if (const auto now = std::chrono::steady_clock::now(); now - refusals_since_ >= kRefusalPeriod) {
+            not_logged = refusals_ > kRefusalsLogged ? refusals_ - kRefusalsLogged : 0;
+            refusals_ = 0;
+            refusals_since_ = now;
+        }
+        if (++refusals_ > kRefusalsLogged) return;
+    }
+    if (not_logged > 0) deps_.log(fmt::format("{} more commands were refused and not logged", not_logged));
+    deps_.log(line);
 }
 
 Reply Pages::execute(const Request& request) {

@@ -14,6 +14,7 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <functional>
 #include <map>
 #include <mutex>
@@ -22,6 +23,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/unique_fd.h"
 #include "firmware/page/kept_frames.h"
 #include "firmware/page/live.h"
 #include "firmware/page/metrics.h"
@@ -45,6 +47,11 @@ struct Reply {
     int status = 200;
     std::string type = "application/json";
     std::string body = {};
+    struct File {  // sent after the body; read while it is sent
+        common::UniqueFd fd = {};
+        std::size_t size = 0;
+    } file = {};
+    std::string tail = {};                                          // sent after the file
     std::vector<std::pair<std::string, std::string>> headers = {};  // beside those of every reply
     bool events = false;                                            // Viewers sends the rest; body is the beginning
 };
@@ -70,10 +77,9 @@ class Pages {
     };
     explicit Pages(Dependencies dependencies) : deps_(std::move(dependencies)) {}
 
-    // The reply to a request whose body is not needed. Empty: read the body and call answer_command(); only
-    // /api/command has one.
-    [[nodiscard]] std::optional<Reply> answer_without_body(const Request& request);
-    [[nodiscard]] Reply answer_command(const Request& request);
+    [[nodiscard]] Reply answer(const Request& request);
+    // The answer needs neither the store nor a frame nor the station: it is there at once.
+    [[nodiscard]] static bool is_in_memory(const Request& request);
 
     void count_turned_away() { ++turned_away_; }
 
@@ -83,8 +89,9 @@ class Pages {
     [[nodiscard]] Reply metrics();
     [[nodiscard]] bool may_be_called(std::string_view host) const;
     [[nodiscard]] Reply refuse_command(int status, const char* what, const char* cure, const Request& request);
-    [[nodiscard]] std::optional<Reply> reply_without_body(const Request& request);
+    [[nodiscard]] Reply reply_to(const Request& request);
     [[nodiscard]] Reply execute(const Request& request);
+    void log_refusal(const std::string& line);
 
     const Dependencies deps_;
     std::timed_mutex frame_mutex_;  // frames are large: one in memory at a time
@@ -92,6 +99,8 @@ class Pages {
     std::map<int, std::uint64_t> replies_;
     std::map<std::string, std::uint64_t> commands_{{"completed", 0}, {"failed", 0}, {"refused", 0}};
     std::atomic<std::uint64_t> turned_away_{0};
+    std::chrono::steady_clock::time_point refusals_since_{};
+    std::uint64_t refusals_ = 0;  // since then
 };
 
 }  // namespace hord::firmware::page

@@ -145,6 +145,7 @@ Result<Json> Results::changes(std::int64_t most) {
             row["before"] = c.before;
             row["after"] = c.after;
         }
+        if (!c.damage.empty()) row["damage"] = c.damage;
         rows.push_back(std::move(row));
     }
     return Json{{"rows", std::move(rows)}};
@@ -165,34 +166,29 @@ Result<Json> Results::recipe_in_use() {
                 {"text", newest.after}};
 }
 
-std::string tar_of(std::span<const ArchiveMember> members, std::int64_t time_s) {
-    constexpr std::size_t kBlock = 512;
-    std::string out;
-    for (const ArchiveMember& member : members) {
-        std::string header(kBlock, '\0');
-        const auto put = [&](std::size_t at, const std::string& text) {
-            std::memcpy(header.data() + at, text.data(), text.size());
-        };
-        put(0, member.name.substr(0, 99));
-        put(100, "0000644");
-        put(108, "0000000");
-        put(116, "0000000");
-        put(124, fmt::format("{:011o}", member.bytes.size()));
-        put(136, fmt::format("{:011o}", std::max<std::int64_t>(time_s, 0)));
-        put(148, "        ");  // the checksum field counts as blanks
-        put(156, "0");
-        put(257,
-            std::string("ustar\0"
-                        "00",
-                        8));
-        unsigned sum = 0;
-        for (const char c : header) sum += static_cast<unsigned char>(c);
-        put(148, fmt::format("{:06o}", sum) + std::string("\0 ", 2));
-        out += header;
-        out += member.bytes;
-        out.append((kBlock - member.bytes.size() % kBlock) % kBlock, '\0');
-    }
-    return out.append(2 * kBlock, '\0');
+std::string tar_header(const std::string& name, std::size_t size, std::int64_t time_s) {
+    std::string header(kTarBlock, '\0');
+    const auto put = [&](std::size_t at, const std::string& text) {
+        std::memcpy(header.data() + at, text.data(), text.size());
+    };
+    put(0, name.substr(0, 99));
+    put(100, "0000644");
+    put(108, "0000000");
+    put(116, "0000000");
+    put(124, fmt::format("{:011o}", size));
+    put(136, fmt::format("{:011o}", std::max<std::int64_t>(time_s, 0)));
+    put(148, "        ");  // the checksum field counts as blanks
+    put(156, "0");
+    put(257,
+        std::string("ustar\0"
+                    "00",
+                    8));
+    unsigned sum = 0;
+    for (const char c : header) sum += static_cast<unsigned char>(c);
+    put(148, fmt::format("{:06o}", sum) + std::string("\0 ", 2));
+    return header;
 }
+
+std::string tar_padding(std::size_t size) { return std::string((kTarBlock - size % kTarBlock) % kTarBlock, '\0'); }
 
 }  // namespace hord::firmware::page

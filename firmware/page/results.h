@@ -61,11 +61,10 @@ class Results {
     std::timed_mutex mutex_;
 };
 
-// A tar archive of whole files, in memory.
-struct ArchiveMember {
-    std::string name;  // at most 99 characters
-    std::string_view bytes;
-};
-std::string tar_of(std::span<const ArchiveMember> members, std::int64_t time_s);
+// A tar archive is, for each member, a header of 512 bytes, its bytes and zeros up to 512; then two blocks of zeros.
+constexpr std::size_t kTarBlock = 512;
+// `name`: at most 99 characters.
+std::string tar_header(const std::string& name, std::size_t size, std::int64_t time_s);
+std::string tar_padding(std::size_t size);
 
 }  // namespace hord::firmware::page

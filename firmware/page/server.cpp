@@ -1,303 +1,508 @@
+// More than 450 lines: everything that needs libmicrohttpd is here.
 #include "firmware/page/server.h"
 
 #include <algorithm>
 #include <atomic>
-#include <cerrno>
+#include <charconv>
 #include <chrono>
 #include <condition_variable>
 #include <cstring>
 #include <deque>
-#include <functional>
+#include <list>
+#include <mutex>
 #include <thread>
 #include <utility>
 #include <vector>
 
-#include <fmt/format.h>
+#include <microhttpd.h>
+#include <netinet/in.h>
+#include <unistd.h>
 
-#include "firmware/page/http_connection.h"
+#include "common/tcp_listener.h"
 
 namespace hord::firmware::page {
 namespace {
 
-constexpr int kRequestsOfOneConnection = 100, kBacklog = 128;
-constexpr std::size_t kThreadsBesideViewers = 12, kMaxWaiting = 32;
-constexpr auto kHeadTimeout = std::chrono::seconds(5), kIdleTimeout = std::chrono::seconds(3);
-constexpr auto kKeepAlive = std::chrono::milliseconds(3000);  // comment to a browser without an event
+using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
 
-thread_local Connection* current_connection = nullptr;  // the connection that this thread serves
-thread_local bool rejecting = false;
+constexpr auto kRequestTimeout = 5s;      // until a request is there, from the connection or from the last reply
+constexpr auto kReplyTimeout = 30s;       // until the reply is taken, from the request
+constexpr unsigned kEventTimeout_s = 10;  // of a viewer that takes nothing
+constexpr auto kKeepAlive = 3s;           // comment to a viewer without an event
+constexpr auto kTick = 200ms;             // of checking the times above
+constexpr std::size_t kMaxConnections = 192, kMaxOfOneAddress = 64;
+constexpr std::size_t kWorkers = 4, kMaxWaiting = 64;
+constexpr std::size_t kLargestHead = 8 * 1024, kLargestBody = 4 * 1024;
+constexpr std::size_t kConnectionMemory = 16 * 1024;       // head and library's own data
+constexpr std::size_t kChunk = 32 * 1024;                  // of a reply
+constexpr std::size_t kMostReplyBytes = 64 * 1024 * 1024;  // of all replies in memory; frames stay in their files
 
-Request request_from(const httplib::Request& from) {
-    Request request;
-    request.method = from.method;
-    request.path = from.path;
-    for (const auto& [name, value] : from.params) request.query.emplace(name, value);
-    request.body = from.body;
-    request.host = from.get_header_value("Host");
-    request.origin = from.get_header_value("Origin");
-    request.fetch_site = from.get_header_value("Sec-Fetch-Site");
-    request.authorization = from.get_header_value("Authorization");
-    request.content_type = from.get_header_value("Content-Type");
-    request.peer = from.remote_addr;
-    return request;
+std::optional<std::string> percent_decoded(std::string_view text) {
+    std::string out;
+    for (std::size_t k = 0; k < text.size(); ++k) {
+        unsigned value = static_cast<unsigned char>(text[k]);
+        if (text[k] == '%') {
+            if (k + 2 >= text.size()) return std::nullopt;
+            const auto read = std::from_chars(text.data() + k + 1, text.data() + k + 3, value, 16);
+            if (read.ptr != text.data() + k + 3) return std::nullopt;
+            k += 2;
+        }
+        out += static_cast<char>(value);
+    }
+    return out;
 }
 
-// A fixed number of threads with a bounded queue. A connection beyond the queue is served at once by the accepting
-// thread, with `rejecting` set: it is answered 503.
-class Threads final : public httplib::TaskQueue {
-  public:
-    Threads(std::size_t count, std::atomic<int>& waiting) : count_(waiting) {
-        for (std::size_t k = 0; k < count; ++k) threads_.emplace_back([this] { work(); });
-    }
-    // void in cpp-httplib 0.11, bool (whether it was taken) from 0.14 on.
-    using Taken = decltype(std::declval<httplib::TaskQueue&>().enqueue(std::function<void()>()));
-    Taken enqueue(std::function<void()> task) override {
-        {
-            const std::lock_guard lock(mutex_);
-            if (!ended_ && waiting_.size() < kMaxWaiting) {
-                waiting_.push_back(std::move(task));
-                ++count_;
-                wake_.notify_one();
-                return static_cast<Taken>(true);
-            }
-        }
-        rejecting = true;
-        task();
-        rejecting = false;
-        return static_cast<Taken>(true);
-    }
-    void shutdown() override {
-        {
-            const std::lock_guard lock(mutex_);
-            ended_ = true;
-        }
-        wake_.notify_all();
-        for (std::thread& thread : threads_) thread.join();
-        threads_.clear();
-    }
+Reply error_reply(int status, std::string_view what, std::string_view cure) {
+    Reply reply{.status = status, .body = store::to_text({{"error", what}, {"cure", cure}})};
+    if (status == 503) reply.headers.emplace_back("Retry-After", "2");
+    return reply;
+}
 
-  private:
-    void work() {
-        while (true) {
-            std::function<void()> task;
-            {
-                std::unique_lock lock(mutex_);
-                wake_.wait(lock, [this] { return ended_ || !waiting_.empty(); });
-                if (waiting_.empty()) return;
-                task = std::move(waiting_.front());
-                waiting_.pop_front();
-                --count_;
-            }
-            task();
-        }
-    }
-    std::atomic<int>& count_;  // of waiting_
-    std::mutex mutex_;
-    std::condition_variable wake_;
-    std::deque<std::function<void()>> waiting_;
-    bool ended_ = false;
-    std::vector<std::thread> threads_;
+// A connection. All under Impl::mutex, except `peer`.
+struct Client {
+    int fd = -1;
+    std::string peer;  // its address, without the port
+    Clock::time_point since, due;
+    bool asking = true;  // no request of it is whole
+    bool ended = false;  // shut down; the library closes it soon
 };
 
-class HttpServer final : public httplib::Server {
-  public:
-    HttpServer(Pages& pages, Viewers& viewers) : pages_(pages), viewers_(viewers) {
-        httplib::Headers headers;
-        for (const auto& [name, value] : headers_of_every_reply()) headers.emplace(name, value);
-        set_default_headers(headers);
-        set_payload_max_length(kLargestBody);
-        set_tcp_nodelay(true);
-        set_keep_alive_max_count(kRequestsOfOneConnection);  // for the header Keep-Alive; serve() enforces it
-        set_keep_alive_timeout(kIdleTimeout.count());
-        set_socket_options([](socket_t fd) {
-            const int yes = 1;
-            ::setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
-        });
-        set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& response) {
-            if (!request.get_header_value("Content-Encoding").empty() ||
-                !request.get_header_value("Transfer-Encoding").empty()) {
-                send_reply(
-                    {415,
-                     "application/json",
-                     R"({"error":"a packed or chunked body is not read","cure":"send it plainly, with its length"})",
-                     {},
-                     false},
-                    response);
-                return HandlerResponse::Handled;
-            }
-            auto reply = pages_.answer_without_body(request_from(request));
-            if (!reply) return HandlerResponse::Unhandled;
-            send_reply(std::move(*reply), response);
-            return HandlerResponse::Handled;
-        });
-        Post("/api/command", [this](const httplib::Request& request, httplib::Response& response) {
-            send_reply(pages_.answer_command(request_from(request)), response);
-        });
-        set_error_handler(Handler([](const httplib::Request&, httplib::Response& response) {
-            if (response.body.empty())
-                response.set_content(R"({"error":"the request cannot be read","cure":"see docs/page.md"})",
-                                     "application/json");
-        }));
-        set_exception_handler([](const httplib::Request&, httplib::Response& response, const std::exception_ptr&) {
-            response.status = 500;
-            response.set_content(R"({"error":"the page failed at this request","cure":"report it"})",
-                                 "application/json");
-        });
+Client& client_of(MHD_Connection* connection) {
+    return *static_cast<Client*>(
+        MHD_get_connection_info(connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT)->socket_context);
+}
+
+// A request until its reply is sent.
+struct Exchange {
+    Request request;
+    std::optional<Reply> reply;
+};
+
+// Collects the header lines that count; `wrong`: one that no browser sends.
+struct Head {
+    Request& request;
+    int hosts = 0, lengths = 0;
+    std::string length = {};
+    bool encoded = false, wrong = false;
+
+    void add(std::string_view name, std::string_view value) {
+        const auto control = [](unsigned char c) { return (c < 0x20 && c != '\t') || c == 0x7F; };
+        wrong = wrong || name.empty() || name.find_first_of(" \t") != std::string_view::npos ||
+            std::ranges::any_of(name, control) || std::ranges::any_of(value, control);
+        const std::string key = lower(name);
+        if (key == "host") request.host = value, ++hosts;
+        else if (key == "origin") request.origin = value;
+        else if (key == "sec-fetch-site") request.fetch_site = value;
+        else if (key == "authorization") request.authorization = value;
+        else if (key == "content-type") request.content_type = value;
+        else if (key == "content-length") length = value, ++lengths;
+        else if (key == "content-encoding" || key == "transfer-encoding") encoded = true;
     }
-
-    // cpp-httplib 0.11 asks the stream for its addresses; 0.18 takes them as arguments.
-    template <class Stream>
-    bool answer(Stream& stream, bool last, bool& closed) {
-        if constexpr (requires { this->process_request(stream, last, closed, nullptr); }) {
-            return this->process_request(stream, last, closed, nullptr);
-        } else {
-            std::string remote, local;
-            int remote_port = 0, local_port = 0;
-            stream.get_remote_ip_and_port(remote, remote_port);
-            stream.get_local_ip_and_port(local, local_port);
-            return this->process_request(stream, remote, remote_port, local, local_port, last, closed, nullptr);
-        }
-    }
-
-    void serve(ByteStream& stream) {
-        Connection connection(stream);
-        current_connection = &connection;
-        auto timeout = kHeadTimeout;
-        for (int k = 0; k < kRequestsOfOneConnection; ++k, timeout = kIdleTimeout) {
-            const auto head = connection.next(timeout);
-            if (head == Connection::Head::none) break;
-            if (head != Connection::Head::whole) {
-                connection.send_text(
-                    head == Connection::Head::too_large
-                        ? "HTTP/1.1 431 Request Header Fields Too Large\r\nContent-Length: 0\r\nConnection: "
-                          "close\r\n\r\n"
-                        : "HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\nConnection: close\r\n\r\n");
-                break;
-            }
-            // The bytes of a body that was not read would be parsed as the next request.
-            const bool last = connection.has_body() || k + 1 == kRequestsOfOneConnection || ending;
-            bool closed = false;
-            if (!answer(connection, last, closed) || closed || last) break;
-        }
-        current_connection = nullptr;
-    }
-
-    // For serve_connection(): cpp-httplib ends the streams of a server that does not listen.
-    void pretend_to_listen() { svr_sock_ = 0; }
-
-    // cpp-httplib's backlog is 5 connections. A browser opens 6 at once, and one beyond the backlog waits a second.
-    void raise_backlog() { (void)::listen(svr_sock_, kBacklog); }
-
-    std::atomic<bool> ending{false};
-    std::atomic<int> waiting{0};
-
-  private:
-    bool process_and_close_socket(socket_t fd) override {
-        SocketStream stream(fd, ending, waiting);
-        if (rejecting) {
-            pages_.count_turned_away();
-            constexpr std::string_view kFull =
-                "HTTP/1.1 503 Service Unavailable\r\nRetry-After: 2\r\nContent-Length: 0\r\nConnection: close\r\n\r\n";
-            (void)::send(fd, kFull.data(), kFull.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
-        } else {
-            serve(stream);
-        }
-        ::shutdown(fd, SHUT_RDWR);
-        ::close(fd);
-        return true;
-    }
-
-    void send_reply(Reply reply, httplib::Response& response) {
-        response.status = reply.status;
-        for (const auto& [name, value] : reply.headers) response.set_header(name, value);
-        if (!reply.events) {
-            response.set_content(std::move(reply.body), reply.type);  // NOLINT: 0.11 copies, 0.18 moves
-            return;
-        }
-        std::shared_ptr<Viewers::Viewer> viewer = viewers_.enter();
-        if (!viewer) {
-            response.status = 503;
-            response.set_header("Retry-After", "2");
-            response.set_content(R"({"error":"as many viewers as may be are told of changes",)"
-                                 R"("cure":"ask for /api/page every two seconds, or raise page.viewers"})",
-                                 "application/json");
-            return;
-        }
-        if (current_connection != nullptr) current_connection->begin_events();
-        // The viewer is registered before it loads the page's data: no event is lost in between.
-        auto beginning = std::make_shared<std::string>(std::move(reply.body) + "event: page\ndata: {}\n\n");
-        response.set_chunked_content_provider(reply.type, [viewer, beginning](std::size_t, httplib::DataSink& sink) {
-            if (!beginning->empty()) {
-                const std::string text = std::exchange(*beginning, {});
-                return sink.write(text.data(), text.size());
-            }
-            if (!sink.is_writable()) return false;  // the browser has left
-            const auto text = viewer->next(kKeepAlive);
-            if (!text) {
-                sink.done();
-                return true;
-            }
-            return sink.write(text->data(), text->size());
-        });
-    }
-
-    Pages& pages_;
-    Viewers& viewers_;
 };
 
 }  // namespace
 
-struct PageServer::Parts {
-    Parts(Pages& pages, Viewers& all) : http(pages, all), viewers(all) {}
-    HttpServer http;
+struct PageServer::Impl {
+    Impl(Pages& p, Viewers& v) : pages(p), viewers(v) {}
+    Impl(const Impl&) = delete;
+    Impl& operator=(const Impl&) = delete;
+    ~Impl();
+
+    bool start(unsigned flags, std::vector<MHD_OptionItem> options);
+    void begin_threads();
+
+    // -- connections
+
+    static MHD_Result on_accept(void* self, const sockaddr* address, socklen_t length);
+    static void on_connection(void* self, MHD_Connection* connection, void** context,
+                              MHD_ConnectionNotificationCode what);
+    void check_times();
+    void wait_for(MHD_Connection* connection, bool asking);
+    static void end(Client& client);
+
+    // -- requests
+
+    static MHD_Result on_request(void* self, MHD_Connection* connection, const char* url, const char* method,
+                                 const char* version, const char* body, std::size_t* body_size, void** exchange);
+    static void on_completed(void* self, MHD_Connection* connection, void** exchange, MHD_RequestTerminationCode why);
+    std::optional<Reply> read_head(MHD_Connection* connection, std::string_view url, Request& request);
+    MHD_Result answer(MHD_Connection* connection, Exchange& exchange);
+    Reply reply_to(const Request& request) noexcept;
+    void work();
+    MHD_Result send(MHD_Connection* connection, Reply reply, bool last = false);
+
+    struct Body;
+    struct Events;
+    struct Job {
+        MHD_Connection* connection;
+        Exchange* exchange;
+    };
+
+    Pages& pages;
     Viewers& viewers;
-    int port = 0;
-    std::atomic<bool> started{false}, ended{false};
+    MHD_Daemon* daemon = nullptr;
+    std::string address;
+    std::atomic<std::size_t> reply_bytes{0};
+
+    std::mutex mutex;
+    std::condition_variable_any wake;
+    std::list<Client> clients;
+    std::deque<Job> jobs;
+    bool ending = false;
+    std::vector<std::thread> workers;
+    std::jthread ticker;
 };
 
-PageServer::PageServer(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}
+// A reply's bytes: text, a file, text.
+struct PageServer::Impl::Body {
+    Body(Impl& server, Reply&& reply)
+        : held(server.reply_bytes), head(std::move(reply.body)), file(std::move(reply.file)),
+          tail(std::move(reply.tail)) {
+        held += head.size() + tail.size();
+    }
+    Body(const Body&) = delete;
+    Body& operator=(const Body&) = delete;
+    ~Body() { held -= head.size() + tail.size(); }
+
+    static ssize_t read(void* self, std::uint64_t at, char* into, std::size_t size) {
+        const Body& body = *static_cast<Body*>(self);
+        for (const std::string* text : {&body.head, &body.tail}) {
+            if (at < text->size()) return static_cast<ssize_t>(text->copy(into, size, at));
+            at -= text->size();
+            if (text == &body.tail) break;
+            if (at < body.file.size) {
+                const std::size_t left = std::min<std::uint64_t>(size, body.file.size - at);
+                const ssize_t got = ::pread(body.file.fd.get(), into, left, static_cast<off_t>(at));
+                return got > 0 ? got : MHD_CONTENT_READER_END_WITH_ERROR;
+            }
+            at -= body.file.size;
+        }
+        return MHD_CONTENT_READER_END_OF_STREAM;
+    }
+    static void free(void* self) { delete static_cast<Body*>(self); }
+
+    std::atomic<std::size_t>& held;
+    const std::string head;
+    const Reply::File file;
+    const std::string tail;
+};
+
+// A viewer's connection is suspended while there is no event.
+struct PageServer::Impl::Events {
+    std::unique_ptr<Viewers::Viewer> viewer;
+    std::string text;
+
+    static ssize_t read(void* self, std::uint64_t, char* into, std::size_t size) {
+        auto& events = *static_cast<Events*>(self);
+        if (events.text.empty()) {
+            auto next = events.viewer->next();
+            if (!next) return MHD_CONTENT_READER_END_OF_STREAM;
+            events.text = std::move(*next);
+        }
+        const std::size_t count = events.text.copy(into, size);
+        events.text.erase(0, count);
+        return static_cast<ssize_t>(count);
+    }
+    static void free(void* self) { delete static_cast<Events*>(self); }
+};
+
+bool PageServer::Impl::start(unsigned flags, std::vector<MHD_OptionItem> options) {
+    const auto as_is = [](void*, MHD_Connection*, char* text) { return std::char_traits<char>::length(text); };
+    const auto number = [](std::size_t value) { return static_cast<std::intptr_t>(value); };
+    options.insert(
+        options.end(),
+        {{MHD_OPTION_CONNECTION_LIMIT, number(kMaxConnections + kMaxOfOneAddress), nullptr},  // some are shut down
+         {MHD_OPTION_CONNECTION_MEMORY_LIMIT, number(kConnectionMemory), nullptr},
+         {MHD_OPTION_STRICT_FOR_CLIENT, 1, nullptr},
+         {MHD_OPTION_NOTIFY_CONNECTION, reinterpret_cast<std::intptr_t>(&Impl::on_connection), this},
+         {MHD_OPTION_NOTIFY_COMPLETED, reinterpret_cast<std::intptr_t>(&Impl::on_completed), this},
+         // Addresses are decoded in read_head(): the library's text ends at a decoded zero.
+         {MHD_OPTION_UNESCAPE_CALLBACK, reinterpret_cast<std::intptr_t>(+as_is), nullptr},
+         {MHD_OPTION_END, 0, nullptr}});
+    daemon = MHD_start_daemon(flags | MHD_USE_EPOLL | MHD_ALLOW_SUSPEND_RESUME, 0, &Impl::on_accept, this,
+                              &Impl::on_request, this, MHD_OPTION_ARRAY, options.data(), MHD_OPTION_END);
+    return daemon != nullptr;
+}
+
+void PageServer::Impl::begin_threads() {
+    for (std::size_t k = 0; k < kWorkers; ++k) workers.emplace_back([this] { work(); });
+    ticker = std::jthread([this](const std::stop_token& stop) {
+        auto keep_alive = Clock::now() + kKeepAlive;
+        std::unique_lock lock(mutex);
+        while (!wake.wait_for(lock, stop, kTick, [&] { return stop.stop_requested(); })) {
+            check_times();
+            if (Clock::now() < keep_alive) continue;
+            keep_alive += kKeepAlive;
+            lock.unlock();
+            viewers.keep_alive();
+            lock.lock();
+        }
+    });
+}
+
+// The library may not be stopped while a connection is suspended: end the viewers, answer what waits.
+PageServer::Impl::~Impl() {
+    if (daemon == nullptr) return;
+    ticker = {};
+    if (!workers.empty()) viewers.end();
+    {
+        const std::lock_guard lock(mutex);
+        ending = true;
+    }
+    wake.notify_all();
+    for (std::thread& worker : workers) worker.join();
+    MHD_stop_daemon(daemon);
+}
+
+// -- connections
+
+// With the mutex.
+void PageServer::Impl::end(Client& client) {
+    client.ended = true;
+    ::shutdown(client.fd, SHUT_RDWR);
+}
+
+// Too many connections, of all or of one address: the oldest without a whole request makes room.
+MHD_Result PageServer::Impl::on_accept(void* self, const sockaddr* address, socklen_t length) {
+    auto& server = *static_cast<Impl*>(self);
+    sockaddr_storage whole{};
+    std::memcpy(&whole, address, std::min<std::size_t>(length, sizeof whole));
+    const std::string text = common::address_text(whole, length);
+    const std::string_view peer = common::host_of(text);
+    const std::lock_guard lock(server.mutex);
+    const auto open = [&](bool of_peer) {
+        return static_cast<std::size_t>(std::ranges::count_if(
+            server.clients, [&](const Client& c) { return !c.ended && (!of_peer || c.peer == peer); }));
+    };
+    const bool crowded = open(true) >= kMaxOfOneAddress;
+    if (!crowded && open(false) < kMaxConnections) return MHD_YES;
+    server.pages.count_turned_away();
+    Client* oldest = nullptr;
+    for (Client& c : server.clients) {
+        if (!c.ended && c.asking && (!crowded || c.peer == peer) && (oldest == nullptr || c.since < oldest->since))
+            oldest = &c;
+    }
+    if (oldest == nullptr) return MHD_NO;
+    end(*oldest);
+    return MHD_YES;
+}
+
+void PageServer::Impl::on_connection(void* self, MHD_Connection* connection, void** context,
+                                     MHD_ConnectionNotificationCode what) {
+    auto& server = *static_cast<Impl*>(self);
+    const std::lock_guard lock(server.mutex);
+    if (what == MHD_CONNECTION_NOTIFY_CLOSED) {
+        std::erase_if(server.clients, [&](const Client& c) { return &c == *context; });
+        return;
+    }
+    Client client;
+    client.fd = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD)->connect_fd;
+    sockaddr_storage address{};
+    socklen_t length = sizeof address;
+    ::getpeername(client.fd, reinterpret_cast<sockaddr*>(&address), &length);
+    client.peer = common::host_of(common::address_text(address, length));
+    client.since = Clock::now();
+    client.due = client.since + kRequestTimeout;
+    server.clients.push_back(std::move(client));
+    *context = &server.clients.back();
+}
+
+// With the mutex.
+void PageServer::Impl::check_times() {
+    const auto now = Clock::now();
+    for (Client& client : clients) {
+        if (!client.ended && now > client.due) end(client);
+    }
+}
+
+void PageServer::Impl::wait_for(MHD_Connection* connection, bool asking) {
+    const std::lock_guard lock(mutex);
+    Client& client = client_of(connection);
+    client.asking = asking;
+    client.since = Clock::now();
+    client.due = client.since + (asking ? Clock::duration(kRequestTimeout) : Clock::duration(kReplyTimeout));
+}
+
+// -- requests
+
+MHD_Result PageServer::Impl::on_request(void* self, MHD_Connection* connection, const char* url, const char* method,
+                                        const char* /*version*/, const char* body, std::size_t* body_size,
+                                        void** exchange) try {
+    auto& server = *static_cast<Impl*>(self);
+    if (*exchange == nullptr) {
+        auto made = std::make_unique<Exchange>();
+        made->request.method = method;
+        auto refused = server.read_head(connection, url, made->request);
+        *exchange = made.release();
+        return refused ? server.send(connection, std::move(*refused), true) : MHD_YES;
+    }
+    auto& known = *static_cast<Exchange*>(*exchange);
+    if (*body_size > 0) {  // at most kLargestBody in all: read_head() has checked
+        known.request.body.append(body, std::exchange(*body_size, 0));
+        return MHD_YES;
+    }
+    return known.reply ? server.send(connection, std::move(*known.reply)) : server.answer(connection, known);
+} catch (const std::exception&) {
+    return MHD_NO;  // closes the connection
+}
+
+void PageServer::Impl::on_completed(void* self, MHD_Connection* connection, void** exchange,
+                                    MHD_RequestTerminationCode /*why*/) {
+    delete static_cast<Exchange*>(*exchange);
+    *exchange = nullptr;
+    static_cast<Impl*>(self)->wait_for(connection, true);
+}
+
+// Empty: the head is good. Else the refusal; the connection ends after it, since its body is not read.
+std::optional<Reply> PageServer::Impl::read_head(MHD_Connection* connection, std::string_view url, Request& request) {
+    request.peer = client_of(connection).peer;
+    const auto size = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_REQUEST_HEADER_SIZE)->header_size;
+    if (size > kLargestHead) return error_reply(431, "the head of the request is too large", "send at most 8 KiB");
+    Head head{request};
+    const auto each = [](void* to, MHD_ValueKind, const char* name, std::size_t name_size, const char* value,
+                         std::size_t value_size) {
+        static_cast<Head*>(to)->add({name, name_size}, {value, value_size});
+        return MHD_YES;
+    };
+    MHD_get_connection_values_n(connection, MHD_HEADER_KIND, +each, &head);
+    std::size_t length = 0;
+    const auto read = std::from_chars(head.length.data(), head.length.data() + head.length.size(), length);
+    const bool whole_number = head.lengths == 0 ||
+        (read.ec != std::errc::invalid_argument && read.ptr == head.length.data() + head.length.size());
+    auto path = percent_decoded(url);
+    bool query_good = true;
+    std::pair<Fields*, bool*> query{&request.query, &query_good};
+    const auto each_field = [](void* to, MHD_ValueKind, const char* name, std::size_t name_size, const char* value,
+                               std::size_t value_size) {
+        auto& [fields, good] = *static_cast<std::pair<Fields*, bool*>*>(to);
+        auto key = percent_decoded({name, name_size}), text = percent_decoded({value, value_size});
+        *good = *good && key && text;
+        if (key && text) fields->emplace(std::move(*key), std::move(*text));
+        return MHD_YES;
+    };
+    MHD_get_connection_values_n(connection, MHD_GET_ARGUMENT_KIND, +each_field, &query);
+    if (head.wrong || head.hosts > 1 || head.lengths > 1 || !whole_number || !path || !query_good)
+        return error_reply(400, "the request cannot be read", "see docs/page.md");
+    if (head.encoded)
+        return error_reply(415, "a packed or chunked body is not read", "send it plainly, with its length");
+    if (read.ec == std::errc::result_out_of_range || length > kLargestBody)
+        return error_reply(413, "the body is too large", "send at most 4 KiB");
+    request.path = std::move(*path);
+    return std::nullopt;
+}
+
+Reply PageServer::Impl::reply_to(const Request& request) noexcept try {
+    return pages.answer(request);
+} catch (const std::exception&) {
+    return error_reply(500, "the page failed at this request", "report it");
+}
+
+MHD_Result PageServer::Impl::answer(MHD_Connection* connection, Exchange& exchange) {
+    wait_for(connection, false);
+    if (!workers.empty() && !Pages::is_in_memory(exchange.request)) {
+        std::unique_lock lock(mutex);
+        if (!ending && jobs.size() < kMaxWaiting) {
+            MHD_suspend_connection(connection);
+            jobs.push_back({connection, &exchange});
+            wake.notify_all();  // the ticker waits for it, too
+            return MHD_YES;
+        }
+        lock.unlock();
+        return send(connection, error_reply(503, "too many requests wait", "try again in a moment"));
+    }
+    return send(connection, reply_to(exchange.request));
+}
+
+void PageServer::Impl::work() {
+    std::unique_lock lock(mutex);
+    while (true) {
+        wake.wait(lock, [this] { return ending || !jobs.empty(); });
+        if (jobs.empty()) return;
+        const Job job = jobs.front();
+        jobs.pop_front();
+        lock.unlock();
+        job.exchange->reply = reply_to(job.exchange->request);
+        MHD_resume_connection(job.connection);
+        lock.lock();
+    }
+}
+
+MHD_Result PageServer::Impl::send(MHD_Connection* connection, Reply reply, bool last) {
+    std::unique_ptr<Viewers::Viewer> viewer;
+    if (reply.events) {
+        viewer = viewers.enter([connection] { MHD_suspend_connection(connection); },
+                               [connection] { MHD_resume_connection(connection); });
+        if (!viewer) {
+            reply = error_reply(503, "as many viewers as may be are told of changes",
+                                "ask for /api/page every two seconds, or raise page.viewers");
+        }
+    }
+    if (reply_bytes + reply.body.size() + reply.tail.size() > kMostReplyBytes)
+        reply = error_reply(503, "too many replies wait for slow clients", "try again in a moment");
+    const auto status = static_cast<unsigned>(reply.status);
+    auto headers = std::move(reply.headers);
+    headers.emplace_back("Content-Type", std::move(reply.type));
+    if (last || viewer) headers.emplace_back("Connection", "close");
+    MHD_Response* response = nullptr;
+    if (viewer) {
+        // The viewer is registered before it loads the page's data: no event is lost in between.
+        auto events = std::make_unique<Events>(Events{std::move(viewer), reply.body + "event: page\ndata: {}\n\n"});
+        response =
+            MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, kChunk, &Events::read, events.get(), &Events::free);
+        if (response != nullptr) (void)events.release();
+        MHD_set_connection_option(connection, MHD_CONNECTION_OPTION_TIMEOUT, kEventTimeout_s);
+        const std::lock_guard lock(mutex);
+        client_of(connection).due = Clock::time_point::max();
+    } else {
+        auto body = std::make_unique<Body>(*this, std::move(reply));
+        const std::size_t size = body->head.size() + body->file.size + body->tail.size();
+        response = MHD_create_response_from_callback(size, std::clamp<std::size_t>(size, 1, kChunk), &Body::read,
+                                                     body.get(), &Body::free);
+        if (response != nullptr) (void)body.release();
+    }
+    if (response == nullptr) return MHD_NO;
+    for (const auto& [name, value] : headers_of_every_reply())
+        MHD_add_response_header(response, name.c_str(), value.c_str());
+    for (const auto& [name, value] : headers) MHD_add_response_header(response, name.c_str(), value.c_str());
+    const MHD_Result queued = MHD_queue_response(connection, status, response);
+    MHD_destroy_response(response);
+    return queued;
+}
+
+PageServer::PageServer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 PageServer::~PageServer() = default;
 
 Result<std::unique_ptr<PageServer>> PageServer::open(const PageConfig& config, Pages& pages, Viewers& viewers) {
-    auto parts = std::make_unique<Parts>(pages, viewers);
-    const auto threads = static_cast<std::size_t>(config.viewers) + kThreadsBesideViewers;
-    parts->http.new_task_queue = [threads, http = &parts->http] { return new Threads(threads, http->waiting); };
-    errno = 0;
-    if (config.port == 0) parts->port = parts->http.bind_to_any_port(config.host);
-    else parts->port = parts->http.bind_to_port(config.host, config.port) ? config.port : -1;
-    if (parts->port <= 0) {
-        const bool taken = errno == EADDRINUSE;
-        return fail(taken ? ErrorCode::busy : ErrorCode::invalid_argument,
-                    fmt::format("the page cannot listen at {}:{} ({})", config.host, config.port,
-                                errno != 0 ? std::strerror(errno) : "no such address"),
-                    taken ? "end the program that has this port, or choose another in page.toml: [page] port"
-                          : "name an address of this machine in page.toml: [page] host");
+    auto listener = common::listen_on("the page's", config.host, config.port);
+    if (!listener) return tl::unexpected(listener.error());
+    auto impl = std::make_unique<Impl>(pages, viewers);
+    impl->address = common::local_address(listener->get());
+    impl->begin_threads();
+    if (!impl->start(MHD_USE_INTERNAL_POLLING_THREAD | MHD_USE_ITC,
+                     {{MHD_OPTION_LISTEN_SOCKET, listener->get(), nullptr}}))
+        return fail(ErrorCode::io, "the page's HTTP server cannot be started", "raise the limit of open files");
+    (void)listener->release();  // the library closes it
+    return std::unique_ptr<PageServer>(new PageServer(std::move(impl)));
+}
+
+std::string PageServer::address() const { return impl_->address; }
+
+void serve_connection(Pages& pages, Viewers& viewers, int fd, const std::function<bool()>& turn) {
+    PageServer::Impl server(pages, viewers);
+    sockaddr_in nowhere{};
+    nowhere.sin_family = AF_INET;
+    if (!server.start(MHD_USE_NO_LISTEN_SOCKET, {})) {
+        ::close(fd);
+        return;
     }
-    parts->http.raise_backlog();
-    return std::unique_ptr<PageServer>(new PageServer(std::move(parts)));
-}
-
-std::uint16_t PageServer::port() const { return static_cast<std::uint16_t>(parts_->port); }
-
-void PageServer::run() {
-    parts_->started = true;
-    if (!parts_->http.ending) parts_->http.listen_after_bind();
-    parts_->ended = true;
-}
-
-void PageServer::stop() {
-    parts_->http.ending = true;
-    parts_->viewers.end();
-    // stop() has no effect on a server that has not begun to listen: wait until it has.
-    while (parts_->started && !parts_->ended && !parts_->http.is_running())
-        std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    parts_->http.stop();
-}
-
-void serve_connection(Pages& pages, Viewers& viewers, ByteStream& stream) {
-    HttpServer http(pages, viewers);
-    http.pretend_to_listen();
-    http.serve(stream);
+    if (MHD_add_connection(server.daemon, fd, reinterpret_cast<const sockaddr*>(&nowhere), sizeof nowhere) != MHD_YES)
+        return;
+    while (MHD_run_wait(server.daemon, 0) == MHD_YES && !server.clients.empty()) {
+        if (turn()) continue;
+        ::shutdown(fd, SHUT_RDWR);
+        viewers.keep_alive();
+    }
 }
 
 }  // namespace hord::firmware::page

@@ -1,12 +1,13 @@
-// The page's HTTP server (cpp-httplib), with limits on the cost of a connection.
+// The page's HTTP server (libmicrohttpd), with limits on the cost of a client.
 //
-// Limits: a head of 8 KiB within 5 s, a body of 4 KiB, 5 s for each write, 30 s for a whole reply. Each connection has
-// a thread; 32 more wait (a silent client is closed after 0.4 s while others wait), further ones are answered 503 at
-// once. A slow, broken or hostile client affects its own connection only.
+// One thread serves all connections and answers what is in memory. Four more answer what reads the store or a frame, or
+// commands; 64 requests may wait for them. docs/page.md lists the limits. A slow, broken or hostile client costs its
+// own connection, and other clients of its address at most.
 #pragma once
 
-#include <cstdint>
+#include <functional>
 #include <memory>
+#include <string>
 
 #include "common/result.h"
 #include "firmware/page/pages.h"
@@ -14,26 +15,25 @@
 
 namespace hord::firmware::page {
 
-class ByteStream;
-
 class PageServer {
   public:
-    // Listens; requests are answered from run() on. Fails with busy (the port is taken), invalid_argument (no such
-    // address).
+    // Listens and answers until it is destroyed. `pages` and `viewers` outlive it. Fails as common::listen_on(), and
+    // with io.
     static Result<std::unique_ptr<PageServer>> open(const PageConfig& config, Pages& pages, Viewers& viewers);
+    // Ends `viewers`, too. Waits for the requests that are being answered.
     ~PageServer();
 
-    [[nodiscard]] std::uint16_t port() const;
-    void run();   // until stop()
-    void stop();  // any thread, also before run(); not a signal handler
+    [[nodiscard]] std::string address() const;  // that it listens at: "127.0.0.1:8070"
 
   private:
-    struct Parts;
-    explicit PageServer(std::unique_ptr<Parts> parts);
-    std::unique_ptr<Parts> parts_;
+    struct Impl;
+    explicit PageServer(std::unique_ptr<Impl> impl);
+    std::unique_ptr<Impl> impl_;
+    friend void serve_connection(Pages& pages, Viewers& viewers, int fd, const std::function<bool()>& turn);
 };
 
-// Serves one connection, without a server's socket and threads.
-void serve_connection(Pages& pages, Viewers& viewers, ByteStream& stream);
+// Serves one connected socket in the calling thread until the client or turn() ends it. turn() is called after each
+// step of the server; false: the connection is closed. Takes ownership of `fd`.
+void serve_connection(Pages& pages, Viewers& viewers, int fd, const std::function<bool()>& turn);
 
 }  // namespace hord::firmware::page

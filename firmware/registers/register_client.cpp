@@ -11,6 +11,8 @@
 #include <fmt/format.h>
 #include <modbus/modbus.h>
 
+#include "common/tcp_listener.h"
+
 namespace hord::firmware::modbus {
 namespace {
 
@@ -56,16 +58,16 @@ Result<void> Client::ensure_connected() {
     modbus_set_byte_timeout(fresh.get(), seconds, micros);
     errno = 0;
     if (modbus_connect(fresh.get()) != 0) {
-        // For a name that cannot be resolved libmodbus leaves no valid errno: the value is not positive.
-        const int error = errno;
+        const int error = errno;  // of a name that cannot be resolved libmodbus makes ECONNREFUSED
+        if (const std::string unknown = common::resolve_problem(endpoint_.host); !unknown.empty())
+            return fail(ErrorCode::disconnected, fmt::format("{} cannot be reached: {}", where(), unknown),
+                        "check the name, or give the address");
         if (error == ETIMEDOUT || error == EINPROGRESS) {
             return fail(ErrorCode::timeout, fmt::format("{} does not answer within {} ms", where(), timeout_.count()),
                         "check the address, the cable and the firewall");
         }
-        return fail(
-            ErrorCode::disconnected,
-            fmt::format("{} cannot be reached: {}", where(), error > 0 ? modbus_strerror(error) : "unknown host"),
-            "check the address, and that the station runs");
+        return fail(ErrorCode::disconnected, fmt::format("{} cannot be reached: {}", where(), modbus_strerror(error)),
+                    "check the address, and that the station runs");
     }
     context_ = std::move(fresh);
     return {};

@@ -239,6 +239,6 @@ void Service::look_after_line() {
     station_->request(Command::reset);
 }
 
-std::string Service::registers_address() const { return fmt::format("{}:{}", config_.modbus.host, server_->port()); }
+std::string Service::registers_address() const { return server_->address(); }
 
 }  // namespace hord::firmware

@@ -1,10 +1,14 @@
 #include "common/file_writing.h"
 
+#include <cerrno>
+#include <string>
+#include <thread>
 #include <vector>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "tests/support/temp_folder.h"
 
@@ -21,6 +25,29 @@ TEST(WholeFile, is_read_to_its_end_or_not_at_all) {
     EXPECT_EQ(read_file(folder.path() / "f"), std::string("a\0\n", 3));
     EXPECT_FALSE(read_file(folder.path() / "none"));
     EXPECT_FALSE(read_file(folder.path()));
+}
+
+TEST(WholeFile, of_a_pipe_is_waited_for_and_what_never_ends_is_not_read) {
+    const TempFolder folder;
+    const auto pipe = folder.path() / "pipe";
+    ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+    EXPECT_FALSE(read_file(pipe));  // nobody writes
+    EXPECT_EQ(errno, ENODATA);
+    int ends[2];
+    ASSERT_EQ(::pipe(ends), 0);
+    std::thread writer([&] {
+        for (const char* piece : {"a", "b"}) {
+            std::this_thread::yield();
+            EXPECT_EQ(::write(ends[1], piece, 1), 1);
+        }
+        ::close(ends[1]);
+    });
+    EXPECT_EQ(read_file("/proc/self/fd/" + std::to_string(ends[0])), "ab");
+    writer.join();
+    ::close(ends[0]);
+    EXPECT_FALSE(read_file("/dev/zero"));
+    EXPECT_EQ(errno, EFBIG);
+    EXPECT_EQ(read_file("/dev/null"), "");
 }
 
 TEST(WholeFile, replaces_no_link_and_no_pipe) {

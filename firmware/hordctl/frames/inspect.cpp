@@ -179,6 +179,8 @@ Result<void> write_results(const fs::path& out, const std::string& frame, const 
 
 // Whether the first bytes of a file are those of a reference file (hordctl learn).
 bool is_reference(const std::string& file) {
+    std::error_code error;
+    if (!std::filesystem::is_regular_file(file, error)) return false;  // a pipe could block
     std::ifstream stream(file, std::ios::binary);
     char magic[7] = {};
     return stream.read(magic, sizeof magic) && std::string_view(magic, sizeof magic) == "HORDREF";

@@ -245,7 +245,7 @@ async function showPart(key) {
     const record = await ask(`/parts/${key}/record.json`), r = record.result;
     say("part-title", `Part ${r.part}`);
     figures("part-facts", [["verdict", r.verdict, ""], ["reason", r.reason, ""], ["score", known(r.score) ? Number(r.score).toFixed(3) : null, "of its limit"], ["time (UTC)", r.time, ""], ["verdict after", ms(r.latency_us), "ms"],
-      ["rejection", r.reject, ""], ["recipe", r.recipe, ""], ["number in the store", r.number, ""]]);
+      ["rejection", r.reject, ""], ["recipe", r.recipe, ""], ["number in the store", r.number, ""], ...(r.damage ? [["damaged row", r.damage, ""]] : [])]);
     if (!record.frame) { say("part-words", record.no_frame); return; }
     const found = await ask(`/parts/${key}/found.json`);
     map.alt = `Feature map of part ${found.part}. ${found.sentence}`;
@@ -274,7 +274,7 @@ async function search(before) {
       const record = element("td"), a = element("a", "archive");
       a.href = `/parts/${r.number}/record.tar`; a.download = "";
       record.append(a);
-      row.append(number, element("td", r.time), element("td", String(r.part)), element("td", r.verdict, r.verdict), element("td", r.reason === "none" ? "" : r.reason), element("td", known(r.score) ? Number(r.score).toFixed(2) : "", "n"),
+      row.append(number, element("td", r.time), element("td", String(r.part)), element("td", r.verdict, r.verdict), element("td", r.damage ? `damaged row: ${r.damage}` : r.reason === "none" ? "" : r.reason), element("td", known(r.score) ? Number(r.score).toFixed(2) : "", "n"),
         element("td", String(r.defect_count ?? ""), "n"), element("td", ms(r.latency_us), "n"), element("td", (r.reject || "").replace("_", " ")), element("td", r.recipe || ""), record);
       return row;
     });

@@ -134,31 +134,35 @@ std::string to_csv(const StoredChange& change) { return csv_line(to_json(change)
 Json to_json(const StoredResult& r) {
     Json defects = parse_stored(r.defects);
     if (defects.is_discarded()) defects = r.defects;  // a row that was edited: hordctl verify reports it
-    return {{"number", r.number},
-            {"time", format_utc(r.time_us)},
-            {"boot", r.boot},
-            {"sequence", r.sequence},
-            {"part", r.part},
-            {"verdict", r.verdict},
-            {"reason", r.reason},
-            {"score", r.score ? Json(static_cast<float>(*r.score)) : Json()},
-            {"defect_count", r.defect_count},
-            {"defects", std::move(defects)},
-            {"latency_us", r.latency_us},
-            {"reject", r.reject},
-            {"reject_latency_us", r.reject_latency_us},
-            {"recipe", r.recipe},
-            {"recipe_change", r.recipe_change},
-            {"calibration", r.calibration},
-            {"software", r.software}};
+    Json row{{"number", r.number},
+             {"time", format_utc(r.time_us)},
+             {"boot", r.boot},
+             {"sequence", r.sequence},
+             {"part", r.part},
+             {"verdict", r.verdict},
+             {"reason", r.reason},
+             {"score", r.score ? Json(static_cast<float>(*r.score)) : Json()},
+             {"defect_count", r.defect_count},
+             {"defects", std::move(defects)},
+             {"latency_us", r.latency_us},
+             {"reject", r.reject},
+             {"reject_latency_us", r.reject_latency_us},
+             {"recipe", r.recipe},
+             {"recipe_change", r.recipe_change},
+             {"calibration", r.calibration},
+             {"software", r.software}};
+    if (!r.damage.empty()) row["damage"] = r.damage;
+    return row;
 }
 
 Json to_json(const StoredChange& c) {
-    return {{"number", c.number}, {"time", format_utc(c.time_us)},
-            {"run", c.run},       {"what", c.what},
-            {"peer", c.peer},     {"token", c.token},
-            {"name", c.name},     {"before", c.before},
-            {"after", c.after}};
+    Json row{{"number", c.number}, {"time", format_utc(c.time_us)},
+             {"run", c.run},       {"what", c.what},
+             {"peer", c.peer},     {"token", c.token},
+             {"name", c.name},     {"before", c.before},
+             {"after", c.after}};
+    if (!c.damage.empty()) row["damage"] = c.damage;
+    return row;
 }
 
 std::string table_head_of_results() {

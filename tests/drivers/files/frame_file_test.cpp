@@ -7,6 +7,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <sys/stat.h>
+#include <zlib.h>
 
 #include "tests/support/temp_folder.h"
 
@@ -187,6 +188,23 @@ TEST_F(FrameFile, what_is_no_image_is_refused) {
 TEST_F(FrameFile, an_absurd_size_is_refused_before_memory_is_taken) {
     const auto pgm = folder_.write("huge.pgm", "P5 1000000 1000000 255\nx");
     expect_refused(read_frame(pgm), pgm, ErrorCode::unsupported, "1000000x1000000");
+    // A PNG of black rows is a thousandth of its samples: its declared size decides, before anything is unpacked.
+    ASSERT_TRUE(write_frame(file("black.png"), Frame(2000, 2000, 8).view()));
+    std::string png = folder_.read(file("black.png"));
+    const auto declare = [&](std::uint32_t width, std::uint32_t height) {  // in IHDR, with its checksum
+        for (unsigned k = 0; k < 4; ++k) {
+            png[16 + k] = static_cast<char>(width >> (24 - 8 * k));
+            png[20 + k] = static_cast<char>(height >> (24 - 8 * k));
+        }
+        const auto sum = crc32(0, reinterpret_cast<const Bytef*>(png.data()) + 12, 17);
+        for (unsigned k = 0; k < 4; ++k) png[29 + k] = static_cast<char>(sum >> (24 - 8 * k));
+        return folder_.write("declared.png", png);
+    };
+    const auto huge = declare(30'000, 30'000);
+    expect_refused(read_frame(huge), huge, ErrorCode::unsupported, "30000x30000");
+    const auto other = declare(2000, 1999);
+    expect_refused(read_frame(other, {.width_px = 2000, .height_px = 2000}), other, ErrorCode::invalid_argument,
+                   "2000x1999 pixels, expected 2000x2000");
 }
 
 TEST_F(FrameFile, what_was_not_expected_is_refused_naming_both_sizes) {

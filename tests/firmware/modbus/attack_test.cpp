@@ -5,6 +5,7 @@
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+#include <sys/wait.h>
 
 #include "tests/firmware/modbus/modbus_peer.h"
 
@@ -206,6 +207,88 @@ TEST_F(Attack, a_regular_client_makes_room_only_when_all_are_regular) {
     EXPECT_EQ(statistics().evicted, 1U);
     EXPECT_TRUE(regulars[1].read(0, 2)) << "and back: the fourth, a newcomer, makes room";
     EXPECT_EQ(statistics().evicted, 2U);
+}
+
+// Its connections outnumber those of the PLC and ask more often.
+TEST_F(Attack, one_address_with_many_patient_connections_evicts_its_own) {
+    Peer plc(port, 0, 2);
+    for (int k = 0; k < 8; ++k) ASSERT_TRUE(plc.asks());
+    std::vector<Peer> patient;
+    for (int k = 0; k < 64; ++k) {
+        Peer& peer = patient.emplace_back(port, 0, 3);
+        for (int n = 0; n < 10; ++n) ASSERT_TRUE(peer.asks());
+        poll(1);
+    }
+    EXPECT_GE(statistics().evicted, 34U);
+    EXPECT_TRUE(plc.asks());
+    Peer scanner(port, 0, 4);  // an address that holds few connections gets one, too
+    EXPECT_TRUE(scanner.asks());
+    EXPECT_TRUE(plc.asks());
+}
+
+TEST_F(Attack, a_client_that_writes_stays_for_others_that_read) {
+    struct Writable : RegisterModel {
+        Exception read_registers(std::uint16_t, std::span<std::uint16_t> out) override {
+            std::ranges::copy(std::array<std::uint16_t, 2>{0x484F, 0x5244}, out.begin());
+            return Exception::none;
+        }
+        Exception write_registers(const Origin&, std::uint16_t, std::span<const std::uint16_t>) override {
+            return Exception::none;
+        }
+    } model;
+    loop.on_loop([&] { server.reset(); });
+    server = *loop.on_loop([&] { return Server::open(loop, model, {.host = "127.0.0.1", .port = 0}); });
+    port = server->port();
+    Peer plc(port, 0, 2);
+    const Bytes heartbeat{0, 1, 0, 0, 0, 6, 1, 6, 0x1F, 0xA4, 0, 1};
+    plc.send(heartbeat);
+    ASSERT_EQ(plc.receive(heartbeat.size()), heartbeat);
+    std::vector<Peer> patient;
+    for (std::uint8_t k = 0; k < 64; ++k) {
+        Peer& peer = patient.emplace_back(port, 0, static_cast<std::uint8_t>(10 + k));
+        for (int n = 0; n < 10; ++n) ASSERT_TRUE(peer.asks());
+    }
+    EXPECT_TRUE(plc.asks());
+    loop.on_loop([&] { server.reset(); });  // before its model
+}
+
+TEST_F(Attack, a_reader_is_refused_where_all_others_may_write) {
+    loop.on_loop([&] { server.reset(); });
+    serve({.max_connections = 3,
+           .access = {{*parse_network("127.0.0.1"), true}, {*parse_network("127.0.0.0/8"), false}}});
+    Peer first(port), second(port), third(port);
+    for (Peer* writer : {&first, &second, &third}) ASSERT_TRUE(writer->asks());
+    Peer reader(port, 0, 9);
+    EXPECT_TRUE(reader.closed_by_server());
+    for (Peer* writer : {&first, &second, &third}) EXPECT_TRUE(writer->asks());
+    EXPECT_EQ(statistics().refused, 1U);
+    Peer fourth(port);
+    EXPECT_TRUE(fourth.asks());
+    EXPECT_EQ(statistics().evicted, 1U);
+}
+
+// A forked child keeps the socket open: closing it alone would leave it in the epoll, with a pointer to nothing.
+TEST_F(Attack, a_closed_connection_is_not_watched_any_more_while_a_child_holds_it) {
+    Peer broken(port);
+    ASSERT_TRUE(broken.asks());
+    int ends[2];
+    ASSERT_EQ(::pipe(ends), 0);
+    const pid_t child = ::fork();
+    if (child == 0) {
+        ::close(ends[1]);
+        char byte = 0;
+        ::_exit(static_cast<int>(::read(ends[0], &byte, 1)));
+    }
+    broken.send({0, 1, 0, 9, 0, 6, 1, 3, 0, 0, 0, 1});
+    while (statistics().broken == 0) std::this_thread::yield();
+    broken.send(kReadMagic);
+    const auto before = loop.turns();
+    poll(kPolls);
+    EXPECT_LT(loop.turns() - before, 10U * kPolls);
+    ::close(ends[0]);
+    ::close(ends[1]);
+    int status = 0;
+    EXPECT_EQ(::waitpid(child, &status, 0), child);
 }
 
 TEST_F(Attack, without_descriptors_a_connection_makes_room_for_the_next) {

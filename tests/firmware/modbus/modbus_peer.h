@@ -24,14 +24,22 @@ using Bytes = std::vector<std::uint8_t>;
 inline constexpr int kPatienceMs = 20'000;
 inline constexpr std::chrono::milliseconds kPatience{kPatienceMs};
 
+// Reads register 2 and 3, the magic; the reply has 13 bytes.
+inline const Bytes kReadMagic{0x12, 0x34, 0, 0, 0, 6, 1, 3, 0, 2, 0, 2};
+inline const Bytes kMagicReply{0x12, 0x34, 0, 0, 0, 7, 1, 3, 4, 'H', 'O', 'R', 'D'};
+
 class Peer {
   public:
-    explicit Peer(std::uint16_t port, int receive_buffer = 0) : fd_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+    // `from`: last byte of the address 127.0.0.x that it connects from; 0: the system chooses.
+    explicit Peer(std::uint16_t port, int receive_buffer = 0, std::uint8_t from = 0)
+        : fd_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
         if (receive_buffer > 0) ::setsockopt(fd_, SOL_SOCKET, SO_RCVBUF, &receive_buffer, sizeof receive_buffer);
         const int on = 1;
         ::setsockopt(fd_, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
         sockaddr_in address{};
         address.sin_family = AF_INET;
+        address.sin_addr.s_addr = htonl(INADDR_LOOPBACK - 1 + from);
+        if (from != 0) ::bind(fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address);
         address.sin_port = htons(port);
         address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
         connected_ = ::connect(fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
@@ -70,6 +78,7 @@ class Peer {
         all.resize(filled);
         return all;
     }
+    bool asks() { return send(kReadMagic) == kReadMagic.size() && receive(kMagicReply.size()) == kMagicReply; }
     // True when the server closes this connection.
     bool closed_by_server() { return receive(1).empty(); }
 
@@ -106,9 +115,5 @@ class ServedStation : public ::testing::Test {
         return std::move(*made);
     }
 };
-
-// Reads register 2 and 3, the magic; the reply has 13 bytes.
-inline const Bytes kReadMagic{0x12, 0x34, 0, 0, 0, 6, 1, 3, 0, 2, 0, 2};
-inline const Bytes kMagicReply{0x12, 0x34, 0, 0, 0, 7, 1, 3, 4, 'H', 'O', 'R', 'D'};
 
 }  // namespace hord::firmware::modbus

@@ -4,7 +4,10 @@
 #include <array>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
+#include <fstream>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -147,12 +150,20 @@ TEST_F(ServedStation, an_address_that_is_not_ours_is_an_error) {
 TEST_F(ServedStation, a_socket_opened_by_somebody_else_is_served) {
     const int fd = ::socket(AF_INET, SOCK_STREAM, 0);
     ASSERT_EQ(::listen(fd, 4), 0);  // the kernel chooses the port
-    auto adopted = loop.on_loop([&] { return Server::adopt(loop, image, fd, {}); });
+    auto adopted = loop.on_loop([&] { return Server::adopt(loop, image, fd, {.host = "127.0.0.1", .port = 502}); });
     ASSERT_TRUE(adopted) << adopted.error().message();
+    EXPECT_EQ((*adopted)->address(), fmt::format("0.0.0.0:{}", (*adopted)->port()));  // not the configured one
     Peer peer((*adopted)->port());
     peer.send(kReadMagic);
     EXPECT_EQ(peer.receive(13), kMagicReply);
     loop.on_loop([&] { adopted->reset(); });
+}
+
+// deploy/hordd.toml has the default of firmware/config, and hordd.socket the same address.
+TEST(Package, listens_on_this_machine_alone) {
+    std::ifstream in(std::filesystem::path(HORD_SOURCE_DIR) / "deploy/hordd.socket");
+    const std::string unit{std::istreambuf_iterator<char>(in), {}};
+    EXPECT_THAT(unit, HasSubstr("\nListenStream=127.0.0.1:502\n"));
 }
 
 TEST_F(ServedStation, a_descriptor_that_does_not_listen_is_refused) {

@@ -1,6 +1,8 @@
 // The edge node as a broker and its hosts see it: sessions, the station's metrics, commands.
 #include <set>
 
+#include <fmt/format.h>
+
 #include "tests/firmware/mqtt/edge_node_world.h"
 
 namespace hord::firmware::mqtt::test {
@@ -76,7 +78,7 @@ TEST(EdgeNode, names_nothing_after_its_birth_but_the_aliases_that_it_declared) {
         if (m.alias) declared.insert(*m.alias);
     }
     const Payload data = read(world.sent[1].payload);
-    EXPECT_THAT(data.metrics, SizeIs(17));
+    EXPECT_THAT(data.metrics, SizeIs(18));
     for (const Metric& m : data.metrics) {
         EXPECT_TRUE(m.name.empty());
         EXPECT_TRUE(declared.contains(m.alias.value()));
@@ -222,6 +224,24 @@ TEST(EdgeNode, waits_for_its_primary_host_and_leaves_when_that_goes) {
     state("{\"online\":true,\"timestamp\":300}");
     world.run(2);
     EXPECT_EQ(world.arrived.back(), 6);
+
+    // A forged time in the far future does not make the host's next state too old.
+    state("{\"online\":false,\"timestamp\":9223372036854775807}");
+    EXPECT_TRUE(world.node.wants_to_leave());
+    world.newest = 7;
+    world.node.disconnected();
+    world.connect();
+    state(fmt::format("{{\"online\":true,\"timestamp\":{}}}", world.now).c_str());
+    world.run(2);
+    EXPECT_EQ(world.arrived.back(), 7);
+}
+
+TEST(EdgeNodeResults, of_a_damaged_row_say_so) {
+    store::StoredResult row;
+    EXPECT_EQ(result_metrics(&row, "s", false).back().value, MetricValue(std::string()));
+    row.damage = "column part is no INTEGER";
+    EXPECT_EQ(result_metrics(&row, "s", false).back().value, MetricValue(row.damage));
+    EXPECT_EQ(result_metrics(nullptr, "", false).back().name, "Result/Damage");
 }
 
 }  // namespace

@@ -133,15 +133,34 @@ TEST(PageViewers, are_so_many_and_no_more_and_a_slow_one_is_told_to_ask_anew) {
     two.reset();
     EXPECT_TRUE(viewers.enter());
     for (std::size_t k = 0; k <= Viewers::kQueue; ++k) viewers.publish("result", "{}");
-    const auto told = one->next(std::chrono::milliseconds(0));
-    ASSERT_TRUE(told);
-    EXPECT_EQ(*told, "event: overrun\ndata: {}\n\n");
+    EXPECT_EQ(one->next(), "event: overrun\ndata: {}\n\n");
     viewers.publish("state", "{}");
-    EXPECT_EQ(one->next(std::chrono::milliseconds(0)), "event: state\ndata: {}\n\n");
-    EXPECT_THAT(*one->next(std::chrono::milliseconds(0)), HasSubstr(": "));  // a comment that keeps the connection open
+    EXPECT_EQ(one->next(), "event: state\ndata: {}\n\n");
+    EXPECT_EQ(one->next(), "");
+    viewers.keep_alive();
+    EXPECT_THAT(*one->next(), HasSubstr(": "));  // a comment that keeps the connection open
     viewers.end();
-    EXPECT_FALSE(one->next(std::chrono::milliseconds(0)));
+    EXPECT_FALSE(one->next());
     EXPECT_FALSE(viewers.enter());
+}
+
+TEST(PageViewers, sleep_without_an_event_and_are_woken_once) {
+    Viewers viewers(1);
+    int slept = 0, woken = 0;
+    const auto one = viewers.enter([&] { ++slept; }, [&] { ++woken; });
+    viewers.publish("state", "{}");
+    EXPECT_EQ(woken, 0);  // it was awake
+    (void)one->next();
+    EXPECT_EQ(one->next(), "");
+    EXPECT_EQ(slept, 1);
+    viewers.publish("state", "{}");
+    viewers.publish("state", "{}");
+    viewers.keep_alive();
+    EXPECT_EQ(woken, 1);
+    (void)one->next();
+    (void)one->next();
+    viewers.end();
+    EXPECT_EQ(woken, 2);
 }
 
 std::set<std::string> names_in(const std::string& text, const std::regex& pattern) {
