@@ -29,7 +29,7 @@ CommandOutcome outcome_of(Answer answer) {
         case Answer::not_in_this_state: return failed(CommandError::not_in_this_state);
         case Answer::device_down: return failed(CommandError::device_down);
         case Answer::plc_lost: return failed(CommandError::plc_lost);
-        case Answer::pulse_under_way: return failed(CommandError::not_yet);
+        case Answer::not_yet: return failed(CommandError::not_yet);
     }
     return failed(CommandError::failed);
 }
