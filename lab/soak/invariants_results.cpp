@@ -95,10 +95,10 @@ void Invariants::check_event(State before, const Event& event) {
 
 // Without line stop and without a lost device, only failures in a row lead to Error. A judged part ends the row.
 void Invariants::check_failures_in_a_row() {
-    std::vector<std::pair<std::int64_t, bool>> decided;  // when, and whether every device worked
+    std::vector<std::pair<std::int64_t, bool>> decided;  // when, and whether a device failed: sorted last
     const auto add = [&](const PartResult& r) {
         const bool dark = r.reason == PartReason::too_dark || r.reason == PartReason::saturated;
-        decided.emplace_back(r.arrived_ns / 1000 + r.latency_us, is_judged(r.reason) && !dark);
+        decided.emplace_back(r.arrived_ns / 1000 + r.latency_us, !is_judged(r.reason) || dark);
     };
     for (const PartHistory& history : parts_) {
         if (history.has_result) add(history.result);
@@ -110,7 +110,7 @@ void Invariants::check_failures_in_a_row() {
     std::sort(decided.begin(), decided.end());
     const std::size_t row = core_->config().max_failures_in_a_row;
     const auto in_row = decided.end() - static_cast<std::ptrdiff_t>(std::min(row, decided.size()));
-    const bool judged = std::any_of(in_row, decided.end(), [](const auto& part) { return part.second; });
+    const bool judged = std::any_of(in_row, decided.end(), [](const auto& part) { return !part.second; });
     if (decided.size() < row || judged)
         broken(Promise::lawful_states, "the station went to Error, and its last parts were judged");
 }
