@@ -34,8 +34,14 @@ void Core::on(const hal::PartEdge& edge) {
     last_edge_at_ = edge.at;
     leaves_seen_ = leaves_seen_ || !arrives;
     if (edge.counts) on(hal::EncoderReading{edge.at, *edge.counts});
-    if (!arrives) look_for_touching_parts(edge.at, edge.counts ? *edge.counts : conveyor_.counts_at(edge.at));
-    covered_ = arrives && certain;
+    const bool counted = edge.counts && Conveyor::plausible(*edge.counts);
+    const std::int64_t counts = counted ? *edge.counts : conveyor_.counts_at(edge.at);
+    if (!arrives) look_for_touching_parts(edge.at, counts);
+    if (arrives && !(covered_ && certain)) {  // an arrival on a covered sensor does not restart its time
+        covered_since_ = std::min(edge.at, now_);
+        covered_since_counts_ = counts;
+    }
+    covered_ = arrives;
     if (arrives) arrive(edge, certain);
 }
 
@@ -52,8 +58,8 @@ void Core::look_for_touching_parts(TimePoint at, std::int64_t counts) {
     if (!covered_ || !leaves_seen_) return;
     const bool by_counts = config_.by_encoder;
     const bool too_long = by_counts
-        ? config_.max_part_counts > 0 && counts - last_arrival_counts_ > config_.max_part_counts
-        : config_.max_part > Duration::zero() && at - last_arrival_ > config_.max_part;
+        ? config_.max_part_counts > 0 && counts - covered_since_counts_ > config_.max_part_counts
+        : config_.max_part > Duration::zero() && at - covered_since_ > config_.max_part;
     if (!too_long) return;
     covered_ = false;
     ++counters_.missed;

@@ -2,6 +2,7 @@
 #include "firmware/core/core.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace hord::firmware {
 Answer Core::step(const Event& event, TimePoint now, Actions& actions) {
@@ -43,8 +44,9 @@ void Core::on(Command command) {
         answer_ = Answer::plc_lost;
         return;
     }
-    if (command == Command::arm && now_ < ejector_rests_at_) {
-        answer_ = Answer::pulse_under_way;
+    const bool unseen_stop = command == Command::reset && line_stop_ && now_ < line_stopped_at_ + kMinLineStop;
+    if (unseen_stop || (command == Command::arm && now_ < ejector_rests_at_)) {
+        answer_ = Answer::not_yet;
         return;
     }
     go(command);
@@ -192,7 +194,7 @@ void Core::fault(std::uint32_t bits) {
 }
 
 void Core::stop_the_line() {
-    line_stop_ = true;
+    if (!std::exchange(line_stop_, true)) line_stopped_at_ = now_;
     fault(kFaultRejectUnconfirmed);
     go(Trigger::line_stop);
 }

@@ -27,9 +27,9 @@ namespace hord::firmware {
 enum class Answer : std::uint8_t {
     done,
     not_in_this_state,
-    device_down,      // arm: a device is lost or not yet open
-    plc_lost,         // start: the PLC's heartbeat is missing, and the policy is stop
-    pulse_under_way,  // arm: the ejector may still execute an earlier command
+    device_down,  // arm: a device is lost or not yet open
+    plc_lost,     // start: the PLC's heartbeat is missing, and the policy is stop
+    not_yet,      // arm: the ejector may still execute an earlier command; reset: line stop is newer than kMinLineStop
 };
 
 class Core {
@@ -124,6 +124,7 @@ class Core {
     bool started_ = false;  // StartDevice was pushed for the devices
     bool run_permit_ = false;
     bool line_stop_ = false;
+    TimePoint line_stopped_at_;
     bool draining_ = false;
     bool single_taken_ = false;
     bool plc_lost_ = false;
@@ -145,6 +146,8 @@ class Core {
     hal::PartEdge::Kind last_kind_ = hal::PartEdge::Kind::leaves;
     bool leaves_seen_ = false;
     bool covered_ = false;  // the newest part still covers the part sensor
+    TimePoint covered_since_;
+    std::int64_t covered_since_counts_ = 0;
     bool frames_seen_ = false;
     std::uint32_t last_frame_ = 0;
 

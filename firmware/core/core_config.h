@@ -23,6 +23,10 @@ constexpr Duration milliseconds(std::int64_t n) { return Duration(n * 1'000'000)
 // Parts a Core has memory for. Parts above CoreConfig::max_parts are not inspected, only tracked to the rejector.
 constexpr std::uint32_t kLineCapacity = 256;
 
+// Line stop stays for this time at least. A reset that comes sooner was sent before anyone could have seen the line
+// stop, for example while the process was held up: it is refused.
+constexpr Duration kMinLineStop = milliseconds(200);
+
 struct CoreConfig {
     // Distance from part sensor to ejector: a time on a conveyor of constant speed, encoder counts on one that may
     // slow, stop and restart.

@@ -31,7 +31,7 @@ void Core::settle() {
     }
     if (covered_ && leaves_seen_ && !config_.by_encoder && config_.max_part > Duration::zero()) {
         look_for_touching_parts(now_, 0);
-        if (covered_) next_wake_ = std::min(next_wake_, last_arrival_ + config_.max_part + Duration(1));
+        if (covered_) next_wake_ = std::min(next_wake_, covered_since_ + config_.max_part + Duration(1));
     }
     if (state_ == State::initialized && now_ < ejector_rests_at_) next_wake_ = std::min(next_wake_, ejector_rests_at_);
     for (std::uint32_t k = 0; k < line_.size(); ++k) {

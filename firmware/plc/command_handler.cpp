@@ -29,7 +29,7 @@ CommandOutcome outcome_of(Answer answer) {
         case Answer::not_in_this_state: return failed(CommandError::not_in_this_state);
         case Answer::device_down: return failed(CommandError::device_down);
         case Answer::plc_lost: return failed(CommandError::plc_lost);
-        case Answer::pulse_under_way: return failed(CommandError::not_yet);
+        case Answer::not_yet: return failed(CommandError::not_yet);
     }
     return failed(CommandError::failed);
 }
@@ -224,7 +224,7 @@ CommandOutcome CommandHandler::self_test(const RequestOrigin& who, const Command
         if (faults != 0)
             report({ErrorCode::internal, "the self-test found: " + names_of_faults(faults),
                     "see the cure of each fault: hordctl status"});
-        dependencies_->plc_interface.finish(request.token, outcome);
+        dependencies_->plc_interface.finish(request, outcome);
         record(who, request, state, outcome);
     });
     return {CommandState::executing, CommandError::none, 0};
@@ -241,8 +241,8 @@ CommandOutcome CommandHandler::teach(const RequestOrigin& who, const CommandRequ
     if (parts < TeachIn::kMinParts || parts > TeachIn::kMaxParts) return failed(CommandError::bad_argument);
     if (running_teach_ || pending_reference_) return failed(CommandError::not_yet);
     TeachIn::Listener listener;
-    listener.taken = [this, token = request.token](std::uint32_t taken) {
-        dependencies_->plc_interface.finish(token, {CommandState::executing, CommandError::none, taken});
+    listener.taken = [this, request](std::uint32_t taken) {
+        dependencies_->plc_interface.finish(request, {CommandState::executing, CommandError::none, taken});
     };
     listener.done = [this](Result<TeachResult> result) { on_learned(std::move(result)); };
     if (auto begun = dependencies_->teacher->begin(parts, recipe_, std::move(listener)); !begun) {
@@ -273,7 +273,7 @@ void CommandHandler::end_teach(const CommandOutcome& outcome) {
     const RunningTeach ended = std::move(*running_teach_);
     running_teach_.reset();
     record(ended.who, ended.request, ended.before, outcome);
-    dependencies_->plc_interface.finish(ended.request.token, outcome);
+    dependencies_->plc_interface.finish(ended.request, outcome);
     if (dependencies_->publish) dependencies_->publish();
 }
 

@@ -74,7 +74,9 @@ bool goes_on_beside_others(std::uint16_t code) { return static_cast<Command>(cod
 }  // namespace
 
 PlcInterface::PlcInterface(const hal::Clock& clock, PlcHandler& handler, PlcOptions options)
-    : clock_(clock), handler_(handler), options_(options) {}
+    : clock_(clock), handler_(handler), options_(options) {
+    clients_.reserve(kMaxClients);
+}
 
 Exception PlcInterface::write(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
                               std::span<const std::uint16_t> values) {
@@ -98,16 +100,39 @@ Exception PlcInterface::write(const modbus::Origin& origin, const StationNow& no
 
 // -- commands
 
-void PlcInterface::Remembered::set(const CommandOutcome& outcome) {
+void PlcInterface::Remembered::set(const CommandOutcome& outcome, hal::TimePoint now) {
     reply.state = outcome.state;
     reply.error = outcome.error;
     reply.result = outcome.result;
+    replied_at = now;
 }
 
-PlcInterface::Remembered* PlcInterface::find(std::uint32_t token) {
-    const auto found =
-        std::find_if(memory_.begin(), memory_.end(), [&](const Remembered& r) { return r.request.token == token; });
-    return found == memory_.end() ? nullptr : &*found;
+// A client that reconnects has another port.
+PlcInterface::Client& PlcInterface::client_at(std::string_view peer) {
+    const std::string_view address = peer.substr(0, peer.rfind(':'));
+    const auto known =
+        std::find_if(clients_.begin(), clients_.end(), [&](const Client& c) { return c.address == address; });
+    if (known != clients_.end()) return *known;
+    if (clients_.size() == kMaxClients) return clients_.back();
+    return clients_.emplace_back(Client{std::string(address), {}});
+}
+
+const PlcInterface::Remembered* PlcInterface::kept_reply(const Client& client, const CommandRequest& request) const {
+    const auto found = std::find_if(memory_.begin(), memory_.end(),
+                                    [&](const Remembered& r) { return r.client == &client && r.request == request; });
+    if (found == memory_.end()) return nullptr;
+    return found->executing() || clock_.now() - found->replied_at <= kReplyKept ? &*found : nullptr;
+}
+
+PlcInterface::Remembered& PlcInterface::remember(Client& client, const CommandRequest& request) {
+    client.used.insert(request.token);
+    while (memory_[next_].executing()) next_ = (next_ + 1) % memory_.size();
+    Remembered& mine = memory_[next_];
+    next_ = (next_ + 1) % memory_.size();
+    mine = {.client = &client,
+            .request = request,
+            .reply = {.token = request.token, .code = request.code, .state = CommandState::executing}};
+    return mine;
 }
 
 Exception PlcInterface::write_command(const modbus::Origin& origin, const StationNow& now,
@@ -123,32 +148,41 @@ Exception PlcInterface::write_command(const modbus::Origin& origin, const Statio
     }
     if (request.token == 0) return Exception::illegal_value;
 
-    if (const Remembered* before = find(request.token)) {
-        shown_ = *before;
-        if (before->request !=
-            request) {  // another command with this token: not executed; the first one keeps its reply
-            shown_ = {.request = request,
-                      .reply = {.token = request.token,
-                                .code = request.code,
-                                .state = CommandState::failed,
-                                .error = CommandError::token_reused}};
+    Client& client = client_at(origin.peer);
+    if (may_interrupt(request.code)) {
+        const CommandOutcome outcome = handler_.on_command(origin, request);
+        const Remembered* before = kept_reply(client, request);
+        if (before != nullptr && outcome.error == CommandError::not_in_this_state) {
+            shown_ = *before;  // a repeat, and nothing was left to stop
+            return Exception::none;
         }
+        ++commands_done_;
+        Remembered& mine = remember(client, request);
+        mine.set(outcome, clock_.now());
+        shown_ = mine;
         return Exception::none;
     }
-    const auto is_executing = [](const Remembered& r) { return r.reply.state == CommandState::executing; };
+    if (const Remembered* before = kept_reply(client, request)) {
+        shown_ = *before;
+        return Exception::none;
+    }
+    if (client.used.contains(request.token)) {
+        shown_ = {.client = &client,
+                  .request = request,
+                  .reply = {.token = request.token,
+                            .code = request.code,
+                            .state = CommandState::failed,
+                            .error = CommandError::token_reused}};
+        return Exception::none;
+    }
     const auto must_be_alone = [&](const Remembered& r) {
-        return is_executing(r) && !goes_on_beside_others(r.request.code);
+        return r.executing() && !goes_on_beside_others(r.request.code);
     };
-    if (!may_interrupt(request.code) && std::any_of(memory_.begin(), memory_.end(), must_be_alone))
-        return Exception::busy;
+    if (std::any_of(memory_.begin(), memory_.end(), must_be_alone)) return Exception::busy;
 
     // Remembered before it is executed, so that a reentrant write of this token does nothing.
-    while (is_executing(memory_[next_])) next_ = (next_ + 1) % memory_.size();
-    Remembered& mine = memory_[next_];
-    next_ = (next_ + 1) % memory_.size();
-    mine = {.request = request,
-            .reply = {.token = request.token, .code = request.code, .state = CommandState::executing}};
-    mine.set(execute(origin, now, request));
+    Remembered& mine = remember(client, request);
+    mine.set(execute(origin, now, request), clock_.now());
     shown_ = mine;
     return Exception::none;
 }
@@ -165,11 +199,14 @@ CommandOutcome PlcInterface::execute(const modbus::Origin& origin, const Station
     return handler_.on_command(origin, request);
 }
 
-void PlcInterface::finish(std::uint32_t token, const CommandOutcome& outcome) {
-    Remembered* mine = token == 0 ? nullptr : find(token);
-    if (mine == nullptr || mine->reply.state != CommandState::executing) return;
-    mine->set(outcome);
-    if (shown_.request == mine->request) shown_ = *mine;
+void PlcInterface::finish(const CommandRequest& request, const CommandOutcome& outcome) {
+    for (Remembered& mine : memory_) {
+        if (!mine.executing() || mine.request != request) continue;
+        const bool shown = shown_.client == mine.client && shown_.request == request;
+        mine.set(outcome, clock_.now());
+        if (shown) shown_ = mine;
+        return;
+    }
 }
 
 // -- heartbeat and results

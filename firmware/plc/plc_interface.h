@@ -2,11 +2,14 @@
 //
 // Sans-I/O: time comes from the injected clock, actions go to the handler. Loop thread only.
 //
-// A command is one write of COMMAND from its token on. A known token is not executed again; its reply is shown again.
-// So a sender that does not know whether its write arrived repeats it, on any connection, until REPLY shows its token.
-// The last 256 tokens are remembered. `boot` prevents repeating a command to a station that was restarted meanwhile.
-// While a command executes, any other is answered with exception 06 and not remembered; exceptions are stop, abort and
-// halt, and a teach does not block others.
+// A command is one write of COMMAND from its token on. Tokens belong to a client: the address of its connections. A
+// token that this client has used in this boot is not executed again: its reply is shown again for kReplyKept, then the
+// repeat is refused (token_reused). So a sender that does not know whether its write arrived repeats it, on any
+// connection, until REPLY shows its token; and a sender whose counter began again is never told that an old command was
+// completed. `boot` prevents repeating a command to a station that was restarted meanwhile. Stop, abort and halt act
+// always, whatever their token and boot. A repeat of them finds nothing to do and shows the first reply. While a
+// command executes, any other is answered with exception 06 and not remembered; exceptions are stop, abort and halt,
+// and a teach does not block others.
 #pragma once
 
 #include <array>
@@ -14,9 +17,12 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <string>
+#include <vector>
 
 #include "drivers/hal/clock.h"
 #include "firmware/modbus/dispatcher.h"
+#include "firmware/plc/used_tokens.h"
 #include "firmware/registers/register_values.h"
 
 namespace hord::firmware {
@@ -32,8 +38,8 @@ struct CommandOutcome {
 class PlcHandler {
   public:
     virtual ~PlcHandler() = default;
-    // Every command, once a token; unknown codes, too. commit_recipe only with the right checksum, while the
-    // station does not execute.
+    // Every command, once a token; stop, abort and halt each time they are written; unknown codes, too. commit_recipe
+    // only with the right checksum, while the station does not execute.
     virtual CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) = 0;
     // The PLC acknowledges the results up to `sequence`. none: accepted; busy: not stored yet, repeat; device_failure:
     // they cannot be stored now.
@@ -56,6 +62,11 @@ struct StationNow {
 
 class PlcInterface {
   public:
+    // The reply of a completed or failed command is shown again to a repeat for this long.
+    static constexpr hal::Duration kReplyKept = std::chrono::minutes(1);
+    // Clients beyond this number share the tokens of the last one.
+    static constexpr std::size_t kMaxClients = 16;
+
     PlcInterface(const hal::Clock& clock, PlcHandler& handler, PlcOptions options);
 
     // Writes whole writable rows, or nothing. Exception 02: another register; 03: half a value, "not available" or an
@@ -65,8 +76,8 @@ class PlcInterface {
                             std::span<const std::uint16_t> values);
 
     // Outcome or progress (executing, with a result) of an executing command. Not to be called inside its on_command().
-    // No effect for a token that is not executing.
-    void finish(std::uint32_t token, const CommandOutcome& outcome);
+    // No effect for a request that is not executing.
+    void finish(const CommandRequest& request, const CommandOutcome& outcome);
 
     // Results up to `newest_sequence` exist. Counts those overwritten in the ring before they were acknowledged.
     void note_results(std::uint32_t newest_sequence);
@@ -84,10 +95,17 @@ class PlcInterface {
 
   private:
     using StagedWords = std::array<std::uint16_t, 8>;  // registers 8202 to 8209: StagedRecipe's members in their order
+    struct Client {
+        std::string address;
+        UsedTokens used;
+    };
     struct Remembered {
+        const Client* client = nullptr;
         CommandRequest request;
         CommandReply reply;
-        void set(const CommandOutcome& outcome);
+        hal::TimePoint replied_at{};
+        void set(const CommandOutcome& outcome, hal::TimePoint now);
+        [[nodiscard]] bool executing() const { return reply.state == CommandState::executing; }
     };
     modbus::Exception write_command(const modbus::Origin& origin, const StationNow& now,
                                     std::span<const std::uint16_t> values);
@@ -95,13 +113,16 @@ class PlcInterface {
                                 std::span<const std::uint16_t> values);
     [[nodiscard]] CommandOutcome execute(const modbus::Origin& origin, const StationNow& now,
                                          const CommandRequest& request);
-    [[nodiscard]] Remembered* find(std::uint32_t token);
+    [[nodiscard]] Client& client_at(std::string_view peer);
+    [[nodiscard]] const Remembered* kept_reply(const Client& client, const CommandRequest& request) const;
+    Remembered& remember(Client& client, const CommandRequest& request);
 
     const hal::Clock& clock_;
     PlcHandler& handler_;
     PlcOptions options_;
 
-    std::array<Remembered, 256> memory_{};  // a ring; token 0: empty
+    std::vector<Client> clients_;           // never moves: its capacity is kMaxClients
+    std::array<Remembered, 256> memory_{};  // a ring of the last commands; token 0: empty
     std::size_t next_ = 0;
     Remembered shown_{};
     std::uint32_t commands_done_ = 0;

@@ -107,7 +107,8 @@ enum class CommandError : std::uint16_t {
     not_supported = 8,
     failed = 9,
     plc_lost = 10,  // start: the PLC's heartbeat is missing
-    not_yet = 11,   // arm: the ejector is still acting; self_test: or parts are on the line; teach: another is running
+    not_yet = 11,   // arm: the ejector is still acting; self_test: or parts are on the line; teach: another is running;
+                    // reset: the line stop is newer than kMinLineStop
     no_such_recipe = 12,  // use_recipe: no usable file has this number
     cancelled = 13,       // teach: abort, halt or another recipe ended it
 };

@@ -2,6 +2,7 @@
 #include "lab/soak/soak.h"
 
 #include <algorithm>
+#include <chrono>
 #include <memory>
 #include <optional>
 #include <string>
@@ -16,10 +17,10 @@ namespace hord::lab {
 namespace {
 
 struct SoakArguments {
-    std::uint64_t parts = 100'000, seed = 1, episode_parts = 5'000;
-    std::optional<std::uint64_t> episode;
+    std::uint64_t parts = 100'000, episode_parts = 5'000;
+    std::optional<std::uint64_t> seed, episode;
     std::string line = "timed", faults;
-    bool coverage = false, shrink = false, real = false;
+    bool coverage = false, shrink = false, real = false, stand_in = false;
     int threads = 1;
     std::string profile = "random";
 };
@@ -49,17 +50,25 @@ Exit run_one_episode(const SoakArguments& arguments) {
     return report ? show(*report, arguments) : complain(report.error());
 }
 
+// 20261123 on 2026-11-23, UTC.
+std::uint64_t seed_of_today() {
+    const std::chrono::year_month_day today(std::chrono::floor<std::chrono::days>(std::chrono::system_clock::now()));
+    return static_cast<std::uint64_t>(static_cast<int>(today.year())) * 10'000 +
+        static_cast<unsigned>(today.month()) * 100U + static_cast<unsigned>(today.day());
+}
+
 Exit run_soak(const SoakArguments& arguments) {
     if (arguments.episode) return run_one_episode(arguments);
     SoakOptions options;
     options.parts = arguments.parts;
-    options.seed = arguments.seed;
     options.all_pairs = arguments.profile == "nightly";
+    options.seed = arguments.seed.value_or(options.all_pairs ? seed_of_today() : 1);
+    options.real_parts = !arguments.stand_in;
     options.parts_an_episode = std::min(arguments.episode_parts, arguments.parts);
     options.threads = arguments.threads;
     auto progress = std::make_unique<Progress>("soak");
     options.progress = [&](double done) { progress->show(done); };
-    fmt::print(stderr, "seed {}, {} parts\n", arguments.seed, arguments.parts);
+    fmt::print(stderr, "seed {}, {} parts\n", options.seed, arguments.parts);
     const auto report = soak(options);
     progress.reset();
     if (!report) return complain(report.error());
@@ -75,8 +84,10 @@ void add_soak(CLI::App& program, Exit& status) {
     command->add_option("--parts", arguments->parts, "How many parts")
         ->check(CLI::PositiveNumber)
         ->capture_default_str();
-    command->add_option("--seed", arguments->seed, "Seed of lines and faults; the same seed gives the same run")
-        ->capture_default_str();
+    command->add_option(
+        "--seed", arguments->seed,
+        "Seed of lines and faults; the same seed gives the same run. Without it 1, or in the nightly profile "
+        "the date (UTC): 20261123 on 2026-11-23");
     command
         ->add_option("--episode-parts", arguments->episode_parts,
                      "Parts an episode; each draws its own line and faults")
@@ -92,6 +103,10 @@ void add_soak(CLI::App& program, Exit& status) {
     command->add_option("--line", arguments->line, "Of the episode: followed by time or by an encoder")
         ->check(CLI::IsMember({"timed", "encoder"}));
     command->add_flag("--real", arguments->real, "Of the episode: rendered frames and the real pipeline");
+    command->add_flag(
+        "--stand-in", arguments->stand_in,
+        "No episode with rendered frames and the real pipeline: a stand-in judges every part, in a fraction of "
+        "the time");
     command->add_option("--faults", arguments->faults,
                         "Of the episode: NAME@FIRST-LAST:PROBABILITY+TIME, several with commas");
     command->add_flag("--coverage", arguments->coverage, "Show which states met which events, and which faults met");

@@ -74,7 +74,9 @@ class DeviceProxies {
         void do_set_run_permit(bool permit) override;
         void do_stop() override;
         void on_reject(const hal::RejectReport& report) override {
-            if (!proxies.cut_) listener->on_reject(report);
+            if (proxies.cut_) return;
+            proxies.invariants_.reject_reported(report);
+            listener->on_reject(report);
         }
         void on_rejector_link(bool up, const Error& why_down) override {
             if (!proxies.cut_) listener->on_rejector_link(up, why_down);

@@ -2,6 +2,7 @@
 #include "lab/soak/invariants.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace hord::lab {
 
@@ -193,6 +194,9 @@ void Invariants::process_starts(const Core& core, const CoreConfig& config) {
     reported_ = checked_counters_ = {};
     checked_results_ = 0;
     reported_inspected_ = results_in_process_ = 0;
+    pulse_until_ = permit_lost_at_ = {};
+    had_permit_ = false;
+    first_fault_ = 0;
     evidence_.fill({});
 }
 
@@ -259,7 +263,13 @@ void Invariants::rejecting(const hal::RejectCommand& command) {
         broken(Promise::own_rejection, "was passed, and is rejected", history->number);
 }
 
+void Invariants::reject_reported(const hal::RejectReport& report) {
+    Evidence& evidence = evidence_of(report.part);
+    if (!std::exchange(evidence.reject_told, true)) evidence.report = report;
+}
+
 void Invariants::rejecting_done(bool accepted) {
+    if (accepted) pulse_until_ = std::max(pulse_until_, last_reject_.start + last_reject_.width);
     PartHistory* history = history_of(last_reject_.part);
     if (history != nullptr && accepted) history->commanded = true;
 }

@@ -75,10 +75,14 @@ class Invariants {
     void judged(const Judged& judged);
     void rejecting(const hal::RejectCommand& command);
     void rejecting_done(bool accepted);
+    void reject_reported(const hal::RejectReport& report);
 
     // Called by the station.
-    void stepped(State before);
+    void stepped(State before, const Event& event);
     void result(const PartResult& result);
+
+    // What the registers show of the faults: the first one stays until a reset.
+    void faults_shown(std::uint16_t first_fault, std::uint32_t latched);
 
     // Called by other checks (registers, records, a PLC's commands): counts a violation.
     void broken(Promise promise, const std::string& what, std::uint64_t part = 0);
@@ -123,6 +127,8 @@ class Invariants {
         bool light_correct = false, submitted = false, frame_correct = false, judged_good = false;
         std::uint64_t true_part = 0;
         hal::StrobePulse pulse;
+        bool reject_told = false;
+        hal::RejectReport report;  // the first one
     };
     static constexpr std::size_t kMemory = 512;  // parts; far more than fit on the line
 
@@ -136,6 +142,9 @@ class Invariants {
     void check_exit(PartHistory& history);
     void check_ejected(PartHistory& history);
     void check_passed(const PartResult& result, PartHistory* history);
+    void check_event(State before, const Event& event);
+    void check_failures_in_a_row();
+    void check_rejection(const PartResult& result);
     void check_undisturbed(const PartResult& result, const PartHistory& history);
     void check_reason(const PartResult& result);
     void check_counters();
@@ -168,6 +177,11 @@ class Invariants {
     std::array<Pulse, 8> fault_pulses_{};  // made by faults; the newest overwrites the oldest
     std::size_t next_fault_pulse_ = 0;
     hal::RejectCommand last_reject_;
+    // Of this process.
+    TimePoint pulse_until_{};     // end of the last pulse commanded
+    TimePoint permit_lost_at_{};  // the run permit was withdrawn
+    bool had_permit_ = false;
+    std::uint16_t first_fault_ = 0;  // shown since the last reset
     TimePoint light_until_ = TimePoint::min();
     bool ever_lit_ = false;
 

@@ -1,5 +1,6 @@
 // What the station reports: its steps, its results and its counters.
 #include <algorithm>
+#include <utility>
 
 #include "lab/soak/invariants.h"
 
@@ -71,7 +72,58 @@ constexpr Duration kCauseLag = milliseconds(1000);
 
 }  // namespace
 
-void Invariants::stepped(State before) {
+// What an event must have done when its step is over.
+void Invariants::check_event(State before, const Event& event) {
+    const State now = core_->state();
+    const auto* command = std::get_if<Command>(&event);
+    const bool gives_up =
+        command != nullptr && (*command == Command::abort || *command == Command::halt) && now != before;
+    const bool rejects_all =
+        std::holds_alternative<PlcLost>(event) && core_->config().plc_policy == PlcPolicy::reject_all;
+    const Line& line = core_->line();
+    for (std::uint32_t k = 0; (gives_up || rejects_all) && k < line.size(); ++k) {
+        if (line[k].phase == Part::Phase::waiting)
+            broken(Promise::one_verdict, "still waits for its verdict after an abort, halt or lost PLC",
+                   line[k].number());
+    }
+    if (command != nullptr && *command == Command::arm && now == State::ready && clock_.now() < pulse_until_)
+        broken(Promise::own_rejection, "the station was armed while the ejector still had a pulse to execute");
+    if (command != nullptr && *command == Command::reset) first_fault_ = 0;
+    const bool was_running = executing(before) || before == State::ready;
+    if (was_running && now == State::error && !core_->line_stop() && core_->all_devices_up()) check_failures_in_a_row();
+}
+
+// Without line stop and without a lost device, only failures in a row lead to Error. A judged part ends the row.
+void Invariants::check_failures_in_a_row() {
+    std::vector<std::pair<std::int64_t, bool>> decided;  // when, and whether a device failed: sorted last
+    const auto add = [&](const PartResult& r) {
+        const bool dark = r.reason == PartReason::too_dark || r.reason == PartReason::saturated;
+        decided.emplace_back(r.arrived_ns / 1000 + r.latency_us, !is_judged(r.reason) || dark);
+    };
+    for (const PartHistory& history : parts_) {
+        if (history.has_result) add(history.result);
+    }
+    const Line& line = core_->line();
+    for (std::uint32_t k = 0; k < line.size(); ++k) {
+        if (line[k].phase == Part::Phase::decided || line[k].phase == Part::Phase::commanded) add(line[k].result);
+    }
+    std::sort(decided.begin(), decided.end());
+    const std::size_t row = core_->config().max_failures_in_a_row;
+    const auto in_row = decided.end() - static_cast<std::ptrdiff_t>(std::min(row, decided.size()));
+    const bool judged = std::any_of(in_row, decided.end(), [](const auto& part) { return !part.second; });
+    if (decided.size() < row || judged)
+        broken(Promise::lawful_states, "the station went to Error, and its last parts were judged");
+}
+
+void Invariants::faults_shown(std::uint16_t first_fault, std::uint32_t latched) {
+    if (first_fault_ != 0 && first_fault != first_fault_)
+        broken(Promise::one_story, "the first fault is another one without a reset");
+    if (first_fault != 0 && (latched >> (first_fault - 1U) & 1U) == 0)
+        broken(Promise::one_story, "the first fault is not among the latched ones");
+    first_fault_ = first_fault;
+}
+
+void Invariants::stepped(State before, const Event& event) {
     struct {
         State state;
         bool line_stop, run_permit;
@@ -95,6 +147,11 @@ void Invariants::stepped(State before) {
         broken(Promise::lawful_states,
                "the line may run in " + std::string(name_of(now.state)) + (now.line_stop ? " with line stop" : ""));
     }
+    if (now.run_permit && now.state == State::ready && now.parts_on_line == 0)
+        broken(Promise::lawful_states, "the line may run in Ready, and it is empty");
+    if (had_permit_ && !now.run_permit) permit_lost_at_ = clock_.now();
+    had_permit_ = now.run_permit;
+    check_event(before, event);
     if (cell_.rejector().run_permit() && now.line_stop)
         broken(Promise::unconfirmed_stops, "line stop, and the belt has its permit");
     if (now.parts_on_line > rules_.most_on_line)
@@ -157,6 +214,7 @@ void Invariants::result(const PartResult& r) {
         broken(Promise::unconfirmed_stops, "was not surely ejected, and the line runs", r.part);
     }
     check_reason(r);
+    check_rejection(r);
 
     PartHistory* history = arrived_at(r.arrived_ns);
     if (r.verdict == PartVerdict::pass) check_passed(r, history);
@@ -201,6 +259,28 @@ void Invariants::check_passed(const PartResult& r, PartHistory* history) {
     if (!history->bad) return;
     ++passed_bad_;
     if (rules_.perfect_detection) broken(Promise::no_bad_part_passes, "is bad, and was passed", history->number);
+}
+
+// The first report of a rejection counts. On a line without an encoder no rejection is sure if the run permit was
+// withdrawn while the part was on its way.
+void Invariants::check_rejection(const PartResult& r) {
+    const std::int64_t age_us = (clock_.now().time_since_epoch().count() - r.arrived_ns) / 1000;
+    if (r.verdict == PartVerdict::pass ? r.latency_us != age_us : r.latency_us > age_us)
+        broken(Promise::one_story, "has a latency that no clock showed", r.part);
+    if (r.reject != RejectState::confirmed) {
+        if (r.reject_latency_us != 0)
+            broken(Promise::one_story, "has a latency of a rejection, and no rejection", r.part);
+        return;
+    }
+    const Evidence& evidence = evidence_of(r.part);
+    if (!evidence.reject_told || evidence.report.outcome != hal::RejectReport::Outcome::confirmed)
+        return broken(Promise::unconfirmed_stops, "is called ejected, and the rejector did not say so", r.part);
+    if (std::max<std::int64_t>(1, (evidence.report.at.time_since_epoch().count() - r.arrived_ns) / 1000) !=
+        r.reject_latency_us)
+        broken(Promise::one_story, "has a latency of its rejection that no clock showed", r.part);
+    const TimePoint arrived(Duration(r.arrived_ns)), at_ejector = arrived + rules_.core.transport;
+    if (!rules_.core.by_encoder && permit_lost_at_ > arrived && permit_lost_at_ < at_ejector)
+        broken(Promise::unconfirmed_stops, "is called ejected, and the belt may have stood on its way", r.part);
 }
 
 void Invariants::check_reason(const PartResult& r) {

@@ -14,8 +14,8 @@ std::uint16_t at(BlockId block, std::string_view name) { return find_register(bl
 struct Addresses {
     std::uint16_t boot_id = at(BlockId::ident, "boot_id"), state = at(BlockId::status, "state"),
                   newest = at(BlockId::status, "last_sequence"), seen = at(BlockId::counters, "seen"),
-                  token = at(BlockId::command, "token"), beat = at(BlockId::plc, "heartbeat"),
-                  staged = at(BlockId::recipe, "staged_number");
+                  heartbeat = at(BlockId::status, "heartbeat"), token = at(BlockId::command, "token"),
+                  beat = at(BlockId::plc, "heartbeat"), staged = at(BlockId::recipe, "staged_number");
 };
 const Addresses& addresses() {
     static const Addresses all;
@@ -125,6 +125,14 @@ void PlcSimulator::check_status() {
     if (status[0] != static_cast<std::uint16_t>(now.state) || (status[1] & 7U) != bits) {
         invariants_.broken(Promise::one_story, "the registers show another state than the station is in");
     }
+    invariants_.faults_shown(now.first_fault, now.faults_latched);
+    if (const std::uint16_t beat = read(addresses().heartbeat, 1)[0];
+        beat != station_beat_ || station_beat_at_ == TimePoint{}) {
+        station_beat_ = beat;
+        station_beat_at_ = loop_.now();
+    } else if (loop_.now() - station_beat_at_ > kMaxBeat) {
+        invariants_.broken(Promise::one_story, "the station's heartbeat stands");
+    }
     const Counters& c = now.counters;
     const std::array expected{
         c.seen,          c.inspected,  c.pass, c.reject, c.unfit, c.missed, c.reject_commanded, c.reject_confirmed,
@@ -181,7 +189,9 @@ void PlcSimulator::recover_station() {
 
 void PlcSimulator::command(Command code, bool meant_for_this_boot) {
     if (endpoint_ == nullptr || boot_id_ == 0) return;  // the boot id is not known yet
-    const bool to_this_boot = meant_for_this_boot && double_word(read(addresses().boot_id, 2), 0) == boot_id_;
+    const bool acts_in_any_boot = code == Command::stop || code == Command::abort || code == Command::halt;
+    const bool to_this_boot =
+        acts_in_any_boot || (meant_for_this_boot && double_word(read(addresses().boot_id, 2), 0) == boot_id_);
     const std::uint32_t token = ++token_;
     const std::uint32_t other_boot = double_word(read(addresses().boot_id, 2), 0) ^ 0x5A5AU;
     const std::uint16_t boot = low(meant_for_this_boot ? boot_id_ : other_boot);

@@ -61,14 +61,19 @@ class PlcEndpoint {
 
 class PlcSimulator {
   public:
-    static constexpr Duration kCycle = milliseconds(250);     // the PLC's cycle
+    static constexpr Duration kCycle = milliseconds(250);  // the PLC's cycle
+    // The station beats every 500 ms; a few stalls may delay that.
+    static constexpr Duration kMaxBeat = milliseconds(2500);
     static constexpr Duration kTimeout = milliseconds(1000);  // without a heartbeat for this long it counts as lost
 
     PlcSimulator(hal::EventLoop& loop, Invariants& invariants, StoreObserver& store_observer, std::uint64_t seed)
         : loop_(loop), invariants_(invariants), store_observer_(store_observer), seed_(seed) {}
 
     // Null while no process runs.
-    void connect(PlcEndpoint* endpoint) { endpoint_ = endpoint; }
+    void connect(PlcEndpoint* endpoint) {
+        endpoint_ = endpoint;
+        station_beat_at_ = {};
+    }
     // Called before a reset after line stop, by which a person takes all parts off the belt.
     void clear_with(std::function<void()> take_parts_off) { take_parts_off_ = std::move(take_parts_off); }
 
@@ -105,7 +110,8 @@ class PlcSimulator {
     std::function<void()> take_parts_off_;
     hal::TimePoint silent_until_{}, idle_until_{}, restless_until_{};
     int repeats_ = 0;
-    std::uint16_t beat_ = 0;
+    std::uint16_t beat_ = 0, station_beat_ = 0;
+    hal::TimePoint station_beat_at_{};  // when station_beat_ was seen first; zero: not read yet
     std::uint32_t boot_id_ = 0, token_ = 0;
     std::uint32_t read_ = 0, to_acknowledge_ = 0,
                   acknowledged_ = 0;  // sequences of results: checked, to be acknowledged, acknowledged

@@ -332,7 +332,7 @@ void SimulatedLine::on_state(State from, State to) {
 void SimulatedLine::on_step(State before, const Event& event) {
     if (!alive()) return;
     coverage_.stepped(before, event);
-    invariants_->stepped(before);
+    invariants_->stepped(before, event);
 }
 
 }  // namespace hord::lab

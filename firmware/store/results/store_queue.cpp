@@ -14,6 +14,11 @@ namespace {
 // Extra capacity for changes and commands: they are few, and explain the results.
 constexpr std::size_t kRoomForChanges = 1024;
 
+// Of a record that report_losses() wrote.
+std::int64_t member_of_loss(const ChangeRecord& lost, const char* name) {
+    return integer_in(parse_stored(lost.after), name).value_or(0);
+}
+
 hal::TimePoint steady_now() { return hal::TimePoint(std::chrono::steady_clock::now().time_since_epoch()); }
 
 }  // namespace
@@ -39,6 +44,7 @@ void StoreQueue::add(Record record) {
             }
             return;
         }
+        if (result != nullptr) report_losses();  // before the next result: one report for each run of lost results
         waiting_.push_back({++counted_, std::move(record)});
         wake = waiting_.size() == 1 || waiting_.size() == options_.batch;
     }
@@ -117,10 +123,9 @@ Unstored StoreQueue::finish() {
         if (const auto* result = std::get_if<ResultRecord>(&entry.record)) {
             add(1, result->result.sequence, result->result.sequence);
         } else if (change != nullptr && change->what == ChangeRecord::What::lost) {
-            const Json lost = parse_stored(change->after);  // report_losses() wrote it
-            const auto member = [&](const char* name) { return integer_in(lost, name).value_or(0); };
-            add(static_cast<std::size_t>(member("records")), static_cast<std::uint32_t>(member("from_sequence")),
-                static_cast<std::uint32_t>(member("to_sequence")));
+            add(static_cast<std::size_t>(member_of_loss(*change, "records")),
+                static_cast<std::uint32_t>(member_of_loss(*change, "from_sequence")),
+                static_cast<std::uint32_t>(member_of_loss(*change, "to_sequence")));
         } else {
             ++left.others;
         }
@@ -144,7 +149,7 @@ bool StoreQueue::step() {
 }
 
 bool StoreQueue::write_one_batch(std::unique_lock<std::mutex>& lock) {
-    report_losses();
+    if (!failing_) report_losses();
     std::vector<Entry> batch;
     while (!waiting_.empty() && batch.size() < options_.batch) {
         batch.push_back(std::move(waiting_.front()));
@@ -166,7 +171,8 @@ bool StoreQueue::write_one_batch(std::unique_lock<std::mutex>& lock) {
     for (const Entry& entry : batch) {
         if (const auto* result = std::get_if<ResultRecord>(&entry.record)) durable_ = result->result.sequence;
         const auto* change = std::get_if<ChangeRecord>(&entry.record);
-        if (change != nullptr && change->what == ChangeRecord::What::lost) durable_ = std::max(durable_, reported_to_);
+        if (change != nullptr && change->what == ChangeRecord::What::lost)
+            durable_ = std::max(durable_, static_cast<std::uint32_t>(member_of_loss(*change, "to_sequence")));
     }
     if (std::exchange(failing_, false)) {
         last_error_.clear();
@@ -222,9 +228,9 @@ void StoreQueue::fail_with(std::unique_lock<std::mutex>& lock, const Error& erro
     lock.lock();
 }
 
-// With the lock. Records the lost results in the store once it works again.
+// With the lock. What was lost since the last report becomes a record of the queue.
 void StoreQueue::report_losses() {
-    if (lost_ == lost_reported_ || failing_) return;
+    if (lost_ == lost_reported_) return;
     ChangeRecord lost;
     lost.what = ChangeRecord::What::lost;
     lost.time_us = utc_now_();
@@ -233,7 +239,6 @@ void StoreQueue::report_losses() {
         to_text({{"records", lost_ - lost_reported_}, {"from_sequence", lost_from_}, {"to_sequence", lost_to_}});
     waiting_.push_back({++counted_, std::move(lost)});
     lost_reported_ = lost_;
-    reported_to_ = std::max(reported_to_, lost_to_);
     lost_from_ = lost_to_ = 0;
 }
 

@@ -2,7 +2,7 @@
 //
 // While the store fails, records wait and the store is opened again every `retry_every`; no record is stored twice.
 // Once `capacity` results wait, further results are lost: counted, reported, and recorded as a change "lost" as soon as
-// the store works again.
+// the store works again, one for each run of results without a stored one between them.
 #pragma once
 
 #include <condition_variable>
@@ -58,7 +58,7 @@ class StoreQueue {
         std::function<void()> works_again;
     };
 
-    // `start` describes the run. `utc_now` and `listener` are called on the queue's thread.
+    // `start` describes the run. `listener` is called on the queue's thread, `utc_now` there and in add().
     StoreQueue(Open open, StoreQueueOptions options, StartRecord start, std::function<UtcMicros()> utc_now,
                Listener listener = {});
     // The destructor finishes.
@@ -108,7 +108,6 @@ class StoreQueue {
     std::size_t in_flight_ = 0;
     std::uint64_t lost_ = 0, lost_reported_ = 0;
     std::uint32_t lost_from_ = 0, lost_to_ = 0;  // sequences of the next report
-    std::uint32_t reported_to_ = 0;              // last sequence of the waiting report
     std::uint32_t durable_ = 0;
     bool failing_ = false, urgent_ = false;
     std::jthread thread_;  // the last member: its end uses the others

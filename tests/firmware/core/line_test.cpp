@@ -200,6 +200,31 @@ TEST_F(Running, a_part_that_covers_the_sensor_for_too_long_hides_another_and_sto
     EXPECT_EQ(touching.shot().counters.missed, 1U);
 }
 
+// A second arrival without an end of the first part is a ghost, or a part that touches: the sensor stays covered.
+TEST_F(Running, an_arrival_on_a_covered_sensor_does_not_hide_that_it_is_covered_for_too_long) {
+    for (const std::uint32_t skipped : {0U, 1U}) {  // with 1, an edge in between was lost: this one is uncertain
+        CoreConfig config = quick_line();
+        config.max_part = milliseconds(30);
+        CoreRig touching{config};
+        touching.bring_to(State::continuous_execution);
+        const auto edge = [&](hal::PartEdge::Kind kind) {
+            touching.send(hal::PartEdge{kind, touching.now, ++touching.edges, {}});
+        };
+        edge(hal::PartEdge::Kind::arrives);
+        touching.advance(milliseconds(20));
+        edge(hal::PartEdge::Kind::leaves);
+        touching.advance(milliseconds(50));
+        edge(hal::PartEdge::Kind::arrives);
+        touching.advance(milliseconds(25));
+        touching.edges += skipped;
+        edge(hal::PartEdge::Kind::arrives);
+        touching.advance(milliseconds(skipped == 0 ? 5 : 30));
+        EXPECT_FALSE(touching.shot().line_stop);
+        touching.advance(Duration(1));
+        EXPECT_TRUE(touching.shot().line_stop) << "covered for longer than any part takes";
+    }
+}
+
 TEST_F(Running, a_part_that_was_at_the_sensor_when_it_came_up_stops_the_line) {
     rig.send(hal::PartEdge{hal::PartEdge::Kind::leaves, rig.now, 1, {}});
     EXPECT_TRUE(rig.shot().line_stop);
@@ -211,6 +236,7 @@ TEST(LineUnknown, stops_the_line_until_a_reset) {
     rig.send(LineUnknown{});
     EXPECT_EQ(rig.core.state(), State::error);
     EXPECT_TRUE(rig.shot().line_stop);
+    rig.advance(kMinLineStop);
     EXPECT_EQ(rig.send(Command::reset), Answer::done);
     EXPECT_FALSE(rig.shot().line_stop);
     EXPECT_EQ(rig.core.state(), State::initialized);

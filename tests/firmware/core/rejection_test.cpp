@@ -32,6 +32,7 @@ TEST_F(Running, an_unconfirmed_rejection_stops_the_line) {
         EXPECT_EQ(one.permits, std::vector<bool>{false}) << story.what;
         EXPECT_EQ(one.only_result().reject, story.state) << story.what;
         EXPECT_NE(one.shot().faults_active & kFaultRejectUnconfirmed, 0U) << story.what;
+        one.advance(kMinLineStop);
         one.send(Command::reset);
         EXPECT_FALSE(one.shot().line_stop) << story.what;
     }
@@ -122,24 +123,65 @@ TEST_F(Running, an_error_stops_the_line_and_no_rejection_counts_from_then_on) {
 TEST_F(Running, a_reset_ends_the_story_of_parts_whose_place_was_lost) {
     const auto part = rig.part_is_seen();
     rig.judged(part, Verdict::reject, Reason::deflection_gradient);
+    rig.advance(milliseconds(10));
     rig.send(DeviceLost{Device::strobe});
-    rig.send(Command::reset);
+    rig.advance(milliseconds(100));
+    const auto last = rig.part_arrives();  // the conveyor runs down
+    rig.advance(milliseconds(100));
+    rig.confirmed(part);
+    rig.forget();
+    EXPECT_EQ(rig.send(Command::reset), Answer::done);
+    EXPECT_EQ(rig.only_result().part, last);
     EXPECT_EQ(rig.only_result().reject, RejectState::failed);
     EXPECT_FALSE(rig.shot().line_stop);
     rig.advance(milliseconds(500));
-    EXPECT_FALSE(rig.rejected(part)) << "its pulse would hit another part of the line that runs again";
+    EXPECT_FALSE(rig.rejected(last)) << "its pulse would hit another part of the line that runs again";
+}
+
+// The process was held up: a reset of before the line stop is read after it.
+TEST_F(Running, a_reset_that_nobody_can_have_sent_for_this_line_stop_is_refused) {
+    rig.part_is_seen();
+    rig.send(DeviceLost{Device::part_sensor});
+    rig.send(DeviceUp{Device::part_sensor});
+    EXPECT_EQ(rig.send(Command::reset), Answer::not_yet);
+    EXPECT_TRUE(rig.shot().line_stop);
+    rig.advance(kMinLineStop - Duration(1));
+    rig.send(LineUnknown{});  // again line stop: its time is that of the first
+    EXPECT_EQ(rig.send(Command::reset), Answer::not_yet);
+    EXPECT_EQ(rig.send(Command::halt), Answer::done);
+    EXPECT_EQ(rig.send(Command::reset), Answer::not_yet);
+    EXPECT_TRUE(rig.shot().line_stop);
+    rig.advance(Duration(1));
+    EXPECT_EQ(rig.send(Command::reset), Answer::done);
+    EXPECT_FALSE(rig.shot().line_stop);
+}
+
+TEST_F(Running, a_reset_without_line_stop_is_not_delayed) {
+    rig.send(DeviceLost{Device::sensor});
+    EXPECT_EQ(rig.core.state(), State::error);
+    EXPECT_FALSE(rig.shot().line_stop);
+    EXPECT_EQ(rig.send(Command::reset), Answer::done);
 }
 
 TEST_F(Running, arming_waits_until_the_ejector_rests) {
-    const auto part = rig.part_is_seen();
-    rig.judged(part, Verdict::reject, Reason::deflection_gradient);
-    ASSERT_TRUE(rig.advance_until_rejected(part));
-    rig.send(DeviceLost{Device::strobe});
-    rig.send(DeviceUp{Device::strobe});
-    rig.send(Command::reset);
-    EXPECT_EQ(rig.send(Command::arm), Answer::pulse_under_way);
-    rig.advance(milliseconds(35));  // lead and pulse
-    EXPECT_EQ(rig.send(Command::arm), Answer::done);
+    CoreConfig config = quick_line();
+    config.reject_pulse = milliseconds(300);
+    config.min_gap = milliseconds(301);
+    CoreRig one(config);
+    one.bring_to(State::continuous_execution);
+    const auto part = one.part_is_seen();
+    one.judged(part, Verdict::reject, Reason::deflection_gradient);
+    ASSERT_TRUE(one.advance_until_rejected(part));
+    const TimePoint rests = one.rejects.front().start + config.reject_pulse;
+    one.send(DeviceLost{Device::strobe});
+    one.send(DeviceUp{Device::strobe});
+    one.advance(kMinLineStop);
+    EXPECT_EQ(one.send(Command::reset), Answer::done);
+    EXPECT_EQ(one.send(Command::arm), Answer::not_yet);
+    one.advance(rests - Duration(1) - one.now);
+    EXPECT_EQ(one.send(Command::arm), Answer::not_yet);
+    one.advance(Duration(1));
+    EXPECT_EQ(one.send(Command::arm), Answer::done);
 }
 
 TEST_F(Running, a_part_before_the_camera_when_the_line_stops_is_not_judged_by_what_stands_there_later) {

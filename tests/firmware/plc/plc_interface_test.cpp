@@ -54,8 +54,9 @@ class PlcSimulator : public ::testing::Test {
     PlcInterface plc_interface{clock, station, {.policy = PlcPolicy::stop, .timeout = 500ms, .boot_id = 0x1234B007}};
     RegisterServerModel image{StationIdentity{.boot_id = 0x1234B007}, &plc_interface};
 
+    std::string peer = "192.0.2.7:50123";
     Exception write(std::uint16_t address, const Words& words) {
-        return image.write_registers({.peer = "192.0.2.7:50123"}, address, words);
+        return image.write_registers({.peer = peer}, address, words);
     }
     Exception command(std::uint32_t token, Command code, std::uint32_t argument = 0, std::uint16_t boot = 0) {
         const auto half = [](std::uint32_t v) { return static_cast<std::uint16_t>(v & 0xFFFFU); };
@@ -132,11 +133,93 @@ TEST_F(PlcSimulator, a_name_that_is_not_printable_or_not_whole_is_refused) {
 
 TEST_F(PlcSimulator, a_token_used_for_another_command_is_refused) {
     ASSERT_EQ(command(5, Command::arm), Exception::none);
-    ASSERT_EQ(command(5, Command::stop), Exception::none);
+    ASSERT_EQ(command(5, Command::disarm), Exception::none);
     EXPECT_EQ(station.commands.size(), 1U);
-    EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 6, 3, 6));
+    EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 3, 3, 6));
     ASSERT_EQ(command(5, Command::arm), Exception::none);
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 2, 2, 0)) << "the first one keeps its reply";
+}
+
+// Two masters, or one whose counter began again, use the same token for the same command: the line must stop.
+TEST_F(PlcSimulator, stop_abort_and_halt_act_whatever_their_token_and_boot) {
+    for (const Command code : {Command::stop, Command::abort, Command::halt}) {
+        station.commands.clear();
+        const auto token = 10U + static_cast<std::uint32_t>(code);
+        ASSERT_EQ(command(token, code), Exception::none);
+        peer = "192.0.2.8:1";
+        ASSERT_EQ(command(token, code), Exception::none);
+        peer = "192.0.2.7:50124";
+        ASSERT_EQ(command(token, code), Exception::none);
+        EXPECT_EQ(station.commands.size(), 3U) << name_of(code);
+        ASSERT_EQ(command(token + 20, Command::arm), Exception::none);
+        ASSERT_EQ(command(token + 20, code), Exception::none) << "the token of another command";
+        ASSERT_EQ(command(token + 40, code, 0, 0xB008), Exception::none) << "another boot";
+        EXPECT_EQ(station.commands.size(), 6U) << name_of(code);
+        EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, token + 40, static_cast<std::uint16_t>(code), 2, 0));
+    }
+}
+
+TEST_F(PlcSimulator, a_repeated_stop_that_finds_nothing_to_stop_shows_the_first_reply) {
+    ASSERT_EQ(command(5, Command::stop), Exception::none);
+    station.answer = {CommandState::failed, CommandError::not_in_this_state, 0};
+    ASSERT_EQ(command(5, Command::stop), Exception::none);
+    EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 6, 2, 0));
+    EXPECT_EQ(read32(8029), 1U);
+    ASSERT_EQ(command(6, Command::stop), Exception::none);
+    EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 6, 6, 3, 2)) << "a new one is told that nothing was running";
+    EXPECT_EQ(read32(8029), 2U);
+}
+
+TEST_F(PlcSimulator, tokens_belong_to_a_client_whatever_its_connection) {
+    ASSERT_EQ(command(5, Command::arm), Exception::none);
+    peer = "192.0.2.8:50123";
+    ASSERT_EQ(command(5, Command::arm), Exception::none);
+    EXPECT_EQ(station.commands.size(), 2U) << "the second master's own command";
+    peer = "192.0.2.7:60000";
+    ASSERT_EQ(command(5, Command::arm), Exception::none);
+    EXPECT_EQ(station.commands.size(), 2U) << "the first one's repeat over a new connection";
+}
+
+TEST_F(PlcSimulator, clients_beyond_the_limit_share_tokens_and_repeat_nothing) {
+    for (std::size_t k = 0; k < PlcInterface::kMaxClients + 3; ++k) {
+        peer = "192.0.2." + std::to_string(k) + ":1";
+        ASSERT_EQ(command(5, Command::arm), Exception::none);
+    }
+    EXPECT_EQ(station.commands.size(), PlcInterface::kMaxClients);
+    ASSERT_EQ(command(6, Command::arm), Exception::none);
+    EXPECT_EQ(station.commands.size(), PlcInterface::kMaxClients + 1);
+}
+
+TEST_F(PlcSimulator, an_old_token_is_refused_and_neither_executed_again_nor_called_completed) {
+    ASSERT_EQ(command(5, Command::arm), Exception::none);
+    clock.at += PlcInterface::kReplyKept;
+    ASSERT_EQ(command(5, Command::arm), Exception::none);
+    EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 2, 2, 0));
+    clock.at += hal::Duration(1);
+    ASSERT_EQ(command(5, Command::arm), Exception::none);
+    EXPECT_EQ(station.commands.size(), 1U);
+    EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 2, 3, 6));
+}
+
+TEST_F(PlcSimulator, a_token_is_not_executed_again_after_any_number_of_commands) {
+    for (std::uint32_t token = 1; token <= 1000; ++token) ASSERT_EQ(command(token, Command::arm), Exception::none);
+    for (const std::uint32_t token : {1U, 500U, 744U, 745U}) {
+        ASSERT_EQ(command(token, Command::arm), Exception::none);
+        EXPECT_EQ(read(8026, 1)[0], token > 744 ? 0 : 6) << token;
+    }
+    EXPECT_EQ(station.commands.size(), 1000U);
+}
+
+TEST_F(PlcSimulator, a_command_that_still_executes_is_shown_however_old_its_token) {
+    station.answer = {CommandState::executing, CommandError::none, 0};
+    ASSERT_EQ(command(5, Command::teach), Exception::none);
+    station.answer = {};
+    for (std::uint32_t token = 6; token <= 700; ++token) ASSERT_EQ(command(token, Command::reset), Exception::none);
+    clock.at += 1h;
+    ASSERT_EQ(command(5, Command::teach), Exception::none);
+    EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 21, 1, 0));
+    plc_interface.finish(station.commands[0], {CommandState::completed, CommandError::none, 9});
+    EXPECT_EQ(read32(8027), 9U) << "shown at once: it was written last";
 }
 
 TEST_F(PlcSimulator, a_command_meant_for_another_boot_is_refused) {
@@ -169,8 +252,9 @@ TEST_F(PlcSimulator, while_a_command_is_executing_only_stopping_is_accepted) {
     EXPECT_EQ(command(5, Command::self_test), Exception::none) << "a repeat asks how it is going";
     station.answer = {};
     EXPECT_EQ(command(7, Command::stop), Exception::none);
-    plc_interface.finish(5, {CommandState::completed, CommandError::none, 42});
-    plc_interface.finish(99, {});
+    plc_interface.finish(station.commands[0], {CommandState::completed, CommandError::none, 42});
+    plc_interface.finish(station.commands[0], {CommandState::failed, CommandError::failed, 43});  // it is over
+    plc_interface.finish({.token = 99}, {});
     EXPECT_EQ(command(5, Command::self_test), Exception::none);
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 5, 22, 2, 0));
     EXPECT_EQ(read32(8027), 42U);

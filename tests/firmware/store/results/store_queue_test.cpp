@@ -154,6 +154,27 @@ TEST(StoreQueue, counts_reports_and_records_what_it_had_to_lose) {
     EXPECT_THAT(lost(bench.disk), ElementsAre(R"({"records":15,"from_sequence":11,"to_sequence":25})"));
 }
 
+// A result that found room again lies between two losses: it is neither reported as lost nor acknowledged as stored.
+TEST(StoreQueue, reports_losses_with_a_stored_result_between_them_apart) {
+    Bench bench({.capacity = 10});
+    bench.disk.on_write = [] { return std::optional(full()); };
+    bench.add(1, 10);
+    EXPECT_FALSE(bench.queue.step());
+    bench.add(11, 13);
+    bench.disk.on_write = nullptr;
+    EXPECT_TRUE(bench.queue.step());
+    bench.add(14, 25);  // a slow disk: 14 to 22 find room beside the report of 11 to 13
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 14), AckStatus::not_yet);
+    EXPECT_TRUE(bench.queue.step());
+    std::vector<std::uint32_t> expected = count_to(10);
+    for (std::uint32_t k = 14; k <= 22; ++k) expected.push_back(k);
+    EXPECT_EQ(sequences(bench.disk), expected);
+    EXPECT_THAT(lost(bench.disk),
+                ElementsAre(R"({"records":3,"from_sequence":11,"to_sequence":13})",
+                            R"({"records":3,"from_sequence":23,"to_sequence":25})"));
+    EXPECT_EQ(bench.queue.state().durable_sequence, 25U);
+}
+
 TEST(StoreQueue, tells_a_new_store_what_is_in_use) {
     Bench bench;
     bench.queue.add(recipe("a", "1"));

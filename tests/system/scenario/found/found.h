@@ -9,7 +9,7 @@
 namespace hord::lab {
 
 struct Found {
-    std::string_view bug;      // tests/system/mutants/BUG.patch plants it again
+    std::string_view bug;      // tests/system/mutants/BUG.patch plants it again; of the station itself: what was wrong
     std::string_view promise;  // the invariant that was violated
     std::uint64_t seed, parts;
     LineProfile line;
@@ -23,6 +23,13 @@ inline constexpr std::array kFound{
           "part-touching@24"},
     Found{"token-forgotten", "commands-once", 9950621557077242515U, 41, LineProfile::encoder, "plc-repeats@40"},
     Found{"lost-edges-run-on", "no-bad-part-passes", 3439141232638176491U, 43, LineProfile::encoder, "edge-lost@33"},
+    Found{"a reset of before the line stop cleared it in the same instant", "no-bad-part-passes", 12420840632199476735U,
+          32, LineProfile::encoder, "plc-walks@19+1500000us,plc-walks@23+1500000us,process-stalled@23+400000us"},
+    Found{"a ghost edge restarted the time for which the sensor was covered", "no-bad-part-passes",
+          18167719296799697426U, 364, LineProfile::timed,
+          "part-touching@33,part-touching@34-360:0.03,edge-ghost@343+55000us"},
+    Found{"two losses were reported as one, with stored results between them", "one-story", 10963806530692724064U, 763,
+          LineProfile::timed, "disk-full@550-740:0.03+3000000us,store-slow@705+4000000us"},
 };
 
 inline Result<EpisodePlan> plan_of(const Found& found) {
