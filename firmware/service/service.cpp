@@ -16,6 +16,7 @@
 namespace hord::firmware {
 namespace {
 
+constexpr Duration kBeltStops = milliseconds(200);  // from the end of the run permit
 constexpr const char* kRecipeInUse = "recipe-in-use.toml";
 constexpr const char* kCalibrationInUse = "calibration-in-use.toml";
 
@@ -209,14 +210,43 @@ Result<std::unique_ptr<Service>> Service::open(const Config& config, const Simul
     return service;
 }
 
+// Withdraws the proof that the process before left, and returns whether it said that the line is empty.
+bool Service::withdraw_proof() {
+    const auto proven = empty_line_.withdraw();
+    proof_withdrawn_ = proven.has_value();
+    if (!proven) on_trouble(proven.error());
+    return proven.value_or(false);
+}
+
+// Stops the belt and proves that the line is empty, if it is and the part sensor has watched it. Parts that come while
+// the belt stops are still seen.
+void Service::prove_empty_line() {
+    const std::uint32_t seen = station_->snapshot().counters.seen;
+    const auto uncertain = [&] {
+        const Snapshot now = station_->snapshot();
+        const bool watched = now.state != State::preoperational && now.state != State::halted &&
+            (now.faults_active & kFaultPartSensor) == 0;
+        return !watched || now.line_stop || now.parts_on_line > 0 || now.counters.seen != seen;
+    };
+    if (uncertain()) return;
+    station_->request(Command::abort);  // drops the run permit; refused where there is none
+    if (loop_->run_until(uncertain, kBeltStops)) return;
+    if (auto given = empty_line_.give(); !given) on_trouble(given.error());
+}
+
 Result<void> Service::run() {
     loop_->call_after(kLineWaits, [this] { backends_->start_line(); });
-    occupancy_marker_ = OccupancyMarker(config_.state_folder);
-    if (occupancy_marker_.left_behind()) station_->line_unknown();
+    empty_line_ = EmptyLineProof(config_.state_folder);
+    // A simulated line begins with this process, and is empty.
+    if (!withdraw_proof() && !std::holds_alternative<SimulatedPartSensor>(config_.part_sensor)) {
+        on_trouble({ErrorCode::not_found, "it is not known what is on the line: nothing proves that it was empty",
+                    "take every part off the line, then reset"});
+        station_->line_unknown();
+    }
     if (config_.autostart) station_->run();
     else station_->request(Command::initialise);
     auto done = loop_->run();
-    if (station_->core().line().size() == 0 && !station_->core().line_stop()) occupancy_marker_.clear();
+    prove_empty_line();
     return done;
 }
 
