@@ -20,10 +20,11 @@ constexpr Duration kBeltStops = milliseconds(200);  // from the end of the run p
 constexpr const char* kRecipeInUse = "recipe-in-use.toml";
 constexpr const char* kCalibrationInUse = "calibration-in-use.toml";
 
-StationIdentity identity_of(const Config& config) {
+StationIdentity identity_of(const Config& config, const SimulationOptions& simulation) {
     StationIdentity identity;
     identity.firmware = HORD_VERSION;
     identity.serial = config.name;
+    identity.simulated = simulated_devices(config, simulation);
     // The low half must not be 0: in a command's `boot` that means any boot.
     while ((identity.boot_id & 0xFFFFU) == 0) identity.boot_id = std::random_device{}();
     return identity;
@@ -41,12 +42,10 @@ algo::InspectionLimits limits_of(const InspectionConfig& inspection) {
 
 // The ports come first: the quickest check. Requests are answered only when the loop runs.
 Result<void> Service::open_servers() {
-    const StationIdentity identity = identity_of(config_);
-    boot_id_ = identity.boot_id;
     command_handler_.emplace();
     plc_interface_.emplace(*loop_, *command_handler_,
-                           PlcOptions{config_.core.plc_policy, config_.plc.timeout, identity.boot_id});
-    registers_.emplace(identity, &*plc_interface_);
+                           PlcOptions{config_.core.plc_policy, config_.plc.timeout, identity_.boot_id});
+    registers_.emplace(identity_, &*plc_interface_);
     modbus::ServerOptions options;
     options.host = config_.modbus.host;
     options.port = config_.modbus.port;
@@ -147,8 +146,8 @@ Result<void> Service::open_inspector(const NumberedRecipe& recipe) {
         report_faults();
     };
     recorder_ = make_recorder(
-        *loop_, config_, {HORD_VERSION, boot_id_, *extents, format.bits, recipe.recipe.name, format_recipe(recipe)},
-        recording);
+        *loop_, config_,
+        {HORD_VERSION, identity_.boot_id, *extents, format.bits, recipe.recipe.name, format_recipe(recipe)}, recording);
     return {};
 }
 
@@ -181,6 +180,7 @@ void Service::connect(NumberedRecipe recipe) {
 Result<void> Service::open_all(const SimulationOptions& simulation) {
     if (auto done = assign(loop_, SdEventLoop::open()); !done) return done;
     opened_at_ = loop_->now();
+    identity_ = identity_of(config_, simulation);
     if (auto done = loop_->stop_on_signals(); !done) return done;
     if (watchers_.reload) {
         if (auto done = loop_->on_signal(SIGHUP, [this] { watchers_.reload(); }); !done) return done;

@@ -78,7 +78,8 @@ class Service final : public StationObserver, public InspectionObserver {
     [[nodiscard]] SdEventLoop& loop() { return *loop_; }
     [[nodiscard]] Snapshot snapshot() const { return station_->snapshot(); }                   // loop thread
     [[nodiscard]] const NumberedRecipe& recipe() const { return command_handler_->recipe(); }  // loop thread; in use
-    [[nodiscard]] std::string registers_address() const;                                       // "127.0.0.1:1502"
+    [[nodiscard]] std::uint32_t simulated() const { return identity_.simulated; }  // devices, by their fault bits
+    [[nodiscard]] std::string registers_address() const;                           // "127.0.0.1:1502"
 
   private:
     Service(const Config& config, ServiceWatchers watchers, const ListenSockets& sockets)
@@ -137,7 +138,7 @@ class Service final : public StationObserver, public InspectionObserver {
     std::optional<Duration> bounded_told_;  // since opened_at_: when the journal was last told of a limit
     hal::TimePoint opened_at_{};
     std::uint32_t configured_recipe_ = 0;  // CRC-32
-    std::uint32_t boot_id_ = 0;
+    StationIdentity identity_;
 };
 
 }  // namespace hord::firmware
