@@ -2,7 +2,9 @@
 
 #include <array>
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
+#include <random>
 #include <string>
 #include <system_error>
 
@@ -18,8 +20,10 @@ namespace hord::common {
 namespace fs = std::filesystem;
 
 int replace_file(const fs::path& file, const char* suffix, mode_t mode, bool sync, std::span<const std::byte> bytes) {
-    const std::string unfinished = file.string() + suffix;
-    UniqueFd fd(::open(unfinished.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, mode));
+    char own[10];
+    std::snprintf(own, sizeof own, ".%08x", std::random_device{}());
+    const std::string unfinished = file.string() + own + suffix;
+    UniqueFd fd(::open(unfinished.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode));
     if (!fd) return errno;
     int error = write_all(fd.get(), bytes);
     if (error == 0 && sync && ::fsync(fd.get()) != 0) error = errno;

@@ -27,17 +27,17 @@ Result<void> check_replaceable(const std::filesystem::path& file);
 // Makes the folder (not its parents) unless it exists. Does not throw, whatever the disk answers.
 [[nodiscard]] std::error_code ensure_folder(const std::filesystem::path& folder);
 
-// Writes FILE.part and renames it. Does not wait for the disk: a power cut may lose the file. Fails with not_found (the
-// folder), refused (as check_replaceable()) or io; FILE.part is removed then.
+// Writes FILE.XXXXXXXX.part, a name of its own, and renames it. Does not wait for the disk: a power cut may lose the
+// file. Fails with not_found (the folder), refused (as check_replaceable()) or io; the unfinished file is removed then.
 Result<void> write_atomically(const std::filesystem::path& file, std::span<const std::uint8_t> bytes);
 
-// Writes FILE.new, syncs it, renames it and syncs the folder: after a power cut the file is the old or the new one.
-// Fails with refused (as check_replaceable()) and io; both name the file. The old file is unchanged and FILE.new is
-// removed then, unless only the folder's sync failed.
+// Writes FILE.XXXXXXXX.new, syncs it, renames it and syncs the folder: after a power cut the file is the old or the new
+// one. Fails with refused (as check_replaceable()) and io; both name the file. The old file is unchanged and the new
+// one removed then, unless only the folder's sync failed.
 Result<void> write_durably(const std::filesystem::path& file, std::string_view text);
 
-// Steps of the above. Each returns 0 or errno. replace_file() writes FILE + suffix, syncs it if asked, and renames it;
-// after a failure FILE + suffix is removed.
+// Steps of the above. Each returns 0 or errno. replace_file() writes FILE, 8 random digits and the suffix,
+// syncs it if asked, and renames it; after a failure it is removed.
 [[nodiscard]] int replace_file(const std::filesystem::path& file, const char* suffix, mode_t mode, bool sync,
                                std::span<const std::byte> bytes);
 [[nodiscard]] int write_all(int fd, std::span<const std::byte> bytes);

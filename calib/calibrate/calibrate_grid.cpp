@@ -22,6 +22,8 @@ constexpr double kMinNeighbours = 0.5;  // share of the neighbours of measured l
 // bin of the finest decode, so that its centre bin is correct. Larger errors mean that the frame is no white frame:
 // light with structure, such as through a part, moves centres by tenths of a pixel.
 constexpr double kMaxError = 0.5 / algo::kMaxBins / 3;
+// Of the frame's bright pixels. Light beside the grid is that of another pattern, such as through a part.
+constexpr double kMinLightOnGrid = 0.85;
 constexpr double kGrowCentres = 900;
 constexpr std::size_t kSplitCentres = 1500, kFewestSplit = 250;
 constexpr double kSplitPixels = 400'000;  // of all their windows together, to limit the time
@@ -190,6 +192,48 @@ double neighbours_found(const LensletGrid& grid, const CentreFinder& finder,
     return neighbours > 0 ? static_cast<double>(measured) / static_cast<double>(neighbours) : 0;
 }
 
+// Share of the frame's bright pixels, those with half the light of the measured lenslets or more, that lie in the cells
+// of these lenslets. Low where the light of a region does not fit the grid of the others: a part bends it, and scales
+// its pattern. A region without light has no bright pixels.
+double light_on_grid(const WhiteImage& image, const std::vector<Observation>& observations, double pitch) {
+    const int width = image.width_px(), height = image.height_px();
+    std::vector<std::uint8_t> covered(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+    const double reach = pitch / std::numbers::sqrt2;  // the corners of a cell
+    for (const Observation& seen : observations) {
+        const PixelPoint at = seen.centre_px;
+        const auto from = [&](double centre) { return std::max(0, static_cast<int>(std::ceil(centre - reach))); };
+        for (int y = from(at.y_px); y < height && y <= at.y_px + reach; ++y) {
+            for (int x = from(at.x_px); x < width && x <= at.x_px + reach; ++x) {
+                if (std::hypot(x - at.x_px, y - at.y_px) <= reach)
+                    covered[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
+                            static_cast<std::size_t>(x)] = 1;
+            }
+        }
+    }
+    const auto light_at = [&](std::size_t k) {
+        return image.at(static_cast<int>(k % static_cast<std::size_t>(width)),
+                        static_cast<int>(k / static_cast<std::size_t>(width)));
+    };
+    std::vector<float> cells;
+    for (std::size_t k = 0; k < covered.size(); k += 3) {
+        if (covered[k] != 0) cells.push_back(light_at(k));
+    }
+    if (cells.empty()) return 0;
+    const auto quantile = [&](std::size_t percent) {
+        const auto at = cells.begin() + static_cast<std::ptrdiff_t>(cells.size() * percent / 100);
+        std::nth_element(cells.begin(), at, cells.end());
+        return *at;
+    };
+    const float bright = (quantile(5) + quantile(95)) / 2;
+    std::size_t all = 0, on_grid = 0;
+    for (std::size_t k = 0; k < covered.size(); ++k) {
+        if (light_at(k) < bright) continue;
+        ++all;
+        on_grid += covered[k] != 0 ? 1U : 0U;
+    }
+    return static_cast<double>(on_grid) / static_cast<double>(std::max<std::size_t>(all, 1));
+}
+
 // Measures all lenslets of `all`; a sample of them also by halves, for the shifts of single lenslets.
 void measure_all(const WhiteImage& image, const CentreFinder& finder, const std::vector<Index>& all, double pitch,
                  GridCalibration& out) {
@@ -271,6 +315,13 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
                                 "pitch, {:.1f} % is the most",
                                 100 * pitches, 100 * kMaxError),
                     "record evenly lit lenslets, without a part in the light, in focus");
+    }
+    if (const double on_grid = light_on_grid(*image, out.observations, pitch); on_grid < kMinLightOnGrid) {
+        return fail(
+            ErrorCode::refused,
+            fmt::format("this is no white frame: only {:.0f} % of its light fits the grid, {:.0f} % is the least",
+                        100 * on_grid, 100 * kMinLightOnGrid),
+            "record evenly lit lenslets, without a part in the light, in focus");
     }
     place_and_count(grown->finder, out);
     report(0.95);

@@ -1,7 +1,7 @@
 #include "firmware/config/config.h"
 
 #include <algorithm>
-#include <charconv>
+#include <tuple>
 
 #include "algo/frame/extents.h"
 #include "common/toml_fields.h"
@@ -17,19 +17,12 @@ using common::TomlTable;
 void macro(TomlTable& table, std::string_view key, int& bins_i, int& bins_j) {
     std::string text = std::to_string(bins_i) + "x" + std::to_string(bins_j);
     table.text(key, text);
-    int i = 0, j = 0;
-    const char* end = text.data() + text.size();
-    const auto first = std::from_chars(text.data(), end, i);
-    const bool cross = first.ec == std::errc() && first.ptr != end && *first.ptr == 'x';
-    const auto second =
-        cross ? std::from_chars(first.ptr + 1, end, j) : std::from_chars_result{end, std::errc::invalid_argument};
-    const bool in_range = i >= algo::kMinBins && i <= algo::kMaxBins && j >= algo::kMinBins && j <= algo::kMaxBins;
-    if (second.ec != std::errc() || second.ptr != end || !in_range) {
+    const auto bins = algo::parse_bins(text);
+    if (!bins) {
         return table.problem(key, "\"" + text + "\" is not a macro-pixel",
                              "write columns x rows, 3 to 15 bins a side, as in \"9x9\"");
     }
-    bins_i = i;
-    bins_j = j;
+    std::tie(bins_i, bins_j) = *bins;
 }
 
 // A path, relative to `folder` unless absolute; empty if the key is empty, or absent without a default.
@@ -141,7 +134,8 @@ void read_store(TomlTable store, StoreConfig& value, const std::filesystem::path
     }
 }
 
-Result<Config> read(TomlTable root, std::string_view name, const std::filesystem::path& folder, TomlProblems& found) {
+Result<Config> read(TomlTable root, std::string_view name, const std::filesystem::path& folder, NamedBackends backends,
+                    TomlProblems& found) {
     Config config;
     TomlTable station = root.table("station");
     station.text("name", config.name);
@@ -150,10 +144,18 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
     station.integer("max_failures_in_a_row", config.core.max_failures_in_a_row, 0, 1'000'000);
     read_line(root.table("line"), config.core);
     read_timing(root.table("timing"), config.core, config.inspection);
-    read_sensor(root.table("sensor"), config.sensor, folder);
-    read_rejector(root.table("rejector"), config.rejector, config.core);
-    read_strobe(root.table("strobe"), config.strobe, config.core);
-    read_part_sensor(root.table("part_sensor"), config.part_sensor, config.core);
+    const auto device = [&](const char* key) {
+        TomlTable table = root.table(key);
+        if (backends == NamedBackends::required && !table.has("backend")) {
+            table.problem("backend", "is missing",
+                          "name the device's backend; one that is meant to be simulated is backend = \"simulated\"");
+        }
+        return table;
+    };
+    read_sensor(device("sensor"), config.sensor, folder);
+    read_rejector(device("rejector"), config.rejector, config.core);
+    read_strobe(device("strobe"), config.strobe, config.core);
+    read_part_sensor(device("part_sensor"), config.part_sensor, config.core);
     read_modbus(root.table("modbus"), config.modbus);
     read_serial(root.table("serial"), config.serial);
     read_plc(root.table("plc"), config.plc, config.core);
@@ -174,20 +176,21 @@ std::vector<modbus::AccessRule> TcpServer::default_access() {
     return hord::firmware::access(empty);
 }
 
-Result<Config> load_config(const std::filesystem::path& file) {
+Result<Config> load_config(const std::filesystem::path& file, NamedBackends backends) {
     TomlProblems found;
     TomlTable root = TomlTable::parse_file(file, found);
     if (!found.empty()) return found.as_error();
-    auto config = read(std::move(root), file.string(), file.parent_path(), found);
+    auto config = read(std::move(root), file.string(), file.parent_path(), backends, found);
     if (config) config->file = file;
     return config;
 }
 
-Result<Config> parse_config(std::string_view text, std::string_view name, const std::filesystem::path& folder) {
+Result<Config> parse_config(std::string_view text, std::string_view name, const std::filesystem::path& folder,
+                            NamedBackends backends) {
     TomlProblems found;
     TomlTable root = TomlTable::parse_text(text, name, found);
     if (!found.empty()) return found.as_error();
-    return read(std::move(root), name, folder, found);
+    return read(std::move(root), name, folder, backends, found);
 }
 
 }  // namespace hord::firmware

@@ -126,9 +126,14 @@ struct Config {
     std::filesystem::path file;  // the configuration's file; empty: none
 };
 
+// Whether [sensor], [strobe], [part_sensor] and [rejector] must each name their backend. A file that lacks one, or that
+// lost its end, would otherwise mean a simulated device beside real ones. optional: `hordctl run --simulate`.
+enum class NamedBackends : bool { optional, required };
+
 // Fail with invalid_argument: all problems of the file at once, one a line with line number and cure. Relative paths in
 // the file start at its folder.
-Result<Config> load_config(const std::filesystem::path& file);
-Result<Config> parse_config(std::string_view text, std::string_view name, const std::filesystem::path& folder);
+Result<Config> load_config(const std::filesystem::path& file, NamedBackends backends = NamedBackends::required);
+Result<Config> parse_config(std::string_view text, std::string_view name, const std::filesystem::path& folder,
+                            NamedBackends backends = NamedBackends::required);
 
 }  // namespace hord::firmware

@@ -12,6 +12,7 @@
 #include "drivers/libcamera/libcamera_sensor.h"
 #include "drivers/modbus/modbus_rejector.h"
 #include "drivers/v4l2/v4l2_sensor.h"
+#include "firmware/core/faults.h"
 #include "hal_sim/cell/cell.h"
 #include "hal_sim/cell/production.h"
 #include "hal_sim/cell/rendered_frames.h"
@@ -71,9 +72,8 @@ Result<void> check_geometry(const drivers::RecordedFrames& frames, const Inspect
 
 // Whether any device is simulated: then a simulated cell moves the parts.
 bool needs_cell(const Config& config) {
-    return std::holds_alternative<SimulatedPartSensor>(config.part_sensor) || config.strobe.gpio.empty() ||
-        std::holds_alternative<SimulatedSensor>(config.sensor) ||
-        std::holds_alternative<SimulatedRejector>(config.rejector);
+    return (simulated_devices(config, {}) & ~std::uint32_t{kFaultSensor}) != 0 ||
+        std::holds_alternative<SimulatedSensor>(config.sensor);
 }
 
 class ChosenBackends final : public Backends {
@@ -212,6 +212,15 @@ class ChosenBackends final : public Backends {
 };
 
 }  // namespace
+
+std::uint32_t simulated_devices(const Config& config, const SimulationOptions& simulation) {
+    const bool frames =
+        std::holds_alternative<SimulatedSensor>(config.sensor) || std::holds_alternative<FrameFolder>(config.sensor);
+    const bool rejector = simulation.own_coil_module || std::holds_alternative<SimulatedRejector>(config.rejector);
+    return (std::holds_alternative<SimulatedPartSensor>(config.part_sensor) ? kFaultPartSensor : 0U) |
+        (config.strobe.gpio.empty() ? kFaultStrobe : 0U) | (frames ? kFaultSensor : 0U) |
+        (rejector ? kFaultRejector : 0U);
+}
 
 Result<std::unique_ptr<hal::Strobe>> open_strobe(hal::EventLoop& loop, const Config& config) {
     if (config.strobe.gpio.empty()) return nullptr;

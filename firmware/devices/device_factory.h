@@ -33,6 +33,9 @@ struct SimulationOptions {
     std::function<void(double)> progress;  // of rendering the parts, 0..1
 };
 
+// The fault bits of the devices that are simulated, or play recorded frames.
+std::uint32_t simulated_devices(const Config& config, const SimulationOptions& simulation);
+
 // Each opens the configured real device. Returns null if it is simulated; fails as the driver's open() does.
 Result<std::unique_ptr<hal::Strobe>> open_strobe(hal::EventLoop& loop, const Config& config);
 Result<std::unique_ptr<hal::PartSensor>> open_part_sensor(hal::EventLoop& loop, const Config& config);

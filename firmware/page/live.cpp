@@ -143,6 +143,8 @@ Json Live::state_locked() const {
                         latched = now_.up ? now_.snapshot.bits(BlockId::status, "faults_latched") : 0;
     for (const char* bit : {"line_stop", "run_permit", "plc_lost", "results_overrun"})
         json[bit] = now_.up && now_.snapshot.status_bit(bit);
+    const std::uint32_t simulated = now_.up ? now_.snapshot.bits(BlockId::status, "simulated") : 0;
+    json["simulated"] = simulated != 0 ? names_of_faults(simulated) : "";
     json["faults_active"] = faults_of(active);
     json["faults_latched"] = faults_of(latched & ~active);
     json["light_share"] = now_.light ? Json(*now_.light) : Json();

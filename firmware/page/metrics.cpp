@@ -3,6 +3,7 @@
 #include <array>
 #include <fstream>
 #include <limits>
+#include <span>
 #include <sstream>
 
 #include <fmt/format.h>
@@ -11,6 +12,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include "firmware/core/events.h"
 #include "firmware/core/faults.h"
 
 namespace hord::firmware::page {
@@ -172,12 +174,16 @@ void add_station(Families& f, const Live::Figures& s) {
         }
         f.add(info.name, info.help, kGauge, {{std::move(labels), 1}});
     }
-    std::vector<std::pair<std::string_view, double>> states, active, latched, judged;
+    std::vector<std::pair<std::string_view, double>> states, active, latched, judged, simulated;
     for (const NamedValue& value : find_register(status, "state")->values)
         states.emplace_back(value.name, m.number(status, "state") == static_cast<double>(value.value) ? 1 : 0);
     f.add("hord_station_state", "1 for the state that the station is in (OPC 40100-1), 0 for the others.", kGauge,
           by_label("state", states));
     for (const auto& [bit, help] : kStatusBits) f.one(std::string("hord_") + bit, help, kGauge, m.status_bit(bit));
+    for (const FaultInfo& fault : std::span(kFaultTable).first(kDevices))  // named as the devices
+        simulated.emplace_back(fault.name, (m.bits(status, "simulated") & fault.bit) != 0 ? 1 : 0);
+    f.add("hord_device_simulated", "1 for a device that is simulated or plays recorded frames, 0 for a real one.",
+          kGauge, by_label("device", simulated));
     for (const FaultInfo& fault : kFaultTable) {
         active.emplace_back(fault.name, (m.bits(status, "faults_active") & fault.bit) != 0 ? 1 : 0);
         latched.emplace_back(fault.name, (m.bits(status, "faults_latched") & fault.bit) != 0 ? 1 : 0);

@@ -15,7 +15,7 @@
 namespace hord::firmware {
 
 // Incremented when a row is added to the register map (station_blocks.h, plc_blocks.h).
-inline constexpr std::uint16_t kMapVersion = 4;
+inline constexpr std::uint16_t kMapVersion = 5;
 
 // Also served as Modbus device identification (FC 43/14).
 struct StationIdentity {
@@ -23,7 +23,8 @@ struct StationIdentity {
     std::string product = "HORD station";
     std::string firmware = {};  // version, "0.1.0"
     std::string serial = {};
-    std::uint32_t boot_id = 0;  // random at every start: sequence numbers of different boots cannot be confused
+    std::uint32_t boot_id = 0;    // random at every start: sequence numbers of different boots cannot be confused
+    std::uint32_t simulated = 0;  // the fault bits of the devices that are simulated, or play recorded frames
 };
 
 // Text of at most 32 characters, copied without allocating; longer text is truncated.

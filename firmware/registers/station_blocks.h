@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <array>
+#include <span>
 
+#include "firmware/core/events.h"
 #include "firmware/registers/register_rows.h"
 
 namespace hord::firmware::rows {
@@ -87,6 +89,12 @@ inline constexpr Register kStatus[] = {
            snapshot<&Snapshot::first_fault>, kFirstFaults),
     number(118, Type::u32, "parts_on_line", "parts", "between part sensor and rejector",
            snapshot<&Snapshot::parts_on_line>),
+    number(
+        120, Type::bits16, "simulated", "", "devices that are not real: simulated, or recorded frames; 0 on a line",
+        [](const Source& s) -> Number { return s.identity.simulated; }, std::span(kFaultBits).first(kDevices)),
+    number(121, Type::bits32, "boot_id", "",
+           "as in IDENT: last_sequence belongs to this start, and one request reads both",
+           [](const Source& s) -> Number { return s.identity.boot_id; }),
 };
 
 inline constexpr Register kCounters[] = {

@@ -1,5 +1,6 @@
 // hordd: the station as a systemd service. Service does the work; this file handles readiness, status, watchdog, socket
 // activation, reload, the journal and the real-time policy.
+#include <cstdio>
 #include <cstdlib>
 #include <string>
 #include <utility>
@@ -119,6 +120,11 @@ class Daemon {
     void begin() {
         const std::string address = service_->registers_address();
         write_to_journal(JournalEvent::ready, "registers at " + address, std::array{Field{"HORD_REGISTERS", address}});
+        simulated_ = service_->simulated() == 0 ? "" : names_of_faults(service_->simulated());
+        if (!simulated_.empty()) {
+            write_to_journal(JournalEvent::simulated, "simulated: " + simulated_,
+                             std::array{Field{"HORD_SIMULATED", simulated_}});
+        }
         sd_notify(0, "READY=1");
         notify_status_again();
         std::uint64_t watchdog_us = 0;
@@ -141,9 +147,10 @@ class Daemon {
         const Snapshot now = service_->snapshot();
         station_journal_.faults(now.faults_active);
         const Counters& c = now.counters;
-        const std::string status = fmt::format("{}{}, {} parts: {} pass, {} reject, {} unfit; faults: {}",
-                                               name_of(now.state), now.line_stop ? ", LINE STOP" : "", c.seen, c.pass,
-                                               c.reject, c.unfit, names_of_faults(now.faults_active));
+        const std::string status =
+            fmt::format("{}{}, {} parts: {} pass, {} reject, {} unfit; faults: {}{}", name_of(now.state),
+                        now.line_stop ? ", LINE STOP" : "", c.seen, c.pass, c.reject, c.unfit,
+                        names_of_faults(now.faults_active), simulated_.empty() ? "" : "; SIMULATED: " + simulated_);
         if (status != std::exchange(status_, status)) sd_notifyf(0, "STATUS=%s", status.c_str());
     }
     void reload() {
@@ -168,7 +175,7 @@ class Daemon {
 
     const Options& options_;
     std::unique_ptr<Service> service_;
-    std::string status_;
+    std::string status_, simulated_;
     StationJournal station_journal_{[](const Entry& entry, std::string_view message, std::span<const Field> fields) {
         write_to_journal(entry, message, fields);
     }};
@@ -195,8 +202,8 @@ int main(int argc, char** argv) {
         "Example: hordd --config deploy/hordd.toml");
     if (const auto ended = parse_command_line(program, argc, argv)) return *ended;
     if (options.catalog) {
-        fmt::print("{}", format_catalog());
-        return 0;
+        std::fputs(format_catalog().c_str(), stdout);
+        return end_output(0);
     }
     if (options.check) {
         const auto config = read_config(options);
@@ -208,7 +215,7 @@ int main(int argc, char** argv) {
             if (!grid) return refuse_configuration(grid.error());
         }
         fmt::print("{} can be used\n", options.config);
-        return 0;
+        return end_output(0);
     }
     return Daemon(options).run();
 }

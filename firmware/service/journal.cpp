@@ -25,6 +25,9 @@ constexpr std::size_t kEvents = static_cast<std::size_t>(JournalEvent::fault_cle
 const Entry kEventEntries[] = {
     {"47eaa0992cb6416d86dc283cf0480ff9", 5, "The HORD station answers",
      "Devices are open and the registers can be read at @HORD_REGISTERS@.", ""},
+    {"7c7f3f1cf3f94f4d9ad36eb3bd5b2c55", 4, "Devices of the HORD station are simulated: @HORD_SIMULATED@",
+     "The configuration says so. What these devices report is not of the line.",
+     "On a real line, name every device in hordd.toml, then restart."},
     {"1509bb0a9bf143318a118783593942a4", 5, "The HORD station went to @HORD_STATE@", "It was in @HORD_FROM@.",
      "In Error: read the fault before this message, look at the line, then reset (hordctl command reset)."},
     {"f5ec52ed0108447592e1bc7656670b14", 4, "Something of the HORD station failed",

@@ -13,6 +13,7 @@ namespace hord::firmware {
 
 enum class JournalEvent {
     ready,                  // the registers can be read
+    simulated,              // at start: some devices are not real
     state,                  // change of state
     trouble,                // a device, a file or a request failed; the message has the cure
     configuration_refused,  // at start: the service ends

@@ -16,13 +16,15 @@
 namespace hord::firmware {
 namespace {
 
+constexpr Duration kBeltStops = milliseconds(200);  // from the end of the run permit
 constexpr const char* kRecipeInUse = "recipe-in-use.toml";
 constexpr const char* kCalibrationInUse = "calibration-in-use.toml";
 
-StationIdentity identity_of(const Config& config) {
+StationIdentity identity_of(const Config& config, const SimulationOptions& simulation) {
     StationIdentity identity;
     identity.firmware = HORD_VERSION;
     identity.serial = config.name;
+    identity.simulated = simulated_devices(config, simulation);
     // The low half must not be 0: in a command's `boot` that means any boot.
     while ((identity.boot_id & 0xFFFFU) == 0) identity.boot_id = std::random_device{}();
     return identity;
@@ -40,12 +42,10 @@ algo::InspectionLimits limits_of(const InspectionConfig& inspection) {
 
 // The ports come first: the quickest check. Requests are answered only when the loop runs.
 Result<void> Service::open_servers() {
-    const StationIdentity identity = identity_of(config_);
-    boot_id_ = identity.boot_id;
     command_handler_.emplace();
     plc_interface_.emplace(*loop_, *command_handler_,
-                           PlcOptions{config_.core.plc_policy, config_.plc.timeout, identity.boot_id});
-    registers_.emplace(identity, &*plc_interface_);
+                           PlcOptions{config_.core.plc_policy, config_.plc.timeout, identity_.boot_id});
+    registers_.emplace(identity_, &*plc_interface_);
     modbus::ServerOptions options;
     options.host = config_.modbus.host;
     options.port = config_.modbus.port;
@@ -146,8 +146,8 @@ Result<void> Service::open_inspector(const NumberedRecipe& recipe) {
         report_faults();
     };
     recorder_ = make_recorder(
-        *loop_, config_, {HORD_VERSION, boot_id_, *extents, format.bits, recipe.recipe.name, format_recipe(recipe)},
-        recording);
+        *loop_, config_,
+        {HORD_VERSION, identity_.boot_id, *extents, format.bits, recipe.recipe.name, format_recipe(recipe)}, recording);
     return {};
 }
 
@@ -180,6 +180,7 @@ void Service::connect(NumberedRecipe recipe) {
 Result<void> Service::open_all(const SimulationOptions& simulation) {
     if (auto done = assign(loop_, SdEventLoop::open()); !done) return done;
     opened_at_ = loop_->now();
+    identity_ = identity_of(config_, simulation);
     if (auto done = loop_->stop_on_signals(); !done) return done;
     if (watchers_.reload) {
         if (auto done = loop_->on_signal(SIGHUP, [this] { watchers_.reload(); }); !done) return done;
@@ -209,14 +210,43 @@ Result<std::unique_ptr<Service>> Service::open(const Config& config, const Simul
     return service;
 }
 
+// Withdraws the proof that the process before left, and returns whether it said that the line is empty.
+bool Service::withdraw_proof() {
+    const auto proven = empty_line_.withdraw();
+    proof_withdrawn_ = proven.has_value();
+    if (!proven) on_trouble(proven.error());
+    return proven.value_or(false);
+}
+
+// Stops the belt and proves that the line is empty, if it is and the part sensor has watched it. Parts that come while
+// the belt stops are still seen.
+void Service::prove_empty_line() {
+    const std::uint32_t seen = station_->snapshot().counters.seen;
+    const auto uncertain = [&] {
+        const Snapshot now = station_->snapshot();
+        const bool watched = now.state != State::preoperational && now.state != State::halted &&
+            (now.faults_active & kFaultPartSensor) == 0;
+        return !watched || now.line_stop || now.parts_on_line > 0 || now.counters.seen != seen;
+    };
+    if (uncertain()) return;
+    station_->request(Command::abort);  // drops the run permit; refused where there is none
+    if (loop_->run_until(uncertain, kBeltStops)) return;
+    if (auto given = empty_line_.give(); !given) on_trouble(given.error());
+}
+
 Result<void> Service::run() {
     loop_->call_after(kLineWaits, [this] { backends_->start_line(); });
-    occupancy_marker_ = OccupancyMarker(config_.state_folder);
-    if (occupancy_marker_.left_behind()) station_->line_unknown();
+    empty_line_ = EmptyLineProof(config_.state_folder);
+    // A simulated line begins with this process, and is empty.
+    if (!withdraw_proof() && !std::holds_alternative<SimulatedPartSensor>(config_.part_sensor)) {
+        on_trouble({ErrorCode::not_found, "it is not known what is on the line: nothing proves that it was empty",
+                    "take every part off the line, then reset"});
+        station_->line_unknown();
+    }
     if (config_.autostart) station_->run();
     else station_->request(Command::initialise);
     auto done = loop_->run();
-    if (station_->core().line().size() == 0 && !station_->core().line_stop()) occupancy_marker_.clear();
+    prove_empty_line();
     return done;
 }
 

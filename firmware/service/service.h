@@ -18,7 +18,7 @@
 #include "firmware/plc/command_handler.h"
 #include "firmware/plc/register_server_model.h"
 #include "firmware/recipes/teach_in.h"
-#include "firmware/station/line_occupancy_marker.h"
+#include "firmware/station/empty_line_proof.h"
 #include "firmware/station/station.h"
 #include "firmware/store/recorder/store_setup.h"
 
@@ -78,7 +78,8 @@ class Service final : public StationObserver, public InspectionObserver {
     [[nodiscard]] SdEventLoop& loop() { return *loop_; }
     [[nodiscard]] Snapshot snapshot() const { return station_->snapshot(); }                   // loop thread
     [[nodiscard]] const NumberedRecipe& recipe() const { return command_handler_->recipe(); }  // loop thread; in use
-    [[nodiscard]] std::string registers_address() const;                                       // "127.0.0.1:1502"
+    [[nodiscard]] std::uint32_t simulated() const { return identity_.simulated; }  // devices, by their fault bits
+    [[nodiscard]] std::string registers_address() const;                           // "127.0.0.1:1502"
 
   private:
     Service(const Config& config, ServiceWatchers watchers, const ListenSockets& sockets)
@@ -91,6 +92,8 @@ class Service final : public StationObserver, public InspectionObserver {
     Result<algo::Extents> open_grid(const hal::SensorFormat& format);
     Result<void> open_inspector(const NumberedRecipe& recipe);
     void connect(NumberedRecipe recipe);
+    bool withdraw_proof();
+    void prove_empty_line();
 
     // service_events.cpp
     void publish();
@@ -128,13 +131,14 @@ class Service final : public StationObserver, public InspectionObserver {
     std::unique_ptr<modbus::Server> server_, read_only_server_;
     std::unique_ptr<modbus::RtuServer> serial_server_;
 
-    OccupancyMarker occupancy_marker_{{}};
+    EmptyLineProof empty_line_{{}};
+    bool proof_withdrawn_ = false;
     std::vector<PartResult> unpublished_;
     HealthReport health_{.frames_lost = 0, .frames_corrupt = 0, .bounded = 0};
     std::optional<Duration> bounded_told_;  // since opened_at_: when the journal was last told of a limit
     hal::TimePoint opened_at_{};
     std::uint32_t configured_recipe_ = 0;  // CRC-32
-    std::uint32_t boot_id_ = 0;
+    StationIdentity identity_;
 };
 
 }  // namespace hord::firmware

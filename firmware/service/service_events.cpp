@@ -62,7 +62,8 @@ void Service::on_state(State from, State to) {
         (void)command_handler_->use_learned_reference();
     });
     if (to == State::continuous_execution || to == State::single_execution) {
-        if (!occupancy_marker_.left_behind()) occupancy_marker_.raise();
+        if (!proof_withdrawn_) withdraw_proof();
+        if (!proof_withdrawn_) station_->line_unknown();
         backends_->start_line();
         backends_->feed_line(true);
     } else if (executing(from)) {

@@ -73,8 +73,9 @@ class Station {
     [[nodiscard]] bool test_possible() const;
     void test_flash(Duration patience, std::function<void(const FlashTest&)> done);
 
-    // Unknown parts may be on the line (the process before this one ended with parts on it): line stop until a person
-    // has looked and resets. To be called before run().
+    // Unknown parts may be on the line (nothing proves that it was empty when the process before this one ended): line
+    // stop until a person has looked and resets. Called before run(), and when the line starts without that proof
+    // withdrawn.
     void line_unknown();
 
     [[nodiscard]] Snapshot snapshot() const { return core_.snapshot(); }

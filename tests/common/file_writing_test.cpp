@@ -81,8 +81,24 @@ TEST(WholeFile, replaces_the_old_one_or_leaves_it_and_nothing_beside_it) {
     ASSERT_FALSE(taken);
     EXPECT_EQ(taken.error().code, ErrorCode::io);
     EXPECT_THAT(taken.error().what, HasSubstr((folder.path() / "taken").string()));
-    EXPECT_FALSE(std::filesystem::exists(folder.path() / "taken.part"));
-    EXPECT_FALSE(std::filesystem::exists(folder.path() / "f.part"));
+    std::vector<std::string> names;
+    for (const auto& entry : std::filesystem::directory_iterator(folder.path()))
+        names.push_back(entry.path().filename());
+    EXPECT_THAT(names, testing::UnorderedElementsAre("f", "taken"));
+}
+
+TEST(WholeFile, of_two_writers_at_the_same_time_the_last_one_has_written_it) {
+    const TempFolder folder;
+    const auto file = folder.path() / "f";
+    const auto write = [&](std::uint8_t value) {
+        for (int k = 0; k < 200; ++k) EXPECT_TRUE(write_atomically(file, Bytes(1000U * value, value)));
+    };
+    std::thread other(write, 1);
+    write(2);
+    other.join();
+    const std::string text = TempFolder::read(file);
+    ASSERT_FALSE(text.empty());
+    EXPECT_EQ(text, std::string(1000U * static_cast<unsigned char>(text[0]), text[0]));
 }
 
 }  // namespace

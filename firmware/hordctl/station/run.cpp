@@ -108,8 +108,9 @@ class Run {
     explicit Run(const RunOptions& options) : options_(options) {}
 
     Exit go() {
-        auto config =
-            options_.config.empty() ? with_room(options_.line.parts_per_second) : load_config(options_.config);
+        auto config = options_.config.empty()
+            ? with_room(options_.line.parts_per_second)
+            : load_config(options_.config, options_.simulate ? NamedBackends::optional : NamedBackends::required);
         if (!config) return complain(config.error());
         if (options_.simulate) config->sensor = SimulatedSensor{};
         if (!options_.modbus.empty()) {
@@ -118,13 +119,17 @@ class Run {
             config->modbus = *listen;
         }
         if (!options_.store.empty()) config->store.folder = options_.store;
-        if (!options_.state.empty()) config->state_folder = options_.state;
+        if (!options_.state.empty()) {
+            if (auto made = make_folder(options_.state); !made) return complain(made.error());
+            config->state_folder = options_.state;
+        }
         gallery_.set_bins(config->inspection.bins_i, config->inspection.bins_j);
         auto service = open(*config);
         if (!service) return complain(service.error());
         service_ = std::move(*service);
         on_recipe(service_->recipe());
-        fmt::print(stderr, "registers at {}\n", service_->registers_address());
+        fmt::print(stderr, "registers at {}\nsimulated: {}\n", service_->registers_address(),
+                   names_of_faults(service_->simulated()));
         progress_ = std::make_unique<Progress>("parts", options_.line.parts == 0);
         if (options_.line.parts > 0 || options_.reset_after_s > 0) watch_for_line_stop(0);
         if (!options_.vitals.empty()) service_->loop().post([this] { sample_vitals(); });

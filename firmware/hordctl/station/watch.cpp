@@ -120,6 +120,8 @@ std::string page(const RemoteOptions& remote, const RegisterSnapshot& station, c
     std::string out = fmt::format("HORD station {}   {}   {}{}{}{}\n\n", remote.modbus, status.text("state"),
                                   lamp("run_permit", "run permit"), lamp("line_stop", "LINE STOP"),
                                   lamp("results_overrun", "RESULTS LOST"), lamp("plc_lost", "PLC LOST"));
+    if (const std::uint32_t simulated = station.bits(BlockId::status, "simulated"); simulated != 0)
+        out += fmt::format("  SIMULATED: {}\n\n", names_of_faults(simulated));
     out += fmt::format("  {} parts a minute, {:.0f} on the line, {:.0f} seen; recipe {} \"{}\"\n\n",
                        health.text("parts_per_minute"), status.number("parts_on_line"), counters.number("seen"),
                        status.text("recipe"), recipe.text("name"));
@@ -196,7 +198,7 @@ void add_watch(CLI::App& program, Exit& status) {
     add_remote_options(*command, options->remote);
     add_number(*command, "--every", options->every_ms, "Look again after so long, ms", 20, 60000);
     command->add_option("--count", options->count, "Look so many times; 0: until interrupted")
-        ->check(CLI::NonNegativeNumber)
+        ->check(CLI::Range(0, 1'000'000))
         ->capture_default_str();
     command->footer(
         "On a terminal a page that renews itself, elsewhere one line a look.\nExample: hordctl watch --modbus "

@@ -79,6 +79,7 @@ function showState(state) {
   const lamp = (text, on, bad) => `${text}|${on ? (bad ? "bad" : "on") : ""}`;
   document.documentElement.dataset.up = state.up;
   const lamps = !state.up ? [lamp("Signals: not known", false), lamp("Values below: the last known ones", false)] : [lamp(state.run_permit ? "Run permit: given" : "Run permit: not given", state.run_permit), lamp(state.line_stop ? "LINE STOP" : "No line stop", state.line_stop, true)];
+  if (state.simulated) lamps.push(lamp(`SIMULATED: ${state.simulated}`, true, true));
   if (state.plc_lost) lamps.push(lamp("PLC lost", true, true));
   if (state.results_overrun) lamps.push(lamp("Results lost", true, true));
   if (state.up && state.rows.status) lamps.push(lamp(`State: ${state.rows.status.state}`, true), lamp(`${state.rows.status.parts_on_line ?? 0} on the line`, false));

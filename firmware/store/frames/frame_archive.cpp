@@ -62,7 +62,8 @@ std::error_code each_entry(const fs::path& folder, const std::function<void(cons
 Result<std::vector<ArchivedFile>> list_finished(const fs::path& folder) {
     std::vector<fs::path> unfinished;
     const std::error_code error = each_entry(folder, [&](const fs::directory_entry& entry) {
-        if (entry.path().string().ends_with(std::string(".png") + kUnfinished)) unfinished.push_back(entry.path());
+        const std::string name = entry.path().string();
+        if (name.ends_with(kUnfinished) && name.find(".png.") != std::string::npos) unfinished.push_back(name);
     });
     if (!error) {
         for (const fs::path& file : unfinished) (void)remove_file(file);

@@ -320,6 +320,19 @@ TEST(CalibrateGrid, a_frame_with_a_part_in_the_light_is_no_white_frame) {
     EXPECT_TRUE(calibrate(0.05));
 }
 
+// A clear lens scales the pattern behind it, evenly: its lenslets fit a grid of their own, half a pitch off the rest.
+TEST(CalibrateGrid, a_frame_with_a_lens_in_the_light_is_no_white_frame) {
+    White white{.width_px = 500, .height_px = 500, .pitch_px = 18.7};
+    white.deflect = [](double x, double y) {
+        const double dx = x - 249.5, dy = y - 249.5, scale = std::hypot(dx, dy) < 190 ? -0.05 : 0;
+        return std::pair(scale * dx, scale * dy);
+    };
+    const auto through_a_lens = calibrate_grid(test::draw(white).frame.view());
+    ASSERT_FALSE(through_a_lens);
+    EXPECT_EQ(through_a_lens.error().code, ErrorCode::refused);
+    EXPECT_THAT(through_a_lens.error().message(), HasSubstr("% of its light fits the grid"));
+}
+
 TEST(CalibrateGrid, a_hint_that_is_ten_percent_wrong_does_no_harm) {
     const auto drawn = test::draw({.width_px = 400, .height_px = 400, .pitch_px = 18.7, .rotation_deg = 2});
     const auto without = calibrate_grid(drawn.frame.view());

@@ -13,7 +13,9 @@ namespace {
 
 using ::testing::HasSubstr;
 
-Result<Config> parse(std::string_view text) { return parse_config(text, "cell.toml", "/etc/hord"); }
+Result<Config> parse(std::string_view text) {
+    return parse_config(text, "cell.toml", "/etc/hord", NamedBackends::optional);
+}
 std::string problems_of(std::string_view text) {
     const auto config = parse(text);
     return config ? std::string("no problem") : config.error().what;
@@ -34,6 +36,27 @@ TEST(Config, an_empty_file_is_the_defaults_and_they_can_be_used) {
     EXPECT_TRUE(std::holds_alternative<SimulatedSensor>(config->sensor));
     EXPECT_TRUE(std::holds_alternative<SimulatedRejector>(config->rejector));
     EXPECT_EQ(config->modbus.port, 1502);
+}
+
+// A file that was cut off anywhere, also to nothing, never means fewer real devices.
+TEST(Config, a_file_that_names_fewer_than_all_devices_is_refused) {
+    const std::string whole = text_of(kDeploy / "hordd.toml");
+    const auto last = whole.find("backend", whole.find("[rejector]"));
+    ASSERT_NE(last, std::string::npos);
+    for (std::size_t end = 0; end < last; end = whole.find('\n', end) + 1) {
+        const auto cut = parse_config(whole.substr(0, end), "cell.toml", "/etc/hord");
+        ASSERT_FALSE(cut) << "cut off at " << end;
+        EXPECT_THAT(cut.error().what, HasSubstr("rejector.backend: is missing"));
+    }
+    EXPECT_TRUE(parse_config(whole, "cell.toml", "/etc/hord"));
+    for (const char* device : {"sensor", "strobe", "part_sensor", "rejector"}) {
+        const std::string header = "\n[" + std::string(device) + "]\n";
+        std::string without = whole;
+        without.insert(without.find(header) + header.size(), "# ");
+        const auto read = parse_config(without, "cell.toml", "/etc/hord");
+        ASSERT_FALSE(read) << device;
+        EXPECT_THAT(read.error().what, HasSubstr(std::string(device) + ".backend: is missing"));
+    }
 }
 
 TEST(Config, the_time_of_an_inspection_is_unlimited_unless_it_is_said) {

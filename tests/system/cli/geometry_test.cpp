@@ -162,8 +162,8 @@ TEST_F(Told, learn_and_tune_compare_it) {
 TEST_F(Told, recorded_frames_are_compared_with_the_configuration) {
     noted("frames/a.png", kFive);
     const auto config = [&](const std::string& inspection) {
-        std::ofstream(folder / "c.toml") << "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[modbus]\nport = 0\n"
-                                         << inspection << kRoomyLine;
+        std::ofstream(folder / "c.toml") << simulated_beside(
+            "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[modbus]\nport = 0\n" + inspection + kRoomyLine);
         return folder / "c.toml";
     };
     refused({"run", "--config", config("")},

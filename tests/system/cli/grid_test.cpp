@@ -64,9 +64,10 @@ class RawFrames : public ::testing::Test {
             std::filesystem::copy(*rendered / (frames[k] + ".png"),
                                   folder / ("frames/" + std::to_string(1000 + k) + ".png"));
         }
-        std::ofstream(folder / "c.toml") << "[modbus]\nport = 0\n[line]\nexposure_delay_ms = 100\n[sensor]\nbackend = "
-                                            "\"frames\"\nfolder = \"frames\"\n"
-                                         << "[inspection]\ngrid = \"" << calibration << "\"\n";
+        std::ofstream(folder / "c.toml") << simulated_beside(
+            "[modbus]\nport = 0\n[line]\nexposure_delay_ms = 100\n[sensor]\nbackend = \"frames\"\nfolder = "
+            "\"frames\"\n[inspection]\ngrid = \"" +
+            calibration + "\"\n");
         return folder / "c.toml";
     }
 

@@ -124,6 +124,17 @@ Said Running::stop(int signal) {
     return state_->said;
 }
 
+std::string simulated_beside(std::string text) {
+    const std::string backend = "backend = \"simulated\"\n";
+    for (const std::string device : {"sensor", "strobe", "part_sensor", "rejector"}) {
+        const std::string header = "[" + device + "]\n";
+        const auto at = text.find(header);
+        if (at == std::string::npos) text += header + backend;
+        else if (!text.substr(at + header.size()).starts_with("backend")) text.insert(at + header.size(), backend);
+    }
+    return text;
+}
+
 TemporaryFolder::TemporaryFolder() {
     std::string name = (std::filesystem::temp_directory_path() / "hord-test-XXXXXX").string();
     if (mkdtemp(name.data()) == nullptr) throw std::runtime_error("no temporary folder");

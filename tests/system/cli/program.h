@@ -43,6 +43,10 @@ class Running {
     State* state_;
 };
 
+// `text`, a configuration, with backend = "simulated" for every device whose backend it does not name. What is added
+// stands behind the rest, or directly below a header that is there.
+std::string simulated_beside(std::string text);
+
 // A temporary folder for each test, removed at the end.
 class TemporaryFolder {
   public:

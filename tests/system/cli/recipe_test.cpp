@@ -81,7 +81,7 @@ TEST(Programs, a_folder_in_place_of_a_file_is_an_error_that_names_it) {
     std::filesystem::create_directory(folder / "x.toml");
     const std::string x = folder / "x.toml";
     const std::string with_recipe = folder / "with_recipe.toml";
-    std::ofstream(with_recipe) << "[inspection]\nrecipe = \"" << x << "\"\n";
+    std::ofstream(with_recipe) << simulated_beside("[inspection]\nrecipe = \"" + x + "\"\n");
     const std::vector<std::pair<std::string, std::vector<std::string>>> commands = {
         {"hordd", {"--check", "--config", x}},
         {"hordd", {"--check", "--config", with_recipe}},

@@ -80,8 +80,8 @@ class NotifySocket {
 class Service : public ::testing::Test {
   protected:
     void write_config(const std::string& more = "", const std::string& modbus = "port = 0\n") {
-        std::ofstream(folder / "c.toml") << "[inspection]\nmacro = \"3x3\"\n[line]\nexposure_delay_ms = 100\n[modbus]\n"
-                                         << modbus << more;
+        std::ofstream(folder / "c.toml") << simulated_beside(
+            "[inspection]\nmacro = \"3x3\"\n[line]\nexposure_delay_ms = 100\n[modbus]\n" + modbus + more);
     }
     std::vector<std::string> under(const std::vector<std::string>& environment,
                                    const std::vector<std::string>& more = {}) {
@@ -115,7 +115,9 @@ TEST_F(Service, tells_its_manager_when_it_is_ready_what_it_does_and_that_it_live
     NotifySocket manager(folder / "notify");
     Running service("/usr/bin/env", under({"NOTIFY_SOCKET=" + (folder / "notify"), "WATCHDOG_USEC=400000"}));
     EXPECT_NE(manager.hears("READY=1"), "") << service.so_far().err;
-    EXPECT_NE(manager.hears("STATUS=ContinuousExecution"), "");
+    EXPECT_THAT(manager.hears("STATUS=ContinuousExecution"),
+                HasSubstr("; SIMULATED: part-sensor, strobe, sensor, rejector"));
+    EXPECT_THAT(service.so_far().err, HasSubstr("simulated: part-sensor, strobe, sensor, rejector"));
     for (int k = 0; k < 3; ++k) EXPECT_NE(manager.hears("WATCHDOG=1"), "");
     service.signal(SIGTERM);
     EXPECT_NE(manager.hears("STOPPING=1"), "");
@@ -179,7 +181,7 @@ TEST_F(Service, rejects_every_part_while_the_plc_is_silent_and_inspects_again_wh
            "[inspection]\nmacro = \"3x3\"\nrecipe = \"wide.toml\"\n[plc]\npolicy = \"reject_all\"\ntimeout_ms = 2000\n";
     Running service("hordctl",
                     {"run", "--simulate", "--config", folder / "c.toml", "--rate", "2", "--variety", "1", "--state",
-                     folder.path().string()});
+                     folder / "made/state"});
     ASSERT_TRUE(service.says("registers at", kPatience)) << service.so_far().err << service.so_far().out;
     const std::string port = port_of(service.so_far());
     auto scada = client_at(port);  // reads and commands; the heartbeat comes from the PLC
@@ -267,7 +269,7 @@ TEST_F(Service, rejects_every_part_while_the_plc_is_silent_and_inspects_again_wh
     service.stop(SIGINT);
 
     const Said kept =
-        run("hordctl", {"results", "--store", folder / "store", "--reason", "plc-lost", "--format", "csv"});
+        run("hordctl", {"results", "--store", folder / "made/state/store", "--reason", "plc-lost", "--format", "csv"});
     EXPECT_GE(std::ranges::count(kept.out, '\n'), 6) << kept.out << kept.err;
 }
 
@@ -362,8 +364,9 @@ TEST_F(Service, remembers_the_recipe_that_was_committed_until_another_is_configu
     EXPECT_EQ(number_in_use(true), 7);
     EXPECT_EQ(number_in_use(false), 7);
     std::ofstream(folder / "other.toml") << "name = \"other\"\nnumber = 9\n";
-    std::ofstream(folder / "c.toml")
-        << "[inspection]\nmacro = \"3x3\"\nrecipe = \"other.toml\"\n[modbus]\nport = 0\n[station]\nautostart = false\n";
+    std::ofstream(folder / "c.toml") << simulated_beside(
+        "[inspection]\nmacro = \"3x3\"\nrecipe = \"other.toml\"\n[modbus]\nport = 0\n"
+        "[station]\nautostart = false\n");
     EXPECT_EQ(number_in_use(false), 9);
 }
 

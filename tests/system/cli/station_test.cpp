@@ -310,7 +310,7 @@ TEST(Plc, brings_the_station_up_takes_results_changes_the_recipe_and_tests_it) {
 
 TEST(Plc, writes_only_where_the_configuration_lets_it) {
     const TemporaryFolder folder;
-    std::ofstream(folder / "c.toml") << "[modbus]\nport = 0\nmay_write = [\"192.0.2.0/24\"]\n";
+    std::ofstream(folder / "c.toml") << simulated_beside("[modbus]\nport = 0\nmay_write = [\"192.0.2.0/24\"]\n");
     Running station("hordctl", {"run", "--variety", "1", "--config", folder / "c.toml"});
     ASSERT_TRUE(station.says("registers at", std::chrono::seconds(120))) << station.so_far().err;
     Plc plc(port_of(station.so_far()));
@@ -340,8 +340,8 @@ TEST(Run, without_its_rejector_no_part_is_passed_and_the_line_is_stopped) {
     const TemporaryFolder folder;
     const HeldPort absent(false), silent(true);
     for (const int port : {absent.port(), silent.port()}) {
-        std::ofstream(folder / "c.toml") << "[rejector]\nbackend = \"modbus\"\nport = " << port
-                                         << "\n[modbus]\nport = 0\n";
+        std::ofstream(folder / "c.toml") << simulated_beside(
+            "[rejector]\nbackend = \"modbus\"\nport = " + std::to_string(port) + "\n[modbus]\nport = 0\n");
         const Said said =
             run("hordctl", {"run", "--config", folder / "c.toml", "--variety", "1", "--parts", "5", "--json"});
         EXPECT_EQ(said.status, 3) << said.err;
@@ -365,8 +365,8 @@ TEST(Run, recorded_frames_get_the_verdicts_that_inspect_gives) {
         arguments.push_back(file);
     }
     const auto inspected = json_lines(run("hordctl", arguments).out);
-    std::ofstream(folder / "c.toml") << "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[modbus]\nport = 0\n"
-                                     << kRoomyLine;
+    std::ofstream(folder / "c.toml") << simulated_beside(
+        std::string("[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[modbus]\nport = 0\n") + kRoomyLine);
     const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--rate", "2", "--json"});
     const auto played = json_lines(said.out);
     ASSERT_EQ(inspected.size(), 5U);
@@ -382,7 +382,8 @@ TEST(Run, refuses_a_folder_of_frames_with_a_bad_one_and_names_it) {
     const TemporaryFolder folder;
     std::filesystem::create_directories(folder / "frames");
     std::ofstream(folder / "frames/a.png") << "not an image";
-    std::ofstream(folder / "c.toml") << "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[modbus]\nport = 0\n";
+    std::ofstream(folder / "c.toml") << simulated_beside(
+        "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[modbus]\nport = 0\n");
     const Said said = run("hordctl", {"run", "--config", folder / "c.toml"});
     EXPECT_EQ(said.status, 2);
     EXPECT_THAT(said.err, HasSubstr("a.png"));
