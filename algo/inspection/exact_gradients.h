@@ -55,13 +55,14 @@ class ExactGradients {
         return all;
     }
 
-    // The largest of `known` and of the severities below `ceiling` of lenslets that are bounds, by branch and bound;
-    // severity(k) is at most `known`, or at most gradient[k] over the limit.
-    // Only lenslets whose bound exceeds the largest value found so far are solved, largest bound first. `all_known` is
-    // false if a budget ran out; the result is then the largest bound.
+    // The largest of `known`, kInsignificantScore, and of the severities below `ceiling` of lenslets that are bounds,
+    // by branch and bound; severity(k) is at most `known`, or at most gradient[k] over the limit. Only lenslets whose
+    // bound exceeds the largest value found so far are solved, largest bound first. `all_known` is false if a budget
+    // ran out; the result is then the largest bound.
     template <class Severity>
     float largest(float known, float ceiling, Severity&& severity, bool& all_known) {
         all_known = true;
+        known = std::max(known, kInsignificantScore);
         const float floor = known, least = least_gradient(known);
         const auto wanted = [&](std::uint32_t k) {
             if (gradient_[k] < least || is_bound_[k] == 0) return false;

@@ -88,6 +88,7 @@ struct EmdRows {
 struct Worker {
     std::optional<EmdRows> emd;                 // if the map of the EMD is wanted;
     std::optional<SoaDistances> soa;            // else decoded into the SoA layout, which is three times as fast
+    std::optional<SoaDistances> shares;         // if the EMD is bounded: for its second look at the frame
     std::optional<ReferenceComparer> comparer;  // if the recipe has a reference
 };
 
@@ -128,6 +129,10 @@ struct Pipeline::Workspace {
     // If neighbours are judged by the EMD, and its map is not wanted.
     std::optional<SoaEmdBounds> emd_bounds;
     std::optional<ExactGradients> exact;
+    struct Columns {
+        int first = 0, last = -1;
+    };
+    std::vector<Columns> bounded_columns;  // of each row: where bounds are wanted
 
     // The comparison with a reference.
     struct Comparison {
@@ -144,6 +149,8 @@ struct Pipeline::Workspace {
     std::optional<Comparison> comparison;  // if the recipe has a reference
 
     void compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times);
+    void bound_gradients(const FrameView& frame);
+    void bound_band(SoaDistances& rows, const FrameView& frame, int first, int last);
     template <class Rows>
     void compute_band(Rows& rows, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
     void finish_decoding(EmdRows& rows, int n, bool in_band);
@@ -155,6 +162,10 @@ struct Pipeline::Workspace {
     void store_norms(std::size_t k, const Jacobian& jacobian);
     [[nodiscard]] std::span<const float> judged_slopes() const {
         return recipe.slopes ? std::span<const float>(frobenius) : std::span<const float>();
+    }
+    // Lenslets whose gradient no verdict needs. A defect against a reference may reach over the part's rim.
+    [[nodiscard]] std::uint8_t gradient_left_out() const {
+        return comparison ? kNoGradient : static_cast<std::uint8_t>(kNoGradient | kNotJudged);
     }
     [[nodiscard]] Reason unfit_reason() const;
     Registered compare_with_reference(const FrameView& frame);
@@ -241,15 +252,56 @@ void Pipeline::Workspace::compare_row(EmdRows& rows, int n) {
 void Pipeline::Workspace::compare_row(SoaDistances& rows, int n) {
     std::uint8_t* const of_row = mask.data() + extents.index(0, n);
     rows.mark_row(n, of_row);
-    if (!gradient.empty()) {
+    if (!gradient.empty() && !emd_bounds) {
         float* const gradients = gradient.data() + extents.index(0, n);
-        if (emd_bounds) emd_bounds->row(rows, n, of_row, gradients);
-        else rows.compare_row(n, gradients, of_row);
+        rows.compare_row(n, gradients, of_row);
     }
     if (!frobenius.empty()) rows.slopes_row(n, frobenius.data() + extents.index(0, n), of_row);
     if (spectral.empty()) return;
     for (int m = 0; m < extents.m; ++m)
         store_norms(extents.index(m, n), (of_row[m] & kNoGradient) == 0 ? rows.jacobian(m, n) : Jacobian{});
+}
+
+// The upper bounds of the EMD gradient, where it is judged: in a second look at a frame that can be judged, so that the
+// others need not be bounded.
+void Pipeline::Workspace::bound_gradients(const FrameView& frame) {
+    const std::uint8_t left_out = gradient_left_out();
+    for (int n = 0; n < extents.n; ++n) {
+        Columns& of_row = bounded_columns[static_cast<std::size_t>(n)];
+        of_row = {extents.m, -1};
+        for (int m = 0; m < extents.m; ++m) {
+            if ((mask[extents.index(m, n)] & left_out) != 0) continue;
+            of_row.first = std::min(of_row.first, m);
+            of_row.last = m;
+        }
+    }
+    const int rows = pool->rows_a_band(extents.n);
+    pool->share_out((extents.n + rows - 1) / rows, [&](int worker, int band) {
+        bound_band(*workers[static_cast<std::size_t>(worker)].shares, frame, band * rows,
+                   std::min((band + 1) * rows, extents.n));
+    });
+}
+
+void Pipeline::Workspace::bound_band(SoaDistances& rows, const FrameView& frame, int first, int last) {
+    const std::uint8_t left_out = gradient_left_out();
+    int next = first - 1;  // to load
+    for (int n = first; n < last; ++n) {
+        float* const gradients = gradient.data() + extents.index(0, n);
+        if (bounded_columns[static_cast<std::size_t>(n)].last < 0) {
+            std::fill_n(gradients, extents.m, 0.0F);
+            continue;
+        }
+        for (next = std::max(next, n - 1); next <= n + 1; ++next) {
+            Columns columns{extents.m, -1};  // that some row needs of this one
+            for (int near = std::max(next - 1, 0); near <= std::min(next + 1, extents.n - 1); ++near) {
+                columns.first = std::min(columns.first, bounded_columns[static_cast<std::size_t>(near)].first);
+                columns.last = std::max(columns.last, bounded_columns[static_cast<std::size_t>(near)].last);
+            }
+            rows.load_blocks(frame, levels, next, (columns.first - 1) / SoaRow::kLanes,
+                             (columns.last + 1) / SoaRow::kLanes);
+        }
+        emd_bounds->row(rows, n, mask.data() + extents.index(0, n), left_out, gradients);
+    }
 }
 
 // Solves the submitted EMD gradients and writes them to the map; `last` is the row after theirs.
@@ -367,7 +419,10 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
         if (recipe.reference) made.comparer.emplace(*recipe.reference, widest_isa(), reference_soa);
         const bool by_emd = recipe.gradient == Feature::emd;
         if (!by_emd || maps == MapSet::judged) {
-            made.soa.emplace(extents, recipe.gradient.value_or(Feature::jacobian_frobenius), best_isa(), true);
+            const Feature over_neighbours =
+                by_emd ? Feature::jacobian_frobenius : recipe.gradient.value_or(Feature::jacobian_frobenius);
+            made.soa.emplace(extents, over_neighbours, best_isa(), true);
+            if (by_emd) made.shares.emplace(extents, Feature::emd, best_isa());
             continue;
         }
         const auto ground = GroundDistance::between_bins(extents.i, extents.j);
@@ -379,6 +434,7 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
     auto workspace = common::make_opaque<Workspace>(extents, bits, recipe, maps, std::move(*pool), std::move(workers));
     if (recipe.gradient == Feature::emd && maps == MapSet::judged) {
         workspace->emd_bounds.emplace(extents, widest_isa());
+        workspace->bounded_columns.resize(static_cast<std::size_t>(extents.n));
         auto exact = ExactGradients::create(extents, recipe.emd_limit_bins, *workspace->pool);
         if (!exact) return tl::unexpected(exact.error());
         workspace->exact.emplace(std::move(*exact));
@@ -424,13 +480,17 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now, const In
         watch.lap(result.times.feature_ns);
     }
     if (result.reason == Reason::none) {
+        if (w.emd_bounds) {
+            w.bound_gradients(frame);
+            watch.lap(result.times.feature_ns);
+        }
         if (w.exact) w.exact->start(frame, w.levels, w.mask, w.gradient, limits, now, end_ns);
         const Result<FoundDefects> found =
             w.comparison ? w.find_differences(result.registered.pose, result.bounded) : w.find_defects(result.bounded);
         if (!found) return tl::unexpected(found.error());
         result.defects = found->defects;
         result.reason = found->reason;
-        result.score = found->score;
+        result.score = found->score > kInsignificantScore ? found->score : 0;
         result.out_of_time = result.bounded && w.exact->out_of_time();
         result.verdict = found->defects.empty() ? Verdict::pass : Verdict::reject;
         if (w.comparison) {
@@ -440,6 +500,7 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now, const In
             result.compared = compared;
         }
     }
+    if (result.verdict == Verdict::unfit && w.emd_bounds) std::ranges::fill(w.gradient, 0.0F);
     watch.lap(result.times.decide_ns);
     total.lap(result.times.total_ns);
     return result;

@@ -43,10 +43,14 @@ struct InspectionLimits {
     std::int64_t time_ns = 0;  // by the clock given to inspect(), since its call; 0, or without a clock: no limit
 };
 
+// Scores up to this are told as 0. On flat light without noise nearly all lenslets have the same tiny value, and the
+// search for the largest one would solve them all.
+constexpr float kInsignificantScore = 0.02F;
+
 struct Inspection {
     Verdict verdict = Verdict::unfit;
     Reason reason = Reason::nothing_to_see;
-    float score = 0;                      // the worst value over its limit: >= 1 rejects
+    float score = 0;                      // the worst value over its limit: >= 1 rejects; 0: <= kInsignificantScore
     bool bounded = false;                 // a limit was reached: score, defects and peaks may be upper bounds
     bool out_of_time = false;             // it was the limit of time: another run may give other values
     std::uint32_t dark_dn = 0;            // DN, the level that was subtracted from every sample of this frame
@@ -73,8 +77,8 @@ struct Inspection {
 
 enum class MapSet : std::uint8_t {
     judged,  // the maps that the verdict needs. The EMD gradient is exact where the verdict needs its value (all
-             // flagged lenslets, and the one that gives the score), and an upper bound elsewhere: not a map to show or
-             // to store
+             // flagged lenslets, and the one that gives the score), an upper bound elsewhere, and 0 where it is not
+             // judged: not a map to show or to store
     exact,   // the same maps; the EMD gradient is exact everywhere. No limit of work or time
     all,     // also the Jacobian's norms and the transmission; otherwise as exact
 };

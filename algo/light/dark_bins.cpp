@@ -9,6 +9,9 @@ namespace hord::algo {
 namespace {
 
 constexpr double kOneSigma = 0.158655;  // share of a normal distribution below -1 sigma
+constexpr double kShapeFactor = 1.5;    // between the zeros that clipped noise has and those that are counted
+
+double below_normal(double sigmas) { return 0.5 * std::erfc(-sigmas / std::sqrt(2.0)); }
 
 }  // namespace
 
@@ -58,6 +61,32 @@ double DarkBinMeter::quantile(double share) const {
     return static_cast<double>(counts_.size() - 1);
 }
 
+// The standard deviation of noise about 0 of which the sensor shows the upper half, DN; 0 if the samples are not that.
+// Counts of steps of the full scale's 256th part fall with exp(-v^2 / 2 sigma^2), whatever number of bins is dark: from
+// the first step to the first with at most half as many. The zeros must then be as many as that noise clips.
+double DarkBinMeter::noise_clipped_at_zero() const {
+    const std::size_t step = counts_.size() / 256;
+    const auto middle = [&](std::size_t k) {
+        return static_cast<double>(k * step) + 0.5 * (1 + static_cast<double>(step));
+    };
+    const auto samples_of = [&](std::size_t k) {
+        double sum = 0;
+        for (std::size_t v = k * step + 1; v <= std::min((k + 1) * step, counts_.size() - 1); ++v) sum += counts_[v];
+        return sum;
+    };
+    const double first = samples_of(0);
+    if (first == 0) return 0;
+    std::size_t half = 1;
+    while (half < 128 && 2 * samples_of(half) > first) ++half;
+    const double fallen = first / std::max(samples_of(half), 0.5);
+    if (fallen < 2) return 0;
+    const double sigma = std::sqrt((middle(half) * middle(half) - middle(0) * middle(0)) / (2 * std::log(fallen)));
+    const double zeros_of_first = below_normal(0.5 / sigma) /
+        (below_normal((static_cast<double>(step) + 0.5) / sigma) - below_normal(0.5 / sigma));
+    const double ratio = counts_[0] / (first * zeros_of_first);
+    return ratio > 1 / kShapeFactor && ratio < kShapeFactor ? sigma : 0;
+}
+
 DarkBins DarkBinMeter::measure(const FrameView& frame) {
     if (dark_share_ < kMinDarkShare) return {};
     std::ranges::fill(counts_, 0U);
@@ -71,6 +100,11 @@ DarkBins DarkBinMeter::measure(const FrameView& frame) {
     const double below = quantile(dark_share_ * kOneSigma);
     const bool clipped = !dark.at_zero && below <= 0.5;
     dark.noise_dn = clipped ? quantile(dark_share_ * (1 - kOneSigma)) - median : median - below;
+    if (!dark.at_zero) return dark;
+    if (const double noise = noise_clipped_at_zero(); noise > 0) {
+        dark.at_zero = false;
+        dark.noise_dn = noise;
+    }
     return dark;
 }
 

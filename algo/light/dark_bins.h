@@ -3,8 +3,11 @@
 // A spot of collimated light covers at most kSpotBins x kSpotBins bins of a lenslet; the other bins are dark. From the
 // histogram of the samples of at most kSampled x kSampled lenslets: the median of the dark bins is the pedestal, and
 // the distance to their quantile at -1 sigma is the noise; at +1 sigma where that below reads 0. A sample of v DN
-// counts as spread evenly over v +- 0.5 DN, so that a constant level has the noise of rounding. Why, and what is not
-// seen: docs/notes/inspection.md.
+// counts as spread evenly over v +- 0.5 DN, so that a constant level has the noise of rounding.
+//
+// Where most dark bins read 0, the sensor has clipped them. If the samples above 0 are the upper half of a normal
+// distribution about 0, its standard deviation is the noise; else nothing is known of them. Why, and what is not seen:
+// docs/notes/inspection.md.
 #pragma once
 
 #include <cstdint>
@@ -31,7 +34,7 @@ struct DarkBins {
     double pedestal_dn = 0;  // median of the dark bins; at most 0.5 where most of them read 0
     double noise_dn = 0;     // standard deviation; about 0.3, rounding alone, in a quiet frame
     double upper_dn = 0;     // kKeptShare of the dark bins are not above it
-    bool at_zero = true;     // most dark bins read 0
+    bool at_zero = true;     // most dark bins read 0, and their noise is not known
 };
 
 // The light levels to decode a frame with.
@@ -42,8 +45,8 @@ struct FrameLevels {
 };
 
 // The levels given. If more than 1 - kKeptShare of the dark bins exceed the dark level, it is raised to pedestal +
-// kDarkNoiseFactor noise, rounded up. Exactly the given levels if nothing was measured or most dark bins read 0. Where
-// the rise is not allowed the dark level is the highest that is.
+// kDarkNoiseFactor noise, rounded up. Exactly the given levels if nothing was measured or DarkBins::at_zero. Where the
+// rise is not allowed the dark level is the highest that is.
 FrameLevels levels_above_dark_bins(const LightLevels& given, const DarkBins& dark, std::uint32_t max_rise_dn);
 
 class DarkBinMeter {
@@ -60,6 +63,7 @@ class DarkBinMeter {
     template <class Sample>
     void count(const FrameView& frame);
     [[nodiscard]] double quantile(double share) const;
+    [[nodiscard]] double noise_clipped_at_zero() const;
 
     Extents extents_;
     double dark_share_;

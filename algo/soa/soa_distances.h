@@ -36,6 +36,10 @@ class SoaDistances {
     // The same row by row, for callers that also need the rows (algo/inspection/pipeline.h): load() rows n-1, n and n+1
     // of those that exist, then compute row n. Deflections and the Jacobian only if deflections are kept.
     void load(const FrameView& frame, const LightLevels& levels, int n);
+    // Only the blocks first to last (algo/soa/soa_row.h); without deflections.
+    void load_blocks(const FrameView& frame, const LightLevels& levels, int n, int first, int last) {
+        row(n).decode(frame, levels, n, first, last);
+    }
     [[nodiscard]] const SoaRow& loaded(int n) const { return rows_[static_cast<std::size_t>(n % 3)]; }
     [[nodiscard]] Deflection deflection(int m, int n) const {
         const Means& means = means_[static_cast<std::size_t>(n % 3)];

@@ -3,7 +3,7 @@
 //
 // A bound is at least the float that the exact gradient rounds to, rounding of this computation included: it is
 // widened by kRelativeMargin of itself and kMarginBins a pair. It is finite, and 0 where the mask has no gradient.
-// The same bits on every instruction set. The time depends on which bins are lit, not on the masses. Plans, proof and
+// The same bits on every instruction set. The time depends on which bins hold more than faint light. Plans, proof and
 // tightness: docs/notes/emd.md.
 // Test: tests/algo/soa/soa_emd_bounds_test.cpp, against EmdSolver.
 #pragma once
@@ -27,9 +27,9 @@ class SoaEmdBounds {
 
     SoaEmdBounds(const Extents& extents, Isa isa);
 
-    // Bounds of row n, bin pitches. `rows`: made for Feature::emd, with rows n-1, n and n+1 loaded, those that exist.
-    // `mask`: of row n, from rows.mark_row(). No allocation.
-    void row(const SoaDistances& rows, int n, const std::uint8_t* mask, float* upper) const;
+    // Bounds of row n, bin pitches; 0 where `mask` has one of the bits `left_out`, which include kNoGradient. `rows`:
+    // made for Feature::emd, with the lenslets that are not left out, and their neighbours, loaded. No allocation.
+    void row(const SoaDistances& rows, int n, const std::uint8_t* mask, std::uint8_t left_out, float* upper) const;
 
   private:
     [[nodiscard]] LitBox box_of(const SoaRow::Lit& lit) const;

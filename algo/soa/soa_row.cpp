@@ -39,13 +39,17 @@ SoaRow::SoaRow(const Extents& extents, SoaUse use, Isa isa, bool moments)
 }
 
 template <class Sample>
-void SoaRow::decode_samples(const FrameView& frame, const LightLevels& levels, int n) {
+void SoaRow::decode_samples(const FrameView& frame, const LightLevels& levels, int n, int first_block, int last_block) {
     const std::ptrdiff_t stride = frame.stride_bytes / static_cast<std::ptrdiff_t>(sizeof(Sample));
     const auto* first = reinterpret_cast<const Sample*>(frame.data) + n * extents_.j * stride;
     const int of_a_block = kLanes * extents_.i;
     constexpr int kReadAhead = SoaBlock::kReadAhead;
     SoaBlock& work = work_->block;
     for (int block = 0; block < blocks_; ++block) {
+        if (block < first_block || block > last_block) {
+            clear_block(block);
+            continue;
+        }
         const int at = block * of_a_block;
         const Sample* samples = first + at;
         std::ptrdiff_t line_stride = stride;
@@ -84,21 +88,39 @@ void SoaRow::store_block(int block) {
     if (use_ == SoaUse::sums) return;
     float* const first = values_.data() + kPad + m;
     if (use_ == SoaUse::marginals) return kernels_.marginals(work, extents_, stride_, first);
-    Lit& before = lit_[static_cast<std::size_t>(block)];
-    for (std::size_t w = 0; w < before.size(); ++w) {
-        for (std::uint64_t gone = before[w] & ~work.lit[w]; gone != 0; gone &= gone - 1) {
-            std::fill_n(first + (w * 64 + static_cast<std::size_t>(__builtin_ctzll(gone))) * stride_, kLanes, 0.0F);
-        }
-    }
-    before = work.lit;
+    darken(block, work.lit);
     kernels_.shares(work, stride_, use_ == SoaUse::roots, first);
 }
 
-void SoaRow::decode(const FrameView& frame, const LightLevels& levels, int n) {
+// Sets the arrays to 0 that were lit in the block and are not any more.
+void SoaRow::darken(int block, const Lit& still_lit) {
+    Lit& before = lit_[static_cast<std::size_t>(block)];
+    float* const first = values_.data() + kPad + block * kLanes;
+    for (std::size_t w = 0; w < before.size(); ++w) {
+        for (std::uint64_t gone = before[w] & ~still_lit[w]; gone != 0; gone &= gone - 1) {
+            std::fill_n(first + (w * 64 + static_cast<std::size_t>(__builtin_ctzll(gone))) * stride_, kLanes, 0.0F);
+        }
+    }
+    before = still_lit;
+}
+
+void SoaRow::clear_block(int block) {
+    const auto m = static_cast<std::ptrdiff_t>(block) * kLanes;
+    std::fill_n(mask_.begin() + m, kLanes, kDark);
+    std::fill_n(sums_.begin() + m, kLanes, 0U);
+    std::fill_n(moments_x_.begin() + m, kLanes, 0);
+    std::fill_n(moments_y_.begin() + m, kLanes, 0);
+    if (use_ == SoaUse::shares || use_ == SoaUse::roots) darken(block, {});
+    if (use_ != SoaUse::marginals) return;
+    for (int k = 0; k < arrays_; ++k)
+        std::fill_n(values_.begin() + kPad + m + k * static_cast<std::ptrdiff_t>(stride_), kLanes, 0.0F);
+}
+
+void SoaRow::decode(const FrameView& frame, const LightLevels& levels, int n, int first, int last) {
     if (frame.bits > 8) {
-        decode_samples<std::uint16_t>(frame, levels, n);
+        decode_samples<std::uint16_t>(frame, levels, n, first, last);
     } else {
-        decode_samples<std::uint8_t>(frame, levels, n);
+        decode_samples<std::uint8_t>(frame, levels, n, first, last);
     }
 }
 

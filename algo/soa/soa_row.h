@@ -29,12 +29,14 @@ class SoaRow {
   public:
     static constexpr int kLanes = SoaBlock::kLanes;  // lenslets of a block
     static constexpr int kPad = 16;                  // zeros before the first lenslet and after the last
+    static constexpr int kMaxBlock = 1 << 20;
 
     // `moments` false: moments are 0 and decoding is faster.
     SoaRow(const Extents& extents, SoaUse use, Isa isa, bool moments = true);
 
-    // Decodes lenslet row n of a checked frame.
-    void decode(const FrameView& frame, const LightLevels& levels, int n);
+    // Decodes lenslet row n of a checked frame: blocks first to last, those of them that exist. The others are then as
+    // if all their lenslets were dark.
+    void decode(const FrameView& frame, const LightLevels& levels, int n, int first = 0, int last = kMaxBlock);
 
     [[nodiscard]] int blocks() const { return blocks_; }
     // Array k, from lenslet 0 on; 0 for lenslets without a HORD.
@@ -59,8 +61,10 @@ class SoaRow {
     struct Work;
 
     template <class Sample>
-    void decode_samples(const FrameView& frame, const LightLevels& levels, int n);
+    void decode_samples(const FrameView& frame, const LightLevels& levels, int n, int first, int last);
     void store_block(int block);
+    void clear_block(int block);
+    void darken(int block, const Lit& still_lit);
 
     Extents extents_;
     SoaUse use_;

@@ -49,15 +49,40 @@ TEST(DarkBins, noise_that_the_sensor_clips_is_measured_above_the_pedestal) {
     EXPECT_NEAR(dark.noise_dn, 2, 0.6);
 }
 
-// The promise that results of frames without a pedestal do not change.
-TEST(DarkBins, at_zero_leave_the_level_as_it_was_whatever_their_noise) {
-    for (const double noise : {0.0, 0.6, 2.0, 6.0}) {
-        const DarkBins dark = measured(spots_on(0, noise, 4));
-        EXPECT_TRUE(dark.at_zero);
-        const FrameLevels levels = levels_above_dark_bins(kLevels, dark, 8);
+// The promise that results of frames without a pedestal do not change, if their noise is usual.
+TEST(DarkBins, at_zero_leave_the_level_as_it_was) {
+    for (const double noise : {0.0, 0.6, 2.0}) {
+        const FrameLevels levels = levels_above_dark_bins(kLevels, measured(spots_on(0, noise, 4)), 8);
         EXPECT_EQ(levels.levels.dark, kLevels.dark);
         EXPECT_TRUE(levels.pedestal_allowed && levels.noise_allowed);
     }
+}
+
+TEST(DarkBins, whose_noise_is_clipped_at_zero_show_it_above_zero) {
+    for (const int bits : {8, 12, 16}) {
+        const double scale = ((1 << bits) - 1) / 255.0;
+        for (const double noise : {1.0, 2.0, 4.0, 6.0}) {
+            const DarkBins dark = measured(spots_on(0, noise, 4, bits));
+            EXPECT_FALSE(dark.at_zero);
+            EXPECT_LE(dark.pedestal_dn, 0.5);
+            EXPECT_NEAR(dark.noise_dn / scale, noise, 0.15 * noise) << bits << " bits";
+        }
+    }
+    EXPECT_NEAR(levels_above_dark_bins(kLevels, measured(spots_on(0, 5, 4)), 8).levels.dark, 15, 2);
+    EXPECT_FALSE(levels_above_dark_bins(kLevels, measured(spots_on(0, 8, 4)), 8).noise_allowed);
+}
+
+// Light that is spread thinly is no noise: its samples above 0 have another shape, or too few zeros beside them.
+TEST(DarkBins, at_zero_beside_thin_light_leave_the_level_as_it_was) {
+    Frame frame = spots_on(0, 0, 4);
+    for (int y = 0; y < frame.height_px(); ++y) {
+        for (int x = 0; x < frame.width_px(); ++x) {
+            if ((x * 7 + y * 5) % 4 == 0) frame.set(x, y, std::max(frame.view().sample(x, y), 4U + (x + y) % 5));
+        }
+    }
+    const DarkBins dark = measured(frame);
+    EXPECT_TRUE(dark.at_zero);
+    EXPECT_EQ(levels_above_dark_bins(kLevels, dark, 8).levels.dark, kLevels.dark);
 }
 
 TEST(DarkBins, that_the_level_clears_leave_it_as_it_was) {

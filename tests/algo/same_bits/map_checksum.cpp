@@ -82,7 +82,7 @@ std::uint64_t of_frames(const Extents& e, const FrameView& frame, const FrameVie
     for (int n = 0; n < e.n; ++n) {
         if (n + 1 < e.n) rows.load(frame, levels, n + 1);
         rows.mark_row(n, mask.data());
-        bounds.row(rows, n, mask.data(), upper.data());
+        bounds.row(rows, n, mask.data(), kNoGradient, upper.data());
         sum.add(std::span<const float>(upper));
     }
     return sum.value;

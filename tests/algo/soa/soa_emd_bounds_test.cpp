@@ -33,7 +33,7 @@ std::vector<float> bounds_of(const Frame& frame, const Extents& e, const LightLe
     for (int n = 0; n < e.n; ++n) {
         if (n + 1 < e.n) rows.load(frame.view(), levels, n + 1);
         rows.mark_row(n, mask.data() + e.index(0, n));
-        bounds.row(rows, n, mask.data() + e.index(0, n), upper.data() + e.index(0, n));
+        bounds.row(rows, n, mask.data() + e.index(0, n), kNoGradient, upper.data() + e.index(0, n));
     }
     return upper;
 }
