@@ -79,9 +79,9 @@ Table table_of(const std::vector<Kind>& kinds) {
 }
 
 std::vector<Claim> claims_of(const std::vector<Kind>& kinds) {
-    std::size_t good = 0, passed = 0, takers = 0, takers_rejected = 0, others = 0, rejected_by_hords = 0;
+    std::size_t good = 0, passed = 0, takers = 0, takers_rejected = 0, clear_kinds = 0, rejected_by_hords = 0;
     std::size_t seen_telecentric = 0, deflectors = 0, seen_transmission = 0;
-    double missing = 0;
+    double missing = 0, missing_at_deflectors = 0;
     std::set<algo::Reason> reasons;
     for (const Kind& kind : kinds) {
         const std::size_t count = kind.parts.size();
@@ -95,10 +95,13 @@ std::vector<Claim> claims_of(const std::vector<Kind>& kinds) {
             takers += count, takers_rejected += kind.rejected();
             continue;
         }
-        others += count;
+        clear_kinds += count;
         seen_telecentric += kind.seen_by(LineView::telecentric);
         if (deflects) deflectors += count, seen_transmission += kind.seen_by(LineView::transmission);
-        for (const SeenPart& part : kind.parts) missing = std::max(missing, part.missing_light);
+        for (const SeenPart& part : kind.parts) {
+            missing = std::max(missing, part.missing_light);
+            if (deflects) missing_at_deflectors = std::max(missing_at_deflectors, part.missing_light);
+        }
         rejected_by_hords += static_cast<std::size_t>(std::ranges::count_if(kind.parts, [](const SeenPart& part) {
             return part.verdict == algo::Verdict::reject && is_of_hords(part.reason);
         }));
@@ -112,13 +115,14 @@ std::vector<Claim> claims_of(const std::vector<Kind>& kinds) {
         {"It rejects every bubble, cut, speck and scratch", takers_rejected == takers,
          fmt::format("{} of {}", takers_rejected, takers)},
         {"It rejects every dimple, stria, inclusion and haze, because neighbours disagree or the deflection changes "
-         "too "
-         "fast",
-         rejected_by_hords == others, fmt::format("{} of {}", rejected_by_hords, others)},
+         "too fast",
+         rejected_by_hords == clear_kinds, fmt::format("{} of {}", rejected_by_hords, clear_kinds)},
         {"The telecentric camera sees none of these four kinds", seen_telecentric == 0,
-         fmt::format("it sees {} of {}", seen_telecentric, others)},
+         fmt::format("it sees {} of {}", seen_telecentric, clear_kinds)},
         {"The transmission shows no dimple, stria or inclusion", seen_transmission == 0,
          fmt::format("it shows {} of {}", seen_transmission, deflectors)},
+        {"At each of them it misses less than half of what rejects a part", missing_at_deflectors < 0.5 * rejecting,
+         fmt::format("at most {:.0f} % of the light; {:.0f} % rejects", 100 * missing_at_deflectors, 100 * rejecting)},
         {"The transmission alone would pass all four kinds", missing < rejecting,
          fmt::format("it misses at most {:.0f} % of the light; {:.0f} % rejects", 100 * missing, 100 * rejecting)},
         {"Parts are rejected for at least three reasons", reasons.size() >= 3, list},
