@@ -330,7 +330,7 @@ class Workshop:
         self.tests = []  # (program, filter): first the fast tests of each program, then the others
         slow = []
         for test in self.room.tests:
-            program = self.link(test, self.objects + self.test_objects, self.folder / test)
+            program = self.link(test, self.objects, self.folder / test)
             fast_names, slow_names = self.time_tests(program)
             self.tests.append((program, fast_names))
             slow.append((program, slow_names))
@@ -379,14 +379,10 @@ class Workshop:
                     sys.exit(f"{file}: {done.stdout[-2000:]}")
                 return str(out)
 
-            wanted = []
-            for target in self.room.tests if headers else ():
-                for word in self.link_command(target)[1]:
-                    if "/CMakeFiles/" in word and word.endswith(".cpp.o"):
-                        source = str((RELEASE / re.sub(r"CMakeFiles/[^/]+\.dir/", "", word)[:-2]).resolve())
-                        wanted.append(str(pathlib.Path(source).relative_to(RELEASE))
-                                      if source.startswith(str(RELEASE)) else source)
-            self.test_objects = list(pool.map(test, [w for w in wanted if (ROOT / w).exists()]))
+            words = [w for t in self.room.tests if headers for w in self.link_command(t)[1]]
+            source_of = {w: re.sub(r"CMakeFiles/[^/]+\.dir/", "", w)[:-2] for w in words if w.endswith(".cpp.o")}
+            wanted = {w: s for w, s in source_of.items() if (ROOT / s).exists()}
+            self.replaced = dict(zip(wanted, pool.map(test, wanted.values())))
 
     def settle(self, file, mutants, compile_it):
         """Writes the file with its mutants; leaves out those that do not compile."""
@@ -419,6 +415,7 @@ class Workshop:
 
     def link(self, target, objects, out):
         head, tail = self.link_command(target)
+        tail = [self.replaced.get(w, w) for w in tail]
         done = run([*head, "-fuse-ld=gold", "-Wl,--allow-multiple-definition", *objects, *tail, "-o", str(out)])
         if done.returncode != 0:
             sys.exit(f"{target}: {done.stdout[-3000:]}")
