@@ -194,7 +194,7 @@ void Invariants::process_starts(const Core& core, const CoreConfig& config) {
     reported_ = checked_counters_ = {};
     checked_results_ = 0;
     reported_inspected_ = results_in_process_ = 0;
-    pulse_until_ = permit_lost_at_ = {};
+    pulse_until_ = pulse_until_before_ = permit_lost_at_ = {};
     had_permit_ = false;
     first_fault_ = 0;
     evidence_.fill({});

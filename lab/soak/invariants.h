@@ -178,8 +178,9 @@ class Invariants {
     std::size_t next_fault_pulse_ = 0;
     hal::RejectCommand last_reject_;
     // Of this process.
-    TimePoint pulse_until_{};     // end of the last pulse commanded
-    TimePoint permit_lost_at_{};  // the run permit was withdrawn
+    TimePoint pulse_until_{};         // end of the last pulse commanded
+    TimePoint pulse_until_before_{};  // the same before this step: the step of an arm may command a pulse
+    TimePoint permit_lost_at_{};      // the run permit was withdrawn
     bool had_permit_ = false;
     std::uint16_t first_fault_ = 0;  // shown since the last reset
     TimePoint light_until_ = TimePoint::min();

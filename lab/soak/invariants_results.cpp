@@ -86,7 +86,8 @@ void Invariants::check_event(State before, const Event& event) {
             broken(Promise::one_verdict, "still waits for its verdict after an abort, halt or lost PLC",
                    line[k].number());
     }
-    if (command != nullptr && *command == Command::arm && now == State::ready && clock_.now() < pulse_until_)
+    const bool armed = before == State::initialized && now == State::ready;
+    if (armed && clock_.now() < pulse_until_before_)
         broken(Promise::own_rejection, "the station was armed while the ejector still had a pulse to execute");
     if (command != nullptr && *command == Command::reset) first_fault_ = 0;
     const bool was_running = executing(before) || before == State::ready;
@@ -152,6 +153,7 @@ void Invariants::stepped(State before, const Event& event) {
     if (had_permit_ && !now.run_permit) permit_lost_at_ = clock_.now();
     had_permit_ = now.run_permit;
     check_event(before, event);
+    pulse_until_before_ = pulse_until_;
     if (cell_.rejector().run_permit() && now.line_stop)
         broken(Promise::unconfirmed_stops, "line stop, and the belt has its permit");
     if (now.parts_on_line > rules_.most_on_line)

@@ -189,21 +189,22 @@ void PlcSimulator::recover_station() {
 
 void PlcSimulator::command(Command code, bool meant_for_this_boot) {
     if (endpoint_ == nullptr || boot_id_ == 0) return;  // the boot id is not known yet
-    const bool acts_in_any_boot = code == Command::stop || code == Command::abort || code == Command::halt;
+    const bool acts_always = code == Command::stop || code == Command::abort || code == Command::halt;
     const bool to_this_boot =
-        acts_in_any_boot || (meant_for_this_boot && double_word(read(addresses().boot_id, 2), 0) == boot_id_);
+        acts_always || (meant_for_this_boot && double_word(read(addresses().boot_id, 2), 0) == boot_id_);
     const std::uint32_t token = ++token_;
     const std::uint32_t other_boot = double_word(read(addresses().boot_id, 2), 0) ^ 0x5A5AU;
     const std::uint16_t boot = low(meant_for_this_boot ? boot_id_ : other_boot);
     const Words words{high(token), low(token), boot, static_cast<std::uint16_t>(code)};
-    for (int copies = 1 + std::exchange(repeats_, 0); copies > 0; --copies) {
+    const int copies = 1 + std::exchange(repeats_, 0);
+    for (int copy = 1; copy <= copies; ++copy) {
         PlcEndpoint* before = endpoint_;
         if (before == nullptr) return;
         store_observer_.before_command();
         const auto answer = write(addresses().token, words);
         if (endpoint_ != before) return;  // the process died during the command
-        const int executed = endpoint_->executed(token),
-                  wanted = answer == modbus::Exception::none && to_this_boot ? 1 : 0;
+        const int once = answer == modbus::Exception::none && to_this_boot ? 1 : 0;
+        const int executed = endpoint_->executed(token), wanted = acts_always ? copy : once;
         if (executed != wanted) {
             invariants_.broken(
                 Promise::commands_once,
