@@ -2,43 +2,15 @@
 // may be served, and no command may be executed without a token.
 #include <cstdint>
 #include <cstdlib>
-#include <filesystem>
+#include <string>
 #include <string_view>
 
 #include "tests/firmware/page/answer_bytes.h"
-
-namespace {
-
-using namespace hord;
-using namespace hord::firmware;
-using namespace hord::firmware::page;
-
-struct Fuzzed {
-    PageConfig config;
-    Tokens tokens = *Tokens::parse("anna a-token-that-no-input-holds-0123456789\n", "tokens");
-    Viewers viewers{2};
-    Live live{viewers};
-    Results results{"/nonexistent"};
-    KeptFrames frames{"/nonexistent"};
-    PartPictures pictures;
-    Pages pages{{config,
-                 tokens,
-                 viewers,
-                 live,
-                 results,
-                 frames,
-                 pictures,
-                 [](Command, std::uint32_t, std::uint32_t, const std::string&) -> Result<modbus::Client::Reply> {
-                     std::abort();
-                 },
-                 {},
-                 "fuzz"}};
-};
-
-}  // namespace
+#include "tests/fuzz/fuzzed_page.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-    static Fuzzed page;
+    using namespace hord::firmware::page;
+    static FuzzedPage page([](hord::firmware::Command) { std::abort(); });
     const std::string answer =
         test::answer_bytes(page.pages, page.viewers, {reinterpret_cast<const char*>(data), size});
     if (page.viewers.count() != 0) std::abort();

@@ -42,8 +42,7 @@ tl::unexpected<Error> Database::failed(int code) const {
                         "check that its folder exists and that this user may use it");
         case SQLITE_CORRUPT:
         case SQLITE_NOTADB:
-        // The statements are fixed: these are errors of a schema or of values that the store did not write.
-        case SQLITE_ERROR:
+        // The statements are fixed: these are errors of values that the store did not write.
         case SQLITE_SCHEMA:
         case SQLITE_MISMATCH:
         case SQLITE_CONSTRAINT:
@@ -53,6 +52,11 @@ tl::unexpected<Error> Database::failed(int code) const {
         case SQLITE_IOERR:
             return fail(ErrorCode::io, name + " cannot be read or written (" + detail + ")",
                         "check the disk and its cable, and the system's log");
+        // Of a schema that the store did not write, or of a statement: the file itself is whole.
+        case SQLITE_ERROR:
+            return fail(ErrorCode::unsupported, name + " is no store of this software (" + detail + ")",
+                        "use the software that wrote it, or move the file, its -wal and its -shm out of the folder; "
+                        "else report it");
         case SQLITE_INTERRUPT:
             return fail(ErrorCode::timeout, "reading " + name + " takes too long",
                         "ask for less: a shorter time, fewer rows");

@@ -258,6 +258,18 @@ TEST(Damage, of_a_start_row_hides_its_boot_and_no_result) {
     }
 }
 
+TEST(Damage, is_not_said_of_a_whole_file_with_another_schema) {
+    const TempFolder folder;
+    fill(folder);
+    sql(folder, "ALTER TABLE results RENAME COLUMN verdict TO judgement");
+    auto reader = StoreReader::open(folder.path());
+    ASSERT_TRUE(reader) << reader.error().message();
+    const auto done = (*reader)->each_result({}, [](const StoredResult&) {});
+    ASSERT_FALSE(done);
+    EXPECT_EQ(done.error().code, ErrorCode::unsupported);
+    EXPECT_THAT(done.error().what, testing::AllOf(HasSubstr("verdict"), testing::Not(HasSubstr("damaged"))));
+}
+
 TEST(Damage, by_json_that_is_nested_without_end_is_no_json) {
     EXPECT_TRUE(parse_stored(std::string(200'000, '[') + std::string(200'000, ']')).is_discarded());
     EXPECT_TRUE(parse_stored(std::string(200'000, '[')).is_discarded());

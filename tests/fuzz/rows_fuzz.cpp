@@ -1,0 +1,95 @@
+// Values of any type in the columns of a store's rows: [column, type, length, bytes...]. Every row is read, shown as
+// JSON, CSV and text, and says that it is damaged where a value has not its column's type.
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+
+#include <sqlite3.h>
+
+#include "firmware/store/results/export.h"
+#include "tests/firmware/store/results/samples.h"
+
+namespace {
+
+using namespace hord;
+using namespace hord::firmware::store;
+
+// A store whose tables are not strict any more.
+struct Store {
+    test::TempFolder folder;
+    sqlite3* handle = nullptr;
+    std::vector<std::string> columns;
+
+    Store() {
+        test::write(folder,
+                    test::Story(test::start(7)).add(test::recipe("lens", "name = \"lens\"\n")).add_results(1, 3));
+        const std::string file = (folder.path() / kStoreFile).string();
+        if (sqlite3_open(file.c_str(), &handle) != SQLITE_OK) std::abort();
+        sqlite3_db_config(handle, SQLITE_DBCONFIG_DEFENSIVE, 0, nullptr);
+        run("PRAGMA writable_schema = ON; UPDATE sqlite_schema SET sql = replace(sql, 'STRICT', '') WHERE type = "
+            "'table';");
+        run("PRAGMA writable_schema = RESET; PRAGMA synchronous = OFF;");
+        sqlite3_exec(
+            handle, "SELECT name FROM pragma_table_info('results')",
+            [](void* to, int, char** values, char**) {
+                static_cast<std::vector<std::string>*>(to)->emplace_back(values[0]);
+                return 0;
+            },
+            &columns, nullptr);
+        run("CREATE TEMP TABLE whole AS SELECT * FROM results;");
+        set("verdict", 3, "a blob");  // what this target relies on: a row that says that it is damaged
+        std::size_t damaged = 0;
+        const auto reader = StoreReader::open(folder.path());
+        (void)(*reader)->each_result({}, [&](const StoredResult& row) { damaged += row.damage.empty() ? 0 : 1; });
+        if (damaged != 1) std::abort();
+        restore();
+    }
+    void restore() { run("DELETE FROM results; INSERT INTO results SELECT * FROM whole;"); }
+    void run(const char* sql) { (void)sqlite3_exec(handle, sql, nullptr, nullptr, nullptr); }
+    void set(const std::string& column, unsigned type, std::string_view bytes) {
+        sqlite3_stmt* statement = nullptr;
+        const std::string sql = "UPDATE results SET " + column + " = ? WHERE number = 2";
+        if (sqlite3_prepare_v2(handle, sql.c_str(), -1, &statement, nullptr) != SQLITE_OK) return;
+        std::int64_t whole = 0;
+        std::memcpy(&whole, bytes.data(), std::min(bytes.size(), sizeof whole));
+        switch (type % 5) {
+            case 0: sqlite3_bind_int64(statement, 1, whole); break;
+            case 1: sqlite3_bind_double(statement, 1, static_cast<double>(whole) / 7); break;
+            case 2:
+                sqlite3_bind_text(statement, 1, bytes.data(), static_cast<int>(bytes.size()), SQLITE_TRANSIENT);
+                break;
+            case 3:
+                sqlite3_bind_blob(statement, 1, bytes.data(), static_cast<int>(bytes.size()), SQLITE_TRANSIENT);
+                break;
+            default: sqlite3_bind_null(statement, 1);
+        }
+        sqlite3_step(statement);
+        sqlite3_finalize(statement);
+    }
+};
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+    static Store store;
+    store.run("BEGIN");
+    std::string_view rest(reinterpret_cast<const char*>(data), size);
+    while (rest.size() >= 3) {
+        const auto length = std::min<std::size_t>(static_cast<std::uint8_t>(rest[2]), rest.size() - 3);
+        store.set(store.columns[static_cast<std::uint8_t>(rest[0]) % store.columns.size()],
+                  static_cast<std::uint8_t>(rest[1]), rest.substr(3, length));
+        rest.remove_prefix(3 + length);
+    }
+    store.run("COMMIT");
+    if (auto reader = StoreReader::open(store.folder.path())) {
+        const auto done = (*reader)->each_result({}, [](const StoredResult& row) {
+            if (to_csv(row).empty() || to_line(to_json(row)).empty() || to_table(row).empty()) std::abort();
+        });
+        if (!done && done.error().code == ErrorCode::internal) std::abort();
+        (void)(*reader)->verify();
+    } else if (reader.error().code == ErrorCode::internal) {
+        std::abort();
+    }
+    store.restore();
+    return 0;
+}

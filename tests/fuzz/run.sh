@@ -1,0 +1,27 @@
+#!/bin/bash
+# Runs fuzz targets and prints a table: run.sh BIN RUNS [TARGET...]. Inputs with new coverage and findings are left in
+# build/fuzz/found/TARGET. Exit status: 1 if there is a finding.
+set -u
+bin=$1 runs=$2 here=$(dirname "$0") status=0
+shift 2
+[ $# -gt 0 ] || set -- $(ls "$here/corpus")
+echo '| target | executions | time, s | executions a second | coverage at first, at last | findings |'
+echo '|---|---|---|---|---|---|'
+for name in "$@"; do
+    found="$here/../../build/fuzz/found/$name"
+    mkdir -p "$found/new"
+    rm -f "$found"/crash-* "$found"/oom-* "$found"/timeout-* "$found"/leak-*
+    "$bin/fuzz_$name" -runs="$runs" -max_len=16384 -malloc_limit_mb=512 -rss_limit_mb=2048 -timeout=20 -seed=1 -print_final_stats=1 \
+        -artifact_prefix="$found/" "$found/new" "$here/corpus/$name" >"$found/log" 2>&1
+    findings=$(find "$found" -maxdepth 1 -type f ! -name log | wc -l)
+    [ "$findings" -eq 0 ] || status=1
+    awk -v name="$name" -v findings="$findings" '
+        /INITED/ { for (k = 1; k < NF; ++k) if ($k == "cov:") first = $(k + 1) }
+        / cov: / { for (k = 1; k < NF; ++k) if ($k == "cov:") last = $(k + 1); split($1, n, "#"); executions = n[2] }
+        /^Done/ { executions = $2; time = $5 }
+        /number_of_executed_units/ { executions = $2 }
+        /average_exec_per_sec/ { rate = $2 }
+        END { if (time == "" && rate > 0) time = int(executions / rate)
+              printf "| `%s` | %s | %s | %s | %s, %s | %s |\n", name, executions, time, rate, first, last, findings }' "$found/log"
+done
+exit $status
