@@ -103,10 +103,16 @@ TomlTable TomlTable::parse_text(std::string_view text, std::string_view name, To
     return TomlTable(std::make_shared<Node>(Node{std::move(file), root, std::string(name), "", &problems, {}, {}}));
 }
 
+Result<void> refuse_blank(std::string_view text, const std::filesystem::path& file) {
+    if (text.find_first_not_of(" \t\r\n") != std::string_view::npos) return {};
+    return fail(ErrorCode::invalid_argument, file.string() + ": is empty", "write it again, or remove it");
+}
+
 TomlTable TomlTable::parse_file(const std::filesystem::path& file, TomlProblems& problems) {
     const auto text = read_file(file);
     if (!text)
         problems.add(fmt::format("{}: cannot be read: check that the file exists and may be read", file.string()));
+    else if (auto fine = refuse_blank(*text, file); !fine) problems.add(fine.error().message());
     return parse_text(text.value_or(""), file.string(), problems);
 }
 

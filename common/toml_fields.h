@@ -36,10 +36,13 @@ class TomlProblems {
     std::vector<std::string> lines_;
 };
 
+// Fails with invalid_argument for a file of no text, as a disk that was full leaves it: its defaults are not meant.
+Result<void> refuse_blank(std::string_view text, const std::filesystem::path& file);
+
 class TomlTable {
   public:
-    // An unreadable file or a syntax error adds a problem and returns an empty table. `problems` must outlive the
-    // table.
+    // An unreadable file, a blank one or a syntax error adds a problem and returns an empty table. `problems` must
+    // outlive the table.
     static TomlTable parse_file(const std::filesystem::path& file, TomlProblems& problems);
     static TomlTable parse_text(std::string_view text, std::string_view name, TomlProblems& problems);
 

@@ -1,5 +1,7 @@
 #include "algo/frame/extents.h"
 
+#include <charconv>
+
 namespace hord::algo {
 namespace {
 
@@ -8,6 +10,17 @@ bool within(int value, int low, int high) { return value >= low && value <= high
 std::string times(int a, int b) { return std::to_string(a) + "x" + std::to_string(b); }
 
 }  // namespace
+
+std::optional<std::pair<int, int>> parse_bins(std::string_view text) {
+    int i = 0, j = 0;
+    const char* end = text.data() + text.size();
+    const auto first = std::from_chars(text.data(), end, i);
+    if (first.ec != std::errc() || first.ptr == end || *first.ptr != 'x') return std::nullopt;
+    const auto second = std::from_chars(first.ptr + 1, end, j);
+    if (second.ec != std::errc() || second.ptr != end) return std::nullopt;
+    if (!within(i, kMinBins, kMaxBins) || !within(j, kMinBins, kMaxBins)) return std::nullopt;
+    return std::pair(i, j);
+}
 
 Result<void> check(const Extents& extents) {
     if (!within(extents.i, kMinBins, kMaxBins) || !within(extents.j, kMinBins, kMaxBins)) {

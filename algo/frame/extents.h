@@ -8,6 +8,9 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
+#include <string_view>
+#include <utility>
 
 #include "common/result.h"
 
@@ -51,6 +54,9 @@ constexpr int kMaxBins = 15;
 // The extents of a macro-pixel frame of width x height pixels with i x j bins a lenslet.
 // Fails with invalid_argument if the bins do not divide the frame or a limit is exceeded.
 Result<Extents> extents_of_frame(int width_px, int height_px, int bins_i, int bins_j);
+
+// Reads "9x9", bin columns x bin rows, within the limits above. None: it is something else.
+std::optional<std::pair<int, int>> parse_bins(std::string_view text);
 
 // Checks the limits above. Fails with invalid_argument.
 Result<void> check(const Extents& extents);

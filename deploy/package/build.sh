@@ -13,6 +13,14 @@ mkdir -p "$out/made"
     printf ' -- HORD station maintainers <hord-station@example.org>  %s\n' "$(date -u -R -d "@$SOURCE_DATE_EPOCH")"
 } | gzip -9n >"$out/made/changelog.gz"
 
+# The pages for those who run a station. A link to a page that is not installed becomes plain text.
+pages='commands|fleet|mqtt|page|plc|registers|service|store'
+rm -rf "$out/made/doc"
+mkdir "$out/made/doc"
+for page in ${pages//|/ }; do
+    sed -E "s#\]\((($pages)\.md|[^):]*://|\#)#]\n\1#g; s#\[([^]]*)\]\([^)]*\)#\1#g; s#\]\n#](#g" "docs/$page.md" >"$out/made/doc/$page.md"
+done
+
 options=()
 tree=build/release  # what is tested is what is packaged
 [ -e "$tree/CMakeCache.txt" ] || options+=(-DHORD_TESTS=OFF)  # in a fresh checkout the tests' packages may be missing

@@ -43,6 +43,10 @@ in_root getent passwd hord | grep -q /var/lib/hord || die "the user hord was not
 in_root bash -c '. /usr/share/bash-completion/completions/hordctl; COMP_WORDS=(hordctl rec); COMP_CWORD=1; _hordctl; [ "${COMPREPLY[*]}" = recipe ] || exit 1; COMP_WORDS=(hordctl command dis); COMP_CWORD=2; _hordctl; [ "${COMPREPLY[*]}" = disarm ]' || die "bash completion"
 for page in man8/hordd.8 man8/hord-mqtt.8 man8/hord-page.8 man1/hordctl.1; do [ -s "$root/usr/share/man/$page.gz" ] || die "no man page $page"; done
 
+for link in $(grep -ohE '\]\([^):# ]+' "$root"/usr/share/doc/hord-station/*.md | cut -c3- | sort -u); do
+    [ -e "$root/usr/share/doc/hord-station/$link" ] || die "an installed page links to $link, which is not installed"
+done
+
 step "start with the simulated cell, as its unit would"
 chroot "$root" install -d -o hord -g hord -m 0750 /var/lib/hord /var/cache/hord
 serve() {

@@ -136,6 +136,7 @@ Result<MqttConfig> load_mqtt_config(const std::filesystem::path& file) {
     if (!text)
         return fail(ErrorCode::invalid_argument, file.string() + " cannot be read (" + std::strerror(errno) + ")",
                     "name the configuration: --config FILE");
+    if (auto fine = common::refuse_blank(*text, file); !fine) return tl::unexpected(fine.error());
     return parse_mqtt_config(*text, file.string(), file.parent_path());
 }
 

@@ -81,9 +81,7 @@ void add_soak(CLI::App& program, Exit& status) {
     auto* command =
         program.add_subcommand("soak", "Run the station on a simulated line in virtual time, with random faults");
     auto arguments = std::make_shared<SoakArguments>();
-    command->add_option("--parts", arguments->parts, "How many parts")
-        ->check(CLI::PositiveNumber)
-        ->capture_default_str();
+    command->add_option("--parts", arguments->parts, "How many parts")->check(positive())->capture_default_str();
     command->add_option(
         "--seed", arguments->seed,
         "Seed of lines and faults; the same seed gives the same run. Without it 1, or in the nightly profile "
@@ -91,7 +89,7 @@ void add_soak(CLI::App& program, Exit& status) {
     command
         ->add_option("--episode-parts", arguments->episode_parts,
                      "Parts an episode; each draws its own line and faults")
-        ->check(CLI::PositiveNumber)
+        ->check(positive())
         ->capture_default_str();
     command
         ->add_option("--threads", arguments->threads,

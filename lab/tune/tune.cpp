@@ -312,6 +312,7 @@ void Tuner::choose() {
         all[k].behind = auc_difference(scored_[*tuned_.best], scored_[k], kRepeats, kSeed);
         if (as_good(all[k])) fastest = std::min(fastest, all[k].wall_ms);
     }
+    if (all[*tuned_.best].auc.value <= kGuessing) return;
     const auto simpler = [&](const MeasuredFeatureSet& a, const MeasuredFeatureSet& b) {
         return std::pair(a.set.features(), a.wall_ms) < std::pair(b.set.features(), b.wall_ms);
     };

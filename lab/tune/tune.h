@@ -37,6 +37,7 @@ namespace hord::lab {
 constexpr double kAsGood = 0.005;  // difference of the areas under the curve
 constexpr double kAsFast = 0.05;   // relative difference of times: above that of two medians of the same work
 constexpr double kMargin = 0.01;   // relative distance of a limit above the highest good value
+constexpr double kGuessing = 0.5;  // AUC; a set that is not above it is not chosen
 constexpr std::size_t kMinGood = 8, kMinBad = 4;
 
 struct FeatureSet {
@@ -89,7 +90,8 @@ struct Tuned {
     double budget_ms = 0, false_rejects = 0;
     std::vector<LeftOut> left_out;
     std::vector<MeasuredFeatureSet> feature_sets;
-    std::optional<std::size_t> best, chosen;  // among those that fit; empty: no set fits
+    // Among those that fit; empty: no set fits. Chosen is also empty if the best is no better than guessing.
+    std::optional<std::size_t> best, chosen;
 };
 
 // Fails with invalid_argument (too few frames, frames of different sizes or depths, an impossible recipe), and as

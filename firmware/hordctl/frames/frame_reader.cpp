@@ -1,7 +1,5 @@
 #include "firmware/hordctl/frames/frame_reader.h"
 
-#include <cstdio>
-
 #include <fmt/format.h>
 
 #include "calib/files/grid_toml.h"
@@ -27,11 +25,14 @@ Error about(const std::string& file, const Error& error) { return {error.code, f
 Result<FrameReader> FrameReader::create(const FrameOptions& options) {
     FrameReader reader;
     reader.options_ = options;
-    auto& [i, j] = reader.bins_;
-    char rest = 0;
-    if (!options.macro.empty() && std::sscanf(options.macro.c_str(), "%dx%d%c", &i, &j, &rest) != 2)
-        return fail(ErrorCode::invalid_argument, "--macro " + options.macro + " is not a macro-pixel size",
-                    "write columns x rows of bins, as in 9x9");
+    if (!options.macro.empty()) {
+        const auto bins = algo::parse_bins(options.macro);
+        if (!bins)
+            return fail(ErrorCode::invalid_argument, "--macro " + options.macro + " is not a macro-pixel size",
+                        "write columns x rows, 3 to 15 bins a side, as in 9x9");
+        reader.bins_ = *bins;
+    }
+    const auto [i, j] = reader.bins_;
     if (options.grid.empty()) return reader;
     auto grid = calib::read_grid(options.grid);
     if (!grid) return tl::unexpected(grid.error());

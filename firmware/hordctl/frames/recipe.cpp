@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "common/file_writing.h"
+#include "common/toml_fields.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/station/remote.h"
 #include "firmware/recipes/recipe_folder.h"
@@ -67,6 +68,7 @@ Exit seal(const RecipeOptions& options) {
         if (!read)
             return complain(
                 {ErrorCode::not_found, file + ": cannot be read", "check that the file exists and may be read"});
+        if (auto fine = common::refuse_blank(*read, file); !fine) return complain(fine.error());
         static const std::regex old_seal("(^|\n)crc32[ \t]*=[^\n]*\n");
         const std::string text = std::regex_replace(*read, old_seal, "$1");
         const auto recipe = parse_numbered_recipe(text, file);

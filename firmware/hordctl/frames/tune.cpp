@@ -144,6 +144,14 @@ Exit run_tune(const TuneArguments& arguments) {
     }
     if (arguments.json) fmt::print("{}\n", store::to_text(json));
     if (tuned->chosen) return Exit::good;
+    if (tuned->best) {
+        const double auc = tuned->feature_sets[*tuned->best].auc.value;
+        return complain(
+            {ErrorCode::refused,
+             fmt::format("no feature set tells these frames apart: the best has an AUC of {:.2f}, and guessing 0.5",
+                         auc),
+             "see that --good and --bad are not exchanged, and that the flaws are in the field"});
+    }
     const auto fastest = std::ranges::min_element(
         tuned->feature_sets, {}, [](const MeasuredFeatureSet& m) { return m.no_limit.empty() ? m.wall_ms : 1e300; });
     if (!fastest->no_limit.empty())
@@ -175,7 +183,7 @@ void add_tune(CLI::App& program, Exit& status) {
             "--budget", arguments->tuning.budget_ms,
             "Longest time that judging a frame may take on this machine, ms; decoding by --grid is not counted")
         ->required()
-        ->check(CLI::PositiveNumber);
+        ->check(positive());
     command->add_option(
         "--out", arguments->out,
         "Recipe to write (RECIPE.toml); beside it go RECIPE.tune.md, .csv, .png, .svg and .gp with what it rests on");

@@ -43,7 +43,7 @@ constexpr Duration kReportTimeout = milliseconds(1000);                    // of
 struct LatencyOptions {
     std::string config;
     bool simulate = false, actuate = false, sensor = false;
-    int edges = 1000, priority = 50;
+    int edges = 1000, priority = 20;  // as hordd.service
 };
 
 // ---- substitutes for devices

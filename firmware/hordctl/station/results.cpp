@@ -1,12 +1,16 @@
 // hordctl results: lists, filters, exports and verifies the results in a store.
+#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "common/assign.h"
+#include "firmware/core/enum_values.h"
+#include "firmware/core/station_types.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/store/results/export.h"
 #include "firmware/store/results/store_reader.h"
@@ -33,8 +37,15 @@ Result<void> complete(ResultsOptions& options) {
     if (auto done = read(options.since, options.filter.since); !done) return done;
     if (auto done = read(options.until, options.filter.until); !done) return done;
     if (options.filter.run.value_or(1) <= 0) options.filter.run.reset();
-    if (const auto present = algo::present_reason_name(options.filter.reason); present != options.filter.reason) {
+    if (options.filter.reason.empty()) return {};
+    const auto present = algo::present_reason_name(options.filter.reason);
+    if (present != options.filter.reason)
         fmt::print(stderr, "hordctl: the reason \"{}\" is called \"{}\" now\n", options.filter.reason, present);
+    std::vector<std::string_view> known;
+    for (const PartReason reason : kValuesOf<PartReason>) known.push_back(name_of(reason));
+    if (std::ranges::find(known, present) == known.end()) {
+        return fail(ErrorCode::invalid_argument, "no reason is called \"" + options.filter.reason + "\"",
+                    fmt::format("use one of {}", fmt::join(known, ", ")));
     }
     return {};
 }
@@ -47,8 +58,9 @@ Exit list(ResultsOptions options, bool changes) {
     const bool csv = options.format == "csv", json = options.format == "json";
     if (csv) fmt::print("{}\n", changes ? store::csv_head_of_changes() : store::csv_head_of_results());
     else if (!json) fmt::print("{}\n", changes ? store::table_head_of_changes() : store::table_head_of_results());
-    std::size_t damaged = 0;
+    std::size_t damaged = 0, rows = 0;
     const auto print = [&](const auto& row) {
+        ++rows;
         if (!row.damage.empty() && ++damaged <= kDamagedTold)
             fmt::print(stderr, "hordctl: row {}: {}\n", row.number, row.damage);
         fmt::print("{}\n",
@@ -59,6 +71,7 @@ Exit list(ResultsOptions options, bool changes) {
     const auto done =
         changes ? (*reader)->each_change(options.filter, print) : (*reader)->each_result(options.filter, print);
     if (!done) return complain(done.error());
+    if (rows == 0) fmt::print(stderr, "hordctl: no row of {} is as asked for\n", options.folder);
     if (damaged == 0) return Exit::good;
     return complain({ErrorCode::unreadable,
                      fmt::format("{} rows are damaged; what is unreadable is shown as 0 or empty", damaged),
@@ -119,7 +132,7 @@ void add_filters(CLI::App* command, ResultsOptions& options) {
                         "From this time on: 2026-11-21, 2026-11-21T07:15:30 (UTC), or how long ago: 30m, 12h, 7d");
     command->add_option("--until", options.until, "Before this time");
     command->add_option("--run", options.filter.run, "Of this run (its number is in `hordctl results changes`)");
-    command->add_option("--last", options.filter.newest, "The newest so many")->check(CLI::PositiveNumber);
+    command->add_option("--last", options.filter.newest, "The newest so many")->check(positive());
     command->add_option("--format", options.format, "table, csv, or json (one object a line)")
         ->check(CLI::IsMember({"table", "csv", "json"}))
         ->capture_default_str();

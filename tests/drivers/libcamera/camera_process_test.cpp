@@ -103,6 +103,8 @@ TEST(CameraProcess, that_dies_is_a_camera_that_is_gone_and_the_next_start_has_an
     for (int k = 0; k < 2; ++k) {
         Heard heard;
         ASSERT_TRUE(port->start(heard));
+        ASSERT_TRUE(heard.wait_for_frames(1));
+        EXPECT_TRUE(port->queue(heard.frame(0).buffer));
         ASSERT_TRUE(heard.wait_until_gone());
         EXPECT_FALSE(port->queue(0));
         port->stop();

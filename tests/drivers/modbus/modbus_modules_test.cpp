@@ -77,13 +77,20 @@ TEST_F(Module, of_wago_that_no_longer_hears_the_station_drops_its_outputs_and_wo
 // The driver's thread was delayed, so the module's watchdog dropped the permit that the station had set.
 TEST_F(Module, whose_permit_fell_by_itself_is_noticed) {
     start_and_wait();
-    rejector_->set_run_permit(true);
-    ASSERT_TRUE(run_until([&] { return module_->coil(kPermit); }));
     CoilLink other(*loop_, options_.address, 10s);
     ASSERT_TRUE(other.connect());
-    ASSERT_TRUE(other.write(kPermit, false));
-    EXPECT_TRUE(run_until([&] { return ear_.changes == 3 && ear_.up; }));
-    EXPECT_THAT(ear_.why_down.what, HasSubstr("coil 1 is 0"));
+    // While the driver still reads back what it wrote, the change is another error: the permit is set once more then.
+    const auto noticed = [&] {
+        const auto fell = [](const std::string& why) { return why.find("coil 1 is 0") != std::string::npos; };
+        if (std::ranges::any_of(ear_.losses, fell)) return ear_.up;
+        if (module_->coil(kPermit)) {
+            EXPECT_TRUE(other.write(kPermit, false));
+        } else if (ear_.up) {
+            rejector_->set_run_permit(true);
+        }
+        return false;
+    };
+    EXPECT_TRUE(run_until(noticed));
 }
 
 TEST_F(Module, of_moxa_times_the_pulse_itself) {

@@ -120,7 +120,7 @@ TEST_F(Rejector, a_module_that_restarts_is_noticed_and_the_permit_stays_down_unt
     ASSERT_TRUE(run_until([&] { return module_->coil(kPermit); }));
     module_->power_off();
     ASSERT_TRUE(module_->power_on());
-    ASSERT_TRUE(run_until([&] { return ear_.changes == 3 && ear_.up; }));
+    ASSERT_TRUE(run_until([&] { return ear_.changes >= 3 && ear_.up; }));
     EXPECT_FALSE(module_->coil(kPermit));
     EXPECT_EQ(reject(1), Outcome::confirmed);
     EXPECT_FALSE(module_->coil(kPermit));
@@ -134,7 +134,7 @@ TEST_F(Rejector, a_pulse_left_on_by_a_lost_link_is_taken_back_first_thing) {
     ASSERT_TRUE(run_until([&] { return module_->coil(kEjector); }));
     module_->misbehave(ModuleFault::close, 1);
     rejector_->set_run_permit(true);  // the module closes the connection on this write
-    EXPECT_TRUE(run_until([&] { return ear_.changes == 3 && ear_.up; }));
+    EXPECT_TRUE(run_until([&] { return ear_.changes >= 3 && ear_.up; }));
     EXPECT_FALSE(module_->coil(kEjector));
 }
 
@@ -146,7 +146,7 @@ TEST_F(Rejector, energise_to_pass_rests_at_1_acts_at_0_and_is_left_at_0) {
     EXPECT_FALSE(module_->coil(kEjector));
     ASSERT_TRUE(run_until([&] { return module_->coil(kEjector); }));  // the pulse is over
     rejector_->stop();
-    EXPECT_FALSE(module_->coil(kEjector));  // as on lost communication: nothing passes
+    EXPECT_TRUE(run_until([&] { return !module_->coil(kEjector); }));  // as on lost communication: nothing passes
 }
 
 TEST_F(Rejector, impossible_options_are_all_named_and_nothing_starts) {

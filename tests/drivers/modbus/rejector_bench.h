@@ -18,20 +18,21 @@ using testing::HasSubstr;
 using Outcome = hal::RejectReport::Outcome;
 
 constexpr int kEjector = 0, kPermit = 1;
-constexpr hal::Duration kTimeout = 150ms;  // well above what a busy machine adds to a local answer
-constexpr hal::Duration kWindow = 1s;
+constexpr hal::Duration kTimeout = 400ms;  // well above what a busy machine adds to a local answer
+constexpr hal::Duration kWindow = 2s;
 
 struct Ear final : hal::Rejector::Listener {
     void on_reject(const hal::RejectReport& report) override { reports.push_back(report); }
     void on_rejector_link(bool is_up, const Error& why) override {
         up = is_up;
         ++changes;
-        if (!is_up) why_down = why;
+        if (!is_up) losses.push_back((why_down = why).what);
     }
     std::vector<hal::RejectReport> reports;
     bool up = false;
     int changes = 0;
     Error why_down;
+    std::vector<std::string> losses;  // why the link was lost, each time
 };
 
 class RejectorBench : public testing::Test {

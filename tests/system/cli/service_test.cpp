@@ -117,7 +117,7 @@ TEST_F(Service, tells_its_manager_when_it_is_ready_what_it_does_and_that_it_live
     EXPECT_NE(manager.hears("READY=1"), "") << service.so_far().err;
     EXPECT_THAT(manager.hears("STATUS=ContinuousExecution"),
                 HasSubstr("; SIMULATED: part-sensor, strobe, sensor, rejector"));
-    EXPECT_THAT(service.so_far().err, HasSubstr("simulated: part-sensor, strobe, sensor, rejector"));
+    EXPECT_TRUE(service.says("simulated: part-sensor, strobe, sensor, rejector"));
     for (int k = 0; k < 3; ++k) EXPECT_NE(manager.hears("WATCHDOG=1"), "");
     service.signal(SIGTERM);
     EXPECT_NE(manager.hears("STOPPING=1"), "");
@@ -369,6 +369,18 @@ TEST_F(Service, remembers_the_recipe_that_was_committed_until_another_is_configu
         "[inspection]\nmacro = \"3x3\"\nrecipe = \"other.toml\"\n[modbus]\nport = 0\n"
         "[station]\nautostart = false\n");
     EXPECT_EQ(number_in_use(false), 9);
+}
+
+TEST_F(Service, proves_an_empty_line_at_an_orderly_end_and_at_no_other) {
+    write_config("[station]\nautostart = false\n");
+    const std::string proof = folder / "line-empty";
+    for (const int signal : {SIGTERM, SIGKILL, SIGTERM}) {
+        Running service("/usr/bin/env", under({"STATE_DIRECTORY=" + folder.path().string()}));
+        ASSERT_TRUE(service.says("Preoperational to Initialized", kPatience)) << service.so_far().err;
+        EXPECT_FALSE(std::filesystem::exists(proof)) << "withdrawn before the line may run";
+        service.stop(signal);
+        EXPECT_EQ(std::filesystem::exists(proof), signal == SIGTERM) << service.so_far().err;
+    }
 }
 
 TEST_F(Service, refuses_a_bad_configuration_with_a_status_that_systemd_does_not_repeat) {

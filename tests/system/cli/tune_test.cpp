@@ -22,10 +22,11 @@ using ::testing::Not;
 using Json = nlohmann::json;
 
 constexpr int kColumns = 26, kRows = 24;
-enum class Flaw { none, speck, haze };
+enum class Flaw { none, speck, haze, dent };
 
 // A weak lens that fills the field, 12 bits in a 16-bit file, one electron a DN. A speck takes a fifth of the light of
 // nine lenslets. Haze widens their spots by sqrt(2) without loss of light; their mean deflection is unchanged.
+// A dent moves them by a bin and takes half of their light: every feature sees it.
 Frame part(std::uint64_t seed, Flaw flaw, int columns = kColumns) {
     std::mt19937_64 random(seed);
     std::normal_distribution<double> normal;
@@ -35,10 +36,11 @@ Frame part(std::uint64_t seed, Flaw flaw, int columns = kColumns) {
     for (int y = 0; y < frame.height_px(); ++y) {
         for (int x = 0; x < frame.width_px(); ++x) {
             const int m = x / 9, n = y / 9;
-            const double dx = x % 9 - 4 - 0.08 * (m - 12.5 - x0), dy = y % 9 - 4 - 0.06 * (n - 11.5 - y0);
+            const bool flawed = std::abs(m - 15) <= 1 && std::abs(n - 9) <= 1, dent = flawed && flaw == Flaw::dent;
+            const double dx = x % 9 - 4 - 0.08 * (m - 12.5 - x0) - (dent ? 1 : 0),
+                         dy = y % 9 - 4 - 0.06 * (n - 11.5 - y0);
             const double r2 = dx * dx + dy * dy;
-            double light = 1000 * std::exp(-r2 / 0.7);
-            const bool flawed = std::abs(m - 15) <= 1 && std::abs(n - 9) <= 1;
+            double light = (dent ? 500 : 1000) * std::exp(-r2 / 0.7);
             if (flawed && flaw == Flaw::speck) light *= 0.8;
             if (flawed && flaw == Flaw::haze) light = 500 * std::exp(-r2 / 1.4);
             const double noisy = light + std::sqrt(light + 4) * normal(random);
@@ -111,6 +113,16 @@ void expect_the_fastest_that_is_as_good(const Json& json) {
     }
     EXPECT_GT(chosen, 0) << json.at("chosen");
     EXPECT_LE(chosen, 1.05 * least);
+}
+
+TEST_F(Tune, frames_that_are_told_apart_worse_than_by_guessing_are_refused) {
+    frames(8, 8, Flaw::dent);
+    for (const auto& [from, to] : {std::pair("good", "kept"), {"bad", "good"}, {"kept", "bad"}})  // exchanged
+        std::filesystem::rename(folder / from, folder / to);
+    const Said said = tune({"--budget", "100000", "--out", folder / "lens.toml"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("no feature set tells these frames apart"));
+    EXPECT_FALSE(std::filesystem::exists(folder / "lens.toml"));
 }
 
 TEST_F(Tune, parts_that_lack_light_are_judged_by_their_light) {
