@@ -18,6 +18,7 @@ constexpr double kShareOne = 1 << Reference::kShareBits;
 // Standard deviations of a bin's mean; less is noise. The variance of dark bins is a sixteenth of the reading noise
 // (docs/notes/reference.md).
 constexpr double kNoise = 3;
+constexpr std::size_t kDarkFrames = 8;
 
 // Frees a vector's memory. Sums and shares of a large light field are most of the memory of learning, and no pass needs
 // all of them.
@@ -52,6 +53,7 @@ class Learner {
     Result<Learned> run();
 
   private:
+    Result<void> choose_dark_level();
     void lower_to_dark_level(Frame& frame);
     Result<Frame> decode(std::size_t of, Part& part, bool with_shares = false);
     Registered find(const ReferenceMaps& reference, const Part& part, std::uint32_t parts);
@@ -92,6 +94,28 @@ class Learner {
 
     std::optional<SpreadEstimate> spread_;
 };
+
+// The lowest level that a dark bin's noise exceeds in one of 1000 readings, above the frames' pedestal. A level that
+// LearnOptions does not allow stays below it: lower_to_dark_level() then lowers the frames.
+Result<void> Learner::choose_dark_level() {
+    double pedestal = static_cast<double>(options_.pedestal_dn);
+    if (pedestal == 0) {
+        std::vector<double> pedestals;
+        for (std::size_t k = 0; k < std::min(count_, kDarkFrames); ++k) {
+            const auto frame = frame_of_(k);
+            if (!frame) return tl::unexpected(frame.error());
+            if (auto fine = check_frame(frame->view(), extents_, reference_.bits); !fine) return fine;
+            const DarkBins dark = dark_bins_.measure(frame->view());
+            pedestals.push_back(dark.measured && !dark.at_zero ? dark.pedestal_dn : 0);
+        }
+        pedestal = median_or_0(std::move(pedestals));
+    }
+    const double rounding = 0.5,
+                 level = std::ceil(pedestal + kNoise * static_cast<double>(options_.read_dn) - rounding);
+    reference_.levels.dark = std::min(static_cast<std::uint32_t>(std::max(level, 0.0)), options_.levels.dark);
+    reference_.sensor.clip_dn = static_cast<float>(std::max(level - pedestal, 0.0));
+    return {};
+}
 
 // Subtracts what the frame's dark bins read above the dark level. Saturated samples stay.
 void Learner::lower_to_dark_level(Frame& frame) {
@@ -389,6 +413,9 @@ bool Learner::name_outliers() {
 }
 
 Result<Learned> Learner::run() {
+    if (options_.dark_from_noise) {
+        if (auto done = choose_dark_level(); !done) return tl::unexpected(done.error());
+    }
     bool agreed = false;
     for (std::size_t origin = 0; origin < std::min<std::size_t>(count_, 3) && !agreed; ++origin) {
         poses_.assign(count_, std::nullopt);

@@ -21,6 +21,9 @@ constexpr int kOutlierLenslets = 4;
 
 struct LearnOptions {
     LightLevels levels;
+    // The dark level is as low as the read noise allows, at most `levels.dark`: only so does the shape of a HORD not
+    // depend on the exposure.
+    bool dark_from_noise = false;
     std::optional<float> electrons_per_dn;  // none: estimated
     float read_dn = 0.6F;
     float pedestal_dn = 0;  // the camera adds it to every sample

@@ -1,5 +1,6 @@
 // Learning a reference from good parts.
 #include <cmath>
+#include <stdexcept>
 
 #include <gtest/gtest.h>
 
@@ -35,6 +36,43 @@ TEST(Learning, estimates_the_sensors_gain) {
         frames.size(), [&](std::size_t k) { return frames[k]; }, std::nullopt);
     ASSERT_TRUE(all);
     EXPECT_NEAR(all->reference.sensor.electrons_per_dn, 1, 0.3);
+}
+
+// The default dark level, 48 DN at 12 bits, removes another share of every bin at another light. Counts the defects
+// that are told inside good parts, two lenslets and more from the rim.
+TEST(Learning, a_dark_level_by_the_noise_lets_the_light_change) {
+    constexpr float kElectronsADn = 10;
+    const auto exposed = [](std::uint64_t seed, double light) {
+        return noisy(part(wobble(seed)), {kElectronsADn, kReadDn * kElectronsADn, light}, seed, kBits);
+    };
+    std::vector<Frame> frames;
+    for (std::uint64_t k = 0; k < 16; ++k) frames.push_back(exposed(k, 1));
+    const auto defects_told = [&](bool dark_from_noise, std::uint32_t dark_dn) {
+        LearnOptions options;
+        options.levels = light_levels({}, kBits);
+        options.dark_from_noise = dark_from_noise;
+        options.electrons_per_dn = kElectronsADn;
+        options.read_dn = kReadDn;
+        auto all = learn_reference(
+            kField, kBits, frames.size(), [&](std::size_t k) -> Result<Frame> { return frames[k]; }, options);
+        if (!all) throw std::runtime_error(all.error().message());
+        Recipe recipe;
+        recipe.reference = std::make_shared<Reference>(std::move(all->reference));
+        EXPECT_EQ(light_levels(recipe, kBits).dark, dark_dn);
+        int told = 0;
+        for (const double light : {0.25, 0.5, 0.8}) {
+            for (std::uint64_t seed = 100; seed < 110; ++seed) {
+                for (const Defect& d : judge(exposed(seed, light), recipe).defects) {
+                    const double x = static_cast<double>(d.m) - 0.5 * (kField.m - 1),
+                                 y = static_cast<double>(d.n) - 0.5 * (kField.n - 1);
+                    told += std::hypot(x / (kHalfM - 2), y / (kHalfN - 2)) < 1 ? 1 : 0;
+                }
+            }
+        }
+        return told;
+    };
+    EXPECT_EQ(defects_told(true, 6), 0);  // three standard deviations of 2 DN, less half a DN of rounding
+    EXPECT_GT(defects_told(false, 48), 0);
 }
 
 TEST(Learning, single_readings_far_from_all_light_leave_nothing_in_the_reference_hords) {
