@@ -8,6 +8,7 @@
 #include "algo/frame/mask.h"
 #include "algo/light/dark_bins.h"
 #include "algo/maps/feature_map.h"
+#include "algo/reference/photon_noise.h"
 #include "algo/reference/reference_comparison.h"
 #include "algo/reference/spread_estimate.h"
 
@@ -54,6 +55,7 @@ class Learner {
 
   private:
     Result<void> choose_dark_level();
+    Result<void> estimate_photon_noise();
     void lower_to_dark_level(Frame& frame);
     Result<Frame> decode(std::size_t of, Part& part, bool with_shares = false);
     Registered find(const ReferenceMaps& reference, const Part& part, std::uint32_t parts);
@@ -86,6 +88,7 @@ class Learner {
     std::vector<bool> left_out_;
     std::vector<LeftOut> left_out_list_;
     std::size_t ticks_ = 0;
+    bool calibrated_ = false;  // the sensor's electrons a DN are known
 
     // Sums over the parts while mean HORDs are learned.
     std::vector<float> reference_hords_;
@@ -131,6 +134,23 @@ void Learner::lower_to_dark_level(Frame& frame) {
             if (sample < levels.saturated) frame.set(x, y, sample > above ? sample - above : 0);
         }
     }
+}
+
+// Keeps the estimate of learn_spread() if no place of the field shows the photon noise alone.
+Result<void> Learner::estimate_photon_noise() {
+    const auto lowered = [&](std::size_t part) -> Result<std::optional<Frame>> {
+        if (left_out_[part]) return std::nullopt;
+        auto frame = frame_of_(part);
+        if (!frame) return tl::unexpected(frame.error());
+        lower_to_dark_level(*frame);
+        return std::optional(std::move(*frame));
+    };
+    const double pedestal =
+        static_cast<double>(reference_.levels.dark) - static_cast<double>(reference_.sensor.clip_dn);
+    const auto found = electrons_per_dn_of(reference_, pedestal, count_, lowered);
+    if (!found) return tl::unexpected(found.error());
+    if (*found) reference_.sensor.electrons_per_dn = **found, calibrated_ = true;
+    return {};
 }
 
 // Reads and decodes the frame of part `of`.
@@ -431,11 +451,14 @@ Result<Learned> Learner::run() {
     if (auto fine = enough(); !fine) return tl::unexpected(fine.error());
     centre_poses();
     if (auto done = learn_mean_hords(false); !done) return tl::unexpected(done.error());
-    bool calibrated = options_.electrons_per_dn.has_value();
+    calibrated_ = options_.electrons_per_dn.has_value();
+    if (!calibrated_) {
+        if (auto done = estimate_photon_noise(); !done) return tl::unexpected(done.error());
+    }
     for (;;) {
         if (auto done = learn_mean_hords(true); !done) return tl::unexpected(done.error());
         if (auto done = learn_spread(); !done) return tl::unexpected(done.error());
-        if (!calibrated && !spread_->empty()) {
+        if (!calibrated_ && !spread_->empty()) {
             // Twice, because read noise does not scale with the light.
             for (int again = 0; again < 2; ++again) {
                 const double ratio = std::clamp(spread_->median_chi2_ratio(), 1e-3, 1e3);
@@ -443,7 +466,7 @@ Result<Learned> Learner::run() {
                     std::clamp(static_cast<double>(reference_.sensor.electrons_per_dn) / ratio, 1e-3, 1e5));
                 if (auto done = learn_spread(); !done) return tl::unexpected(done.error());
             }
-            calibrated = true;
+            calibrated_ = true;
         }
         if (!name_outliers()) break;
         if (auto fine = enough(); !fine) return tl::unexpected(fine.error());

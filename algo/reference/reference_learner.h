@@ -3,7 +3,8 @@
 //
 // A part is left out, with the reason, if it cannot be registered, its frame has too little light, or it is the
 // only cause of the deviation in too many lenslets (kOutlierLenslets plus four times the median of all parts). If the
-// sensor's electrons a DN are not given, they are estimated. The passes: docs/notes/reference.md.
+// sensor's electrons a DN are not given, they are estimated (algo/reference/photon_noise.h). The passes:
+// docs/notes/reference.md.
 #pragma once
 
 #include <cstdint>
