@@ -1,9 +1,11 @@
 #include "algo/recipe/recipe.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "algo/frame/decode.h"
 #include "algo/light/dark_bins.h"
+#include "algo/reference/reference.h"
 
 namespace hord::algo {
 namespace {
@@ -71,10 +73,18 @@ float limit_of_gradient(const Recipe& recipe) {
     return *recipe.gradient == Feature::emd ? recipe.emd_limit_bins : recipe.gradient_limit;
 }
 
+namespace {
+
+std::uint32_t default_dark_dn(int bits) { return kDarkDn8Bit << (bits - 8); }
+
+}  // namespace
+
 LightLevels light_levels(const Recipe& recipe, int bits) {
     const std::uint32_t full_scale = (1U << bits) - 1U;
     const std::uint32_t per_8_bit_dn = 1U << (bits - 8);
-    return {recipe.dark_dn == 0 ? kDarkDn8Bit * per_8_bit_dn : recipe.dark_dn,
+    return {recipe.dark_dn != 0    ? recipe.dark_dn
+                : recipe.reference ? recipe.reference->levels.dark
+                                   : default_dark_dn(bits),
             recipe.min_sum_dn == 0 ? kMinSumDn8Bit * per_8_bit_dn : recipe.min_sum_dn,
             recipe.saturated_dn == 0 ? full_scale : recipe.saturated_dn};
 }
@@ -95,7 +105,10 @@ std::vector<std::string> notes(const Recipe& recipe) {
 }
 
 std::uint32_t max_dark_rise(const Recipe& recipe, int bits) {
-    return recipe.max_dark_rise_dn == 0 ? default_dark_rise(bits) : recipe.max_dark_rise_dn;
+    const std::uint32_t rise = recipe.max_dark_rise_dn == 0 ? default_dark_rise(bits) : recipe.max_dark_rise_dn,
+                        dark = light_levels(recipe, bits).dark;
+    // A reference's own dark level does not lower the highest pedestal that is allowed.
+    return rise + (recipe.dark_dn == 0 ? default_dark_dn(bits) - std::min(dark, default_dark_dn(bits)) : 0);
 }
 
 std::vector<std::string> problems(const Recipe& recipe, const Extents& extents) {

@@ -77,8 +77,8 @@ struct Recipe {
 
     // Light levels. `dark_dn` is subtracted from every sample; negative differences count as 0. A lenslet whose sum is
     // then below `min_sum_dn` is masked: it has no HORD. A lenslet with a sample at or above `saturated_dn` is masked
-    // as saturated. 0 selects the defaults: the levels above, and the full scale. Give dark_dn = 1 if the camera
-    // subtracts its dark level itself.
+    // as saturated. 0 selects the defaults: the levels above, and the full scale; with a reference dark_dn is then the
+    // level that the reference learned with. Give dark_dn = 1 if the camera subtracts its dark level itself.
     std::uint32_t dark_dn = 0;
     std::uint32_t min_sum_dn = 0;
     std::uint32_t saturated_dn = 0;

@@ -8,6 +8,7 @@
 #include "algo/frame/mask.h"
 #include "algo/light/dark_bins.h"
 #include "algo/maps/feature_map.h"
+#include "algo/reference/photon_noise.h"
 #include "algo/reference/reference_comparison.h"
 #include "algo/reference/spread_estimate.h"
 
@@ -18,6 +19,7 @@ constexpr double kShareOne = 1 << Reference::kShareBits;
 // Standard deviations of a bin's mean; less is noise. The variance of dark bins is a sixteenth of the reading noise
 // (docs/notes/reference.md).
 constexpr double kNoise = 3;
+constexpr std::size_t kDarkFrames = 8;
 
 // Frees a vector's memory. Sums and shares of a large light field are most of the memory of learning, and no pass needs
 // all of them.
@@ -52,6 +54,8 @@ class Learner {
     Result<Learned> run();
 
   private:
+    Result<void> choose_dark_level();
+    Result<void> estimate_photon_noise();
     void lower_to_dark_level(Frame& frame);
     Result<Frame> decode(std::size_t of, Part& part, bool with_shares = false);
     Registered find(const ReferenceMaps& reference, const Part& part, std::uint32_t parts);
@@ -84,6 +88,7 @@ class Learner {
     std::vector<bool> left_out_;
     std::vector<LeftOut> left_out_list_;
     std::size_t ticks_ = 0;
+    bool calibrated_ = false;  // the sensor's electrons a DN are known
 
     // Sums over the parts while mean HORDs are learned.
     std::vector<float> reference_hords_;
@@ -92,6 +97,28 @@ class Learner {
 
     std::optional<SpreadEstimate> spread_;
 };
+
+// The lowest level that a dark bin's noise exceeds in one of 1000 readings, above the frames' pedestal. A level that
+// LearnOptions does not allow stays below it: lower_to_dark_level() then lowers the frames.
+Result<void> Learner::choose_dark_level() {
+    double pedestal = static_cast<double>(options_.pedestal_dn);
+    if (pedestal == 0) {
+        std::vector<double> pedestals;
+        for (std::size_t k = 0; k < std::min(count_, kDarkFrames); ++k) {
+            const auto frame = frame_of_(k);
+            if (!frame) return tl::unexpected(frame.error());
+            if (auto fine = check_frame(frame->view(), extents_, reference_.bits); !fine) return fine;
+            const DarkBins dark = dark_bins_.measure(frame->view());
+            pedestals.push_back(dark.measured && !dark.at_zero ? dark.pedestal_dn : 0);
+        }
+        pedestal = median_or_0(std::move(pedestals));
+    }
+    const double rounding = 0.5,
+                 level = std::ceil(pedestal + kNoise * static_cast<double>(options_.read_dn) - rounding);
+    reference_.levels.dark = std::min(static_cast<std::uint32_t>(std::max(level, 0.0)), options_.levels.dark);
+    reference_.sensor.clip_dn = static_cast<float>(std::max(level - pedestal, 0.0));
+    return {};
+}
 
 // Subtracts what the frame's dark bins read above the dark level. Saturated samples stay.
 void Learner::lower_to_dark_level(Frame& frame) {
@@ -107,6 +134,23 @@ void Learner::lower_to_dark_level(Frame& frame) {
             if (sample < levels.saturated) frame.set(x, y, sample > above ? sample - above : 0);
         }
     }
+}
+
+// Keeps the estimate of learn_spread() if no place of the field shows the photon noise alone.
+Result<void> Learner::estimate_photon_noise() {
+    const auto lowered = [&](std::size_t part) -> Result<std::optional<Frame>> {
+        if (left_out_[part]) return std::nullopt;
+        auto frame = frame_of_(part);
+        if (!frame) return tl::unexpected(frame.error());
+        lower_to_dark_level(*frame);
+        return std::optional(std::move(*frame));
+    };
+    const double pedestal =
+        static_cast<double>(reference_.levels.dark) - static_cast<double>(reference_.sensor.clip_dn);
+    const auto found = electrons_per_dn_of(reference_, pedestal, count_, lowered);
+    if (!found) return tl::unexpected(found.error());
+    if (*found) reference_.sensor.electrons_per_dn = **found, calibrated_ = true;
+    return {};
 }
 
 // Reads and decodes the frame of part `of`.
@@ -389,6 +433,9 @@ bool Learner::name_outliers() {
 }
 
 Result<Learned> Learner::run() {
+    if (options_.dark_from_noise) {
+        if (auto done = choose_dark_level(); !done) return tl::unexpected(done.error());
+    }
     bool agreed = false;
     for (std::size_t origin = 0; origin < std::min<std::size_t>(count_, 3) && !agreed; ++origin) {
         poses_.assign(count_, std::nullopt);
@@ -404,11 +451,14 @@ Result<Learned> Learner::run() {
     if (auto fine = enough(); !fine) return tl::unexpected(fine.error());
     centre_poses();
     if (auto done = learn_mean_hords(false); !done) return tl::unexpected(done.error());
-    bool calibrated = options_.electrons_per_dn.has_value();
+    calibrated_ = options_.electrons_per_dn.has_value();
+    if (!calibrated_) {
+        if (auto done = estimate_photon_noise(); !done) return tl::unexpected(done.error());
+    }
     for (;;) {
         if (auto done = learn_mean_hords(true); !done) return tl::unexpected(done.error());
         if (auto done = learn_spread(); !done) return tl::unexpected(done.error());
-        if (!calibrated && !spread_->empty()) {
+        if (!calibrated_ && !spread_->empty()) {
             // Twice, because read noise does not scale with the light.
             for (int again = 0; again < 2; ++again) {
                 const double ratio = std::clamp(spread_->median_chi2_ratio(), 1e-3, 1e3);
@@ -416,7 +466,7 @@ Result<Learned> Learner::run() {
                     std::clamp(static_cast<double>(reference_.sensor.electrons_per_dn) / ratio, 1e-3, 1e5));
                 if (auto done = learn_spread(); !done) return tl::unexpected(done.error());
             }
-            calibrated = true;
+            calibrated_ = true;
         }
         if (!name_outliers()) break;
         if (auto fine = enough(); !fine) return tl::unexpected(fine.error());

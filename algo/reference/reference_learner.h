@@ -3,7 +3,8 @@
 //
 // A part is left out, with the reason, if it cannot be registered, its frame has too little light, or it is the
 // only cause of the deviation in too many lenslets (kOutlierLenslets plus four times the median of all parts). If the
-// sensor's electrons a DN are not given, they are estimated. The passes: docs/notes/reference.md.
+// sensor's electrons a DN are not given, they are estimated (algo/reference/photon_noise.h). The passes:
+// docs/notes/reference.md.
 #pragma once
 
 #include <cstdint>
@@ -21,6 +22,9 @@ constexpr int kOutlierLenslets = 4;
 
 struct LearnOptions {
     LightLevels levels;
+    // The dark level is as low as the read noise allows, at most `levels.dark`: only so does the shape of a HORD not
+    // depend on the exposure.
+    bool dark_from_noise = false;
     std::optional<float> electrons_per_dn;  // none: estimated
     float read_dn = 0.6F;
     float pedestal_dn = 0;  // the camera adds it to every sample

@@ -295,9 +295,11 @@ fs::path LineTeachIn::next_reference(std::uint16_t number) const {
 Result<TeachResult> LineTeachIn::learn() {
     const std::uint32_t before = crc32_of(session_->recipe);
     TeachResult result{session_->recipe, {}};
+    result.recipe.recipe.reference.reset();  // its dark level must not bound that of the new one
     algo::LearnOptions options;
     options.levels = algo::light_levels(result.recipe.recipe, options_.bits);
     options.max_dark_rise_dn = result.recipe.recipe.max_dark_rise_dn;
+    options.dark_from_noise = result.recipe.recipe.dark_dn == 0;
     const auto frame_of = [this](std::size_t k) { return read_spooled(k); };
     // As `hordctl learn` does; if every bin has light, a fifth of the dark level (algo/recipe/recipe.h).
     const auto read = algo::read_noise_of(options_.extents, options.levels, session_->parts, frame_of);

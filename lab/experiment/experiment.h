@@ -18,8 +18,9 @@
 namespace hord::lab {
 
 struct ExperimentOptions {
-    std::filesystem::path out;  // exists; finished cells in it are used again (result_cache.h)
-    bool quick = false;         // under a minute: fewer or smaller cells, the same claims
+    std::filesystem::path out;     // exists; finished cells in it are used again (result_cache.h)
+    std::filesystem::path frames;  // folder of light fields; of the experiment `reference` only
+    bool quick = false;            // under a minute: fewer or smaller cells, the same claims
     std::uint64_t seed = 1;
     int threads = 0;  // 0: one a core; results do not depend on it (times measured do)
     std::function<void(double done, const std::string& note)> progress = [](double, const std::string&) {};  // 0..1

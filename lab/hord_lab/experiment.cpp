@@ -7,12 +7,13 @@
 #include "lab/detection/detection.h"
 #include "lab/hord_lab/commands.h"
 #include "lab/hord_lab/experiments.h"
+#include "lab/reference/reference.h"
 
 namespace hord::lab {
 namespace {
 
 struct ExperimentArguments {
-    std::string out;
+    std::string out, frames;
     bool quick = false, finished = false;
     std::uint64_t seed = 1;
     int threads = 0;
@@ -28,7 +29,7 @@ Exit run_experiment(const Experiment& experiment, const ExperimentArguments& arg
                arguments.seed, arguments.quick ? "less than a minute" : std::string(experiment.takes));
     auto progress = std::make_unique<Progress>(std::string(experiment.name));
     const auto run = arguments.finished ? report_finished_detection : experiment.run;
-    const auto report = run({arguments.out, arguments.quick, arguments.seed, arguments.threads,
+    const auto report = run({arguments.out, arguments.frames, arguments.quick, arguments.seed, arguments.threads,
                              [&](double done, const std::string& note) { progress->show(done, note); }});
     progress.reset();
     if (!report) return complain(report.error());
@@ -59,12 +60,17 @@ void add_experiment(CLI::App& program, Exit& status) {
         if (experiment.run == run_detection)
             one->add_flag("--finished", arguments->finished,
                           "Report what an interrupted run has finished; compute nothing");
+        const bool has_frames = experiment.run == run_reference;
+        if (has_frames)
+            one->add_option("--frames", arguments->frames,
+                            "Folder of light fields without noise: NAME_raw.png and NAME.json")
+                ->required();
         one->footer(
             fmt::format("The full form takes {}.\n"
                         "Exit status: 0 every claim was decided and came out as in docs/results, 1 one was not or did "
                         "not, 2 usage.\n"
-                        "Example: hord-lab experiment {} --out {} --quick",
-                        experiment.takes, experiment.name, experiment.name));
+                        "Example: hord-lab experiment {}{} --out {} --quick",
+                        experiment.takes, experiment.name, has_frames ? " --frames poses" : "", experiment.name));
         one->callback([&experiment, arguments, &status] { status = run_experiment(experiment, *arguments); });
     }
 }

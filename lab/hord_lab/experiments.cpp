@@ -4,6 +4,7 @@
 #include "lab/detection/detection.h"
 #include "lab/kinds/kinds.h"
 #include "lab/paper/paper.h"
+#include "lab/reference/reference.h"
 #include "lab/stability/stability.h"
 #include "lab/tradeoff/tradeoff.h"
 
@@ -19,6 +20,9 @@ std::span<const Experiment> experiments() {
          "Judging against a reference: false rejects, bubbles, kinds, slopes, contrast and time on simulated "
          "production",
          "about twenty-five minutes on one core (estimated from its parts)", run_detection},
+        {"reference",
+         "Judging light fields of another program against a reference: false rejects, flaws, place and size",
+         "about four minutes on one core (estimated from its quick form)", run_reference},
         {"ablation", "What each physical effect does to detection, and what it costs", "about two minutes on two cores",
          run_ablation},
         {"kinds", "The simulated line's kinds of defect: which camera or feature sees each, and why it is rejected",

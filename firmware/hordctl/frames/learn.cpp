@@ -37,6 +37,7 @@ Exit run_learn(const LearnArguments& arguments) {
     algo::LearnOptions options = arguments.learning;
     options.levels = algo::light_levels(recipe->recipe, bits);
     options.max_dark_rise_dn = recipe->recipe.max_dark_rise_dn;
+    options.dark_from_noise = recipe->recipe.dark_dn == 0;
     options.progress = [&](double done) { progress->show(done); };
     const auto frame_of = [&](std::size_t part) -> Result<Frame> {
         const std::string& file = arguments.frames[part];
