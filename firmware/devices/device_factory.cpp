@@ -235,7 +235,7 @@ Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Con
     if (const auto* video = std::get_if<drivers::V4l2SensorOptions>(&config.sensor))
         return drivers::V4l2Sensor::open(loop, *video);
     if (const auto* camera = std::get_if<drivers::LibcameraSensorOptions>(&config.sensor))
-        return drivers::LibcameraSensor::open(loop, *camera);
+        return drivers::open_libcamera_sensor(loop, *camera);
     return nullptr;
 }
 

@@ -6,7 +6,7 @@
 
 #include "common/assign.h"
 #include "drivers/gpio/gpio_lines.h"
-#include "drivers/libcamera/camera_process.h"
+#include "drivers/libcamera/libcamera_sensor.h"
 #include "drivers/modbus/modbus_rejector.h"
 #include "firmware/devices/active_calibration.h"
 #include "firmware/recipes/recipe_file.h"
