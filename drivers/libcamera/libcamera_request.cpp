@@ -1,21 +1,15 @@
 #include "drivers/libcamera/libcamera_request.h"
 
-#include <nlohmann/json.hpp>
+#include "drivers/camera_process/camera_request.h"
 
 namespace hord::drivers {
 
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(LibcameraSensorOptions, camera, width_px, height_px, bits, buffers, green, controls)
 
-std::string request_of(const LibcameraSensorOptions& options) {
-    return nlohmann::json(options).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-}
+std::string request_of(const LibcameraSensorOptions& options) { return text_of_request(options); }
 
 std::optional<LibcameraSensorOptions> parse_libcamera_request(const std::string& request) {
-    try {
-        return nlohmann::json::parse(request).get<LibcameraSensorOptions>();
-    } catch (const nlohmann::json::exception&) {
-        return std::nullopt;
-    }
+    return parse_request<LibcameraSensorOptions>(request);
 }
 
 }  // namespace hord::drivers
