@@ -237,9 +237,11 @@ class GenicamDevice final : public CameraDevice {
             arv_camera_gv_set_packet_size_adjustment(camera_.get(), ARV_GV_PACKET_SIZE_ADJUSTMENT_NEVER);
             return {};
         }
+        const std::string wanted = request_.packet_bytes == 0 ? "a size that was negotiated"
+                                                              : std::to_string(request_.packet_bytes) + " bytes";
         return fail(ErrorCode::refused,
-                    name_ + ": packets of " + std::to_string(request_.packet_bytes) + " bytes were refused (it has " +
-                        std::to_string(packet_bytes_) + "): " + why,
+                    name_ + ": packets of " + wanted + " were refused (they have " + std::to_string(packet_bytes_) +
+                        "): " + why,
                     "set sensor.packet_bytes to 0, which negotiates it, or to the MTU of the whole way: cameras want "
                     "multiples of 4");
     }
