@@ -9,27 +9,9 @@
 #include <toml++/toml.h>
 
 #include "common/file_writing.h"
+#include "common/nearest_name.h"
 
 namespace hord::common {
-namespace {
-
-// Levenshtein distance, for "did you mean".
-std::size_t edits(std::string_view a, std::string_view b) {
-    std::vector<std::size_t> row(b.size() + 1);
-    for (std::size_t k = 0; k < row.size(); ++k) row[k] = k;
-    for (std::size_t y = 1; y <= a.size(); ++y) {
-        std::size_t diagonal = row[0];
-        row[0] = y;
-        for (std::size_t x = 1; x <= b.size(); ++x) {
-            const std::size_t above = row[x];
-            row[x] = std::min({above + 1, row[x - 1] + 1, diagonal + (a[y - 1] == b[x - 1] ? 0U : 1U)});
-            diagonal = above;
-        }
-    }
-    return row[b.size()];
-}
-
-}  // namespace
 
 tl::unexpected<Error> TomlProblems::as_error() const {
     return fail(ErrorCode::invalid_argument, fmt::format("{}", fmt::join(lines_, "\n")));
@@ -137,6 +119,16 @@ void TomlTable::text(std::string_view key, std::string& value) {
     if (auto read = node_->value<std::string>(key, "is not a text: write it in quotes")) value = std::move(*read);
 }
 
+void TomlTable::scalar(std::string_view key, std::string& value) {
+    const toml::node* node = node_->find(key);
+    if (node == nullptr) return;
+    if (node->is_string()) value = node->as_string()->get();
+    else if (node->is_integer()) value = fmt::format("{}", node->as_integer()->get());
+    else if (node->is_floating_point()) value = fmt::format("{}", node->as_floating_point()->get());
+    else if (node->is_boolean()) value = node->as_boolean()->get() ? "true" : "false";
+    else node_->report(*node, key, "is neither a text, a number, true nor false");
+}
+
 void TomlTable::numbers(std::string_view key, std::vector<double>& values, std::size_t min_count,
                         std::size_t max_count) {
     auto read = node_->list<double>(
@@ -208,14 +200,10 @@ void TomlTable::refuse_unknown_keys() {
     for (const auto& [key, value] : *node_->table) {
         const std::string_view unknown = key.str();
         if (node_->read_keys.contains(unknown)) continue;
-        const auto nearest =
-            std::min_element(node_->read_keys.begin(), node_->read_keys.end(),
-                             [&](const auto& a, const auto& b) { return edits(a, unknown) < edits(b, unknown); });
-        const bool near = nearest != node_->read_keys.end() &&
-            edits(*nearest, unknown) <= std::max<std::size_t>(2, unknown.size() / 3);
+        const auto nearest = nearest_name(unknown, node_->read_keys);
         node_->report(value, unknown,
-                      near ? fmt::format("is not a known key: did you mean {}?", *nearest)
-                           : std::string("is not a known key: remove it"));
+                      nearest ? fmt::format("is not a known key: did you mean {}?", *nearest)
+                              : std::string("is not a known key: remove it"));
     }
     for (const auto& sub : node_->sub_tables) TomlTable(sub).refuse_unknown_keys();
 }

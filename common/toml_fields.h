@@ -60,6 +60,8 @@ class TomlTable {
     }
     void boolean(std::string_view key, bool& value);
     void text(std::string_view key, std::string& value);
+    // A text, a number or a boolean, as text.
+    void scalar(std::string_view key, std::string& value);
     void numbers(std::string_view key, std::vector<double>& values, std::size_t min_count, std::size_t max_count);
     void texts(std::string_view key, std::vector<std::string>& values);
 

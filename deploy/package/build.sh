@@ -33,7 +33,7 @@ if [ "$arch" = arm64 ]; then
     export PKG_CONFIG_LIBDIR=/usr/lib/aarch64-linux-gnu/pkgconfig:/usr/share/pkgconfig
 fi
 cmake --preset release "${options[@]}" >"$out/configure-$arch.log" || { cat "$out/configure-$arch.log" >&2; exit 1; }
-cmake --build "$tree" --target hordd hord-safe hord-camera hordctl hord-lab hord-mqtt hord-page -j "$(nproc)"
+cmake --build "$tree" --target hordd hord-safe hord-camera hord-genicam hordctl hord-lab hord-mqtt hord-page -j "$(nproc)"
 [ "$arch" = arm64 ] || deploy/package/man.sh "$tree/bin" "$out/made/man" "$version"
 cpack --config "$tree/CPackConfig.cmake" -B "$out/cpack-files-$arch" -D "CPACK_PACKAGE_VERSION=$version" >"$out/cpack-$arch.log" || { cat "$out/cpack-$arch.log" >&2; exit 1; }
 deb=$out/hord-station_${version}_$arch.deb

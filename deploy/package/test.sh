@@ -28,9 +28,11 @@ in_root apt-get -qq -y --no-install-recommends install /old.deb >/dev/null
 in_root hordctl --version
 in_root hordd --check
 in_root /usr/libexec/hord/hord-safe || die "hord-safe does not bring the simulated cell to its safe state"
-status=0
-in_root /usr/libexec/hord/hord-camera 2>/dev/null || status=$?  # 2: it is there with its libraries, and says that it is the station's
-[ "$status" = 2 ] || die "hord-camera does not start"
+for holder in hord-camera hord-genicam; do
+    status=0
+    in_root /usr/libexec/hord/$holder 2>/dev/null || status=$?  # 2: it is there with its libraries, and says that it is the station's
+    [ "$status" = 2 ] || die "$holder does not start"
+done
 in_root hord-mqtt --check
 in_root hord-page --check
 for user in hord-mqtt hord-page; do

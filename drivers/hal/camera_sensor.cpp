@@ -25,7 +25,8 @@ Result<void> CameraSensor::begin(std::shared_ptr<CameraStream> stream, int fd, L
     if (fd >= 0) {
         if (auto watched = watch(fd); !watched) return watched;
     }
-    if (layout_ != Layout::plain) stream->unpacked.assign(memory.size(), std::vector<std::uint16_t>(width * height));
+    if (layout_ != SampleLayout::plain)
+        stream->unpacked.assign(memory.size(), std::vector<std::uint16_t>(width * height));
     listener_ = &listener;
     lost_ = false;
     waiting_.clear();
@@ -58,6 +59,7 @@ void CameraSensor::deliver(const CameraFrame& frame) {
     const auto began = [&](const hal::ExposureRequest& exposure) {
         return frame.stamp_of_start ? frame.stamp : frame.stamp - exposure.length;
     };
+    while (waiting_.size() > 1 && began(waiting_[1]) >= waiting_[1].start) waiting_.erase(waiting_.begin());
     const bool triggered = !waiting_.empty() && began(waiting_.front()) >= waiting_.front().start;
     std::shared_ptr<CameraStream> stream;
     std::uint32_t slot = 0;
@@ -86,13 +88,18 @@ void CameraSensor::deliver(const CameraFrame& frame) {
 FrameView CameraSensor::view_of(CameraStream& stream, std::uint32_t buffer, std::size_t& bytes_used) const {
     const std::byte* data = stream.memory[buffer].data();
     FrameView view{data, format_.width_px, format_.height_px, stride_bytes_, format_.bits};
-    if (layout_ == Layout::plain) return view;
+    if (layout_ == SampleLayout::plain) return view;
     const auto width = static_cast<std::size_t>(format_.width_px), height = static_cast<std::size_t>(format_.height_px),
                stride = static_cast<std::size_t>(stride_bytes_);
     std::vector<std::uint16_t>& samples = stream.unpacked[buffer];
     auto* const bytes = reinterpret_cast<std::byte*>(samples.data());
-    if (layout_ == Layout::mipi) {
+    if (layout_ == SampleLayout::mipi) {
         bytes_used = unpack_rows(data, stride, bytes_used, format_.bits, width, samples);
+    } else if (layout_ != SampleLayout::green) {
+        const std::span whole{data, std::min(bytes_used, stream.memory[buffer].size())};
+        const bool complete = layout_ == SampleLayout::gige ? unpack_gige(whole, format_.bits, samples)
+                                                            : unpack_pfnc(whole, format_.bits, samples);
+        bytes_used = complete ? samples.size() * sizeof(std::uint16_t) : 0;
     } else {
         std::size_t y = 0;  // complete rows
         for (; y < height && y * stride + 3 * width <= bytes_used; ++y) {

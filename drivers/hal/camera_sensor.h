@@ -2,10 +2,12 @@
 //
 // The pipeline reads the camera's buffer; returning the lease queues it again. Only packed and colour formats are
 // copied. The camera runs free or is triggered by wire. A frame answers the oldest open trigger, unless its exposure
-// began before that trigger's start. A frame without a trigger is queued again and leaves no gap in the sequence.
+// began before that trigger's start. A trigger whose frame had not come when the next trigger's exposure began is
+// forgotten: its frame was lost. A frame without a trigger is queued again and leaves no gap in the sequence.
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -17,6 +19,9 @@
 #include "drivers/hal/sensor.h"
 
 namespace hord::drivers {
+
+// How samples lie in a frame (packed_samples.h). green: three bytes a pixel; the middle one is used.
+enum class SampleLayout : std::uint8_t { plain, mipi, gige, pfnc, green };
 
 struct CameraFrame {
     std::uint32_t buffer = 0;
@@ -42,9 +47,6 @@ class CameraSensor : public hal::Sensor {
     [[nodiscard]] hal::SensorFormat format() const final { return format_; }
 
   protected:
-    // mipi: packed samples (packed_samples.h). green: three bytes a pixel; the middle one is used.
-    enum class Layout : std::uint8_t { plain, mipi, green };
-
     CameraSensor(hal::EventLoop& loop, std::string name) : loop_(loop), name_(std::move(name)) {}
 
     static Result<void> check_buffers(int buffers);  // fails with invalid_argument
@@ -65,7 +67,7 @@ class CameraSensor : public hal::Sensor {
     const std::string name_;  // for messages
     hal::SensorFormat format_;
     std::ptrdiff_t stride_bytes_ = 0;
-    Layout layout_ = Layout::plain;
+    SampleLayout layout_ = SampleLayout::plain;
     std::vector<hal::ExposureRequest> waiting_;  // triggers without a frame
 
   private:

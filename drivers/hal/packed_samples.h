@@ -1,6 +1,11 @@
-// Unpacks rows of 10- and 12-bit samples in MIPI packing (V4L2's Y10P and Y12P) to 16-bit samples, right-aligned. The
-// high eight bits of each sample are a byte of its own; one more byte holds the low bits of the group, the first
-// sample's in its lowest bits.
+// Unpacks 10- and 12-bit samples to 16-bit samples, right-aligned.
+//
+// MIPI (V4L2's Y10P and Y12P), row by row: the high eight bits of each sample are a byte of its own; one more byte
+// holds the low bits of the group, the first sample's in its lowest bits.
+// GigE Vision (Mono10Packed, Mono12Packed): two samples in three bytes; the middle byte holds the low bits, the first
+// sample's from bit 0, the second one's from bit 4.
+// PFNC (Mono10p, Mono12p): one stream of bits, the lowest bit first.
+// GigE Vision's and PFNC's rows follow without padding and may begin inside a group: the whole frame is unpacked.
 #pragma once
 
 #include <cstddef>
@@ -42,6 +47,35 @@ inline std::size_t unpack_rows(const std::byte* frame, std::size_t stride, std::
         (bits == 10 ? unpack<10> : unpack<12>)({frame + row * stride, row_bytes}, samples.subspan(row * width, width));
     }
     return row * width * sizeof(std::uint16_t);
+}
+
+// Bytes of a whole frame of `samples` in GigE Vision or PFNC packing.
+[[nodiscard]] constexpr std::size_t gige_bytes(std::size_t samples) { return (samples * 12 + 7) / 8; }
+[[nodiscard]] constexpr std::size_t pfnc_bytes(int bits, std::size_t samples) {
+    return (samples * static_cast<std::size_t>(bits) + 7) / 8;
+}
+
+// `bits` is 10 or 12. False, and nothing is unpacked: `frame` is shorter than its samples.
+inline bool unpack_gige(std::span<const std::byte> frame, int bits, std::span<std::uint16_t> samples) {
+    if (frame.size() < gige_bytes(samples.size())) return false;
+    const int low_bits = bits - 8;
+    for (std::size_t x = 0; x < samples.size(); ++x) {
+        const std::size_t at = x / 2 * 3, second = x % 2;
+        const auto high = std::to_integer<unsigned>(frame[at + 2 * second]),
+                   low = std::to_integer<unsigned>(frame[at + 1]) >> (4 * second);
+        samples[x] = static_cast<std::uint16_t>((high << low_bits) | (low & ((1U << low_bits) - 1U)));
+    }
+    return true;
+}
+inline bool unpack_pfnc(std::span<const std::byte> frame, int bits, std::span<std::uint16_t> samples) {
+    if (frame.size() < pfnc_bytes(bits, samples.size())) return false;
+    for (std::size_t x = 0; x < samples.size(); ++x) {
+        // A sample of 10 or 12 bits begins at an even bit, so it lies in two bytes.
+        const std::size_t bit = x * static_cast<std::size_t>(bits), at = bit / 8;
+        const unsigned two = std::to_integer<unsigned>(frame[at]) | (std::to_integer<unsigned>(frame[at + 1]) << 8U);
+        samples[x] = static_cast<std::uint16_t>((two >> (bit % 8)) & ((1U << bits) - 1U));
+    }
+    return true;
 }
 
 }  // namespace hord::drivers

@@ -1,4 +1,6 @@
 // A camera by libcamera 0.0.3 (Debian 12) or 0.4 (Debian 13). Only the way to pass stream roles differs.
+#include "drivers/libcamera/libcamera_device.h"
+
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -14,7 +16,8 @@
 #include <sys/stat.h>
 
 #include "common/unique_fd.h"
-#include "drivers/libcamera/camera_host.h"
+#include "drivers/libcamera/libcamera_format.h"
+#include "drivers/libcamera/libcamera_request.h"
 
 namespace hord::drivers {
 namespace {
@@ -155,13 +158,13 @@ class LibcameraDevice final : public CameraDevice {
             std::vector<std::string> of_role;
             for (const auto& format : config->at(0).formats().pixelformats()) of_role.push_back(format.toString());
             names.insert(names.end(), of_role.begin(), of_role.end());
-            const auto grey = choose_grey_format(id_, of_role, request_.bits, request_.green);
+            const auto grey = choose_libcamera_format(id_, of_role, request_.bits, request_.green);
             if (!grey) continue;
             return agree(std::move(config), *grey);
         }
         std::ranges::sort(names);
         names.erase(std::unique(names.begin(), names.end()), names.end());
-        return tl::unexpected(choose_grey_format(id_, names, request_.bits, request_.green).error());
+        return tl::unexpected(choose_libcamera_format(id_, names, request_.bits, request_.green).error());
     }
 
     Result<CameraFormat> agree(std::unique_ptr<libcamera::CameraConfiguration> config, const GreyFormat& grey) {
@@ -249,7 +252,7 @@ class LibcameraDevice final : public CameraDevice {
         if (request->status() == libcamera::Request::RequestCancelled) {
             // Cancelled by stop(), or the camera accepts no buffer any more. libcamera reports its loss later, and only
             // to a process that may listen to the kernel's device events.
-            if (streams_) listener_->on_camera_gone();
+            if (streams_) listener_->on_camera_gone({});
             return;
         }
         const libcamera::FrameMetadata& metadata = request->buffers().begin()->second->metadata();
@@ -263,7 +266,7 @@ class LibcameraDevice final : public CameraDevice {
         frame.stamp = hal::TimePoint(hal::Duration(start ? *start : static_cast<std::int64_t>(metadata.timestamp)));
         listener_->on_camera_frame(frame);
     }
-    void on_disconnected() { listener_->on_camera_gone(); }
+    void on_disconnected() { listener_->on_camera_gone({}); }
 
     const LibcameraSensorOptions request_;
     std::string id_;
@@ -280,8 +283,9 @@ class LibcameraDevice final : public CameraDevice {
 
 }  // namespace
 
-std::unique_ptr<CameraDevice> open_libcamera(LibcameraSensorOptions request) {
-    return std::make_unique<LibcameraDevice>(std::move(request));
+std::unique_ptr<CameraDevice> open_libcamera(const std::string& request) {
+    auto options = parse_libcamera_request(request);
+    return options ? std::make_unique<LibcameraDevice>(std::move(*options)) : nullptr;
 }
 
 }  // namespace hord::drivers

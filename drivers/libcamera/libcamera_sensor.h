@@ -1,43 +1,18 @@
-// A lenslet sensor behind libcamera (camera_sensor.h).
-//
-// A camera is lost if it delivered no frame for kSilence after a triggered exposure: not every process is notified when
-// it goes away.
+// The lenslet sensor behind libcamera, which hord-camera holds.
 #pragma once
 
 #include <memory>
+#include <string>
 
-#include "drivers/hal/camera_sensor.h"
-#include "drivers/libcamera/camera_port.h"
+#include "drivers/camera_process/camera_port_sensor.h"
 #include "drivers/libcamera/libcamera_options.h"
 
 namespace hord::drivers {
 
-class LibcameraSensor final : public CameraSensor {
-  public:
-    static constexpr hal::Duration kSilence = std::chrono::seconds(2);
+// Fails as CameraPortSensor::open() does.
+Result<std::unique_ptr<CameraPortSensor>> open_libcamera_sensor(hal::EventLoop& loop,
+                                                                const LibcameraSensorOptions& options);
 
-    // Loop thread; blocks while the camera is configured. Fails with not_found (lists the cameras), busy, unsupported
-    // (lists the formats), io, invalid_argument (buffers not in 2..32).
-    static Result<std::unique_ptr<LibcameraSensor>> open(hal::EventLoop& loop, const LibcameraSensorOptions& request);
-    // The same with another camera.
-    static Result<std::unique_ptr<LibcameraSensor>> open(hal::EventLoop& loop, const LibcameraSensorOptions& request,
-                                                         std::unique_ptr<CameraPort> port);
-    ~LibcameraSensor() override;
-
-  private:
-    struct Stream;
-    LibcameraSensor(hal::EventLoop& loop, const LibcameraSensorOptions& request, std::unique_ptr<CameraPort> port,
-                    const CameraFormat& format);
-    Result<void> do_start(Listener& listener) override;
-    Result<void> do_trigger(const hal::ExposureRequest& request) override;
-    void do_stop() override;
-    void on_ready() override;  // frames from the camera's thread
-    void watch_for_silence();
-
-    const std::unique_ptr<CameraPort> port_;
-    std::shared_ptr<Stream> stream_;  // null when stopped
-    hal::EventLoop::TimerId silence_timer_{};
-    hal::TimePoint last_frame_{};  // its arrival, triggered or not
-};
+std::string libcamera_version();  // of the build
 
 }  // namespace hord::drivers

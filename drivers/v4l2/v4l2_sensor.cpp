@@ -182,7 +182,7 @@ Result<std::shared_ptr<V4l2Sensor::Stream>> V4l2Sensor::open_stream() {
     // One buffer stays with the device, so that the others can all be lent.
     format_ = {static_cast<int>(width), static_cast<int>(height), options_.bits, options_.buffers - 1};
     stride_bytes_ = static_cast<std::ptrdiff_t>(pixel.bytesperline);
-    layout_ = used.packed ? Layout::mipi : Layout::plain;
+    layout_ = used.packed ? SampleLayout::mipi : SampleLayout::plain;
     return stream;
 }
 

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "common/result.h"
+#include "drivers/genicam/genicam_options.h"
 #include "drivers/gpio/gpio_options.h"
 #include "drivers/libcamera/libcamera_options.h"
 #include "drivers/modbus/modbus_options.h"
@@ -20,7 +21,7 @@
 
 namespace hord::firmware {
 
-// [sensor] backend = "simulated" | "frames" | "v4l2" | "libcamera"
+// [sensor] backend = "simulated" | "frames" | "v4l2" | "libcamera" | "genicam"
 struct SimulatedSensor {
     bool operator==(const SimulatedSensor&) const = default;
 };
@@ -28,8 +29,8 @@ struct FrameFolder {
     std::filesystem::path folder;  // every image in it is a frame, in the order of the names
     bool operator==(const FrameFolder&) const = default;
 };
-using SensorConfig =
-    std::variant<SimulatedSensor, FrameFolder, drivers::V4l2SensorOptions, drivers::LibcameraSensorOptions>;
+using SensorConfig = std::variant<SimulatedSensor, FrameFolder, drivers::V4l2SensorOptions,
+                                  drivers::LibcameraSensorOptions, drivers::GenicamSensorOptions>;
 
 // [rejector] backend = "simulated" | "modbus". The keys of a module, except its address, also apply
 // to the module of the simulated cell (hordctl run --simulate).

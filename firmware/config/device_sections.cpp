@@ -31,9 +31,36 @@ void check_gpio_line(TomlTable& table, const drivers::GpioLine& line) {
 
 }  // namespace
 
+namespace {
+
+// The keys of a GenICam camera alone; `options` has those that all cameras share.
+void read_genicam(TomlTable& sensor, bool chosen, drivers::GenicamSensorOptions& options) {
+    sensor.integer("offset_x_px", options.offset_x_px, 0, 65'535);
+    sensor.integer("offset_y_px", options.offset_y_px, 0, 65'535);
+    sensor.text("pixel_format", options.pixel_format);
+    sensor.choice("trigger", {"line", "software", "free"}, options.trigger);
+    sensor.text("trigger_source", options.trigger_source);
+    sensor.integer("packet_bytes", options.packet_bytes, 0, 16'000);
+    sensor.integer("socket_buffer_bytes", options.socket_buffer_bytes, 0, 1 << 30);
+    for (TomlTable& feature : sensor.tables("feature")) {
+        auto& [name, value] = options.features.emplace_back();
+        feature.text("name", name);
+        feature.scalar("value", value);
+        if (name.empty()) feature.problem("name", "is missing", "name the feature as the camera's manual does");
+        if (!feature.has("value")) feature.problem("value", "is missing", "say what the feature is set to");
+    }
+    if (chosen && options.trigger == drivers::CameraTrigger::line && options.trigger_source.empty()) {
+        sensor.problem("trigger_source", "is missing",
+                       "name the camera's input that the strobe's line triggers, such as \"Line1\"; or set trigger to "
+                       "\"software\" or \"free\"");
+    }
+}
+
+}  // namespace
+
 void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::path& folder) {
     int backend = 0;
-    sensor.choice("backend", {"simulated", "frames", "v4l2", "libcamera"}, backend);
+    sensor.choice("backend", {"simulated", "frames", "v4l2", "libcamera", "genicam"}, backend);
     std::string frames;
     sensor.text("folder", frames);
     drivers::V4l2SensorOptions video;
@@ -58,6 +85,13 @@ void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::p
                             "name the control as v4l2-ctl --list-ctrls, or cam --list-controls, calls it");
         if (!control.has("value")) control.problem("value", "is missing", "say what the control is set to");
     }
+    drivers::GenicamSensorOptions genicam{.camera = camera,
+                                          .width_px = video.width_px,
+                                          .height_px = video.height_px,
+                                          .bits = video.bits,
+                                          .buffers = video.buffers};
+    read_genicam(sensor, backend == 4, genicam);
+    if (backend == 4) value = genicam;
     if (backend == 2) value = video;
     if (backend == 3)
         value = drivers::LibcameraSensorOptions{camera,        video.width_px, video.height_px, video.bits,

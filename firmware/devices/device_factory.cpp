@@ -9,6 +9,7 @@
 #include "drivers/files/recorded_frames.h"
 #include "drivers/gpio/gpio_part_sensor.h"
 #include "drivers/gpio/gpio_strobe.h"
+#include "drivers/genicam/genicam_sensor.h"
 #include "drivers/libcamera/libcamera_sensor.h"
 #include "drivers/modbus/modbus_rejector.h"
 #include "drivers/v4l2/v4l2_sensor.h"
@@ -243,7 +244,9 @@ Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Con
     if (const auto* video = std::get_if<drivers::V4l2SensorOptions>(&config.sensor))
         return drivers::V4l2Sensor::open(loop, *video);
     if (const auto* camera = std::get_if<drivers::LibcameraSensorOptions>(&config.sensor))
-        return drivers::LibcameraSensor::open(loop, *camera);
+        return drivers::open_libcamera_sensor(loop, *camera);
+    if (const auto* genicam = std::get_if<drivers::GenicamSensorOptions>(&config.sensor))
+        return drivers::open_genicam_sensor(loop, *genicam);
     return nullptr;
 }
 

@@ -6,7 +6,7 @@
 
 #include "common/assign.h"
 #include "drivers/gpio/gpio_lines.h"
-#include "drivers/libcamera/camera_process.h"
+#include "drivers/libcamera/libcamera_sensor.h"
 #include "drivers/modbus/modbus_rejector.h"
 #include "firmware/devices/active_calibration.h"
 #include "firmware/recipes/recipe_file.h"
@@ -55,6 +55,8 @@ void probe_sensor(hal::EventLoop& loop, const Config& config, Devices& devices, 
     } else if (const auto* camera = std::get_if<drivers::LibcameraSensorOptions>(&config.sensor)) {
         cell.sensor.name = (camera->camera.empty() ? "the only camera" : camera->camera) + " (libcamera " +
             drivers::libcamera_version() + ")";
+    } else if (const auto* genicam = std::get_if<drivers::GenicamSensorOptions>(&config.sensor)) {
+        cell.sensor.name = (genicam->camera.empty() ? "the only camera" : genicam->camera) + " (GenICam)";
     } else if (const auto* recorded = std::get_if<FrameFolder>(&config.sensor)) {
         cell.sensor.name = "recorded frames in " + recorded->folder.string();
     } else {

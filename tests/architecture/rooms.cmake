@@ -7,6 +7,8 @@ set(common "common/")
 set(algo "common/|algo/")
 set(algo/simd "algo/simd/")
 set(drivers "common/|algo/frame/extents\\.h|drivers/hal/")
+set(drivers/libcamera "common/|drivers/(camera_process|hal)/")
+set(drivers/genicam "common/|drivers/(camera_process|hal)/")
 set(hal_sim "common/|algo/(frame|simd)/|drivers/hal/|hal_sim/")
 set(calib "common/|algo/(frame|simd)/|calib/")
 set(firmware "common/|algo/|drivers/hal/|calib/files/|firmware/")
@@ -19,7 +21,7 @@ set(firmware/service "common/|algo/|drivers/(hal|event_loop)/|calib/files/|firmw
 set(firmware/hordctl "common/|algo/|drivers/|calib/|hal_sim/coil_module/|firmware/|lab/tune/")
 set(lab "common/|algo/|drivers/|hal_sim/|calib/|firmware/|lab/")
 set(rooms common algo drivers hal_sim calib firmware lab)
-set(tables common algo algo/simd drivers hal_sim calib firmware firmware/config firmware/core firmware/modbus firmware/devices
+set(tables common algo algo/simd drivers drivers/genicam drivers/libcamera hal_sim calib firmware firmware/config firmware/core firmware/modbus firmware/devices
            firmware/service firmware/hordctl lab)
 # Folders without files of their own.
 set(empty algo firmware calib hal_sim drivers lab hal_sim/optics firmware/store)

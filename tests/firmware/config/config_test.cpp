@@ -143,6 +143,40 @@ TEST(Config, a_camera_of_libcamera_is_named_with_its_format_and_controls) {
               drivers::LibcameraSensorOptions{});
 }
 
+TEST(Config, a_genicam_camera_is_named_with_its_region_trigger_and_features_in_order) {
+    const auto config = parse(
+        "[sensor]\nbackend = \"genicam\"\ncamera = \"40123456\"\nwidth_px = 1440\nheight_px = 1080\noffset_x_px = "
+        "8\noffset_y_px = 6\nbits = 12\npixel_format = \"Mono12p\"\nbuffers = 6\ntrigger = \"line\"\n"
+        "trigger_source = \"Line2\"\npacket_bytes = 8192\nsocket_buffer_bytes = 8000000\n"
+        "[[sensor.feature]]\nname = \"LineSelector\"\nvalue = \"Line2\"\n[[sensor.feature]]\nname = \"ExposureTime\"\n"
+        "value = 500.5\n[[sensor.feature]]\nname = \"GainRaw\"\nvalue = 3\n[[sensor.feature]]\nname = \"ReverseX\"\n"
+        "value = true\n");
+    ASSERT_TRUE(config) << config.error().what;
+    EXPECT_EQ(std::get<drivers::GenicamSensorOptions>(config->sensor),
+              (drivers::GenicamSensorOptions{.camera = "40123456",
+                                             .width_px = 1440,
+                                             .height_px = 1080,
+                                             .offset_x_px = 8,
+                                             .offset_y_px = 6,
+                                             .bits = 12,
+                                             .pixel_format = "Mono12p",
+                                             .buffers = 6,
+                                             .trigger = drivers::CameraTrigger::line,
+                                             .trigger_source = "Line2",
+                                             .packet_bytes = 8192,
+                                             .socket_buffer_bytes = 8'000'000,
+                                             .features = {{"LineSelector", "Line2"},
+                                                          {"ExposureTime", "500.5"},
+                                                          {"GainRaw", "3"},
+                                                          {"ReverseX", "true"}}}));
+    EXPECT_EQ(std::get<drivers::GenicamSensorOptions>(
+                  parse("[sensor]\nbackend = \"genicam\"\ntrigger = \"software\"\n")->sensor),
+              drivers::GenicamSensorOptions{.trigger = drivers::CameraTrigger::software});
+    EXPECT_THAT(problems_of("[sensor]\nbackend = \"genicam\"\n"), HasSubstr("sensor.trigger_source: is missing"));
+    EXPECT_THAT(problems_of("[sensor]\nbackend = \"genicam\"\ntrigger = \"free\"\n[[sensor.feature]]\nvalue = [1]\n"),
+                testing::AllOf(HasSubstr("name: is missing"), HasSubstr("value: is neither a text")));
+}
+
 // The documented values that override a profile are those of the plain module.
 TEST(Config, the_documented_keys_of_a_module_are_those_of_the_plain_profile) {
     const std::string text = text_of(kDeploy / "hordd.toml");

@@ -6,7 +6,7 @@
 
 #include "drivers/libcamera/libcamera_options.h"
 #include "drivers/libcamera/libcamera_sensor.h"
-#include "tests/drivers/libcamera/fake_camera.h"
+#include "tests/drivers/camera_process/fake_camera.h"
 #include "tests/system/contract/harness.h"
 
 namespace hord::contract {
@@ -15,9 +15,9 @@ namespace {
 class LibcameraHarness final : public SensorHarness {
   public:
     LibcameraHarness() : SensorHarness(real_loop()), camera_(std::make_shared<drivers::FakeCamera>(loop())) {
-        drivers::LibcameraSensorOptions request;
-        auto opened = drivers::LibcameraSensor::open(
-            loop(), request, std::make_unique<drivers::FakeCameraPort>(camera_, request.buffers));
+        const drivers::CameraPortOptions options;
+        auto opened = drivers::CameraPortSensor::open(
+            loop(), options, std::make_unique<drivers::FakeCameraPort>(camera_, options.buffers));
         EXPECT_TRUE(opened) << opened.error().message();
         sensor_ = std::move(*opened);
     }
@@ -30,14 +30,14 @@ class LibcameraHarness final : public SensorHarness {
 
   private:
     std::shared_ptr<drivers::FakeCamera> camera_;
-    std::unique_ptr<drivers::LibcameraSensor> sensor_;
+    std::unique_ptr<drivers::CameraPortSensor> sensor_;
 };
 
 class RealCameraHarness final : public SensorHarness {
   public:
     explicit RealCameraHarness(const std::string& camera) : SensorHarness(real_loop()) {
         // Small, because vimc scales in software; both multiples of six, as vimc requires.
-        auto opened = drivers::LibcameraSensor::open(
+        auto opened = drivers::open_libcamera_sensor(
             loop(), {.camera = camera == "any" ? "" : camera, .width_px = 96, .height_px = 72, .green = true});
         EXPECT_TRUE(opened) << opened.error().message();
         sensor_ = std::move(*opened);
@@ -51,7 +51,7 @@ class RealCameraHarness final : public SensorHarness {
         const char* command = std::getenv(variable);
         return command != nullptr && std::system(command) == 0;
     }
-    std::unique_ptr<drivers::LibcameraSensor> sensor_;
+    std::unique_ptr<drivers::CameraPortSensor> sensor_;
 };
 
 std::unique_ptr<SensorHarness> on_camera() {

@@ -1,4 +1,4 @@
-#include "drivers/libcamera/camera_wire.h"
+#include "drivers/camera_process/camera_wire.h"
 
 #include <algorithm>
 #include <array>
@@ -12,8 +12,7 @@
 
 namespace hord::drivers {
 
-NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(LibcameraSensorOptions, camera, width_px, height_px, bits, buffers, green, controls)
-NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(GreyFormat, name, bits, packed, green)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(GreyFormat, name, bits, layout)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(CameraFormat, width_px, height_px, grey, stride_bytes)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(CameraBuffer, offset, bytes)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(CameraAnswer, format, buffers)
@@ -49,18 +48,13 @@ std::optional<Result<CameraAnswer>> understand(const std::string& text, std::vec
 
 }  // namespace
 
-std::vector<std::string> camera_arguments(CameraCommand command, const LibcameraSensorOptions& request) {
-    return {command == CameraCommand::look ? "look" : "start", text_of(request)};
+std::vector<std::string> camera_arguments(CameraCommand command, const std::string& request) {
+    return {command == CameraCommand::look ? "look" : "start", request};
 }
 
 std::optional<CameraArguments> parse_camera_arguments(const std::vector<std::string>& arguments) {
     if (arguments.size() != 2 || (arguments[0] != "look" && arguments[0] != "start")) return std::nullopt;
-    try {
-        return CameraArguments{arguments[0] == "look" ? CameraCommand::look : CameraCommand::start,
-                               Json::parse(arguments[1]).get<LibcameraSensorOptions>()};
-    } catch (const Json::exception&) {
-        return std::nullopt;
-    }
+    return CameraArguments{arguments[0] == "look" ? CameraCommand::look : CameraCommand::start, arguments[1]};
 }
 
 bool send_answer(int socket, const Result<CameraAnswer>& answer) {

@@ -1,8 +1,9 @@
-#include "drivers/libcamera/camera_host.h"
+#include "drivers/camera_process/camera_host.h"
 
 #include <algorithm>
 #include <cerrno>
 #include <csignal>
+#include <cstdio>
 #include <mutex>
 #include <utility>
 #include <vector>
@@ -12,8 +13,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "drivers/libcamera/camera_wire.h"
-#include "drivers/libcamera/libcamera_options.h"
+#include "drivers/camera_process/camera_wire.h"
 
 namespace hord::drivers {
 namespace {
@@ -24,8 +24,12 @@ constexpr int kCheckEveryMs = 100;  // interval of is_there()
 // the other end reads at once, and a camera has few buffers.
 class EventSender final : public CameraPort::Listener {
   public:
-    void on_camera_frame(const CameraFrame& frame) noexcept override { add({CameraEvent::What::frame, frame}); }
-    void on_camera_gone() noexcept override { add({}); }
+    void on_camera_frame(const CameraFrame& frame) noexcept override { add({CameraEvent::What::frame, frame, {}}); }
+    void on_camera_gone(std::string_view why) noexcept override {
+        CameraEvent event;
+        std::ranges::copy(why.substr(0, event.why.size() - 1), event.why.begin());
+        add(event);
+    }
     void answer_sent() {
         const std::scoped_lock lock(mutex_);
         answered_ = true;
@@ -47,8 +51,8 @@ class EventSender final : public CameraPort::Listener {
     std::vector<CameraEvent> early_;
 };
 
-[[noreturn]] void exit_without_camera(EventSender& events) {
-    events.on_camera_gone();
+[[noreturn]] void exit_without_camera(EventSender& events, const std::string& why) {
+    events.on_camera_gone(why);
     ::_exit(0);
 }
 
@@ -56,26 +60,31 @@ void stream(CameraDevice& camera, EventSender& events) {
     for (;;) {
         pollfd ready{kCameraSocket, POLLIN, 0};
         const int polled = ::poll(&ready, 1, kCheckEveryMs);
-        if (!camera.is_there()) exit_without_camera(events);
+        if (!camera.is_there()) exit_without_camera(events, camera.why_gone());
         if (polled <= 0) continue;
         std::uint32_t buffer = 0;
         const ssize_t count = ::recv(kCameraSocket, &buffer, sizeof buffer, MSG_DONTWAIT);
         if (count < 0 && (errno == EAGAIN || errno == EINTR)) continue;
         if (count != static_cast<ssize_t>(sizeof buffer)) return;  // the station stopped the camera, or ended
-        if (!camera.queue(buffer)) exit_without_camera(events);
+        const auto done = buffer == kTriggerOrder ? camera.trigger() : camera.queue(buffer);
+        if (!done) exit_without_camera(events, done.error().what);
     }
 }
 
 }  // namespace
 
 int host_camera(int argc, char** argv,
-                const std::function<std::unique_ptr<CameraDevice>(LibcameraSensorOptions)>& open) {
+                const std::function<std::unique_ptr<CameraDevice>(const std::string& request)>& open) {
     // Signals to the service are for the station. This process ends when the station closes the socket or ends.
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
     for (const int signal : {SIGTERM, SIGINT, SIGHUP, SIGPIPE}) std::signal(signal, SIG_IGN);
     const auto arguments = parse_camera_arguments({argv + std::min(argc, 1), argv + argc});
-    if (!arguments) return 2;
-    const auto camera = open(arguments->request);
+    const auto camera = arguments ? open(arguments->request) : nullptr;
+    if (!camera) {
+        std::fprintf(stderr, "%s: started by the station alone, for its camera; nothing to do here: see hordd(8)\n",
+                     argc > 0 ? argv[0] : "");
+        return 2;
+    }
     if (arguments->command == CameraCommand::look) {
         const auto format = camera->look();
         send_answer(kCameraSocket,

@@ -1,24 +1,28 @@
 // The protocol between the station (camera_process.h) and the process that holds its camera (camera_host.h), on a pair
 // of SOCK_SEQPACKET sockets. The process's arguments are the command. Its first message is the answer, as JSON, with
-// the buffers' descriptors; then it sends CameraEvents and receives the numbers of buffers to fill again. Both ends are
-// of the same package version.
+// the buffers' descriptors; then it sends CameraEvents and receives the numbers of buffers to fill again, or
+// kTriggerOrder. Both ends are of the same package version.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <type_traits>
 #include <vector>
 
-#include "drivers/libcamera/camera_host.h"
+#include "drivers/camera_process/camera_host.h"
 
 namespace hord::drivers {
 
 struct CameraEvent {
     enum class What : std::uint32_t { frame, gone } what = What::gone;
     CameraFrame frame{};
+    std::array<char, 160> why{};  // of gone; ends with a zero
 };
 static_assert(std::is_trivially_copyable_v<CameraEvent>);
+
+constexpr std::uint32_t kTriggerOrder = 0xFFFF'FFFF;
 
 enum class CameraCommand : std::uint8_t { look, start };
 struct CameraAnswer {
@@ -26,11 +30,11 @@ struct CameraAnswer {
     std::vector<CameraBuffer> buffers{};  // of start; the receiver closes the descriptors
 };
 
-// The arguments after the program's name.
-std::vector<std::string> camera_arguments(CameraCommand command, const LibcameraSensorOptions& request);
+// The arguments after the program's name. `request` is the driver's options as text; only the driver reads it.
+std::vector<std::string> camera_arguments(CameraCommand command, const std::string& request);
 struct CameraArguments {
     CameraCommand command;
-    LibcameraSensorOptions request;
+    std::string request;
 };
 std::optional<CameraArguments> parse_camera_arguments(
     const std::vector<std::string>& arguments);  // none: invalid arguments

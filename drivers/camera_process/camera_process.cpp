@@ -1,4 +1,4 @@
-#include "drivers/libcamera/camera_process.h"
+#include "drivers/camera_process/camera_process.h"
 
 #include <atomic>
 #include <cerrno>
@@ -17,9 +17,8 @@
 #include <unistd.h>
 
 #include "common/unique_fd.h"
-#include "drivers/libcamera/camera_host.h"
-#include "drivers/libcamera/camera_wire.h"
-#include "drivers/libcamera/libcamera_options.h"
+#include "drivers/camera_process/camera_host.h"
+#include "drivers/camera_process/camera_wire.h"
 
 namespace hord::drivers {
 namespace {
@@ -71,10 +70,9 @@ class CameraChild {
         posix_spawnattr_destroy(&how);
         process_end.reset();
         if (error != 0) {
-            return fail(
-                error == ENOENT ? ErrorCode::not_found : ErrorCode::io,
-                program.string() + ", which holds libcamera's cameras, cannot be started: " + std::strerror(error),
-                "install the package again");
+            return fail(error == ENOENT ? ErrorCode::not_found : ErrorCode::io,
+                        program.string() + ", which holds the camera, cannot be started: " + std::strerror(error),
+                        "install the package again");
         }
         return std::unique_ptr<CameraChild>(new CameraChild(pid, std::move(station_end)));
     }
@@ -109,7 +107,7 @@ class CameraChild {
 
 class CameraProcess final : public CameraPort {
   public:
-    CameraProcess(LibcameraSensorOptions request, std::filesystem::path program, hal::Duration patience)
+    CameraProcess(std::string request, std::filesystem::path program, hal::Duration patience)
         : request_(std::move(request)), program_(std::move(program)), patience_(patience) {}
     ~CameraProcess() override { stop(); }
 
@@ -132,14 +130,8 @@ class CameraProcess final : public CameraPort {
         return memory;
     }
 
-    Result<void> queue(std::uint32_t buffer) override {
-        if (::send(child_->socket(), &buffer, sizeof buffer, MSG_DONTWAIT | MSG_NOSIGNAL) !=
-            static_cast<ssize_t>(sizeof buffer)) {
-            return fail(ErrorCode::disconnected, "the camera's process takes no buffer",
-                        "stop the sensor and start it again");
-        }
-        return {};
-    }
+    Result<void> queue(std::uint32_t buffer) override { return tell(buffer); }
+    Result<void> trigger() override { return tell(kTriggerOrder); }
 
     void stop() override {
         stopping_ = true;
@@ -149,6 +141,14 @@ class CameraProcess final : public CameraPort {
     }
 
   private:
+    Result<void> tell(std::uint32_t order) {
+        if (::send(child_->socket(), &order, sizeof order, MSG_DONTWAIT | MSG_NOSIGNAL) !=
+            static_cast<ssize_t>(sizeof order)) {
+            return fail(ErrorCode::disconnected, "the camera's process takes no order",
+                        "stop the sensor and start it again");
+        }
+        return {};
+    }
     Result<CameraAnswer> run(CameraCommand command) {
         auto child = CameraChild::start(program_, camera_arguments(command, request_));
         if (!child) return tl::unexpected(child.error());
@@ -156,10 +156,9 @@ class CameraProcess final : public CameraPort {
         auto answer = receive_answer(child_->socket(), patience_);
         if (answer) return std::move(*answer);
         child_->end({});
-        return fail(
-            ErrorCode::io,
-            program_.filename().string() + ", which holds libcamera's cameras, ended or hung when it was asked for one",
-            "look at its lines in the journal; see cam -l");
+        return fail(ErrorCode::io,
+                    program_.filename().string() + ", which holds the camera, ended or hung when it was asked for it",
+                    "look at its lines in the journal");
     }
 
     static Result<std::shared_ptr<const Memory>> map(const CameraAnswer& answer) {
@@ -186,13 +185,13 @@ class CameraProcess final : public CameraPort {
             const ssize_t count = ::recv(socket, &event, sizeof event, 0);
             if (count < 0 && errno == EINTR) continue;
             if (stopping_) return;
-            if (count != static_cast<ssize_t>(sizeof event) || event.what != CameraEvent::What::frame)
-                return listener.on_camera_gone();
+            if (count != static_cast<ssize_t>(sizeof event)) return listener.on_camera_gone({});
+            if (event.what != CameraEvent::What::frame) return listener.on_camera_gone(event.why.data());
             listener.on_camera_frame(event.frame);
         }
     }
 
-    const LibcameraSensorOptions request_;
+    const std::string request_;
     const std::filesystem::path program_;
     const hal::Duration patience_;
     std::unique_ptr<CameraChild> child_;
@@ -202,17 +201,15 @@ class CameraProcess final : public CameraPort {
 
 }  // namespace
 
-std::filesystem::path camera_program() {
+std::filesystem::path camera_program(const std::string& name) {
     std::error_code error;
-    const auto beside = std::filesystem::read_symlink("/proc/self/exe", error).parent_path() / "hord-camera";
-    return !error && ::access(beside.c_str(), X_OK) == 0 ? beside : "/usr/libexec/hord/hord-camera";
+    const auto beside = std::filesystem::read_symlink("/proc/self/exe", error).parent_path() / name;
+    return !error && ::access(beside.c_str(), X_OK) == 0 ? beside : std::filesystem::path("/usr/libexec/hord") / name;
 }
 
-std::unique_ptr<CameraPort> open_camera_process(LibcameraSensorOptions request, std::filesystem::path program,
+std::unique_ptr<CameraPort> open_camera_process(std::string request, std::filesystem::path program,
                                                 hal::Duration patience) {
     return std::make_unique<CameraProcess>(std::move(request), std::move(program), patience);
 }
-
-std::string libcamera_version() { return HORD_LIBCAMERA_VERSION; }
 
 }  // namespace hord::drivers

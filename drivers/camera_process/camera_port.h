@@ -1,11 +1,12 @@
-// What the libcamera sensor needs of a camera, for tests to implement. libcamera itself runs in a process of its own
-// (camera_process.h, docs/adr/0005-libcamera-in-a-process-of-its-own.md).
+// What a sensor needs of a camera whose library runs in another process (camera_process.h,
+// docs/adr/0005-libcamera-in-a-process-of-its-own.md); for tests to implement.
 #pragma once
 
 #include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "common/result.h"
@@ -15,20 +16,18 @@ namespace hord::drivers {
 
 // A pixel format that holds grey samples of the requested depth.
 struct GreyFormat {
-    std::string name;  // libcamera's: "R8", "R10_CSI2P"
+    std::string name;  // the library's: "R8", "Mono12Packed"
     int bits = 8;
-    bool packed = false;  // MIPI packing: to be unpacked
-    bool green = false;   // three bytes a pixel; the middle one is used
+    SampleLayout layout = SampleLayout::plain;
 };
 
-// The best of `available` for grey samples of `bits`: unpacked, then packed, then colour (with `green`). Fails with
-// unsupported: names the request and lists the available formats.
-Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> available, int bits,
-                                      bool green = false);
+// "a, b", or "none".
+std::string list_of(std::span<const std::string> names);
 
-// The id of the wanted camera; empty: the only one. Fails with not_found (names the request and lists the cameras) and
-// invalid_argument (none was named and there are several).
-Result<std::string> choose_camera(std::span<const std::string> available, const std::string& wanted);
+// The first of `known` that has the requested bits and is available. Fails with unsupported: names the request and
+// lists the available formats.
+Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> available,
+                                      std::span<const GreyFormat> known, int bits, const std::string& cure);
 
 struct CameraFormat {
     int width_px = 0, height_px = 0;
@@ -42,7 +41,8 @@ class CameraPort {
     class Listener {
       public:
         virtual void on_camera_frame(const CameraFrame& frame) noexcept = 0;
-        virtual void on_camera_gone() noexcept = 0;  // may be called more than once
+        // May be called more than once. `why`: the end of the sentence "the camera ...", empty where it is not known.
+        virtual void on_camera_gone(std::string_view why) noexcept = 0;
 
       protected:
         ~Listener() = default;
@@ -60,6 +60,10 @@ class CameraPort {
 
     // Any thread, between start() and stop(). Queues a buffer to be filled again; does not block.
     virtual Result<void> queue(std::uint32_t buffer) = 0;
+
+    // The same. A software trigger: the exposure begins as soon as the camera gets it. Its failure shows as a camera
+    // that is gone.
+    virtual Result<void> trigger() = 0;
 
     // Releases the camera. No call reaches the listener after it returns.
     virtual void stop() = 0;

@@ -1,4 +1,5 @@
-// A camera without libcamera, controlled by a test. It runs free on its own thread, as libcamera completes requests.
+// A camera without a library, controlled by a test. It runs free on its own thread, as libcamera completes requests, or
+// by software trigger.
 #pragma once
 
 #include <array>
@@ -10,7 +11,7 @@
 #include <thread>
 #include <utility>
 
-#include "drivers/libcamera/camera_port.h"
+#include "drivers/camera_process/camera_port.h"
 
 namespace hord::drivers {
 
@@ -24,7 +25,10 @@ struct FakeCamera {
     bool silent = false;  // keeps its buffers and delivers nothing
     std::string pixel_format = "R8";
     int bits = 8;
-    bool packed = false, green = false, tells_start = true;
+    SampleLayout layout = SampleLayout::plain;
+    bool tells_start = true;
+    std::optional<int> triggers;                         // frames that were triggered and not made yet; none: runs free
+    int lose = 0;                                        // frames that never arrive
     std::optional<std::array<std::uint8_t, 3>> colours;  // of every pixel; the middle one is replaced by 16 y + x
     int width_px = 12, height_px = 6;
     std::ptrdiff_t stride_bytes = 16;
@@ -57,7 +61,7 @@ class FakeCameraPort final : public CameraPort {
         if (!camera_->there) return fail(ErrorCode::not_found, "the fake camera is not there", "bring it back");
         return CameraFormat{camera_->width_px,
                             camera_->height_px,
-                            {camera_->pixel_format, camera_->bits, camera_->packed, camera_->green},
+                            {camera_->pixel_format, camera_->bits, camera_->layout},
                             camera_->stride_bytes};
     }
 
@@ -93,6 +97,12 @@ class FakeCameraPort final : public CameraPort {
         return {};
     }
 
+    Result<void> trigger() override {
+        const std::scoped_lock lock(camera_->mutex);
+        if (camera_->triggers) ++*camera_->triggers;
+        return {};
+    }
+
     void stop() override {
         if (!thread_.joinable()) return;
         {
@@ -108,14 +118,22 @@ class FakeCameraPort final : public CameraPort {
     void run(std::vector<std::vector<std::byte>>& bytes, Listener& listener) {
         std::unique_lock lock(camera_->mutex);
         for (;;) {
-            const hal::TimePoint began = camera_->clock.now();
+            hal::TimePoint began = camera_->clock.now();
             camera_->woken.wait_for(lock, std::chrono::milliseconds(2),
                                     [this] { return stopping_ || !camera_->there; });
             if (stopping_) return;
-            if (!camera_->there) return listener.on_camera_gone();
-            if (camera_->silent || camera_->queued.empty())
+            if (!camera_->there) return listener.on_camera_gone("was unplugged");
+            if (camera_->silent || camera_->queued.empty() || camera_->triggers == 0)
                 continue;  // waits for a buffer, so that a slow test sees no gap
             ++camera_->sequence;
+            if (camera_->triggers) {
+                --*camera_->triggers;
+                began = camera_->clock.now();
+            }
+            if (camera_->lose > 0) {
+                --camera_->lose;
+                continue;
+            }
             const std::uint32_t buffer = camera_->queued.front();
             camera_->queued.pop_front();
             std::memset(bytes[buffer].data(), static_cast<int>(camera_->sequence & 0x7F), bytes[buffer].size());

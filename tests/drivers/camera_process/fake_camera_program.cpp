@@ -1,4 +1,4 @@
-// Replaces hord-camera: the camera's name selects its behaviour. A frame's first pixel is its number, the second one
+// Replaces hord-camera: the request, a word, selects its behaviour. A frame's first pixel is its number, the second one
 // the thread's scheduling policy.
 #include <atomic>
 #include <chrono>
@@ -12,8 +12,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "drivers/libcamera/camera_host.h"
-#include "drivers/libcamera/libcamera_options.h"
+#include "drivers/camera_process/camera_host.h"
 
 namespace {
 
@@ -22,18 +21,18 @@ using namespace std::chrono_literals;
 
 class NamedCamera final : public drivers::CameraDevice {
   public:
-    explicit NamedCamera(drivers::LibcameraSensorOptions request) : request_(std::move(request)) {}
+    explicit NamedCamera(std::string request) : request_(std::move(request)) {}
     ~NamedCamera() override { stop(); }
 
     Result<drivers::CameraFormat> look() override {
-        if (request_.camera == "unsupported") return fail(ErrorCode::unsupported, "it has\nBGR888", "set sensor.bits");
-        if (request_.camera == "hangs") std::this_thread::sleep_for(1h);
-        if (request_.camera == "dies-when-looked-at") std::abort();
-        return drivers::CameraFormat{8, 2, {"R8", request_.bits}, 8};
+        if (request_ == "unsupported") return fail(ErrorCode::unsupported, "it has\nBGR888", "set sensor.bits");
+        if (request_ == "hangs") std::this_thread::sleep_for(1h);
+        if (request_ == "dies-when-looked-at") std::abort();
+        return drivers::CameraFormat{8, 2, {"R8", 8}, 8};
     }
     Result<std::vector<drivers::CameraBuffer>> start(drivers::CameraPort::Listener& listener) override {
         std::vector<drivers::CameraBuffer> out;
-        for (int k = 0; k < request_.buffers; ++k) {
+        for (int k = 0; k < 3; ++k) {
             const int fd = ::memfd_create("buffer", MFD_CLOEXEC);
             if (::ftruncate(fd, 4096) != 0) return fail(ErrorCode::io, "no memory");
             void* const data = ::mmap(nullptr, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
@@ -45,15 +44,16 @@ class NamedCamera final : public drivers::CameraDevice {
         return out;
     }
     Result<void> queue(std::uint32_t buffer) override {
-        if (request_.camera == "dies") std::abort();  // not by itself: it must have answered before
+        if (request_ == "dies") std::abort();  // not by itself: it must have answered before
         const std::scoped_lock lock(mutex_);
         queued_.push_back(buffer);
         return {};
     }
-    bool is_there() override { return !(request_.camera == "unplugged" && made_ >= 3); }
+    Result<void> trigger() override { return fail(ErrorCode::io, "refused a trigger"); }
+    bool is_there() override { return !(request_ == "unplugged" && made_ >= 3); }
     void stop() override {
         if (!thread_.joinable()) return;
-        while (request_.camera == "does-not-stop") std::this_thread::sleep_for(1h);
+        while (request_ == "does-not-stop") std::this_thread::sleep_for(1h);
         stopping_ = true;
         thread_.join();
     }
@@ -62,7 +62,7 @@ class NamedCamera final : public drivers::CameraDevice {
     void run(drivers::CameraPort::Listener& listener) {
         for (; !stopping_; std::this_thread::sleep_for(1ms)) {
             const std::scoped_lock lock(mutex_);
-            if (queued_.empty() || (request_.camera == "unplugged" && made_ == 3)) continue;
+            if (queued_.empty() || (request_ == "unplugged" && made_ == 3)) continue;
             const std::uint32_t buffer = queued_.front();
             queued_.pop_front();
             const int number = ++made_;
@@ -76,7 +76,7 @@ class NamedCamera final : public drivers::CameraDevice {
         }
     }
 
-    const drivers::LibcameraSensorOptions request_;
+    const std::string request_;
     std::vector<unsigned char*> data_;
     std::mutex mutex_;
     std::deque<std::uint32_t> queued_;
@@ -88,7 +88,7 @@ class NamedCamera final : public drivers::CameraDevice {
 }  // namespace
 
 int main(int argc, char** argv) {
-    return hord::drivers::host_camera(argc, argv, [](hord::drivers::LibcameraSensorOptions request) {
-        return std::make_unique<NamedCamera>(std::move(request));
+    return hord::drivers::host_camera(argc, argv, [](const std::string& request) {
+        return request.empty() ? nullptr : std::make_unique<NamedCamera>(request);
     });
 }

@@ -1,0 +1,112 @@
+#include "drivers/camera_process/camera_port_sensor.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "drivers/hal/thread_safe_queue.h"
+
+namespace hord::drivers {
+
+// What the camera's thread writes to, and the memory that leases keep alive.
+struct CameraPortSensor::Stream final : CameraStream, CameraPort::Listener, std::enable_shared_from_this<Stream> {
+    explicit Stream(CameraPortSensor& s) : loop(s.loop_), port(*s.port_), sensor(&s) {}
+    hal::EventLoop& loop;
+    CameraPort& port;
+    CameraPortSensor* sensor;  // loop's thread; null when stopped
+    ThreadSafeQueue<CameraFrame> frames;
+    ThreadSafeQueue<std::string> reasons;  // why it is gone
+    std::shared_ptr<const CameraPort::Memory> keep;
+
+    Result<void> queue(std::uint32_t buffer) override { return port.queue(buffer); }
+    void on_camera_frame(const CameraFrame& frame) noexcept override {
+        frames.push(frame);
+        wake();
+    }
+    void on_camera_gone(std::string_view why) noexcept override {
+        reasons.push(std::string(why.empty() ? "was disconnected" : why));
+        wake();
+    }
+    void wake() {
+        loop.post([self = shared_from_this()] {
+            if (self->sensor != nullptr) self->sensor->on_ready();
+        });
+    }
+};
+
+CameraPortSensor::CameraPortSensor(hal::EventLoop& loop, const CameraPortOptions& options,
+                                   std::unique_ptr<CameraPort> port, const CameraFormat& format)
+    : CameraSensor(loop, options.name), port_(std::move(port)), software_trigger_(options.software_trigger) {
+    format_ = {format.width_px, format.height_px, format.grey.bits, options.buffers - 1};  // one stays with the camera
+    stride_bytes_ = format.stride_bytes;
+    layout_ = format.grey.layout;
+}
+CameraPortSensor::~CameraPortSensor() { stop(); }
+
+Result<std::unique_ptr<CameraPortSensor>> CameraPortSensor::open(hal::EventLoop& loop, const CameraPortOptions& options,
+                                                                 std::unique_ptr<CameraPort> port) {
+    if (auto good = check_buffers(options.buffers); !good) return tl::unexpected(good.error());
+    const auto format = port->look();
+    if (!format) return tl::unexpected(format.error());
+    return std::unique_ptr<CameraPortSensor>(new CameraPortSensor(loop, options, std::move(port), *format));
+}
+
+Result<void> CameraPortSensor::do_start(Listener& listener) {
+    auto stream = std::make_shared<Stream>(*this);
+    auto memory = port_->start(*stream);
+    if (!memory) {
+        stream->sensor = nullptr;
+        return tl::unexpected(memory.error());
+    }
+    stream->keep = std::move(*memory);
+    stream->memory = *stream->keep;
+    stream_ = stream;
+    auto begun = begin(std::move(stream), -1, listener);
+    if (!begun) do_stop();
+    return begun;
+}
+
+Result<void> CameraPortSensor::do_trigger(const hal::ExposureRequest& exposure) {
+    auto done = CameraSensor::do_trigger(exposure);
+    if (done && waiting_.size() == 1) watch_for_silence();
+    if (done && software_trigger_) {
+        loop_.call_at(exposure.start, [stream = stream_] {
+            if (stream->sensor != nullptr) (void)stream->port.trigger();  // its failure shows as silence
+        });
+    }
+    return done;
+}
+
+// An open trigger reserves a buffer, so the camera could deliver a frame.
+void CameraPortSensor::watch_for_silence() {
+    const auto due = [this] {
+        return std::max(waiting_.front().start + waiting_.front().length, last_frame_) + kSilence;
+    };
+    loop_.cancel(silence_timer_);
+    silence_timer_ = loop_.call_at(due(), [this, due] {
+        on_ready();  // for frames that came while the loop was busy
+        if (!is_running() || waiting_.empty()) return;
+        if (due() > loop_.now()) return watch_for_silence();
+        lose(name_ + " gives no frames any more");
+    });
+}
+
+void CameraPortSensor::on_ready() {
+    const auto stream = stream_;
+    if (!stream) return;
+    while (const auto frame = stream->frames.pop()) {
+        last_frame_ = loop_.now();
+        deliver(*frame);
+        if (!is_running() || stream != stream_) return;  // the listener stopped the sensor
+    }
+    if (const auto why = stream->reasons.pop()) lose(name_ + " " + *why);
+}
+
+void CameraPortSensor::do_stop() {
+    loop_.cancel(silence_timer_);
+    end();
+    const auto stream = std::exchange(stream_, nullptr);
+    stream->sensor = nullptr;
+    port_->stop();  // until then the camera's thread uses `stream`
+}
+
+}  // namespace hord::drivers

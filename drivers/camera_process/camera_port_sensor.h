@@ -1,0 +1,48 @@
+// A lenslet sensor behind a CameraPort (camera_sensor.h).
+//
+// A camera is lost if it delivered no frame for kSilence after a triggered exposure: not every process is notified when
+// it goes away.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "drivers/camera_process/camera_port.h"
+#include "drivers/hal/camera_sensor.h"
+
+namespace hord::drivers {
+
+struct CameraPortOptions {
+    std::string name = "the camera";  // for messages
+    int buffers = 4;                  // one less can be lent at the same time
+    bool software_trigger = false;    // the station triggers each exposure when it is due
+};
+
+class CameraPortSensor final : public CameraSensor {
+  public:
+    static constexpr hal::Duration kSilence = std::chrono::seconds(2);
+
+    // Loop thread; blocks while the camera is configured. Fails with not_found (lists the cameras), busy, unsupported
+    // (lists the formats), io, invalid_argument (buffers not in 2..32).
+    static Result<std::unique_ptr<CameraPortSensor>> open(hal::EventLoop& loop, const CameraPortOptions& options,
+                                                          std::unique_ptr<CameraPort> port);
+    ~CameraPortSensor() override;
+
+  private:
+    struct Stream;
+    CameraPortSensor(hal::EventLoop& loop, const CameraPortOptions& options, std::unique_ptr<CameraPort> port,
+                     const CameraFormat& format);
+    Result<void> do_start(Listener& listener) override;
+    Result<void> do_trigger(const hal::ExposureRequest& request) override;
+    void do_stop() override;
+    void on_ready() override;  // frames from the camera's thread
+    void watch_for_silence();
+
+    const std::unique_ptr<CameraPort> port_;
+    const bool software_trigger_;
+    std::shared_ptr<Stream> stream_;  // null when stopped
+    hal::EventLoop::TimerId silence_timer_{};
+    hal::TimePoint last_frame_{};  // its arrival, triggered or not
+};
+
+}  // namespace hord::drivers

@@ -1,0 +1,475 @@
+#include "drivers/genicam/genicam_device.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <ctime>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include <netinet/in.h>
+#include <sys/mman.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "common/unique_fd.h"
+#include "drivers/genicam/frame_identity.h"
+#include "drivers/genicam/genicam_discovery.h"
+#include "drivers/genicam/genicam_features.h"
+#include "drivers/hal/packed_samples.h"
+
+namespace hord::drivers {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto kLatchEvery = 1s, kReportEvery = 60s;
+constexpr int kFirstLatches = 8;
+constexpr auto kPlausible = 10s;  // between a latched camera's time stamp and the arrival; more: another unit or clock
+// Of a socket buffer that is not configured. Packets take more of it than they have bytes.
+constexpr std::size_t kMinSocketBytes = 1U << 22U, kMaxSocketBytes = 1U << 30U;
+constexpr std::uint64_t kPopWaitUs = 50'000;
+
+// PixelFormat's names (PFNC, and GigE Vision's older packed ones), the preferred one of each depth first.
+const std::vector<GreyFormat> kFormats{{"Mono8", 8},
+                                       {"Mono10", 10},
+                                       {"Mono10p", 10, SampleLayout::pfnc},
+                                       {"Mono10Packed", 10, SampleLayout::gige},
+                                       {"Mono12", 12},
+                                       {"Mono12p", 12, SampleLayout::pfnc},
+                                       {"Mono12Packed", 12, SampleLayout::gige},
+                                       {"Mono16", 16}};
+
+hal::Duration time_of(clockid_t clock) {
+    timespec time{};
+    ::clock_gettime(clock, &time);
+    return std::chrono::seconds(time.tv_sec) + std::chrono::nanoseconds(time.tv_nsec);
+}
+hal::TimePoint now() { return hal::TimePoint(time_of(CLOCK_MONOTONIC)); }
+
+std::size_t frame_bytes(const GreyFormat& format, std::size_t samples) {
+    switch (format.layout) {
+        case SampleLayout::gige: return gige_bytes(samples);
+        case SampleLayout::pfnc: return pfnc_bytes(format.bits, samples);
+        default: return samples * (format.bits > 8 ? 2U : 1U);
+    }
+}
+
+// What the kernel gives of a receive buffer: net.core.rmem_max limits it, and the service does not see /proc/sys.
+int granted_socket_buffer(int bytes) {
+    const common::UniqueFd socket(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+    int given = 0;
+    socklen_t size = sizeof given;
+    if (!socket || ::setsockopt(socket.get(), SOL_SOCKET, SO_RCVBUF, &bytes, sizeof bytes) != 0 ||
+        ::getsockopt(socket.get(), SOL_SOCKET, SO_RCVBUF, &given, &size) != 0)
+        return 0;
+    return given / 2;  // the kernel doubles the value for its own use
+}
+
+// Memory that the station maps, too.
+class SharedMemory {
+  public:
+    explicit SharedMemory(std::size_t bytes) : bytes_(bytes), fd_(::memfd_create("hord-frame", MFD_CLOEXEC)) {
+        if (!fd_ || ::ftruncate(fd_.get(), static_cast<off_t>(bytes)) != 0) return;
+        void* const data = ::mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, fd_.get(), 0);
+        if (data != MAP_FAILED) data_ = data;
+    }
+    ~SharedMemory() {
+        if (data_ != nullptr) ::munmap(data_, bytes_);
+    }
+    SharedMemory(SharedMemory&& other) noexcept
+        : bytes_(other.bytes_), fd_(std::move(other.fd_)), data_(std::exchange(other.data_, nullptr)) {}
+    SharedMemory& operator=(SharedMemory&&) = delete;
+    [[nodiscard]] void* data() const { return data_; }
+    [[nodiscard]] int fd() const { return fd_.get(); }
+
+  private:
+    std::size_t bytes_;
+    common::UniqueFd fd_;
+    void* data_ = nullptr;
+};
+
+class GenicamDevice final : public CameraDevice {
+  public:
+    explicit GenicamDevice(const GenicamSensorOptions& request) : request_(request) {}
+    ~GenicamDevice() override { stop(); }
+
+    Result<CameraFormat> look() override {
+        auto format = take();
+        let_go();
+        return format;
+    }
+
+    Result<std::vector<CameraBuffer>> start(CameraPort::Listener& listener) override {
+        auto format = take();
+        auto buffers = format ? stream(*format, listener) : tl::unexpected(format.error());
+        if (!buffers) stop();
+        return buffers;
+    }
+
+    Result<void> queue(std::uint32_t buffer) override {
+        if (buffer >= buffers_.size()) return fail(ErrorCode::internal, "was given a buffer that does not exist");
+        push(buffers_[buffer]);
+        return {};
+    }
+
+    Result<void> trigger() override {
+        ArvFailure failed;
+        arv_device_execute_command(device_, "TriggerSoftware", failed.out());
+        if (failed) return fail(ErrorCode::io, "took no software trigger: " + failed.what());
+        return {};
+    }
+
+    void stop() override {
+        stopping_ = true;
+        if (receiver_.joinable()) receiver_.join();
+        if (stream_) {
+            ArvFailure failed;
+            arv_camera_stop_acquisition(camera_.get(), failed.out());
+            tell_statistics(true);
+        }
+        stream_.reset();  // with the buffers it has; those that are lent end with the process
+        let_go();
+    }
+
+    bool is_there() override {
+        if (lost_ || now() - checked_ < kLatchEvery) return !lost_;
+        checked_ = now();
+        latch();
+        tell_statistics(false);
+        return !lost_;
+    }
+    std::string why_gone() override {
+        return "is lost: it does not answer its heartbeat, or another program took its control";
+    }
+
+  private:
+    void let_go() {
+        device_ = nullptr;
+        camera_.reset();  // releases the control
+    }
+
+    template <class... Parts>
+    void say(const char* format, Parts... parts) const {
+        std::fprintf(stderr, "%s: ", name_.c_str());
+        std::fprintf(stderr, format, parts...);
+        std::fputc('\n', stderr);
+    }
+
+    // Finds the camera, takes its control and sets it up.
+    Result<CameraFormat> take() {
+        auto taken = take_genicam_camera(request_.camera);
+        if (!taken) return tl::unexpected(taken.error());
+        camera_ = std::move(taken->camera);
+        name_ = std::move(taken->name);
+        device_ = arv_camera_get_device(camera_.get());
+        const auto format = choose_format();
+        if (!format) return tl::unexpected(format.error());
+        for (const auto& [feature, value] : features_of(*format)) {
+            if (auto done = set(feature, value); !done) return tl::unexpected(done.error());
+        }
+        if (auto done = set_packets(); !done) return tl::unexpected(done.error());
+        if (auto done = set_trigger(); !done) return tl::unexpected(done.error());
+        for (const auto& [feature, value] : request_.features) {
+            if (auto done = set(feature, value); !done) return tl::unexpected(done.error());
+        }
+        return agreed_format(*format);
+    }
+
+    Result<void> set(const std::string& feature, const std::string& value) {
+        return set_feature(device_, feature, value).map_error([this](Error error) {
+            error.what = name_ + ": " + error.what;
+            return error;
+        });
+    }
+
+    Result<GreyFormat> choose_format() {
+        guint count = 0;
+        ArvFailure failed;
+        const GlibOwned<const char*> names(
+            arv_camera_dup_available_pixel_formats_as_strings(camera_.get(), &count, failed.out()));
+        const std::vector<std::string> there(names.get(), names.get() + (names ? count : 0));
+        std::vector<GreyFormat> known = kFormats;
+        if (!request_.pixel_format.empty()) {
+            std::erase_if(known, [&](const GreyFormat& one) { return one.name != request_.pixel_format; });
+            if (known.empty() || known.front().bits != request_.bits) {
+                return fail(ErrorCode::invalid_argument,
+                            "sensor.pixel_format \"" + request_.pixel_format + "\" does not hold grey samples of " +
+                                std::to_string(request_.bits) + " bits",
+                            "use Mono8, Mono10, Mono10p, Mono10Packed, Mono12, Mono12p, Mono12Packed or Mono16, with "
+                            "sensor.bits to match; or leave it out");
+            }
+        }
+        return choose_grey_format(name_, there, known, request_.bits,
+                                  "set sensor.bits, or sensor.pixel_format, to what the camera has");
+    }
+
+    using Features = std::vector<std::pair<std::string, std::string>>;
+    [[nodiscard]] Features features_of(const GreyFormat& format) const {
+        Features out{{"PixelFormat", format.name}};
+        const bool has_offset = has_feature(device_, "OffsetX") && has_feature(device_, "OffsetY");
+        if (has_offset) out.insert(out.end(), {{"OffsetX", "0"}, {"OffsetY", "0"}});  // else no full width would fit
+        if (request_.width_px > 0) out.emplace_back("Width", std::to_string(request_.width_px));
+        if (request_.height_px > 0) out.emplace_back("Height", std::to_string(request_.height_px));
+        if (request_.offset_x_px > 0) out.emplace_back("OffsetX", std::to_string(request_.offset_x_px));
+        if (request_.offset_y_px > 0) out.emplace_back("OffsetY", std::to_string(request_.offset_y_px));
+        if (has_feature(device_, "AcquisitionMode")) out.emplace_back("AcquisitionMode", "Continuous");
+        return out;
+    }
+
+    Result<void> set_packets() {
+        if (arv_camera_is_gv_device(camera_.get()) == FALSE) return {};
+        arv_camera_gv_set_stream_options(camera_.get(), ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
+        ArvFailure failed;
+        if (request_.packet_bytes == 0) {
+            arv_camera_gv_auto_packet_size(camera_.get(), failed.out());
+        } else {
+            arv_camera_gv_set_packet_size(camera_.get(), request_.packet_bytes, failed.out());
+        }
+        const std::string why = failed.what();
+        const bool set = !failed;
+        packet_bytes_ = static_cast<int>(arv_camera_gv_get_packet_size(camera_.get(), failed.out()));
+        if (set && !failed && (request_.packet_bytes == 0 || packet_bytes_ == request_.packet_bytes)) {
+            arv_camera_gv_set_packet_size_adjustment(camera_.get(), ARV_GV_PACKET_SIZE_ADJUSTMENT_NEVER);
+            return {};
+        }
+        const std::string wanted = request_.packet_bytes == 0 ? "a size that was negotiated"
+                                                              : std::to_string(request_.packet_bytes) + " bytes";
+        return fail(ErrorCode::refused,
+                    name_ + ": packets of " + wanted + " were refused (they have " + std::to_string(packet_bytes_) +
+                        "): " + why,
+                    "set sensor.packet_bytes to 0, which negotiates it, or to the MTU of the whole way: cameras want "
+                    "multiples of 4");
+    }
+
+    Result<void> set_trigger() {
+        ArvFailure failed;
+        if (request_.trigger == CameraTrigger::free) {
+            arv_camera_clear_triggers(camera_.get(), failed.out());
+        } else {
+            const std::string source =
+                request_.trigger == CameraTrigger::software ? "Software" : request_.trigger_source;
+            if (auto known = set("TriggerSource", source); !known) return known;
+            arv_camera_set_trigger(camera_.get(), source.c_str(), failed.out());
+        }
+        if (failed)
+            return fail(ErrorCode::refused, name_ + ": the trigger was refused: " + failed.what(),
+                        "see TriggerMode and TriggerSource in the camera's manual");
+        return {};
+    }
+
+    Result<CameraFormat> agreed_format(const GreyFormat& grey) {
+        ArvFailure failed;
+        int x = 0, y = 0, width = 0, height = 0;
+        arv_camera_get_region(camera_.get(), &x, &y, &width, &height, failed.out());
+        const std::size_t needed =
+            frame_bytes(grey, static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+        payload_ = arv_camera_get_payload(camera_.get(), failed.out());
+        if (failed || width <= 0 || height <= 0)
+            return fail(ErrorCode::io, name_ + " does not say its region: " + failed.what(), "switch it off and on");
+        if (payload_ != needed) {
+            return fail(ErrorCode::unsupported,
+                        name_ + " sends " + std::to_string(payload_) + " bytes a frame, and " + std::to_string(width) +
+                            " x " + std::to_string(height) + " samples of " + grey.name + " are " +
+                            std::to_string(needed),
+                        "switch chunk data off (ChunkModeActive = false), and choose a width that needs no padding");
+        }
+        width_px_ = width;
+        height_px_ = height;
+        // Packed rows may end inside a byte: whole bytes of a row.
+        return CameraFormat{width, height, grey, static_cast<std::ptrdiff_t>(payload_) / height};
+    }
+
+    Result<std::vector<CameraBuffer>> stream(const CameraFormat& format, CameraPort::Listener& listener) {
+        std::vector<CameraBuffer> out;
+        for (int k = 0; k < request_.buffers; ++k) {
+            const SharedMemory& memory = memory_.emplace_back(payload_);
+            if (memory.data() == nullptr)
+                return fail(ErrorCode::io, std::string("no memory for frames: ") + std::strerror(errno),
+                            "set fewer sensor.buffers");
+            buffers_.push_back(arv_buffer_new_full(payload_, memory.data(), GUINT_TO_POINTER(k), nullptr));
+            out.push_back({memory.fd(), 0, payload_});
+        }
+        ArvFailure failed;
+        stream_.reset(arv_camera_create_stream(camera_.get(), nullptr, nullptr, failed.out()));
+        if (!stream_) return fail(ErrorCode::io, name_ + " gives no stream: " + failed.what(), "switch it off and on");
+        const auto socket_bytes = set_socket_buffer();
+        if (!socket_bytes) return tl::unexpected(socket_bytes.error());
+        for (ArvBuffer* const buffer : buffers_) push(buffer);
+        g_signal_connect(device_, "control-lost", G_CALLBACK(on_control_lost), this);
+        for (int k = 0; k < kFirstLatches; ++k) latch();
+        listener_ = &listener;
+        arv_camera_start_acquisition(camera_.get(), failed.out());
+        if (failed)
+            return fail(ErrorCode::io, name_ + " does not stream: " + failed.what(),
+                        "look at sensor.trigger and at the features of the configuration");
+        stopping_ = false;
+        receiver_ = std::thread([this] { receive(); });
+        checked_ = told_ = now();
+        tell_start(format, *socket_bytes);
+        return out;
+    }
+
+    // Bytes that the kernel gives; 0: not a GigE camera.
+    Result<int> set_socket_buffer() {
+        if (!ARV_IS_GV_STREAM(stream_.get())) return 0;
+        const int wanted = request_.socket_buffer_bytes > 0
+            ? request_.socket_buffer_bytes
+            : static_cast<int>(std::clamp<std::size_t>(payload_, kMinSocketBytes, kMaxSocketBytes));
+        const int given = granted_socket_buffer(wanted);
+        if (given < request_.socket_buffer_bytes) {
+            return fail(ErrorCode::unsupported,
+                        "the kernel gives a socket " + std::to_string(given) + " of the " + std::to_string(wanted) +
+                            " bytes of sensor.socket_buffer_bytes",
+                        "sysctl net.core.rmem_max=" + std::to_string(wanted) + ", and in /etc/sysctl.d to keep it");
+        }
+        g_object_set(stream_.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size", wanted,
+                     nullptr);
+        return given;
+    }
+
+    void tell_start(const CameraFormat& format, int socket_bytes) {
+        say("%d x %d %s, %zu bytes a frame", format.width_px, format.height_px, format.grey.name.c_str(), payload_);
+        if (ARV_IS_GV_STREAM(stream_.get())) {
+            say("packets of %d bytes (%s), socket buffer of %d bytes%s", packet_bytes_,
+                request_.packet_bytes == 0 ? "negotiated" : "as configured", socket_bytes,
+                static_cast<std::size_t>(socket_bytes) < payload_
+                    ? ", less than a frame: frames may lose packets while the processor is busy; raise "
+                      "net.core.rmem_max"
+                    : "");
+        }
+        const std::scoped_lock lock(mutex_);
+        if (const auto error = clock_.error()) {
+            say("its clock is known to +-%.0f us", static_cast<double>(error->count()) / 1e3);
+        } else {
+            say("its clock cannot be latched: time stamps are late by the least delay of a frame's first packet, which "
+                "is "
+                "not known");
+        }
+    }
+
+    void tell_statistics(bool last) {
+        if (!stream_ || (!last && now() - told_ < kReportEvery)) return;
+        told_ = now();
+        std::uint64_t resent = 0, missing = 0;
+        if (ARV_IS_GV_STREAM(stream_.get()))
+            arv_gv_stream_get_statistics(ARV_GV_STREAM(stream_.get()), &resent, &missing);
+        guint64 complete = 0, failures = 0, underruns = 0;
+        arv_stream_get_statistics(stream_.get(), &complete, &failures, &underruns);
+        const std::array bad{failures, underruns, resent, missing};
+        if (bad == told_bad_ && !(last && bad != decltype(bad){})) return;
+        told_bad_ = bad;
+        say("%llu frames complete, %llu incomplete, %llu without a free buffer; %llu packets sent again, %llu missing",
+            static_cast<unsigned long long>(complete), static_cast<unsigned long long>(failures),
+            static_cast<unsigned long long>(underruns), static_cast<unsigned long long>(resent),
+            static_cast<unsigned long long>(missing));
+    }
+
+    // Reads the camera's clock between two readings of the station's. The second one is after the value was read, not
+    // after the command: a camera that answers with its present time is then timed rightly, too.
+    void latch() {
+        static constexpr std::array<std::array<const char*, 2>, 2> kNames{
+            {{"TimestampLatch", "TimestampLatchValue"}, {"GevTimestampControlLatch", "GevTimestampValue"}}};
+        if (no_latch_) return;
+        const auto names = std::ranges::find_if(
+            kNames, [&](const auto& pair) { return has_feature(device_, pair[0]) && has_feature(device_, pair[1]); });
+        no_latch_ = names == kNames.end();
+        if (no_latch_) return;
+        ArvFailure failed;
+        const hal::TimePoint before = now();
+        arv_device_execute_command(device_, (*names)[0], failed.out());
+        if (failed) return;
+        const gint64 value = arv_device_get_integer_feature_value(device_, (*names)[1], failed.out());
+        const hal::TimePoint after = now();
+        if (failed) return;
+        // The older name counts ticks, the newer one nanoseconds.
+        std::uint64_t frequency = 1'000'000'000;
+        if (names != kNames.begin() && ARV_IS_GV_DEVICE(device_))
+            frequency = arv_gv_device_get_timestamp_tick_frequency(ARV_GV_DEVICE(device_), failed.out());
+        if (failed || frequency == 0) return;
+        const auto ns = static_cast<hal::Duration::rep>(static_cast<long double>(value) * 1e9L /
+                                                        static_cast<long double>(frequency));
+        const std::scoped_lock lock(mutex_);
+        clock_.latched(before, hal::Duration(ns), after);
+    }
+
+    void receive() {
+        while (!stopping_) {
+            ArvBuffer* const buffer = arv_stream_timeout_pop_buffer(stream_.get(), kPopWaitUs);
+            if (buffer != nullptr) listener_->on_camera_frame(frame_of(buffer));
+        }
+    }
+
+    CameraFrame frame_of(ArvBuffer* buffer) {
+        CameraFrame frame;
+        frame.buffer = GPOINTER_TO_UINT(arv_buffer_get_user_data(buffer));
+        frame.sequence = counter_.sequence_of(arv_buffer_get_frame_id(buffer));
+        std::size_t bytes = 0;
+        arv_buffer_get_data(buffer, &bytes);
+        // A buffer that is not complete holds samples of an earlier frame.
+        frame.corrupt = arv_buffer_get_status(buffer) != ARV_BUFFER_STATUS_SUCCESS ||
+            arv_buffer_get_image_width(buffer) != width_px_ || arv_buffer_get_image_height(buffer) != height_px_;
+        frame.bytes_used = frame.corrupt ? 0 : bytes;
+        // The first packet's arrival is a time of day.
+        const hal::TimePoint arrival =
+            std::min(now(),
+                     hal::TimePoint(std::chrono::nanoseconds(arv_buffer_get_system_timestamp(buffer)) +
+                                    time_of(CLOCK_MONOTONIC) - time_of(CLOCK_REALTIME)));
+        const bool triggered = request_.trigger != CameraTrigger::free;
+        const hal::Duration stamp(arv_buffer_get_timestamp(buffer));
+        frame.stamp = arrival;
+        frame.stamp_of_start = triggered;
+        if (stamp <= hal::Duration::zero()) return frame;  // no clock, or the first packet was lost
+        const std::scoped_lock lock(mutex_);
+        clock_.arrived(stamp, arrival);
+        if (clock_.error() && std::chrono::abs(arrival - clock_.latest(stamp)) > kPlausible) {
+            say("its latched clock is not that of its frames: the arrival of frames is used instead");
+            no_latch_ = true;
+            clock_ = {};
+            clock_.arrived(stamp, arrival);
+        }
+        // Triggered: a frame has a trigger, so the latest time is right: none is taken for one that began before.
+        // Running free: the earliest, so that no frame that began before the trigger is taken.
+        frame.stamp = std::min(triggered ? clock_.latest(stamp) : clock_.earliest(stamp), arrival);
+        frame.stamp_of_start = triggered || clock_.error();
+        return frame;
+    }
+
+    // A buffer whose frame lost its first packet must not keep the time stamp of an earlier frame.
+    void push(ArvBuffer* buffer) {
+        arv_buffer_set_timestamp(buffer, 0);
+        arv_stream_push_buffer(stream_.get(), buffer);
+    }
+
+    static void on_control_lost(ArvDevice*, GenicamDevice* self) { self->lost_ = true; }
+
+    const GenicamSensorOptions request_;
+    std::string name_;
+    ArvOwned<ArvCamera> camera_;
+    ArvDevice* device_ = nullptr;  // the camera's
+    ArvOwned<ArvStream> stream_;
+    std::vector<SharedMemory> memory_;
+    std::vector<ArvBuffer*> buffers_;  // of the stream, or lent
+    std::size_t payload_ = 0;
+    int width_px_ = 0, height_px_ = 0, packet_bytes_ = 0;
+    CameraPort::Listener* listener_ = nullptr;
+    std::thread receiver_;
+    std::atomic<bool> stopping_ = true, lost_ = false, no_latch_ = false;
+    BlockCounter counter_;
+    std::mutex mutex_;
+    CameraClock clock_;  // under mutex_
+    hal::TimePoint checked_, told_;
+    std::array<guint64, 4> told_bad_{};
+};
+
+}  // namespace
+
+std::unique_ptr<CameraDevice> open_genicam(const GenicamSensorOptions& options) {
+    return std::make_unique<GenicamDevice>(options);
+}
+
+}  // namespace hord::drivers

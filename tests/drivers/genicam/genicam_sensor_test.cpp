@@ -1,0 +1,300 @@
+// The sensor of a GenICam camera on a fake GigE camera, over the real protocol: two processes and a network between
+// them. tests/system/contract tests the sensor's contract.
+#include "drivers/genicam/genicam_sensor.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "drivers/event_loop/event_loop_sd.h"
+#include "drivers/genicam/genicam_request.h"
+#include "tests/drivers/genicam/fake_gige.h"
+
+namespace hord::drivers {
+namespace {
+
+using namespace std::chrono_literals;
+using test::FakeGige;
+using testing::AllOf;
+using testing::HasSubstr;
+
+TEST(GenicamRequest, comes_back_unchanged_and_a_malformed_one_is_none) {
+    const GenicamSensorOptions asked{.camera = "lens \"7\"",
+                                     .width_px = 999,
+                                     .height_px = 998,
+                                     .offset_x_px = 4,
+                                     .offset_y_px = 6,
+                                     .bits = 12,
+                                     .pixel_format = "Mono12p",
+                                     .buffers = 5,
+                                     .trigger = CameraTrigger::software,
+                                     .trigger_source = "Line2",
+                                     .packet_bytes = 8192,
+                                     .socket_buffer_bytes = 1'000'000,
+                                     .features = {{"LineSelector", "Line1"}, {"Gain", "1.5"}}};
+    EXPECT_EQ(parse_genicam_request(request_of(asked)), asked);
+    for (const std::string& wrong : {std::string(), std::string("{}"), request_of(asked).substr(1)})
+        EXPECT_FALSE(parse_genicam_request(wrong));
+}
+
+struct Ear final : hal::Sensor::Listener {
+    void on_frame(hal::FrameLease frame) override { frames.push_back(std::move(frame)); }
+    void on_sensor_lost(const Error& error) override { losses.push_back(error); }
+    std::vector<hal::FrameLease> frames;
+    std::vector<Error> losses;
+};
+
+class Genicam : public testing::Test {
+  protected:
+    void SetUp() override {
+        const std::string refused = test::own_network();
+        if (!refused.empty()) GTEST_SKIP() << refused;
+        loop_ = std::move(*firmware::SdEventLoop::open());
+    }
+    void TearDown() override {
+        ear_.frames.clear();
+        if (sensor_) sensor_->stop();
+    }
+    static GenicamSensorOptions software(int width_px = 64, int height_px = 48) {
+        return {.width_px = width_px, .height_px = height_px, .trigger = CameraTrigger::software};
+    }
+    Result<void> open(const GenicamSensorOptions& options) {
+        sensor_.reset();
+        auto opened = open_genicam_sensor(*loop_, options, camera_program("hord-genicam"));
+        if (!opened) return tl::unexpected(opened.error());
+        sensor_ = std::move(*opened);
+        return {};
+    }
+    Error refusal(const GenicamSensorOptions& options) {
+        const auto opened = open(options);
+        EXPECT_FALSE(opened);
+        return opened ? Error{} : opened.error();
+    }
+    void start(const GenicamSensorOptions& options) {
+        const auto opened = open(options);
+        ASSERT_TRUE(opened) << opened.error().message();
+        const auto started = sensor_->start(ear_);
+        ASSERT_TRUE(started) << started.error().message();
+    }
+    bool run_until(const std::function<bool()>& done, hal::Duration within = 30s) {
+        return loop_->run_until(done, within);
+    }
+    // The next frame; an empty lease: none came.
+    hal::FrameLease frame(hal::Duration within = 30s) {
+        asked_ = loop_->now() + 1ms;
+        EXPECT_TRUE(sensor_->trigger({.exposure = 1, .start = asked_, .length = 1ms}));
+        if (!run_until([&] { return !ear_.frames.empty(); }, within)) return {};
+        hal::FrameLease one = std::move(ear_.frames.back());
+        ear_.frames.clear();
+        return one;
+    }
+
+    std::unique_ptr<firmware::SdEventLoop> loop_;
+    std::unique_ptr<CameraPortSensor> sensor_;
+    Ear ear_;
+    hal::TimePoint asked_;
+};
+
+// Whether every sample is that of one frame of the fake camera's.
+bool is_one_frame(const FrameView& view) {
+    const std::uint32_t first = view.sample(0, 0);
+    for (int y = 0; y < view.height_px; ++y) {
+        for (int x = 0; x < view.width_px; ++x) {
+            if (view.sample(x, y) != ((first + static_cast<std::uint32_t>(x + 3 * y)) & view.full_scale()))
+                return false;
+        }
+    }
+    return true;
+}
+
+// More frames than block ids of 16 bits have left: the fake camera begins near 65535.
+TEST_F(Genicam, a_software_trigger_brings_the_next_frame_numbered_without_a_gap_and_stamped_within_its_exposure) {
+    const FakeGige camera;
+    start(software());
+    std::uint32_t last_value = 0;
+    for (std::uint32_t k = 1; k <= 150; ++k) {
+        const hal::FrameLease one = frame();
+        ASSERT_TRUE(one) << k;
+        EXPECT_FALSE(one.info().corrupt);
+        EXPECT_EQ(one.info().sequence, k);
+        EXPECT_GE(one.info().exposure_start, asked_);
+        EXPECT_LE(one.info().exposure_start, loop_->now());
+        ASSERT_TRUE(is_one_frame(one.view()));
+        if (k > 1) {
+            EXPECT_EQ(one.view().sample(0, 0), (last_value + 1) & 255U);
+        }
+        last_value = one.view().sample(0, 0);
+    }
+}
+
+TEST_F(Genicam, every_depth_and_packing_gives_the_cameras_samples) {
+    const FakeGige camera;
+    for (const auto& [bits, format, used] :
+         std::vector<std::tuple<int, std::string, std::size_t>>{{10, "", 2},
+                                                                {10, "Mono10p", 2},
+                                                                {10, "Mono10Packed", 2},
+                                                                {12, "Mono12p", 2},
+                                                                {12, "Mono12Packed", 2},
+                                                                {16, "", 2}}) {
+        GenicamSensorOptions options = software(60, 35);
+        options.bits = bits;
+        options.pixel_format = format;
+        start(options);
+        const hal::FrameLease one = frame();
+        ASSERT_TRUE(one) << format;
+        EXPECT_EQ(one.view().bits, bits);
+        EXPECT_EQ(one.info().bytes_used, 60U * 35 * used);
+        EXPECT_TRUE(is_one_frame(one.view())) << bits << format;
+        sensor_->stop();
+    }
+}
+
+TEST_F(Genicam, a_camera_is_named_by_serial_number_user_defined_name_address_or_id) {
+    const FakeGige camera({"127.0.0.1", "S1", "name=lens-7"});
+    for (const char* name : {"S1", "lens-7", "127.0.0.1", "Aravis-Fake-S1", ""}) {
+        GenicamSensorOptions options = software();
+        options.camera = name;
+        const auto opened = open(options);
+        EXPECT_TRUE(opened) << name << ": " << opened.error().message();
+    }
+    GenicamSensorOptions options = software();
+    options.camera = "S2";
+    const Error absent = refusal(options);
+    EXPECT_EQ(absent.code, ErrorCode::not_found);
+    EXPECT_THAT(absent.what, AllOf(HasSubstr("\"S2\""), HasSubstr("serial S1, name \"lens-7\", at 127.0.0.1")));
+}
+
+TEST_F(Genicam, no_camera_and_a_damaged_description_are_said_with_a_cure) {
+    const Error none = refusal(software());
+    EXPECT_EQ(none.code, ErrorCode::not_found);
+    EXPECT_THAT(none.message(), AllOf(HasSubstr("no GenICam camera is there"), HasSubstr("cable")));
+    const FakeGige camera({"127.0.0.1", "S1", "broken-xml"});
+    const Error broken = refusal(software());
+    EXPECT_EQ(broken.code, ErrorCode::unsupported) << broken.message();
+    EXPECT_THAT(broken.message(), AllOf(HasSubstr("XML"), HasSubstr("firmware")));
+}
+
+// Two cameras on two addresses of one host; both have the same user-defined name.
+TEST_F(Genicam, of_two_cameras_one_is_named_and_a_name_that_both_have_is_refused) {
+    ASSERT_EQ(std::system("ip address add 127.0.0.2/8 dev lo"), 0);
+    const FakeGige one({"127.0.0.1", "S1", "name=lens"}), two({"127.0.0.2", "S2", "name=lens"});
+    GenicamSensorOptions options = software();
+    const Error unnamed = refusal(options);
+    EXPECT_EQ(unnamed.code, ErrorCode::invalid_argument);
+    EXPECT_THAT(unnamed.message(), AllOf(HasSubstr("S1"), HasSubstr("S2"), HasSubstr("sensor.camera")));
+    options.camera = "lens";
+    const Error both = refusal(options);
+    EXPECT_EQ(both.code, ErrorCode::invalid_argument);
+    EXPECT_THAT(both.what, HasSubstr("several cameras are called \"lens\""));
+    options.camera = "S2";
+    start(options);
+    EXPECT_TRUE(frame());
+}
+
+TEST_F(Genicam, what_the_camera_does_not_have_is_refused_with_what_it_has) {
+    const FakeGige camera;
+    const auto with = [](const std::string& name, const std::string& value) {
+        GenicamSensorOptions options = software();
+        options.features = {{name, value}};
+        return options;
+    };
+    const Error unknown = refusal(with("ExposureTimeAps", "500"));
+    EXPECT_EQ(unknown.code, ErrorCode::unsupported);
+    EXPECT_THAT(unknown.message(), AllOf(HasSubstr("ExposureTimeAps"), HasSubstr("did you mean ExposureTimeAbs?")));
+    EXPECT_THAT(refusal(with("ExposureTimeAbs", "-1")).message(), AllOf(HasSubstr("-1"), HasSubstr(" to ")));
+    EXPECT_THAT(refusal(with("GainRaw", "1.5")).message(), AllOf(HasSubstr("GainRaw"), HasSubstr(" to ")));
+    EXPECT_THAT(refusal(with("GainAuto", "Sometimes")).message(), HasSubstr("one of Off, Once, Continuous"));
+    EXPECT_THAT(refusal(with("TestBoolean", "2")).message(), HasSubstr("true or false"));
+    GenicamSensorOptions options = software();
+    options.width_px = 100'000;
+    EXPECT_THAT(refusal(options).message(), AllOf(HasSubstr("Width"), HasSubstr(" to 2048")));
+    options = software();
+    options.bits = 16;
+    options.pixel_format = "Mono8";
+    EXPECT_THAT(refusal(options).message(), AllOf(HasSubstr("Mono8"), HasSubstr("16 bits")));
+    options = software();
+    options.trigger = CameraTrigger::line;
+    options.trigger_source = "Line9";
+    EXPECT_THAT(refusal(options).message(), AllOf(HasSubstr("TriggerSource"), HasSubstr("Line0, Software")));
+    options = software();
+    options.socket_buffer_bytes = 1 << 30;
+    const auto opened = open(options);
+    ASSERT_TRUE(opened);
+    EXPECT_THAT(sensor_->start(ear_).error().message(), HasSubstr("sysctl net.core.rmem_max=1073741824"));
+    // And what it has is set.
+    options = software();
+    options.features = {{"ExposureTimeAbs", "500"}, {"GainRaw", "3"}, {"GainAuto", "Off"}, {"TestBoolean", "true"}};
+    options.packet_bytes = 1200;
+    start(options);
+    EXPECT_TRUE(frame());
+}
+
+TEST_F(Genicam, that_another_program_controls_is_busy_with_a_cure) {
+    const FakeGige camera;
+    start(software());
+    ASSERT_TRUE(frame());
+    const auto second = open_genicam_sensor(*loop_, software());
+    ASSERT_FALSE(second);
+    EXPECT_EQ(second.error().code, ErrorCode::busy) << second.error().message();
+    EXPECT_THAT(second.error().cure, HasSubstr("close the program"));
+    EXPECT_TRUE(frame()) << "the first goes on" << (ear_.losses.empty() ? "" : ear_.losses[0].message());
+}
+
+// The fake camera sends no packet again. A frame with missing packets is corrupt or missing; none is another one's: the
+// samples count the frames as the sequence does.
+TEST_F(Genicam, frames_with_lost_packets_are_corrupt_or_missing_and_none_is_taken_for_another) {
+    const FakeGige camera({"127.0.0.1", "S1", "lost=0.01"});
+    start(software(320, 240));  // 58 packets: about every second frame is complete
+    int corrupt = 0;
+    std::map<std::uint32_t, int> steps;  // between sample and sequence
+    std::uint32_t last = 0;
+    for (int k = 0; k < 40 && ear_.losses.empty(); ++k) {
+        const hal::FrameLease one = frame(1900ms);
+        if (!one) continue;
+        EXPECT_GT(one.info().sequence, last);
+        last = one.info().sequence;
+        EXPECT_TRUE(one.info().corrupt ? one.info().bytes_used == 0 : is_one_frame(one.view()));
+        if (one.info().corrupt) ++corrupt;
+        else ++steps[(one.view().sample(0, 0) - one.info().sequence) & 255U];
+    }
+    EXPECT_TRUE(ear_.losses.empty()) << ear_.losses[0].message();
+    EXPECT_GT(corrupt, 0);
+    ASSERT_EQ(steps.size(), 1U);
+    EXPECT_GT(steps.begin()->second, 1);
+}
+
+TEST_F(Genicam, that_leaves_is_lost_and_runs_again_when_it_is_back) {
+    FakeGige camera;
+    start(software());
+    ASSERT_TRUE(frame());
+    camera.lose();
+    ASSERT_TRUE(sensor_->trigger({.exposure = 2, .start = loop_->now() + 1ms, .length = 1ms}));
+    ASSERT_TRUE(run_until([&] { return !ear_.losses.empty(); }));
+    EXPECT_FALSE(ear_.losses[0].what.empty());
+    sensor_->stop();
+    EXPECT_EQ(sensor_->start(ear_).error().code, ErrorCode::not_found);
+    camera.bring_back();
+    const auto started = sensor_->start(ear_);
+    ASSERT_TRUE(started) << started.error().message();
+    EXPECT_TRUE(frame());
+}
+
+// Free-running, and a clock that cannot be latched.
+TEST_F(Genicam, that_runs_free_answers_a_trigger_with_a_frame_that_began_after_it) {
+    for (const std::string latch : {"latch=yes", "latch=no"}) {
+        const FakeGige camera(latch == "latch=no" ? std::vector<std::string>{"127.0.0.1", "S1", latch}
+                                                  : std::vector<std::string>{"127.0.0.1", "S1"});
+        GenicamSensorOptions options = software();
+        options.trigger = CameraTrigger::free;
+        start(options);
+        for (int k = 0; k < 5; ++k) {
+            const hal::FrameLease one = frame();
+            ASSERT_TRUE(one);
+            EXPECT_GE(one.info().exposure_start, asked_);
+            EXPECT_LE(one.info().exposure_start, loop_->now());
+        }
+        sensor_->stop();
+    }
+}
+
+}  // namespace
+}  // namespace hord::drivers
