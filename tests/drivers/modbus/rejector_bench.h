@@ -18,8 +18,8 @@ using testing::HasSubstr;
 using Outcome = hal::RejectReport::Outcome;
 
 constexpr int kEjector = 0, kPermit = 1;
-constexpr hal::Duration kTimeout = 400ms;  // well above what a busy machine adds to a local answer
-constexpr hal::Duration kWindow = 2s;
+constexpr hal::Duration kTimeout = 150ms;  // well above what a busy machine adds to a local answer
+constexpr hal::Duration kWindow = 1s;
 
 struct Ear final : hal::Rejector::Listener {
     void on_reject(const hal::RejectReport& report) override { reports.push_back(report); }

@@ -10,7 +10,7 @@ mkdir -p "$cache"
 cd "$cache"
 
 # The root and its packages come from a named mirror, independent of the host's own sources.
-packages=systemd,systemd-sysv,udev,dbus,kmod,procps,iproute2,util-linux,gpiod,v4l-utils,libcamera-ipa,init-system-helpers
+packages=systemd,systemd-sysv,udev,dbus,kmod,procps,iproute2,util-linux,e2fsprogs,dmsetup,gpiod,v4l-utils,libcamera-ipa,init-system-helpers
 for dependency in "$@"; do packages+=,$dependency; done
 
 kernel=$(apt-cache depends linux-image-amd64 | sed -n 's/^ *Depends: linux-image-//p' | head -n 1)
@@ -21,7 +21,7 @@ step() { printf '   %s (%s s)\n' "$1" "$SECONDS"; }
 fits() { [ -e "$1" ] && [ "$(cat "$1.key" 2>/dev/null)" = "$2" ]; }
 keep() { printf '%s\n' "$2" >"$1.key"; }
 
-kernel_key="$kernel, made as 5"  # increment when the build steps change
+kernel_key="$kernel, made as 6"  # increment when the build steps change
 base_key="$suite $packages $(date +%Y-%m), made as 1"
 
 headers=$cache/k/usr/src/linux-headers-$kernel
@@ -58,7 +58,7 @@ closure() { for m in "$@"; do modprobe -d "$cache/k" -S "$kernel" --show-depends
 collect_modules() {
     local f to=modules/usr/lib/modules/$kernel
     rm -rf modules && mkdir -p "$to/extra"
-    for f in $(closure virtio_pci virtio_blk virtio_console squashfs overlay ext4 configfs videodev vivid v4l2-tpg videobuf2-vmalloc videobuf2-dma-contig autofs4); do
+    for f in $(closure virtio_pci virtio_blk virtio_console squashfs overlay ext4 configfs videodev vivid v4l2-tpg videobuf2-vmalloc videobuf2-dma-contig autofs4 loop dm-mod); do
         install -D -m644 "$f" "$to/${f#"$cache/k/lib/modules/$kernel/"}"
     done
     cp mod/*.ko "$to/extra/"

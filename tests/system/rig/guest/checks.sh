@@ -354,6 +354,199 @@ killed() {
     return $rc
 }
 
+# -- drills: docs/reliability.md has the table of what must happen
+
+# Parts pass while DRILL runs; without a person who resets, so that every stop of the line is a failure.
+line_goes_on() {  # line_goes_on DRILL [ARGUMENT...]
+    local drill=$1 rc
+    shift
+    start_world /tmp/drill --parts 8 --seed "${seed:-1}" --patience 400 "$@" || return 1
+    to_execution && "$drill" || { stop_world; return 1; }
+    wait $world_pid
+    rc=$?
+    grep -E ' (totals|resets) ' /tmp/drill | cut -d' ' -f2-
+    systemctl show -P StatusText hordd
+    return $rc
+}
+results_are_whole() { hordctl results verify | grep 'every row is as it was written'; }
+
+# The wall clock is two years ahead, then two behind: the line goes on, and nothing is deleted.
+steps_of_the_clock() {
+    local step
+    for step in '2 years' '4 years ago' '2 years'; do
+        date -s "$step"
+        pause 12
+    done
+}
+clock_steps() {
+    local before after
+    before=$(hordctl results --format csv | wc -l)
+    line_goes_on steps_of_the_clock || return 1
+    after=$(hordctl results --format csv | wc -l)
+    echo "results before: $((before - 1)), after: $((after - 1))"
+    [ "$after" -ge $((before + 8)) ] && results_are_whole
+}
+
+short_stalls() {
+    local s
+    for s in 0.02 0.05 0.1 0.2; do
+        systemctl kill -s STOP hordd
+        pause $s
+        systemctl kill -s CONT hordd
+        pause 5
+    done
+}
+# A stall as long as parts are far from any deadline is not seen; after a longer one the line may stop, and then a part may have passed
+# unjudged only if the station says so: LINE STOP until a person has cleared the belt.
+stalled() {
+    line_goes_on short_stalls || return 1
+    follow_journal
+    held_up_by stop_and_continue
+}
+stop_and_continue() { systemctl kill -s STOP hordd; pause "$1"; systemctl kill -s CONT hordd; }
+starve() { timeout "$1" chrt -f 60 sh -c 'while :; do :; done'; }
+held_up_by() {  # held_up_by COMMAND: for 0.5, 2 and 5 s
+    local s stops wrong
+    for s in 0.5 2 5; do
+        start_world /tmp/held --parts 1000 --seed "${seed:-1}" --person 127.0.0.1:502 || return 1
+        to_execution || { stop_world; return 1; }
+        pause 20
+        "$1" $s
+        pause 20
+        stop_world
+        stops=$(grep -c 'kFaultRejectUnconfirmed\|reject-unconfirmed' /run/hordd.log)
+        wrong=$(sed -n 's/.* totals .* wrong //p' /tmp/held)
+        echo "$1 $s s: wrong parts $wrong, line stops so far $stops"
+        [ "$wrong" = 0 ] || [ "$stops" -gt 0 ] || { echo "a part passed, and the station did not say so"; return 1; }
+    done
+    to_execution
+}
+starved() {
+    follow_journal
+    held_up_by starve
+}
+
+# The kernel's out-of-memory killer takes each process beside the station's.
+out_of_memory() {  # out_of_memory PID
+    choom -n 1000 -p "$1" >/dev/null
+    echo f >/proc/sysrq-trigger
+    wait_for 20 eval "! kill -0 $1"
+}
+others_out_of_memory() {
+    local unit
+    for unit in hord-page hord-mqtt systemd-journald; do
+        out_of_memory "$(systemctl show -P MainPID $unit)" || { echo "$unit was not killed"; return 1; }
+        wait_for 60 systemctl is-active $unit || return 1
+        echo "$unit was killed, and is there again"
+    done
+}
+memory_runs_out() {
+    local process
+    systemctl start hord-page hord-mqtt || return 1
+    process=$(systemctl show -P MainPID hordd)
+    line_goes_on others_out_of_memory || return 1
+    systemctl stop hord-page hord-mqtt
+    [ "$process" = "$(systemctl show -P MainPID hordd)" ]  # it has not been started again
+}
+
+# The state folder on a small disk of its own, behind device-mapper: it can be filled and broken.
+state_disk() {
+    ! mountpoint -q /var/lib/hord || return 0
+    systemctl stop hordd
+    truncate -s 32M /run/state.img
+    modprobe -a loop dm-mod
+    state_sectors=$((32 * 2048))
+    dmsetup create state --table "0 $state_sectors linear $(losetup --show -f /run/state.img) 0" || return 1
+    mkfs.ext4 -q -N 512 /dev/mapper/state || return 1
+    mount -o errors=remount-ro /dev/mapper/state /var/lib/hord || return 1
+    chown hord:hord /var/lib/hord
+    systemctl start --no-block hordd
+}
+store_fault() { systemctl show -P StatusText hordd | grep -q 'faults:.*store'; }
+no_store_fault() { ! store_fault; }
+fill_the_disk() {
+    cat /dev/zero >/var/lib/hord/fill 2>/dev/null
+    wait_for 60 store_fault || return 1
+    rm /var/lib/hord/fill
+    wait_for 90 no_store_fault
+}
+disk_full() {
+    state_disk || return 1
+    line_goes_on fill_the_disk || return 1
+    [ "$(hordctl results --format csv | wc -l)" -ge 9 ] && results_are_whole
+}
+# The service is started with a camera, without a module: Initialized, and nothing moves on the line. An orderly end proves that the line
+# is empty.
+restart_without_parts() {
+    systemctl restart hordd && wait_for 120 hordd_active && pause 5
+}
+empty_line() {  # a person has looked
+    restart_without_parts && { not_stopped || hordctl command reset; } && wait_for 30 not_stopped
+}
+not_stopped() { ! line_stopped; }
+# Without inodes the proof of an empty line cannot be written: the next start must not take the line for empty.
+no_inodes() {
+    local k rc=0
+    state_disk || return 1
+    camera_on
+    empty_line && restart_without_parts && not_stopped || { echo "line stop after an orderly end"; return 1; }
+    for k in $(seq 600); do : >"/var/lib/hord/$k" || break; done 2>/dev/null
+    restart_without_parts && wait_for 60 line_stopped || rc=1
+    rm -f /var/lib/hord/[0-9]*
+    kill $camera_pid
+    return $rc
+}
+broken_disk() {
+    dmsetup suspend state
+    dmsetup load state --table "0 $state_sectors error"
+    dmsetup resume state
+    pause 30
+}
+mended_disk() {
+    dmsetup suspend state
+    dmsetup load state --table "0 $state_sectors linear $(losetup -n -O NAME -j /run/state.img) 0"
+    dmsetup resume state
+    e2fsck -p /dev/mapper/state
+    mount /dev/mapper/state /var/lib/hord
+}
+# EIO, and from then on a read-only file system: the line goes on; after a crash it does not run before a person has reset it.
+disk_dies() {
+    state_disk || return 1
+    line_goes_on broken_disk || return 1
+    camera_on
+    systemctl kill -s KILL hordd
+    pause 20
+    not_executing || return 1
+    systemctl stop hordd
+    umount -l /var/lib/hord
+    mended_disk || return 1
+    systemctl start --no-block hordd
+    wait_for 120 line_stopped || { systemctl show -P StatusText hordd; return 1; }
+    kill $camera_pid
+}
+# A proof that cannot be withdrawn would hold for a later crash, too: the line does not run.
+read_only_state() {
+    camera_on
+    empty_line && systemctl stop hordd || return 1
+    kill $camera_pid
+    [ -e /var/lib/hord/line-empty ] || { echo "no proof after an orderly end with an empty line"; return 1; }
+    mount --bind /var/lib/hord /var/lib/hord
+    mount -o remount,bind,ro /var/lib/hord
+    follow_journal
+    start_world /tmp/read-only --parts 1000 || return 1
+    systemctl start --no-block hordd
+    wait_for 60 line_stopped || return 1
+    hordctl command reset 2>&1
+    pause 10
+    not_executing || { echo "it runs although the proof is still there"; return 1; }
+    grep -m 1 'line-empty cannot be removed' /run/hordd.log || return 1
+    systemctl stop hordd
+    umount /var/lib/hord
+    systemctl start --no-block hordd
+    to_execution || return 1
+    stop_world
+}
+
 latency() {
     systemctl stop hordd hordd.socket
     $world edges --chip $chip >/tmp/edges 2>&1 &
@@ -467,6 +660,14 @@ case $phase in
         limit=$((900 + 30 * ${kills:-6}))
         check fault-service-killed killed
         limit=900
+        check drill-clock-steps clock_steps
+        check drill-stalled stalled
+        check drill-starved starved
+        check drill-others-out-of-memory memory_runs_out
+        check drill-read-only-state read_only_state
+        check drill-disk-full disk_full
+        check drill-no-inodes no_inodes
+        check drill-disk-dies disk_dies
         check latency-on-device-nodes latency
         check fault-libcamera-goes-and-returns libcamera_disconnect
         ;;
