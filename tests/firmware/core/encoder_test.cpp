@@ -181,6 +181,35 @@ TEST_F(Encoder, a_silent_encoder_loses_the_parts_and_stops_the_line) {
     EXPECT_EQ(rig.shot().parts_on_line, 0U);
 }
 
+// The covered distance counts, not the time; 0: not checked.
+TEST_F(Encoder, parts_that_cover_the_sensor_for_too_many_counts_touch) {
+    for (const std::int64_t most : {0, 300}) {
+        CoreConfig config = with_encoder();
+        config.max_part_counts = most;
+        CoreRig one(config);
+        one.bring_to(State::continuous_execution);
+        one.belt(0);
+        const auto edge = [&](hal::PartEdge::Kind kind) {
+            one.send(hal::PartEdge{kind, one.now, ++one.edges, one.counts});
+        };
+        const auto moves = [&](std::int64_t counts) {
+            one.advance(milliseconds(10));
+            one.belt(counts);
+        };
+        edge(hal::PartEdge::Kind::arrives);
+        moves(100);
+        edge(hal::PartEdge::Kind::leaves);
+        moves(300);
+        edge(hal::PartEdge::Kind::arrives);
+        moves(0);
+        moves(300);
+        EXPECT_FALSE(one.shot().line_stop);
+        moves(1);
+        EXPECT_EQ(one.shot().line_stop, most != 0);
+        EXPECT_EQ(one.shot().counters.missed, most != 0 ? 1U : 0U);
+    }
+}
+
 TEST_F(Encoder, a_part_without_a_count_is_rejected_where_it_must_be) {
     rig.send(hal::PartEdge{hal::PartEdge::Kind::arrives, rig.now, 1, {}});
     run(milliseconds(160), 10);

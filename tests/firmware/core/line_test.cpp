@@ -66,6 +66,32 @@ TEST_F(Running, a_lost_leaving_edge_makes_the_next_parts_identity_uncertain_and_
     expect_fail_safe(3, PartReason::edge_lost);
 }
 
+TEST_F(Running, an_edge_from_the_future_or_before_the_last_one_is_no_part_to_be_trusted) {
+    rig.part_is_seen();
+    for (const Duration off : {Duration(1), milliseconds(-11)}) {
+        CoreRig one;
+        one.bring_to(State::continuous_execution);
+        one.part_is_seen();
+        one.exposures.clear();
+        one.send(hal::PartEdge{hal::PartEdge::Kind::arrives, one.now + off, ++one.edges, {}});
+        EXPECT_TRUE(one.exposures.empty());
+        EXPECT_EQ(one.core.line()[1].result.reason, PartReason::edge_lost);
+        EXPECT_EQ(one.shot().counters.missed, 0U);
+        EXPECT_LE(one.core.line()[1].arrived, one.now);
+        EXPECT_FALSE(one.shot().line_stop);
+    }
+    CoreRig now;
+    now.bring_to(State::continuous_execution);
+    now.send(hal::PartEdge{hal::PartEdge::Kind::arrives, now.now, 1, {}});
+    EXPECT_EQ(now.exposures.size(), 1U) << "an edge of this moment is in time";
+}
+
+TEST_F(Running, two_edges_of_one_moment_are_in_order) {
+    rig.part_arrives();
+    rig.part_arrives();
+    EXPECT_EQ(rig.core.line()[1].result.reason, PartReason::parts_too_close) << "and not edge_lost";
+}
+
 TEST_F(Running, an_edge_told_too_late_to_expose_rejects) {
     hal::PartEdge edge{hal::PartEdge::Kind::arrives, rig.now - milliseconds(6), 1, {}};
     rig.send(edge);

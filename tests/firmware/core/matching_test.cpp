@@ -239,6 +239,54 @@ TEST_F(Running, the_same_trouble_part_after_part_is_an_error) {
     EXPECT_FALSE(rig.shot().run_permit);
 }
 
+TEST_F(Running, a_judged_part_ends_the_row_of_failures) {
+    CoreConfig config = quick_line();
+    config.max_failures_in_a_row = 3;
+    CoreRig one(config);
+    one.bring_to(State::continuous_execution);
+    const auto next = [&](bool fails, Verdict verdict) {
+        const auto part = one.part_is_seen();
+        if (fails) one.send(Judged{part, true, Verdict::pass, Reason::none, 0, 0});
+        else one.judged(part, verdict, verdict == Verdict::pass ? Reason::none : Reason::absorption);
+        if (!fails && verdict == Verdict::pass) return one.advance(milliseconds(90));
+        one.advance(milliseconds(160));
+        if (one.rejected(part)) one.confirmed(part);
+        one.advance(milliseconds(40));
+    };
+    for (const Verdict between : {Verdict::pass, Verdict::reject}) {
+        next(true, {});
+        next(true, {});
+        next(false, between);
+    }
+    next(true, {});
+    next(true, {});
+    EXPECT_EQ(one.core.state(), State::continuous_execution);
+    EXPECT_FALSE(one.shot().line_stop);
+    one.send(Judged{one.part_is_seen(), true, Verdict::pass, Reason::none, 0, 0});
+    EXPECT_EQ(one.core.state(), State::error);
+}
+
+// A start and a reset begin a new row.
+TEST_F(Running, a_start_ends_the_row_of_failures) {
+    CoreConfig config = quick_line();
+    config.max_failures_in_a_row = 2;
+    CoreRig one(config);
+    one.bring_to(State::continuous_execution);
+    for (const Command start : {Command::start_continuous, Command::start_single}) {
+        const auto part = one.part_is_seen();
+        one.send(Judged{part, true, Verdict::pass, Reason::none, 0, 0});
+        ASSERT_TRUE(one.advance_until_rejected(part));
+        one.confirmed(part);
+        one.advance(milliseconds(60));
+        ASSERT_EQ(one.core.state(), State::continuous_execution);
+        ASSERT_EQ(one.send(Command::stop), Answer::done);
+        ASSERT_EQ(one.core.state(), State::ready);
+        ASSERT_EQ(one.send(start), Answer::done);
+    }
+    one.send(Judged{one.part_is_seen(), true, Verdict::pass, Reason::none, 0, 0});
+    EXPECT_EQ(one.core.state(), State::single_execution);
+}
+
 TEST_F(Running, one_good_judgement_clears_passing_trouble) {
     auto part = rig.part_is_seen();
     rig.judged(part, Verdict::unfit, Reason::too_dark);

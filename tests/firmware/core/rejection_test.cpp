@@ -38,6 +38,39 @@ TEST_F(Running, an_unconfirmed_rejection_stops_the_line) {
     }
 }
 
+TEST_F(Running, the_first_report_of_a_rejection_counts) {
+    using Outcome = hal::RejectReport::Outcome;
+    for (const Outcome first : {Outcome::failed, Outcome::late, Outcome::confirmed}) {
+        CoreConfig config = quick_line();
+        config.by_encoder = true;  // the part is awaited after the report
+        CoreRig one(config);
+        one.bring_to(State::continuous_execution);
+        one.belt(0);
+        one.advance(milliseconds(10));
+        one.belt(100);
+        const auto part = one.part_arrives();
+        const auto run = [&](int steps) {
+            for (int k = 0; k < steps; ++k) {
+                one.advance(milliseconds(10));
+                one.belt(100);
+            }
+        };
+        run(1);
+        one.light_comes(part);
+        one.frame_comes(part);
+        one.judged(part, Verdict::reject, Reason::deflection_gradient);
+        run(15);
+        ASSERT_TRUE(one.rejected(part));
+        one.send(hal::RejectReport{part, first, one.now});
+        one.send(hal::RejectReport{part, first == Outcome::confirmed ? Outcome::failed : Outcome::confirmed, one.now});
+        run(3);
+        EXPECT_EQ(one.only_result().reject,
+                  first == Outcome::confirmed    ? RejectState::confirmed
+                      : first == Outcome::failed ? RejectState::failed
+                                                 : RejectState::late);
+    }
+}
+
 TEST_F(Running, a_confirmation_after_the_pulse_is_late) {
     const TimePoint edge = rig.now;
     const auto part = rig.part_is_seen();
