@@ -7,9 +7,9 @@
 
 #include "common/assign.h"
 #include "drivers/files/recorded_frames.h"
+#include "drivers/genicam/genicam_sensor.h"
 #include "drivers/gpio/gpio_part_sensor.h"
 #include "drivers/gpio/gpio_strobe.h"
-#include "drivers/genicam/genicam_sensor.h"
 #include "drivers/libcamera/libcamera_sensor.h"
 #include "drivers/modbus/modbus_rejector.h"
 #include "drivers/v4l2/v4l2_sensor.h"

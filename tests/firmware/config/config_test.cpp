@@ -153,22 +153,21 @@ TEST(Config, a_genicam_camera_is_named_with_its_region_trigger_and_features_in_o
         "value = true\n");
     ASSERT_TRUE(config) << config.error().what;
     EXPECT_EQ(std::get<drivers::GenicamSensorOptions>(config->sensor),
-              (drivers::GenicamSensorOptions{.camera = "40123456",
-                                             .width_px = 1440,
-                                             .height_px = 1080,
-                                             .offset_x_px = 8,
-                                             .offset_y_px = 6,
-                                             .bits = 12,
-                                             .pixel_format = "Mono12p",
-                                             .buffers = 6,
-                                             .trigger = drivers::CameraTrigger::line,
-                                             .trigger_source = "Line2",
-                                             .packet_bytes = 8192,
-                                             .socket_buffer_bytes = 8'000'000,
-                                             .features = {{"LineSelector", "Line2"},
-                                                          {"ExposureTime", "500.5"},
-                                                          {"GainRaw", "3"},
-                                                          {"ReverseX", "true"}}}));
+              (drivers::GenicamSensorOptions{
+                  .camera = "40123456",
+                  .width_px = 1440,
+                  .height_px = 1080,
+                  .offset_x_px = 8,
+                  .offset_y_px = 6,
+                  .bits = 12,
+                  .pixel_format = "Mono12p",
+                  .buffers = 6,
+                  .trigger = drivers::CameraTrigger::line,
+                  .trigger_source = "Line2",
+                  .packet_bytes = 8192,
+                  .socket_buffer_bytes = 8'000'000,
+                  .features = {
+                      {"LineSelector", "Line2"}, {"ExposureTime", "500.5"}, {"GainRaw", "3"}, {"ReverseX", "true"}}}));
     EXPECT_EQ(std::get<drivers::GenicamSensorOptions>(
                   parse("[sensor]\nbackend = \"genicam\"\ntrigger = \"software\"\n")->sensor),
               drivers::GenicamSensorOptions{.trigger = drivers::CameraTrigger::software});

@@ -1,0 +1,59 @@
+// The station on a GenICam camera: Aravis's fake GigE camera, fed with rendered frames, in a network of its own.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "tests/drivers/genicam/fake_gige.h"
+
+namespace hord::test {
+namespace {
+
+using Json = nlohmann::json;
+
+std::vector<Json> lines_of(const std::string& text) {
+    std::vector<Json> out;
+    std::istringstream in(text);
+    for (std::string line; std::getline(in, line);) {
+        if (line.starts_with('{')) out.push_back(Json::parse(line));
+    }
+    return out;
+}
+
+TEST(Genicam, the_line_runs_on_a_camera_and_gives_the_verdicts_that_inspect_gives) {
+    const std::string refused = own_network();
+    if (!refused.empty()) GTEST_SKIP() << refused;
+    const TemporaryFolder folder;
+    std::vector<std::string> camera{"127.0.0.1", "S1"}, inspect{"inspect", "--macro", "9x9", "--json"};
+    for (const std::string scene : {"good", "bubble", "empty", "speck"}) {
+        const std::string file = folder / (scene + ".png");
+        const std::string path = std::string(HORD_SOURCE_DIR) + "/tests/system/rig/scenes/" + scene + ".toml";
+        ASSERT_EQ(run("hord-lab", {"render", path, "--out", file}).status, 0);
+        camera.push_back(file);
+        inspect.push_back(file);
+    }
+    const auto inspected = lines_of(run("hordctl", inspect).out);
+    ASSERT_EQ(inspected.size(), 4U);
+    EXPECT_EQ(inspected[0]["verdict"], "pass");
+    EXPECT_EQ(inspected[1]["verdict"], "reject");
+
+    const FakeGige fake(camera);
+    // The frame begins when the command has reached the camera: late, on a busy machine.
+    std::string line = kRoomyLine;
+    line.replace(line.find("[timing]\n"), 9, "[timing]\nframe_window_us = 200000\n");
+    std::ofstream(folder / "c.toml") << "[sensor]\nbackend = \"genicam\"\ncamera = \"S1\"\ntrigger = \"software\"\n"
+                                     << "width_px = 333\nheight_px = 333\n[modbus]\nport = 0\n"
+                                     << line;
+    const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--rate", "2", "--parts", "6", "--json"});
+    const auto parts = lines_of(said.out);
+    ASSERT_EQ(parts.size(), 6U) << said.err;
+    for (std::size_t k = 0; k < parts.size(); ++k) {
+        const Json& expected = inspected[k % inspected.size()];
+        EXPECT_EQ(parts[k]["verdict"], expected["verdict"]) << parts[k] << said.err;
+        EXPECT_EQ(parts[k]["reason"], expected["reason"]);
+        EXPECT_EQ(parts[k]["ejected"], expected["verdict"] != "pass");
+    }
+    EXPECT_THAT(said.err, testing::HasSubstr("S1: 333 x 333 Mono8"));
+}
+
+}  // namespace
+}  // namespace hord::test
