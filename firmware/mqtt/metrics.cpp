@@ -113,6 +113,7 @@ std::vector<Metric> result_metrics(const StoredResult* result, const std::string
     add("Reject Latency", DataType::uint64, "us",
         r.reject_latency_us == 0 ? MetricValue() : MetricValue(natural(r.reject_latency_us)));
     add("Recipe", DataType::text, "", r.recipe);
+    add("Bounded", DataType::boolean, "", r.bounded ? MetricValue(*r.bounded) : MetricValue());
     return metrics;
 }
 
