@@ -42,7 +42,8 @@ Result<DriftEstimator> DriftEstimator::create(const Extents& extents, const Ligh
     return DriftEstimator(extents, levels, zero);
 }
 
-bool DriftEstimator::add(const FrameView& frame) {
+bool DriftEstimator::add(const FrameView& frame, std::uint32_t dark_dn) {
+    levels_.dark = dark_dn;
     std::size_t lit = 0, k = 0;
     for (const int n : rows_) {
         decode_row(frame, extents_, levels_, n, row_);

@@ -36,9 +36,9 @@ class DriftEstimator {
     static Result<DriftEstimator> create(const Extents& extents, const LightLevels& levels,
                                          DriftZero zero = DriftZero::first_parts);
 
-    // Adds one part's macro-pixel frame, of the extents' size. True if it completed a window and latest() is new.
-    // Ignores frames with less than a tenth of the sampled lenslets lit.
-    bool add(const FrameView& frame);
+    // Adds one part's macro-pixel frame, of the extents' size. `dark_dn`: of its inspection (Inspection::dark_dn). True
+    // if it completed a window and latest() is new. Ignores frames with less than a tenth of the sampled lenslets lit.
+    bool add(const FrameView& frame, std::uint32_t dark_dn);
 
     // None until the first window, after the baseline if there is one.
     [[nodiscard]] const std::optional<Drift>& latest() const { return latest_; }

@@ -36,6 +36,7 @@ struct Judged {
     float score = 0;
     std::uint16_t position_m = kNoNumber, position_n = kNoNumber;  // of the worst defect, lenslets
     std::uint16_t recipe = kNoNumber;                              // number of the recipe that judged
+    bool bounded = false;                                          // algo::Inspection::bounded
 };
 struct DeviceUp {
     Device device{};

@@ -116,6 +116,7 @@ void Core::judge_when_complete(Part& part) {
     part.result.position_m = part.judgement.position_m;
     part.result.position_n = part.judgement.position_n;
     part.result.recipe = part.judgement.recipe;
+    part.result.bounded = part.judgement.bounded;
     const auto reason = static_cast<PartReason>(part.judgement.reason);
     switch (part.judgement.verdict) {
         case algo::Verdict::pass: return decide(part, PartVerdict::pass, PartReason::none);

@@ -147,6 +147,7 @@ struct PartResult {
     RejectState reject = RejectState::not_needed;
     std::uint16_t position_m = kNoNumber, position_n = kNoNumber;  // of the worst defect's centre, lenslets
     std::uint16_t recipe = kNoNumber;                              // number of the recipe that judged
+    bool bounded = false;  // score and defects may be upper bounds (algo::Inspection::bounded)
 };
 
 struct Snapshot {

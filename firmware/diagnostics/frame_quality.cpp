@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include "algo/inspection/pipeline.h"
+#include "algo/light/dark_bins.h"
 #include "common/statistics.h"
 
 namespace hord::firmware {
@@ -31,7 +32,10 @@ Judgement judged(bool good, std::string found, const char* cure) { return {good,
 
 Result<FrameQuality> quality_of(const FrameView& frame, const algo::Extents& extents, const algo::Recipe& recipe) {
     if (auto checked = algo::check_frame(frame, extents, frame.bits); !checked) return tl::unexpected(checked.error());
-    const algo::LightLevels levels = algo::light_levels(recipe, frame.bits);
+    const algo::LightLevels given = algo::light_levels(recipe, frame.bits);
+    const algo::DarkBins dark = algo::DarkBinMeter(extents, frame.bits).measure(frame);
+    const algo::LightLevels levels =
+        algo::levels_above_dark_bins(given, dark, algo::max_dark_rise(recipe, frame.bits)).levels;
     FrameQuality quality;
     double total = 0, lit = 0, saturated = 0;
     std::vector<double> peaks, spots;
@@ -45,7 +49,7 @@ Result<FrameQuality> quality_of(const FrameView& frame, const algo::Extents& ext
                     peak = std::max(peak, sample);
                     const double mass = sample > levels.dark ? sample - levels.dark : 0;
                     sum += mass;
-                    total += mass;
+                    total += sample > given.dark ? sample - given.dark : 0;
                     x += mass * i;
                     y += mass * j;
                     xx += mass * i * i;

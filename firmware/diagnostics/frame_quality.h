@@ -10,7 +10,8 @@
 namespace hord::firmware {
 
 struct FrameQuality {
-    double mean = 0;       // of all samples above the recipe's dark level, share of the full scale
+    double mean = 0;       // of all samples above the recipe's dark level, share of the full scale; all other values:
+                           // above the frame's own dark level (algo/light/dark_bins.h)
     double bright = 0;     // the brightest sample of the typical lenslet (median), share of the full scale
     double saturated = 0;  // share of the lenslets with a saturated sample
     double lit = 0;        // share of the lenslets with light enough to be judged

@@ -10,9 +10,9 @@ Result<std::unique_ptr<DriftMonitor>> DriftMonitor::create(const algo::Extents& 
     return std::unique_ptr<DriftMonitor>(new DriftMonitor(std::move(*estimator), px_a_bin));
 }
 
-bool DriftMonitor::add(const FrameView& frame) {
+bool DriftMonitor::add(const FrameView& frame, std::uint32_t dark_dn) {
     const std::lock_guard lock(mutex_);
-    if (!estimator_.add(frame)) return false;
+    if (!estimator_.add(frame, dark_dn)) return false;
     const bool before = noticed_;
     const algo::Drift& drift = *estimator_.latest();
     const double px = drift.largest_bins * px_a_bin_;

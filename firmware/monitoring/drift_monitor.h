@@ -21,7 +21,7 @@ class DriftMonitor {
                                                         algo::DriftZero zero, double px_a_bin);
 
     // Any thread. True when `noticed` has changed.
-    bool add(const FrameView& frame);
+    bool add(const FrameView& frame, std::uint32_t dark_dn);
 
     struct View {
         std::optional<double> largest_px;  // largest shift in the field; empty: too few parts yet

@@ -114,6 +114,7 @@ std::vector<Metric> result_metrics(const StoredResult* result, const std::string
         r.reject_latency_us == 0 ? MetricValue() : MetricValue(natural(r.reject_latency_us)));
     add("Recipe", DataType::text, "", r.recipe);
     add("Damage", DataType::text, "", r.damage);
+    add("Bounded", DataType::boolean, "", r.bounded ? MetricValue(*r.bounded) : MetricValue());
     return metrics;
 }
 

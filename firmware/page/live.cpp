@@ -58,6 +58,7 @@ Json RingResult::json() const {
     Json json{{"key", key()},     {"sequence", sequence}, {"part", part},       {"verdict", verdict},
               {"reason", reason}, {"reject", reject},     {"defects", defects}, {"verdict_ms", verdict_ms}};
     json["score"] = score ? Json(*score) : Json();
+    if (bounded) json["bounded"] = true;
     json["latency_us"] = latency_us ? Json(*latency_us) : Json();
     json["reject_latency_us"] = reject_latency_us ? Json(*reject_latency_us) : Json();
     return json;

@@ -24,6 +24,7 @@ struct RingResult {
     std::uint32_t boot = 0, sequence = 0, part = 0, defects = 0;
     std::string verdict, reason, reject;
     std::optional<double> score;
+    bool bounded = false;  // the score may be an upper bound
     std::optional<double> latency_us, reject_latency_us;
     std::int64_t verdict_ms = 0;            // UTC; time of reading if the page runs on another machine
     [[nodiscard]] std::string key() const;  // "0a1b2c3d-42", as in the page's addresses

@@ -37,6 +37,7 @@ RingResult result_from(const std::vector<Reading>& readings, std::uint32_t boot)
     result.reason = m.text(BlockId::ring, "reason");
     result.reject = m.text(BlockId::ring, "reject_state");
     result.score = number("score");
+    result.bounded = m.text(BlockId::ring, "flags").find("bounded") != std::string::npos;
     result.latency_us = number("latency");
     if (result.reject == "confirmed" || result.reject == "late") result.reject_latency_us = number("reject_latency");
     // On the station's machine both have the same monotonic clock.

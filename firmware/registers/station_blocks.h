@@ -30,7 +30,7 @@ inline constexpr auto kRejectStates = [] {
     names[0].name = "not_needed";
     return names;
 }();
-inline constexpr NamedValue kResultFlags[] = {{0, "judged"}, {1, "rejected"}};
+inline constexpr NamedValue kResultFlags[] = {{0, "judged"}, {1, "rejected"}, {2, "bounded"}};
 
 inline constexpr Register kIdent[] = {
     number(2, Type::bits32, "magic", "", "0x484F5244, \"HORD\": this is the right device and the right byte order",
@@ -159,11 +159,12 @@ inline constexpr std::array<Register, 16> kResult = {{
            known<&PartResult::position_n>),
     number(base + 20, Type::u16, "recipe", "", "number of the recipe that judged", known<&PartResult::recipe>),
     number(
-        base + 21, Type::bits16, "flags", "", "how the result came about",
+        base + 21, Type::bits16, "flags", "",
+        "how the result came about; bounded: score and defects may be upper bounds",
         [](const Source& s) -> Number {
             if (s.result.sequence == 0) return 0;
             const bool judged = is_judged(s.result.reason);
-            return (judged ? 1 : 0) | (s.result.verdict != PartVerdict::pass ? 2 : 0);
+            return (judged ? 1 : 0) | (s.result.verdict != PartVerdict::pass ? 2 : 0) | (s.result.bounded ? 4 : 0);
         },
         kResultFlags),
     number(base + 22, Type::u32, "sequence_again", "",

@@ -81,7 +81,7 @@ void Service::on_inspection(std::uint32_t part, const FrameView& frame, const al
     if (teach_in_) teach_in_->on_inspection(part, frame, inspection);
     if (watchers_.inspection) watchers_.inspection(part, frame, inspection);
     if (inspection.bounded) loop_->post([this, out_of_time = inspection.out_of_time] { on_bounded(out_of_time); });
-    if (drift_ && drift_->add(frame)) loop_->post([this] { on_drift(); });
+    if (drift_ && drift_->add(frame, inspection.dark_dn)) loop_->post([this] { on_drift(); });
     if (optics_ && part != Station::kTestPart && optics_->add(frame, inspection)) loop_->post([this] { on_optics(); });
 }
 

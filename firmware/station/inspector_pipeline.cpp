@@ -37,6 +37,7 @@ Judged inspect_with(InspectionWorker& worker, std::uint32_t part, const hal::Fra
     judged.reason = inspection->reason;
     judged.defects = static_cast<std::uint16_t>(std::min<std::size_t>(inspection->defects.size(), 0xFFFE));
     judged.score = inspection->score;
+    judged.bounded = inspection->bounded;
     judged.recipe = settings.recipe_number;
     if (!inspection->defects.empty()) {
         judged.position_m = to_register(inspection->defects.front().m);

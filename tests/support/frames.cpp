@@ -40,10 +40,12 @@ std::optional<Frame> povray(const std::string& name) {
     const std::filesystem::path file = root / "povray" / (name + "_raw.png");
     if (!std::filesystem::exists(file)) return std::nullopt;
     const cv::Mat image = cv::imread(file.string(), cv::IMREAD_UNCHANGED);
-    if (image.type() != CV_8UC1) return std::nullopt;
-    Frame frame(image.cols, image.rows, 8);
+    if (image.type() != CV_8UC1 && image.type() != CV_16UC1) return std::nullopt;
+    const bool wide = image.type() == CV_16UC1;
+    Frame frame(image.cols, image.rows, wide ? 16 : 8);
     for (int y = 0; y < image.rows; ++y) {
-        for (int x = 0; x < image.cols; ++x) frame.set(x, y, image.at<std::uint8_t>(y, x));
+        for (int x = 0; x < image.cols; ++x)
+            frame.set(x, y, wide ? image.at<std::uint16_t>(y, x) : image.at<std::uint8_t>(y, x));
     }
     return frame;
 }

@@ -40,6 +40,7 @@ Json to_json(const PartResult& result, const Backends::Fate& fate, const std::st
               {"latency_us", result.latency_us},
               {"reject", name_of(result.reject)},
               {"reject_latency_us", result.reject_latency_us}};
+    if (result.bounded) json["bounded"] = true;
     if (!sentence.empty()) json["explain"] = sentence;
     if (!fate.kind.empty()) json["truth"] = fate.kind;
     json["ejected"] = fate.ejected;

@@ -82,9 +82,11 @@ class NewestResults {
             RegisterSnapshot one;
             one.set(BlockId::last, std::move(*readings));
             const Rows result(one, BlockId::last);
+            const bool bounded = result.text("flags").find("bounded") != std::string::npos;
             shown_.push_front(fmt::format("  {:>8} {:<7} {:<20} score {:>7}  {:>8} ms  reject {}", next,
-                                          result.text("verdict"), result.text("reason"), result.text("score"),
-                                          result.milliseconds("latency"), result.text("reject_state")));
+                                          result.text("verdict"), result.text("reason"),
+                                          (bounded ? "<=" : "") + result.text("score"), result.milliseconds("latency"),
+                                          result.text("reject_state")));
         }
         newest_ = newest;
         shown_.resize(std::min(shown_.size(), kShownResults));

@@ -155,8 +155,13 @@ function clock(when_ms) {
   return `${new Date(when_ms).toISOString().slice(11, 19)} UTC`;
 }
 
+// A score; with "≤" if it may be an upper bound.
+function scoreOf(result, digits) {
+  return known(result.score) ? (result.bounded ? "≤ " : "") + Number(result.score).toFixed(digits) : null;
+}
+
 function factsOf(result) {
-  return `Part ${result.part} at ${clock(result.verdict_ms)}, score ${known(result.score) ? result.score.toFixed(2) : "–"} of its limit, verdict after ${ms(result.latency_us)} ms, rejection ${result.reject.replace("_", " ")}.`;
+  return `Part ${result.part} at ${clock(result.verdict_ms)}, score ${scoreOf(result, 2) ?? "–"} of its limit, verdict after ${ms(result.latency_us)} ms, rejection ${result.reject.replace("_", " ")}.`;
 }
 
 // A part that did not pass. Its picture usually came before its result. A part that was not inspected has none: the older
@@ -245,7 +250,7 @@ async function showPart(key) {
   try {
     const record = await ask(`/parts/${key}/record.json`), r = record.result;
     say("part-title", `Part ${r.part}`);
-    figures("part-facts", [["verdict", r.verdict, ""], ["reason", r.reason, ""], ["score", known(r.score) ? Number(r.score).toFixed(3) : null, "of its limit"], ["time (UTC)", r.time, ""], ["verdict after", ms(r.latency_us), "ms"],
+    figures("part-facts", [["verdict", r.verdict, ""], ["reason", r.reason, ""], ["score", scoreOf(r, 3), "of its limit"], ["time (UTC)", r.time, ""], ["verdict after", ms(r.latency_us), "ms"],
       ["rejection", r.reject, ""], ["recipe", r.recipe, ""], ["number in the store", r.number, ""], ...(r.damage ? [["damaged row", r.damage, ""]] : [])]);
     if (!record.frame) { say("part-words", record.no_frame); return; }
     const found = await ask(`/parts/${key}/found.json`);
@@ -275,7 +280,7 @@ async function search(before) {
       const record = element("td"), a = element("a", "archive");
       a.href = `/parts/${r.number}/record.tar`; a.download = "";
       record.append(a);
-      row.append(number, element("td", r.time), element("td", String(r.part)), element("td", r.verdict, r.verdict), element("td", r.damage ? `damaged row: ${r.damage}` : r.reason === "none" ? "" : r.reason), element("td", known(r.score) ? Number(r.score).toFixed(2) : "", "n"),
+      row.append(number, element("td", r.time), element("td", String(r.part)), element("td", r.verdict, r.verdict), element("td", r.damage ? `damaged row: ${r.damage}` : r.reason === "none" ? "" : r.reason), element("td", scoreOf(r, 2) ?? "", "n"),
         element("td", String(r.defect_count ?? ""), "n"), element("td", ms(r.latency_us), "n"), element("td", (r.reject || "").replace("_", " ")), element("td", r.recipe || ""), record);
       return row;
     });

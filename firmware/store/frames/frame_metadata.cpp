@@ -55,6 +55,7 @@ std::string FrameMetadata::to_json() const {
     json["kind"] = "macro-pixels";  // a geometry note of drivers/files/frame_geometry.h, too
     json["grid"] = {{"m", grid.m}, {"n", grid.n}, {"i", grid.i}, {"j", grid.j}};
     json["bits"] = bits;
+    if (dark_dn) json["dark_dn"] = *dark_dn;
     json.update(store::to_json(judgement));
     json["samples_sha256"] = samples_sha256;
     json["recipe"] = recipe;
@@ -79,6 +80,7 @@ Result<FrameMetadata> FrameMetadata::from_json(const std::string& text, const st
         data.grid = {grid.at("m").get<int>(), grid.at("n").get<int>(), grid.at("i").get<int>(),
                      grid.at("j").get<int>()};
         data.bits = json.value("bits", 8);
+        if (json.contains("dark_dn")) data.dark_dn = json.at("dark_dn").get<std::uint32_t>();
         data.judgement = {json.at("verdict").get<std::string>(),
                           std::string(algo::present_reason_name(json.at("reason").get<std::string>())),
                           json.at("score").get<float>(),

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -37,7 +38,8 @@ struct FrameMetadata {
     std::string role;           // "reject" (the part did not pass), "before" and "after" such a part, "sample"
     std::uint32_t trigger = 0;  // of "before" and "after": that part
     algo::Extents grid;
-    int bits = 8;  // a sample
+    int bits = 8;                          // a sample
+    std::optional<std::uint32_t> dark_dn;  // algo::Inspection::dark_dn; none: kept by an older version
     Judgement judgement;
     std::string samples_sha256;
     std::string recipe;  // the whole text of the recipe that judged it

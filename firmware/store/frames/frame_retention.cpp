@@ -41,6 +41,7 @@ struct FrameRetention::Buffer {
     algo::Verdict verdict = algo::Verdict::unfit;
     algo::Reason reason = algo::Reason::none;
     float score = 0;
+    std::uint32_t dark_dn = 0;
     bool maps_of_bounds = false, bounded = false, out_of_time = false;
     std::shared_ptr<const std::string> recipe;
 
@@ -58,6 +59,7 @@ struct FrameRetention::Buffer {
         verdict = inspection.verdict;
         reason = inspection.reason;
         score = inspection.score;
+        dark_dn = inspection.dark_dn;
         maps_of_bounds = inspection.has_bounds;
         bounded = inspection.bounded;
         out_of_time = inspection.out_of_time;
@@ -245,6 +247,7 @@ std::string FrameRetention::metadata_of(const Buffer& buffer) const {
     data.trigger = buffer.trigger;
     data.grid = options_.extents;
     data.bits = buffer.samples.bits();
+    data.dark_dn = buffer.dark_dn;
     data.judgement = {std::string(name_of(buffer.verdict)),
                       std::string(name_of(buffer.reason)),
                       buffer.score,

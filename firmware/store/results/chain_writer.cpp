@@ -17,7 +17,8 @@ constexpr std::int64_t kLastNumber = std::int64_t{1} << 60U;
 
 Result<ChainWriter> ChainWriter::open(Database& database, const ChainTable& table, const std::string& store_id) {
     const std::vector<std::string_view> places(table.columns.size() + 1, "?");
-    auto insert = database.prepare(fmt::format("INSERT INTO {} VALUES ({})", table.name, fmt::join(places, ", ")));
+    auto insert = database.prepare(fmt::format("INSERT INTO {} ({}, hash) VALUES ({})", table.name,
+                                               fmt::join(table.columns, ", "), fmt::join(places, ", ")));
     if (!insert) return tl::unexpected(insert.error());
     auto set_head = database.prepare("INSERT OR REPLACE INTO heads VALUES (?1, ?2, ?3)");
     if (!set_head) return tl::unexpected(set_head.error());

@@ -142,6 +142,7 @@ Json to_json(const StoredResult& r) {
              {"verdict", r.verdict},
              {"reason", r.reason},
              {"score", r.score ? Json(static_cast<float>(*r.score)) : Json()},
+             {"bounded", r.bounded ? Json(*r.bounded) : Json()},
              {"defect_count", r.defect_count},
              {"defects", std::move(defects)},
              {"latency_us", r.latency_us},
@@ -176,8 +177,8 @@ std::string table_head_of_changes() {
 
 std::string to_table(const StoredResult& r) {
     return fmt::format(kResultTable, r.number, format_utc(r.time_us), r.part, r.verdict, r.reason,
-                       r.score ? fmt::format("{:.3f}", *r.score) : "", r.defect_count,
-                       kinds_of(parse_stored(r.defects)),
+                       r.score ? fmt::format("{}{:.3f}", r.bounded.value_or(false) ? "<=" : "", *r.score) : "",
+                       r.defect_count, kinds_of(parse_stored(r.defects)),
                        fmt::format("{:.1f}", static_cast<double>(r.latency_us) / 1000.0), r.reject, r.recipe);
 }
 

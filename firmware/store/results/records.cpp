@@ -84,7 +84,8 @@ std::vector<Value> values_of(const ResultRecord& record, const Value& recipe, co
             integer(r.reject_latency_us),
             text(name_of(r.reject)),
             recipe,
-            calibration};
+            calibration,
+            integer(r.bounded ? 1 : 0)};
 }
 
 std::vector<Value> values_of(const ChangeRecord& record) {

@@ -7,10 +7,10 @@ namespace {
 
 constexpr std::int64_t kApplicationId = 0x484F5244;  // "HORD": file(1) and check_schema() recognise a store by it
 
-constexpr std::array<std::string_view, 17> kResultColumns{
-    "number",  "v",      "run",        "entry",        "time_us", "sequence",   "part",
-    "verdict", "reason", "score",      "defect_count", "defects", "latency_us", "reject_latency_us",
-    "reject",  "recipe", "calibration"};
+constexpr std::array<std::string_view, 18> kResultColumns{
+    "number",  "v",      "run",         "entry",        "time_us", "sequence",   "part",
+    "verdict", "reason", "score",       "defect_count", "defects", "latency_us", "reject_latency_us",
+    "reject",  "recipe", "calibration", "bounded"};
 constexpr std::array<std::string_view, 10> kCommandColumns{"number", "v",     "run",  "entry",  "time_us",
                                                            "peer",   "token", "name", "before", "after"};
 constexpr std::array<std::string_view, 11> kChangeColumns{"number", "v",     "run",  "entry",  "time_us", "what",
@@ -46,11 +46,14 @@ CREATE TABLE acknowledged (run INTEGER PRIMARY KEY, sequence INTEGER NOT NULL, t
 constexpr const char* kVersion2 =
     "CREATE INDEX results_not_passed ON results (verdict, number) WHERE verdict <> 'pass'";
 
+// Version 3: 1: the score and the defects may be upper bounds; NULL: not known, of rows of before.
+constexpr const char* kVersion3 = "ALTER TABLE results ADD COLUMN bounded INTEGER";
+
 }  // namespace
 
-const ChainTable kResults{"results", kResultColumns};
-const ChainTable kCommands{"commands", kCommandColumns};
-const ChainTable kChanges{"changes", kChangeColumns};
+const ChainTable kResults{"results", kResultColumns, kResultColumns.size() - 1};
+const ChainTable kCommands{"commands", kCommandColumns, kCommandColumns.size()};
+const ChainTable kChanges{"changes", kChangeColumns, kChangeColumns.size()};
 
 Result<std::string> read_store_id(Database& database) {
     return database.get_text("SELECT value FROM meta WHERE key = 'id'");
@@ -93,6 +96,9 @@ Result<int> migrate_schema(Database& database) {
     if (!version) return tl::unexpected(version.error());
     if (*version < 2) {
         if (auto done = database.execute(kVersion2); !done) return tl::unexpected(done.error());
+    }
+    if (*version < 3) {
+        if (auto done = database.execute(kVersion3); !done) return tl::unexpected(done.error());
     }
     if (auto done = database.execute("PRAGMA user_version = " + std::to_string(kSchemaVersion)); !done)
         return tl::unexpected(done.error());

@@ -8,11 +8,12 @@
 //   acknowledged  the newest result of each run that a PLC has acknowledged
 //
 // results, commands and changes are three hash chains. `number` counts from 1 without gaps, over restarts. `v` is the
-// schema version of the row. A row's hash covers the columns that its version had: those of today in versions 1 and 2.
+// schema version of the row. A row's hash covers the columns that its version had; later ones are NULL in it. Version 3
+// added results.bounded.
 // Retention removes the oldest results and commands; changes are never removed.
 //
-// Tables of new files are STRICT. Those of older files are not, and stay so: they would have to be written anew. Both
-// have version 2: software of before reads and writes either. Readers check the type of every value in both.
+// Tables of new files are STRICT. Those of older files are not, and stay so: they would have to be written anew.
+// Readers check the type of every value in both.
 #pragma once
 
 #include <cstdint>
@@ -25,11 +26,12 @@
 
 namespace hord::firmware::store {
 
-constexpr int kSchemaVersion = 2;
+constexpr int kSchemaVersion = 3;
 
 struct ChainTable {
     std::string_view name;
-    std::span<const std::string_view> columns;  // all but `hash`, which is the last of the table
+    std::span<const std::string_view> columns;  // all but `hash`, in the order of the hash
+    std::size_t columns_before_3;               // of these, in versions 1 and 2
 };
 extern const ChainTable kResults, kCommands, kChanges;
 

@@ -115,7 +115,7 @@ Result<void> StoreReader::each_result(const ResultFilter& filter,
                                             : newest_of(chosen, filter.newest);
     const std::string sql =
         "SELECT r.number, r.run, r.time_us, s.after, r.sequence, r.part, r.verdict, r.reason, r.reject, r.score, "
-        "r.defect_count, r.defects, r.latency_us, r.reject_latency_us, r.recipe, p.name, c.name FROM (" +
+        "r.defect_count, r.defects, r.latency_us, r.reject_latency_us, r.recipe, p.name, c.name, r.bounded FROM (" +
         inner +
         ") r LEFT JOIN changes s ON s.number = r.run LEFT JOIN changes p ON p.number = r.recipe "
         "LEFT JOIN changes c ON c.number = r.calibration ORDER BY r.number";
@@ -148,6 +148,8 @@ Result<void> StoreReader::each_result(const ResultFilter& filter,
         // Of other rows: their damage is not this row's.
         result.recipe = read.text_or_empty(15);
         result.calibration = read.text_or_empty(16);
+        const auto bounded = read.integer_or_null(17);
+        result.bounded = bounded ? std::optional(*bounded != 0) : std::nullopt;
         result.damage = read.error() ? read.error()->what : "";
         take(result);
         return {};

@@ -22,6 +22,7 @@ struct StoredResult {
     std::uint32_t boot = 0, sequence = 0, part = 0;
     std::string verdict, reason, reject;
     std::optional<double> score;
+    std::optional<bool> bounded;  // the score and the defects may be upper bounds; none: an older row, not known
     std::int64_t defect_count = 0;
     std::string defects;  // JSON
     std::int64_t latency_us = 0, reject_latency_us = 0;

@@ -122,7 +122,9 @@ class ChainCheck {
 
         std::vector<Value> values;
         for (int column = 0; column < hash_column; ++column) values.push_back(row.value(column));
-        const bool good = version >= 1 && version <= kSchemaVersion;
+        bool good = version >= 1 && version <= kSchemaVersion;
+        for (; version < 3 && values.size() > table_.columns_before_3; values.pop_back())
+            good = good && std::holds_alternative<std::monostate>(values.back());
         const Hash hash = follow(before_, values);
         const Value stored = row.value(hash_column);
         if (!good || !equals(stored, hash)) {

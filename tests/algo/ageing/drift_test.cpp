@@ -70,7 +70,7 @@ class Line {
 
 DriftEstimator watched(Line& line, int parts) {
     auto estimator = DriftEstimator::create(kExtents, kLevels);
-    for (int k = 0; k < parts; ++k) estimator->add(line.part({}).view());
+    for (int k = 0; k < parts; ++k) estimator->add(line.part({}).view(), kLevels.dark);
     return std::move(*estimator);
 }
 
@@ -79,7 +79,7 @@ TEST(Drift, a_tenth_of_a_pixel_is_measured_within_fifty_parts) {
          {Moved{0.1, 0, 0, 0}, Moved{0.06, -0.08, 0, 0}, Moved{0, 0, 5e-4, 0}, Moved{0, 0, 0, -5e-4}}) {
         Line line;
         DriftEstimator estimator = watched(line, 33);  // the shift begins inside a window
-        for (int k = 0; k < 50; ++k) estimator.add(line.part(moved).view());
+        for (int k = 0; k < 50; ++k) estimator.add(line.part(moved).view(), kLevels.dark);
         ASSERT_TRUE(estimator.latest());
         const Drift& drift = *estimator.latest();
         // 9 bins and the dark level truncate the spot, so its mean moves less than the spot: 10 % is allowed.
@@ -92,11 +92,31 @@ TEST(Drift, a_tenth_of_a_pixel_is_measured_within_fifty_parts) {
     }
 }
 
+// What the inspection subtracts, or the mean moves much less than the light.
+TEST(Drift, is_the_same_on_a_pedestal_that_the_inspection_subtracts) {
+    for (const std::uint32_t pedestal : {0U, 6U}) {
+        Line line;
+        const auto part = [&](const Moved& moved) {
+            Frame frame = line.part(moved);
+            for (int y = 0; y < frame.height_px(); ++y) {
+                for (int x = 0; x < frame.width_px(); ++x)
+                    frame.set(x, y, std::min(frame.view().sample(x, y) + pedestal, 254U));
+            }
+            return frame;
+        };
+        auto estimator = DriftEstimator::create(kExtents, kLevels);
+        for (int k = 0; k < 33; ++k) estimator->add(part({}).view(), kLevels.dark + pedestal);
+        for (int k = 0; k < 50; ++k) estimator->add(part({0.1, 0, 0, 0}).view(), kLevels.dark + pedestal);
+        ASSERT_TRUE(estimator->latest());
+        EXPECT_NEAR(estimator->latest()->shift_x_bins, 0.1, 0.01) << pedestal;
+    }
+}
+
 TEST(Drift, parts_that_come_and_go_are_not_taken_for_drift) {
     Line line;
     DriftEstimator estimator = watched(line, 25);
     for (int k = 0; k < 200; ++k) {
-        if (estimator.add(line.part({}).view())) {
+        if (estimator.add(line.part({}).view(), kLevels.dark)) {
             EXPECT_LT(estimator.latest()->largest_bins, 0.03);
         }
     }
@@ -106,7 +126,7 @@ TEST(Drift, nothing_is_said_before_there_is_something_to_compare_with) {
     Line line;
     DriftEstimator estimator = watched(line, 49);
     EXPECT_FALSE(estimator.latest());
-    EXPECT_TRUE(estimator.add(line.part({}).view()));
+    EXPECT_TRUE(estimator.add(line.part({}).view(), kLevels.dark));
     EXPECT_TRUE(estimator.latest());
 }
 
@@ -114,8 +134,8 @@ TEST(Drift, dark_frames_do_not_count) {
     Line line;
     DriftEstimator estimator = watched(line, 49);
     const Frame dark(kExtents.width_px(), kExtents.height_px(), 8);
-    for (int k = 0; k < 60; ++k) EXPECT_FALSE(estimator.add(dark.view()));
-    EXPECT_TRUE(estimator.add(line.part({}).view()));
+    for (int k = 0; k < 60; ++k) EXPECT_FALSE(estimator.add(dark.view(), kLevels.dark));
+    EXPECT_TRUE(estimator.add(line.part({}).view(), kLevels.dark));
     EXPECT_LT(estimator.latest()->largest_bins, 0.03);
 }
 
@@ -128,8 +148,8 @@ TEST(DriftSinceCalibration, is_measured_from_the_first_window_on_whatever_had_mo
          {Moved{}, Moved{0.1, 0, 0, 0}, Moved{0.06, -0.08, 0, 0}, Moved{0, 0, 5e-4, 0}, Moved{0, 0, 0, -5e-4}}) {
         Line line;
         DriftEstimator estimator = calibrated();
-        for (int k = 0; k < 24; ++k) EXPECT_FALSE(estimator.add(line.part(moved).view()));
-        ASSERT_TRUE(estimator.add(line.part(moved).view()));
+        for (int k = 0; k < 24; ++k) EXPECT_FALSE(estimator.add(line.part(moved).view(), kLevels.dark));
+        ASSERT_TRUE(estimator.add(line.part(moved).view(), kLevels.dark));
         const Drift& drift = *estimator.latest();
         EXPECT_TRUE(drift.since_calibration);
         EXPECT_NEAR(drift.shift_x_bins, moved.x, 0.01);
@@ -143,7 +163,7 @@ TEST(DriftSinceCalibration, is_measured_from_the_first_window_on_whatever_had_mo
 TEST(DriftSinceCalibration, identical_parts_are_not_taken_for_it) {
     Line line;
     DriftEstimator estimator = calibrated();
-    for (int k = 0; k < 50; ++k) estimator.add(line.lens({0.1, 0, 0, 0}, 17.5, 14.5, 0.02, 14).view());
+    for (int k = 0; k < 50; ++k) estimator.add(line.lens({0.1, 0, 0, 0}, 17.5, 14.5, 0.02, 14).view(), kLevels.dark);
     ASSERT_TRUE(estimator.latest());
     EXPECT_TRUE(estimator.latest()->since_calibration);
     EXPECT_NEAR(estimator.latest()->shift_x_bins, 0.1, 0.01);
@@ -154,9 +174,9 @@ TEST(DriftSinceCalibration, identical_parts_are_not_taken_for_it) {
 TEST(DriftSinceCalibration, parts_that_fill_the_field_are_compared_with_the_first_of_them) {
     Line line;
     DriftEstimator estimator = calibrated();
-    for (int k = 0; k < 25; ++k) estimator.add(line.lens({}, 17.5, 14.5, 0.1, 60).view());
+    for (int k = 0; k < 25; ++k) estimator.add(line.lens({}, 17.5, 14.5, 0.1, 60).view(), kLevels.dark);
     EXPECT_FALSE(estimator.latest());
-    for (int k = 0; k < 25; ++k) estimator.add(line.lens({0.1, 0, 0, 0}, 17.5, 14.5, 0.1, 60).view());
+    for (int k = 0; k < 25; ++k) estimator.add(line.lens({0.1, 0, 0, 0}, 17.5, 14.5, 0.1, 60).view(), kLevels.dark);
     ASSERT_TRUE(estimator.latest());
     EXPECT_FALSE(estimator.latest()->since_calibration);
     EXPECT_NEAR(estimator.latest()->shift_x_bins, 0.1, 0.01);

@@ -1,6 +1,8 @@
 // Verdicts on light fields that an independent program traced: good parts pass, defects are found at their true
 // positions; also with noise, at other exposures and bit depths, and for other positions of the part in the field.
 #include <cmath>
+#include <string>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -147,6 +149,64 @@ TEST_P(BadPart, is_judged_only_inside_its_zones) {
     expect_true_verdict(GetParam(), frame_, {}, recipe);
     recipe.zones[0].use = Zone::Use::ignore;
     expect_true_verdict({GetParam().name, true, {}}, frame_, {}, recipe);
+}
+
+// povray/poses: 61 x 61 lenslets, 16 bits, without noise. docs/notes/inspection.md has the table.
+class PosedPart : public ::testing::Test {
+  protected:
+    void SetUp() override {
+        if (!povray("poses/lens_pose00"))
+            GTEST_SKIP() << "poses/lens_pose00_raw.png is neither below $HORD_DATA nor in ../shared/data";
+    }
+    struct Result {
+        Verdict verdict = Verdict::unfit;
+        Reason reason = Reason::none;
+        std::vector<Defect> defects;
+    };
+    static Result judged(const std::string& name, const Recipe& recipe = {}) {
+        const auto frame = povray("poses/" + name);
+        EXPECT_TRUE(frame) << name;
+        if (!frame) return {};
+        auto pipeline = Pipeline::create({61, 61, 9, 9}, frame->bits(), recipe);
+        EXPECT_TRUE(pipeline);
+        const auto seen = pipeline->inspect(frame->view());
+        EXPECT_FALSE(seen->bounded) << name;
+        return {seen->verdict, seen->reason, {seen->defects.begin(), seen->defects.end()}};
+    }
+    static void expect_rejected_at(Point defect, const std::string& name, const Recipe& recipe = {}) {
+        const Result seen = judged(name, recipe);
+        EXPECT_EQ(seen.verdict, Verdict::reject) << name;
+        ASSERT_EQ(seen.defects.size(), 1U) << name;
+        EXPECT_NEAR(seen.defects[0].m, defect.m, kNear) << name;
+        EXPECT_NEAR(seen.defects[0].n, defect.n, kNear) << name;
+    }
+    static std::string pose(const std::string& part, int k) {
+        return part + "_pose" + (k < 10 ? "0" : "") + std::to_string(k);
+    }
+};
+
+TEST_F(PosedPart, lenses_pass_in_every_pose_and_flaws_of_half_a_lenslet_are_found) {
+    for (int k = 0; k < 22; ++k) EXPECT_EQ(judged(pose("lens", k)).verdict, Verdict::pass) << k;
+    expect_rejected_at({26.7F, 45.9F}, "lens_bubble070");
+    expect_rejected_at({20.7F, 38.5F}, "lens_cut0");
+    expect_rejected_at({22.9F, 49.3F}, "lens_speck050");
+}
+
+// The plate's polished walls show no edge. The default recipe judges none; one that looks for no part does.
+TEST_F(PosedPart, plates_without_visible_edges_are_no_part_or_judged_as_webs) {
+    Recipe web;
+    web.form = PartForm::web;
+    web.part_required = false;
+    for (int k = 0; k < 22; ++k) {
+        EXPECT_EQ(judged(pose("plate", k)).reason, Reason::no_part) << k;
+        EXPECT_EQ(judged(pose("plate", k), web).verdict, Verdict::pass) << k;
+    }
+    for (const auto& [name, place] :
+         {std::pair("plate_bubble035", Point{14.9F, 42.0F}), std::pair("plate_bubble070", Point{42.6F, 45.3F}),
+          std::pair("plate_cut0", Point{15.4F, 20.6F}), std::pair("plate_speck050", Point{23.9F, 33.8F})}) {
+        EXPECT_EQ(judged(name).reason, Reason::no_part) << name;
+        expect_rejected_at(place, name, web);
+    }
 }
 
 std::string name_of_scene(const ::testing::TestParamInfo<Scene>& scene) { return scene.param.name; }

@@ -84,6 +84,15 @@ TEST_F(Running, a_verdict_after_the_deadline_changes_nothing) {
     EXPECT_EQ(rig.shot().counters.pass, 0U);
 }
 
+TEST_F(Running, a_judgement_by_upper_bounds_is_a_result_that_says_so) {
+    for (const bool bounded : {true, false}) {
+        const std::uint32_t part = rig.part_is_seen();
+        rig.send(Judged{.part = part, .verdict = Verdict::pass, .bounded = bounded});
+        EXPECT_EQ(rig.shot().last.bounded, bounded);
+        rig.advance(milliseconds(500));
+    }
+}
+
 TEST_F(Running, a_second_judgement_of_the_same_part_is_ignored) {
     const auto part = rig.part_is_seen();
     rig.judged(part, Verdict::reject, Reason::deflection_gradient);

@@ -192,6 +192,20 @@ TEST_F(DeviceDiagnosticsTest, a_rejector_that_does_not_act_is_told) {
     EXPECT_EQ(row(check(true), "ejector").result, CheckRow::Result::bad);
 }
 
+// The spot above the frame's own dark level, as it is judged; the mean above the recipe's, or stray light would not
+// show.
+TEST(FrameQuality, of_a_spot_on_a_pedestal_is_that_of_the_spot_and_the_pedestal_shows_in_the_mean) {
+    const algo::Extents extents{8, 8, 9, 9};
+    Frame frame(72, 72, 8);
+    for (int y = 0; y < 72; ++y) {
+        for (int x = 0; x < 72; ++x) frame.set(x, y, x % 9 == 4 && y % 9 == 4 ? 204 : 7);
+    }
+    const auto quality = quality_of(frame.view(), extents, {});
+    ASSERT_TRUE(quality);
+    EXPECT_DOUBLE_EQ(quality->spot_bins, 0);
+    EXPECT_DOUBLE_EQ(quality->mean, (204.0 - 3 + 80 * (7 - 3)) / 255 / 81);
+}
+
 TEST(FrameQuality, of_a_single_lit_bin_and_of_evenly_lit_bins_is_known) {
     const algo::Extents extents{3, 3, 9, 9};
     Frame one(27, 27, 8), even(27, 27, 8);

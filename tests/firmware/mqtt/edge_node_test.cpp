@@ -45,7 +45,8 @@ TEST(EdgeNode, is_born_with_every_metric_and_dies_with_the_same_bdSeq) {
     EXPECT_EQ(find(birth, "Node Control/Rebirth")->value, MetricValue(false));
     EXPECT_EQ(find(birth, "Station/STATUS/state")->alias, 102U);
     EXPECT_EQ(find(birth, "Result/Number")->alias, kResultAlias);
-    for (const char* name : {"Result/Verdict", "Station/Online", "Station/COUNTERS/seen", "Station/HEALTH/latency_p99"})
+    for (const char* name :
+         {"Result/Verdict", "Result/Bounded", "Station/Online", "Station/COUNTERS/seen", "Station/HEALTH/latency_p99"})
         EXPECT_NE(find(birth, name), nullptr) << name;
     EXPECT_EQ(find(birth, "Station/STATUS/heartbeat"), nullptr);
 

@@ -73,6 +73,12 @@ TEST(Registers, a_result_is_encoded_as_documented) {
                             0xFFFF, 0xFFFF, 0xFFFF, 0b11, 1, 2));
 }
 
+TEST(Registers, a_result_by_upper_bounds_says_so_in_its_flags) {
+    Snapshot s = example();
+    s.last.bounded = true;
+    EXPECT_EQ(image_of(BlockId::last, s)[23], 0b111);
+}
+
 TEST(Registers, before_the_first_result_its_values_are_not_available) {
     const auto readings = decode(*find_block(BlockId::last), image_of(BlockId::last, Snapshot{}));
     ASSERT_TRUE(readings);

@@ -390,6 +390,7 @@ TEST(Replay, of_frames_with_exact_maps_is_the_same_to_the_bit) {
     for (const ArchivedFile& file : *files) {
         const auto metadata = read_annotated_frame(file.file).value().metadata;
         EXPECT_FALSE(Json::parse(metadata).contains("maps"));
+        EXPECT_EQ(Json::parse(metadata).at("dark_dn"), algo::kDarkDn8Bit);
         const auto replayed = replay.judge(file.file);
         ASSERT_TRUE(replayed) << replayed.error().message();
         EXPECT_TRUE(replayed->same()) << to_json_line(*replayed);

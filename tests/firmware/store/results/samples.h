@@ -59,6 +59,7 @@ inline ResultRecord result(std::uint32_t sequence, PartVerdict verdict = PartVer
     record.result.verdict = verdict;
     record.result.latency_us = 4200 + sequence;
     record.result.score = 0.1F * static_cast<float>(sequence % 30);
+    record.result.bounded = sequence % 30 == 2;
     record.time_us = kNoon + sequence * 100'000LL;
     if (verdict == PartVerdict::reject) {
         record.result.reason = PartReason::neighbours_disagree;

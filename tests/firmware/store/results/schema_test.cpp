@@ -1,6 +1,10 @@
 // A store that older software wrote.
 #include "firmware/store/results/schema.h"
 
+#include <array>
+
+#include <fmt/format.h>
+
 #include "tests/firmware/store/results/samples.h"
 #include "tests/firmware/store/results/sql.h"
 
@@ -10,9 +14,28 @@ namespace {
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
 
-// Version 1 differs only in an index.
+// Version 1 has neither the index nor results.bounded, which the hashes of its rows do not cover.
 void turn_into_version_1(const TempFolder& folder) {
-    sql(folder, "DROP INDEX results_not_passed; PRAGMA user_version = 1");
+    sql(folder,
+        "DROP INDEX results_not_passed; ALTER TABLE results DROP COLUMN bounded; UPDATE results SET v = 1; "
+        "PRAGMA user_version = 1");
+    const auto database = Database::open(folder.path() / "results.db", Database::Access::create);
+    ASSERT_TRUE(database);
+    Hash hash = genesis(read_store_id(**database).value(), "results");
+    std::vector<std::array<Value, 2>> hashes;
+    const auto columns = kResults.columns.first(kResults.columns_before_3);
+    ASSERT_TRUE((*database)->run(fmt::format("SELECT {} FROM results ORDER BY number", fmt::join(columns, ", ")), {},
+                                 [&](const Statement& row) -> Result<void> {
+                                     std::vector<Value> values;
+                                     for (int column = 0; column < row.columns(); ++column)
+                                         values.push_back(row.value(column));
+                                     hash = follow(hash, values);
+                                     hashes.push_back({values.front(), to_value(hash)});
+                                     return {};
+                                 }));
+    for (const auto& one : hashes) ASSERT_TRUE((*database)->run("UPDATE results SET hash = ?2 WHERE number = ?1", one));
+    ASSERT_TRUE(
+        (*database)->run("UPDATE heads SET hash = ?1 WHERE chain = 'results'", std::array<Value, 1>{to_value(hash)}));
 }
 
 TEST(Migration, brings_an_older_file_up_to_date_and_says_so_in_the_changes) {
@@ -23,7 +46,10 @@ TEST(Migration, brings_an_older_file_up_to_date_and_says_so_in_the_changes) {
     write(folder, Story(start(8)).add_results(1, 2));
     EXPECT_EQ(sql_integer(folder, "PRAGMA user_version"), static_cast<std::uintmax_t>(kSchemaVersion));
     EXPECT_EQ(sql_integer(folder, "SELECT count(*) FROM sqlite_schema WHERE name = 'results_not_passed'"), 1U);
-    EXPECT_THAT(results(folder), SizeIs(42));
+    const std::vector<StoredResult> rows = results(folder);
+    ASSERT_THAT(rows, SizeIs(42));
+    EXPECT_FALSE(rows[39].bounded.has_value()) << "nobody knows it of an older row";
+    EXPECT_EQ(rows[40].bounded, false);
     EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
     ResultFilter filter;
     filter.verdict = "reject";
@@ -33,6 +59,16 @@ TEST(Migration, brings_an_older_file_up_to_date_and_says_so_in_the_changes) {
         if (change.what == "migration") migrations.push_back(change.before + " to " + change.after);
     }
     EXPECT_THAT(migrations, ::testing::ElementsAre("1 to " + std::to_string(kSchemaVersion)));
+}
+
+TEST(Migration, of_older_rows_does_not_hide_that_one_was_called_bounded) {
+    const TempFolder folder;
+    write(folder, Story().add_results(1, 4));
+    turn_into_version_1(folder);
+    write(folder, Story(start(8)).add_results(1, 2));
+    sql(folder, "UPDATE results SET bounded = 0 WHERE number = 3");
+    EXPECT_THAT(verify(folder.path()).problems,
+                ::testing::ElementsAre(::testing::HasSubstr("row 3 is not as it was written")));
 }
 
 TEST(Migration, that_fails_leaves_the_older_file_as_it_was) {

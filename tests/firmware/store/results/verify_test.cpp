@@ -83,18 +83,19 @@ INSTANTIATE_TEST_SUITE_P(
         Tampering{"row_appended",
                   "INSERT INTO results SELECT 341, v, run, entry, time_us, sequence, part, verdict, reason, score, "
                   "defect_count, defects, latency_us, "
-                  "reject_latency_us, reject, recipe, calibration, hash FROM results WHERE number = 340",
+                  "reject_latency_us, reject, recipe, calibration, hash, bounded FROM results WHERE number = 340",
                   "results: row 341 was inserted at the end"},
         Tampering{"row_appended_with_its_head",
                   "INSERT INTO results SELECT 341, v, run, entry, time_us, sequence, part, verdict, reason, score, "
                   "defect_count, defects, latency_us, "
-                  "reject_latency_us, reject, recipe, calibration, hash FROM results WHERE number = 340; UPDATE heads "
+                  "reject_latency_us, reject, recipe, calibration, hash, bounded FROM results WHERE number = 340; "
+                  "UPDATE heads "
                   "SET number = 341 WHERE chain = 'results'",
                   "results: row 341 is not as"},
         Tampering{"row_inserted_before_the_first",
                   "INSERT INTO results SELECT 100, v, run, entry, time_us, sequence, part, verdict, reason, score, "
                   "defect_count, defects, latency_us, "
-                  "reject_latency_us, reject, recipe, calibration, hash FROM results WHERE number = 101",
+                  "reject_latency_us, reject, recipe, calibration, hash, bounded FROM results WHERE number = 101",
                   "results: row 100"},
         Tampering{
             "rows_exchanged",

@@ -1,0 +1,164 @@
+// The sentence of every verdict and reason, with and without a reference.
+#include "firmware/diagnostics/verdict_text.h"
+
+#include <memory>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "algo/reference/reference.h"
+
+namespace hord::firmware {
+namespace {
+
+using algo::FrameFault;
+using algo::Reason;
+using algo::Verdict;
+
+constexpr algo::Extents kField{41, 31, 9, 9};
+
+algo::Recipe recipe(bool with_reference, float lenslet_mm = 0) {
+    algo::Recipe recipe;
+    recipe.lenslet_mm = lenslet_mm;
+    if (with_reference) recipe.reference = std::make_shared<algo::Reference>();
+    return recipe;
+}
+
+// The same sentence with and without a reference.
+std::string told(const algo::Inspection& found, float lenslet_mm = 0) {
+    std::string sentence = explain(found, recipe(false, lenslet_mm), kField);
+    EXPECT_EQ(explain(found, recipe(true, lenslet_mm), kField), sentence);
+    return sentence;
+}
+
+algo::Inspection unfit(Reason reason, const algo::FrameFindings& frame = {}) {
+    algo::Inspection found;
+    found.verdict = Verdict::unfit;
+    found.reason = reason;
+    found.frame = frame;
+    return found;
+}
+
+TEST(VerdictText, of_a_part_that_passed_says_how_near_to_its_limit_it_came) {
+    algo::Inspection found;
+    found.verdict = Verdict::pass;
+    found.reason = Reason::none;
+    found.score = 0.424F;
+    EXPECT_EQ(told(found), "Passed: the worst place reaches 42 % of its limit.");
+    found.bounded = true;
+    EXPECT_EQ(told(found),
+              "Passed: the worst place reaches 42 % of its limit. Some values are bounds: the limit of work was reached.");
+    found.out_of_time = true;
+    EXPECT_EQ(told(found), "Passed: the worst place reaches 42 % of its limit. Some values are bounds: the time ran out.");
+}
+
+TEST(VerdictText, of_a_rejected_part_says_what_was_found_how_large_and_where) {
+    algo::Inspection found;
+    found.verdict = Verdict::reject;
+    found.score = 2.5F;
+    std::vector<algo::Defect> defects{{.m = 25, .n = 5, .area = 9, .peak = 1}};
+    for (const Reason reason : {Reason::neighbours_disagree, Reason::deflection_gradient, Reason::absorption}) {
+        found.reason = reason;
+        for (const auto& [kind, name] : {std::pair(algo::DefectKind::unknown, "a defect"),
+                                         std::pair(algo::DefectKind::scattering, "a scattering defect"),
+                                         std::pair(algo::DefectKind::absorbing, "an absorbing defect"),
+                                         std::pair(algo::DefectKind::surface, "a surface defect")}) {
+            defects[0].kind = kind;
+            found.defects = defects;
+            EXPECT_EQ(told(found),
+                      std::string("Rejected: ") + name + " of 3.4 lenslets at lenslet (25.0, 5.0), 2.5 times its limit.");
+        }
+    }
+    defects[0].kind = algo::DefectKind::scratch;
+    defects[0].length = 12;
+    EXPECT_EQ(told(found), "Rejected: a scratch of 12.0 lenslets at lenslet (25.0, 5.0), 2.5 times its limit.");
+    EXPECT_EQ(told(found, 0.2F), "Rejected: a scratch of 2.4 mm at (1.00, -2.00) mm, 2.5 times its limit.");
+    defects.resize(2, {.m = 3, .n = 4, .area = 1});
+    found.defects = defects;
+    EXPECT_THAT(told(found), ::testing::EndsWith("; 1 weaker one."));
+    defects.resize(3);
+    found.defects = defects;
+    found.bounded = true;
+    EXPECT_THAT(told(found),
+                ::testing::EndsWith("; 2 weaker ones. Some values are bounds: the limit of work was reached."));
+}
+
+TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
+    const auto light = [](FrameFault fault) {
+        return unfit(Reason::unexpected_light, {.fault = fault,
+                                                .pedestal_dn = 12.34F,
+                                                .dark_noise_dn = 5.6F,
+                                                .spot_x_bins = 1.5F,
+                                                .spot_y_bins = 1.25F,
+                                                .second_share = 0.071F});
+    };
+    const auto part = [](FrameFault fault) { return unfit(Reason::no_part, {.fault = fault, .parts = 2}); };
+    const std::vector<std::pair<algo::Inspection, std::string>> all{
+        {unfit(Reason::too_dark), "there is too little light"},
+        {unfit(Reason::saturated), "too many lenslets are saturated"},
+        {unfit(Reason::nothing_to_see), "no lenslet is left to judge"},
+        {light(FrameFault::pedestal),
+         "the dark bins read 12.3 DN: keep stray light out, or lower the sensor's black level"},
+        {light(FrameFault::noise),
+         "the dark bins vary by 5.6 DN about 12.3 DN: see to the sensor's gain and cooling"},
+        {light(FrameFault::wide_spot),
+         "spots are 1.5 x 1.2 bins wide (at most 1.0): focus the collimator and the lenslets, or raise [light] "
+         "max_spot_bins for a wide source"},
+        {light(FrameFault::second_spot),
+         "7 % of the light is in a second spot: look for a reflection, a second lamp, or light of the next lenslet "
+         "(calibrate again)"},
+        {light(FrameFault::interrupted),
+         "a row or column of lenslets shows no free light: look for lost rows of the frame, something across the field, "
+         "or a part that reaches from border to border"},
+        {part(FrameFault::nothing),
+         "nothing in the field deflects or absorbs light: check that the part was there, and the trigger's delay"},
+        {part(FrameFault::fills_field),
+         "no free light surrounds the part: show the whole part, or set [part] form = \"web\" if it fills the field"},
+        {part(FrameFault::no_outline),
+         "the light changes slowly everywhere, as no part's outline does: check the lamp and the optics"},
+        {part(FrameFault::several),
+         "there are 2 parts in the field: space them, or set [part] form = \"plate\" if it is one whose middle does not "
+         "deflect light"},
+        {part(FrameFault::cut_by_field),
+         "the field's border cuts the part: set the trigger's delay, or show the whole part"},
+        {part(FrameFault::lopsided),
+         "the part's outline is not symmetric, as if a piece were missing: check the part, or set [part] outline = "
+         "\"any\" if it has this shape"},
+        {unfit(Reason::unexpected_geometry, {.period_x = 3, .period_y = 5}),
+         "the light repeats every 3 x 5 samples, not every 9 x 9: give --macro 3x5, or calibrate again"},
+        {unfit(Reason::unexpected_geometry, {.period_x = 3}),
+         "the light repeats every 3 x 9 samples, not every 9 x 9: give --macro 3x9, or calibrate again"},
+    };
+    for (const auto& [found, why] : all) EXPECT_EQ(told(found), "Not judged: " + why + ".");
+}
+
+TEST(VerdictText, of_light_off_the_middle_says_by_how_much_and_to_which_side) {
+    for (const auto& [x, y, where] :
+         {std::tuple(0.75F, 0.5F, "to the right of"), std::tuple(-0.75F, 0.5F, "to the left of"),
+          std::tuple(0.5F, 0.75F, "below"), std::tuple(0.5F, -0.75F, "above")}) {
+        const auto found =
+            unfit(Reason::unexpected_light, {.fault = FrameFault::off_centre, .x_bins = x, .y_bins = y});
+        EXPECT_EQ(told(found), std::string("Not judged: the free light is 0.8 bins ") + where +
+                      " the middle: calibrate again, or check that nothing moved.");
+    }
+}
+
+TEST(VerdictText, of_a_part_that_was_not_registered_says_what_registration_says) {
+    algo::Inspection found = unfit(Reason::not_registered);
+    using Outcome = algo::Registered::Outcome;
+    for (const auto& [outcome, why] :
+         {std::pair(Outcome::too_little, "too little of it is seen to find where it lies"),
+          std::pair(Outcome::too_far,
+                    "it lies too far from where the reference's parts did, or is turned too much"),
+          std::pair(Outcome::foreign, "it does not look like the reference's parts"),
+          std::pair(Outcome::unsettled, "where it lies cannot be settled")}) {
+        found.registered.outcome = outcome;
+        EXPECT_EQ(told(found), std::string("Not judged: ") + why + ".");
+    }
+}
+
+}  // namespace
+}  // namespace hord::firmware
