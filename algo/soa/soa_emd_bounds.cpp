@@ -111,7 +111,7 @@ HORD_ALWAYS_INLINE void bound(const float* a, const float* b, std::size_t stride
     using F = Floats<Bytes>;
     constexpr int kGroup = Bytes / static_cast<int>(sizeof(float));
     const int columns = box.last_i - box.first_i + 1, lines = box.last_j - box.first_j + 1;
-    if (columns <= 0) {
+    if (columns <= 0 || lines <= 0) {
         std::fill_n(upper, kLanes, 0.0F);
         return;
     }

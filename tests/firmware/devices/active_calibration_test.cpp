@@ -115,11 +115,11 @@ TEST(DriftMonitor, notices_a_tenth_of_a_pixel_within_fifty_parts_and_when_it_is_
     const auto parts_until_changed = [&](double x_bins) {
         const Frame frame = free_light(extents, x_bins);
         for (int k = 1; k <= 100; ++k) {
-            if ((*watch)->add(frame.view(), 3)) return k;
+            if ((*watch)->add(frame.view(), 0)) return k;
         }
         return 0;
     };
-    for (int k = 0; k < 40; ++k) EXPECT_FALSE((*watch)->add(free_light(extents, 0).view(), 3));
+    for (int k = 0; k < 40; ++k) EXPECT_FALSE((*watch)->add(free_light(extents, 0).view(), 0));
     EXPECT_FALSE((*watch)->view().noticed);
     const int noticed = parts_until_changed(0.05);
     EXPECT_GT(noticed, 0);
