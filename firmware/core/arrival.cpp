@@ -95,7 +95,8 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
     part.edge_counts = counts;
     part.target_counts = counts + config_.transport_counts;
     part.exposure_start = config_.by_encoder ? TimePoint::max() : arrived + config_.exposure_delay;
-    part.place_lost = !config_.by_encoder && state_ == State::error;  // the line is coming to a stop
+    // The line is coming to a stop, or did so after this edge, which was told late.
+    part.place_lost = !config_.by_encoder && (state_ == State::error || arrived < permit_lost_at_);
     part.result.part = number;
     part.result.arrived_ns = arrived.time_since_epoch().count();
 
@@ -180,6 +181,7 @@ void Core::on(const hal::EncoderReading& reading) {
 // commands still go out by time until the reset, because the line may keep running.
 void Core::lose_permit() {
     if (config_.by_encoder) return;
+    permit_lost_at_ = now_;
     covered_ = false;  // on a standing belt the covered time means nothing
     bool any = false;
     for (std::uint32_t k = 0; k < line_.size(); ++k) {

@@ -123,6 +123,7 @@ class Core {
     std::uint32_t up_ = 0;  // the FaultBits of the devices that work
     bool started_ = false;  // StartDevice was pushed for the devices
     bool run_permit_ = false;
+    TimePoint permit_lost_at_ = TimePoint::min();  // without encoder: when the run permit was withdrawn last
     bool line_stop_ = false;
     TimePoint line_stopped_at_;
     bool draining_ = false;

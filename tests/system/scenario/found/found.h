@@ -30,6 +30,10 @@ inline constexpr std::array kFound{
           "part-touching@33,part-touching@34-360:0.03,edge-ghost@343+55000us"},
     Found{"two losses were reported as one, with stored results between them", "one-story", 10963806530692724064U, 763,
           LineProfile::timed, "disk-full@550-740:0.03+3000000us,store-slow@705+4000000us"},
+    Found{"a part told after the permit was withdrawn was called ejected", "unconfirmed-stops", 14609013737187424158U,
+          5000, LineProfile::timed,
+          "ejector-stuck@24,ejector-stuck@25-416:0.01,process-stalled@239+120000us,process-stalled@240-4500:0.03+"
+          "400000us"},
 };
 
 inline Result<EpisodePlan> plan_of(const Found& found) {
