@@ -12,6 +12,17 @@ namespace {
 constexpr float kInterpolation[kDeviations] = {0.05F, 0.05F, 0.02F, 0.05F};
 constexpr float kMinSpread[kDeviations] = {1e-6F, 1e-5F, 1e-5F, 0};  // rounding: 0.1 % of light, 0.003 bin
 
+// Heavy tails: near edges a part deviates far in few lenslets, by where the edge lies between them. Another part
+// deviates as far elsewhere along the edge, hence the second-largest deviation within kTailReach lenslets, of another
+// part than the largest: a flaw of one part does not count. If it is kHeavy times what a normal distribution of the
+// spread makes, it counts as two standard deviations; an excess of shape as the mean.
+constexpr int kTailReach = 3;
+constexpr double kHeavy = 2;
+constexpr float kTailDivisor[kDeviations] = {4, 4, 4, 1};
+
+// Expected largest of so many squared normal variables.
+double largest_square(double count) { return 2 * std::log(count) - 0.6; }
+
 // Largest share that one of `parts` squared normal variables may have of their sum (Grubbs' test; exceeded with a
 // probability of about 0.001).
 double grubbs_share(double parts) {
@@ -32,7 +43,7 @@ void SpreadEstimate::add(std::uint32_t part, const Difference& d, float emd, flo
     const auto add = [&](Deviation which, float square, float variance) {
         const auto w = static_cast<std::size_t>(which);
         s.squares[w] += square;
-        s.largest[w] = std::max(s.largest[w], square);
+        if (square > s.largest[w]) s.largest[w] = square, s.part_of_largest[w] = part;
         s.variance[w] += variance;
         score += static_cast<double>(square / (variance + kInterpolation[w] * kInterpolation[w]));
     };
@@ -47,7 +58,8 @@ void SpreadEstimate::add(std::uint32_t part, const Difference& d, float emd, flo
         const auto w = static_cast<std::size_t>(Deviation::shape);
         const float excess = (d.chi2 - d.degrees) / d.sum;
         s.squares[w] += excess;
-        s.largest[w] = std::max(s.largest[w], excess);
+        if (excess > s.largest[w]) s.largest[w] = excess, s.part_of_largest[w] = part;
+        s.variance[w] += std::sqrt(2 * d.degrees) / d.sum;
         score += static_cast<double>(std::max(0.0F, excess / (std::sqrt(2 * d.degrees) / d.sum + kInterpolation[w])));
         if (chi2_ratios_.size() < 4'000'000) chi2_ratios_.push_back(static_cast<double>(d.chi2 / d.degrees));
     }
@@ -60,10 +72,11 @@ void SpreadEstimate::add(std::uint32_t part, const Difference& d, float emd, flo
 
 void SpreadEstimate::finish(double parts, Reference& reference) const {
     const std::size_t count = extents_.lenslets();
-    const double own = parts / (parts - 1);            // corrects for each part's share in the mean
-    const double largest = 2 * std::log(parts) - 0.6;  // expected largest of `parts` squared normal variables
-    const double trimmed = 1 / (parts - largest);      // 1 / the expected sum of the others
-    std::vector<float> tail(count, 0);                 // excess variance that the largest deviation implies
+    const double own = parts / (parts - 1);  // corrects for each part's share in the mean
+    const double largest = largest_square(parts);
+    const double largest_around = largest_square(parts * (2 * kTailReach + 1) * (2 * kTailReach + 1));
+    const double trimmed = 1 / (parts - largest);  // 1 / the expected sum of the others
+    std::vector<float> tail(count, 0);             // excess variance that the largest deviation implies
     std::vector<double> tails;
     std::array<std::vector<float>, kDeviations> trimmed_excess;
     for (std::size_t w = 0; w < kDeviations; ++w) {
@@ -100,8 +113,14 @@ void SpreadEstimate::finish(double parts, Reference& reference) const {
                     number += 1;
                     tails.push_back(static_cast<double>(tail[k]));
                 });
-                spread[extents_.index(m, n)] = std::max(
-                    kMinSpread[w], static_cast<float>(number > 0 ? std::max(sum / number, median_or_0(tails)) : 0));
+                const std::size_t k = extents_.index(m, n);
+                spread[k] = std::max(kMinSpread[w],
+                                     static_cast<float>(number > 0 ? std::max(sum / number, median_or_0(tails)) : 0));
+                const double values = w == 0 ? sums_[k].count : sums_[k].hords;
+                const float second = second_largest(m, n, w);
+                const double usual = static_cast<double>(spread[k] + sums_[k].variance[w] / std::max(values, 1.0));
+                if (static_cast<double>(second) > kHeavy * largest_around * usual)
+                    spread[k] = std::max(spread[k], second / kTailDivisor[w]);
             }
         }
     }
@@ -112,6 +131,22 @@ void SpreadEstimate::finish(double parts, Reference& reference) const {
         reference.emd[k] = sums_[k].emd / sums_[k].hords;
         reference.frobenius[k] = sums_[k].frobenius / sums_[k].hords;
     }
+}
+
+// Of squared deviations within kTailReach lenslets, by another part than the largest.
+float SpreadEstimate::second_largest(int m, int n, std::size_t w) const {
+    float largest = 0, second = 0;
+    std::uint32_t part = 0;
+    extents_.for_each_around(m, n, kTailReach, [&](int x, int y) {
+        const Sums& s = sums_[extents_.index(x, y)];
+        if (s.largest[w] > largest) {
+            if (s.part_of_largest[w] != part) second = largest;
+            largest = s.largest[w], part = s.part_of_largest[w];
+        } else if (s.part_of_largest[w] != part) {
+            second = std::max(second, s.largest[w]);
+        }
+    });
+    return second;
 }
 
 std::vector<double> SpreadEstimate::sole_deviations(std::size_t count, double parts) const {

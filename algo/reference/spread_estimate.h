@@ -1,6 +1,6 @@
 // How much good parts differ from the reference HORDs, lenslet by lenslet, beyond noise: pass 4 of
-// algo/reference/reference_learner.h, which is its only user. A trimmed mean over 3x3 lenslets, larger at edges
-// (docs/notes/reference.md).
+// algo/reference/reference_learner.h, which is its only user. A trimmed mean over 3x3 lenslets, larger where
+// several parts have single large deviations (docs/notes/reference.md).
 #pragma once
 
 #include <array>
@@ -37,11 +37,14 @@ class SpreadEstimate {
   private:
     struct Sums {
         std::array<float, kDeviations> squares{}, largest{}, variance{};
+        std::array<std::uint32_t, kDeviations> part_of_largest{};
         float scores = 0, largest_score = 0;
         std::uint32_t largest_part = 0;
         std::uint16_t count = 0, hords = 0;
         float emd = 0, frobenius = 0;
     };
+    [[nodiscard]] float second_largest(int m, int n, std::size_t deviation) const;
+
     Extents extents_;
     std::vector<Sums> sums_;  // one a lenslet
     std::vector<double> chi2_ratios_;

@@ -103,6 +103,26 @@ TEST(Learning, a_dark_level_by_the_noise_lets_the_light_change) {
     EXPECT_GT(defects_told(false, 48), 0);
 }
 
+// Three of the parts lack a quarter of the light in one lenslet, each in another one: as where an outline crosses.
+TEST(Learning, what_several_parts_show_here_or_there_is_no_defect_there) {
+    const auto dim_at = [](int m, int n) {
+        return [m, n](int at_m, int at_n, Spot& s) {
+            if (at_m == m && at_n == n) s.light *= 0.75;
+        };
+    };
+    std::vector<Frame> frames;
+    constexpr int kPlaces[3][2] = {{18, 17}, {22, 17}, {20, 21}};
+    for (std::uint64_t k = 0; k < 16; ++k)
+        frames.push_back(seen(k < 3 ? part({}, dim_at(kPlaces[k][0], kPlaces[k][1])) : part({}), k));
+    auto all = learn(frames.size(), [&](std::size_t k) { return frames[k]; });
+    ASSERT_TRUE(all) << all.error().message();
+    EXPECT_TRUE(all->left_out.empty());
+    Recipe with = recipe();
+    with.reference = std::make_shared<Reference>(std::move(all->reference));
+    EXPECT_EQ(judge(seen(part({}, dim_at(20, 18)), 100), with).verdict, Verdict::pass);
+    EXPECT_EQ(judge(seen(part({}, dim_at(28, 18)), 101), with).verdict, Verdict::reject);
+}
+
 TEST(Learning, single_readings_far_from_all_light_leave_nothing_in_the_reference_hords) {
     const Reference& r = learned().reference;
     int valid = 0, far_light = 0, without_light = 0;
