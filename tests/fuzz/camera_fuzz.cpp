@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #include "common/unique_fd.h"
-#include "drivers/libcamera/camera_wire.h"
+#include "drivers/camera_process/camera_wire.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     using namespace hord;

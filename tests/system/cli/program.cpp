@@ -22,8 +22,8 @@ struct Child {
 };
 
 Child start(const std::string& program, const std::vector<std::string>& arguments) {
-    const std::string path =
-        program.find('/') == std::string::npos ? std::string(HORD_BIN_DIR) + "/" + program : program;
+    std::string path = program;
+    if (path.find('/') == std::string::npos) path.insert(0, HORD_BIN_DIR "/");
     std::vector<char*> argv{const_cast<char*>(path.c_str())};
     for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
     argv.push_back(nullptr);
