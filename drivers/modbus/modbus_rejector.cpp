@@ -359,7 +359,7 @@ void ModbusRejector::do_stop() {
     {
         const std::scoped_lock lock(session->mutex);
         session->stopping = true;
-        session->stop_by = loop_.now() + options_.response_timeout;
+        session->stop_by = loop_.now() + 3 * options_.response_timeout;  // the safe state may need a second link
     }
     session->wake.notify_one();
     session->thread.join();

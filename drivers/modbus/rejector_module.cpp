@@ -98,14 +98,25 @@ Result<bool> RejectorModule::part_arrived() {
     return read_confirm_sensor().map([&](bool present) { return !std::exchange(part_present_, present) && present; });
 }
 
+bool RejectorModule::write_safe_outputs() {
+    bool done = true;
+    const auto then = [&](const Result<void>& written) { done = written.has_value() && done; };
+    if (times_pulse()) then(link_.write(pulse_coil(), false));
+    for (const int coil : {times_pulse() ? -1 : options_.ejector_coil, options_.permit_coil}) {
+        if (coil >= 0 && link_.connected()) then(write_output(coil, false));
+    }
+    if (options_.watchdog > 0ns && link_.connected()) {
+        then(link_.write_register(options_.map.watchdog_stop_register, options_.map.watchdog_stop_value));
+    }
+    return done && link_.connected();
+}
+
 void RejectorModule::make_safe(hal::TimePoint by) {
     link_.give_up_at(by);
-    if (link_.connected() && times_pulse()) (void)link_.write(pulse_coil(), false);
-    for (const int coil : {times_pulse() ? -1 : options_.ejector_coil, options_.permit_coil}) {
-        if (coil >= 0 && link_.connected()) (void)write_output(coil, false);
-    }
-    if (link_.connected() && options_.watchdog > 0ns) {
-        (void)link_.write_register(options_.map.watchdog_stop_register, options_.map.watchdog_stop_value);
+    for (int attempt = 0; attempt < 3 && (attempt == 0 || clock_.now() < by); ++attempt) {
+        // An answer that was late has closed the link: a new one is tried. A module that was not there is left alone.
+        if (!link_.connected() && (attempt == 0 || !link_.connect())) break;
+        if (write_safe_outputs()) break;
     }
     link_.close();
 }

@@ -35,11 +35,12 @@ class RejectorModule {
     Result<void> trigger_watchdog();
     [[nodiscard]] hal::TimePoint watchdog_due() const { return watchdog_due_; }  // max(): no watchdog is set
 
-    // Sets all coils to 0, the state of a module without a link, stops the watchdog and closes the link. Returns at
-    // `by`.
+    // Sets all coils to 0, the state of a module without a link, stops the watchdog and closes the link. If an answer
+    // is late it tries again, on a new link. Returns at `by`.
     void make_safe(hal::TimePoint by);
 
   private:
+    bool write_safe_outputs();  // false: not all of them were acknowledged
     [[nodiscard]] bool coil_value(bool act) const { return act != options_.energise_to_pass; }
     [[nodiscard]] int pulse_coil() const { return options_.ejector_coil + options_.map.pulse_coil_offset; }
     Result<void> write_output(int coil, bool on);

@@ -120,7 +120,9 @@ static_assert(
     }(),
     "row k of kFaultTable describes bit k");
 
-constexpr const FaultInfo& info_of(FaultBit fault) { return kFaultTable[std::countr_zero(std::uint32_t{fault})]; }
+constexpr const FaultInfo& info_of(FaultBit fault) {
+    return kFaultTable[static_cast<std::size_t>(std::countr_zero(std::uint32_t{fault}))];
+}
 
 constexpr std::uint32_t faults_from(FaultSource source) {
     std::uint32_t bits = 0;

@@ -149,6 +149,18 @@ TEST_F(Rejector, energise_to_pass_rests_at_1_acts_at_0_and_is_left_at_0) {
     EXPECT_TRUE(run_until([&] { return !module_->coil(kEjector); }));  // as on lost communication: nothing passes
 }
 
+TEST_F(Rejector, a_request_that_is_lost_while_it_stops_is_made_again_and_the_permit_falls) {
+    for (const auto fault : {ModuleFault::silent, ModuleFault::close}) {
+        start_and_wait();
+        rejector_->set_run_permit(true);
+        ASSERT_TRUE(run_until([&] { return module_->coil(kPermit); }));
+        module_->misbehave(fault, 1);
+        rejector_->stop();
+        EXPECT_FALSE(module_->coil(kPermit));
+        ear_.up = false;
+    }
+}
+
 TEST_F(Rejector, impossible_options_are_all_named_and_nothing_starts) {
     options_.address.port = 0;
     options_.address.host.clear();

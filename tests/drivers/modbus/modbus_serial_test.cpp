@@ -23,7 +23,6 @@ class SerialRejector : public RejectorBench {
 };
 
 TEST_F(SerialRejector, acts_reads_back_gives_the_permit_and_is_left_safe) {
-    options_.response_timeout = 1s;  // the longest: stop() gives up without an answer
     start_and_wait();
     rejector_->set_run_permit(true);
     EXPECT_TRUE(run_until([&] { return module_->coil(kPermit); }));
@@ -33,6 +32,15 @@ TEST_F(SerialRejector, acts_reads_back_gives_the_permit_and_is_left_safe) {
     }
     EXPECT_EQ(times_on(kEjector), 2);
     EXPECT_EQ(ear_.changes, 1);
+    rejector_->stop();
+    EXPECT_FALSE(module_->coil(kPermit));
+}
+
+TEST_F(SerialRejector, a_request_that_is_lost_while_it_stops_is_made_again_and_the_permit_falls) {
+    start_and_wait();
+    rejector_->set_run_permit(true);
+    ASSERT_TRUE(run_until([&] { return module_->coil(kPermit); }));
+    module_->misbehave(ModuleFault::silent, 1);
     rejector_->stop();
     EXPECT_FALSE(module_->coil(kPermit));
 }

@@ -49,10 +49,12 @@ TEST(VerdictText, of_a_part_that_passed_says_how_near_to_its_limit_it_came) {
     found.score = 0.424F;
     EXPECT_EQ(told(found), "Passed: the worst place reaches 42 % of its limit.");
     found.bounded = true;
-    EXPECT_EQ(told(found),
-              "Passed: the worst place reaches 42 % of its limit. Some values are bounds: the limit of work was reached.");
+    EXPECT_EQ(
+        told(found),
+        "Passed: the worst place reaches 42 % of its limit. Some values are bounds: the limit of work was reached.");
     found.out_of_time = true;
-    EXPECT_EQ(told(found), "Passed: the worst place reaches 42 % of its limit. Some values are bounds: the time ran out.");
+    EXPECT_EQ(told(found),
+              "Passed: the worst place reaches 42 % of its limit. Some values are bounds: the time ran out.");
 }
 
 TEST(VerdictText, of_a_rejected_part_says_what_was_found_how_large_and_where) {
@@ -68,8 +70,9 @@ TEST(VerdictText, of_a_rejected_part_says_what_was_found_how_large_and_where) {
                                          std::pair(algo::DefectKind::surface, "a surface defect")}) {
             defects[0].kind = kind;
             found.defects = defects;
-            EXPECT_EQ(told(found),
-                      std::string("Rejected: ") + name + " of 3.4 lenslets at lenslet (25.0, 5.0), 2.5 times its limit.");
+            EXPECT_EQ(
+                told(found),
+                std::string("Rejected: ") + name + " of 3.4 lenslets at lenslet (25.0, 5.0), 2.5 times its limit.");
         }
     }
     defects[0].kind = algo::DefectKind::scratch;
@@ -88,12 +91,13 @@ TEST(VerdictText, of_a_rejected_part_says_what_was_found_how_large_and_where) {
 
 TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
     const auto light = [](FrameFault fault) {
-        return unfit(Reason::unexpected_light, {.fault = fault,
-                                                .pedestal_dn = 12.34F,
-                                                .dark_noise_dn = 5.6F,
-                                                .spot_x_bins = 1.5F,
-                                                .spot_y_bins = 1.25F,
-                                                .second_share = 0.071F});
+        return unfit(Reason::unexpected_light,
+                     {.fault = fault,
+                      .pedestal_dn = 12.34F,
+                      .dark_noise_dn = 5.6F,
+                      .spot_x_bins = 1.5F,
+                      .spot_y_bins = 1.25F,
+                      .second_share = 0.071F});
     };
     const auto part = [](FrameFault fault) { return unfit(Reason::no_part, {.fault = fault, .parts = 2}); };
     const std::vector<std::pair<algo::Inspection, std::string>> all{
@@ -102,8 +106,7 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
         {unfit(Reason::nothing_to_see), "no lenslet is left to judge"},
         {light(FrameFault::pedestal),
          "the dark bins read 12.3 DN: keep stray light out, or lower the sensor's black level"},
-        {light(FrameFault::noise),
-         "the dark bins vary by 5.6 DN about 12.3 DN: see to the sensor's gain and cooling"},
+        {light(FrameFault::noise), "the dark bins vary by 5.6 DN about 12.3 DN: see to the sensor's gain and cooling"},
         {light(FrameFault::wide_spot),
          "spots are 1.5 x 1.2 bins wide (at most 1.0): focus the collimator and the lenslets, or raise [light] "
          "max_spot_bins for a wide source"},
@@ -111,7 +114,8 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
          "7 % of the light is in a second spot: look for a reflection, a second lamp, or light of the next lenslet "
          "(calibrate again)"},
         {light(FrameFault::interrupted),
-         "a row or column of lenslets shows no free light: look for lost rows of the frame, something across the field, "
+         "a row or column of lenslets shows no free light: look for lost rows of the frame, something across the "
+         "field, "
          "or a part that reaches from border to border"},
         {part(FrameFault::nothing),
          "nothing in the field deflects or absorbs light: check that the part was there, and the trigger's delay"},
@@ -120,7 +124,8 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
         {part(FrameFault::no_outline),
          "the light changes slowly everywhere, as no part's outline does: check the lamp and the optics"},
         {part(FrameFault::several),
-         "there are 2 parts in the field: space them, or set [part] form = \"plate\" if it is one whose middle does not "
+         "there are 2 parts in the field: space them, or set [part] form = \"plate\" if it is one whose middle does "
+         "not "
          "deflect light"},
         {part(FrameFault::cut_by_field),
          "the field's border cuts the part: set the trigger's delay, or show the whole part"},
@@ -139,9 +144,9 @@ TEST(VerdictText, of_light_off_the_middle_says_by_how_much_and_to_which_side) {
     for (const auto& [x, y, where] :
          {std::tuple(0.75F, 0.5F, "to the right of"), std::tuple(-0.75F, 0.5F, "to the left of"),
           std::tuple(0.5F, 0.75F, "below"), std::tuple(0.5F, -0.75F, "above")}) {
-        const auto found =
-            unfit(Reason::unexpected_light, {.fault = FrameFault::off_centre, .x_bins = x, .y_bins = y});
-        EXPECT_EQ(told(found), std::string("Not judged: the free light is 0.8 bins ") + where +
+        const auto found = unfit(Reason::unexpected_light, {.fault = FrameFault::off_centre, .x_bins = x, .y_bins = y});
+        EXPECT_EQ(told(found),
+                  std::string("Not judged: the free light is 0.8 bins ") + where +
                       " the middle: calibrate again, or check that nothing moved.");
     }
 }
@@ -151,8 +156,7 @@ TEST(VerdictText, of_a_part_that_was_not_registered_says_what_registration_says)
     using Outcome = algo::Registered::Outcome;
     for (const auto& [outcome, why] :
          {std::pair(Outcome::too_little, "too little of it is seen to find where it lies"),
-          std::pair(Outcome::too_far,
-                    "it lies too far from where the reference's parts did, or is turned too much"),
+          std::pair(Outcome::too_far, "it lies too far from where the reference's parts did, or is turned too much"),
           std::pair(Outcome::foreign, "it does not look like the reference's parts"),
           std::pair(Outcome::unsettled, "where it lies cannot be settled")}) {
         found.registered.outcome = outcome;

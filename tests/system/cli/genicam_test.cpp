@@ -40,9 +40,10 @@ TEST(Genicam, the_line_runs_on_a_camera_and_gives_the_verdicts_that_inspect_give
     // The frame begins when the command has reached the camera: late, on a busy machine.
     std::string line = kRoomyLine;
     line.replace(line.find("[timing]\n"), 9, "[timing]\nframe_window_us = 200000\n");
-    std::ofstream(folder / "c.toml") << "[sensor]\nbackend = \"genicam\"\ncamera = \"S1\"\ntrigger = \"software\"\n"
-                                     << "width_px = 333\nheight_px = 333\n[modbus]\nport = 0\n"
-                                     << line;
+    std::ofstream(folder / "c.toml") << simulated_beside(
+        "[sensor]\nbackend = \"genicam\"\ncamera = \"S1\"\ntrigger = \"software\"\n"
+        "width_px = 333\nheight_px = 333\n[modbus]\nport = 0\n" +
+        line);
     const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--rate", "2", "--parts", "6", "--json"});
     const auto parts = lines_of(said.out);
     ASSERT_EQ(parts.size(), 6U) << said.err;
