@@ -417,6 +417,7 @@ held_up_by() {  # held_up_by COMMAND: for 0.5, 2 and 5 s
         stops=$(grep -c 'kFaultRejectUnconfirmed\|reject-unconfirmed' /run/hordd.log)
         wrong=$(sed -n 's/.* totals .* wrong //p' /tmp/held)
         echo "$1 $s s: wrong parts $wrong, line stops so far $stops"
+        grep WRONG /tmp/held
         [ "$wrong" = 0 ] || [ "$stops" -gt 0 ] || { echo "a part passed, and the station did not say so"; return 1; }
     done
     to_execution
