@@ -420,7 +420,7 @@ held_up_by() {  # held_up_by COMMAND: for 0.5, 2 and 5 s
         grep WRONG /tmp/held
         [ "$wrong" = 0 ] || [ "$stops" -gt 0 ] || { echo "a part passed, and the station did not say so"; return 1; }
     done
-    to_execution
+    hordd_active
 }
 starved() {
     follow_journal
@@ -451,12 +451,12 @@ memory_runs_out() {
 }
 
 # The state folder on a small disk of its own, behind device-mapper: it can be filled and broken.
+state_sectors=$((32 * 2048))  # of 512 bytes
 state_disk() {
     ! mountpoint -q /var/lib/hord || return 0
     systemctl stop hordd
     truncate -s 32M /run/state.img
     modprobe -a loop dm-mod
-    state_sectors=$((32 * 2048))
     dmsetup create state --table "0 $state_sectors linear $(losetup --show -f /run/state.img) 0" || return 1
     mkfs.ext4 -q -N 512 /dev/mapper/state || return 1
     mount -o errors=remount-ro /dev/mapper/state /var/lib/hord || return 1
