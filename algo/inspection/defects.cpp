@@ -123,9 +123,15 @@ Result<FoundDefects> DefectFinder::find(const Features& features) {
         const float peak = reason == Reason::absorption ? r.peak.absorption
             : reason == Reason::deflection_gradient     ? r.peak.slope
                                                         : r.peak.neighbours;
-        w.found.push_back(
-            {{static_cast<float>(r.m / r.area), static_cast<float>(r.n / r.area), r.area, peak, kind_of(r)},
-             r.severity});
+        const auto [length, width] = length_and_width(r);
+        w.found.push_back({{.m = static_cast<float>(r.m / r.area),
+                            .n = static_cast<float>(r.n / r.area),
+                            .area = r.area,
+                            .peak = peak,
+                            .kind = kind_of(r),
+                            .length = static_cast<float>(length),
+                            .width = static_cast<float>(width)},
+                           r.severity});
     }
     if (w.found.empty()) return FoundDefects{{}, Reason::none, below};
     std::ranges::sort(w.found, [](const auto& a, const auto& b) {

@@ -22,6 +22,13 @@ bool within(const Deflection& a, const Deflection& b, std::int64_t tolerance) {
 
 }  // namespace
 
+bool jumps(const FieldLight& light, std::size_t a, std::size_t b) {
+    const auto [less, more] = std::minmax(light.sums[a], light.sums[b]);
+    return ((light.mask[a] | light.mask[b]) & kDark) != 0 ||
+        !within(light.deflections[a], light.deflections[b], bins_q(kJumpBins)) ||
+        static_cast<double>(more) > kJumpLight * static_cast<double>(less);
+}
+
 void RimFinder::describe(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) {
     for (const std::uint8_t state : state_) found_.area += (state & kPart) != 0 ? 1 : 0;
     for (const std::uint32_t k : ring_) found_.at_border += (state_[k] & kPart) != 0 ? 1 : 0;
@@ -76,17 +83,12 @@ int RimFinder::count_parts(Deflections deflections, std::span<const std::uint8_t
 // Steps between a lenslet of the part and one outside it, along rows and columns.
 double RimFinder::sharp_share(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) const {
     std::size_t steps = 0, sharp = 0;
-    const std::int64_t jump = bins_q(kJumpBins);
     const auto step = [&](std::size_t a, std::size_t b) {
         const bool outline = ((state_[a] & kPart) != 0 && (state_[b] & kInside) == 0) ||
             ((state_[b] & kPart) != 0 && (state_[a] & kInside) == 0);
         if (!outline) return;
         ++steps;
-        const auto [less, more] = std::minmax(sums[a], sums[b]);
-        sharp += ((mask[a] | mask[b]) & kDark) != 0 || !within(deflections[a], deflections[b], jump) ||
-                static_cast<double>(more) > kJumpLight * static_cast<double>(less)
-            ? 1
-            : 0;
+        sharp += jumps({deflections, sums, mask}, a, b) ? 1 : 0;
     };
     std::size_t k = 0;
     for (int n = 0; n < extents_.n; ++n) {
@@ -118,6 +120,16 @@ double RimFinder::point_symmetry() const {
         for (int m = 0; m < extents_.m; ++m) both += inside(m, n) && inside(twice_m - m, twice_n - n) ? 1 : 0;
     }
     return static_cast<double>(both) / static_cast<double>(2 * area - both);
+}
+
+double RimFinder::deflecting_share(std::span<const std::uint8_t> mask) const {
+    std::size_t inside = 0, free = 0;
+    for (std::size_t k = 0; k < state_.size(); ++k) {
+        if ((mask[k] & (kRim | kOutside)) != 0) continue;
+        ++inside;
+        free += (state_[k] & kFree) != 0 ? 1 : 0;
+    }
+    return inside == 0 ? 1 : 1 - static_cast<double>(free) / static_cast<double>(inside);
 }
 
 double RimFinder::least_free_beside() const {

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "algo/frame/mask.h"
+#include "algo/light/exposures.h"
 #include "algo/light/mean_spot.h"
 #include "algo/reference/reference.h"
 #include "common/statistics.h"
@@ -11,7 +12,7 @@
 namespace hord::algo {
 namespace {
 
-constexpr std::size_t kMaxChosen = 256;  // lenslets whose light is measured
+constexpr std::size_t kMaxChosen = 256, kMaxInside = 1024;  // lenslets whose light is measured
 constexpr std::size_t kMinChosen = 8;
 constexpr double kPi = 3.141592653589793;
 
@@ -44,7 +45,7 @@ FrameChecks::FrameChecks(const Extents& extents, int bits, const Recipe& recipe)
       max_second_share_(recipe.max_second_share), form_(recipe.form), check_period_(recipe.check_period),
       part_required_(recipe.part_required), symmetric_(recipe.symmetric_outline),
       has_reference_(recipe.reference != nullptr), dark_bins_(extents, bits), period_(extents) {
-    chosen_.reserve(kMaxChosen);
+    chosen_.reserve(kMaxInside);
     scratch_.resize(kMaxChosen);
     if (recipe.reference) expect_light_of_reference(*recipe.reference);
 }
@@ -79,16 +80,14 @@ LightLevels FrameChecks::levels_of(const FrameView& frame) {
     return found.levels;
 }
 
-// The lenslets of the free light, evenly thinned; without free light all that have a HORD.
-void FrameChecks::choose_lenslets(const DecodedField& field, const FoundPart& part) {
-    const auto suits = [&](std::size_t k) {
-        return (field.mask[k] & kNoHord) == 0 && (!part.free_light || part.shows_free_light(k));
-    };
+// The lenslets that suit, evenly thinned.
+template <class Suits>
+void FrameChecks::choose_lenslets(std::size_t lenslets, std::size_t most, Suits suits) {
     std::size_t count = 0;
-    for (std::size_t k = 0; k < field.mask.size(); ++k) count += suits(k) ? 1 : 0;
-    const std::size_t step = std::max<std::size_t>((count + kMaxChosen - 1) / kMaxChosen, 1);
+    for (std::size_t k = 0; k < lenslets; ++k) count += suits(k) ? 1 : 0;
+    const std::size_t step = std::max<std::size_t>((count + most - 1) / most, 1);
     chosen_.clear();
-    for (std::size_t k = 0, nth = 0; k < field.mask.size(); ++k) {
+    for (std::size_t k = 0, nth = 0; k < lenslets; ++k) {
         if (suits(k) && nth++ % step == 0) chosen_.push_back(static_cast<std::uint32_t>(k));
     }
 }
@@ -103,7 +102,10 @@ Deflection FrameChecks::median_of_chosen(const DecodedField& field) {
 }
 
 FrameFault FrameChecks::check_light(const FrameView& frame, const DecodedField& field, const FoundPart& part) {
-    choose_lenslets(field, part);
+    // Those of the free light; without free light all that have a HORD.
+    choose_lenslets(field.mask.size(), kMaxChosen, [&](std::size_t k) {
+        return (field.mask[k] & kNoHord) == 0 && (!part.free_light || part.shows_free_light(k));
+    });
     findings_.in_free_light = part.free_light;
     if (chosen_.size() < kMinChosen) return fault_of_dark_;
     const MeanSpot spot = part.free_light ? mean_spot(frame, extents_, dark_dn_, chosen_)
@@ -129,7 +131,34 @@ FrameFault FrameChecks::check_light(const FrameView& frame, const DecodedField& 
         return FrameFault::wide_spot;
     const float offset = std::max(std::abs(findings_.x_bins), std::abs(findings_.y_bins));
     if (max_offset_bins_ > 0 && shows_middle && offset > max_offset_bins_) return FrameFault::off_centre;
-    return FrameFault::none;
+    return check_exposures(frame, field);
+}
+
+// Another exposure in the same frame.
+FrameFault FrameChecks::check_exposures(const FrameView& frame, const DecodedField& field) {
+    if (max_second_share_ > 0) {
+        choose_lenslets(field.mask.size(), kMaxInside,
+                        [&](std::size_t k) { return (field.mask[k] & (kNoHord | kNotJudged)) == 0; });
+        findings_.undeflected_share =
+            static_cast<float>(undeflected_share(frame, extents_, dark_dn_, chosen_, expected_x_, expected_y_));
+        if (findings_.undeflected_share > max_second_share_) {
+            findings_.second_share = findings_.undeflected_share;
+            return FrameFault::second_spot;
+        }
+    }
+    if (!check_period_) return FrameFault::none;
+    const Alternation found = alternation(extents_, field.deflections, field.sums, field.mask);
+    findings_.alternation_bins = static_cast<float>(found.bins);
+    findings_.alternation_light = static_cast<float>(found.light);
+    return found.bins > kMaxAlternationBins || found.light > kMaxAlternationLight ? FrameFault::alternating
+                                                                                  : FrameFault::none;
+}
+
+// A piece that is missing at one side, of the share f of the part, takes 2 f: 0.95 is a fortieth. The coarser the
+// outline, the less symmetric it is.
+double min_symmetry(std::size_t area) {
+    const double diameter = 2 * std::sqrt(static_cast<double>(area) / kPi);
+    return std::max(0.8, 0.95 - 0.6 / std::max(diameter, 1.0));
 }
 
 // Without free light: an opaque holder leaves the outermost lenslets dark, and the part is what is lit inside it. It
@@ -158,6 +187,7 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     findings_.sharp_share = static_cast<float>(part.sharp_outline);
     findings_.free_beside = static_cast<float>(part.free_beside);
     findings_.symmetry = static_cast<float>(part.symmetry);
+    findings_.deflecting = static_cast<float>(part.deflecting);
     if (part.area > 0) {
         const double diameter = 2 * std::sqrt(static_cast<double>(part.area) / kPi);
         findings_.border_cut = static_cast<float>(static_cast<double>(part.at_border) / diameter);
@@ -171,7 +201,8 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     if (part.parts > 1) return FrameFault::several;
     if (static_cast<double>(findings_.border_cut) > kMaxBorderCut) return FrameFault::cut_by_field;
     if (part.free_beside < kMinFreeBeside) return FrameFault::interrupted;
-    return symmetric_ && part.symmetry < kMinSymmetry ? FrameFault::lopsided : FrameFault::none;
+    if (symmetric_ && part.symmetry < min_symmetry(part.area)) return FrameFault::lopsided;
+    return part.deflecting < kMinDeflectingShare ? FrameFault::hollow : FrameFault::none;
 }
 
 Reason FrameChecks::judge(const FrameView& frame, const DecodedField& field, const FoundPart& part) {

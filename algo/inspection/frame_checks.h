@@ -24,9 +24,14 @@ namespace hord::algo {
 constexpr double kMaxBorderCut = 0.5;         // outermost lenslets of the part over the diameter of a disc of its area
 constexpr double kMinSharpOutline = 0.5;      // of the part's outline
 constexpr double kMinFreeBeside = 0.5;        // of a row or column beside the part
-constexpr double kMinSymmetry = 0.8;          // overlap of the part and its image turned by 180 degrees
+constexpr double kMaxAlternationBins = 0.15;  // half the difference of lenslets in turn, bin pitches
+constexpr double kMaxAlternationLight = 0.1;  // the same of their light, relative
 constexpr double kMaxSpotOfEven = 0.95;       // of the width of evenly lit bins
-constexpr double kMinDeflectingShare = 0.25;  // of the lit lenslets in an opaque holder
+constexpr double kMinDeflectingShare = 0.25;  // of the inside of a part, and of the lit lenslets in an opaque holder
+
+// Least overlap of a part's outline and its image turned by 180 degrees, over both together. A part of few lenslets has
+// a coarse outline. `area`: lenslets.
+double min_symmetry(std::size_t area);
 
 // A decoded frame, one value a lenslet, row by row. `mask`: kDark and kSaturated are read.
 struct DecodedField {
@@ -52,9 +57,11 @@ class FrameChecks {
 
   private:
     FrameFault check_light(const FrameView& frame, const DecodedField& field, const FoundPart& part);
+    FrameFault check_exposures(const FrameView& frame, const DecodedField& field);
     FrameFault check_part(const DecodedField& field, const FoundPart& part);
     FrameFault check_holder(const DecodedField& field) const;
-    void choose_lenslets(const DecodedField& field, const FoundPart& part);
+    template <class Suits>
+    void choose_lenslets(std::size_t lenslets, std::size_t most, Suits suits);
     void expect_light_of_reference(const Reference& reference);
     Deflection median_of_chosen(const DecodedField& field);
 

@@ -16,15 +16,17 @@ enum class FrameFault : std::uint8_t {
     noise,        // pedestal and noise of the dark bins together take more than is allowed
     off_centre,   // undeflected light is not in the middle of its lenslet
     wide_spot,    // spots are wider than a collimated source makes them: defocus, stray light
-    second_spot,  // a second spot beside the main one: ghost, neighbouring light
+    second_spot,  // a second spot beside the main one: ghost, neighbouring light, a second exposure
+    alternating,  // neighbouring lenslets differ in turn: interlaced exposures, taps of the sensor
     interrupted,  // a row or column shows too little free light: lost rows, a hair, a part from border to border
     // Reason::no_part
-    nothing,       // nothing in the field deflects or absorbs light
+    nothing,       // no region is large enough to be a part
     fills_field,   // no free light around it: the part is larger than the field, or something else covers the field
     no_outline,    // the light changes slowly everywhere: that is no part's outline
     several,       // more than one part
     cut_by_field,  // a part that the field's border cuts off
     lopsided,      // the part's outline is not symmetric: a piece of it is missing or covered
+    hollow,        // an outline with free light inside: a ring, or a flat part of another form
 };
 
 struct FrameFindings {
@@ -39,7 +41,9 @@ struct FrameFindings {
     float x_bins = 0, y_bins = 0;            // mean deflection of the free light from where it is expected, bin pitches
     float spot_x_bins = 0, spot_y_bins = 0;  // root mean square of the spot along each axis, bin pitches
     float second_share = 0;                  // of the light, in spots beside the main one
-    float lit_share = 0;                     // of the bins
+    float undeflected_share = 0;             // of the light where the part deflects light far: what stays undeflected
+    float alternation_bins = 0, alternation_light = 0;  // algo/light/exposures.h: bin pitches; relative
+    float lit_share = 0;                                // of the bins
 
     int period_x = 0, period_y = 0;  // samples between repetitions; 0: not clear, or not measured because all is well
 
@@ -48,6 +52,7 @@ struct FrameFindings {
     float sharp_share = 0;  // share of the part's outline across which the light jumps
     float free_beside = 1;  // least share of free light beside the part in a row or column
     float symmetry = 0;     // overlap of the part and its image turned by 180 degrees, over both together
+    float deflecting = 1;   // share of the inside of the part that deflects light, or is dark
 };
 
 }  // namespace hord::algo

@@ -467,7 +467,8 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now, const In
     w.rim.mark(w.deflections, w.sums, w.mask);
     for (std::size_t k = 0; k < w.mask.size(); ++k) w.mask[k] |= w.zones[k];
     if (!w.transmission.empty())
-        transmissions(w.sums, w.mask, typical_light(w.sums, w.mask, w.scratch), w.transmission);
+        transmissions(w.sums, w.mask, typical_light(w.sums, w.mask, w.recipe.transmission_limit, w.scratch),
+                      w.transmission);
     watch.lap(result.times.feature_ns);
 
     result.reason = w.unfit_reason();

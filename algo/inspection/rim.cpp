@@ -17,7 +17,8 @@ namespace {
 // Of the limit of the slope: the bins' ripple (1.27) and noise (0.04 of 0.4) can take a smooth slope above the limit
 // from there on. (0.4 - 0.04) / 1.27 / 0.4, docs/notes/inspection.md.
 constexpr float kSmoothShare = 0.7F;
-constexpr int kShortestPiece = 4;  // a piece of the outline is at least 1/kShortestPiece as long as the longest one
+constexpr std::size_t kGapSteps = 4;  // at a gap, the light jumps in 1/kGapSteps of the steps to the part
+constexpr int kShortestPiece = 4;     // a piece of the outline is at least 1/kShortestPiece as long as the longest one
 
 constexpr std::int64_t kFreeTolerance =
     static_cast<std::int64_t>(kFreeToleranceBins * (1 << DeflectionQ::kFractionBits));
@@ -80,6 +81,7 @@ void RimFinder::mark(std::span<const Deflection> deflections, std::span<const st
     find_part({deflections, sums, mask});
     if (regions_ > 0) describe(deflections, sums, mask);
     mark_rim(mask);
+    if (regions_ > 0 && found_.free_light) found_.deflecting = deflecting_share(mask);
 }
 
 // Step 3. Sets kPart and kInside.
@@ -100,6 +102,7 @@ void RimFinder::find_part(const FieldLight& light) {
         for (std::uint8_t& state : state_) state &= static_cast<std::uint8_t>(~kPart);
     }
     enclose();
+    if (form_ == PartForm::round && regions_ > 0) open_gaps(light);
 }
 
 // Step 1 (docs/notes/inspection.md). Sets kFree; false if the outermost lenslets show no free light. A tube that leaves
@@ -249,6 +252,33 @@ void RimFinder::enclose() {
         for (std::size_t m = 0; m < first_.size(); ++m, ++k) {
             if (n >= first_[m] && n <= last_[m]) state_[k] |= kInside;
         }
+    }
+}
+
+// Step 3, the end: free light between lenslets of the part that lies across a jump of the light from them is a gap,
+// such as a notch, and no inside of the part. (The flat middle of a cylinder lens: there the light changes slowly.)
+// Clears kInside.
+void RimFinder::open_gaps(const FieldLight& light) {
+    constexpr std::uint8_t kFreeInside = kInside | kReached;
+    for (std::uint32_t k = 0; k < state_.size(); ++k) {
+        if ((state_[k] & (kFreeInside | kCounted)) != kFreeInside) continue;
+        const std::size_t count = mark_connected(k, kFreeInside, kCounted, Connected::at_sides);
+        std::size_t steps = 0, sharp = 0;
+        const auto step = [&](std::size_t from, std::size_t to) {
+            if ((state_[to] & kPart) == 0) return;
+            ++steps;
+            sharp += jumps(light, from, to) ? 1 : 0;
+        };
+        for (const std::uint32_t at : std::span(queue_).first(count)) {
+            const int m = static_cast<int>(at) % extents_.m, n = static_cast<int>(at) / extents_.m;
+            const auto row = static_cast<std::size_t>(extents_.m);
+            if (m > 0) step(at, at - 1);
+            if (m + 1 < extents_.m) step(at, at + 1);
+            if (n > 0) step(at, at - row);
+            if (n + 1 < extents_.n) step(at, at + row);
+        }
+        if (sharp * kGapSteps < steps) continue;
+        for (const std::uint32_t at : std::span(queue_).first(count)) state_[at] &= static_cast<std::uint8_t>(~kInside);
     }
 }
 

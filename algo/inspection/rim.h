@@ -41,12 +41,18 @@ struct FoundPart {
     // Overlap of the part, with what it encloses, and its image turned by 180 degrees about its centroid, over both
     // together: 1 for a disc or a rectangle, 0.69 for half a disc.
     double symmetry = 0;
+    // Share of the lenslets inside the part, its rim left out, that deflect light by more than kFreeToleranceBins or
+    // are dark; 1 if nothing is left or there is no free light.
+    double deflecting = 1;
     std::span<const std::uint8_t> state = {};  // one a lenslet, valid until the next mark()
 
     static constexpr std::uint8_t kFreeField = 4;
     // The lenslet shows free light that is connected to that of the outermost lenslets.
     [[nodiscard]] bool shows_free_light(std::size_t k) const { return (state[k] & kFreeField) != 0; }
 };
+
+// The light jumps between lenslets a and b: one is dark, or kJumpBins or kJumpLight is exceeded.
+bool jumps(const FieldLight& light, std::size_t a, std::size_t b);
 
 // Lenslets: 1.5 + 1/222 of the longer side of the field, rounded.
 int default_rim_margin(const Extents& extents);
@@ -76,11 +82,13 @@ class RimFinder {
     void keep_long_regions();
     void find_part(const FieldLight& light);
     void enclose();
+    void open_gaps(const FieldLight& light);
     void describe(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask);
     [[nodiscard]] int count_parts(Deflections deflections, std::span<const std::uint8_t> mask);
     [[nodiscard]] double sharp_share(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) const;
     [[nodiscard]] double least_free_beside() const;
     [[nodiscard]] double point_symmetry() const;
+    [[nodiscard]] double deflecting_share(std::span<const std::uint8_t> mask) const;
     void mark_rim(std::span<std::uint8_t> mask);
     std::size_t mark_connected(std::uint32_t seed, std::uint8_t through, std::uint8_t mark, Connected connected);
 

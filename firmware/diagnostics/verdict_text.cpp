@@ -53,8 +53,9 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
             const std::string_view where =
                 across ? (by > 0 ? "to the right of" : "to the left of") : (by > 0 ? "below" : "above");
             return fmt::format(
-                "the free light is {:.1f} bins {} the middle: calibrate again, or check that nothing moved",
-                std::abs(by), where);
+                "the free light is {:.2f} bins {} the middle (at most {:.2g}): calibrate again, or check that nothing "
+                "moved",
+                std::abs(by), where, recipe.max_offset_bins);
         }
         case algo::FrameFault::wide_spot:
             return fmt::format(
@@ -63,9 +64,14 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
                 f.spot_x_bins, f.spot_y_bins, recipe.max_spot_bins);
         case algo::FrameFault::second_spot:
             return fmt::format(
-                "{:.0f} % of the light is in a second spot: look for a reflection, a second lamp, or "
-                "light of the next lenslet (calibrate again)",
+                "{:.0f} % of the light is in a second spot: look for a reflection, a second lamp, two exposures "
+                "in one frame, or light of the next lenslet (calibrate again)",
                 100 * f.second_share);
+        case algo::FrameFault::alternating:
+            return fmt::format(
+                "neighbouring lenslets differ in turn, by {:.2f} bins or {:.0f} % of their light: look for interlaced "
+                "exposures, and for taps of the sensor that differ",
+                2 * f.alternation_bins, 200 * f.alternation_light);
         default:
             return "a row or column of lenslets shows no free light: look for lost rows of the frame, something "
                    "across the field, or a part that reaches from border to border";
@@ -75,8 +81,9 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
 std::string missing_part(const algo::FrameFindings& f) {
     switch (f.fault) {
         case algo::FrameFault::nothing:
-            return "nothing in the field deflects or absorbs light: check that the part was there, and the trigger's "
-                   "delay";
+            return "nothing in the field is large enough to be a part (a sixteenth of it): check that the part was "
+                   "there, "
+                   "and the trigger's delay";
         case algo::FrameFault::no_outline:
             return "the light changes slowly everywhere, as no part's outline does: check the lamp and the optics";
         case algo::FrameFault::several:
@@ -85,10 +92,18 @@ std::string missing_part(const algo::FrameFindings& f) {
                 "one whose middle does not deflect light",
                 f.parts);
         case algo::FrameFault::cut_by_field:
-            return "the field's border cuts the part: set the trigger's delay, or show the whole part";
+            return "the field's border cuts the part, or the frame's last rows are lost: set the trigger's delay, or "
+                   "show "
+                   "the whole part";
         case algo::FrameFault::lopsided:
             return "the part's outline is not symmetric, as if a piece were missing: check the part, or set [part] "
                    "outline = \"any\" if it has this shape";
+        case algo::FrameFault::hollow:
+            return fmt::format(
+                "{:.0f} % of what the outline encloses shows free light, as if nothing were in it: check the part, or "
+                "set "
+                "[part] form = \"plate\" if it is flat",
+                100 * (1 - f.deflecting));
         default:
             return "no free light surrounds the part: show the whole part, or set [part] form = \"web\" if it fills "
                    "the field";

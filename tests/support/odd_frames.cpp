@@ -171,6 +171,83 @@ void add_light_kinds(std::vector<Kind>& kinds, bool with_lens) {
     });
 }
 
+// A lens of which a piece is missing: `piece` says where, from places relative to the radius.
+void add_pieces(std::vector<Kind>& kinds) {
+    const auto add = [&](const std::string& name, const std::function<bool(double right, double down)>& piece) {
+        kinds.push_back(of_light(name, [=](const Extents& e) {
+            const Lens lens = lens_at(e, 0, 0, 0.45);
+            return spots(e, kPeakDn, kSpread, [=](int m, int n) {
+                return piece((m - lens.m) / lens.radius, (n - lens.n) / lens.radius) ? Spot{} : of_lens(lens, m, n);
+            });
+        }));
+    };
+    const auto turned = [](double right, double down) { return std::abs(std::atan2(down, right)); };
+    add("a part without a quarter, at its right", [=](double x, double y) { return turned(x, y) < 0.785; });
+    add("a part without a quarter, at its top", [=](double x, double y) { return turned(-y, x) < 0.785; });
+    add("a part with a slot from its right", [](double x, double y) { return x > -0.2 && std::abs(y) < 0.35; });
+    add("a part with a bite at its right", [](double x, double y) { return std::hypot(x - 1, y) < 0.45; });
+    add("a part without a chord", [](double x, double) { return x > 0.55; });
+    kinds.push_back({"a third of a part", [=](const Extents& e, std::uint64_t seed) -> std::optional<Frame> {
+                         if (smallest(e) < 40) return std::nullopt;  // too coarse an outline
+                         const Lens lens = lens_at(e);
+                         return exposed(spots(e, kPeakDn, kSpread,
+                                              [=](int m, int n) {
+                                                  return turned(m - lens.m, n - lens.n) > 1.047 ? Spot{}
+                                                                                                : of_lens(lens, m, n);
+                                              }),
+                                        {}, seed);
+                     }});
+    kinds.push_back(of_light("a thin dark ring with nothing in it", [](const Extents& e) {
+        return spots(e, kPeakDn, kSpread, [lens = lens_at(e)](int m, int n) {
+            return Spot{0, 0, std::abs(std::hypot(m - lens.m, n - lens.n) - lens.radius) < 1 ? 0.0 : 1.0};
+        });
+    }));
+}
+
+// Light of another exposure, or missing over most of the part.
+void add_mixed_kinds(std::vector<Kind>& kinds) {
+    const auto shadow = [&](const std::string& name, double from, double light) {
+        kinds.push_back(of_light(name, [=](const Extents& e) {
+            return spots(e, kPeakDn, kSpread, [=, lens = lens_at(e)](int m, int n) {
+                Spot spot = of_lens(lens, m, n);
+                const bool inside = std::hypot(m - lens.m, n - lens.n) <= lens.radius;
+                if (inside && m > lens.m + from * lens.radius) spot.light = light;
+                return spot;
+            });
+        }));
+    };
+    shadow("lens, 30 % of the light in two thirds of it", -0.25, 0.3);
+    shadow("lens, a tenth of the light in four fifths of it", -0.5, 0.1);
+    const auto in_turn = [&](const std::string& name, const std::function<bool(int m, int n)>& other, double light) {
+        kinds.push_back(of_light(name, [=](const Extents& e) {
+            return spots(e, kPeakDn, kSpread, [=, lens = lens_at(e)](int m, int n) {
+                const bool inside = std::hypot(m - lens.m, n - lens.n) <= lens.radius;
+                if (!inside || !other(m, n)) return of_lens(lens, m, n);
+                return light < 0 ? Spot{} : Spot{of_lens(lens, m, n).x, of_lens(lens, m, n).y, light};
+            });
+        }));
+    };
+    in_turn(
+        "lens and an empty field, row by row", [](int, int n) { return n % 2 == 0; }, -1);
+    in_turn(
+        "lens and an empty field, lenslet by lenslet", [](int m, int n) { return (m + n) % 2 == 0; }, -1);
+    in_turn(
+        "lens, every second column with 60 % of the light", [](int m, int) { return m % 2 == 0; }, 0.6);
+    for (const double share : {0.2, 0.5, 0.7}) {
+        kinds.push_back(
+            {"lens and an empty field in one exposure, " + std::to_string(share).substr(0, 3) + " of it",
+             [=](const Extents& e, std::uint64_t seed) -> std::optional<Frame> {
+                 if (std::min(e.i, e.j) < 9) return std::nullopt;  // no light is deflected far enough
+                 Lens lens = lens_at(e);
+                 lens.rim_bins = 0.47 * std::min(e.i, e.j);
+                 const LightImage part = lens_light(e, lens), empty = empty_light(e);
+                 return exposed(
+                     changed(part, [&](int x, int y, double v) { return (1 - share) * v + share * empty.at(x, y); }),
+                     {}, seed);
+             }});
+    }
+}
+
 // Something is there, but not one whole part.
 void add_part_kinds(std::vector<Kind>& kinds) {
     const auto two = [](const Extents& e, const Lens& a, const Lens& b) {
@@ -213,6 +290,7 @@ void add_part_kinds(std::vector<Kind>& kinds) {
             return Spot{0, 0, std::hypot(m - middle_m(e), n - middle_n(e)) < 0.35 * smallest(e) ? 1.0 : 0.0};
         });
     }));
+    add_pieces(kinds);
     for (const auto& [i, j] : {std::pair(3, 3), std::pair(5, 5), std::pair(7, 7), std::pair(9, 9), std::pair(15, 15),
                                std::pair(10, 10), std::pair(9, 3)}) {
         for (const bool with_lens : {true, false}) {
@@ -320,6 +398,7 @@ const std::vector<Kind>& unfit_kinds() {
         add_light_kinds(all, false);
         add_light_kinds(all, true);
         add_part_kinds(all);
+        add_mixed_kinds(all);
         return all;
     }();
     return kinds;

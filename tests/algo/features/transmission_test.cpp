@@ -14,7 +14,7 @@ using Mask = std::vector<std::uint8_t>;
 
 std::uint32_t typical(const Sums& sums, const Mask& mask) {
     Sums scratch(sums.size());
-    return typical_light(sums, mask, scratch);
+    return typical_light(sums, mask, 0.7F, scratch);
 }
 
 TEST(Transmission, is_relative_to_the_median_of_the_judged_lenslets_with_light) {
@@ -31,6 +31,16 @@ TEST(Transmission, without_light_anywhere_is_zero_everywhere) {
     std::vector<float> out(2, -1);
     transmissions(Sums{5, 0}, Mask{kValid, kDark}, 0, out);
     EXPECT_EQ(out, (std::vector<float>{0, 0}));
+}
+
+// A shadow over most of the part must not make the rest of it the odd one. 0.7: the limit.
+TEST(Transmission, typical_is_the_light_of_the_bright_part_if_most_of_it_is_below_the_limit) {
+    Sums sums(100, 100);
+    const Mask mask(100, kValid);
+    for (std::size_t k = 0; k < 85; ++k) sums[k] = 69;
+    EXPECT_EQ(typical(sums, mask), 100U);
+    for (std::size_t k = 0; k < 85; ++k) sums[k] = 71;
+    EXPECT_EQ(typical(sums, mask), 71U);
 }
 
 TEST(Transmission, typical_is_not_moved_by_defects) {

@@ -45,7 +45,9 @@ std::string told(const Inspection& found) {
          << f.dark_noise_dn << "), free " << f.in_free_light << ", offset " << f.x_bins << " " << f.y_bins << ", spot "
          << f.spot_x_bins << " " << f.spot_y_bins << ", second " << f.second_share << ", period " << f.period_x << " "
          << f.period_y << ", parts " << f.parts << ", cut " << f.border_cut << ", sharp " << f.sharp_share
-         << ", beside " << f.free_beside << ", symmetry " << f.symmetry << ", score " << found.score;
+         << ", beside " << f.free_beside << ", symmetry " << f.symmetry << ", deflecting " << f.deflecting
+         << ", undeflected " << f.undeflected_share << ", alternation " << f.alternation_bins << " "
+         << f.alternation_light << ", score " << found.score;
     return text.str();
 }
 
@@ -115,6 +117,16 @@ TEST(FrameChecks, give_the_reason) {
         {"half a part in the middle of the field", {Reason::no_part, lopsided}},
         {"a part that fills the field", {Reason::no_part, fills_field}},
         {"an opaque holder without a part", {Reason::no_part, nothing}},
+        {"a part without a quarter, at its right", {Reason::no_part, lopsided}},
+        {"a part with a slot from its right", {Reason::no_part, lopsided}},
+        {"a part with a bite at its right", {Reason::no_part, lopsided}},
+        {"a part without a chord", {Reason::no_part, lopsided}},
+        {"a third of a part", {Reason::no_part, lopsided}},
+        {"a thin dark ring with nothing in it", {Reason::no_part, hollow}},
+        {"lens and an empty field, row by row", {Reason::unexpected_light, alternating}},
+        {"lens and an empty field, lenslet by lenslet", {Reason::unexpected_light, alternating}},
+        {"lens, every second column with 60 % of the light", {Reason::unexpected_light, alternating}},
+        {"lens and an empty field in one exposure, 0.5 of it", {Reason::unexpected_light, second_spot}},
     };
     std::size_t seen = 0;
     for (const Kind& kind : unfit_kinds()) {

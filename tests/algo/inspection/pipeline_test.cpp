@@ -68,7 +68,8 @@ TEST(Pipeline, computes_a_light_field_by_hand) {
     light(1, 2, 1, 2, 50);
     Recipe recipe;
     recipe.dark_dn = 1;
-    recipe.part_required = false;  // nine lenslets show no outline
+    recipe.form = PartForm::web;  // nine lenslets show no outline
+    recipe.part_required = false;
     recipe.rim_margin = 0;
     recipe.emd_limit_bins = 2;
     recipe.frobenius_limit_bins = 2;

@@ -11,8 +11,8 @@
 namespace hord::algo {
 namespace {
 
-// '.' free light, 'p' deflected by a bin, 'd' dark, 'z' light that is not deflected but inside the part, 'h' half the
-// ring's light less one, 's' saturated.
+// '.' free light, 'p' deflected by a bin, '1' to '5' by so many fifths of a bin, 'd' dark, 'z' light that is not
+// deflected but inside the part, 'h' half the ring's light less one, 's' saturated.
 struct Field {
     Extents extents;
     std::vector<Deflection> deflections;
@@ -25,7 +25,8 @@ Field field_of(const std::vector<std::string>& rows, double offset_bins = 0) {
     f.extents = {static_cast<int>(rows[0].size()), static_cast<int>(rows.size()), 9, 9};
     for (const std::string& row : rows) {
         for (const char c : row) {
-            const double x = c == 'p' ? 1 + offset_bins : c == 'd' ? 0 : offset_bins;
+            const double deflected = c == 'p' ? 1 : c >= '1' && c <= '5' ? (c - '0') / 5.0 : 0;
+            const double x = c == 'd' ? 0 : deflected + offset_bins;
             f.deflections.push_back({DeflectionQ::from_raw(static_cast<std::int64_t>(x * (1 << 24))), {}});
             f.sums.push_back(c == 'd' ? 0 : c == 'h' ? 99 : 200);
             f.mask.push_back(c == 'd' ? kDark : c == 's' ? kSaturated : kValid);
@@ -113,10 +114,19 @@ TEST(Rim, of_a_flat_window_is_followed_along_its_dark_wall_even_through_a_gap_of
 }
 
 TEST(Rim, leaves_the_undeflected_middle_of_a_cylinder_lens_inside) {
-    const auto rows = marked(field_of({"...............", "..pppp...pppp..", "..pppp...pppp..", "..pppp...pppp..",
-                                       "..pppp...pppp..", "..pppp...pppp..", "..............."}),
+    const auto rows = marked(field_of({"...............", "..54321012345..", "..54321012345..", "..54321012345..",
+                                       "..54321012345..", "..54321012345..", "..............."}),
                              0);
     for (std::size_t n = 1; n <= 5; ++n) EXPECT_EQ(rows[n], "oojjjjjjjjjjjoo");
+}
+
+// From both sides the light jumps to the part: that is no middle, but a slot.
+TEST(Rim, leaves_a_slot_in_a_part_outside) {
+    const auto rows = marked(field_of({"...............", "..pppp...pppp..", "..pppp...pppp..", "..pppp...pppp..",
+                                       "..ppppppppppp..", "..ppppppppppp..", "..............."}),
+                             0);
+    for (std::size_t n = 1; n <= 3; ++n) EXPECT_EQ(rows[n], "oojjjjooojjjjoo");
+    for (std::size_t n = 4; n <= 5; ++n) EXPECT_EQ(rows[n], "oojjjjjjjjjjjoo");
 }
 
 TEST(Rim, of_a_part_that_leaves_the_field_follows_the_fields_border) {

@@ -181,6 +181,8 @@ TEST(Reference, keeps_what_broke_out_of_a_part_inside_it) {
     Recipe recipe;
     recipe.gradient.reset();
     recipe.slopes = false;
+    EXPECT_EQ(judged(frame_of(50, true), e, recipe).verdict, Verdict::unfit);
+    recipe.symmetric_outline = false;
     EXPECT_EQ(judged(frame_of(50, true), e, recipe).verdict, Verdict::pass);
     const auto learned =
         learn_reference(e, 8, 10, [&](std::size_t part) -> Result<Frame> { return frame_of(part, false); },

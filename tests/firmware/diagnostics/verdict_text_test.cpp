@@ -111,14 +111,24 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
          "spots are 1.5 x 1.2 bins wide (at most 1.0): focus the collimator and the lenslets, or raise [light] "
          "max_spot_bins for a wide source"},
         {light(FrameFault::second_spot),
-         "7 % of the light is in a second spot: look for a reflection, a second lamp, or light of the next lenslet "
-         "(calibrate again)"},
+         "7 % of the light is in a second spot: look for a reflection, a second lamp, two exposures in one frame, or "
+         "light of the next lenslet (calibrate again)"},
+        {unfit(Reason::unexpected_light,
+               {.fault = FrameFault::alternating, .alternation_bins = 0.25F, .alternation_light = 0.1F}),
+         "neighbouring lenslets differ in turn, by 0.50 bins or 20 % of their light: look for interlaced exposures, "
+         "and "
+         "for taps of the sensor that differ"},
         {light(FrameFault::interrupted),
          "a row or column of lenslets shows no free light: look for lost rows of the frame, something across the "
          "field, "
          "or a part that reaches from border to border"},
         {part(FrameFault::nothing),
-         "nothing in the field deflects or absorbs light: check that the part was there, and the trigger's delay"},
+         "nothing in the field is large enough to be a part (a sixteenth of it): check that the part was there, and "
+         "the "
+         "trigger's delay"},
+        {unfit(Reason::no_part, {.fault = FrameFault::hollow, .deflecting = 0.1F}),
+         "90 % of what the outline encloses shows free light, as if nothing were in it: check the part, or set [part] "
+         "form = \"plate\" if it is flat"},
         {part(FrameFault::fills_field),
          "no free light surrounds the part: show the whole part, or set [part] form = \"web\" if it fills the field"},
         {part(FrameFault::no_outline),
@@ -128,7 +138,9 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
          "not "
          "deflect light"},
         {part(FrameFault::cut_by_field),
-         "the field's border cuts the part: set the trigger's delay, or show the whole part"},
+         "the field's border cuts the part, or the frame's last rows are lost: set the trigger's delay, or show the "
+         "whole "
+         "part"},
         {part(FrameFault::lopsided),
          "the part's outline is not symmetric, as if a piece were missing: check the part, or set [part] outline = "
          "\"any\" if it has this shape"},
@@ -146,8 +158,8 @@ TEST(VerdictText, of_light_off_the_middle_says_by_how_much_and_to_which_side) {
           std::tuple(0.5F, 0.75F, "below"), std::tuple(0.5F, -0.75F, "above")}) {
         const auto found = unfit(Reason::unexpected_light, {.fault = FrameFault::off_centre, .x_bins = x, .y_bins = y});
         EXPECT_EQ(told(found),
-                  std::string("Not judged: the free light is 0.8 bins ") + where +
-                      " the middle: calibrate again, or check that nothing moved.");
+                  std::string("Not judged: the free light is 0.75 bins ") + where +
+                      " the middle (at most 0.5): calibrate again, or check that nothing moved.");
     }
 }
 
