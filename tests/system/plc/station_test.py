@@ -1,0 +1,125 @@
+#!/usr/bin/env python3
+"""The program of deploy/plc, and a client written from docs/plc.md alone, against a real station with a store:
+station_test.py FOLDER-OF-PROGRAMS"""
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+import plc
+
+try:
+    import from_the_page
+except ModuleNotFoundError:
+    from_the_page = None
+
+PROGRAMS = sys.argv.pop(1) if len(sys.argv) > 1 else str(plc.ROOT / "build/release/bin")
+VERDICTS = {1: "pass", 2: "reject", 3: "unfit"}
+
+
+class WithStation(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = folder.name
+
+    def start(self, port=0, rate=2):
+        station = plc.Station(PROGRAMS, self.folder, port, rate)
+        self.addCleanup(station.stop)
+        return station
+
+    def settle(self, line):
+        """Everything that the program has taken is acknowledged."""
+        line.station["Hold"] = True
+        line.until(lambda: line.station["Acknowledged"] == line.line.memory["Memory"]["Taken"])
+
+    def check(self, results, stored):
+        """What the PLC took is what the store has, one for one."""
+        self.assertEqual([(r["Boot"], r["Sequence"]) for r in results], [(row["boot"], row["sequence"]) for row in stored])
+        for taken, row in zip(results, stored):
+            self.assertEqual((taken["Part"], VERDICTS[taken["Verdict"]]), (row["part"], row["verdict"]), row)
+
+
+class Program(WithStation):
+    def test_takes_every_result_over_restarts_of_the_plc_and_of_the_station(self):
+        station = self.start()
+        first = plc.Plc(station.port)
+        first.station["PollInterval"] = 20  # ms: quicker than the disk
+        first.until(lambda: first.station["Acknowledged"] >= 12)
+        self.assertGreater(first.wire.exceptions.get(6, 0), 0, "no acknowledgement came before its results were on the disk")
+        self.assertEqual(set(first.wire.exceptions), {6})
+        self.assertTrue(first.line.memory["Conveyor"])
+
+        warm = plc.Plc(station.port, kept=first)  # stopped in between two cycles, and started again
+        warm.until(lambda: len(warm.results) >= 5)
+        # A PLC without its memory: results that were not acknowledged come again, no other.
+        self.settle(warm)
+        cold = plc.Plc(station.port)
+        cold.until(lambda: len(cold.results) >= 5)
+
+        self.settle(cold)  # what is acknowledged outlives the kill
+        port = station.port
+        station.stop(signal.SIGKILL)
+        cold.cycle()
+        cold.station["Hold"] = False
+        again = self.start(port)
+        cold.until(lambda: cold.results[-1]["Sequence"] == cold.station["Acknowledged"] >= 5 and cold.results[-1]["Boot"] != cold.results[0]["Boot"])
+        again.stop()
+
+        everything = first.results + warm.results + cold.results
+        stored = plc.stored(PROGRAMS, self.folder)
+        boots = [row["boot"] for row in stored]
+        last = {boot: max(r["Sequence"] for r in everything if r["Boot"] == boot) for boot in set(boots)}
+        self.assertEqual(len(last), 2)
+        self.check(everything, [row for row in stored if row["sequence"] <= last[row["boot"]]])
+
+        parts = [r["Part"] for r in first.in_order + warm.in_order]
+        self.assertEqual(parts, list(range(1, len(parts) + 1)))
+        self.assertGreater(len(parts), 12)
+
+    def test_commands_are_executed_once_while_answers_are_lost(self):
+        station, chance = self.start(), random.Random(7)
+        line = plc.Plc(station.port, lose=lambda write, address: chance.random() < 0.15)
+        line.station["RetryAfter"] = 50
+        line.until(lambda: line.station["Connected"] and line.station["State"] == 8)
+        for _ in range(4):
+            self.assertEqual(line.command(6), 0)  # stop
+            line.until(lambda: line.station["State"] == 6 and not int(line.station["Bits"]) & 1)
+            self.assertEqual(line.command(5), 0)  # start_continuous
+        self.assertEqual(line.command(2), 2)      # arm: not_in_this_state
+        self.assertGreater(line.lost_answers, 10)
+        look = plc.Wire(station.port)
+        self.assertGreaterEqual(look.number_at(8029), 9)
+        look.close()
+        station.stop()
+        changes = subprocess.run([f"{PROGRAMS}/hordctl", "results", "changes", "--store", f"{self.folder}/store"], capture_output=True, text=True)
+        self.assertEqual(changes.stdout.count("start_continuous"), 4, changes.stdout)  # a stop acts whenever it is written
+
+
+@unittest.skipUnless(from_the_page, "python3-pymodbus is not installed")
+class Page(WithStation):
+    def test_a_client_written_from_the_page_takes_every_result_over_restarts(self):
+        station = self.start()
+        first = from_the_page.Master(station.port)
+        first.until(lambda: first.acknowledged >= 10)
+        self.assertIn(6, first.codes)
+        warm = from_the_page.Master(station.port, first.memory)
+        warm.until(lambda: len(warm.results) >= 4)
+        self.assertEqual(warm.command(6), 0)  # stop: Ready when the line is empty
+        warm.until(lambda: warm.state == 6)
+        self.assertEqual(warm.command(2), 2)  # arm: not in this state
+        warm.until(lambda: warm.acknowledged == warm.memory["taken"])
+        cold = from_the_page.Master(station.port)  # has forgotten everything, its token, too
+        self.assertEqual(cold.command(5), 0)
+        cold.until(lambda: len(cold.results) >= 4 and cold.acknowledged == cold.memory["taken"])
+        station.stop()
+        everything = first.results + warm.results + cold.results
+        self.assertEqual((first.lost, warm.lost, cold.lost), (0, 0, 0))
+        self.check(everything, plc.stored(PROGRAMS, self.folder)[:len(everything)])
+
+
+if __name__ == "__main__":
+    unittest.main()
