@@ -425,6 +425,10 @@ class PlcOpen(unittest.TestCase):
             if name != "TON":
                 self.assertEqual(found[name], [token[1] for token in st.tokens_of(unit.text, name)], name)
 
+    def test_the_page_s_example_is_the_one_that_was_run(self):
+        example = (plc.LIBRARY / "hord_example.st").read_text()
+        self.assertIn("```\n" + example[example.index("PROGRAM Line"):] + "```\n", (plc.ROOT / "docs/plc.md").read_text())
+
     def test_lines_are_short_enough_for_a_plc_s_editor(self):
         for name in [*plc.PARTS_OF_IT, "hord_example.st"]:
             for number, line in enumerate((plc.LIBRARY / name).read_text().splitlines(), 1):

@@ -1,15 +1,19 @@
 #!/usr/bin/env python3
 """The program of deploy/plc, and a client written from docs/plc.md alone, against a real station with a store:
 station_test.py FOLDER-OF-PROGRAMS"""
+import csv
+import io
+import json
 import random
 import signal
 import subprocess
 import sys
 import tempfile
+import tomllib
 import unittest
-from pathlib import Path
 
 import plc
+import st
 
 try:
     import from_the_page
@@ -119,6 +123,55 @@ class Page(WithStation):
         everything = first.results + warm.results + cold.results
         self.assertEqual((first.lost, warm.lost, cold.lost), (0, 0, 0))
         self.check(everything, plc.stored(PROGRAMS, self.folder)[:len(everything)])
+
+
+class Metric:
+    """As Telegraf gives it to a script."""
+
+    def __init__(self, name, fields):
+        self.name, self.fields = name, fields
+
+
+class Formats(unittest.TestCase):
+    """`hordctl registers` for other programs."""
+
+    @staticmethod
+    def printed(form):
+        return subprocess.run([f"{PROGRAMS}/hordctl", "registers", "--format", form], capture_output=True, text=True, check=True).stdout
+
+    def setUp(self):
+        self.blocks = json.loads(self.printed("json"))["blocks"]
+
+    def test_csv_and_constants_have_the_rows_of_json(self):
+        rows = [(block["name"], row) for block in self.blocks for row in block["registers"]]
+        lines = list(csv.DictReader(io.StringIO(self.printed("csv"))))
+        self.assertEqual([(line["block"], line["name"], int(line["address"]), int(line["registers"]), float(line["scale"])) for line in lines],
+                         [(block, row["name"], row["address"], row["registers"], row["scale"]) for block, row in rows])
+        library = st.Library()
+        library.add(self.printed("st"), "hord_registers.st")
+        for block, row in rows:
+            if block != "LAST":  # RING has the same rows
+                constant = library.globals[f"HORD_{block}_{row['name'].upper()}"]
+                self.assertEqual((constant.type, constant.initial), ("UINT", row["address"] - (1000 if block == "RING" else 0)))
+        self.assertEqual(library.globals["HORD_COMMAND_CODE_START_CONTINUOUS"].initial, 5)
+        self.assertEqual(library.globals["HORD_STATUS_FAULTS_ACTIVE_DUST"].initial, 0x10000)
+
+    def test_telegraf_keeps_what_is_available_and_nothing_else(self):
+        settings = tomllib.loads(self.printed("telegraf"))
+        script = {}
+        exec(settings["processors"]["starlark"][0]["source"], script)  # Starlark is a subset of Python
+        removed = 0
+        for request in settings["inputs"]["modbus"][0]["request"]:
+            block = next(b for b in self.blocks if request["measurement"] == "hord_" + b["name"].lower())
+            numbers = {row["name"]: row for row in block["registers"] if row["type"] != "text"}
+            self.assertEqual({field["name"] for field in request["fields"]}, set(numbers))
+            missing = {name for name, row in numbers.items() if row["not_available"] is not None}
+            removed += len(missing)
+            for step, kept in [(0, set(numbers) - missing), (1, set(numbers)), (-1, set(numbers))]:
+                values = {name: ((row["not_available"] or 0) + step) * row["scale"] for name, row in numbers.items()}
+                metric = script["apply"](Metric(request["measurement"], values))
+                self.assertEqual(set(metric.fields), kept, (request["measurement"], step))
+        self.assertGreater(removed, 60)
 
 
 if __name__ == "__main__":
