@@ -73,6 +73,7 @@ class Registers:
         self.beat, self.uptime, self.token, self.reply, self.done = 0, 100, 0, (0, 0, 0), {}
         self.magic, self.version, self.disk_full, self.may_write, self.answers = (0x484F, 0x5244), 5, False, True, True
         self.executing_for, self.writes, self.executed = 0, [], []
+        self.bits, self.torn, self.foreign = 2, 0, False
 
     def add(self, count):
         for _ in range(count):
@@ -87,7 +88,7 @@ class Registers:
             self.beat = (self.beat + 1) % 65536
             last = len(self.results)
             oldest = max(last - 255, 1) if last else 0
-            return ([2, 38, 8, 2, self.beat, 0] + pair(last) + pair(oldest) + [1, 0, 0] + [0] * 8 + pair(self.boot) + [0xFFFF] * 17)[:count]
+            return ([2, 38, 8, self.bits, self.beat, 0] + pair(last) + pair(oldest) + [1, 0, 0] + [0] * 8 + pair(self.boot) + [0xFFFF] * 17)[:count]
         if address == 8103:
             return pair(self.acknowledged)
         if address == 8402:
@@ -97,6 +98,8 @@ class Registers:
                 self.executing_for -= 1
             elif self.reply[1] == 1:
                 self.reply = (self.reply[0], 2, 0)
+            if self.foreign:  # another master has written since
+                return pair(self.token + 999) + [5, 2, 0, 0, 0]
             return pair(self.token) + [self.reply[0], self.reply[1], self.reply[2], 0, 77]
         assert 1000 <= address and address + count <= 1000 + 256 * 24, address
         out = []
@@ -104,7 +107,9 @@ class Registers:
             numbers = [s for s in self.results if s % 256 == slot]
             sequence = numbers[-1] if numbers else 0
             part = sequence + 1 if sequence % 3 == 1 else sequence - 1 if sequence % 3 == 2 else sequence  # 2 1 3 5 4 6 ...
-            out += pair(sequence) + pair(part) + [0] * 4 + [1, 0, 0] + [0, 500] + [0] * 9 + pair(sequence)
+            part = 4242 if sequence == self.torn else part
+            out += pair(sequence) + pair(part) + [0] * 4 + [1, 0, 0] + [0, 500] + [0] * 9 + pair(sequence + 256 * (sequence == self.torn))
+        self.torn = 0
         return out
 
     def write(self, address, words):
@@ -127,7 +132,7 @@ class Registers:
                 self.done[token] = code
                 self.executed.append(code)
                 self.reply = (code, 1 if self.executing_for else 2, 0) if boot == self.boot & 0xFFFF else (code, 3, 7)
-            self.token = token
+            self.token, self.foreign = token, False
 
 
 class MemoryPlc(plc.Plc):
@@ -278,6 +283,45 @@ class Block(unittest.TestCase):
         self.assertEqual(registers.executed, [5, 6, 5, 6, 2, 3, 2, 5])
         self.assertGreater(line.lost_answers, 8)
         self.assertEqual(line.station["CommandResult"], 77)
+
+    def test_a_token_stays_while_its_command_is_not_answered(self):
+        registers = Registers()
+
+        def lose(write, address):
+            lost = write and address == 8002 and not registers.executed
+            registers.uptime += 1000 * lost  # enough to go on from another token
+            return lost
+        line = MemoryPlc(registers, lose=lose)
+        line.until(lambda: line.station["Connected"])
+        self.assertEqual(line.command(5), 0)
+        self.assertEqual((registers.executed, line.lost_answers), ([5], 1))
+
+    def test_a_reply_to_another_master_is_not_taken(self):
+        registers = Registers()
+        line = MemoryPlc(registers)
+        line.until(lambda: line.station["Connected"])
+        line.station.update(Send=True, Command=6)
+        line.until(lambda: registers.executed == [6])
+        registers.foreign = True
+        line.until(lambda: not line.station["CommandBusy"])
+        self.assertEqual((line.station["CommandDone"], line.station["CommandResult"], registers.executed), (True, 77, [6]))
+
+    def test_a_slot_that_is_overwritten_while_it_is_read_is_read_again(self):
+        registers = Registers()
+        registers.add(9)
+        registers.torn = 3
+        line = MemoryPlc(registers)
+        line.until(lambda: len(line.results) == 9)
+        self.assertEqual(line.sequences(), list(range(1, 10)))
+        self.assertNotIn(4242, [r["Part"] for r in line.results])
+
+    def test_the_conveyor_stops_at_a_line_stop_and_without_the_run_permit(self):
+        registers = Registers()
+        line = MemoryPlc(registers)
+        for bits, runs in [(2, True), (6, False), (4, False), (0, False), (3, True)]:
+            registers.bits = bits
+            line.cycles(60)
+            self.assertEqual(line.line.memory["Conveyor"], runs, bits)
 
     def test_a_command_of_before_a_restart_is_not_executed_after_it(self):
         registers = Registers()

@@ -24,16 +24,38 @@ PROGRAMS = sys.argv.pop(1) if len(sys.argv) > 1 else str(plc.ROOT / "build/relea
 VERDICTS = {1: "pass", 2: "reject", 3: "unfit"}
 
 
+def again_if_held_up(test):
+    """The line stops when the machine gives the processor to others for too long. Such a run is repeated, twice at most."""
+    def run(self):
+        for attempt in range(3):
+            try:
+                return test(self)
+            except AssertionError:
+                held_up = any(" to Error" in line or "Error to " in line for station in self.stations for line in station.log)
+                if attempt == 2 or not held_up:
+                    raise
+                self.tearDown()
+                self.setUp()
+        return None
+    run.__name__ = test.__name__
+    return run
+
+
 class WithStation(unittest.TestCase):
     def setUp(self):
+        self.stations = []
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
         self.folder = folder.name
 
     def start(self, port=0, rate=2):
         station = plc.Station(PROGRAMS, self.folder, port, rate)
-        self.addCleanup(station.stop)
+        self.stations.append(station)
         return station
+
+    def tearDown(self):
+        for station in self.stations:
+            station.stop()
 
     def settle(self, line):
         """Everything that the program has taken is acknowledged."""
@@ -48,14 +70,14 @@ class WithStation(unittest.TestCase):
 
 
 class Program(WithStation):
+    @again_if_held_up
     def test_takes_every_result_over_restarts_of_the_plc_and_of_the_station(self):
         station = self.start()
         first = plc.Plc(station.port)
         first.station["PollInterval"] = 20  # ms: quicker than the disk
-        first.until(lambda: first.station["Acknowledged"] >= 12)
-        self.assertGreater(first.wire.exceptions.get(6, 0), 0, "no acknowledgement came before its results were on the disk")
+        first.until(lambda: first.station["Acknowledged"] >= 12 and 6 in first.wire.exceptions)  # some came before the disk had them
         self.assertEqual(set(first.wire.exceptions), {6})
-        self.assertTrue(first.line.memory["Conveyor"])
+        first.until(lambda: first.line.memory["Conveyor"])
 
         warm = plc.Plc(station.port, kept=first)  # stopped in between two cycles, and started again
         warm.until(lambda: len(warm.results) >= 5)
@@ -84,6 +106,7 @@ class Program(WithStation):
         self.assertEqual(parts, list(range(1, len(parts) + 1)))
         self.assertGreater(len(parts), 12)
 
+    @again_if_held_up
     def test_commands_are_executed_once_while_answers_are_lost(self):
         station, chance = self.start(), random.Random(7)
         line = plc.Plc(station.port, lose=lambda write, address: chance.random() < 0.15)
@@ -105,11 +128,11 @@ class Program(WithStation):
 
 @unittest.skipUnless(from_the_page, "python3-pymodbus is not installed")
 class Page(WithStation):
+    @again_if_held_up
     def test_a_client_written_from_the_page_takes_every_result_over_restarts(self):
         station = self.start()
         first = from_the_page.Master(station.port)
-        first.until(lambda: first.acknowledged >= 10)
-        self.assertIn(6, first.codes)
+        first.until(lambda: first.acknowledged >= 10 and 6 in first.codes)  # some came before the disk had them
         warm = from_the_page.Master(station.port, first.memory)
         warm.until(lambda: len(warm.results) >= 4)
         self.assertEqual(warm.command(6), 0)  # stop: Ready when the line is empty
