@@ -33,7 +33,7 @@ for program in hordctl hordd hord-mqtt hord-page; do
     the_same "$program" --version
 done
 the_same ../libexec/hord/hord-safe --version
-for format in json csv md; do the_same hordctl registers --format "$format"; done
+for format in json csv md st; do the_same hordctl registers --format "$format"; done
 the_same hordd --catalog
 the_same hordd --config "$folder/arm64/etc/hord/hordd.toml" --check
 the_same hord-mqtt --config "$folder/arm64/etc/hord/mqtt.toml" --check

@@ -49,8 +49,10 @@ inline constexpr Register kReply[] = {
 inline constexpr Register kPlc[] = {
     writable(number(8102, Type::bits16, "heartbeat", "", "the PLC writes another value within `timeout`, for ever",
                     plc_bits<&PlcView::plc_heartbeat>)),
-    writable(number(8103, Type::u32, "acknowledged", "", "newest result that the PLC has taken; goes forward only",
-                    plc<&PlcView::acknowledged>)),
+    writable(
+        number(8103, Type::u32, "acknowledged", "",
+               "newest result that the PLC has taken; goes forward only; a PLC that was restarted reads it to go on",
+               plc<&PlcView::acknowledged>)),
     number(8105, Type::u16, "policy", "", "what the station does when the heartbeat stops; from its configuration",
            plc<&PlcView::policy>, kNamesOf<PlcPolicy>),
     number(8106, Type::u16, "timeout", "ms", "after which the PLC counts as lost; from the configuration",

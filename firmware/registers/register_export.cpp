@@ -1,4 +1,8 @@
-// The register map as Markdown, CSV, JSON and Telegraf configuration.
+// The register map as Markdown, CSV, JSON, Structured Text and Telegraf configuration.
+#include <cctype>
+#include <optional>
+#include <set>
+
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
@@ -14,6 +18,35 @@ std::string values_of(const Register& row) {
         text += fmt::format("{}{}{} {}", text.empty() ? "" : ", ", bits ? "bit " : "", value.value, value.name);
     }
     return text;
+}
+
+// The number in the register that means "not available"; none: the row is always available.
+std::optional<std::int64_t> sentinel_of(RegisterType type) {
+    switch (type) {
+        case RegisterType::u16: return 0xFFFF;
+        case RegisterType::s16: return -0x8000;
+        case RegisterType::u32: return 0xFFFFFFFF;
+        case RegisterType::s32: return -0x80000000LL;
+        case RegisterType::bits16:
+        case RegisterType::bits32:
+        case RegisterType::text: break;
+    }
+    return std::nullopt;
+}
+
+std::string upper(std::string_view text) {
+    std::string out;
+    for (const char c : text) {
+        const bool letter = std::isalnum(static_cast<unsigned char>(c)) != 0;
+        out += letter ? static_cast<char>(std::toupper(static_cast<unsigned char>(c))) : '_';
+    }
+    return out;
+}
+
+std::string measurement_of(const Block& block) {
+    std::string out = "hord_";
+    for (const char c : block.name) out += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    return out;
 }
 
 std::string_view name_of(RegisterAccess access) { return access == RegisterAccess::read ? "r" : "rw"; }
@@ -95,6 +128,7 @@ std::string as_json() {
                                  {"unit", row.unit},
                                  {"scale", row.scale},
                                  {"access", name_of(row.access)},
+                                 {"not_available", sentinel_of(row.type) ? Json(*sentinel_of(row.type)) : Json()},
                                  {"meaning", row.meaning},
                                  {"values", std::move(values)}});
         }
@@ -110,7 +144,58 @@ std::string as_json() {
     return Json{{"map_version", kMapVersion}, {"map_crc32", map_crc32()}, {"blocks", std::move(blocks)}}.dump(1) + "\n";
 }
 
-// Telegraf's modbus input, one request a block. Values that are not available arrive as their sentinel.
+// Constants of IEC 61131-3: addresses, bit masks, codes. A set of names that two rows share is written once.
+std::string as_structured_text() {
+    std::string out = fmt::format(
+        "(* Generated: hordctl registers --format st > deploy/plc/hord_registers.st. Map version {}. *)\n\n"
+        "VAR_GLOBAL CONSTANT\n    HORD_MAP_VERSION : UINT := {};\n    HORD_MAP_CRC32 : UDINT := {};\n"
+        "    HORD_RING_SLOTS : UINT := {};\n    HORD_RESULT_WORDS : UINT := {};\n",
+        kMapVersion, kMapVersion, map_crc32(), kRingSlots, kResultWords);
+    std::set<const NamedValue*> written;
+    for (const Block& block : register_blocks()) {
+        if (block.registers.empty() || block.id == BlockId::last) continue;  // RING has the same rows
+        const bool slots = block.slots > 0;
+        out += fmt::format("\n    (* {}: {} *)\n    HORD_{} : UINT := {};\n", block.name, block.meaning, block.name,
+                           slots ? kRingBase : block.base);
+        for (const Register& row : block.registers) {
+            const std::string name = fmt::format("HORD_{}_{}", block.name, upper(row.name));
+            out += fmt::format("    {} : UINT := {};{}\n", name, row.address - (slots ? kRingBase : 0),
+                               slots ? "    (* from the slot's first register *)" : "");
+            if (row.values.empty() || !written.insert(row.values.data()).second) continue;
+            for (const NamedValue& value : row.values) {
+                if (row.type == RegisterType::bits16) {
+                    out += fmt::format("    {}_{} : WORD := 16#{:04X};\n", name, upper(value.name), 1U << value.value);
+                } else if (row.type == RegisterType::bits32) {
+                    out += fmt::format("    {}_{} : DWORD := 16#{:08X};\n", name, upper(value.name), 1U << value.value);
+                } else {
+                    out += fmt::format("    {}_{} : UINT := {};\n", name, upper(value.name), value.value);
+                }
+            }
+        }
+    }
+    return out + "END_VAR\n";
+}
+
+// Removes fields that are "not available". Telegraf has scaled them, so half a step decides.
+constexpr char kTelegrafProcessor[] = R"(
+# Removes what is "not available", so that no series shows the number that stands for it.
+[[processors.starlark]]
+  namepass = ["hord_*"]
+  source = '''
+NOT_AVAILABLE = {{
+{}}}
+
+def apply(metric):
+    for name, (value, half_step) in NOT_AVAILABLE.get(metric.name, {{}}).items():
+        if name in metric.fields:
+            difference = metric.fields[name] - value
+            if difference < half_step and difference > -half_step:
+                metric.fields.pop(name)
+    return metric
+'''
+)";
+
+// Telegraf's modbus input, one request a block, and a processor that removes values that are not available.
 std::string as_telegraf() {
     std::string out =
         "[[inputs.modbus]]\n"
@@ -118,25 +203,31 @@ std::string as_telegraf() {
         "  controller = \"tcp://localhost:502\"\n"
         "  timeout = \"1s\"\n"
         "  configuration_type = \"request\"\n";
+    std::string sentinels;
     for (const Block& block : register_blocks()) {
         if (block.id == BlockId::ident || block.registers.empty()) continue;
-        std::string measurement = "hord_";
-        for (const char c : block.name) measurement += static_cast<char>(c >= 'A' && c <= 'Z' ? c - 'A' + 'a' : c);
+        const std::string measurement = measurement_of(block);
         out += fmt::format(
             "\n  [[inputs.modbus.request]]\n    slave_id = 1\n    byte_order = \"ABCD\"\n    register = "
             "\"holding\"\n"
             "    measurement = \"{}\"\n    fields = [\n",
             measurement);
+        std::string of_block;
         for (const Register& row : block.registers) {
             if (row.type == RegisterType::text) continue;
             const bool is_signed = row.type == RegisterType::s16 || row.type == RegisterType::s32;
             out += fmt::format("      {{ address = {}, name = \"{}\", type = \"{}{}\"{} }},\n", row.address, row.name,
                                is_signed ? "INT" : "UINT", row.words == 2 ? "32" : "16",
                                row.scale != 1 ? fmt::format(", scale = {}", row.scale) : "");
+            if (const auto sentinel = sentinel_of(row.type)) {
+                of_block += fmt::format("{}\"{}\": ({}, {})", of_block.empty() ? "" : ", ", row.name,
+                                        static_cast<double>(*sentinel) * row.scale, row.scale / 2);
+            }
         }
         out += "    ]\n";
+        if (!of_block.empty()) sentinels += fmt::format("    \"{}\": {{{}}},\n", measurement, of_block);
     }
-    return out;
+    return out + fmt::format(kTelegrafProcessor, sentinels);
 }
 
 }  // namespace
@@ -144,6 +235,7 @@ std::string as_telegraf() {
 std::string format_registers(std::string_view format) {
     return format == "csv"     ? as_csv()
         : format == "json"     ? as_json()
+        : format == "st"       ? as_structured_text()
         : format == "telegraf" ? as_telegraf()
                                : as_markdown();
 }

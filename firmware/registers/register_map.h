@@ -110,7 +110,7 @@ struct Reading {
 // One slot of a ring. Fails with busy when its two sequence numbers differ: it was overwritten during the read.
 [[nodiscard]] Result<std::vector<Reading>> decode_slot(const Block& ring, std::span<const std::uint16_t> slot);
 
-// The map as "md", "csv", "json" or a configuration of "telegraf".
+// The map as "md", "csv", "json", constants of Structured Text ("st"), or a configuration of "telegraf".
 [[nodiscard]] std::string format_registers(std::string_view format);
 
 [[nodiscard]] std::string_view name_of(RegisterType type);

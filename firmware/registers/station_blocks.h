@@ -133,7 +133,9 @@ template <std::uint16_t base>
 inline constexpr std::array<Register, 16> kResult = {{
     number(base + 0, Type::u32, "sequence", "", "result number since this boot, from 1; 0: no result yet",
            [](const Source& s) -> Number { return s.result.sequence; }),
-    number(base + 2, Type::u32, "part", "", "part number since the start, from 1", result<&PartResult::part>),
+    number(base + 2, Type::u32, "part", "",
+           "part number since the start, from 1; results do not come in this order: sort by it",
+           result<&PartResult::part>),
     number(base + 4, Type::u32, "arrived_s", "s", "when the part reached the sensor: the station's monotonic clock",
            [](const Source& s) { return of_result(s, static_cast<double>(s.result.arrived_ns / 1'000'000'000)); }),
     number(base + 6, Type::u32, "arrived_us", "us", "the same, microseconds within the second",

@@ -10,7 +10,7 @@ void add_registers(CLI::App& program, Exit& /*status*/) {
     auto* command = program.add_subcommand("registers", "Print the Modbus register map");
     auto format = std::make_shared<std::string>("md");
     command->add_option("--format", *format, "Of the map")
-        ->check(CLI::IsMember({"md", "csv", "json", "telegraf"}))
+        ->check(CLI::IsMember({"md", "csv", "json", "st", "telegraf"}))
         ->capture_default_str();
     command->footer("Example: hordctl registers --format csv > registers.csv");
     command->callback([format] { fmt::print("{}", format_registers(*format)); });

@@ -108,7 +108,7 @@ function showState(state) {
 function showFaults(state) {
   const line = (fault, kind) => {
     const item = element("li", undefined, kind === "Active" ? "active" : "");
-    item.append(element("strong", `${fault.name} (${kind === "Active" ? "active" : "no longer active, latched until reset"})`), element("div", fault.meaning), element("div", `Cure: ${fault.cure}`));
+    item.append(element("strong", `${fault.name} (${kind === "Active" ? "active" : "no longer active, latched until reset"})`), element("div", fault.meaning), element("div", `Cure: ${fault.cure}`), element("code", `journalctl -u hordd -x HORD_FAULT=${fault.name}`));
     return item;
   };
   const text = JSON.stringify([state.up, state.faults_active, state.faults_latched]);

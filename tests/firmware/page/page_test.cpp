@@ -1,5 +1,6 @@
 // Units of the page: tokens, configuration, values in memory, store and picture ring, metrics for Prometheus and
 // Grafana.
+#include <algorithm>
 #include <fstream>
 #include <regex>
 #include <set>
@@ -10,6 +11,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "firmware/core/faults.h"
 #include "tests/firmware/page/small_page.h"
 #include "tests/system/cli/program.h"
 
@@ -390,6 +392,38 @@ TEST(PageMetrics, are_as_prometheus_wants_them) {
     EXPECT_EQ(said.out + said.err, "");
 }
 
+// The rules and what they are there for: tests/firmware/page/alerts_*test.yml.
+TEST(PageMetrics, alerts_fire_when_they_should_and_a_quiet_line_fires_none) {
+    if (!std::filesystem::exists("/usr/bin/promtool")) GTEST_SKIP() << "promtool is not installed (package prometheus)";
+    const std::filesystem::path tree(HORD_SOURCE_DIR);
+    const TempFolder folder;  // the test files name the rules beside themselves
+    std::filesystem::copy(tree / "deploy/prometheus/hord-station.rules.yml", folder.path());
+    const std::string rules = (folder.path() / "hord-station.rules.yml").string();
+    const auto checked = hord::test::run("/usr/bin/promtool", {"check", "rules", "--lint=all", "--lint-fatal", rules});
+    EXPECT_EQ(checked.status, 0) << checked.out << checked.err;
+    std::string test;
+    for (const char* name : {"alerts_test.yml", "alerts_trend_test.yml"}) {
+        std::filesystem::copy(tree / "tests/firmware/page" / name, folder.path());
+        const auto tested = hord::test::run("/usr/bin/promtool", {"test", "rules", (folder.path() / name).string()});
+        EXPECT_EQ(tested.status, 0) << name << tested.out << tested.err;
+        test += store::test::read_text(folder.path() / name);
+    }
+    const std::string text = store::test::read_text(rules);
+    const std::string page = store::test::read_text(tree / "docs/page.md");
+    const std::set<std::string> alerts = names_in(text, std::regex("- alert: (\\w+)"));
+    EXPECT_GT(alerts.size(), 15U);
+    for (const std::string& alert : alerts) {
+        EXPECT_THAT(test, HasSubstr(alert));
+        EXPECT_THAT(page, HasSubstr("`" + alert + "`"));
+    }
+    // Faults are named as the station names them.
+    for (const std::string& fault : names_in(text, std::regex("HORD_FAULT=([a-z-]+)"))) {
+        const bool known = std::any_of(kFaultTable.begin(), kFaultTable.end(),
+                                       [&](const FaultInfo& info) { return info.name == fault; });
+        EXPECT_TRUE(known) << fault;
+    }
+}
+
 TEST(PageMetrics, say_what_the_station_said) {
     const std::string text = example_metrics();
     for (const char* line :
@@ -410,7 +444,7 @@ TEST(PageMetrics, say_what_the_station_said) {
     EXPECT_THAT(without, ::testing::Not(HasSubstr("hord_run_permit")));  // no stale values
 }
 
-TEST(PageMetrics, all_that_the_dashboard_asks_for_exist_and_all_are_described) {
+TEST(PageMetrics, all_that_dashboard_and_alerts_ask_for_exist_and_all_are_described) {
     const std::filesystem::path tree(HORD_SOURCE_DIR);
     const Json dashboard =
         Json::parse(store::test::read_text(tree / "deploy/grafana/hord-station.json"), nullptr, false);
@@ -426,6 +460,10 @@ TEST(PageMetrics, all_that_the_dashboard_asks_for_exist_and_all_are_described) {
         }
     }
     EXPECT_GT(queries, 10);
+    for (const char* ageing :
+         {"hord_light_output_ratio", "hord_dark_drift_dn", "hord_light_uneven_ratio", "hord_dust_specks"})
+        EXPECT_THAT(asked, HasSubstr(ageing));
+    asked += store::test::read_text(tree / "deploy/prometheus/hord-station.rules.yml");
     const std::set<std::string> there = names_in(metrics, std::regex("(?:^|\n)([a-z_][a-z0-9_]*)[{ ]"));
     for (const std::string& name : names_in(asked, std::regex("\\b((?:hord|process)_[a-z0-9_]+)")))
         EXPECT_TRUE(there.contains(name)) << name;

@@ -141,6 +141,10 @@ inline RegisterSnapshot example_snapshot() {
         health.modbus_exceptions = health.modbus_evicted = health.modbus_broken = 1;
     health.frames_waiting = std::uint16_t{1};
     health.processor_celsius = health.disk_free_percent = 50;
+    health.optics.light_percent = 95;
+    health.optics.dark_drift_dn = 0.5;
+    health.optics.uneven_percent = -12;
+    health.optics.specks = 1;
     extras.calibration = {1, 2, 0.01, 0.02, 60, 60};
     extras.statistics = {1, 2, 3, 4, 5, 6, 90.5};
     extras.plc.emplace();

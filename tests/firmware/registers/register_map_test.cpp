@@ -169,6 +169,12 @@ TEST(Registers, the_documentation_in_the_tree_is_what_the_code_prints) {
     EXPECT_EQ(tree, format_registers("md")) << "run: hordctl registers --format md > docs/registers.md";
 }
 
+TEST(Registers, the_constants_for_a_plc_in_the_tree_are_what_the_code_prints) {
+    std::ifstream in(HORD_SOURCE_DIR "/deploy/plc/hord_registers.st", std::ios::binary);
+    const std::string tree{std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+    EXPECT_EQ(tree, format_registers("st")) << "run: hordctl registers --format st > deploy/plc/hord_registers.st";
+}
+
 TEST(Registers, rows_that_were_released_stay_where_they_are) {
     std::ifstream in(HORD_SOURCE_DIR "/tests/firmware/registers/registers_v1.csv");
     const std::string now = format_registers("csv");
@@ -186,6 +192,7 @@ TEST(Registers, every_format_is_known_by_its_name) {
     for (const char* name : {"md", "csv", "json", "telegraf"}) {
         EXPECT_THAT(format_registers(name), HasSubstr("reject_confirmed"));
     }
+    EXPECT_THAT(format_registers("st"), HasSubstr("HORD_COUNTERS_REJECT_CONFIRMED : UINT := 156;"));
 }
 
 TEST(Registers, telegraf_is_told_each_number_with_its_address_and_type) {

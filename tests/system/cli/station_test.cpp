@@ -66,6 +66,7 @@ TEST(Registers, are_printed_in_every_format) {
     EXPECT_THAT(run("hordctl", {"registers", "--format", "csv"}).out, HasSubstr("heartbeat"));
     EXPECT_FALSE(Json::parse(run("hordctl", {"registers", "--format", "json"}).out).empty());
     EXPECT_THAT(run("hordctl", {"registers", "--format", "telegraf"}).out, HasSubstr("[[inputs.modbus]]"));
+    EXPECT_THAT(run("hordctl", {"registers", "--format", "st"}).out, HasSubstr("VAR_GLOBAL CONSTANT"));
 }
 
 TEST(Registers, refuse_an_unknown_format) {
