@@ -236,8 +236,8 @@ TEST(Config, what_a_module_cannot_do_is_refused_with_the_cure) {
     EXPECT_THAT(wrong("profile = \"moxa-iologik\"\nmodule_pulse_ms = 10\nenergise_to = \"pass\"\n"),
                 HasSubstr("pulses an output on"));
     const std::string adam = "profile = \"advantech-adam-6000\"\n";
-    EXPECT_THAT(wrong(adam), AllOf(HasSubstr("reject_coil is 0, which is an input of this module"),
-                                   HasSubstr("run_permit_coil is 1, which is an input"),
+    EXPECT_THAT(wrong(adam), AllOf(HasSubstr("reject_coil: is 0, which is an input of this module"),
+                                   HasSubstr("run_permit_coil: is 1, which is an input"),
                                    HasSubstr("its first output is coil 16")));
     EXPECT_THAT(wrong(adam + "reject_coil = 16\nrun_permit_coil = 17\nwatchdog_ms = 500\n"),
                 HasSubstr("cannot be set in this module"));
