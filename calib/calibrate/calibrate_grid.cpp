@@ -194,7 +194,8 @@ double neighbours_found(const LensletGrid& grid, const CentreFinder& finder,
 
 // Share of the frame's bright pixels, those with half the light of the measured lenslets or more, that lie in the cells
 // of these lenslets. Low where the light of a region does not fit the grid of the others: a part bends it, and scales
-// its pattern. A region without light has no bright pixels.
+// its pattern. A region without light has no bright pixels. Lenslets that the frame's border cuts are not measured:
+// what lies within 1.5 pitches of it does not count. 1 for a frame without any other bright pixel.
 double light_on_grid(const WhiteImage& image, const std::vector<Observation>& observations, double pitch) {
     const int width = image.width_px(), height = image.height_px();
     std::vector<std::uint8_t> covered(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
@@ -226,12 +227,16 @@ double light_on_grid(const WhiteImage& image, const std::vector<Observation>& ob
     };
     const float bright = (quantile(5) + quantile(95)) / 2;
     std::size_t all = 0, on_grid = 0;
-    for (std::size_t k = 0; k < covered.size(); ++k) {
-        if (light_at(k) < bright) continue;
-        ++all;
-        on_grid += covered[k] != 0 ? 1U : 0U;
+    const int border = static_cast<int>(std::ceil(1.5 * pitch));
+    for (int y = border; y < height - border; ++y) {
+        for (int x = border; x < width - border; ++x) {
+            if (image.at(x, y) < bright) continue;
+            ++all;
+            on_grid +=
+                covered[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x)];
+        }
     }
-    return static_cast<double>(on_grid) / static_cast<double>(std::max<std::size_t>(all, 1));
+    return all > 0 ? static_cast<double>(on_grid) / static_cast<double>(all) : 1;
 }
 
 // Measures all lenslets of `all`; a sample of them also by halves, for the shifts of single lenslets.

@@ -113,8 +113,8 @@ std::vector<Metric> result_metrics(const StoredResult* result, const std::string
     add("Reject Latency", DataType::uint64, "us",
         r.reject_latency_us == 0 ? MetricValue() : MetricValue(natural(r.reject_latency_us)));
     add("Recipe", DataType::text, "", r.recipe);
-    add("Damage", DataType::text, "", r.damage);
     add("Bounded", DataType::boolean, "", r.bounded ? MetricValue(*r.bounded) : MetricValue());
+    add("Damage", DataType::text, "", r.damage);
     return metrics;
 }
 

@@ -86,6 +86,7 @@ TEST(GridToml, files_and_centres_are_written_whole) {
 
     const auto drawn = test::draw({.width_px = 200, .height_px = 200, .pitch_px = 20, .rotation_deg = 2});
     const auto calibration = calibrate_grid(drawn.frame.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
     ASSERT_TRUE(write_centres(folder / "centres.csv", *calibration));
     std::ifstream in(folder / "centres.csv");
     std::string line;

@@ -249,7 +249,7 @@ TEST(Config, what_a_module_cannot_do_is_refused_with_the_cure) {
 // Every commented line of [sensor], [strobe] and [part_sensor], uncommented, is a driver's default.
 TEST(Config, the_documented_keys_of_real_devices_are_known_and_at_their_defaults) {
     std::string text = text_of(kDeploy / "hordd.toml");
-    const auto begin = text.find("[sensor]"), end = text.find("[rejector]");
+    const auto begin = text.find("\n[sensor]\n"), end = text.find("\n[rejector]\n");
     ASSERT_NE(begin, std::string::npos);
     ASSERT_NE(end, std::string::npos);
     std::istringstream lines(text.substr(begin, end - begin));

@@ -79,7 +79,7 @@ TEST(EdgeNode, names_nothing_after_its_birth_but_the_aliases_that_it_declared) {
         if (m.alias) declared.insert(*m.alias);
     }
     const Payload data = read(world.sent[1].payload);
-    EXPECT_THAT(data.metrics, SizeIs(18));
+    EXPECT_THAT(data.metrics, SizeIs(19));
     for (const Metric& m : data.metrics) {
         EXPECT_TRUE(m.name.empty());
         EXPECT_TRUE(declared.contains(m.alias.value()));

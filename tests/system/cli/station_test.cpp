@@ -2,6 +2,7 @@
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <set>
 #include <sstream>
 #include <thread>
@@ -306,6 +307,43 @@ TEST(Plc, brings_the_station_up_takes_results_changes_the_recipe_and_tests_it) {
     EXPECT_THAT(tested.out, HasSubstr("self-test passed")) << tested.err;
     EXPECT_EQ(plc.read32(115) & 0x10U, 0U);  // every rejection was confirmed
     EXPECT_EQ(station.stop(SIGINT).status, 0);
+}
+
+// With no time for an exact distance, the third part's score is a bound.
+TEST(Run, a_score_that_is_a_bound_is_told_as_one_by_line_registers_and_store) {
+    const TemporaryFolder folder;
+    std::string line = kRoomyLine;
+    line.replace(line.find("[timing]\n"), 9, "[timing]\ninspect_budget_ms = 0.001\n");
+    std::ofstream(folder / "c.toml") << line;
+    Running station("hordctl",
+                    {"run", "--simulate", "--config", folder / "c.toml", "--rate", "2", "--variety", "1", "--modbus",
+                     "127.0.0.1:0", "--json", "--store", folder / "store"});
+    ASSERT_TRUE(station.says("\"part\":3", std::chrono::seconds(120))) << station.so_far().err;
+    const auto port = static_cast<std::uint16_t>(std::stoi(port_of(station.so_far())));
+    auto client = firmware::modbus::Client::connect({"127.0.0.1", port}, std::chrono::seconds(10));
+    ASSERT_TRUE(client) << client.error().message();
+    std::map<std::string, bool> by_registers;
+    for (std::uint32_t part = 1; part <= 3; ++part) {
+        const auto readings = client->read_result(part);
+        ASSERT_TRUE(readings) << readings.error().message();
+        std::string number, flags;
+        for (const auto& reading : *readings) {
+            if (reading.what->name == std::string("part")) number = reading.text;
+            if (reading.what->name == std::string("flags")) flags = reading.text;
+        }
+        by_registers[number] = flags.find("bounded") != std::string::npos;
+    }
+    const auto told = json_lines(station.stop(SIGTERM).out);
+    const auto stored = json_lines(run("hordctl", {"results", "--store", folder / "store", "--format", "json"}).out);
+    std::map<std::string, bool> by_line, by_store;
+    for (const Json& part : told) by_line[to_string(part["part"])] = part.value("bounded", false);
+    for (const Json& part : stored) by_store[to_string(part["part"])] = part["bounded"];
+    EXPECT_FALSE(by_line["1"]);
+    EXPECT_TRUE(by_line["3"]);
+    for (const auto& [part, bounded] : by_registers) {
+        EXPECT_EQ(bounded, by_line[part]) << part;
+        EXPECT_EQ(bounded, by_store[part]) << part;
+    }
 }
 
 TEST(Plc, writes_only_where_the_configuration_lets_it) {

@@ -40,8 +40,8 @@ TEST(SceneFile, the_example_scenes_load_and_say_what_they_are) {
     EXPECT_EQ(std::get<AbsorbingSpeck>(load_scene(folder / "speck.toml")->defects.at(0)).transmission, 0);
 }
 
-TEST(SceneFile, an_empty_file_is_an_empty_field_with_every_default) {
-    const auto scene = read("");
+TEST(SceneFile, a_file_without_keys_is_an_empty_field_with_every_default) {
+    const auto scene = read("# all defaults\n");
     ASSERT_TRUE(scene) << scene.error().message();
     EXPECT_TRUE(std::holds_alternative<NoPart>(scene->part));
     EXPECT_EQ(scene->camera.extents, (algo::Extents{111, 111, 9, 9}));
