@@ -216,8 +216,9 @@ std::filesystem::path camera_program(const std::string& name) {
 Result<std::vector<hal::ListedCamera>> list_cameras(const std::string& request, const std::filesystem::path& program,
                                                     hal::Duration patience) {
     std::unique_ptr<CameraChild> child;
-    return ask(child, program, camera_arguments(CameraCommand::list, request), patience)
-        .map([](CameraAnswer&& answer) { return std::move(answer.cameras); });
+    return ask(child, program, camera_arguments(CameraCommand::list, request), patience).map([](CameraAnswer&& answer) {
+        return std::move(answer.cameras);
+    });
 }
 
 std::unique_ptr<CameraPort> open_camera_process(std::string request, std::filesystem::path program,

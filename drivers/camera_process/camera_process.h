@@ -23,8 +23,8 @@ std::filesystem::path camera_program(const std::string& name);
 std::unique_ptr<CameraPort> open_camera_process(std::string request, std::filesystem::path program,
                                                 hal::Duration patience = std::chrono::seconds(20));
 
-// The cameras that `program` could hold. Takes none that another program holds. Waits for `patience` at most. Fails with
-// not_found (no such program), io.
+// The cameras that `program` could hold. Takes none that another program holds. Waits for `patience` at most. Fails
+// with not_found (no such program), io.
 Result<std::vector<hal::ListedCamera>> list_cameras(const std::string& request, const std::filesystem::path& program,
                                                     hal::Duration patience = std::chrono::seconds(20));
 

@@ -26,8 +26,8 @@ constexpr std::uint32_t kTriggerOrder = 0xFFFF'FFFF;
 
 enum class CameraCommand : std::uint8_t { look, start, list };
 struct CameraAnswer {
-    CameraFormat format{};                // of look
-    std::vector<CameraBuffer> buffers{};  // of start; the receiver closes the descriptors
+    CameraFormat format{};                     // of look
+    std::vector<CameraBuffer> buffers{};       // of start; the receiver closes the descriptors
     std::vector<hal::ListedCamera> cameras{};  // of list
 };
 

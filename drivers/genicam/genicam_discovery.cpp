@@ -24,9 +24,22 @@ constexpr const char* kOther = "another program";
 // `count` are multiples of 4; at most 48 bytes. Empty: no answer.
 std::string read_bootstrap(const std::string& camera, std::uint16_t address, std::uint8_t count) {
     constexpr std::size_t kHeader = 12;
-    const std::array<std::uint8_t, 16> ask{
-        0x42, 0x01, 0x00, 0x84, 0, 8, 0x48, 0x4F, 0, 0, static_cast<std::uint8_t>(address >> 8U),
-        static_cast<std::uint8_t>(address & 0xFFU), 0, 0, 0, count};
+    const std::array<std::uint8_t, 16> ask{0x42,
+                                           0x01,
+                                           0x00,
+                                           0x84,
+                                           0,
+                                           8,
+                                           0x48,
+                                           0x4F,
+                                           0,
+                                           0,
+                                           static_cast<std::uint8_t>(address >> 8U),
+                                           static_cast<std::uint8_t>(address & 0xFFU),
+                                           0,
+                                           0,
+                                           0,
+                                           count};
     const common::UniqueFd socket(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
     sockaddr_in to{};
     to.sin_family = AF_INET;
@@ -141,8 +154,9 @@ void read_formats(const std::string& id, hal::ListedCamera& listed) {
     const ArvOwned<ArvCamera> camera(device ? arv_camera_new_with_device(device.get(), failed.out()) : nullptr);
     if (!camera) {
         listed.problem = "cannot be opened: " + failed.what();
-        listed.cure = "close the program that uses it; check that its address fits this machine's network, and for USB "
-                      "the rights of its device file";
+        listed.cure =
+            "close the program that uses it; check that its address fits this machine's network, and for USB "
+            "the rights of its device file";
         return;
     }
     int width = 0, height = 0;

@@ -7,12 +7,9 @@ namespace hord::drivers {
 
 namespace {
 
-const std::vector<GreyFormat> kGrey{{"R8", 8},
-                                    {"R10", 10},
-                                    {"R10_CSI2P", 10, SampleLayout::mipi},
-                                    {"R12", 12},
-                                    {"R12_CSI2P", 12, SampleLayout::mipi},
-                                    {"R16", 16}};
+const std::vector<GreyFormat> kGrey{
+    {"R8", 8},  {"R10", 10}, {"R10_CSI2P", 10, SampleLayout::mipi}, {"R12", 12}, {"R12_CSI2P", 12, SampleLayout::mipi},
+    {"R16", 16}};
 
 }  // namespace
 

@@ -25,11 +25,11 @@ struct Depth {
     bool packed = false;  // MIPI packing
 };
 inline constexpr std::array<Depth, 6> kDepths = {{{8, V4L2_PIX_FMT_GREY},
-                                           {10, V4L2_PIX_FMT_Y10},
-                                           {10, v4l2_fourcc('Y', '1', '0', 'P'), true},
-                                           {12, V4L2_PIX_FMT_Y12},
-                                           {12, v4l2_fourcc('Y', '1', '2', 'P'), true},
-                                           {16, V4L2_PIX_FMT_Y16}}};
+                                                  {10, V4L2_PIX_FMT_Y10},
+                                                  {10, v4l2_fourcc('Y', '1', '0', 'P'), true},
+                                                  {12, V4L2_PIX_FMT_Y12},
+                                                  {12, v4l2_fourcc('Y', '1', '2', 'P'), true},
+                                                  {16, V4L2_PIX_FMT_Y16}}};
 
 inline std::string fourcc_text(std::uint32_t f) {
     return {static_cast<char>(f & 0xFF), static_cast<char>((f >> 8) & 0xFF), static_cast<char>((f >> 16) & 0xFF),

@@ -85,7 +85,11 @@ const Process* camera_holder(const std::vector<Process>& running, const std::str
 // ---- GPIO
 
 InventorySection gpio_section(const fs::path& root) {
-    InventorySection section{"gpio", "GPIO chips", {}, "no GPIO chip found: looked for /dev/gpiochip*", {},
+    InventorySection section{"gpio",
+                             "GPIO chips",
+                             {},
+                             "no GPIO chip found: looked for /dev/gpiochip*",
+                             {},
                              "load the driver of the board's chip or attach a USB adapter with GPIO lines; gpiodetect "
                              "lists them"};
     const auto chips = drivers::list_gpio_chips(root / "dev");
@@ -108,7 +112,8 @@ const ListedFormat* best_format(const ListedCamera& camera) {
 }
 
 std::string size_lines(const ListedFormat& format) {
-    return format.width_px == 0 ? "" : fmt::format("width_px = {}\nheight_px = {}\n", format.width_px, format.height_px);
+    return format.width_px == 0 ? ""
+                                : fmt::format("width_px = {}\nheight_px = {}\n", format.width_px, format.height_px);
 }
 
 std::string trigger_lines(const std::vector<std::string>& triggers) {
@@ -120,7 +125,11 @@ std::string trigger_lines(const std::vector<std::string>& triggers) {
 }
 
 InventorySection v4l2_section(const fs::path& root, const std::vector<Process>& running) {
-    InventorySection section{"v4l2", "Video devices (V4L2)", {}, "no video device found: looked for /dev/video*", {},
+    InventorySection section{"v4l2",
+                             "Video devices (V4L2)",
+                             {},
+                             "no video device found: looked for /dev/video*",
+                             {},
                              "attach the camera and look at the kernel's log (dmesg); cameras of libcamera and GenICam "
                              "are listed below"};
     for (ListedCamera camera : drivers::list_v4l2_cameras(root / "dev")) {
@@ -154,7 +163,11 @@ void list_of_program(InventorySection& section, const std::string& backend, cons
 }
 
 InventorySection libcamera_section(const InventoryOptions& options, const std::vector<Process>& running) {
-    InventorySection section{"libcamera", "Cameras of libcamera", {}, "no camera of libcamera found: asked libcamera", {},
+    InventorySection section{"libcamera",
+                             "Cameras of libcamera",
+                             {},
+                             "no camera of libcamera found: asked libcamera",
+                             {},
                              "attach the camera, install libcamera-ipa and join the group video; cam -l shows what "
                              "libcamera itself finds"};
     // To list cameras, libcamera sets up their links: not beside a station that streams.
@@ -174,8 +187,11 @@ InventorySection libcamera_section(const InventoryOptions& options, const std::v
 }
 
 InventorySection genicam_section(const InventoryOptions& options, const std::vector<Process>& running) {
-    InventorySection section{"genicam", "GenICam cameras (GigE Vision, USB3 Vision)", {},
-                             "no GenICam camera found: asked every network of this machine, and USB", {},
+    InventorySection section{"genicam",
+                             "GenICam cameras (GigE Vision, USB3 Vision)",
+                             {},
+                             "no GenICam camera found: asked every network of this machine, and USB",
+                             {},
                              "check the camera's power and cable; a GigE camera needs an address of this machine's "
                              "network; for a USB one, see genicam.conf"};
     const Process* const station = camera_holder(running, "hord-genicam");
@@ -199,9 +215,9 @@ bool is_port(const fs::path& root, const std::string& name) {
 }
 
 InventorySection serial_section(const fs::path& root, const std::vector<Process>& running) {
-    InventorySection section{"serial", "Serial ports", {},
-                             "no serial port found: looked for /dev/ttyS*, ttyUSB*, ttyACM*, ttyAMA*", {},
-                             "attach the adapter and look at the kernel's log (dmesg)"};
+    InventorySection section{"serial", "Serial ports",
+                             {},       "no serial port found: looked for /dev/ttyS*, ttyUSB*, ttyACM*, ttyAMA*",
+                             {},       "attach the adapter and look at the kernel's log (dmesg)"};
     std::error_code error;
     std::vector<fs::path> ports;
     for (const auto& entry : fs::directory_iterator(root / "dev", error)) {
@@ -255,7 +271,8 @@ InventorySection module_section(const hal::Clock& clock, const InventoryOptions&
     }
     const int output = found->first_output;
     item.config = fmt::format(
-        "[rejector]\nbackend = \"modbus\"\nhost = {}\nport = {}\nunit = {}\nprofile = \"{}\"{}\nreject_coil = {}  # as the "
+        "[rejector]\nbackend = \"modbus\"\nhost = {}\nport = {}\nunit = {}\nprofile = \"{}\"{}\nreject_coil = {}  # as "
+        "the "
         "ejector is wired\nrun_permit_coil = {}  # as the run permit is wired\n",
         toml_text(at.host), at.port, at.unit, found->profile.empty() ? "plain-coils" : found->profile,
         found->profile.empty() ? "  # advantech-adam-6000 does not say what it is, either" : "", output, output + 1);
@@ -302,9 +319,8 @@ InventoryItem describe_camera(const ListedCamera& camera, const std::string& bac
             (backend == "genicam" ? trigger_lines(camera.triggers) : "");
         return item;
     }
-    const auto colour = std::ranges::find_if(camera.formats, [](const ListedFormat& format) {
-        return format.name == "BGR888" || format.name == "RGB888";
-    });
+    const auto colour = std::ranges::find_if(
+        camera.formats, [](const ListedFormat& format) { return format.name == "BGR888" || format.name == "RGB888"; });
     if (backend == "libcamera" && colour != camera.formats.end()) {
         item.config = head + size_lines(*colour) + "green = true  # a colour camera: for a trial only\n";
         return item;
@@ -316,9 +332,9 @@ InventoryItem describe_camera(const ListedCamera& camera, const std::string& bac
 
 std::vector<InventorySection> list_devices(const hal::Clock& clock, const InventoryOptions& options) {
     const auto running = processes(options.root);
-    return {gpio_section(options.root),           v4l2_section(options.root, running),
-            libcamera_section(options, running),  genicam_section(options, running),
-            serial_section(options.root, running), module_section(clock, options)};
+    return {
+        gpio_section(options.root),        v4l2_section(options.root, running),   libcamera_section(options, running),
+        genicam_section(options, running), serial_section(options.root, running), module_section(clock, options)};
 }
 
 }  // namespace hord::firmware

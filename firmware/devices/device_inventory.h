@@ -22,14 +22,14 @@ struct InventoryOptions {
 };
 
 struct InventoryItem {
-    std::string name;             // what the configuration names it by
-    std::string text;             // what it is
-    std::string holder;           // who uses it now; empty: nobody, as far as this user may see
-    std::string problem, cure;    // why it could not be read or used
-    std::vector<drivers::ListedLine> lines;   // of a GPIO chip
-    std::vector<hal::ListedFormat> formats;   // of a camera
-    std::vector<std::string> triggers;        // of a camera
-    std::string config;                       // lines for hordd.toml; empty: it cannot be used as it is
+    std::string name;                        // what the configuration names it by
+    std::string text;                        // what it is
+    std::string holder;                      // who uses it now; empty: nobody, as far as this user may see
+    std::string problem, cure;               // why it could not be read or used
+    std::vector<drivers::ListedLine> lines;  // of a GPIO chip
+    std::vector<hal::ListedFormat> formats;  // of a camera
+    std::vector<std::string> triggers;       // of a camera
+    std::string config;                      // lines for hordd.toml; empty: it cannot be used as it is
 };
 
 struct InventorySection {

@@ -146,7 +146,8 @@ Exit list(const DevicesOptions& options) {
 
 void add_devices(CLI::App& program, Exit& status) {
     auto* command = program.add_subcommand(
-        "devices", "List what is attached: GPIO lines, cameras, serial ports, a Modbus module; with lines for hordd.toml");
+        "devices",
+        "List what is attached: GPIO lines, cameras, serial ports, a Modbus module; with lines for hordd.toml");
     auto options = std::make_shared<DevicesOptions>();
     command->add_option("--module", options->module, "Also ask the Modbus module at HOST[:PORT] what it is; only reads")
         ->type_name("HOST[:PORT]");
@@ -156,7 +157,8 @@ void add_devices(CLI::App& program, Exit& status) {
         ->type_name("FOLDER")
         ->capture_default_str();
     command->footer(
-        "No output moves, no light fires, no serial port is opened, and no camera is taken that another program holds.\n"
+        "No output moves, no light fires, no serial port is opened, and no camera is taken that another program "
+        "holds.\n"
         "Run it as root to see who uses a device.\n"
         "Exit status: 0 listed, 1 the module did not say what it is, 2 wrong usage.\n"
         "Example: hordctl devices --module 192.168.1.30:502");

@@ -227,7 +227,8 @@ TEST(Config, a_modules_profile_fills_its_addresses_and_each_can_be_overridden) {
 
 TEST(Config, what_a_module_cannot_do_is_refused_with_the_cure) {
     const auto wrong = [](const std::string& keys) { return problems_of("[rejector]\nbackend = \"modbus\"\n" + keys); };
-    EXPECT_THAT(wrong("profile = \"wago\"\n"), HasSubstr("use one of plain-coils, wago-750, moxa-iologik, advantech-adam-6000"));
+    EXPECT_THAT(wrong("profile = \"wago\"\n"),
+                HasSubstr("use one of plain-coils, wago-750, moxa-iologik, advantech-adam-6000"));
     EXPECT_THAT(wrong("watchdog_ms = 500\n"), HasSubstr("cannot be set in this module"));
     EXPECT_THAT(wrong("profile = \"wago-750\"\nwatchdog_ms = 60\n"),
                 HasSubstr("shorter than three response_timeout_ms"));
@@ -236,9 +237,9 @@ TEST(Config, what_a_module_cannot_do_is_refused_with_the_cure) {
     EXPECT_THAT(wrong("profile = \"moxa-iologik\"\nmodule_pulse_ms = 10\nenergise_to = \"pass\"\n"),
                 HasSubstr("pulses an output on"));
     const std::string adam = "profile = \"advantech-adam-6000\"\n";
-    EXPECT_THAT(wrong(adam), AllOf(HasSubstr("reject_coil: is 0, which is an input of this module"),
-                                   HasSubstr("run_permit_coil: is 1, which is an input"),
-                                   HasSubstr("its first output is coil 16")));
+    EXPECT_THAT(wrong(adam),
+                AllOf(HasSubstr("reject_coil: is 0, which is an input of this module"),
+                      HasSubstr("run_permit_coil: is 1, which is an input"), HasSubstr("its first output is coil 16")));
     EXPECT_THAT(wrong(adam + "reject_coil = 16\nrun_permit_coil = 17\nwatchdog_ms = 500\n"),
                 HasSubstr("cannot be set in this module"));
     EXPECT_THAT(wrong("confirm_input = 0\nconfirm_within_ms = 80\n"), HasSubstr("raise confirm_timeout_ms"));

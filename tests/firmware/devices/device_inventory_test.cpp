@@ -78,7 +78,8 @@ TEST_F(Inventory, names_files_that_are_no_devices) {
 }
 
 TEST_F(Inventory, lists_serial_ports_that_exist_by_their_lasting_names_with_who_uses_them) {
-    for (const char* port : {"ttyS0", "ttyS1", "ttyUSB0", "ttyAMA0", "tty1", "ttyprintk"}) file(std::string("dev/") + port);
+    for (const char* port : {"ttyS0", "ttyS1", "ttyUSB0", "ttyAMA0", "tty1", "ttyprintk"})
+        file(std::string("dev/") + port);
     file("sys/class/tty/ttyS0/type", "4\n");
     file("sys/class/tty/ttyS1/type", "0\n");  // the kernel made its file, no port is there
     fs::create_directories(root_.path() / "dev/serial/by-id");
@@ -98,8 +99,11 @@ TEST_F(Inventory, lists_serial_ports_that_exist_by_their_lasting_names_with_who_
 
 TEST_F(Inventory, of_a_gpio_chip_suggests_lines_that_nobody_uses) {
     drivers::ListedChip chip{.path = "/dev/gpiochip0", .label = "pinctrl-bcm2711"};
-    chip.lines = {{0, "ID_SDA", "i2c", false}, {1, "LED", std::nullopt, true}, {2, "GPIO17", std::nullopt, false},
-                  {3, "NC", std::nullopt, false}, {4, "NC", std::nullopt, false}};
+    chip.lines = {{0, "ID_SDA", "i2c", false},
+                  {1, "LED", std::nullopt, true},
+                  {2, "GPIO17", std::nullopt, false},
+                  {3, "NC", std::nullopt, false},
+                  {4, "NC", std::nullopt, false}};
     const auto config = parsed(describe_chip(chip, false).config);
     ASSERT_EQ(config.strobe.gpio.size(), 1U);
     EXPECT_EQ(config.strobe.gpio[0].line.chip, "pinctrl-bcm2711");
@@ -147,8 +151,9 @@ TEST_F(Inventory, lists_cameras_of_libcamera_through_their_process) {
 
 TEST_F(Inventory, leaves_libcamera_alone_while_the_station_holds_a_camera_and_says_who_holds_it) {
     const auto request = drivers::request_of(drivers::LibcameraSensorOptions{.camera = "imx296"});
-    process("77", "hord-camera", "/usr/libexec/hord/hord-camera" + std::string(1, '\0') + "start" +
-                                     std::string(1, '\0') + request + std::string(1, '\0'));
+    process("77", "hord-camera",
+            "/usr/libexec/hord/hord-camera" + std::string(1, '\0') + "start" + std::string(1, '\0') + request +
+                std::string(1, '\0'));
     const auto cameras = section("libcamera").items;  // the program that would list them does not exist
     ASSERT_EQ(cameras.size(), 1U);
     EXPECT_EQ(cameras[0].name, "imx296");
