@@ -12,6 +12,7 @@
 #include "calib/files/grid_toml.h"
 #include "common/cli/program.h"
 #include "firmware/core/faults.h"
+#include "firmware/recipes/recipe_folder.h"
 #include "firmware/service/journal.h"
 #include "firmware/service/realtime.h"
 #include "firmware/service/service.h"
@@ -210,6 +211,11 @@ int main(int argc, char** argv) {
         if (!config) return refuse_configuration(config.error());
         const auto recipe = recipe_or_default(config->inspection.recipe);
         if (!recipe) return refuse_configuration(recipe.error());
+        if (!config->inspection.recipes.empty()) {
+            const auto all = list_recipes(config->inspection.recipes);
+            if (!all) return refuse_configuration(all.error());
+            if (const auto unique = check_numbers(*all); !unique) return refuse_configuration(unique.error());
+        }
         if (!config->inspection.grid.empty()) {
             const auto grid = calib::read_grid(config->inspection.grid);
             if (!grid) return refuse_configuration(grid.error());

@@ -1,4 +1,7 @@
 // The station on a GenICam camera: Aravis's fake GigE camera, fed with rendered frames, in a network of its own.
+#include <algorithm>
+#include <fstream>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
@@ -73,8 +76,10 @@ TEST(Genicam, devices_lists_a_free_camera_and_names_who_holds_one_that_is_used) 
     const Json free = camera();
     EXPECT_EQ(free["name"], "S1");
     EXPECT_FALSE(free.contains("in_use_by")) << free;
-    EXPECT_EQ(free["formats"][0]["name"], "Mono8");
-    EXPECT_EQ(free["formats"][0]["bits"], 8);
+    const auto mono = std::ranges::find_if(free["formats"], [](const Json& one) { return one["name"] == "Mono8"; });
+    ASSERT_NE(mono, free["formats"].end()) << free;
+    EXPECT_EQ((*mono)["bits"], 8);
+    EXPECT_FALSE(free["formats"][0]["usable"]) << "Bayer";
     EXPECT_THAT(free["triggers"].dump(), testing::HasSubstr("Software"));
     const std::string suggested = free["config"];
     EXPECT_THAT(suggested, testing::HasSubstr("camera = \"S1\""));
@@ -82,7 +87,8 @@ TEST(Genicam, devices_lists_a_free_camera_and_names_who_holds_one_that_is_used) 
     EXPECT_EQ(run("hordd", {"--check", "--config", folder / "suggested.toml"}).status, 0);
 
     std::ofstream(folder / "c.toml") << simulated_beside(
-        "[sensor]\nbackend = \"genicam\"\ncamera = \"S1\"\ntrigger = \"software\"\n[modbus]\nport = 0\n");
+        "[sensor]\nbackend = \"genicam\"\ncamera = \"S1\"\ntrigger = \"software\"\nwidth_px = 504\nheight_px = "
+        "504\n[modbus]\nport = 0\n");
     Running station("hordctl", {"run", "--config", folder / "c.toml", "--json"});
     ASSERT_TRUE(station.says("S1: ")) << station.so_far().err;  // it streams
     const Json held = camera();

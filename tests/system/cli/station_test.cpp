@@ -87,6 +87,45 @@ TEST(Status, says_so_when_nobody_answers) {
 
 // -- run
 
+TEST(Run, that_comes_into_error_says_which_fault_and_its_cure_and_status_names_both) {
+    const TemporaryFolder folder;
+    const HeldPort refusing(false);
+    std::ofstream(folder / "c.toml") << simulated_beside("[rejector]\nbackend = \"modbus\"\nport = " +
+                                                         std::to_string(refusing.port()) + "\n[modbus]\nport = 0\n");
+    Running station("hordctl", {"run", "--config", folder / "c.toml"});
+    ASSERT_TRUE(station.says("to Error")) << station.so_far().err;
+    ASSERT_TRUE(station.says("FAULT rejector: the rejector's module does not answer: check its supply"));
+    const std::string err = station.so_far().err;
+    const auto at = err.find("registers at ") + 13;
+    const std::string address = err.substr(at, err.find('\n', at) - at);
+    const Json status = Json::parse(run("hordctl", {"status", "--modbus", address, "--json"}).out);
+    EXPECT_EQ(status["STATUS"]["state_text"], "Error") << status;
+    EXPECT_TRUE(status["STATUS"]["state"].is_number_integer()) << status["STATUS"]["state"];
+    EXPECT_TRUE(status["COUNTERS"]["seen"].is_number_integer());
+    ASSERT_EQ(status["faults"].size(), 1U) << status["faults"];
+    EXPECT_EQ(status["faults"][0]["name"], "rejector");
+    EXPECT_EQ(status["faults"][0]["active"], true);
+    EXPECT_THAT(status["faults"][0]["cure"].get<std::string>(), HasSubstr("check its supply"));
+}
+
+// Nobody would answer while the cell renders.
+TEST(Run, opens_its_register_port_when_it_can_answer) {
+    int port = 0;
+    {
+        const HeldPort free(false);
+        port = free.port();
+    }
+    const std::string address = "127.0.0.1:" + std::to_string(port);
+    Running station("hordctl", {"run", "--simulate", "--modbus", address});
+    ASSERT_TRUE(station.says("render parts")) << station.so_far().err;
+    const Said early = run("hordctl", {"status", "--modbus", address, "--timeout", "300"});
+    if (station.so_far().err.find("registers at") == std::string::npos) {
+        EXPECT_THAT(early.err, HasSubstr("refused")) << "it listened, and did not answer";
+    }
+    ASSERT_TRUE(station.says("registers at")) << station.so_far().err;
+    EXPECT_EQ(run("hordctl", {"status", "--modbus", address, "--timeout", "20000"}).status, 0);
+}
+
 TEST(Run, simulated_parts_get_one_verdict_each_and_bad_ones_leave_through_the_ejector) {
     const Said said = run(
         "hordctl",
