@@ -12,8 +12,8 @@ namespace hord::common {
 enum class FileKind : std::uint8_t {
     unknown,
     image,
-    reference,      // hordctl learn
-    calibration,    // hordctl calibrate
+    reference,    // hordctl learn
+    calibration,  // hordctl calibrate
     recipe,
     configuration,  // hordd.toml
     page,           // page.toml

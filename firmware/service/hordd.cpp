@@ -211,9 +211,8 @@ int main(int argc, char** argv) {
         if (!config) return refuse_configuration(config.error());
         const auto recipe = recipe_or_default(config->inspection.recipe);
         if (!recipe) return refuse_configuration(recipe.error());
-        if (!config->inspection.recipes.empty()) {
-            const auto all = list_recipes(config->inspection.recipes);
-            if (!all) return refuse_configuration(all.error());
+        // There need not be a folder of recipes.
+        if (const auto all = list_recipes(config->inspection.recipes)) {
             if (const auto unique = check_numbers(*all); !unique) return refuse_configuration(unique.error());
         }
         if (!config->inspection.grid.empty()) {

@@ -14,10 +14,9 @@ TEST(HelpText, of_lines_that_fit_and_of_no_terminal_is_unchanged) {
 }
 
 TEST(HelpText, goes_on_below_an_options_description) {
-    EXPECT_EQ(wrapped("  --json TEXT   Print one object a line of output", 30),
-              "  --json TEXT   Print one\n"
-              "                object a line\n"
-              "                of output");
+    EXPECT_EQ(wrapped("  --json TEXT   Print one object a line of output", 36),
+              "  --json TEXT   Print one object a\n"
+              "                line of output");
 }
 
 TEST(HelpText, goes_on_below_the_first_word_where_there_is_no_second_column) {
@@ -37,9 +36,7 @@ TEST(HelpText, leaves_a_word_whole_that_is_longer_than_the_line) {
               "see\n  /a/path/that/is/longer/than/the/line\n  now");
 }
 
-TEST(HelpText, counts_characters_not_bytes) {
-    EXPECT_EQ(wrapped("  pass  ██████████", 20), "  pass  ██████████");
-}
+TEST(HelpText, counts_characters_not_bytes) { EXPECT_EQ(wrapped("  pass  ██████████", 20), "  pass  ██████████"); }
 
 }  // namespace
 }  // namespace hord

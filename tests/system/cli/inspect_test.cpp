@@ -84,8 +84,7 @@ TEST(Inspect, json_names_the_recipe_as_recipe_check_does) {
     const TemporaryFolder folder;
     const std::string recipe = folder / "lens.toml";
     std::ofstream(recipe) << "schema = 1\nname = \"lens\"\nnumber = 12\nversion = 3\n";
-    const Said said =
-        run("hordctl", {"inspect", write(folder, "a.png", plain_frame()), "--json", "--recipe", recipe});
+    const Said said = run("hordctl", {"inspect", write(folder, "a.png", plain_frame()), "--json", "--recipe", recipe});
     ASSERT_EQ(said.status, 0) << said.err;
     const Json used = Json::parse(said.out)["recipe"];
     EXPECT_EQ(used["file"], recipe);

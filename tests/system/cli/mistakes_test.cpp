@@ -102,7 +102,8 @@ TEST(Mistakes, a_file_of_another_kind_is_called_what_it_is) {
     refused("hordctl", {"recipe", "check", station}, "is a station's configuration, and a recipe is needed");
     refused("hordctl", {"recipe", "seal", page}, "is the page's configuration, and a recipe is needed");
     refused("hord-page", {"--check", "--config", station}, "is a station's configuration, and the page's");
-    refused("hord-mqtt", {"--check", "--config", station}, "is a station's configuration, and a configuration of hord-");
+    refused("hord-mqtt", {"--check", "--config", station},
+            "is a station's configuration, and a configuration of hord-");
     refused("hordd", {"--check", "--config", page}, "is the page's configuration, and a station's");
     refused("hordd", {"--check", "--config", mqtt}, "is a configuration of hord-mqtt, and a station's");
     refused("hordd", {"--check", "--config", recipe}, "is a recipe, and a station's configuration is needed");
