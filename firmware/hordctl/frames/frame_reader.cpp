@@ -36,7 +36,7 @@ std::string macro_cure(int width_px, int height_px) {
             "recorded with, or --grid for a raw frame",
             algo::kMinBins, algo::kMaxBins);
     }
-    return "it can be divided into " + sizes + ": give --macro with the one that it was recorded with";
+    return "it can be divided into " + sizes + " bins a lenslet: give --macro with the one that it was recorded with";
 }
 
 }  // namespace

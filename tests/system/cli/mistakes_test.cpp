@@ -114,7 +114,7 @@ TEST(Mistakes, a_macro_pixel_that_does_not_divide_the_frame_names_those_that_do)
     std::ofstream(folder / "a.pgm", std::ios::binary) << "P5\n90 63\n255\n" << std::string(90 * 63, '\x40');
     const Said said = run("hordctl", {"inspect", folder / "a.pgm", "--macro", "7x7"});
     EXPECT_EQ(said.status, 2);
-    EXPECT_THAT(said.err, HasSubstr("it can be divided into 3x3, 9x9: give --macro"));
+    EXPECT_THAT(said.err, HasSubstr("it can be divided into 3x3, 9x9 bins a lenslet: give --macro"));
     std::ofstream(folder / "b.pgm", std::ios::binary) << "P5\n97 63\n255\n" << std::string(97 * 63, '\x40');
     EXPECT_THAT(run("hordctl", {"inspect", folder / "b.pgm"}).err, HasSubstr("no square macro-pixel of 3 to 15 bins"));
 }
