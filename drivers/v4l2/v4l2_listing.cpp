@@ -86,6 +86,7 @@ bool read(const std::string& path, hal::ListedCamera& camera) {
     for (; v4l2::request(fd.get(), VIDIOC_ENUM_FMT, &description) == 0; ++description.index) {
         hal::ListedFormat& format = camera.formats.emplace_back();
         format.name = v4l2::fourcc_text(description.pixelformat);
+        while (format.name.ends_with(' ')) format.name.pop_back();
         const auto known = std::ranges::find(v4l2::kDepths, description.pixelformat, &v4l2::Depth::fourcc);
         if (known != v4l2::kDepths.end()) format.bits = known->bits;
         add_sizes(fd.get(), description.pixelformat, format);

@@ -325,6 +325,11 @@ InventoryItem describe_camera(const ListedCamera& camera, const std::string& bac
         item.config = head + size_lines(*colour) + "green = true  # a colour camera: for a trial only\n";
         return item;
     }
+    if (camera.formats.empty()) {
+        item.problem = "names no format";
+        item.cure = "switch the camera on; a loopback device has its writer's format";
+        return item;
+    }
     item.problem = "has no grey format that the station can use";
     item.cure = "use a monochrome camera";
     return item;

@@ -70,11 +70,16 @@ void print_item(const InventoryItem& item) {
                    line.output ? ", output" : "",
                    line.holder ? ", in use" + (line.holder->empty() ? "" : " by " + *line.holder) : "");
     }
+    std::vector<std::string> unusable;
     for (const hal::ListedFormat& format : item.formats) {
-        fmt::print("    format {}{}{}{}\n", format.name,
-                   format.bits > 0 ? fmt::format(" ({} bits)", format.bits) : " (not used by the station)",
-                   format.sizes.empty() ? "" : ": ", joined(format.sizes));
+        if (format.bits == 0) {
+            unusable.push_back(format.name);
+            continue;
+        }
+        fmt::print("    format {} ({} bits){}{}\n", format.name, format.bits, format.sizes.empty() ? "" : ": ",
+                   joined(format.sizes));
     }
+    if (!unusable.empty()) fmt::print("    formats that are not grey: {}\n", joined(unusable));
     if (!item.triggers.empty()) fmt::print("    triggers: {}\n", joined(item.triggers));
     if (!item.config.empty()) fmt::print("    for hordd.toml:\n{}", indented(item.config, "      "));
 }

@@ -137,6 +137,8 @@ TEST_F(Inventory, of_a_camera_suggests_its_deepest_grey_format_and_its_trigger) 
     const auto colour = describe_camera(camera, "v4l2");
     EXPECT_THAT(colour.problem, HasSubstr("no grey format"));
     EXPECT_THAT(colour.config, IsEmpty());
+    camera.formats.clear();
+    EXPECT_EQ(describe_camera(camera, "v4l2").problem, "names no format");
 }
 
 TEST_F(Inventory, lists_cameras_of_libcamera_through_their_process) {
