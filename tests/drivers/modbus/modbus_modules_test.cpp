@@ -62,7 +62,7 @@ TEST_F(Module, of_wago_has_its_watchdog_started_and_kept_alive_over_tcp_and_seri
 
 TEST_F(Module, of_wago_that_no_longer_hears_the_station_drops_its_outputs_and_works_again_afterwards) {
     play({.kind = test::ModuleKind::wago}, "wago-750");
-    options_.watchdog = 500ms;
+    options_.watchdog = 1500ms;
     start_and_wait();
     rejector_->set_run_permit(true);
     EXPECT_TRUE(run_until([&] { return module_->coil(kPermit); }));

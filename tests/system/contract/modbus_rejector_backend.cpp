@@ -15,7 +15,7 @@ using namespace std::chrono_literals;
 class ModbusHarness final : public RejectorHarness {
   public:
     explicit ModbusHarness(bool serial) : RejectorHarness(real_loop()) {
-        auto opened = test::ModbusModule::open(loop(), {.serial = serial});
+        auto opened = test::ModbusModule::open(loop(), {.serial = serial, .realtime = 10});
         EXPECT_TRUE(opened) << opened.error().message();
         module_ = std::move(*opened);
         drivers::ModbusRejectorOptions options;

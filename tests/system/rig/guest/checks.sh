@@ -414,8 +414,8 @@ short_stalls() {
         pause 5
     done
 }
-# A stall as long as parts are far from any deadline is not seen; after a longer one the line may stop, and then a part may have passed
-# unjudged only if the station says so: LINE STOP until a person has cleared the belt.
+# A stall as long as parts are far from any deadline is not seen; after a longer one parts may be unfit, or the line may stop. A bad part may have
+# passed only if the station says so: LINE STOP until a person has cleared the belt. A good part is ejected only if it is told as unfit.
 stalled() {
     line_goes_on short_stalls || return 1
     follow_journal
@@ -424,8 +424,9 @@ stalled() {
 stop_and_continue() { systemctl kill -s STOP hordd; pause "$1"; systemctl kill -s CONT hordd; }
 starve() { timeout "$1" chrt -f 60 sh -c 'while :; do :; done'; }
 held_up_by() {  # held_up_by COMMAND: for 0.5, 2 and 5 s
-    local s stops wrong
+    local s since stops bad good unjudged
     for s in 0.5 2 5; do
+        since=$(date -u +%FT%T)
         start_world /tmp/held --parts 1000 --seed "${seed:-1}" --person 127.0.0.1:502 || return 1
         to_execution || { stop_world; return 1; }
         pause 20
@@ -433,11 +434,14 @@ held_up_by() {  # held_up_by COMMAND: for 0.5, 2 and 5 s
         pause 20
         stop_world
         stops=$(grep -c 'kFaultRejectUnconfirmed\|reject-unconfirmed' /run/hordd.log)
-        wrong=$(sed -n 's/.* totals .* wrong //p' /tmp/held)
-        echo "$1 $s s: wrong parts $wrong, line stops so far $stops"
-        [ "$wrong" = 0 ] || [ "$stops" -gt 0 ] || { echo "a part passed, and the station did not say so"; return 1; }
+        bad=$(grep -c 'left WRONG' /tmp/held)
+        good=$(grep -c 'ejected WRONG' /tmp/held)
+        unjudged=$(hordctl results --since "$since" --verdict unfit --format csv | tail -n +2 | wc -l)
+        echo "$1 $s s: bad parts that passed $bad, good parts ejected $good, parts told as unfit $unjudged, line stops so far $stops"
+        [ "$bad" = 0 ] || [ "$stops" -gt 0 ] || { echo "a part passed, and the station did not say so"; return 1; }
+        [ "$good" -le "$unjudged" ] || { echo "a good part was ejected, and the station did not say so"; return 1; }
     done
-    to_execution
+    hordd_active
 }
 starved() {
     follow_journal
@@ -468,12 +472,12 @@ memory_runs_out() {
 }
 
 # The state folder on a small disk of its own, behind device-mapper: it can be filled and broken.
+state_sectors=$((32 * 2048))  # of 512 bytes
 state_disk() {
     ! mountpoint -q /var/lib/hord || return 0
     systemctl stop hordd
     truncate -s 32M /run/state.img
     modprobe -a loop dm-mod
-    state_sectors=$((32 * 2048))
     dmsetup create state --table "0 $state_sectors linear $(losetup --show -f /run/state.img) 0" || return 1
     mkfs.ext4 -q -N 512 /dev/mapper/state || return 1
     mount -o errors=remount-ro /dev/mapper/state /var/lib/hord || return 1
