@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "common/file_kind.h"
 #include "common/file_writing.h"
 #include "common/hash.h"
 #include "common/toml_fields.h"
@@ -217,6 +218,8 @@ std::string to_toml(const GridFile& file) {
 
 Result<GridFile> parse_grid(std::string_view text, std::string_view name) {
     const std::size_t head = kChecksumKey.size() + kDigits + 2;
+    if (auto right = common::require_kind(text, name, common::FileKind::calibration); !right)
+        return tl::unexpected(right.error());
     if (text.size() < head || text.substr(0, kChecksumKey.size()) != kChecksumKey) {
         return fail(ErrorCode::invalid_argument, fmt::format("{}:1: no checksum", name),
                     "this is no calibration file; make one with hordctl calibrate");

@@ -1,10 +1,17 @@
 #include "common/cli/program.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <cstring>
+#include <sstream>
+#include <vector>
 
 #include <errno.h>
 #include <fmt/format.h>
+#include <unistd.h>
+
+#include "common/cli/help_text.h"
+#include "common/nearest_name.h"
 
 namespace hord {
 
@@ -58,6 +65,44 @@ void refuse_leading_zeros(CLI::App& program) {
     for (CLI::App* command : program.get_subcommands({})) refuse_leading_zeros(*command);
 }
 
+// The command that the user meant, as far as it was given rightly, and its name.
+std::pair<const CLI::App*, std::string> deepest_command(const CLI::App& program) {
+    const CLI::App* command = &program;
+    std::string name = program_invocation_short_name;
+    while (!command->get_subcommands().empty()) {
+        command = command->get_subcommands().front();
+        name += " " + command->get_name();
+    }
+    return {command, name};
+}
+
+// "X is not known", with the option or command that is most like it.
+std::string unknown_text(const CLI::App& command, std::string word) {
+    word.resize(std::min(word.find('='), word.size()));
+    const bool option = word.starts_with('-');
+    std::vector<std::string> names;
+    if (option) {
+        for (const CLI::Option* one : command.get_options()) {
+            for (const std::string& name : one->get_lnames()) names.push_back("--" + name);
+        }
+    } else {
+        for (const CLI::App* one : command.get_subcommands({})) names.push_back(one->get_name());
+    }
+    const auto meant = word.size() > 2 ? common::nearest_name(word, names) : std::nullopt;
+    const bool misplaced = !option && names.empty();
+    return "\"" + word + (misplaced ? "\" is one argument too many" : "\" is not known") +
+        (meant ? ": did you mean " + *meant + "?" : "");
+}
+
+std::string mistake_text(const CLI::App& program, const CLI::App& command, const CLI::ParseError& error) {
+    const auto unknown = program.remaining(true);
+    const bool required = dynamic_cast<const CLI::RequiredError*>(&error) != nullptr;
+    const bool extra = dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr;
+    if ((required || extra) && !unknown.empty()) return unknown_text(command, unknown.front());
+    if (required && !command.get_subcommands({}).empty()) return "no command is given";
+    return error.what();
+}
+
 }  // namespace
 
 std::optional<int> parse_command_line(CLI::App& program, int argc, char** argv) {
@@ -66,14 +111,14 @@ std::optional<int> parse_command_line(CLI::App& program, int argc, char** argv) 
     try {
         program.parse(argc, argv);
     } catch (const CLI::Success& asked) {  // --help, --version
-        return end_output(program.exit(asked));
+        std::ostringstream text;
+        const int status = program.exit(asked, text, text);
+        fmt::print("{}", wrapped(text.str(), terminal_columns(STDOUT_FILENO)));
+        return end_output(status);
     } catch (const CLI::ParseError& error) {
-        std::string what = error.what();
-        if (dynamic_cast<const CLI::RequiredError*>(&error) != nullptr) {
-            if (const auto unknown = program.remaining(true); !unknown.empty())
-                what = "\"" + unknown.front() + "\" is not known";
-        }
-        fmt::print(stderr, "{}: {}: see {} --help\n", name, what, name);
+        const auto [command, command_name] = deepest_command(program);
+        const std::string what = mistake_text(program, *command, error);
+        fmt::print(stderr, "{}: {}{} {} --help\n", name, what, what.ends_with('?') ? " See" : ": see", command_name);
         return static_cast<int>(Exit::bad_input);
     } catch (const std::exception& error) {
         if (std::ferror(stdout) != 0) return end_output(0);

@@ -91,6 +91,12 @@ int host_camera(int argc, char** argv,
                     format ? Result<CameraAnswer>(CameraAnswer{.format = *format}) : tl::unexpected(format.error()));
         return 0;
     }
+    if (arguments->command == CameraCommand::list) {
+        auto cameras = camera->list();
+        const auto answer = cameras ? Result<CameraAnswer>(CameraAnswer{.cameras = std::move(*cameras)})
+                                    : tl::unexpected(cameras.error());
+        return send_answer(kCameraSocket, answer) ? 0 : 1;
+    }
     EventSender events;
     const auto buffers = camera->start(events);
     if (!buffers) {

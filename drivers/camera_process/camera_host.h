@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "drivers/camera_process/camera_port.h"
+#include "drivers/hal/listed_camera.h"
 
 namespace hord::drivers {
 
@@ -26,6 +27,10 @@ class CameraDevice {
   public:
     virtual ~CameraDevice() = default;
 
+    // The cameras that this process could hold. Takes none that another program holds. Fails with io, unsupported.
+    virtual Result<std::vector<hal::ListedCamera>> list() {
+        return fail(ErrorCode::unsupported, "cameras cannot be listed");
+    }
     // As CameraPort's.
     virtual Result<CameraFormat> look() = 0;
     virtual Result<std::vector<CameraBuffer>> start(CameraPort::Listener& listener) = 0;

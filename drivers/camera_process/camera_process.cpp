@@ -105,6 +105,20 @@ class CameraChild {
     common::UniqueFd socket_;
 };
 
+// The answer of a new process, which `child` holds then.
+Result<CameraAnswer> ask(std::unique_ptr<CameraChild>& child, const std::filesystem::path& program,
+                         const std::vector<std::string>& arguments, hal::Duration patience) {
+    auto started = CameraChild::start(program, arguments);
+    if (!started) return tl::unexpected(started.error());
+    child = std::move(*started);
+    auto answer = receive_answer(child->socket(), patience);
+    if (answer) return std::move(*answer);
+    child->end({});
+    return fail(ErrorCode::io,
+                program.filename().string() + ", which holds the camera, ended or hung when it was asked for it",
+                "look at its lines in the journal");
+}
+
 class CameraProcess final : public CameraPort {
   public:
     CameraProcess(std::string request, std::filesystem::path program, hal::Duration patience)
@@ -150,15 +164,7 @@ class CameraProcess final : public CameraPort {
         return {};
     }
     Result<CameraAnswer> run(CameraCommand command) {
-        auto child = CameraChild::start(program_, camera_arguments(command, request_));
-        if (!child) return tl::unexpected(child.error());
-        child_ = std::move(*child);
-        auto answer = receive_answer(child_->socket(), patience_);
-        if (answer) return std::move(*answer);
-        child_->end({});
-        return fail(ErrorCode::io,
-                    program_.filename().string() + ", which holds the camera, ended or hung when it was asked for it",
-                    "look at its lines in the journal");
+        return ask(child_, program_, camera_arguments(command, request_), patience_);
     }
 
     static Result<std::shared_ptr<const Memory>> map(const CameraAnswer& answer) {
@@ -205,6 +211,14 @@ std::filesystem::path camera_program(const std::string& name) {
     std::error_code error;
     const auto beside = std::filesystem::read_symlink("/proc/self/exe", error).parent_path() / name;
     return !error && ::access(beside.c_str(), X_OK) == 0 ? beside : std::filesystem::path("/usr/libexec/hord") / name;
+}
+
+Result<std::vector<hal::ListedCamera>> list_cameras(const std::string& request, const std::filesystem::path& program,
+                                                    hal::Duration patience) {
+    std::unique_ptr<CameraChild> child;
+    return ask(child, program, camera_arguments(CameraCommand::list, request), patience).map([](CameraAnswer&& answer) {
+        return std::move(answer.cameras);
+    });
 }
 
 std::unique_ptr<CameraPort> open_camera_process(std::string request, std::filesystem::path program,

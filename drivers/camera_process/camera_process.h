@@ -8,8 +8,10 @@
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "drivers/camera_process/camera_port.h"
+#include "drivers/hal/listed_camera.h"
 
 namespace hord::drivers {
 
@@ -20,5 +22,10 @@ std::filesystem::path camera_program(const std::string& name);
 // `patience`).
 std::unique_ptr<CameraPort> open_camera_process(std::string request, std::filesystem::path program,
                                                 hal::Duration patience = std::chrono::seconds(20));
+
+// The cameras that `program` could hold. Takes none that another program holds. Waits for `patience` at most. Fails
+// with not_found (no such program), io.
+Result<std::vector<hal::ListedCamera>> list_cameras(const std::string& request, const std::filesystem::path& program,
+                                                    hal::Duration patience = std::chrono::seconds(20));
 
 }  // namespace hord::drivers

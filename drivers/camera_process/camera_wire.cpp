@@ -4,23 +4,32 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <string_view>
 
 #include <nlohmann/json.hpp>
 #include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
+namespace hord::hal {
+
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(ListedFormat, name, bits, width_px, height_px, sizes)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(ListedCamera, name, text, holder, formats, triggers, problem, cure)
+
+}  // namespace hord::hal
+
 namespace hord::drivers {
 
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(GreyFormat, name, bits, layout)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(CameraFormat, width_px, height_px, grey, stride_bytes)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(CameraBuffer, offset, bytes)
-NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(CameraAnswer, format, buffers)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(CameraAnswer, format, buffers, cameras)
 
 namespace {
 
 using Json = nlohmann::json;
 
+constexpr std::array<std::string_view, 3> kCommandWords{"look", "start", "list"};  // as CameraCommand
 constexpr std::size_t kBuffersMax = CameraSensor::kMaxBuffers, kTextMax = 60'000;
 
 std::string text_of(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
@@ -49,12 +58,14 @@ std::optional<Result<CameraAnswer>> understand(const std::string& text, std::vec
 }  // namespace
 
 std::vector<std::string> camera_arguments(CameraCommand command, const std::string& request) {
-    return {command == CameraCommand::look ? "look" : "start", request};
+    return {std::string(kCommandWords[static_cast<std::size_t>(command)]), request};
 }
 
 std::optional<CameraArguments> parse_camera_arguments(const std::vector<std::string>& arguments) {
-    if (arguments.size() != 2 || (arguments[0] != "look" && arguments[0] != "start")) return std::nullopt;
-    return CameraArguments{arguments[0] == "look" ? CameraCommand::look : CameraCommand::start, arguments[1]};
+    if (arguments.size() != 2) return std::nullopt;
+    const auto word = std::ranges::find(kCommandWords, arguments[0]);
+    if (word == kCommandWords.end()) return std::nullopt;
+    return CameraArguments{static_cast<CameraCommand>(word - kCommandWords.begin()), arguments[1]};
 }
 
 bool send_answer(int socket, const Result<CameraAnswer>& answer) {

@@ -24,10 +24,11 @@ static_assert(std::is_trivially_copyable_v<CameraEvent>);
 
 constexpr std::uint32_t kTriggerOrder = 0xFFFF'FFFF;
 
-enum class CameraCommand : std::uint8_t { look, start };
+enum class CameraCommand : std::uint8_t { look, start, list };
 struct CameraAnswer {
-    CameraFormat format{};                // of look
-    std::vector<CameraBuffer> buffers{};  // of start; the receiver closes the descriptors
+    CameraFormat format{};                     // of look
+    std::vector<CameraBuffer> buffers{};       // of start; the receiver closes the descriptors
+    std::vector<hal::ListedCamera> cameras{};  // of list
 };
 
 // The arguments after the program's name. `request` is the driver's options as text; only the driver reads it.

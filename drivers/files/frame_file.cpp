@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "algo/frame/extents.h"
+#include "common/file_kind.h"
 #include "common/file_writing.h"
 #include "common/png_codec.h"
 #include "common/tiff_codec.h"
@@ -173,6 +174,8 @@ Result<Frame> decode(std::span<const std::byte> bytes, const std::string& name, 
         return fail(ErrorCode::unsupported, name + " is a text PGM", "save it as binary PGM (P5)");
     if (text.starts_with("\xFF\xD8\xFF"))
         return fail(ErrorCode::unsupported, name + " is a JPEG, which loses what is measured here", kUseGrey);
+    if (auto right = common::require_kind(text, name, common::FileKind::image); !right)
+        return fail(ErrorCode::unreadable, right.error().what, right.error().cure);
     return fail(ErrorCode::unreadable, name + " is not a PNG, TIFF or binary PGM image", kUseGrey);
 }
 

@@ -34,16 +34,6 @@ constexpr auto kPlausible = 10s;  // between a latched camera's time stamp and t
 constexpr std::size_t kMinSocketBytes = 1U << 22U, kMaxSocketBytes = 1U << 30U;
 constexpr std::uint64_t kPopWaitUs = 50'000;
 
-// PixelFormat's names (PFNC, and GigE Vision's older packed ones), the preferred one of each depth first.
-const std::vector<GreyFormat> kFormats{{"Mono8", 8},
-                                       {"Mono10", 10},
-                                       {"Mono10p", 10, SampleLayout::pfnc},
-                                       {"Mono10Packed", 10, SampleLayout::gige},
-                                       {"Mono12", 12},
-                                       {"Mono12p", 12, SampleLayout::pfnc},
-                                       {"Mono12Packed", 12, SampleLayout::gige},
-                                       {"Mono16", 16}};
-
 hal::Duration time_of(clockid_t clock) {
     timespec time{};
     ::clock_gettime(clock, &time);
@@ -97,6 +87,8 @@ class GenicamDevice final : public CameraDevice {
   public:
     explicit GenicamDevice(const GenicamSensorOptions& request) : request_(request) {}
     ~GenicamDevice() override { stop(); }
+
+    Result<std::vector<hal::ListedCamera>> list() override { return list_genicam_cameras(); }
 
     Result<CameraFormat> look() override {
         auto format = take();
@@ -193,7 +185,7 @@ class GenicamDevice final : public CameraDevice {
         const GlibOwned<const char*> names(
             arv_camera_dup_available_pixel_formats_as_strings(camera_.get(), &count, failed.out()));
         const std::vector<std::string> there(names.get(), names.get() + (names ? count : 0));
-        std::vector<GreyFormat> known = kFormats;
+        std::vector<GreyFormat> known = genicam_formats();
         if (!request_.pixel_format.empty()) {
             std::erase_if(known, [&](const GreyFormat& one) { return one.name != request_.pixel_format; });
             if (known.empty() || known.front().bits != request_.bits) {

@@ -18,36 +18,65 @@ namespace hord::drivers {
 namespace {
 
 constexpr int kAnswerWithinMs = 200;
+constexpr const char* kOther = "another program";
 
-// The user-defined name in a GigE camera's bootstrap registers (GigE Vision: 16 bytes at 0x00E8), by one READMEM_CMD
-// that needs no control. Aravis opens cameras by this name but does not list it. Empty: none, or no answer.
-std::string user_defined_name(const std::string& address) {
+// Bytes of a GigE camera's bootstrap registers (GigE Vision), by one READMEM_CMD that needs no control. `address` and
+// `count` are multiples of 4; at most 48 bytes. Empty: no answer.
+std::string read_bootstrap(const std::string& camera, std::uint16_t address, std::uint8_t count) {
     constexpr std::size_t kHeader = 12;
-    constexpr std::array<std::uint8_t, 16> kAsk{0x42, 0x01, 0x00, 0x84, 0, 8, 0x48, 0x4F,
-                                                0,    0,    0x00, 0xE8, 0, 0, 0,    16};
+    const std::array<std::uint8_t, 16> ask{0x42,
+                                           0x01,
+                                           0x00,
+                                           0x84,
+                                           0,
+                                           8,
+                                           0x48,
+                                           0x4F,
+                                           0,
+                                           0,
+                                           static_cast<std::uint8_t>(address >> 8U),
+                                           static_cast<std::uint8_t>(address & 0xFFU),
+                                           0,
+                                           0,
+                                           0,
+                                           count};
     const common::UniqueFd socket(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
     sockaddr_in to{};
     to.sin_family = AF_INET;
     to.sin_port = htons(3956);
-    if (!socket || ::inet_pton(AF_INET, address.c_str(), &to.sin_addr) != 1 ||
+    if (!socket || ::inet_pton(AF_INET, camera.c_str(), &to.sin_addr) != 1 ||
         ::connect(socket.get(), reinterpret_cast<const sockaddr*>(&to), sizeof to) != 0 ||
-        ::send(socket.get(), kAsk.data(), kAsk.size(), MSG_NOSIGNAL) < 0)
+        ::send(socket.get(), ask.data(), ask.size(), MSG_NOSIGNAL) < 0)
         return {};
     pollfd ready{socket.get(), POLLIN, 0};
     std::array<char, 64> answer{};
     if (::poll(&ready, 1, kAnswerWithinMs) != 1) return {};
-    const ssize_t count = ::recv(socket.get(), answer.data(), answer.size() - 1, 0);
+    const ssize_t got = ::recv(socket.get(), answer.data(), answer.size() - 1, 0);
     // Status 0, READMEM_ACK, and the id of the request.
-    if (count < static_cast<ssize_t>(kHeader + 16) || std::memcmp(answer.data(), "\0\0\0\x85", 4) != 0 ||
-        std::memcmp(answer.data() + 6, kAsk.data() + 6, 2) != 0)
+    if (got < static_cast<ssize_t>(kHeader + count) || std::memcmp(answer.data(), "\0\0\0\x85", 4) != 0 ||
+        std::memcmp(answer.data() + 6, ask.data() + 6, 2) != 0)
         return {};
-    return std::string(answer.data() + kHeader, ::strnlen(answer.data() + kHeader, 16));
+    return std::string(answer.data() + kHeader, count);
+}
+
+// Aravis opens cameras by this name but does not list it. Empty: none, or no answer.
+std::string user_defined_name(const std::string& address) {
+    const std::string bytes = read_bootstrap(address, 0x00E8, 16);
+    return bytes.substr(0, bytes.find('\0'));
+}
+
+// The control channel privilege register: a program controls the camera.
+bool is_controlled(const std::string& address) {
+    const std::string bytes = read_bootstrap(address, 0x0A00, 4);
+    return bytes.size() == 4 && (bytes[3] & 0x03) != 0;
 }
 
 struct Listed {
     std::string id;                  // Aravis's, unique
     std::vector<std::string> names;  // all that it answers to
     std::string text;                // for people
+    std::string serial, address;
+    bool gige = false;
 };
 
 std::vector<Listed> list_cameras() {
@@ -57,12 +86,13 @@ std::vector<Listed> list_cameras() {
         const auto text = [](const char* value) { return std::string(value != nullptr ? value : ""); };
         Listed one;
         one.id = text(arv_get_device_id(k));
-        const std::string serial = text(arv_get_device_serial_nbr(k)), address = text(arv_get_device_address(k));
-        const std::string name =
-            text(arv_get_device_protocol(k)) == "GigEVision" ? user_defined_name(address) : std::string();
-        one.names = {one.id, serial, name, address, text(arv_get_device_physical_id(k))};
-        one.text = one.id + " (serial " + serial + (name.empty() ? "" : ", name \"" + name + "\"") +
-            (address.empty() ? "" : ", at " + address) + ")";
+        one.serial = text(arv_get_device_serial_nbr(k));
+        one.address = text(arv_get_device_address(k));
+        one.gige = text(arv_get_device_protocol(k)) == "GigEVision";
+        const std::string name = one.gige ? user_defined_name(one.address) : std::string();
+        one.names = {one.id, one.serial, name, one.address, text(arv_get_device_physical_id(k))};
+        one.text = one.id + " (serial " + one.serial + (name.empty() ? "" : ", name \"" + name + "\"") +
+            (one.address.empty() ? "" : ", at " + one.address) + ")";
         all.push_back(std::move(one));
     }
     return all;
@@ -107,7 +137,82 @@ Result<std::string> choose(const std::vector<Listed>& there, const std::string& 
     return wanted;
 }
 
+using Entries = GlibOwned<const char*>;
+
+std::vector<std::string> texts_of(const Entries& entries, guint count) {
+    return {entries.get(), entries.get() + (entries ? count : 0)};
+}
+
+// Opens the camera, which takes its control while this runs.
+void read_formats(const std::string& id, hal::ListedCamera& listed) {
+    ArvFailure failed;
+    const ArvOwned<ArvDevice> device(arv_open_device(id.c_str(), failed.out()));
+    if (ARV_IS_GV_DEVICE(device.get()) && arv_gv_device_is_controller(ARV_GV_DEVICE(device.get())) == FALSE) {
+        listed.holder = kOther;
+        return;
+    }
+    const ArvOwned<ArvCamera> camera(device ? arv_camera_new_with_device(device.get(), failed.out()) : nullptr);
+    if (!camera) {
+        listed.problem = "cannot be opened: " + failed.what();
+        listed.cure =
+            "close the program that uses it; check that its address fits this machine's network, and for USB "
+            "the rights of its device file";
+        return;
+    }
+    int width = 0, height = 0;
+    arv_camera_get_sensor_size(camera.get(), &width, &height, failed.out());
+    guint count = 0;
+    const Entries formats(arv_camera_dup_available_pixel_formats_as_strings(camera.get(), &count, failed.out()));
+    for (const std::string& name : texts_of(formats, count)) {
+        hal::ListedFormat& format = listed.formats.emplace_back();
+        format.name = name;
+        format.bits = genicam_bits(name);
+        format.width_px = width;
+        format.height_px = height;
+        if (width > 0) format.sizes = {"up to " + std::to_string(width) + "x" + std::to_string(height)};
+    }
+    guint sources_count = 0;
+    const Entries sources(arv_camera_dup_available_trigger_sources(camera.get(), &sources_count, failed.out()));
+    listed.triggers = texts_of(sources, sources_count);
+    if (!listed.formats.empty()) return;
+    listed.problem = "does not say its formats: " + failed.what();
+    listed.cure = "update the camera's firmware";
+}
+
 }  // namespace
+
+int genicam_bits(const std::string& format) {
+    const auto known = std::ranges::find(genicam_formats(), format, &GreyFormat::name);
+    return known == genicam_formats().end() ? 0 : known->bits;
+}
+
+const std::vector<GreyFormat>& genicam_formats() {
+    static const std::vector<GreyFormat> formats{{"Mono8", 8},
+                                                 {"Mono10", 10},
+                                                 {"Mono10p", 10, SampleLayout::pfnc},
+                                                 {"Mono10Packed", 10, SampleLayout::gige},
+                                                 {"Mono12", 12},
+                                                 {"Mono12p", 12, SampleLayout::pfnc},
+                                                 {"Mono12Packed", 12, SampleLayout::gige},
+                                                 {"Mono16", 16}};
+    return formats;
+}
+
+Result<std::vector<hal::ListedCamera>> list_genicam_cameras() {
+    if (auto may = may_list_interfaces(); !may) return tl::unexpected(may.error());
+    std::vector<hal::ListedCamera> cameras;
+    for (const Listed& one : list_cameras()) {
+        hal::ListedCamera& listed = cameras.emplace_back();
+        listed.name = one.serial.empty() ? one.id : one.serial;
+        listed.text = one.text;
+        if (one.gige && is_controlled(one.address)) {
+            listed.holder = kOther;
+        } else {
+            read_formats(one.id, listed);
+        }
+    }
+    return cameras;
+}
 
 Result<TakenCamera> take_genicam_camera(const std::string& wanted) {
     if (auto may = may_list_interfaces(); !may) return tl::unexpected(may.error());

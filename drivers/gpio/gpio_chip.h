@@ -2,12 +2,15 @@
 // files by the installed version.
 #pragma once
 
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "drivers/gpio/gpio_lines.h"
+#include "drivers/gpio/gpio_listing.h"
 
 struct gpiod_chip;
 
@@ -20,6 +23,9 @@ struct CloseChip {
 };
 using Chip = std::unique_ptr<gpiod_chip, CloseChip>;
 
+// gpiochip* in the folder `dev`, in the order of their numbers.
+std::vector<std::string> chip_paths(const std::filesystem::path& dev);
+
 struct ChipNames {
     std::string name, label;
 };
@@ -28,6 +34,8 @@ std::optional<ChipNames> names_of(gpiod_chip* chip);  // none: errno says why
 int find_line(gpiod_chip* chip, const std::string& name);  // its offset; -1: there is none
 bool has_line(gpiod_chip* chip, unsigned offset);
 std::optional<std::string> holder_of(gpiod_chip* chip, unsigned offset);  // none: free; empty: holder has no name
+
+std::vector<ListedLine> lines_of(gpiod_chip* chip);
 
 // Lines of a chip in one request, off at first. Its chip must outlive it.
 class OutputBank {

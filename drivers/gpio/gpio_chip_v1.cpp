@@ -97,6 +97,18 @@ std::optional<std::string> holder_of(gpiod_chip* chip, unsigned offset) {
     return gpiod_line_is_used(line) ? std::optional<std::string>("") : std::nullopt;
 }
 
+std::vector<ListedLine> lines_of(gpiod_chip* chip) {
+    std::vector<ListedLine> lines;
+    for (unsigned offset = 0; offset < gpiod_chip_num_lines(chip); ++offset) {
+        gpiod_line* line = gpiod_chip_get_line(chip, offset);
+        if (line == nullptr) continue;
+        const char* name = gpiod_line_name(line);
+        lines.push_back({offset, name == nullptr ? "" : name, holder_of(chip, offset),
+                         gpiod_line_direction(line) == GPIOD_LINE_DIRECTION_OUTPUT});
+    }
+    return lines;
+}
+
 std::unique_ptr<OutputBank> request_bank(gpiod_chip* chip, std::span<const unsigned> offsets,
                                          std::uint32_t active_low) {
     auto bank = std::make_unique<Bank>(active_low);

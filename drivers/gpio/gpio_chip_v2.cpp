@@ -120,6 +120,20 @@ std::optional<std::string> holder_of(gpiod_chip* chip, unsigned offset) {
     return consumer == nullptr ? "" : consumer;
 }
 
+std::vector<ListedLine> lines_of(gpiod_chip* chip) {
+    std::vector<ListedLine> lines;
+    const Owned<gpiod_chip_info> chip_info(gpiod_chip_get_info(chip));
+    const std::size_t count = chip_info ? gpiod_chip_info_get_num_lines(chip_info.get()) : 0;
+    for (unsigned offset = 0; offset < count; ++offset) {
+        const Owned<gpiod_line_info> info(gpiod_chip_get_line_info(chip, offset));
+        if (!info) continue;
+        const char* name = gpiod_line_info_get_name(info.get());
+        lines.push_back({offset, name == nullptr ? "" : name, holder_of(chip, offset),
+                         gpiod_line_info_get_direction(info.get()) == GPIOD_LINE_DIRECTION_OUTPUT});
+    }
+    return lines;
+}
+
 std::unique_ptr<OutputBank> request_bank(gpiod_chip* chip, std::span<const unsigned> offsets,
                                          std::uint32_t active_low) {
     const Owned<gpiod_line_settings> settings(gpiod_line_settings_new());

@@ -35,20 +35,19 @@ tl::unexpected<Error> failed(const GpioLine& line, const char* what, int error, 
                 gone ? "check its cable and its driver" : "look at the kernel's log");
 }
 
-}  // namespace gpio
-namespace {
-
-// /dev/gpiochip*, in the order of their numbers.
-std::vector<std::string> chip_paths() {
+std::vector<std::string> chip_paths(const std::filesystem::path& dev) {
     std::vector<std::string> paths;
     std::error_code error;
-    for (const auto& entry : std::filesystem::directory_iterator("/dev", error)) {
+    for (const auto& entry : std::filesystem::directory_iterator(dev, error)) {
         if (entry.path().filename().string().starts_with("gpiochip") && !entry.is_symlink(error))
             paths.push_back(entry.path().string());
     }
     std::ranges::sort(paths, {}, [](const std::string& path) { return std::pair(path.size(), path); });
     return paths;
 }
+
+}  // namespace gpio
+namespace {
 
 struct FoundLine {
     std::string path;  // of the chip
@@ -60,7 +59,7 @@ Result<FoundLine> find(const GpioLine& line) {
     FoundLine found;
     std::string labels;
     bool denied = false;
-    for (const std::string& path : chip_paths()) {
+    for (const std::string& path : gpio::chip_paths("/dev")) {
         gpio::Chip chip(gpiod_chip_open(path.c_str()));
         const auto names = chip ? gpio::names_of(chip.get()) : std::nullopt;
         if (!names) {

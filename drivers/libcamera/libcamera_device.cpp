@@ -5,6 +5,7 @@
 #include <array>
 #include <atomic>
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <optional>
@@ -49,6 +50,15 @@ class LibcameraDevice final : public CameraDevice {
   public:
     explicit LibcameraDevice(LibcameraSensorOptions request) : request_(std::move(request)) {}
     ~LibcameraDevice() override { stop(); }
+
+    Result<std::vector<hal::ListedCamera>> list() override {
+        ::setenv("LIBCAMERA_LOG_LEVELS", "*:ERROR", 0);
+        if (auto started = start_manager(); !started) return tl::unexpected(started.error());
+        std::vector<hal::ListedCamera> cameras;
+        for (const auto& camera : manager_->cameras()) cameras.push_back(listed(*camera));
+        let_go();
+        return cameras;
+    }
 
     Result<CameraFormat> look() override {
         auto format = take();
@@ -130,13 +140,44 @@ class LibcameraDevice final : public CameraDevice {
         manager_.reset();
     }
 
-    // Finds the camera, acquires it and negotiates the format.
-    Result<CameraFormat> take() {
+    Result<void> start_manager() {
         manager_ = std::make_unique<libcamera::CameraManager>();
         if (const int error = manager_->start(); error != 0) {
             return fail(ErrorCode::io, std::string("libcamera does not start: ") + std::strerror(-error),
                         "join the group video; see cam -l");
         }
+        return {};
+    }
+
+    // Without acquiring the camera.
+    static hal::ListedCamera listed(libcamera::Camera& camera) {
+        hal::ListedCamera out;
+        out.name = camera.id();
+        out.text = camera.properties().get(libcamera::properties::Model).value_or("");
+        for (const auto role :
+             {libcamera::StreamRole::Raw, libcamera::StreamRole::Viewfinder, libcamera::StreamRole::VideoRecording}) {
+            const auto config = configuration_for(camera, role);
+            if (!config || config->empty()) continue;
+            const libcamera::StreamFormats formats = config->at(0).formats();
+            for (const auto& pixels : formats.pixelformats()) {
+                const std::string name = pixels.toString();
+                if (std::ranges::find(out.formats, name, &hal::ListedFormat::name) != out.formats.end()) continue;
+                hal::ListedFormat& format = out.formats.emplace_back();
+                format.name = name;
+                format.bits = libcamera_bits(name);
+                for (const auto& size : formats.sizes(pixels)) {
+                    format.sizes.push_back(size.toString());
+                    format.width_px = static_cast<int>(size.width);  // libcamera sorts them: the last is the largest
+                    format.height_px = static_cast<int>(size.height);
+                }
+            }
+        }
+        return out;
+    }
+
+    // Finds the camera, acquires it and negotiates the format.
+    Result<CameraFormat> take() {
+        if (auto started = start_manager(); !started) return tl::unexpected(started.error());
         std::vector<std::string> ids;
         for (const auto& camera : manager_->cameras()) ids.push_back(camera->id());
         const auto chosen = choose_camera(ids, request_.camera);

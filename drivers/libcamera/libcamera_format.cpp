@@ -5,14 +5,22 @@
 
 namespace hord::drivers {
 
+namespace {
+
+const std::vector<GreyFormat> kGrey{
+    {"R8", 8},  {"R10", 10}, {"R10_CSI2P", 10, SampleLayout::mipi}, {"R12", 12}, {"R12_CSI2P", 12, SampleLayout::mipi},
+    {"R16", 16}};
+
+}  // namespace
+
+int libcamera_bits(const std::string& format) {
+    const auto known = std::ranges::find(kGrey, format, &GreyFormat::name);
+    return known == kGrey.end() ? 0 : known->bits;
+}
+
 Result<GreyFormat> choose_libcamera_format(const std::string& camera, std::span<const std::string> there, int bits,
                                            bool green) {
-    std::vector<GreyFormat> known{{"R8", 8},
-                                  {"R10", 10},
-                                  {"R10_CSI2P", 10, SampleLayout::mipi},
-                                  {"R12", 12},
-                                  {"R12_CSI2P", 12, SampleLayout::mipi},
-                                  {"R16", 16}};
+    std::vector<GreyFormat> known = kGrey;
     if (green) {
         for (const char* name : {"BGR888", "RGB888"}) known.push_back({name, 8, SampleLayout::green});
     }

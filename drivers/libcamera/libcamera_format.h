@@ -8,6 +8,9 @@
 
 namespace hord::drivers {
 
+// Of the grey format of this name; 0: it is none.
+int libcamera_bits(const std::string& format);
+
 // The best of `available` for grey samples of `bits`: unpacked, then packed, then colour (with `green`). Fails as
 // choose_grey_format() does.
 Result<GreyFormat> choose_libcamera_format(const std::string& camera, std::span<const std::string> available, int bits,

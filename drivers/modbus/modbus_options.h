@@ -28,6 +28,7 @@ struct ModuleAddress {
 // What differs between modules, filled from a profile (docs/hardware.md). Addresses are those on the wire, from 0; -1:
 // the module has none.
 struct ModuleMap {
+    int first_output = 0;           // the lowest coil that is an output; those below it are inputs
     int read_back_offset = 0;       // a coil is read back at its address plus this
     int pulse_coil_offset = -1;     // an output's coil plus this is the coil that starts a pulse timed by the module
     int pulse_width_register = -1;  // holding register of the pulse's width; -1: the width is set in the module

@@ -306,6 +306,8 @@ Result<void> ModbusRejector::do_start(Listener& listener) {
     }
     need(o.ejector_coil >= 0 && o.ejector_coil <= 65535, "ejector_coil must be in 0..65535");
     need(o.permit_coil >= -1 && o.permit_coil <= 65535, "permit_coil must be in 0..65535, or -1 for none");
+    need(o.ejector_coil >= o.map.first_output && (o.permit_coil < 0 || o.permit_coil >= o.map.first_output),
+         "ejector_coil and permit_coil must be outputs of the module: coils below its first_output are inputs");
     need(o.permit_coil != o.ejector_coil, "permit_coil must not be the ejector_coil");
     need(o.response_timeout >= 5ms && o.response_timeout <= 1s, "response_timeout must be 5 ms to 1 s");
     need(o.reconnect_every > 0ns && o.check_every > 0ns && o.confirm_every > 0ns,

@@ -14,34 +14,15 @@
 
 #include "common/unique_fd.h"
 #include "drivers/hal/packed_samples.h"
+#include "drivers/v4l2/v4l2_device.h"
 
 namespace hord::drivers {
 namespace {
 
-int request(int fd, unsigned long code, void* argument) {
-    for (;;) {
-        const int r = ioctl(fd, code, argument);
-        if (r >= 0 || errno != EINTR) return r;
-    }
-}
-
-// Pixel formats by bit depth, the preferred one first. Older kernel headers have no Y12P.
-struct Depth {
-    int bits;
-    std::uint32_t fourcc;
-    bool packed = false;  // MIPI packing
-};
-constexpr std::array<Depth, 6> kDepths = {{{8, V4L2_PIX_FMT_GREY},
-                                           {10, V4L2_PIX_FMT_Y10},
-                                           {10, v4l2_fourcc('Y', '1', '0', 'P'), true},
-                                           {12, V4L2_PIX_FMT_Y12},
-                                           {12, v4l2_fourcc('Y', '1', '2', 'P'), true},
-                                           {16, V4L2_PIX_FMT_Y16}}};
-
-std::string fourcc_text(std::uint32_t f) {
-    return {static_cast<char>(f & 0xFF), static_cast<char>((f >> 8) & 0xFF), static_cast<char>((f >> 16) & 0xFF),
-            static_cast<char>((f >> 24) & 0x7F)};
-}
+using v4l2::Depth;
+using v4l2::fourcc_text;
+using v4l2::kDepths;
+using v4l2::request;
 
 std::string formats_of(int fd) {
     std::string out;

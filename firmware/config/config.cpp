@@ -4,6 +4,7 @@
 #include <tuple>
 
 #include "algo/frame/extents.h"
+#include "common/file_kind.h"
 #include "common/toml_fields.h"
 #include "firmware/config/device_sections.h"
 
@@ -177,6 +178,8 @@ std::vector<modbus::AccessRule> TcpServer::default_access() {
 }
 
 Result<Config> load_config(const std::filesystem::path& file, NamedBackends backends) {
+    if (auto right = common::require_kind(file, common::FileKind::configuration); !right)
+        return tl::unexpected(right.error());
     TomlProblems found;
     TomlTable root = TomlTable::parse_file(file, found);
     if (!found.empty()) return found.as_error();

@@ -123,6 +123,12 @@ void read_module(TomlTable& rejector, drivers::ModuleMap& map) {
 void check_module(TomlTable& rejector, const drivers::ModbusRejectorOptions& modbus, const CoreConfig& core) {
     const drivers::ModuleAddress& address = modbus.address;
     const drivers::ModuleMap& map = modbus.map;
+    for (const auto& [key, coil] :
+         {std::pair("reject_coil", modbus.ejector_coil), {"run_permit_coil", modbus.permit_coil}}) {
+        if (coil >= map.first_output) continue;
+        rejector.problem(key, "is " + std::to_string(coil) + ", which is an input of this module",
+                         "its first output is coil " + std::to_string(map.first_output));
+    }
     if (modbus.ejector_coil == modbus.permit_coil) {
         rejector.problem("run_permit_coil", "is the ejector's coil, too", "give each output a coil of its own");
     }

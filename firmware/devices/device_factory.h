@@ -45,6 +45,16 @@ Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Con
 // few response time-outs. Fails as the link to the module does.
 Result<std::string> describe_module(const hal::Clock& clock, const drivers::ModbusRejectorOptions& options);
 
+struct ModuleIdentity {
+    std::string text;     // what it says it is; empty: nothing
+    std::string profile;  // rejector.profile that fits; empty: not known
+    int first_output = 0;
+};
+// Asks the module at an address what it is, by device identification and by the name registers of the known profiles.
+// Reads alone; blocks for some `patience`. Fails as the link to the module does.
+Result<ModuleIdentity> identify_module(const hal::Clock& clock, const drivers::ModuleAddress& address,
+                                       hal::Duration patience);
+
 class Backends {
   public:
     // Fails as the devices' open() and the rendering do. `loop` must outlive the devices.

@@ -1,9 +1,12 @@
 // Reads the identity of a rejector's module and the state of its outputs.
 #include <algorithm>
+#include <optional>
+#include <string_view>
 
 #include <fmt/format.h>
 
 #include "drivers/modbus/coil_link.h"
+#include "firmware/config/module_profiles.h"
 #include "firmware/devices/device_factory.h"
 
 namespace hord::firmware {
@@ -11,23 +14,25 @@ namespace {
 
 constexpr const char* kUnknown = "a module that does not say what it is";
 
+// From the registers that `map` names. None: the module does not have them.
+std::optional<std::string> name_in_registers(drivers::CoilLink& link, const drivers::ModuleMap& map) {
+    using Kind = drivers::CoilLink::RegisterKind;
+    const auto words = link.read_registers(map.name_words == 0 ? Kind::holding : Kind::input, map.name_register,
+                                           std::max(1, map.name_words));
+    if (!words) return std::nullopt;
+    if (map.name_words == 0) return map.name_prefix + std::to_string(words->front());
+    std::string text;
+    for (const std::uint16_t word : *words) {
+        for (const int letter : {word >> 8, word & 0xFF}) {
+            if (letter >= 0x20 && letter < 0x7F) text += static_cast<char>(letter);
+        }
+    }
+    return text;
+}
+
 // From the registers named in the module map, else by Read Device Identification (function 43/14).
 std::string identity_of(drivers::CoilLink& link, const drivers::ModbusRejectorOptions& options) {
-    const drivers::ModuleMap& map = options.map;
-    if (map.name_register >= 0) {
-        using Kind = drivers::CoilLink::RegisterKind;
-        const auto words = link.read_registers(map.name_words == 0 ? Kind::holding : Kind::input, map.name_register,
-                                               std::max(1, map.name_words));
-        if (!words) return kUnknown;
-        if (map.name_words == 0) return map.name_prefix + std::to_string(words->front());
-        std::string text;
-        for (const std::uint16_t word : *words) {
-            for (const int letter : {word >> 8, word & 0xFF}) {
-                if (letter >= 0x20 && letter < 0x7F) text += static_cast<char>(letter);
-            }
-        }
-        return text;
-    }
+    if (options.map.name_register >= 0) return name_in_registers(link, options.map).value_or(kUnknown);
     return link.identify().value_or(kUnknown);
 }
 
@@ -52,6 +57,29 @@ Result<std::string> describe_module(const hal::Clock& clock, const drivers::Modb
         outputs += fmt::format("; confirm sensor (input {}) is {}", options.confirm_input, *value ? 1 : 0);
     }
     return identity_of(link, options) + outputs;
+}
+
+Result<ModuleIdentity> identify_module(const hal::Clock& clock, const drivers::ModuleAddress& address,
+                                       hal::Duration patience) {
+    drivers::CoilLink link(clock, address, patience);
+    if (auto connected = link.connect(); !connected) return tl::unexpected(connected.error());
+    const auto said = link.identify();
+    if (said) return ModuleIdentity{*said, std::string(module_profiles().front().name), 0};
+    bool answered = said.error().code == ErrorCode::unsupported;
+    for (const ModuleProfile& profile : module_profiles()) {
+        if (profile.map.name_register < 0) continue;
+        if (!link.connected()) {
+            if (auto connected = link.connect(); !connected) return tl::unexpected(connected.error());
+        }
+        const auto name = name_in_registers(link, profile.map);
+        answered = answered || link.connected();
+        // Any module may have some number at this place: a WAGO's has three digits.
+        const bool fits = name && !name->empty() &&
+            (profile.map.name_words > 0 || name->size() == std::string_view(profile.map.name_prefix).size() + 3);
+        if (fits) return ModuleIdentity{*name, std::string(profile.name), profile.map.first_output};
+    }
+    if (!answered) return tl::unexpected(said.error());
+    return ModuleIdentity{};
 }
 
 }  // namespace hord::firmware

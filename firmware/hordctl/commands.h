@@ -16,6 +16,7 @@ void add_calibrate(CLI::App& program, Exit& status);
 void add_registers(CLI::App& program, Exit& status);
 void add_recipe(CLI::App& program, Exit& status);
 void add_command(CLI::App& program, Exit& status);
+void add_devices(CLI::App& program, Exit& status);
 void add_selftest(CLI::App& program, Exit& status);
 void add_teach(CLI::App& program, Exit& status);
 void add_latency(CLI::App& program, Exit& status);

@@ -30,7 +30,7 @@ int main(int argc, char** argv) {
     Exit status = Exit::good;
     for (const auto add :
          {add_inspect, add_learn, add_tune, add_run, add_status, add_watch, add_calibrate, add_registers, add_recipe,
-          add_command, add_selftest, add_teach, add_latency, add_results, add_replay}) {
+          add_command, add_devices, add_selftest, add_teach, add_latency, add_results, add_replay}) {
         add(program, status);
     }
     return run_command_line(program, argc, argv, status);

@@ -12,6 +12,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "common/file_kind.h"
 #include "common/file_writing.h"
 #include "common/toml_fields.h"
 
@@ -137,6 +138,8 @@ Result<MqttConfig> load_mqtt_config(const std::filesystem::path& file) {
         return fail(ErrorCode::invalid_argument, file.string() + " cannot be read (" + std::strerror(errno) + ")",
                     "name the configuration: --config FILE");
     if (auto fine = common::refuse_blank(*text, file); !fine) return tl::unexpected(fine.error());
+    if (auto right = common::require_kind(*text, file.string(), common::FileKind::mqtt); !right)
+        return tl::unexpected(right.error());
     return parse_mqtt_config(*text, file.string(), file.parent_path());
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 
+#include "common/file_kind.h"
 #include "common/toml_fields.h"
 #include "firmware/registers/register_client.h"
 
@@ -71,6 +72,7 @@ std::string lower(std::string_view text) {
 }
 
 Result<PageConfig> load_page_config(const fs::path& file) {
+    if (auto right = common::require_kind(file, common::FileKind::page); !right) return tl::unexpected(right.error());
     TomlProblems problems;
     return read(TomlTable::parse_file(file, problems), file, problems);
 }

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "common/crc32.h"
+#include "common/file_kind.h"
 #include "common/toml_fields.h"
 #include "firmware/recipes/reference_file.h"
 
@@ -415,6 +416,7 @@ Result<algo::Recipe> parse_recipe(std::string_view text, std::string_view name) 
 }
 
 Result<NumberedRecipe> load_numbered_recipe(const std::filesystem::path& file) {
+    if (auto right = common::require_kind(file, common::FileKind::recipe); !right) return tl::unexpected(right.error());
     TomlProblems found;
     TomlTable root = TomlTable::parse_file(file, found);
     if (!found.empty()) return found.as_error();

@@ -35,6 +35,23 @@ Result<std::vector<RecipeEntry>> list_recipes(const fs::path& folder) {
     return all;
 }
 
+Result<void> check_numbers(const std::vector<RecipeEntry>& recipes) {
+    for (std::size_t k = 0; k < recipes.size(); ++k) {
+        for (std::size_t other = 0; other < k; ++other) {
+            const RecipeEntry &a = recipes[other], &b = recipes[k];
+            if (!a.recipe || !b.recipe || a.recipe->number != b.recipe->number) continue;
+            std::error_code error;
+            const fs::path one = fs::weakly_canonical(a.file, error), two = fs::weakly_canonical(b.file, error);
+            if (one == two || one.parent_path() != two.parent_path()) continue;
+            return fail(
+                ErrorCode::refused,
+                fmt::format("{} and {} both have number {}", a.file.string(), b.file.string(), a.recipe->number),
+                "give each recipe a number of its own");
+        }
+    }
+    return {};
+}
+
 Result<NumberedRecipe> find_recipe(const fs::path& folder, std::uint16_t number) {
     auto all = list_recipes(folder);
     if (!all) return tl::unexpected(all.error());

@@ -17,6 +17,9 @@ struct RecipeEntry {
 // All *.toml files of the folder, sorted by name. Fails with not_found (no such folder).
 Result<std::vector<RecipeEntry>> list_recipes(const std::filesystem::path& folder);
 
+// Fails with refused if two recipes of one folder have the same number: names both files.
+Result<void> check_numbers(const std::vector<RecipeEntry>& recipes);
+
 // Fails with not_found (no file has this number; names the unusable files), refused (several files have it).
 Result<NumberedRecipe> find_recipe(const std::filesystem::path& folder, std::uint16_t number);
 

@@ -12,6 +12,7 @@
 #include "calib/files/grid_toml.h"
 #include "common/cli/program.h"
 #include "firmware/core/faults.h"
+#include "firmware/recipes/recipe_folder.h"
 #include "firmware/service/journal.h"
 #include "firmware/service/realtime.h"
 #include "firmware/service/service.h"
@@ -210,6 +211,10 @@ int main(int argc, char** argv) {
         if (!config) return refuse_configuration(config.error());
         const auto recipe = recipe_or_default(config->inspection.recipe);
         if (!recipe) return refuse_configuration(recipe.error());
+        // There need not be a folder of recipes.
+        if (const auto all = list_recipes(config->inspection.recipes)) {
+            if (const auto unique = check_numbers(*all); !unique) return refuse_configuration(unique.error());
+        }
         if (!config->inspection.grid.empty()) {
             const auto grid = calib::read_grid(config->inspection.grid);
             if (!grid) return refuse_configuration(grid.error());

@@ -40,12 +40,15 @@ algo::InspectionLimits limits_of(const InspectionConfig& inspection) {
 
 }  // namespace
 
-// The ports come first: the quickest check. Requests are answered only when the loop runs.
-Result<void> Service::open_servers() {
+void Service::prepare_registers() {
     command_handler_.emplace();
     plc_interface_.emplace(*loop_, *command_handler_,
                            PlcOptions{config_.core.plc_policy, config_.plc.timeout, identity_.boot_id});
     registers_.emplace(identity_, &*plc_interface_);
+}
+
+// Requests are answered only when the loop runs.
+Result<void> Service::open_servers() {
     modbus::ServerOptions options;
     options.host = config_.modbus.host;
     options.port = config_.modbus.port;
@@ -66,6 +69,12 @@ Result<void> Service::open_servers() {
         if (auto done = assign(serial_server_, std::move(line)); !done) return done;
     }
     return {};
+}
+
+void Service::close_servers() {
+    serial_server_.reset();
+    read_only_server_.reset();
+    server_.reset();
 }
 
 // The configured recipe, or the one that commands have selected since.
@@ -185,9 +194,18 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
     if (watchers_.reload) {
         if (auto done = loop_->on_signal(SIGHUP, [this] { watchers_.reload(); }); !done) return done;
     }
+    // The ports come first: the quickest check. A simulated cell renders for seconds and nobody answers meanwhile: its
+    // own ports are closed until it is ready.
+    prepare_registers();
     if (auto done = open_servers(); !done) return done;
+    const bool renders =
+        std::holds_alternative<SimulatedSensor>(config_.sensor) && sockets_.modbus < 0 && sockets_.modbus_read_only < 0;
+    if (renders) close_servers();
 
     if (auto done = assign(backends_, Backends::open(*loop_, config_, simulation)); !done) return done;
+    if (renders) {
+        if (auto done = open_servers(); !done) return done;
+    }
     backends_->watch_line(watchers_.fate, watchers_.line_over);
 
     auto recipe = first_recipe();
@@ -252,9 +270,7 @@ Result<void> Service::run() {
 
 // In the order of the destructor. The store comes last: the line must not wait for it.
 std::vector<Error> Service::close() {
-    serial_server_.reset();
-    read_only_server_.reset();
-    server_.reset();
+    close_servers();
     registers_.reset();
     plc_interface_.reset();
     command_handler_.reset();

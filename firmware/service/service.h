@@ -87,7 +87,9 @@ class Service final : public StationObserver, public InspectionObserver {
 
     // service.cpp
     Result<void> open_all(const SimulationOptions& simulation);
+    void prepare_registers();
     Result<void> open_servers();
+    void close_servers();
     Result<NumberedRecipe> first_recipe();
     Result<algo::Extents> open_grid(const hal::SensorFormat& format);
     Result<void> open_inspector(const NumberedRecipe& recipe);

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "calib/files/grid_toml.h"
+#include "common/crc32.h"
 
 namespace hord::firmware {
 
@@ -19,6 +20,26 @@ void add_frame_options(CLI::App& command, FrameOptions& options) {
                     "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
         ->check(CLI::Range(8, 16));
 }
+
+namespace {
+
+// The sizes of macro-pixels that divide the frame.
+std::string macro_cure(int width_px, int height_px) {
+    std::string sizes;
+    for (int bins = algo::kMinBins; bins <= algo::kMaxBins; ++bins) {
+        if (width_px % bins == 0 && height_px % bins == 0)
+            sizes += fmt::format("{}{}x{}", sizes.empty() ? "" : ", ", bins, bins);
+    }
+    if (sizes.empty()) {
+        return fmt::format(
+            "no square macro-pixel of {} to {} bins divides it: give the columns x rows that it was "
+            "recorded with, or --grid for a raw frame",
+            algo::kMinBins, algo::kMaxBins);
+    }
+    return "it can be divided into " + sizes + " bins a lenslet: give --macro with the one that it was recorded with";
+}
+
+}  // namespace
 
 Error about(const std::string& file, const Error& error) { return {error.code, file + ": " + error.what, error.cure}; }
 
@@ -38,6 +59,7 @@ Result<FrameReader> FrameReader::create(const FrameOptions& options) {
     if (!grid) return tl::unexpected(grid.error());
     auto decoder = algo::GridDecoder::create(grid->grid, grid->directions, i, j);
     if (!decoder) return tl::unexpected(about(options.grid, decoder.error()));
+    reader.calibration_ = {options.grid, grid->stamp.camera, grid->stamp.date, common::crc32(calib::to_toml(*grid))};
     reader.bin_rad_ = decoder->bin_rad();
     reader.decoder_ = std::make_shared<algo::GridDecoder>(std::move(*decoder));
     return reader;
@@ -84,7 +106,11 @@ Result<MacroPixelFrame> FrameReader::read(const std::string& file) const {
         out.frame = std::move(*decoded);
     }
     auto extents = algo::extents_of_frame(out.frame.width_px(), out.frame.height_px(), bins_.first, bins_.second);
-    if (!extents) return tl::unexpected(about(file, extents.error()));
+    if (!extents) {
+        Error error = about(file, extents.error());
+        if (!decoder_) error.cure = macro_cure(out.frame.width_px(), out.frame.height_px());
+        return tl::unexpected(error);
+    }
     out.extents = *extents;
     return out;
 }

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -41,6 +42,12 @@ struct MacroPixelFrame {
     GeometryFrom geometry_from = GeometryFrom::program;
 };
 
+// The calibration of --grid.
+struct CalibrationInUse {
+    std::string file, camera, date;
+    std::uint32_t crc32 = 0;  // the id in the register block CALIBRATION
+};
+
 class FrameReader {
   public:
     // Fails with invalid_argument (--macro), and as calib::read_grid() and GridDecoder::create() do.
@@ -53,12 +60,15 @@ class FrameReader {
 
     [[nodiscard]] double bin_rad() const { return bin_rad_; }  // one bin pitch; 0: not known
 
+    [[nodiscard]] const std::optional<CalibrationInUse>& calibration() const { return calibration_; }
+
   private:
     [[nodiscard]] Result<void> compare(const drivers::FrameGeometry& noted, const std::string& file) const;
 
     FrameOptions options_;
     std::pair<int, int> bins_{kDefaultBins, kDefaultBins};  // of --macro
     double bin_rad_ = 0;
+    std::optional<CalibrationInUse> calibration_;
     std::shared_ptr<algo::GridDecoder> decoder_;  // none: frames are macro-pixels
 };
 

@@ -39,6 +39,8 @@ struct InspectOptions {
     bool json = false;
 };
 
+constexpr int kJsonSchema = 1;  // of the object of --json
+
 std::string known_features() {
     return fmt::format("{}, {}, {}; the distances also as reference-NAME", fmt::join(algo::kFeatureNames, ", "),
                        kZScore, kSums);
@@ -74,6 +76,15 @@ Json to_json(const FeatureView& feature, double bin_rad) {
             {"p50", known(s.p50 * bin_rad)}, {"p99", known(s.p99 * bin_rad)}, {"max", known(s.max * bin_rad)}};
     }
     return json;
+}
+
+// Null without --grid.
+Json calibration_json(const std::optional<CalibrationInUse>& used) {
+    if (!used) return {};
+    return {{"file", used->file},
+            {"camera", used->camera},
+            {"date", used->date},
+            {"crc32", fmt::format("{:08X}", used->crc32)}};
 }
 
 double milliseconds(std::int64_t ns) { return static_cast<double>(ns) / 1e6; }
@@ -118,7 +129,9 @@ Json to_json(const std::string& frame, const MacroPixelFrame& read, const algo::
             defect["area_mm2"] = static_cast<float>(d.area) * recipe.lenslet_mm * recipe.lenslet_mm;
         }
     }
-    Json json{{"frame", frame},
+    Json json{{"schema", kJsonSchema},
+              {"software", HORD_VERSION},
+              {"frame", frame},
               {"grid", {{"m", extents.m}, {"n", extents.n}, {"i", extents.i}, {"j", extents.j}}},
               {"grid_from", name_of(read.geometry_from)},
               {"verdict", name_of(found.verdict)},
@@ -202,6 +215,11 @@ class Inspector {
         }
         auto recipe = recipe_or_default(options_.recipe);
         if (!recipe) return tl::unexpected(recipe.error());
+        recipe_json_ = {{"file", options_.recipe.empty() ? Json() : Json(options_.recipe)},
+                        {"name", recipe->recipe.name},
+                        {"number", recipe->number},
+                        {"version", recipe->version},
+                        {"crc32", fmt::format("{:08X}", crc32_of(*recipe))}};
         recipe_ = std::move(recipe->recipe);
         if (learned_) recipe_.reference = learned_;
         if (auto done = choose_feature(); !done) return done;
@@ -235,7 +253,9 @@ class Inspector {
         const FeatureViews views(*found, recipe_, extents_);
         auto feature = view(frame.view(), *found, views);
         if (!feature) return tl::unexpected(about(file, feature.error()));
-        const Json json = to_json(file, *read, *found, *feature, reader_.bin_rad(), recipe_);
+        Json json = to_json(file, *read, *found, *feature, reader_.bin_rad(), recipe_);
+        json["recipe"] = recipe_json_;
+        json["calibration"] = calibration_json(reader_.calibration());
         if (options_.json) fmt::print("{}\n", store::to_text(json));
         else print_for_people(file, *read, *found, recipe_);
         if (!options_.out.empty()) {
@@ -369,6 +389,7 @@ class Inspector {
     std::string feature_;                             // empty: the one that decided
     algo::FeatureChoice choice_;
     algo::Recipe recipe_;
+    Json recipe_json_;
     MacroPixelFrame reference_;
     std::optional<algo::Pipeline> pipeline_;
     std::optional<algo::FeatureMapper> mapper_;

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "common/file_kind.h"
 #include "common/file_writing.h"
 #include "common/toml_fields.h"
 #include "firmware/hordctl/commands.h"
@@ -48,8 +49,10 @@ Exit list(const RecipeOptions& options) {
 
 Exit check(const RecipeOptions& options) {
     Exit status = Exit::good;
+    std::vector<RecipeEntry> all;
     for (const std::string& file : options.files) {
         const auto recipe = load_numbered_recipe(file);
+        all.push_back({file, recipe});
         if (!recipe) {
             status = complain(recipe.error());
             continue;
@@ -58,6 +61,7 @@ Exit check(const RecipeOptions& options) {
                    crc32_of(*recipe));
         for (const std::string& note : algo::notes(recipe->recipe)) fmt::print("{}: note: {}\n", file, note);
     }
+    if (const auto unique = check_numbers(all); !unique) status = complain(unique.error());
     return status;
 }
 
@@ -69,6 +73,8 @@ Exit seal(const RecipeOptions& options) {
             return complain(
                 {ErrorCode::not_found, file + ": cannot be read", "check that the file exists and may be read"});
         if (auto fine = common::refuse_blank(*read, file); !fine) return complain(fine.error());
+        if (auto right = common::require_kind(*read, file, common::FileKind::recipe); !right)
+            return complain(right.error());
         static const std::regex old_seal("(^|\n)crc32[ \t]*=[^\n]*\n");
         const std::string text = std::regex_replace(*read, old_seal, "$1");
         const auto recipe = parse_numbered_recipe(text, file);

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include "common/cli/progress.h"
+#include "firmware/core/faults.h"
 #include "firmware/diagnostics/verdict_text.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/station/gallery.h"
@@ -75,6 +76,16 @@ Config with_room(double parts_per_second) {
     module.response_timeout = std::max(module.response_timeout, pitch);
     config.rejector = SimulatedRejector{std::move(module)};
     return config;
+}
+
+// Each fault with its meaning and cure.
+std::vector<std::string> fault_lines(std::uint32_t faults) {
+    std::vector<std::string> lines;
+    for (const FaultInfo& fault : kFaultTable) {
+        if ((faults & fault.bit) != 0)
+            lines.push_back(fmt::format("FAULT {}: {}: {}", fault.name, fault.meaning, fault.cure));
+    }
+    return lines;
 }
 
 // The sentence of explain() of each part, until its result comes. Any thread.
@@ -160,7 +171,11 @@ class Run {
         watchers.result = [this](const PartResult& result) { on_result(result); };
         watchers.fate = [this](const Backends::Fate& fate) { on_fate(fate); };
         watchers.line_over = [this] { on_line_over(); };
-        watchers.state = [this](State from, State to) { say(fmt::format("{} to {}", name_of(from), name_of(to))); };
+        watchers.state = [this](State from, State to) {
+            say(fmt::format("{} to {}", name_of(from), name_of(to)));
+            if (to != State::error || !service_) return;
+            for (const std::string& fault : fault_lines(service_->snapshot().faults_active)) say(fault);
+        };
         watchers.trouble = [this](const Error& error) { say(error.message()); };
         watchers.recipe = [this](const NumberedRecipe& recipe) { on_recipe(recipe); };
         if (!options_.out.empty() || options_.json) {
@@ -293,6 +308,8 @@ class Run {
         if (stands) {
             fmt::print(out, "the station ended in {}{}\n", name_of(last.state),
                        last.line_stop ? ", line stop raised" : "");
+            for (const std::string& fault : fault_lines(last.faults_active | last.faults_latched))
+                fmt::print(out, "{}\n", fault);
         }
         if (!picture) return complain(picture.error());
         if (!options_.out.empty()) fmt::print(out, "picture: {}\n", *picture);

@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include "common/cli/help_text.h"
 #include "firmware/core/faults.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/station/remote.h"
@@ -21,7 +22,7 @@ namespace hord::firmware {
 namespace {
 
 constexpr std::size_t kShownResults = 8;
-constexpr int kBarWidth = 40;
+constexpr int kBarWidth = 40, kBesideBar = 24;
 
 struct WatchOptions {
     RemoteOptions remote;
@@ -58,14 +59,14 @@ Result<RegisterSnapshot> read_station(modbus::Client& client) {
     return station;
 }
 
-std::string bar(double share) {
-    const int filled = static_cast<int>(std::clamp(share, 0.0, 1.0) * kBarWidth + 0.5);
-    return fmt::format("{:█<{}}{:·<{}}", "", filled, "", kBarWidth - filled);
+std::string bar(double share, int width) {
+    const int filled = static_cast<int>(std::clamp(share, 0.0, 1.0) * width + 0.5);
+    return fmt::format("{:█<{}}{:·<{}}", "", filled, "", width - filled);
 }
 
-std::string verdict_row(const Rows& counters, const char* name) {
+std::string verdict_row(const Rows& counters, const char* name, int bar_width) {
     const double seen = std::max(counters.number("seen"), 1.0), count = counters.number(name);
-    return fmt::format("  {:<8} {:>10.0f}  {}\n", name, count, bar(count / seen));
+    return fmt::format("  {:<8} {:>10.0f}  {}\n", name, count, bar(count / seen, bar_width));
 }
 
 // Lines of the newest results, newest first. Each result is read once.
@@ -113,7 +114,9 @@ std::string optics(const Rows& health) {
     return out;
 }
 
-std::string page(const RemoteOptions& remote, const RegisterSnapshot& station, const NewestResults& results) {
+std::string page(const RemoteOptions& remote, const RegisterSnapshot& station, const NewestResults& results,
+                 int columns) {
+    const int bar_width = columns == 0 ? kBarWidth : std::clamp(columns - kBesideBar, 10, kBarWidth);
     const Rows status(station, BlockId::status), counters(station, BlockId::counters), health(station, BlockId::health),
         plc(station, BlockId::plc), recipe(station, BlockId::recipe);
     const auto lamp = [&](const char* bit, const char* name) {
@@ -127,7 +130,7 @@ std::string page(const RemoteOptions& remote, const RegisterSnapshot& station, c
     out += fmt::format("  {} parts a minute, {:.0f} on the line, {:.0f} seen; recipe {} \"{}\"\n\n",
                        health.text("parts_per_minute"), status.number("parts_on_line"), counters.number("seen"),
                        status.text("recipe"), recipe.text("name"));
-    for (const char* name : {"pass", "reject", "unfit"}) out += verdict_row(counters, name);
+    for (const char* name : {"pass", "reject", "unfit"}) out += verdict_row(counters, name, bar_width);
     out += fmt::format("  {:<8} {:>10.0f}  confirmed {:.0f}, failed {:.0f}, late {:.0f}\n\n", "rejected",
                        counters.number("reject_commanded"), counters.number("reject_confirmed"),
                        counters.number("reject_failed"), counters.number("reject_late"));
@@ -177,10 +180,11 @@ Exit run_watch(const WatchOptions& options) {
         if (k > 0) std::this_thread::sleep_for(std::chrono::milliseconds(options.every_ms));  // cut short by SIGINT
         const auto station = read_station(*client);  // connects again when the connection was lost
         status = station ? Exit::good : Exit::bad_input;
+        const int columns = terminal_columns(STDOUT_FILENO);  // may change
         std::string out;
         if (station) {
             if (terminal) results.follow(*client, station->bits(BlockId::status, "last_sequence"));
-            out = terminal ? page(options.remote, *station, results) : line(*station);
+            out = terminal ? wrapped(page(options.remote, *station, results, columns), columns) : line(*station);
         } else {
             out = fmt::format("no answer: {}\n", station.error().message());
         }

@@ -103,6 +103,21 @@ TEST(CameraProcess, shares_the_cameras_memory_and_fills_buffers_again) {
     EXPECT_NE((**memory)[0][0], std::byte{0}) << "memory that is held stays readable";
 }
 
+TEST(CameraProcess, lists_the_cameras_that_it_could_hold) {
+    const auto cameras = list_cameras("works", kProgram, kPatience);
+    ASSERT_TRUE(cameras) << cameras.error().message();
+    ASSERT_EQ(cameras->size(), 2U);
+    EXPECT_EQ((*cameras)[0].name, "mono");
+    EXPECT_EQ((*cameras)[0].formats[1], (hal::ListedFormat{"R10_CSI2P", 10, 1456, 1088, {"640x480", "1456x1088"}}));
+    const auto refused = list_cameras("unsupported", kProgram, kPatience);
+    ASSERT_FALSE(refused);
+    EXPECT_EQ(refused.error().message(), "no library: install it");
+    const auto hung = list_cameras("hangs", kProgram, 200ms);
+    ASSERT_FALSE(hung);
+    EXPECT_THAT(hung.error().what, HasSubstr("ended or hung"));
+    EXPECT_EQ(children(), 0);
+}
+
 TEST(CameraProcess, that_dies_is_a_camera_that_is_gone_and_the_next_start_has_another) {
     const auto port = camera_called("dies");
     for (int k = 0; k < 2; ++k) {

@@ -24,6 +24,13 @@ class NamedCamera final : public drivers::CameraDevice {
     explicit NamedCamera(std::string request) : request_(std::move(request)) {}
     ~NamedCamera() override { stop(); }
 
+    Result<std::vector<hal::ListedCamera>> list() override {
+        if (request_ == "unsupported") return fail(ErrorCode::io, "no library", "install it");
+        if (request_ == "hangs") std::this_thread::sleep_for(1h);
+        hal::ListedCamera mono{.name = "mono", .text = "imx296", .formats = {{"R8", 8, 640, 480, {"640x480"}}}};
+        mono.formats.push_back({"R10_CSI2P", 10, 1456, 1088, {"640x480", "1456x1088"}});
+        return std::vector{mono, hal::ListedCamera{.name = "colour", .formats = {{"BGR888", 0, 1920, 1080, {}}}}};
+    }
     Result<drivers::CameraFormat> look() override {
         if (request_ == "unsupported") return fail(ErrorCode::unsupported, "it has\nBGR888", "set sensor.bits");
         if (request_ == "hangs") std::this_thread::sleep_for(1h);

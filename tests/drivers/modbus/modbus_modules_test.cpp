@@ -136,6 +136,33 @@ TEST_F(Module, of_moxa_with_its_watchdog_alarm_up_is_given_free) {
     expect_recovered();
 }
 
+TEST_F(Module, of_advantech_has_its_outputs_from_coil_16_on_and_its_inputs_from_0) {
+    play({.coils = 6, .kind = test::ModuleKind::adam}, "advantech-adam-6000");
+    options_.ejector_coil = 16;
+    options_.permit_coil = 17;
+    options_.confirm_input = 11;
+    options_.confirm_within = 400ms;
+    module_->on_coil([this](int output, bool on, hal::TimePoint) {
+        if (output == 0) module_->set_input(11, on);  // the ejected part passes the sensor
+    });
+    start_and_wait();
+    rejector_->set_run_permit(true);
+    EXPECT_TRUE(run_until([&] { return module_->coil(1); }));
+    EXPECT_EQ(reject(1), Outcome::confirmed);
+    EXPECT_EQ(times_on(0), 1);
+    EXPECT_EQ(ear_.changes, 1);
+}
+
+TEST_F(Module, of_advantech_is_refused_with_an_input_for_an_output) {
+    options_.map = map_of("advantech-adam-6000");
+    options_.ejector_coil = 16;
+    options_.permit_coil = 1;
+    rejector_.emplace(*loop_, options_);
+    const auto done = rejector_->start(ear_);
+    ASSERT_FALSE(done);
+    EXPECT_THAT(done.error().what, HasSubstr("below its first_output are inputs"));
+}
+
 TEST_F(Module, that_lacks_what_is_asked_for_is_refused_at_start) {
     options_.watchdog = 500ms;
     options_.module_pulse = 10ms;

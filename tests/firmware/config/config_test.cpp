@@ -210,6 +210,11 @@ TEST(Config, a_modules_profile_fills_its_addresses_and_each_can_be_overridden) {
     ASSERT_TRUE(moxa) << moxa.error().what;
     EXPECT_EQ(std::get<drivers::ModbusRejectorOptions>(moxa->rejector).map.pulse_coil_offset, 16);
     EXPECT_EQ(std::get<drivers::ModbusRejectorOptions>(moxa->rejector).map.alarm_coil, -1);
+    const auto adam = parse(
+        "[rejector]\nbackend = \"modbus\"\nprofile = \"advantech-adam-6000\"\nreject_coil = 16\n"
+        "run_permit_coil = 17\n");
+    ASSERT_TRUE(adam) << adam.error().what;
+    EXPECT_EQ(std::get<drivers::ModbusRejectorOptions>(adam->rejector).map.read_back_offset, 0);
     const auto serial = parse(
         "[rejector]\nbackend = \"modbus\"\ndevice = \"/dev/ttyUSB0\"\nbaud = 115200\nparity = \"odd\"\nrs485 = "
         "false\n");
@@ -222,7 +227,8 @@ TEST(Config, a_modules_profile_fills_its_addresses_and_each_can_be_overridden) {
 
 TEST(Config, what_a_module_cannot_do_is_refused_with_the_cure) {
     const auto wrong = [](const std::string& keys) { return problems_of("[rejector]\nbackend = \"modbus\"\n" + keys); };
-    EXPECT_THAT(wrong("profile = \"wago\"\n"), HasSubstr("use one of plain-coils, wago-750, moxa-iologik"));
+    EXPECT_THAT(wrong("profile = \"wago\"\n"),
+                HasSubstr("use one of plain-coils, wago-750, moxa-iologik, advantech-adam-6000"));
     EXPECT_THAT(wrong("watchdog_ms = 500\n"), HasSubstr("cannot be set in this module"));
     EXPECT_THAT(wrong("profile = \"wago-750\"\nwatchdog_ms = 60\n"),
                 HasSubstr("shorter than three response_timeout_ms"));
@@ -230,6 +236,12 @@ TEST(Config, what_a_module_cannot_do_is_refused_with_the_cure) {
     EXPECT_THAT(wrong("profile = \"moxa-iologik\"\nmodule_pulse_ms = 16\n"), HasSubstr("is longer than pulse_ms"));
     EXPECT_THAT(wrong("profile = \"moxa-iologik\"\nmodule_pulse_ms = 10\nenergise_to = \"pass\"\n"),
                 HasSubstr("pulses an output on"));
+    const std::string adam = "profile = \"advantech-adam-6000\"\n";
+    EXPECT_THAT(wrong(adam),
+                AllOf(HasSubstr("reject_coil: is 0, which is an input of this module"),
+                      HasSubstr("run_permit_coil: is 1, which is an input"), HasSubstr("its first output is coil 16")));
+    EXPECT_THAT(wrong(adam + "reject_coil = 16\nrun_permit_coil = 17\nwatchdog_ms = 500\n"),
+                HasSubstr("cannot be set in this module"));
     EXPECT_THAT(wrong("confirm_input = 0\nconfirm_within_ms = 80\n"), HasSubstr("raise confirm_timeout_ms"));
     EXPECT_THAT(wrong("device = \"/dev/ttyS0\"\nunit = 0\n"), HasSubstr("use 1 to 247"));
     EXPECT_THAT(wrong("device = \"/dev/ttyS0\"\nport = 1502\n"), HasSubstr("either rejector.device, or host and port"));

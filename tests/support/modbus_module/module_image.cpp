@@ -16,6 +16,7 @@ constexpr int kWagoReadBack = 0x200, kWagoTime = 0x1000, kWagoTrigger = 0x1003, 
 constexpr int kWagoItemNumber = 352;
 constexpr int kMoxaPulse = 16, kMoxaAlarm = 4144, kMoxaName = 5000, kMoxaNameWords = 10;
 constexpr std::string_view kMoxaModel = "E1213";
+constexpr int kAdamOutputs = 16, kAdamInputs = 12;
 constexpr auto kWagoUnit = std::chrono::milliseconds(100);
 
 int word(std::span<const std::uint8_t> bytes, std::size_t at) { return bytes[at] << 8 | bytes[at + 1]; }
@@ -101,6 +102,9 @@ int ModuleImage::bit_at(int address, bool coils) const {
     switch (kind_) {
         case ModuleKind::plain: return coils ? output(address) : input(address);
         case ModuleKind::wago: return address >= kWagoReadBack ? output(address - kWagoReadBack) : input(address);
+        case ModuleKind::adam:
+            if (coils && address >= kAdamOutputs) return output(address - kAdamOutputs);
+            return address < kAdamInputs ? input(address) : -1;
         case ModuleKind::moxa: break;
     }
     if (!coils) return input(address);
@@ -163,6 +167,10 @@ Bytes ModuleImage::write_coil(std::span<const std::uint8_t> pdu, TimePoint now) 
     const bool pulse = kind_ == ModuleKind::moxa && address >= kMoxaPulse;
     if (pulse) address -= kMoxaPulse;
     if (kind_ == ModuleKind::wago && address >= kWagoReadBack) address -= kWagoReadBack;
+    if (kind_ == ModuleKind::adam) {
+        if (address < kAdamOutputs) return exception(pdu[0], kIllegalAddress);  // an input
+        address -= kAdamOutputs;
+    }
     if (address >= outputs || (kind_ == ModuleKind::moxa && address >= 16)) return exception(pdu[0], kIllegalAddress);
     if (expired_) return exception(pdu[0], kDeviceFailure);  // until the expired watchdog is reset
     if (pulse) pulse_ends_[static_cast<std::size_t>(address)] = on ? now + pulse_ : TimePoint::max();

@@ -17,6 +17,7 @@ enum class ModuleKind : std::uint8_t {
     wago,   // 750: coils read back at 0x200 + n (at n, the inputs are read), watchdog registers from 0x1000 on
     moxa,   // ioLogik E1200: pulses by coil 16 + n, a watchdog that raises an alarm in coil 4144, its name from input
             // register 5000 on
+    adam,   // ADAM-6050: coils 0..11 read the inputs, coil 16 + n is output n; no registers, no device identification
 };
 
 class ModuleImage {

@@ -147,6 +147,8 @@ TEST(Calibrate, captures_at_known_tilts_give_radians) {
         run("hordctl", {"inspect", folder / "white.pgm", "--grid", folder / "grid.toml", "--feature", "emd", "--json"});
     EXPECT_NE(seen.status, 2) << seen.err;
     EXPECT_NEAR(Json::parse(seen.out)["feature"]["bin_rad"].get<double>(), 24.0 / 9 / px_a_rad, 1e-4);
+    EXPECT_EQ(Json::parse(seen.out)["calibration"]["file"], folder / "grid.toml");
+    EXPECT_EQ(Json::parse(seen.out)["calibration"]["crc32"].get<std::string>().size(), 8U);
 
     // Tilts along one line do not determine the direction across it.
     std::ofstream line(folder / "tilts/tilts.toml");

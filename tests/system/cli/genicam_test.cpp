@@ -1,4 +1,7 @@
 // The station on a GenICam camera: Aravis's fake GigE camera, fed with rendered frames, in a network of its own.
+#include <algorithm>
+#include <fstream>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
@@ -54,6 +57,44 @@ TEST(Genicam, the_line_runs_on_a_camera_and_gives_the_verdicts_that_inspect_give
         EXPECT_EQ(parts[k]["ejected"], expected["verdict"] != "pass");
     }
     EXPECT_THAT(said.err, testing::HasSubstr("S1: 333 x 333 Mono8"));
+}
+
+TEST(Genicam, devices_lists_a_free_camera_and_names_who_holds_one_that_is_used) {
+    const std::string refused = own_network();
+    if (!refused.empty()) GTEST_SKIP() << refused;
+    const TemporaryFolder folder;
+    const auto camera = [] {
+        const Said said = run("hordctl", {"devices", "--json"});
+        EXPECT_EQ(said.status, 0) << said.err;
+        const Json cameras = Json::parse(said.out)["genicam"]["devices"];
+        EXPECT_EQ(cameras.size(), 1U) << said.out;
+        return cameras.empty() ? Json::object() : cameras[0];
+    };
+    EXPECT_THAT(run("hordctl", {"devices"}).out, testing::HasSubstr("no GenICam camera found"));
+
+    const FakeGige fake;
+    const Json free = camera();
+    EXPECT_EQ(free["name"], "S1");
+    EXPECT_FALSE(free.contains("in_use_by")) << free;
+    const auto mono = std::ranges::find_if(free["formats"], [](const Json& one) { return one["name"] == "Mono8"; });
+    ASSERT_NE(mono, free["formats"].end()) << free;
+    EXPECT_EQ((*mono)["bits"], 8);
+    EXPECT_FALSE(free["formats"][0]["usable"]) << "Bayer";
+    EXPECT_THAT(free["triggers"].dump(), testing::HasSubstr("Software"));
+    const std::string suggested = free["config"];
+    EXPECT_THAT(suggested, testing::HasSubstr("camera = \"S1\""));
+    std::ofstream(folder / "suggested.toml") << simulated_beside(suggested);
+    EXPECT_EQ(run("hordd", {"--check", "--config", folder / "suggested.toml"}).status, 0);
+
+    std::ofstream(folder / "c.toml") << simulated_beside(
+        "[sensor]\nbackend = \"genicam\"\ncamera = \"S1\"\ntrigger = \"software\"\nwidth_px = 504\nheight_px = "
+        "504\n[modbus]\nport = 0\n");
+    Running station("hordctl", {"run", "--config", folder / "c.toml", "--json"});
+    ASSERT_TRUE(station.says("S1: ")) << station.so_far().err;  // it streams
+    const Json held = camera();
+    EXPECT_THAT(held["in_use_by"].dump(), testing::HasSubstr("hord-genicam (process ")) << held;
+    EXPECT_FALSE(held.contains("formats")) << "it was taken";
+    EXPECT_THAT(station.so_far().err, testing::Not(testing::HasSubstr("is lost")));
 }
 
 }  // namespace

@@ -74,6 +74,24 @@ TEST(Inspect, json_is_one_object_a_line_with_every_promised_key) {
     for (const char* key : {"unit", "p50", "p99", "max"}) EXPECT_TRUE(json["feature"].contains(key)) << key;
     for (const char* key : {"decode", "hord", "feature", "decide", "total"})
         EXPECT_TRUE(json["ms"].contains(key)) << key;
+    EXPECT_EQ(json["schema"], 1);
+    EXPECT_THAT(run("hordctl", {"--version"}).out, HasSubstr(json["software"].get<std::string>()));
+    EXPECT_TRUE(json["calibration"].is_null());
+    EXPECT_EQ(json["recipe"]["name"], "default");
+}
+
+TEST(Inspect, json_names_the_recipe_as_recipe_check_does) {
+    const TemporaryFolder folder;
+    const std::string recipe = folder / "lens.toml";
+    std::ofstream(recipe) << "schema = 1\nname = \"lens\"\nnumber = 12\nversion = 3\n";
+    const Said said = run("hordctl", {"inspect", write(folder, "a.png", plain_frame()), "--json", "--recipe", recipe});
+    ASSERT_EQ(said.status, 0) << said.err;
+    const Json used = Json::parse(said.out)["recipe"];
+    EXPECT_EQ(used["file"], recipe);
+    EXPECT_EQ(used["number"], 12);
+    EXPECT_EQ(used["version"], 3);
+    EXPECT_THAT(run("hordctl", {"recipe", "check", recipe}).out,
+                HasSubstr("number 12, version 3, CRC-32 " + used["crc32"].get<std::string>()));
 }
 
 TEST(Inspect, out_writes_map_picture_and_json) {

@@ -1,6 +1,8 @@
 // What the programs say of mistakes on the command line, of blank files and of output that cannot be written.
 #include <algorithm>
+#include <filesystem>
 #include <fstream>
+#include <sstream>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -56,7 +58,17 @@ TEST(Mistakes, on_the_command_line_are_named) {
         EXPECT_LT(said.err.size(), 700U) << "one line, without limits of 300 digits";
         EXPECT_EQ(std::ranges::count(said.err, '\n'), 1) << said.err;
     };
-    refused({"recipe", "chek"}, "\"chek\" is not known");
+    refused({"recipe", "chek"}, "\"chek\" is not known: did you mean check? See hordctl recipe --help");
+    refused({"inspekt", "none.png"}, "\"inspekt\" is not known: did you mean inspect? See hordctl --help");
+    refused({"wobble"}, "\"wobble\" is not known: see hordctl --help");
+    refused({"inspect", "--macroo", "9x9", "none.png"},
+            "\"--macroo\" is not known: did you mean --macro? See hordctl inspect --help");
+    refused({"inspect", "--jsn=1", "none.png"}, "\"--jsn\" is not known: did you mean --json?");
+    refused({"inspect"}, "see hordctl inspect --help");
+    refused({"selftest", "now"}, "\"now\" is one argument too many: see hordctl selftest --help");
+    refused({}, "no command is given: see hordctl --help");
+    refused({"recipe"}, "no command is given: see hordctl recipe --help");
+    refused({"devices", "--module", "host:seven"}, "--module host:seven is no address");
     refused({"run", "--simulate", "--seed", "010"}, "010 begins with 0");
     refused({"latency", "--simulate", "--edges", "010"}, "010 begins with 0");
     refused({"inspect", "none.png", "--macro", "4294967305x9"}, "--macro 4294967305x9 is not a macro-pixel size");
@@ -64,6 +76,86 @@ TEST(Mistakes, on_the_command_line_are_named) {
     refused({"results", "--reason", "verdict-lat"}, "no reason is called \"verdict-lat\"");
     refused({"tune", "--good", "a", "--bad", "b", "--budget", "-1"}, "--budget: -1 is not above 0");
     refused({"watch", "--count", "-1"}, "--count");
+}
+
+TEST(Mistakes, a_file_of_another_kind_is_called_what_it_is) {
+    const std::filesystem::path deploy = std::filesystem::path(HORD_SOURCE_DIR) / "deploy";
+    const std::string station = deploy / "hordd.toml", page = deploy / "page.toml", mqtt = deploy / "mqtt.toml",
+                      recipe = deploy / "recipes/default.toml";
+    const TemporaryFolder folder;
+    const std::string reference = folder / "lens.hordref", image = folder / "a.png";
+    std::ofstream(reference) << "HORDREF2 and more";
+    std::ofstream(image) << "\x89PNG\r\n\x1a\n";
+    const auto refused = [](const std::string& program, const std::vector<std::string>& arguments,
+                            const std::string& what) {
+        const Said said = run(program, arguments);
+        EXPECT_TRUE(said.status == 2 || said.status == 78) << program << said.status;
+        EXPECT_THAT(said.err, HasSubstr(what));
+        EXPECT_EQ(std::ranges::count(said.err, '\n'), 1) << said.err;
+    };
+    refused("hordctl", {"inspect", reference}, "lens.hordref is a learned reference, and an image is needed");
+    refused("hordctl", {"calibrate", reference, "--out", folder / "g.toml"}, "is a learned reference");
+    refused("hordctl", {"inspect", station}, "hordd.toml is a station's configuration, and an image is needed");
+    refused("hordctl", {"inspect", image, "--recipe", reference}, "is a learned reference, and a recipe is needed");
+    refused("hordctl", {"inspect", image, "--recipe", image}, "is an image, and a recipe is needed");
+    refused("hordctl", {"inspect", image, "--grid", recipe}, "is a recipe, and a calibration is needed");
+    refused("hordctl", {"recipe", "check", station}, "is a station's configuration, and a recipe is needed");
+    refused("hordctl", {"recipe", "seal", page}, "is the page's configuration, and a recipe is needed");
+    refused("hord-page", {"--check", "--config", station}, "is a station's configuration, and the page's");
+    refused("hord-mqtt", {"--check", "--config", station},
+            "is a station's configuration, and a configuration of hord-");
+    refused("hordd", {"--check", "--config", page}, "is the page's configuration, and a station's");
+    refused("hordd", {"--check", "--config", mqtt}, "is a configuration of hord-mqtt, and a station's");
+    refused("hordd", {"--check", "--config", recipe}, "is a recipe, and a station's configuration is needed");
+}
+
+TEST(Mistakes, a_macro_pixel_that_does_not_divide_the_frame_names_those_that_do) {
+    const TemporaryFolder folder;
+    std::ofstream(folder / "a.pgm", std::ios::binary) << "P5\n90 63\n255\n" << std::string(90 * 63, '\x40');
+    const Said said = run("hordctl", {"inspect", folder / "a.pgm", "--macro", "7x7"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("it can be divided into 3x3, 9x9 bins a lenslet: give --macro"));
+    std::ofstream(folder / "b.pgm", std::ios::binary) << "P5\n97 63\n255\n" << std::string(97 * 63, '\x40');
+    EXPECT_THAT(run("hordctl", {"inspect", folder / "b.pgm"}).err, HasSubstr("no square macro-pixel of 3 to 15 bins"));
+}
+
+TEST(Mistakes, two_recipes_of_a_folder_with_one_number_are_refused) {
+    const TemporaryFolder folder;
+    std::filesystem::create_directories(folder.path() / "recipes");
+    const std::string a = folder / "recipes/a.toml", b = folder / "recipes/b.toml";
+    std::ofstream(a) << "schema = 1\nname = \"a\"\nnumber = 7\n";
+    std::ofstream(b) << "schema = 1\nname = \"b\"\nnumber = 8\n";
+    std::ofstream(folder / "c.toml") << simulated_beside("[inspection]\nrecipes = \"recipes\"\n");
+    EXPECT_EQ(run("hordctl", {"recipe", "check", a, b, a}).status, 0) << "the same file twice is one recipe";
+    EXPECT_EQ(run("hordd", {"--check", "--config", folder / "c.toml"}).status, 0);
+    std::ofstream(b) << "schema = 1\nname = \"b\"\nnumber = 7\n";
+    for (const Said& said :
+         {run("hordctl", {"recipe", "check", a, b}), run("hordd", {"--check", "--config", folder / "c.toml"})}) {
+        EXPECT_TRUE(said.status == 2 || said.status == 78) << said.status;
+        EXPECT_THAT(said.err, HasSubstr("both have number 7: give each recipe a number of its own"));
+    }
+}
+
+// On a terminal of 60 columns no line of a help is longer; a pasted example is still one command.
+TEST(Help, fits_the_terminal) {
+    const auto on_terminal = [](const std::string& command) {
+        return run("/usr/bin/script",
+                   {"-qefc", "stty cols 60 rows 24; \"" + std::string(HORD_BIN_DIR) + "\"/" + command, "/dev/null"});
+    };
+    for (const char* command : {"hordctl inspect --help", "hordctl --help", "hord-page --help", "hordd --help"}) {
+        const Said said = on_terminal(command);
+        std::istringstream lines(said.out);
+        std::size_t longest = 0;
+        for (std::string line; std::getline(lines, line);) {
+            while (line.ends_with('\r')) line.pop_back();
+            if (!line.starts_with("Usage:")) longest = std::max(longest, line.size());
+        }
+        EXPECT_GT(longest, 40U) << said.out;
+        EXPECT_LE(longest, 60U) << said.out;
+    }
+    EXPECT_THAT(on_terminal("hordctl inspect --help").out, HasSubstr(" \\\r\n"));
+    EXPECT_THAT(run("hordctl", {"inspect", "--help"}).out, HasSubstr("FRAME TEXT ... REQUIRED     Frames"))
+        << "elsewhere nothing is wrapped: the shell's completion reads it";
 }
 
 }  // namespace

@@ -1,4 +1,5 @@
 // `hordctl run`, `status` and `registers`: the whole station as a person and a PLC meet it.
+#include <algorithm>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
@@ -23,6 +24,8 @@ namespace {
 
 using ::testing::HasSubstr;
 using Json = nlohmann::json;
+
+constexpr auto kRendering = std::chrono::seconds(240);  // of the simulated parts, on a busy machine
 
 // A TCP port of this machine, held (and, if asked, listening without ever answering) for the test's life.
 class HeldPort {
@@ -87,6 +90,59 @@ TEST(Status, says_so_when_nobody_answers) {
 }
 
 // -- run
+
+TEST(Run, that_comes_into_error_says_which_fault_and_its_cure_and_status_names_both) {
+    const TemporaryFolder folder;
+    const HeldPort refusing(false);
+    std::ofstream(folder / "c.toml") << simulated_beside(
+        "[rejector]\nbackend = \"modbus\"\nport = " + std::to_string(refusing.port()) + "\n[modbus]\nport = 0\n");
+    Running station("hordctl", {"run", "--config", folder / "c.toml", "--variety", "1"});
+    ASSERT_TRUE(station.says("to Error", kRendering)) << station.so_far().err;
+    ASSERT_TRUE(station.says("FAULT rejector: the rejector's module does not answer: check its supply"));
+    const std::string err = station.so_far().err;
+    const auto at = err.find("registers at ") + 13;
+    const std::string address = err.substr(at, err.find('\n', at) - at);
+    const Json status = Json::parse(run("hordctl", {"status", "--modbus", address, "--json"}).out);
+    EXPECT_EQ(status["STATUS"]["state_text"], "Error") << status;
+    EXPECT_TRUE(status["STATUS"]["state"].is_number_integer()) << status["STATUS"]["state"];
+    EXPECT_TRUE(status["COUNTERS"]["seen"].is_number_integer());
+    ASSERT_FALSE(status["faults"].empty()) << status;
+    EXPECT_EQ(status["faults"][0]["name"], "rejector");
+    EXPECT_EQ(status["faults"][0]["active"], true);
+    EXPECT_THAT(status["faults"][0]["cure"].get<std::string>(), HasSubstr("check its supply"));
+
+    // On a terminal of 60 columns no line of the page is longer.
+    const Said page = run("/usr/bin/script",
+                          {"-qefc",
+                           "stty cols 60 rows 60; \"" + std::string(HORD_BIN_DIR) +
+                               "\"/hordctl watch --count 1 --timeout 10000 --modbus " + address,
+                           "/dev/null"});
+    EXPECT_THAT(page.out, HasSubstr("FAULT rejector"));
+    std::istringstream lines(page.out);
+    for (std::string line; std::getline(lines, line);) {
+        while (line.ends_with('\r')) line.pop_back();
+        if (line.starts_with("\x1b[H\x1b[2J")) line.erase(0, 7);
+        EXPECT_LE(std::ranges::count_if(line, [](char c) { return (c & 0xC0) != 0x80; }), 60) << line;
+    }
+}
+
+// Nobody would answer while the cell renders.
+TEST(Run, opens_its_register_port_when_it_can_answer) {
+    int port = 0;
+    {
+        const HeldPort free(false);
+        port = free.port();
+    }
+    const std::string address = "127.0.0.1:" + std::to_string(port);
+    Running station("hordctl", {"run", "--simulate", "--variety", "1", "--modbus", address});
+    ASSERT_TRUE(station.says("render parts")) << station.so_far().err;
+    const Said early = run("hordctl", {"status", "--modbus", address, "--timeout", "300"});
+    if (station.so_far().err.find("registers at") == std::string::npos) {
+        EXPECT_THAT(early.err, HasSubstr("refused")) << "it listened, and did not answer";
+    }
+    ASSERT_TRUE(station.says("registers at", kRendering)) << station.so_far().err;
+    EXPECT_EQ(run("hordctl", {"status", "--modbus", address, "--timeout", "20000"}).status, 0);
+}
 
 TEST(Run, simulated_parts_get_one_verdict_each_and_bad_ones_leave_through_the_ejector) {
     const Said said = run(

@@ -92,6 +92,24 @@ devices() {
     [ -c /dev/gpiochip0 ] && [ -c /dev/video10 ] && [ -c /dev/video11 ] && [ -c /dev/video20 ] && [ "$(cat /proc/1/comm)" = systemd ]
 }
 
+# What hordctl devices finds while the station holds its lights and another program a camera, which goes on.
+devices_listed() {
+    camera_on
+    systemctl restart --no-block hordd
+    wait_for 300 systemctl is-active hordd || { systemctl status hordd | tail; return 1; }
+    v4l2-ctl -d /dev/video20 --stream-mmap --stream-count=100000 >/dev/null 2>&1 &
+    local streaming=$!
+    pause 2
+    hordctl devices >/tmp/listed || return 1
+    cut -c1-150 /tmp/listed
+    local text
+    for text in '/dev/gpiochip0: "rig-gpio", 16 lines' 'COLLIMATOR_A, output, in use by hord' 'line   4 SPARE' '/dev/video10: rigcam' \
+        'in use by v4l2-ctl (process ' 'format GREY (8 bits)' '/dev/video20: vivid' 'vimc.0 Sensor B'; do
+        grep -qF "$text" /tmp/listed || { echo "not listed: $text"; return 1; }
+    done
+    kill -0 $streaming && systemctl is-active hordd
+}
+
 contract_video_loopback() {
     $world camera --video /dev/video11 >/dev/null 2>&1 &
     local camera=$!
@@ -639,6 +657,7 @@ case $phase in
         check package-installs-and-starts install_package
         station_is_there
         check service-is-shut-in security
+        check devices-are-listed devices_listed
         check fault-line-busy line_busy
         check fault-chip-missing-at-start chip_missing
         check fault-power-cut until_power_cut  # does not come back

@@ -1,0 +1,73 @@
+#include "common/file_kind.h"
+
+#include <array>
+#include <fstream>
+#include <string>
+
+namespace hord::common {
+namespace {
+
+constexpr std::size_t kHeadBytes = 65'536;
+
+struct KindText {
+    FileKind kind;
+    const char* name;
+    const char* belongs;  // where a file of this kind is given
+};
+constexpr std::array<KindText, 7> kTexts{{
+    {FileKind::image, "an image", "hordctl inspect, learn and tune take frames"},
+    {FileKind::reference, "a learned reference", "give it as --reference, or name it in a recipe's [reference]"},
+    {FileKind::calibration, "a calibration", "give it as --grid, or name it in inspection.grid"},
+    {FileKind::recipe, "a recipe", "give it as --recipe, or name it in inspection.recipe"},
+    {FileKind::configuration, "a station's configuration", "give it to hordd, or to hordctl run, selftest and latency"},
+    {FileKind::page, "the page's configuration", "give it to hord-page"},
+    {FileKind::mqtt, "a configuration of hord-mqtt", "give it to hord-mqtt"},
+}};
+
+const KindText& text_of(FileKind kind) { return kTexts[static_cast<std::size_t>(kind) - 1]; }
+
+bool has_line(std::string_view text, std::string_view start) {
+    if (text.starts_with(start)) return true;
+    for (auto at = text.find(start); at != std::string_view::npos; at = text.find(start, at + 1)) {
+        if (at > 0 && text[at - 1] == '\n') return true;
+    }
+    return false;
+}
+
+}  // namespace
+
+FileKind kind_of(std::string_view bytes) {
+    using namespace std::string_view_literals;
+    for (const auto magic : {"\x89PNG\r\n\x1a\n"sv, "II*\0"sv, "MM\0*"sv, "P5\n"sv, "P5 "sv, "\xFF\xD8\xFF"sv}) {
+        if (bytes.starts_with(magic)) return FileKind::image;
+    }
+    if (bytes.starts_with("HORDREF")) return FileKind::reference;
+    if (bytes.starts_with("checksum = \"fnv1a64:")) return FileKind::calibration;
+    for (const char* table : {"[sensor]", "[part_sensor]", "[rejector]", "[strobe]", "[inspection]"}) {
+        if (has_line(bytes, table)) return FileKind::configuration;
+    }
+    if (has_line(bytes, "[broker]") || has_line(bytes, "[sparkplug]")) return FileKind::mqtt;
+    if (has_line(bytes, "[page]")) return FileKind::page;
+    if (has_line(bytes, "[limits]") || has_line(bytes, "rim_margin =")) return FileKind::recipe;
+    return FileKind::unknown;
+}
+
+Result<void> require_kind(std::string_view bytes, std::string_view name, FileKind wanted) {
+    const FileKind kind = kind_of(bytes);
+    if (kind == FileKind::unknown || kind == wanted) return {};
+    return fail(ErrorCode::invalid_argument,
+                std::string(name) + " is " + text_of(kind).name + ", and " + text_of(wanted).name + " is needed",
+                text_of(kind).belongs);
+}
+
+Result<void> require_kind(const std::filesystem::path& file, FileKind wanted) {
+    std::error_code error;
+    if (!std::filesystem::is_regular_file(file, error)) return {};  // a pipe could block
+    std::ifstream in(file, std::ios::binary);
+    std::string head(kHeadBytes, '\0');
+    in.read(head.data(), static_cast<std::streamsize>(head.size()));
+    head.resize(static_cast<std::size_t>(in.gcount()));
+    return require_kind(head, file.string(), wanted);
+}
+
+}  // namespace hord::common
