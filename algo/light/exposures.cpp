@@ -83,7 +83,8 @@ Alternation alternation(const Extents& e, std::span<const Deflection> deflection
         // Of values a and -a in turn the second difference is 4 a.
         constexpr double kBin = 1 << DeflectionQ::kFractionBits;
         most.bins = std::max({most.bins, x.mean() / (4 * kBin), y.mean() / (4 * kBin)});
-        if (light_sum > 0) most.light = std::max(most.light, light.mean() * light.count / static_cast<double>(light_sum));
+        if (light_sum > 0)
+            most.light = std::max(most.light, light.mean() * light.count / static_cast<double>(light_sum));
     };
     const auto row = static_cast<std::size_t>(e.m);
     for (int n = 0; n < e.n; n += kAlternationBlock) {

@@ -15,7 +15,8 @@
 namespace hord::algo {
 
 // The strongest alternation in a block of kAlternationBlock x kAlternationBlock lenslets, along rows, columns or both
-// (a checkerboard): half the difference between the two kinds of lenslets. 0: none. Every second row and column is read.
+// (a checkerboard): half the difference between the two kinds of lenslets. 0: none. Every second row and column is
+// read.
 struct Alternation {
     double bins = 0;   // of the mean deflection, bin pitches
     double light = 0;  // of the light, relative to its mean

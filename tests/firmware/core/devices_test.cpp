@@ -4,7 +4,6 @@
 namespace hord::firmware {
 namespace {
 
-using algo::Reason;
 using algo::Verdict;
 
 constexpr std::uint32_t bits(FaultBit a) { return a; }

@@ -39,7 +39,7 @@ class Peer {
         sockaddr_in address{};
         address.sin_family = AF_INET;
         address.sin_addr.s_addr = htonl(INADDR_LOOPBACK - 1 + from);
-        if (from != 0) ::bind(fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address);
+        if (from != 0) (void)::bind(fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address);
         address.sin_port = htons(port);
         address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
         connected_ = ::connect(fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
