@@ -13,10 +13,13 @@ struct ModelTraits {
     int parameters;
 };
 constexpr std::array<ModelTraits, kGridModels.size()> kTraits{{{"similarity", 4},
+                                                               {"similarity+k1", 5},
                                                                {"affine", 6},
                                                                {"homography", 8},
                                                                {"homography+k1", 9},
+                                                               {"homography+division", 9},
                                                                {"homography+k1+k2+centre", 12},
+                                                               {"homography+rational+centre", 12},
                                                                {"cubic", 20},
                                                                {"quintic", 42}}};
 const ModelTraits& traits(GridModelKind model) { return kTraits[static_cast<std::size_t>(model)]; }
@@ -59,6 +62,7 @@ std::string parameter_name(GridModelKind model, int index) {
         return std::string(index < half ? "x" : "y") + "_u" + std::to_string(degree - term) + "v" +
             std::to_string(term);
     }
+    if (model == GridModelKind::similarity_radial1 && index == 4) return "k1";
     static constexpr std::array<const char*, 12> kNames{"tx", "ty", "a",  "b",  "c",  "d",
                                                         "g",  "h",  "k1", "k2", "cx", "cy"};
     return kNames[static_cast<std::size_t>(std::clamp(index, 0, 11))];
@@ -77,27 +81,51 @@ LensletGrid::Uv LensletGrid::uv(int m, int n) const {
     return {(ideal_u - origin_u) / span, (ideal_v - origin_v) / span};
 }
 
+RadialTerms radial_terms(GridModelKind model) {
+    switch (model) {
+        case GridModelKind::similarity_radial1: return {4, false};
+        case GridModelKind::radial1:
+        case GridModelKind::division1: return {8, false};
+        case GridModelKind::radial2:
+        case GridModelKind::rational2: return {8, true};
+        default: return {};
+    }
+}
+
+double radial_stretch(GridModelKind model, double k1, double k2, double r2) {
+    if (model == GridModelKind::division1) {
+        const double root = std::sqrt(std::max(0.0, 1 - 4 * k1 * r2));
+        return (1 - root) / (1 + root);
+    }
+    if (model == GridModelKind::rational2) return (k1 - k2) * r2 / (1 + k2 * r2);
+    return (k1 + k2 * r2) * r2;
+}
+
 PixelPoint LensletGrid::at(Uv where) const {
     const auto [u, v] = where;
     const double* p = parameters.data();
+    PixelPoint point;
     switch (model) {
-        case GridModelKind::similarity: return {p[0] + p[2] * u - p[3] * v, p[1] + p[3] * u + p[2] * v};
+        case GridModelKind::similarity:
+        case GridModelKind::similarity_radial1: point = {p[0] + p[2] * u - p[3] * v, p[1] + p[3] * u + p[2] * v}; break;
         case GridModelKind::affine: return {p[0] + p[2] * u + p[3] * v, p[1] + p[4] * u + p[5] * v};
         case GridModelKind::cubic:
         case GridModelKind::quintic: {
             const int half = parameter_count(model) / 2;
             return {polynomial(order_of(model), p, u, v), polynomial(order_of(model), p + half, u, v)};
         }
-        default: break;
+        default: {
+            const double w = 1.0 + p[6] * u + p[7] * v;
+            point = {p[0] + (p[2] * u + p[3] * v) / w, p[1] + (p[4] * u + p[5] * v) / w};
+        }
     }
-    const double w = 1.0 + p[6] * u + p[7] * v;
-    PixelPoint point{p[0] + (p[2] * u + p[3] * v) / w, p[1] + (p[4] * u + p[5] * v) / w};
-    if (model == GridModelKind::homography) return point;
-    const bool full = model == GridModelKind::radial2;
-    const double dx = (point.x_px - middle_x_px) / radius_px - (full ? p[10] : 0.0);
-    const double dy = (point.y_px - middle_y_px) / radius_px - (full ? p[11] : 0.0);
+    const RadialTerms radial = radial_terms(model);
+    if (radial.first < 0) return point;
+    const double* k = p + radial.first;
+    const double dx = (point.x_px - middle_x_px) / radius_px - (radial.second ? k[2] : 0.0);
+    const double dy = (point.y_px - middle_y_px) / radius_px - (radial.second ? k[3] : 0.0);
     const double r2 = dx * dx + dy * dy;
-    const double stretch = (p[8] + (full ? p[9] * r2 : 0.0)) * r2 * radius_px;
+    const double stretch = radial_stretch(model, k[0], radial.second ? k[1] : 0.0, r2) * radius_px;
     return {point.x_px + dx * stretch, point.y_px + dy * stretch};
 }
 

@@ -1,8 +1,8 @@
 // The lenslet grid of a sensor: the position of the centre of lenslet (m, n) in the raw frame.
 //
 // calib/ finds it, a calibration file stores it, the decoders are built from it. (0, 0) is the centre of the top-left
-// pixel, x to the right, y down. Only + - * / is used: the same file gives the same bits on every machine (the build
-// disables fused multiply-add).
+// pixel, x to the right, y down. Only + - * / and the square root are used, which IEEE 754 rounds exactly: the same
+// file gives the same bits on every machine (the build disables fused multiply-add).
 #pragma once
 
 #include <array>
@@ -21,19 +21,26 @@ enum class LatticeKind : std::uint8_t { square, hexagonal };
 // column (downwards).
 enum class Stagger : std::uint8_t { none, rows, columns };
 
-// Models from normalised lattice coordinates (u, v) to pixels, with their numbers of parameters, simplest first.
+// Models from normalised lattice coordinates (u, v) to pixels, with their numbers of parameters, simplest first. r is
+// the distance from the centre of distortion before the distortion, in units of `radius_px`; the distortion multiplies
+// it.
 enum class GridModelKind : std::uint8_t {
-    similarity,  // 4: shift, rotation, one pitch
-    affine,      // 6: + two pitches, shear
-    homography,  // 8: + perspective
-    radial1,     // 9: + k1 about the middle of the frame
-    radial2,     // 12: + k2 and the centre of distortion
-    cubic,       // 20: two polynomials of order 3
-    quintic,     // 42: two polynomials of order 5
+    similarity,          // 4: shift, rotation, one pitch
+    similarity_radial1,  // 5: + 1 + k1 r^2 about the middle of the frame
+    affine,              // 6: shift, rotation, two pitches, shear
+    homography,          // 8: + perspective
+    radial1,             // 9: + 1 + k1 r^2 about the middle of the frame
+    division1,           // 9: + 2 / (1 + sqrt(1 - 4 k1 r^2)), the division model: barrel distortion that never folds
+    radial2,             // 12: + 1 + k1 r^2 + k2 r^4 and the centre of distortion
+    rational2,           // 12: + (1 + k1 r^2) / (1 + k2 r^2) and the centre of distortion
+    cubic,               // 20: two polynomials of order 3
+    quintic,             // 42: two polynomials of order 5
 };
-inline constexpr std::array kGridModels{GridModelKind::similarity, GridModelKind::affine,  GridModelKind::homography,
-                                        GridModelKind::radial1,    GridModelKind::radial2, GridModelKind::cubic,
-                                        GridModelKind::quintic};
+inline constexpr std::array kGridModels{GridModelKind::similarity, GridModelKind::similarity_radial1,
+                                        GridModelKind::affine,     GridModelKind::homography,
+                                        GridModelKind::radial1,    GridModelKind::division1,
+                                        GridModelKind::radial2,    GridModelKind::rational2,
+                                        GridModelKind::cubic,      GridModelKind::quintic};
 
 [[nodiscard]] std::string_view name_of(GridModelKind model);
 [[nodiscard]] int parameter_count(GridModelKind model);
@@ -105,6 +112,15 @@ struct LensletGrid {
     };
     [[nodiscard]] Steps steps_px(Uv where) const;
 };
+
+// The radial distortion of a model: where it is in the parameters, and what it does.
+struct RadialTerms {
+    int first = -1;       // index of k1; -1: the model has no distortion
+    bool second = false;  // has k2, cx and cy after k1
+};
+[[nodiscard]] RadialTerms radial_terms(GridModelKind model);
+// Distance from the centre of distortion after the distortion over that before it, minus 1. r2 as of GridModelKind.
+[[nodiscard]] double radial_stretch(GridModelKind model, double k1, double k2, double r2);
 
 // Checks counts, parameters and ranges. Fails with invalid_argument, naming the first problem.
 Result<void> check(const LensletGrid& grid);

@@ -7,6 +7,7 @@
 
 #include <functional>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "algo/frame/lenslet_grid.h"
@@ -24,6 +25,19 @@ struct GridOptions {
     std::function<void(double done)> progress;  // 0..1, from the calling thread; may be empty
 };
 
+// What the mean lenslet looks like, by its harmonics at the lattice's frequencies, as shares of their power.
+struct PatternShape {
+    double wave_share = 0;   // of the fundamentals: 1 for gratings, and for lenslets blurred to waves
+    double first_share = 0;  // of the first harmonics in both steps (square lattices): 1 for crossed gratings
+    double even_share = 0;   // of those even in both steps together (square lattices): 0 for a checkerboard
+};
+
+// How far the centres' residuals follow the gradient of the light between neighbours: in a white frame not at all.
+struct LightFollowing {
+    double share = 0;  // of the residuals' power, 0..1
+    double px = 0;     // RMS of that part
+};
+
 struct GridCalibration {
     Lattice lattice;                        // before the fit
     GridFit fit;                            // grid, candidate models, covariance, residuals
@@ -39,9 +53,16 @@ struct GridCalibration {
     int displaced = 0;        // of the found ones, those off the model with a shift of their own (place_displaced)
     int rejected = 0;         // of the found ones, the other outliers
     int saturated = 0;        // of the found ones, those with saturated samples
+    int apart = 0;            // of the found ones, those that no chain of lit neighbours joins to the others
+    int torn = 0;             // pairs of neighbours that are not one local pitch apart
     int whole = 0;            // of the complete ones, those fully lit (calib/lattice/lenslet_coverage.h)
     int whole_found = 0;      // of the fully lit ones, those measured
     int whole_placed = 0;     // of these, those that fit or are `displaced`
+
+    PatternShape shape;
+    double light_roughness = 0;  // RMS difference of a lenslet's light from its neighbours', over its own
+    LightFollowing light_following;
+    std::vector<std::string> warnings;  // sentences for a person: the grid is usable, but something is unusual
 
     struct Node {
         int m = 0, n = 0;
@@ -53,7 +74,8 @@ struct GridCalibration {
 };
 
 // Frames have 8 to 16 bits and at least 24 px a side. Fails with `refused`, naming reason and cure, if the frame shows
-// no single lenslet lattice or its centres do not fit one.
+// no single lenslet lattice, its centres do not fit one, the grid does not reach all of the lit lenslets, or the
+// pattern is not that of lenslets.
 Result<GridCalibration> calibrate_grid(const FrameView& white, const std::optional<FrameView>& dark = {},
                                        const GridOptions& options = {});
 

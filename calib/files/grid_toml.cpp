@@ -156,6 +156,13 @@ Result<void> replace(const std::filesystem::path& path, std::string_view text) {
                 "check that the folder exists, may be written and is not full");
 }
 
+// The oldest version that can say it: older programs read the file then.
+int version_for(const algo::LensletGrid& grid) {
+    using enum algo::GridModelKind;
+    if (grid.model == similarity_radial1 || grid.model == division1 || grid.model == rational2) return kGridFileVersion;
+    return grid.shifts_px.empty() ? 1 : 2;
+}
+
 }  // namespace
 
 GridFile file_of(const GridCalibration& calibration, const GridStamp& stamp) {
@@ -195,8 +202,8 @@ std::string to_toml(const GridFile& file) {
     std::string body = fmt::format(
         "version = {}\n\n[camera]\nidentity = {}\nwidth_px = {}\nheight_px = {}\n\n[made]\ndate = {}\nwhite = {}\ndark "
         "= {}\n\n",
-        grid.shifts_px.empty() ? 1 : kGridFileVersion, toml_string(file.stamp.camera), grid.width_px, grid.height_px,
-        toml_string(file.stamp.date), toml_string(file.stamp.white), toml_string(file.stamp.dark));
+        version_for(grid), toml_string(file.stamp.camera), grid.width_px, grid.height_px, toml_string(file.stamp.date),
+        toml_string(file.stamp.white), toml_string(file.stamp.dark));
     body += fmt::format(
         "[lattice]\nkind = \"{}\"\nstagger = \"{}\"\nparity = {}\ncolumns = {}\nrows = {}\norigin_u = {}\norigin_v = "
         "{}\nspan = {}\n\n",

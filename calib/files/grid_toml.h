@@ -1,8 +1,9 @@
 // The calibration file: lenslet grid, origin and quality, as readable TOML.
 //
 // The first line is a checksum (FNV-1a, 64 bits) over all bytes after it: an edited file is refused. `version` is 1, or
-// 2 if lenslets have shifts of their own (table [lenslets]: thousandths of a pixel, one line a lattice row). Files of
-// other versions are refused.
+// 2 if lenslets have shifts of their own (table [lenslets]: thousandths of a pixel, one line a lattice row), or 3 if
+// the model is one that readers of version 2 do not know (similarity+k1, division, rational). Files of other versions
+// are refused.
 #pragma once
 
 #include <filesystem>
@@ -19,7 +20,7 @@
 
 namespace hord::calib {
 
-inline constexpr int kGridFileVersion = 2;
+inline constexpr int kGridFileVersion = 3;
 
 // Origin, given by the caller; written unchanged.
 struct GridStamp {

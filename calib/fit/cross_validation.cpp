@@ -8,6 +8,7 @@ namespace hord::calib {
 namespace {
 
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
+constexpr int kCornerSide = 4;  // blocks a side: with fewer, a corner is too large a part of the frame
 
 // The rows of block b: two a point.
 struct Rows {
@@ -27,23 +28,30 @@ Blocks sort_into_blocks(std::vector<Point>& points) {
         for (std::size_t k = 0; k < points.size(); ++k) blocks.first.push_back(k + 1);
         return blocks;
     }
-    double low_u = kInfinite, high_u = -kInfinite, low_v = kInfinite, high_v = -kInfinite;
+    double low_x = kInfinite, high_x = -kInfinite, low_y = kInfinite, high_y = -kInfinite;
     for (const Point& p : points) {
-        low_u = std::min(low_u, p.uv.u);
-        high_u = std::max(high_u, p.uv.u);
-        low_v = std::min(low_v, p.uv.v);
-        high_v = std::max(high_v, p.uv.v);
+        low_x = std::min(low_x, p.seen.x_px);
+        high_x = std::max(high_x, p.seen.x_px);
+        low_y = std::min(low_y, p.seen.y_px);
+        high_y = std::max(high_y, p.seen.y_px);
     }
     const auto cell_of = [&](const Point& p) {
         const auto place = [side](double x, double low, double high) {
             return std::min(side - 1, static_cast<int>(side * (x - low) / std::max(high - low, 1e-12)));
         };
-        return static_cast<std::size_t>(place(p.uv.v, low_v, high_v) * side + place(p.uv.u, low_u, high_u));
+        return static_cast<std::size_t>(place(p.seen.y_px, low_y, high_y) * side + place(p.seen.x_px, low_x, high_x));
     };
     std::vector<std::size_t> next(static_cast<std::size_t>(side * side) + 1);
     for (const Point& p : points) ++next[cell_of(p) + 1];
+    if (side >= kCornerSide) blocks.corners.resize(4);
     for (std::size_t cell = 1; cell < next.size(); ++cell) {
-        if (next[cell] > 0) blocks.first.push_back(blocks.first.back() + next[cell]);  // no block of an empty cell
+        if (next[cell] == 0) continue;  // no block of an empty cell
+        const int column = static_cast<int>(cell - 1) % side, row = static_cast<int>(cell - 1) / side;
+        const auto outer = [side](int k) { return k < side / 4 || k >= side - side / 4; };
+        if (!blocks.corners.empty() && outer(column) && outer(row))
+            blocks.corners[(row < side / 2 ? 0U : 2U) + (column < side / 2 ? 0U : 1U)].push_back(blocks.first.size() -
+                                                                                                 1);
+        blocks.first.push_back(blocks.first.back() + next[cell]);
     }
     std::partial_sum(next.begin(), next.end(), next.begin());
     std::vector<Point> sorted(points.size());
@@ -86,6 +94,27 @@ Validation leave_blocks_out(const Solved& solved, const Blocks& blocks) {
         }
         validation.squared[b] = off.squaredNorm();
         validation.off.segment(rows.first, rows.count) = off;
+    }
+    for (const std::vector<std::size_t>& corner : blocks.corners) {
+        Eigen::MatrixXd rest = all;
+        Eigen::VectorXd rest_pull = pull;
+        for (const std::size_t b : corner) {
+            rest -= normal[b];
+            rest_pull -= gradient[b];
+        }
+        const Eigen::MatrixXd inverse = inverse_normal(rest, solved.fixed);
+        const Eigen::VectorXd change = inverse.size() == 0 ? Eigen::VectorXd() : Eigen::VectorXd(-inverse * rest_pull);
+        double squared = inverse.size() == 0 ? kInfinite : 0;
+        std::size_t points = 0;
+        for (const std::size_t b : corner) {
+            const Rows rows = rows_of(blocks, b);
+            points += blocks.first[b + 1] - blocks.first[b];
+            if (inverse.size() == 0) continue;
+            squared += (solved.residuals.segment(rows.first, rows.count) +
+                        solved.jacobian.middleRows(rows.first, rows.count) * change)
+                           .squaredNorm();
+        }
+        validation.corners_rms.push_back(points > 0 ? std::sqrt(squared / static_cast<double>(points)) : 0);
     }
     validation.x_rms = std::sqrt(x / static_cast<double>(blocks.first.back()));
     validation.y_rms = std::sqrt(y / static_cast<double>(blocks.first.back()));

@@ -11,16 +11,20 @@ namespace hord::calib {
 // Blocks of neighbouring lenslets: block b is points first[b] .. first[b + 1] - 1.
 struct Blocks {
     std::vector<std::size_t> first{0};
+    // The blocks of each corner of the measured area, a quarter of its width and height; empty without enough blocks.
+    std::vector<std::vector<std::size_t>> corners;
     [[nodiscard]] int count() const { return static_cast<int>(first.size()) - 1; }
 };
 
-// Sorts the points by block. Up to 8 x 8 blocks of about 12 points or more; below about 108 points, each is a block.
+// Sorts the points by block, by their places in the frame. Up to 8 x 8 blocks of about 12 points or more; below about
+// 108 points, each is a block.
 Blocks sort_into_blocks(std::vector<Point>& points);
 
 struct Validation {
     std::vector<double> squared;  // sum of squared errors of each block, px^2
     Eigen::VectorXd off;          // model minus measurement of every point, its block left out; x, y, x, y ...
     double x_rms = std::numeric_limits<double>::infinity(), y_rms = std::numeric_limits<double>::infinity();
+    std::vector<double> corners_rms;  // px, both axes, of each corner of Blocks, left out whole
 };
 
 // The errors of each block when it is left out of the fit, by one Newton step from the full fit without the block's

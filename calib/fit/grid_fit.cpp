@@ -17,6 +17,8 @@ namespace {
 constexpr std::size_t kSelectionCentres = 4000;  // for the selection of the model
 constexpr std::size_t kFitCentres = 12000;       // for the fit of the selected model: more add no useful accuracy
 constexpr double kFarthest = 1e6;                // px
+constexpr int kMaxRounds = 3;                    // of the selection
+constexpr double kMoreCentres = 1.01;            // centres for another round, over those of the last
 
 std::vector<Point> points_of(const algo::LensletGrid& frame, std::span<const Observation> observations) {
     std::vector<Point> points;
@@ -116,16 +118,21 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
                     "record the white frame again");
 
     GridFit fit;
-    ModelSelection selection = select_model(frame, part_of(points, kSelectionCentres), models);
-    fit.candidates = std::move(selection.candidates);
-    fit.blocks = selection.blocks;
-    const auto& choice = selection.choice;
-    if (!choice)
-        return fail(ErrorCode::refused, "no grid model fits the lenslet centres", "record the white frame again");
-
-    // The smooth surface is not exact: outliers are found again with the selected model.
-    reject_by(choice->grid, observations);
-    points = points_of(frame, observations);
+    std::optional<ChosenModel> choice;
+    for (int round = 0; round < kMaxRounds; ++round) {
+        ModelSelection selection = select_model(frame, part_of(points, kSelectionCentres), models);
+        fit.candidates = std::move(selection.candidates);
+        fit.blocks = selection.blocks;
+        choice = std::move(selection.choice);
+        if (!choice)
+            return fail(ErrorCode::refused, "no grid model fits the lenslet centres", "record the white frame again");
+        // The smooth surface is not exact: outliers are found again with the selected model. If that brings many back,
+        // such as whole corners under strong distortion, they have their say in the selection.
+        const std::size_t before = points.size();
+        reject_by(choice->grid, observations);
+        points = points_of(frame, observations);
+        if (static_cast<double>(points.size()) < kMoreCentres * static_cast<double>(before)) break;
+    }
     if (points.size() < 4)
         return fail(ErrorCode::refused, "fewer than 4 lenslet centres agree with the model",
                     "record the white frame again");
@@ -135,6 +142,7 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
     const ModelReport winner = fit.candidates[choice->index];
     fit.cv_x_rms_px = winner.cv_x_rms_px;
     fit.cv_y_rms_px = winner.cv_y_rms_px;
+    fit.corner_px = winner.corner_px;
     fit.reason = fmt::format("{}: {}; cross-validated over {} blocks {:.4f} px in x, {:.4f} px in y",
                              name_of(winner.model), winner.verdict, fit.blocks, fit.cv_x_rms_px, fit.cv_y_rms_px);
     select_lenslet_shifts(observations, fit);

@@ -2,8 +2,9 @@
 //
 // A model is selected over a simpler one if it predicts blocks of lenslets that were left out better: the paired
 // difference of squared errors over the blocks is positive by two of its standard errors. Blocks are left out, not
-// single lenslets, because neighbouring residuals are correlated. The last candidate gives every lenslet a shift of its
-// own (calib/fit/lenslet_model.h).
+// single lenslets, because neighbouring residuals are correlated. A corner of the measured area, left out whole, must
+// not be predicted worse either: there a model extrapolates. The last candidate gives every lenslet a shift of its own
+// (calib/fit/lenslet_model.h).
 #pragma once
 
 #include <cstdint>
@@ -24,6 +25,7 @@ struct Observation {
     bool used = true;
     bool displaced = false;  // not used: it lies off the model and has a shift of its own (place_displaced)
     std::optional<algo::PixelPoint> split_px = {};  // half the difference of its halves' centres (CentreFinder::split)
+    double light_dn = 0;                            // amplitude over the background
 };
 
 // A candidate model, and why it was or was not selected.
@@ -33,7 +35,8 @@ struct ModelReport {
     int parameters = 0;
     double rms_px = 0;                        // an axis, of the fitted sample
     double cv_x_rms_px = 0, cv_y_rms_px = 0;  // of blocks left out; infinite if they cannot be predicted
-    double gain_t = 0;                        // improvement over the model selected before, in its standard errors
+    double corner_px = 0;  // RMS of the worst corner of the measured area, left out whole; 0: too few lenslets for it
+    double gain_t = 0;     // improvement over the model selected before, in its standard errors
     bool chosen = false;
     std::string verdict;  // one line for display
 };
@@ -62,6 +65,7 @@ struct GridFit {
     double correlation_inflation = 1;        // factor of the covariance (inflation_of)
     double rms_x_px = 0, rms_y_px = 0, max_px = 0;
     double cv_x_rms_px = 0, cv_y_rms_px = 0;  // of blocks left out, without the lenslets' shifts
+    double corner_px = 0;                     // of the worst corner, left out whole (ModelReport)
     LensletShifts shifts;
     int used = 0, displaced = 0, rejected = 0;
     int blocks = 0;  // of the cross-validation

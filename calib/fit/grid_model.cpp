@@ -24,6 +24,30 @@ int monomials(int order, double u, double v, double* out) {
     return at;
 }
 
+// algo::radial_stretch, and its derivatives.
+struct Stretch {
+    double value = 0, by_r2 = 0, by_k1 = 0, by_k2 = 0;
+};
+Stretch stretch_of(algo::GridModelKind model, double k1, double k2, double r2) {
+    Stretch out{.value = algo::radial_stretch(model, k1, k2, r2)};
+    if (model == algo::GridModelKind::division1) {
+        const double root = std::sqrt(std::max(0.0, 1 - 4 * k1 * r2));
+        const double slope = root > 0 ? 4 / (root * (1 + root) * (1 + root)) : 0;  // by k1 r^2
+        out.by_r2 = k1 * slope;
+        out.by_k1 = r2 * slope;
+    } else if (model == algo::GridModelKind::rational2) {
+        const double low = 1 / (1 + k2 * r2);
+        out.by_r2 = (k1 - k2) * low * low;
+        out.by_k1 = r2 * low;
+        out.by_k2 = -r2 * (1 + k1 * r2) * low * low;
+    } else {
+        out.by_r2 = k1 + 2 * k2 * r2;
+        out.by_k1 = r2;
+        out.by_k2 = r2 * r2;
+    }
+    return out;
+}
+
 }  // namespace
 
 void derivatives(const algo::LensletGrid& grid, algo::LensletGrid::Uv where, double* of_x, double* of_y) {
@@ -40,51 +64,56 @@ void derivatives(const algo::LensletGrid& grid, algo::LensletGrid::Uv where, dou
     }
     of_x[0] = 1;
     of_y[1] = 1;
-    if (grid.model == GridModelKind::similarity) {
-        of_x[2] = u;
+    const algo::RadialTerms radial = algo::radial_terms(grid.model);
+    const bool similar = grid.model == GridModelKind::similarity || grid.model == GridModelKind::similarity_radial1;
+    double px, py;  // from the shift to the place before the distortion
+    if (similar) {
+        of_x[2] = of_y[3] = u;
         of_x[3] = -v;
         of_y[2] = v;
-        of_y[3] = u;
-        return;
+        px = p[2] * u - p[3] * v;
+        py = p[3] * u + p[2] * v;
+    } else {
+        const bool perspective = grid.model != GridModelKind::affine;
+        const double w = perspective ? 1.0 + p[6] * u + p[7] * v : 1.0;
+        of_x[2] = of_y[4] = u / w;
+        of_x[3] = of_y[5] = v / w;
+        px = (p[2] * u + p[3] * v) / w;
+        py = (p[4] * u + p[5] * v) / w;
+        if (perspective) {
+            of_x[6] = -u * px / w;
+            of_x[7] = -v * px / w;
+            of_y[6] = -u * py / w;
+            of_y[7] = -v * py / w;
+        }
     }
-    const bool perspective = grid.model != GridModelKind::affine;
-    const double w = perspective ? 1.0 + p[6] * u + p[7] * v : 1.0;
-    of_x[2] = of_y[4] = u / w;
-    of_x[3] = of_y[5] = v / w;
-    if (!perspective) return;
-    const double px = (p[2] * u + p[3] * v) / w;
-    const double py = (p[4] * u + p[5] * v) / w;
-    of_x[6] = -u * px / w;
-    of_x[7] = -v * px / w;
-    of_y[6] = -u * py / w;
-    of_y[7] = -v * py / w;
-    if (grid.model == GridModelKind::homography) return;
-    const bool full = grid.model == GridModelKind::radial2;
+    if (radial.first < 0) return;
     const double radius = grid.radius_px;
-    const double dx = (p[0] + px - grid.middle_x_px) / radius - (full ? p[10] : 0.0);
-    const double dy = (p[1] + py - grid.middle_y_px) / radius - (full ? p[11] : 0.0);
+    const double* k = p + radial.first;
+    const double dx = (p[0] + px - grid.middle_x_px) / radius - (radial.second ? k[2] : 0.0);
+    const double dy = (p[1] + py - grid.middle_y_px) / radius - (radial.second ? k[3] : 0.0);
     const double r2 = dx * dx + dy * dy;
-    const double k1 = p[8];
-    const double k2 = full ? p[9] : 0.0;
-    const double stretch = (k1 + k2 * r2) * r2;   // of the step from the centre, dimensionless
-    const double slope = 2 * (k1 + 2 * k2 * r2);  // its derivative by dx, over dx
-    const double xx = 1 + stretch + dx * dx * slope;
+    const Stretch of = stretch_of(grid.model, k[0], radial.second ? k[1] : 0.0, r2);
+    const double slope = 2 * of.by_r2;  // its derivative by dx, over dx
+    const double xx = 1 + of.value + dx * dx * slope;
     const double xy = dx * dy * slope;
-    const double yy = 1 + stretch + dy * dy * slope;
-    for (int k = 0; k < 8; ++k) {
-        const double by_x = of_x[k];
-        const double by_y = of_y[k];
-        of_x[k] = xx * by_x + xy * by_y;
-        of_y[k] = xy * by_x + yy * by_y;
+    const double yy = 1 + of.value + dy * dy * slope;
+    for (int column = 0; column < radial.first; ++column) {
+        const double by_x = of_x[column];
+        const double by_y = of_y[column];
+        of_x[column] = xx * by_x + xy * by_y;
+        of_y[column] = xy * by_x + yy * by_y;
     }
-    of_x[8] = dx * r2 * radius;
-    of_y[8] = dy * r2 * radius;
-    if (!full) return;
-    of_x[9] = dx * r2 * r2 * radius;
-    of_y[9] = dy * r2 * r2 * radius;
-    of_x[10] = -(stretch + dx * dx * slope) * radius;
-    of_x[11] = of_y[10] = -xy * radius;
-    of_y[11] = -(stretch + dy * dy * slope) * radius;
+    double* const rest_x = of_x + radial.first;
+    double* const rest_y = of_y + radial.first;
+    rest_x[0] = dx * of.by_k1 * radius;
+    rest_y[0] = dy * of.by_k1 * radius;
+    if (!radial.second) return;
+    rest_x[1] = dx * of.by_k2 * radius;
+    rest_y[1] = dy * of.by_k2 * radius;
+    rest_x[2] = -(of.value + dx * dx * slope) * radius;
+    rest_x[3] = rest_y[2] = -xy * radius;
+    rest_y[3] = -(of.value + dy * dy * slope) * radius;
 }
 
 std::optional<algo::LensletGrid> robust_polynomial(const algo::LensletGrid& frame, std::span<Observation> observations,

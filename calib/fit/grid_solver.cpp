@@ -190,7 +190,7 @@ std::optional<Solved> solve(algo::LensletGrid start, const std::vector<Point>& p
     Solved solved;
     solved.grid = std::move(start);
     solved.fixed.assign(solved.grid.parameters.size(), false);
-    const bool full = solved.grid.model == GridModelKind::radial2;
+    const bool full = algo::radial_terms(solved.grid.model).second;
     const bool know_centre = full && (solved.grid.parameters[10] != 0 || solved.grid.parameters[11] != 0);
     if (full && !know_centre) solved.fixed[10] = solved.fixed[11] = true;
     evaluate(solved, points);
@@ -201,8 +201,13 @@ std::optional<Solved> solve(algo::LensletGrid start, const std::vector<Point>& p
     if (linear(solved.grid.model)) return solved;
     if (full && !know_centre) {
         const Eigen::MatrixXd inverse = inverse_normal(normal_of(solved), solved.fixed);
-        const double k1 = std::abs(solved.grid.parameters[8]);
-        if (inverse.size() > 0 && k1 > 3 * std::sqrt(inverse(8, 8) * variance_of(solved))) {
+        // Of a rational model, k1 and k2 with opposite signs do what k1 alone does.
+        const bool rational = solved.grid.model == GridModelKind::rational2 && !solved.fixed[9];
+        const double k1 = std::abs(solved.grid.parameters[8] - (rational ? solved.grid.parameters[9] : 0));
+        const double variance = inverse.size() == 0 ? 0
+            : rational                              ? inverse(8, 8) + inverse(9, 9) - 2 * inverse(8, 9)
+                                                    : inverse(8, 8);
+        if (inverse.size() > 0 && k1 > 3 * std::sqrt(std::max(0.0, variance) * variance_of(solved))) {
             solved.fixed[10] = solved.fixed[11] = false;
             if (!run(solved, points)) return std::nullopt;
             evaluate(solved, points);

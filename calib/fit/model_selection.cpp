@@ -10,20 +10,35 @@ namespace {
 
 using algo::GridModelKind;
 
-constexpr double kNeededGain = 2.0;  // standard errors
+constexpr double kNeededGain = 2.0;     // standard errors
+constexpr double kMaxCornerLoss = 2.0;  // of the error of the worst corner: extrapolation has more noise
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
+
+bool similar(GridModelKind model) {
+    return model == GridModelKind::similarity || model == GridModelKind::similarity_radial1;
+}
 
 // A start for `model` from the fit of a simpler one.
 algo::LensletGrid lift(const algo::LensletGrid& from, GridModelKind model) {
     algo::LensletGrid grid = from;
     const std::vector<double>& p = from.parameters;
     grid.model = model;
-    if (model == GridModelKind::similarity) return grid;
-    std::vector<double> six(p.begin(), p.begin() + std::min<std::ptrdiff_t>(6, static_cast<std::ptrdiff_t>(p.size())));
-    if (from.model == GridModelKind::similarity) six = {p[0], p[1], p[2], -p[3], p[3], p[2]};
-    if (model != GridModelKind::cubic && model != GridModelKind::quintic) {
-        if (from.model == GridModelKind::similarity) grid.parameters = six;
+    if (similar(model)) {
         grid.parameters.resize(static_cast<std::size_t>(parameter_count(model)), 0.0);
+        return grid;
+    }
+    std::vector<double> six(p.begin(), p.begin() + std::min<std::ptrdiff_t>(6, static_cast<std::ptrdiff_t>(p.size())));
+    if (similar(from.model)) six = {p[0], p[1], p[2], -p[3], p[3], p[2]};
+    if (model != GridModelKind::cubic && model != GridModelKind::quintic) {
+        if (similar(from.model) || model == GridModelKind::affine) grid.parameters = six;
+        grid.parameters.resize(static_cast<std::size_t>(parameter_count(model)), 0.0);
+        if (model == GridModelKind::rational2 && from.model == GridModelKind::radial2) {
+            // The rational model with the same terms of second and fourth order, unless its pole would be in the frame.
+            const double k2 = p[8] != 0 ? -p[9] / p[8] : 0;
+            const bool near = std::abs(k2) < 0.3;
+            grid.parameters[8] = p[8] + (near ? k2 : 0);
+            grid.parameters[9] = near ? k2 : 0;
+        }
         return grid;
     }
     // Polynomials are linear in their parameters: the affine part is a sufficient start.
@@ -93,11 +108,19 @@ ModelSelection select_model(const algo::LensletGrid& frame, std::vector<Point> s
         report.cv_y_rms_px = validation.y_rms;
         const bool first = !best;
         report.gain_t = first ? 0 : gain_of(*best, validation);
-        const bool take = first || report.gain_t > kNeededGain;
+        for (const double corner : validation.corners_rms) report.corner_px = std::max(report.corner_px, corner);
+        const bool better = first || report.gain_t > kNeededGain;
+        const double worst_held = first ? kInfinite : out.candidates[out.choice->index].corner_px;
+        const bool take = better && (report.corner_px == 0 || report.corner_px <= kMaxCornerLoss * worst_held);
         if (first) report.verdict = "the simplest";
         else if (take)
             report.verdict =
                 fmt::format("needed: predicts unseen blocks better by {:.1f} standard errors", report.gain_t);
+        else if (better)
+            report.verdict = fmt::format(
+                "not taken: predicts blocks better by {:.1f} standard errors, but the worst corner, left out "
+                "whole, to {:.4f} px only instead of {:.4f}",
+                report.gain_t, report.corner_px, worst_held);
         else
             report.verdict =
                 fmt::format("not needed: predicts unseen blocks better by {:.1f} standard errors, less than {:.0f}",

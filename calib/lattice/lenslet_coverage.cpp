@@ -32,7 +32,7 @@ struct Places {
 }  // namespace
 
 std::vector<std::uint8_t> lenslet_coverage(const algo::LensletGrid& grid, std::span<const Observation> observations,
-                                           const std::function<bool(PixelPoint)>& complete, const LensletLight& light,
+                                           const std::function<bool(int m, int n)>& complete, const LensletLight& light,
                                            double typical_dn) {
     Places places(grid);
     std::vector<std::uint8_t> found(places.inside.size()), whole(found);
@@ -45,7 +45,7 @@ std::vector<std::uint8_t> lenslet_coverage(const algo::LensletGrid& grid, std::s
             if (!grid.in_frame(at)) continue;
             const std::size_t k = grid.index(m, n);
             places.inside[k] = 1;
-            whole[k] = complete(at) ? 1 : 0;
+            whole[k] = complete(m, n) ? 1 : 0;
             places.dark[k] = found[k] == 0 && light(at) < kDark * typical_dn ? 1 : 0;
         }
     }

@@ -21,7 +21,7 @@ using LensletLight = std::function<double(algo::PixelPoint)>;
 // that are dark with all their neighbours, and of dark lenslets that touch these; its edge are the lenslets that touch
 // it.
 std::vector<std::uint8_t> lenslet_coverage(const algo::LensletGrid& grid, std::span<const Observation> observations,
-                                           const std::function<bool(algo::PixelPoint)>& complete,
-                                           const LensletLight& light, double typical_dn);
+                                           const std::function<bool(int m, int n)>& complete, const LensletLight& light,
+                                           double typical_dn);
 
 }  // namespace hord::calib

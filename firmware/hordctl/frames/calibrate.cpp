@@ -60,6 +60,7 @@ Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& 
               {"model", name_of(fit.grid.model)},
               {"reason", fit.reason},
               {"ladder", candidates},
+              {"warnings", found.warnings},
               {"unobservable", unobservable},
               {"lenslets",
                {{"inside", found.inside},
@@ -69,6 +70,7 @@ Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& 
                 {"displaced", found.displaced},
                 {"rejected", found.rejected},
                 {"saturated", found.saturated},
+                {"apart", found.apart},
                 {"whole", found.whole},
                 {"whole_found", found.whole_found},
                 {"whole_placed", found.whole_placed}}},
@@ -186,6 +188,7 @@ Exit run_calibrate(const CalibrateArguments& arguments) {
     if (!arguments.centres.empty()) {
         if (auto done = calib::write_centres(arguments.centres, *found); !done) return complain(done.error());
     }
+    for (const std::string& warning : found->warnings) fmt::print(stderr, "hordctl: warning: {}\n", warning);
     if (arguments.json) {
         fmt::print("{}\n", store::to_text(to_json(arguments, *found, directions)));
         return Exit::good;
@@ -239,7 +242,9 @@ void add_calibrate(CLI::App& program, Exit& status) {
     command->footer(
         "tilts.toml: empty = \"empty.png\" (collimated, no part, no tilt), dark and flat if any, and for each capture\n"
         "  [[tilt]] with frame = \"1.png\" and x_rad, y_rad (or x_deg, y_deg).\n"
-        "Exit status: 0 written, 2 no lattice, unreadable input, or worse than what --out holds.\nExample: hordctl "
+        "Exit status: 0 written (warnings go to the standard error output), 2 no white frame, a grid that does not fit "
+        "all "
+        "of it,\nunreadable input, or worse than what --out holds.\nExample: hordctl "
         "calibrate white.png --dark dark.png --tilts tilts --out grid.toml");
     command->callback([arguments, &status] { status = run_calibrate(*arguments); });
 }

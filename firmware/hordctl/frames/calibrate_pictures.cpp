@@ -19,7 +19,7 @@ constexpr int kTitle = 64;
 constexpr int kMargin = 24;
 constexpr int kMaxMarks = 3600;  // lenslets of a picture: with more, a regular part is drawn
 const cv::Scalar kPaper(255, 255, 255), kInk(40, 40, 40), kFaint(205, 205, 205);
-const cv::Scalar kGood(60, 160, 30), kMissing(30, 30, 220), kRejected(0, 150, 255);  // BGR
+const cv::Scalar kGood(60, 160, 30), kMissing(30, 30, 220), kRejected(0, 150, 255), kDisplaced(200, 60, 160);  // BGR
 
 void text(cv::Mat& image, const std::string& what, cv::Point at, double size = 0.6, const cv::Scalar& colour = kInk) {
     cv::putText(image, what, at, cv::FONT_HERSHEY_SIMPLEX, size, colour, 1, cv::LINE_AA);
@@ -78,7 +78,8 @@ cv::Mat draw_residuals(const calib::GridCalibration& found) {
         const auto at = grid.at(grid.uv(seen.m, seen.n));
         const cv::Point from = picture.at(at.x_px, at.y_px);
         if (!seen.used) {
-            cv::drawMarker(image, from, kRejected, cv::MARKER_TILTED_CROSS, 7, 1, cv::LINE_AA);
+            cv::drawMarker(image, from, seen.displaced ? kDisplaced : kRejected, cv::MARKER_TILTED_CROSS, 7, 1,
+                           cv::LINE_AA);
             continue;
         }
         const double dx = seen.centre_px.x_px - at.x_px, dy = seen.centre_px.y_px - at.y_px;
@@ -93,8 +94,10 @@ cv::Mat draw_residuals(const calib::GridCalibration& found) {
                      name_of(fit.grid.model), fit.rms_x_px, fit.rms_y_px, fit.max_px, enlarge),
          {kMargin, 26});
     text(image,
-         fmt::format("{} lenslets fitted{}; orange crosses: {} measured that do not fit", fit.used,
-                     every > 1 ? fmt::format(", every {}th column and row drawn", every) : "", fit.rejected),
+         fmt::format(
+             "{} lenslets fitted{}; crosses: {} displaced, with a place of their own (violet), {} rejected (orange)",
+             fit.used, every > 1 ? fmt::format(", every {}th column and row drawn", every) : "", fit.displaced,
+             fit.rejected),
          {kMargin, 50}, 0.5);
     return image;
 }
@@ -118,14 +121,15 @@ cv::Mat draw_centres(const FrameView& white, const calib::GridCalibration& found
     const auto place = [&](int m, int n) {
         return static_cast<std::size_t>(n) * static_cast<std::size_t>(grid.columns) + static_cast<std::size_t>(m);
     };
-    for (const auto& seen : found.observations) state[place(seen.m, seen.n)] = seen.used ? 'g' : 'r';
+    for (const auto& seen : found.observations)
+        state[place(seen.m, seen.n)] = seen.used ? 'g' : seen.displaced ? 'd' : 'r';
     const auto nodes = found.nodes();
     const int every = every_of(nodes.size());
     const int size = std::clamp(static_cast<int>(0.35 * found.pitch_px * picture.scale * every), 5, 15);
     for (const auto& node : nodes) {
         const char kind = state[place(node.m, node.n)];
         if (kind == 'g' && (node.m % every != 0 || node.n % every != 0)) continue;  // draw all of the other kinds
-        const cv::Scalar& ink = kind == 'g' ? kGood : kind == 'r' ? kRejected : kMissing;
+        const cv::Scalar& ink = kind == 'g' ? kGood : kind == 'd' ? kDisplaced : kind == 'r' ? kRejected : kMissing;
         cv::drawMarker(image, picture.at(node.centre_px.x_px, node.centre_px.y_px), ink,
                        kind == 'g' ? cv::MARKER_CROSS : cv::MARKER_TILTED_CROSS, size, kind == 'g' ? 1 : 2,
                        cv::LINE_AA);
@@ -134,9 +138,11 @@ cv::Mat draw_centres(const FrameView& white, const calib::GridCalibration& found
          fmt::format("{} lattice, pitch {:.3f} px, turned by {:.3f} degrees", name_of(grid.kind), found.pitch_px,
                      found.rotation_rad * 180 / 3.14159265358979323846),
          {kMargin, 26});
-    text(image, fmt::format("green: {} measured", found.found - found.rejected), {kMargin, 50}, 0.5, kGood);
-    text(image, fmt::format("orange: {} that do not fit", found.rejected), {kMargin + 220, 50}, 0.5, kRejected);
-    text(image, "red: without a centre (missing, or cut by the frame's rim)", {kMargin + 460, 50}, 0.5, kMissing);
+    text(image, fmt::format("green: {} fit", found.found - found.rejected - found.displaced), {kMargin, 50}, 0.5,
+         kGood);
+    text(image, fmt::format("violet: {} displaced", found.displaced), {kMargin + 170, 50}, 0.5, kDisplaced);
+    text(image, fmt::format("orange: {} rejected", found.rejected), {kMargin + 380, 50}, 0.5, kRejected);
+    text(image, "red: without a centre (missing, or cut by the frame's rim)", {kMargin + 590, 50}, 0.5, kMissing);
     return image;
 }
 

@@ -59,6 +59,24 @@ TEST(GridToml, shifts_of_single_lenslets_are_written_and_read_to_the_last_bit) {
     EXPECT_FALSE(parse_grid(to_toml(file), "grid.toml"));
 }
 
+TEST(GridToml, models_that_older_programs_do_not_know_raise_the_version) {
+    for (const auto& [model, parameters] :
+         {std::pair{algo::GridModelKind::similarity_radial1, std::vector<double>{100, 90, 80, 1, -0.03}},
+          {algo::GridModelKind::division1, {100, 90, 80, 1, -1, 80, 0.001, 0, -0.06}},
+          {algo::GridModelKind::rational2, {100, 90, 80, 1, -1, 80, 0.001, 0, 0.1, 0.2, 0.01, 0}}}) {
+        SCOPED_TRACE(name_of(model));
+        GridFile file = example();
+        file.grid.model = model;
+        file.grid.parameters = parameters;
+        file.grid.shifts_px.clear();
+        EXPECT_THAT(to_toml(file), HasSubstr("version = 3\n"));
+        const auto read = parse_grid(to_toml(file), "grid.toml");
+        ASSERT_TRUE(read) << read.error().message();
+        EXPECT_EQ(read->grid.model, model);
+        EXPECT_EQ(read->grid.centre_px(3, 2).x_px, file.grid.centre_px(3, 2).x_px);
+    }
+}
+
 TEST(GridToml, one_changed_digit_is_refused) {
     std::string text = to_toml(example());
     const auto at = text.find("columns = ") + 10;

@@ -1,6 +1,8 @@
 // Model selection, derivatives, covariance and refusals, on centres made from formulas.
 #include "calib/fit/grid_fit.h"
 
+#include <array>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -58,6 +60,10 @@ LensletGrid true_grid(GridModelKind model, int columns = 24, int rows = 20) {
                                   0.003,
                                   0.05,
                                   -0.04};
+    if (model == GridModelKind::similarity_radial1) {
+        p = {all[0], all[1], s, 3, -0.006};
+        return grid;
+    }
     std::copy(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(p.size()), p.begin());
     return grid;
 }
@@ -130,10 +136,14 @@ TEST(GridFit, every_rung_finds_its_own_grid_again) {
 
 TEST(GridFit, the_image_gets_the_model_that_it_requires_and_no_more) {
     for (const GridModelKind model : {GridModelKind::similarity, GridModelKind::affine, GridModelKind::homography,
-                                      GridModelKind::radial1, GridModelKind::cubic}) {
+                                      GridModelKind::radial1, GridModelKind::cubic, GridModelKind::similarity_radial1,
+                                      GridModelKind::division1, GridModelKind::rational2}) {
         SCOPED_TRACE(name_of(model));
         auto truth = true_grid(model);
         if (model == GridModelKind::similarity) truth.parameters[3] = 3;
+        // Distortion that the models of fewer terms cannot follow to the corners.
+        if (model == GridModelKind::division1) truth.parameters[8] = -0.08;
+        if (model == GridModelKind::rational2) truth.parameters[8] = 0.1, truth.parameters[9] = 0.25;
         auto seen = observe(truth, 0.01, 3);
         const auto fit = fit_grid(frame_of(24, 20), seen);
         ASSERT_TRUE(fit) << fit.error().message();
@@ -162,6 +172,22 @@ TEST(GridFit, block_cross_validation_agrees_with_refitting_without_each_block) {
         x += off * off;
     }
     EXPECT_NEAR(fit->cv_x_rms_px, std::sqrt(x / 30), 1e-9);
+}
+
+// A bump in the middle of the frame: a quintic follows it, and leaves the corners where it likes.
+TEST(GridFit, a_model_that_loses_the_corners_is_not_taken) {
+    auto seen = observe(true_grid(GridModelKind::affine, 40, 40), 0.01, 3);
+    for (Observation& o : seen) {
+        const double u = (o.m - 19.5) / 20, v = (o.n - 19.5) / 20;
+        o.centre_px.x_px += 0.12 * std::exp(-(u * u + v * v) / 0.25);
+    }
+    constexpr std::array kTwo{GridModelKind::affine, GridModelKind::quintic};
+    const auto fit = fit_grid(frame_of(40, 40), seen, kTwo);
+    ASSERT_TRUE(fit);
+    EXPECT_EQ(fit->grid.model, GridModelKind::affine) << fit->reason;
+    EXPECT_GT(fit->candidates[1].gain_t, 2);
+    EXPECT_GT(fit->candidates[1].corner_px, 2 * fit->corner_px);
+    EXPECT_THAT(fit->candidates[1].verdict, ::testing::HasSubstr("worst corner"));
 }
 
 TEST(GridFit, thirty_percent_wrong_centres_are_let_go) {

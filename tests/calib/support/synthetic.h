@@ -48,11 +48,14 @@ struct White {
     bool hexagonal = false;
     double pitch_px = 20, rotation_deg = 0, shear = 0;
     double perspective_x = 0, perspective_y = 0, k1 = 0;  // at half the longer side from the middle
-    double offset_x_px = 0.3, offset_y_px = -0.4;         // of a lenslet from the middle
-    double disc_radius_px = 0;                            // 0: 0.42 pitch; negative: a Gaussian spot of that sigma
-    double edge_px = 0.8;                                 // blur of the disc's edge, sigma
-    int subpixels = 1;        // samples a side averaged per pixel; sharp edges need more than one
-    double misplaced_px = 0;  // independent shift of each lenslet along x and y, sigma
+    // Barrel distortion (below 0) that never folds: r = 2 r0 / (1 + sqrt(1 - 4 division r0^2)), unit as of k1.
+    double division = 0;
+    bool to_scale = false;  // the distortion also scales the lenslets' discs, as a relay lens does
+    double offset_x_px = 0.3, offset_y_px = -0.4;  // of a lenslet from the middle
+    double disc_radius_px = 0;                     // 0: 0.42 pitch; negative: a Gaussian spot of that sigma
+    double edge_px = 0.8;                          // blur of the disc's edge, sigma
+    int subpixels = 1;                             // samples a side averaged per pixel; sharp edges need more than one
+    double misplaced_px = 0;                       // independent shift of each lenslet along x and y, sigma
     // Relative change of light from the middle of a lenslet to its rim, at the frame's corner; brighter outwards.
     double vignetting = 0;
     double peak_dn = 20000, background_dn = 200;
@@ -84,10 +87,14 @@ inline Drawn draw(const White& w) {
     const double half = 0.5 * std::max(w.width_px, w.height_px);
     const double angle = w.rotation_deg * 3.14159265358979323846 / 180;
     const double radius = w.disc_radius_px == 0 ? 0.42 * w.pitch_px : w.disc_radius_px;
-    const double reach = radius > 0 ? radius + 6 * w.edge_px : -6 * radius;
+    const double reach = (w.to_scale ? 1.6 : 1) * (radius > 0 ? radius + 6 * w.edge_px : -6 * radius);
     std::vector<float> light(static_cast<std::size_t>(w.width_px) * static_cast<std::size_t>(w.height_px), 0.0F);
     Drawn out;
-    const int most = static_cast<int>(1.6 * half / w.pitch_px) + 3;
+    // Squared distance of the farthest lenslet from the middle before distortion: strong barrel distortion draws
+    // lenslets into the corners from farther away, at the most from where it folds.
+    const bool barrel = w.k1 < -0.02 || w.division < -0.02;
+    const double farthest = !barrel ? 2.5 : std::min(6.0, w.k1 < 0 ? 0.9 / (-3 * w.k1) : 6.0);
+    const int most = static_cast<int>((barrel ? 1.3 * std::sqrt(farthest) : 1.6) * half / w.pitch_px) + 3;
     for (int n = -most; n <= most; ++n) {
         for (int m = -most; m <= most; ++m) {
             double u = w.pitch_px * m;
@@ -103,9 +110,19 @@ inline Drawn draw(const White& w) {
             x /= depth;
             y /= depth;
             const double r2 = (x * x + y * y) / (half * half);
-            if (r2 > 2.5) continue;
-            x = middle_x + x * (1 + w.k1 * r2);
-            y = middle_y + y * (1 + w.k1 * r2);
+            if (r2 > farthest) continue;
+            double scale = 1 + w.k1 * r2, along = 1 + 3 * w.k1 * r2;  // tangential and radial magnification
+            if (w.division != 0) {
+                const double root = std::sqrt(1 - 4 * w.division * r2);
+                scale = 2 / (1 + root);
+                along = scale / root;
+            }
+            if (!w.to_scale) along = 1;
+            const double across = w.to_scale ? scale : 1;
+            const double out_x = r2 > 0 ? x / (half * std::sqrt(r2)) : 1,
+                         out_y = r2 > 0 ? y / (half * std::sqrt(r2)) : 0;
+            x = middle_x + x * scale;
+            y = middle_y + y * scale;
             const bool dead = random.uniform() < w.dead_share;
             if (w.misplaced_px > 0) {
                 x += w.misplaced_px * random.normal();
@@ -131,7 +148,9 @@ inline Drawn draw(const White& w) {
                         const int column = s % w.subpixels, row = s / w.subpixels;
                         const double dx = px + (column + 0.5) / w.subpixels - 0.5 - x;
                         const double dy = py + (row + 0.5) / w.subpixels - 0.5 - y;
-                        const double r = std::sqrt(dx * dx + dy * dy);
+                        const double r = w.to_scale
+                            ? std::hypot((dx * out_x + dy * out_y) / along, (dy * out_x - dx * out_y) / across)
+                            : std::sqrt(dx * dx + dy * dy);
                         double here = radius > 0 ? 0.5 * std::erfc((r - radius) / (std::sqrt(2.0) * w.edge_px))
                                                  : std::exp(-0.5 * r * r / (radius * radius));
                         if (radius > 0) here *= 1 + (gx * dx + gy * dy) / radius;

@@ -110,6 +110,27 @@ TEST(Calibrate, a_worse_calibration_is_not_installed_over_a_better_one) {
     EXPECT_EQ(run("hordctl", {"calibrate", folder / "good.pgm", "--out", folder / "notes.toml"}).status, 2);
 }
 
+TEST(Calibrate, what_is_unusual_is_said_and_what_is_no_white_frame_is_refused) {
+    const TemporaryFolder folder;
+    calib::test::White white{.width_px = 300, .height_px = 300, .pitch_px = 20, .rotation_deg = 1};
+    white.light = [](double x, double y) { return x > 150 && y > 150 ? 0.0 : 1.0; };
+    write_pgm(folder / "quarter.pgm", calib::test::draw(white).frame);
+    const Said quarter = run("hordctl", {"calibrate", folder / "quarter.pgm", "--out", folder / "grid.toml", "--json"});
+    EXPECT_EQ(quarter.status, 0) << quarter.err;
+    EXPECT_THAT(quarter.err, HasSubstr("warning: "));
+    EXPECT_THAT(Json::parse(quarter.out)["warnings"].dump(), HasSubstr("have no centre"));
+
+    Frame board(300, 300, 16);
+    for (int y = 0; y < 300; ++y) {
+        for (int x = 0; x < 300; ++x) board.set(x, y, ((x / 14 + y / 14) & 1) != 0 ? 20000 : 200);
+    }
+    write_pgm(folder / "board.pgm", board);
+    const Said refused = run("hordctl", {"calibrate", folder / "board.pgm", "--out", folder / "none.toml"});
+    EXPECT_EQ(refused.status, 2);
+    EXPECT_THAT(refused.err, HasSubstr("checkerboard"));
+    EXPECT_FALSE(std::filesystem::exists(folder / "none.toml"));
+}
+
 TEST(Calibrate, captures_at_known_tilts_give_radians) {
     const TemporaryFolder folder;
     std::filesystem::create_directory(folder / "tilts");

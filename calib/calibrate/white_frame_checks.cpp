@@ -1,0 +1,417 @@
+#include "calib/calibrate/white_frame_checks.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <complex>
+#include <limits>
+#include <numbers>
+#include <tuple>
+
+#include <fmt/format.h>
+
+#include "common/statistics.h"
+
+namespace hord::calib {
+namespace {
+
+using algo::LensletGrid;
+using algo::PixelPoint;
+
+// Of the frame's bright pixels. Light beside the grid is that of another pattern, such as through a part.
+constexpr double kMinLightOnGrid = 0.85;
+// The same, of one region of the frame: less means that the grid does not reach its lenslets.
+constexpr double kMinLightOnGridOfRegion = 0.5;
+constexpr double kMinBrightOfRegion = 0.25;  // bright pixels of a region that is judged, over those of a typical one
+constexpr int kMaxRegions = 8;               // of the frame along its width and height
+constexpr double kMinRegion = 4;             // pitches: side of a region
+
+constexpr int kFewestOfRegion = 8;     // lenslets of a region that is judged
+constexpr int kFewestFollowing = 100;  // residuals, for their dependence on the light
+constexpr double kMaxRejected = 0.5;   // of a region's lenslets
+constexpr double kMinArea = 0.15;      // of a lenslet's cell, over that in the middle: less is a fold
+constexpr double kMaxTorn = 0.002;     // pairs of neighbours, over the lenslets
+constexpr double kMaxWaves = 0.985;    // PatternShape
+constexpr double kMaxFirst = 0.997;
+constexpr double kMinEven = 0.004;
+constexpr double kMaxRoughness = 0.08;
+constexpr double kMaxFollowed = 0.3;     // of the residuals' power: what gradients of the light explain
+constexpr double kMinFollowed = 0.0002;  // of a pitch: explained residuals that matter
+constexpr double kMaxOff = 0.08;         // of the found lenslets
+constexpr double kMaxBend = 0.005;       // of a pitch: by polynomials beyond every lens model
+constexpr double kMaxMissing = 0.1;      // of the complete lenslets
+
+constexpr const char* kCure = "record evenly lit lenslets, without a part in the light, in focus";
+
+// The frame in equal regions, row by row.
+class Regions {
+  public:
+    explicit Regions(const GridCalibration& calibration)
+        : width_(calibration.fit.grid.width_px), height_(calibration.fit.grid.height_px),
+          side_(std::clamp(static_cast<int>(std::min(width_, height_) / (kMinRegion * calibration.lattice.pitch_px())),
+                           1, kMaxRegions)) {}
+
+    [[nodiscard]] std::size_t count() const {
+        return static_cast<std::size_t>(side_) * static_cast<std::size_t>(side_);
+    }
+    [[nodiscard]] std::size_t at(double x, double y) const {
+        return static_cast<std::size_t>(part(y, height_) * side_ + part(x, width_));
+    }
+    [[nodiscard]] bool at_border(std::size_t region) const {
+        const auto outer = [this](int k) { return k == 0 || k == side_ - 1; };
+        return outer(static_cast<int>(region) / side_) || outer(static_cast<int>(region) % side_);
+    }
+    // Where a region lies, for a person.
+    [[nodiscard]] std::string place(std::size_t region) const {
+        const auto third = [this](int k) { return 3 * k < side_ - 1 ? 0U : 3 * k > 2 * (side_ - 1) ? 2U : 1U; };
+        static constexpr std::array<std::array<const char*, 3>, 3> kNames{
+            {{"at the top left", "at the top", "at the top right"},
+             {"at the left", "in the middle", "at the right"},
+             {"at the bottom left", "at the bottom", "at the bottom right"}}};
+        return kNames[third(static_cast<int>(region) / side_)][third(static_cast<int>(region) % side_)];
+    }
+
+  private:
+    [[nodiscard]] int part(double at, int size) const {
+        return std::clamp(static_cast<int>(side_ * at / size), 0, side_ - 1);
+    }
+    int width_, height_, side_;
+};
+
+struct LightOnGrid {
+    double share = 1;        // of the whole frame
+    double worst = 1;        // of the worst region
+    std::size_t region = 0;  // that one
+};
+
+// Share of the frame's bright pixels, those with half the light of the measured lenslets or more, that lie in the cells
+// of these lenslets. Low where the light of a region does not fit the grid of the others: a part bends it, and scales
+// its pattern. A region without light has no bright pixels. Lenslets that the frame's border cuts are not measured:
+// what lies within 1.5 pitches of it does not count. 1 for a frame without any other bright pixel.
+LightOnGrid light_on_grid(const WhiteImage& image, const GridCalibration& calibration) {
+    const double pitch = calibration.lattice.pitch_px();
+    const int width = image.width_px(), height = image.height_px();
+    std::vector<std::uint8_t> covered(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+    const double reach = pitch / std::numbers::sqrt2;  // the corners of a cell
+    for (const Observation& seen : calibration.observations) {
+        const PixelPoint at = seen.centre_px;
+        const auto from = [&](double centre) { return std::max(0, static_cast<int>(std::ceil(centre - reach))); };
+        for (int y = from(at.y_px); y < height && y <= at.y_px + reach; ++y) {
+            for (int x = from(at.x_px); x < width && x <= at.x_px + reach; ++x) {
+                const double dx = x - at.x_px, dy = y - at.y_px;
+                if (dx * dx + dy * dy <= reach * reach)
+                    covered[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
+                            static_cast<std::size_t>(x)] = 1;
+            }
+        }
+    }
+    const auto light_at = [&](std::size_t k) {
+        return image.at(static_cast<int>(k % static_cast<std::size_t>(width)),
+                        static_cast<int>(k / static_cast<std::size_t>(width)));
+    };
+    std::vector<float> cells;
+    for (std::size_t k = 0; k < covered.size(); k += 3) {
+        if (covered[k] != 0) cells.push_back(light_at(k));
+    }
+    if (cells.empty()) return {.share = 0, .worst = 0};
+    const auto quantile = [&](std::size_t percent) {
+        const auto at = cells.begin() + static_cast<std::ptrdiff_t>(cells.size() * percent / 100);
+        std::nth_element(cells.begin(), at, cells.end());
+        return *at;
+    };
+    const float bright = (quantile(5) + quantile(95)) / 2;
+    const Regions regions(calibration);
+    std::vector<std::size_t> all(regions.count()), on_grid(regions.count());
+    const int border = static_cast<int>(std::ceil(1.5 * pitch));
+    std::vector<float> row(static_cast<std::size_t>(width));
+    std::vector<std::size_t> region_of(row.size());
+    for (int x = 0; x < width; ++x) region_of[static_cast<std::size_t>(x)] = regions.at(x, 0);
+    for (int y = border; y < height - border; ++y) {
+        image.window(0, y, width, 1, row.data(), width);
+        const std::size_t first = regions.at(0, y);
+        const std::uint8_t* of_row = covered.data() + static_cast<std::size_t>(y) * static_cast<std::size_t>(width);
+        for (int x = border; x < width - border; ++x) {
+            const auto k = static_cast<std::size_t>(x);
+            if (row[k] < bright) continue;
+            ++all[first + region_of[k]];
+            on_grid[first + region_of[k]] += of_row[k];
+        }
+    }
+    LightOnGrid out;
+    std::size_t sum = 0, sum_on_grid = 0;
+    std::vector<std::size_t> sorted = all;
+    const auto typical = static_cast<double>(common::upper_median(std::span(sorted)));
+    for (std::size_t k = 0; k < all.size(); ++k) {
+        sum += all[k];
+        sum_on_grid += on_grid[k];
+        const double share = all[k] > 0 ? static_cast<double>(on_grid[k]) / static_cast<double>(all[k]) : 1;
+        if (static_cast<double>(all[k]) < kMinBrightOfRegion * typical || share >= out.worst) continue;
+        out.worst = share;
+        out.region = k;
+    }
+    if (sum > 0) out.share = static_cast<double>(sum_on_grid) / static_cast<double>(sum);
+    return out;
+}
+
+// The light of each lenslet of the grid, row by row; 0 where none is measured.
+std::vector<double> light_of(const LensletGrid& grid, std::span<const Observation> observations) {
+    std::vector<double> light(static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows));
+    for (const Observation& seen : observations) {
+        if (grid.contains(seen.m, seen.n)) light[grid.index(seen.m, seen.n)] = seen.light_dn;
+    }
+    return light;
+}
+
+// Lenslets of one region at the frame's border that do not fit the grid.
+struct Misfit {
+    int measured = 0, rejected = 0;
+    std::size_t region = 0;
+};
+
+// The region at the border of the frame with the largest share of rejected lenslets: where a model ends, it stops
+// fitting first. Single lenslets, dirt and bubbles do not reject half of a region.
+Misfit worst_region(const GridCalibration& calibration) {
+    const Regions regions(calibration);
+    std::vector<Misfit> misfits(regions.count());
+    for (const Observation& seen : calibration.observations) {
+        Misfit& misfit = misfits[regions.at(seen.centre_px.x_px, seen.centre_px.y_px)];
+        ++misfit.measured;
+        if (!seen.used && !seen.displaced) ++misfit.rejected;
+    }
+    Misfit worst;
+    for (std::size_t k = 0; k < misfits.size(); ++k) {
+        const Misfit& misfit = misfits[k];
+        if (misfit.measured < kFewestOfRegion || !regions.at_border(k)) continue;
+        if (worst.measured != 0 && misfit.rejected * worst.measured <= worst.rejected * misfit.measured) continue;
+        worst = misfit;
+        worst.region = k;
+    }
+    return worst;
+}
+
+// True if the distortion folds the frame: two lenslets of the grid in one place.
+bool folds(const LensletGrid& grid) {
+    const double middle = grid.steps_px({0, 0}).area_px2();
+    const int step = std::max(1, std::max(grid.columns, grid.rows) / 64);
+    for (int n = 0; n < grid.rows; n += step) {
+        for (int m = 0; m < grid.columns; m += step) {
+            const LensletGrid::Uv uv = grid.uv(m, n);
+            if (grid.in_frame(grid.at(uv)) && grid.steps_px(uv).area_px2() / middle < kMinArea) return true;
+        }
+    }
+    return false;
+}
+
+}  // namespace
+
+PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibration) {
+    constexpr int kSide = 16;  // cells of the mean lenslet along each step of the lattice
+    constexpr std::size_t kLenslets = 300;
+    const LensletGrid& grid = calibration.fit.grid;
+    std::array<double, static_cast<std::size_t>(kSide) * kSide> sums{}, hits{};
+    const std::size_t every = std::max<std::size_t>(1, calibration.observations.size() / kLenslets);
+    for (std::size_t k = 0; k < calibration.observations.size(); k += every) {
+        const Observation& seen = calibration.observations[k];
+        if (!seen.used) continue;
+        // The primitive steps of the lattice: u and v, or for a hexagonal one two steps 60 degrees apart.
+        const LensletGrid::Steps steps = grid.steps_px(grid.uv(seen.m, seen.n));
+        PixelPoint a = steps.along_u, b = steps.along_v;
+        const auto mixed = [](PixelPoint p, double s, PixelPoint q, double t) {
+            return PixelPoint{s * p.x_px + t * q.x_px, s * p.y_px + t * q.y_px};
+        };
+        if (grid.stagger == algo::Stagger::rows) b = mixed(a, 0.5, b, algo::kHalfSqrt3);
+        if (grid.stagger == algo::Stagger::columns) a = mixed(b, 0.5, a, algo::kHalfSqrt3);
+        const double det = a.x_px * b.y_px - a.y_px * b.x_px;
+        const int reach = static_cast<int>(std::ceil(0.75 * (std::hypot(a.x_px, a.y_px) + std::hypot(b.x_px, b.y_px))));
+        const auto cx = static_cast<int>(std::lround(seen.centre_px.x_px));
+        const auto cy = static_cast<int>(std::lround(seen.centre_px.y_px));
+        if (cx < reach || cy < reach || cx + reach >= image.width_px() || cy + reach >= image.height_px()) continue;
+        for (int y = cy - reach; y <= cy + reach; ++y) {
+            for (int x = cx - reach; x <= cx + reach; ++x) {
+                const double dx = x - seen.centre_px.x_px, dy = y - seen.centre_px.y_px;
+                const double u = (dx * b.y_px - dy * b.x_px) / det, v = (dy * a.x_px - dx * a.y_px) / det;
+                if (std::abs(u) >= 0.5 || std::abs(v) >= 0.5) continue;
+                const auto cell = static_cast<std::size_t>(static_cast<int>((v + 0.5) * kSide) * kSide +
+                                                           static_cast<int>((u + 0.5) * kSide));
+                sums[cell] += image.at(x, y);
+                hits[cell] += 1;
+            }
+        }
+    }
+    if (std::any_of(hits.begin(), hits.end(), [](double h) { return h == 0; })) return {.even_share = 1};
+    constexpr int kHarmonics = 4;
+    const bool square = grid.kind == algo::LatticeKind::square;
+    double all = 0, waves = 0, first = 0, even = 0;
+    for (int q = -kHarmonics; q <= kHarmonics; ++q) {
+        for (int p = -kHarmonics; p <= kHarmonics; ++p) {
+            if (p == 0 && q == 0) continue;
+            std::complex<double> sum;
+            for (int y = 0; y < kSide; ++y) {
+                for (int x = 0; x < kSide; ++x) {
+                    const auto cell = static_cast<std::size_t>(y * kSide + x);
+                    sum += sums[cell] / hits[cell] * std::polar(1.0, -2 * std::numbers::pi * (p * x + q * y) / kSide);
+                }
+            }
+            const double power = std::norm(sum);
+            all += power;
+            // Of a hexagonal lattice, steps 60 degrees apart have a third fundamental at (1, 1) or (1, -1).
+            const bool third = !square && std::abs(p) == 1 && std::abs(q) == 1 &&
+                p * q * (grid.steps_px({0, 0}).area_px2() > 0 ? 1 : -1) > 0;
+            if (std::abs(p) + std::abs(q) == 1 || third) waves += power;
+            if (std::abs(p) <= 1 && std::abs(q) <= 1) first += power;
+            if ((p + q) % 2 == 0) even += power;
+        }
+    }
+    return all > 0 ? PatternShape{waves / all, square ? first / all : 0, square ? even / all : 1}
+                   : PatternShape{0, 0, 1};
+}
+
+double light_roughness(const LensletGrid& grid, std::span<const Observation> observations) {
+    const std::vector<double> light = light_of(grid, observations);
+    std::vector<double> differences;
+    for (const Observation& seen : observations) {
+        double sum = 0;
+        int count = 0;
+        for (const auto& [dm, dn] : {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}}) {
+            if (!grid.contains(seen.m + dm, seen.n + dn) || light[grid.index(seen.m + dm, seen.n + dn)] <= 0) continue;
+            sum += light[grid.index(seen.m + dm, seen.n + dn)];
+            ++count;
+        }
+        if (count == 4) differences.push_back(std::abs(light[grid.index(seen.m, seen.n)] / (sum / 4) - 1));
+    }
+    // The median, over that of a normal distribution: dust and dead lenslets are few.
+    return differences.empty() ? 0 : common::upper_median(std::span(differences)) / 0.6745;
+}
+
+LightFollowing light_following(const LensletGrid& grid, std::span<const Observation> observations) {
+    const std::vector<double> light = light_of(grid, observations);
+    double gg = 0, gr = 0, rr = 0;
+    int count = 0;
+    for (const Observation& seen : observations) {
+        const auto at = [&](int dm, int dn) {
+            const int m = seen.m + dm, n = seen.n + dn;
+            return grid.contains(m, n) ? light[grid.index(m, n)] : 0.0;
+        };
+        const double left = at(-1, 0), right = at(1, 0), above = at(0, -1), below = at(0, 1);
+        if (!(left > 0 && right > 0 && above > 0 && below > 0) || !(seen.used || seen.displaced)) continue;
+        const LensletGrid::Uv uv = grid.uv(seen.m, seen.n);
+        const LensletGrid::Steps steps = grid.steps_px(uv);
+        const PixelPoint model = grid.at(uv);
+        // Along the lattice's steps; rows that are staggered to and fro average out.
+        for (const auto& [low, high, step] : {std::tuple{left, right, steps.along_u}, {above, below, steps.along_v}}) {
+            const double length = std::hypot(step.x_px, step.y_px);
+            const double off =
+                ((seen.centre_px.x_px - model.x_px) * step.x_px + (seen.centre_px.y_px - model.y_px) * step.y_px) /
+                length;
+            const double gradient = (high - low) / (high + low);
+            gg += gradient * gradient;
+            gr += gradient * off;
+            rr += off * off;
+            ++count;
+        }
+    }
+    if (count < kFewestFollowing || !(gg > 0) || !(rr > 0)) return {};
+    return {gr * gr / (gg * rr), std::abs(gr) / std::sqrt(gg * count)};
+}
+
+Result<void> check_white_frame(const WhiteImage& image, const GridCalibration& calibration) {
+    const auto refuse = [](std::string what, const char* cure = kCure) {
+        return fail(ErrorCode::refused, std::move(what), cure);
+    };
+    const LightOnGrid light = light_on_grid(image, calibration);
+    if (light.share < kMinLightOnGrid) {
+        return refuse(
+            fmt::format("this is no white frame: only {:.0f} % of its light fits the grid, {:.0f} % is the least",
+                        100 * light.share, 100 * kMinLightOnGrid));
+    }
+    if (light.worst < kMinLightOnGridOfRegion) {
+        return refuse(fmt::format("the grid does not reach the lenslets {}: only {:.0f} % of the light there fits it",
+                                  Regions(calibration).place(light.region), 100 * light.worst),
+                      "record evenly lit lenslets in focus up to the frame's corners, or stop the optics down: the "
+                      "lenslets overlap or the distortion is too strong there");
+    }
+    const Misfit misfit = worst_region(calibration);
+    if (misfit.rejected > kMaxRejected * misfit.measured) {
+        return refuse(fmt::format("the grid does not fit the lenslets {}: {} of {} measured there are off it",
+                                  Regions(calibration).place(misfit.region), misfit.rejected, misfit.measured),
+                      "record evenly lit lenslets in focus up to the frame's corners; if they are, the optics distort "
+                      "more than the grid's models can describe");
+    }
+    if (calibration.torn > std::max(3.0, kMaxTorn * calibration.found)) {
+        return refuse(fmt::format("the lenslets cannot be numbered: {} pairs of neighbours are not one pitch apart",
+                                  calibration.torn));
+    }
+    if (folds(calibration.fit.grid)) {
+        return refuse("the grid folds inside the frame: its distortion places two lenslets in one spot",
+                      "record evenly lit lenslets up to the frame's corners, or use optics with less distortion");
+    }
+    const PatternShape& shape = calibration.shape;
+    if (shape.wave_share > kMaxWaves || shape.first_share > kMaxFirst) {
+        return refuse(
+            fmt::format("this is no white frame: {:.1f} % of its pattern are plain waves, as of gratings or of "
+                        "lenslets far out of focus",
+                        100 * std::max(shape.wave_share, shape.first_share)),
+            "focus the sensor on the lenslets, and record them in even light");
+    }
+    if (shape.even_share < kMinEven) {
+        return refuse("this is no white frame: its dark and bright places have the same shape, as of a checkerboard",
+                      "record a lenslet array in even light");
+    }
+    return {};
+}
+
+std::vector<std::string> warnings_about(const GridCalibration& calibration) {
+    std::vector<std::string> out;
+    if (calibration.apart > 0) {
+        out.push_back(
+            fmt::format("{} lenslets are apart from the others: no chain of lit neighbours says which ones "
+                        "they are; light the whole array, or check them in centres.png",
+                        calibration.apart));
+    }
+    if (calibration.missing > kMaxMissing * calibration.complete) {
+        out.push_back(
+            fmt::format("{} of {} lenslets have no centre: the grid there is only that of the model; if the "
+                        "light should reach them, record the frame again, without a part in the light",
+                        calibration.missing, calibration.complete));
+    }
+    if (calibration.light_roughness > kMaxRoughness) {
+        out.push_back(
+            fmt::format("the light differs by {:.0f} % from lenslet to lenslet: a white frame is even; take "
+                        "objects out of the light and clean the optics",
+                        100 * calibration.light_roughness));
+    }
+    const LightFollowing& following = calibration.light_following;
+    if (following.share > kMaxFollowed && following.px > kMinFollowed * calibration.pitch_px) {
+        out.push_back(
+            fmt::format("the centres follow the light, by {:.3f} px rms: something in the light is brighter on "
+                        "one side of a lenslet; take objects out of the light",
+                        following.px));
+    }
+    if (calibration.rejected > kMaxOff * calibration.found) {
+        out.push_back(
+            fmt::format("{} of {} measured lenslets are off the grid: clean the array and the optics, or take "
+                        "objects out of the light; centres.png shows where",
+                        calibration.rejected, calibration.found));
+    }
+    // How far the selected polynomial leaves the best model of a lens, from their errors on unseen lenslets.
+    const GridFit& fit = calibration.fit;
+    if (fit.grid.model == algo::GridModelKind::cubic || fit.grid.model == algo::GridModelKind::quintic) {
+        double best = std::numeric_limits<double>::infinity();
+        for (const ModelReport& model : fit.candidates) {
+            if (model.model < algo::GridModelKind::cubic)
+                best = std::min(best, std::hypot(model.cv_x_rms_px, model.cv_y_rms_px));
+        }
+        const double bend =
+            std::sqrt(std::max(0.0, best * best - std::pow(std::hypot(fit.cv_x_rms_px, fit.cv_y_rms_px), 2)));
+        if (bend > kMaxBend * calibration.pitch_px) {
+            out.push_back(
+                fmt::format("the grid bends by {:.3f} px rms as no lens distorts: if the light on the array is "
+                            "aberrated, its spots are not the lenslets' centres; use collimated or diffuse "
+                            "light without other optics",
+                            bend));
+        }
+    }
+    return out;
+}
+
+}  // namespace hord::calib

@@ -1,0 +1,197 @@
+// Frames that a grid must not silently be wrong on: strong distortion up to the corners, and what is no white frame.
+// Each is measured as it should be, refused, or warned of.
+#include <numbers>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "tests/calib/support/synthetic.h"
+
+namespace hord::calib {
+namespace {
+
+using test::White;
+using ::testing::Contains;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+constexpr double kTurn = 2 * std::numbers::pi;
+
+// A frame of a formula, with photon noise.
+template <class Light>
+Frame paint(int side, Light light) {
+    test::Random random(3);
+    Frame frame(side, side, 16);
+    for (int y = 0; y < side; ++y) {
+        for (int x = 0; x < side; ++x) {
+            const double dn = light(x, y);
+            frame.set(x, y, static_cast<std::uint32_t>(std::clamp(dn + random.normal() * std::sqrt(dn), 0.0, 65535.0)));
+        }
+    }
+    return frame;
+}
+
+Frame blurred(const Frame& frame, double sigma_px) {
+    cv::Mat1f light(frame.height_px(), frame.width_px());
+    for (int y = 0; y < light.rows; ++y) {
+        for (int x = 0; x < light.cols; ++x) light(y, x) = static_cast<float>(frame.view().sample(x, y));
+    }
+    cv::GaussianBlur(light, light, {0, 0}, sigma_px);
+    return paint(light.cols, [&](int x, int y) { return static_cast<double>(light(y, x)); });
+}
+
+void expect_refused(const Frame& frame, const char* why) {
+    const auto calibration = calibrate_grid(frame.view());
+    ASSERT_FALSE(calibration) << calibration->fit.reason;
+    EXPECT_EQ(calibration.error().code, ErrorCode::refused);
+    EXPECT_THAT(calibration.error().what, HasSubstr(why));
+    EXPECT_FALSE(calibration.error().cure.empty());
+}
+
+void expect_corners(const White& white) {
+    const auto drawn = test::draw(white);
+    const auto calibration = calibrate_grid(drawn.frame.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
+    const auto compared = test::compare(drawn, *calibration, white.pitch_px);
+    EXPECT_EQ(compared.unmatched_truth, 0) << "corner lenslets taken for their neighbours";
+    EXPECT_EQ(compared.invented, 0);
+    EXPECT_LT(compared.rms_px, 0.002) << calibration->fit.reason;
+    EXPECT_LT(compared.max_px, 0.05) << calibration->fit.reason;
+    EXPECT_GE(calibration->found, 0.99 * calibration->complete);
+    EXPECT_EQ(calibration->apart, 0);
+    EXPECT_EQ(calibration->torn, 0);
+    EXPECT_THAT(calibration->warnings, IsEmpty());
+}
+
+// k1 at half the side: -0.06 moves the corners by 17 %, fifteen pitches. A relay lens scales the lenslets, too.
+TEST(NotSilentlyWrong, radial_distortion_is_followed_to_the_corners) {
+    for (const double k1 : {-0.06, -0.03, 0.1}) {
+        SCOPED_TRACE(k1);
+        expect_corners(
+            {.width_px = 1000, .height_px = 1000, .pitch_px = 17.3, .rotation_deg = 2, .k1 = k1, .to_scale = true});
+    }
+}
+
+TEST(NotSilentlyWrong, so_is_barrel_distortion_of_the_division_model) {
+    for (const double division : {-0.1, -0.04}) {
+        SCOPED_TRACE(division);
+        for (const bool hexagonal : {false, true}) {
+            expect_corners({.width_px = 900,
+                            .height_px = 800,
+                            .hexagonal = hexagonal,
+                            .pitch_px = 20,
+                            .rotation_deg = 2,
+                            .division = division,
+                            .to_scale = true});
+        }
+    }
+}
+
+TEST(NotSilentlyWrong, so_is_distortion_of_a_lattice_at_forty_five_degrees) {
+    expect_corners({.width_px = 1000,
+                    .height_px = 1000,
+                    .pitch_px = 18.2,
+                    .rotation_deg = 45,
+                    .division = -0.06,
+                    .to_scale = true});
+}
+
+// Lenslets of one size that the distortion pushes into one another cannot be measured in the corners.
+TEST(NotSilentlyWrong, corners_whose_lenslets_overlap_are_refused_by_their_place) {
+    for (const double k1 : {-0.05, -0.06}) {
+        SCOPED_TRACE(k1);
+        const auto calibration = calibrate_grid(
+            test::draw({.width_px = 1000, .height_px = 1000, .pitch_px = 17.3, .rotation_deg = 2, .k1 = k1})
+                .frame.view());
+        ASSERT_FALSE(calibration);
+        EXPECT_THAT(calibration.error().what, ::testing::ContainsRegex("lenslets at the (top|bottom) (left|right)"));
+    }
+}
+
+TEST(NotSilentlyWrong, a_checkerboard_is_refused) {
+    for (const double side : {14.0, 20.0}) {
+        expect_refused(paint(600,
+                             [side](int x, int y) {
+                                 return ((static_cast<int>(x / side) + static_cast<int>(y / side)) & 1) != 0 ? 20000.0
+                                                                                                             : 200.0;
+                             }),
+                       "checkerboard");
+    }
+}
+
+TEST(NotSilentlyWrong, two_gratings_are_refused) {
+    for (const bool crossed : {false, true}) {
+        SCOPED_TRACE(crossed);
+        expect_refused(paint(600,
+                             [crossed](int x, int y) {
+                                 const double a = 1 + std::cos(kTurn * (x + 0.05 * y) / 17.3);
+                                 const double b = 1 + std::cos(kTurn * (y - 0.05 * x) / 17.3);
+                                 return 200 + 5000 * (crossed ? a * b : a + b);
+                             }),
+                       "gratings");
+    }
+}
+
+TEST(NotSilentlyWrong, a_frame_blurred_by_six_pixels_is_refused) {
+    const White white{.width_px = 600, .height_px = 600, .pitch_px = 20, .rotation_deg = 2};
+    const Frame sharp = test::draw(white).frame;
+    expect_refused(blurred(sharp, 6), "out of focus");
+    EXPECT_TRUE(calibrate_grid(blurred(sharp, 1).view()));
+}
+
+TEST(NotSilentlyWrong, an_object_in_the_light_is_warned_of) {
+    White white{.width_px = 600, .height_px = 600, .pitch_px = 16, .rotation_deg = 2, .disc_radius_px = -1.6};
+    const auto warnings = [&](double contrast, double period) {
+        white.light = [=](double x, double y) {
+            return 1 -
+                contrast *
+                (0.5 + 0.25 * std::sin(kTurn * x / period + std::sin(.02 * y)) +
+                 0.25 * std::cos(kTurn * y / period - std::cos(.03 * x)));
+        };
+        const auto calibration = calibrate_grid(test::draw(white).frame.view());
+        EXPECT_TRUE(calibration) << calibration.error().message();
+        return calibration ? calibration->warnings : std::vector<std::string>{};
+    };
+    EXPECT_THAT(warnings(0.3, 64), Contains(HasSubstr("follow the light")));
+    EXPECT_THAT(warnings(0.3, 128), Contains(HasSubstr("follow the light")));
+    EXPECT_THAT(warnings(0.3, 32), Contains(HasSubstr("from lenslet to lenslet")));
+    EXPECT_THAT(warnings(0, 64), IsEmpty());
+}
+
+// Spots of aberrated light are not the lenslets' centres. Coma is no distortion of a lens; aberrations that are like
+// one cannot be told from it.
+TEST(NotSilentlyWrong, aberrated_spots_are_warned_of) {
+    White white{.width_px = 600, .height_px = 600, .pitch_px = 24, .disc_radius_px = -2};
+    white.deflect = [](double x, double y) {
+        const double u = (x - 300) / 300, v = (y - 300) / 300;
+        return std::pair(2 * (3 * u * u + v * v), 2 * 2 * u * v);
+    };
+    const auto calibration = calibrate_grid(test::draw(white).frame.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
+    EXPECT_THAT(calibration->warnings, Contains(HasSubstr("aberrated")));
+}
+
+TEST(NotSilentlyWrong, missing_lenslets_are_warned_of) {
+    White white{.width_px = 700, .height_px = 700, .pitch_px = 18.7, .rotation_deg = 2};
+    white.light = [](double x, double y) { return x > 350 && y > 350 ? 0.0 : 1.0; };
+    const auto calibration = calibrate_grid(test::draw(white).frame.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
+    EXPECT_THAT(calibration->warnings, Contains(HasSubstr("have no centre")));
+}
+
+// Two lit fields with a dark band of six lenslets between them: the numbers across it are the model's.
+TEST(NotSilentlyWrong, lenslets_that_no_chain_reaches_are_counted_and_warned_of) {
+    White white{.width_px = 700, .height_px = 700, .pitch_px = 18.7, .rotation_deg = 2};
+    white.light = [](double x, double) { return x > 400 && x < 520 ? 0.0 : 1.0; };
+    const auto drawn = test::draw(white);
+    const auto calibration = calibrate_grid(drawn.frame.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
+    EXPECT_GT(calibration->apart, 200);
+    EXPECT_LT(test::compare(drawn, *calibration, white.pitch_px).rms_px, 0.002);
+    EXPECT_THAT(calibration->warnings, Contains(HasSubstr("apart from the others")));
+}
+
+}  // namespace
+}  // namespace hord::calib
