@@ -5,8 +5,8 @@
 //   /api/page, /api/state                state and newest results, as JSON; state alone
 //   /api/events                          both, as events
 //   /api/history?span=15m|24h            for the charts
-//   /api/results, /api/recipe, /api/changes   from the store
-//   /parts/KEY/FILE                      record.json, record.tar, frame.png, map.png, found.json of one part
+//   /api/results, /api/results.csv, /api/counts, /api/recipe, /api/changes   from the store
+//   /parts/KEY/FILE                      part.json, record.json, record.tar, frame.png, map.png, found.json of one part
 //   /api/command                         POST {"command":"stop"}, with a token
 //
 // Everything but /api/command only reads. It refuses requests with an unknown Host (DNS rebinding), and commands that
@@ -86,6 +86,7 @@ class Pages {
   private:
     [[nodiscard]] Reply get(const Request& request);
     [[nodiscard]] Reply part(const Request& request, std::string_view key, std::string_view file);
+    [[nodiscard]] Reply part_for_people(PartKey key, const std::string& map);
     [[nodiscard]] Reply metrics();
     [[nodiscard]] bool may_be_called(std::string_view host) const;
     [[nodiscard]] Reply refuse_command(int status, const char* what, const char* cure, const Request& request);
