@@ -163,10 +163,16 @@ Reply Pages::reply_to(const Request& request) {
 }
 
 Reply Pages::get(const Request& request) {
-    const std::string_view path = request.path;
+    std::string_view path = request.path;
+    if (deps_.wall != nullptr && (path == "/" || path == "/index.html")) path = "/wall.html";
     for (const EmbeddedFile& known : site_files()) {
         if (path == known.path || (path == "/" && known.path == "/index.html"))
             return file(known.type, std::string(known.text));
+    }
+    if (deps_.wall != nullptr) {
+        return path == "/api/stations"
+            ? json(deps_.wall->json())
+            : refusal(404, "a wall of stations has nothing at this address", "ask the station's own page");
     }
     if (path == "/metrics") return metrics();
     if (path == "/api/page") {

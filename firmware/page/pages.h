@@ -1,6 +1,7 @@
 // From a request to a reply, without a socket. Any thread.
 //
 //   / and the site's files               firmware/page/site
+//   /api/stations                        of a wall: all of them, as JSON
 //   /metrics                             for Prometheus
 //   /api/page, /api/state                state and newest results, as JSON; state alone
 //   /api/events                          both, as events
@@ -31,6 +32,7 @@
 #include "firmware/page/part_picture.h"
 #include "firmware/page/results.h"
 #include "firmware/page/tokens.h"
+#include "firmware/page/wall.h"
 #include "firmware/registers/register_client.h"
 
 namespace hord::firmware::page {
@@ -74,6 +76,7 @@ class Pages {
         Command command;
         std::function<void(const std::string&)> log;  // one line: a command, a wrong token
         std::string version;
+        const Wall* wall = nullptr;  // shows several stations, and nothing else
     };
     explicit Pages(Dependencies dependencies) : deps_(std::move(dependencies)) {}
 

@@ -37,13 +37,14 @@ function tally(rows, nameOf, partsOf) {
 }
 const percent = (part, all) => all > 0 ? `${(100 * part / all).toFixed(part === all || all < 1000 ? 1 : 2)} %` : "–";
 
-function pareto(list, rows, all) {
+// `cumulative`: each part is counted once.
+function pareto(list, rows, all, cumulative) {
   let sum = 0;
   list.replaceChildren(...rows.map(([name, parts]) => {
     const item = element("li"), bar = element("span", undefined, "bar");
     sum += parts;
     bar.style.width = `${100 * parts / rows[0][1]}%`;
-    item.append(bar, element("span", `${name}: ${parts} (${percent(parts, all)}; together ${percent(sum, all)})`));
+    item.append(bar, element("span", `${name}: ${parts} (${percent(parts, all)}${cumulative ? `; together ${percent(sum, all)}` : ""})`));
     return item;
   }));
   if (!rows.length) list.append(element("li", "none", "none"));
@@ -57,8 +58,8 @@ function drawCounts() {
   const of = (chosen, verdict) => chosen.filter((row) => !verdict || row[2] === verdict).reduce((sum, row) => sum + row[4], 0);
   const all = of(rows), bad = all - of(rows, "pass");
   figures("yield", [["yield", percent(of(rows, "pass"), all), ""], ["parts", all, ""], ["reject", of(rows, "reject"), ""], ["unfit", of(rows, "unfit"), ""]]);
-  pareto($("pareto-reasons"), tally(rows.filter((row) => row[2] !== "pass"), (row) => row[3], (row) => row[4]), bad);
-  pareto($("pareto-kinds"), tally(counts.kinds.filter((row) => inPeriod(row) && ofRecipe(row)), (row) => row[2] || "unknown", (row) => row[3]), bad);
+  pareto($("pareto-reasons"), tally(rows.filter((row) => row[2] !== "pass"), (row) => row[3], (row) => row[4]), bad, true);
+  pareto($("pareto-kinds"), tally(counts.kinds.filter((row) => inPeriod(row) && ofRecipe(row)), (row) => row[2] || "unknown", (row) => row[3]), bad, false);
   // A line a shift and a recipe, the newest first.
   const lines = new Map();
   for (const row of counts.rows.filter(ofRecipe)) {

@@ -251,6 +251,12 @@ $("strip").addEventListener("click", (event) => { if (event.target.dataset.key) 
 
 // -- one part ------------------------------------------------------------------------------------------------------
 
+// Value and unit of a figure.
+function timeFigure(when_ms) {
+  if (Number.isNaN(when_ms)) return [null, ""];
+  const iso = new Date(when_ms).toISOString();
+  return [`${iso.slice(11, 19)} UTC`, `${iso.slice(0, 10)}${kLocal ? `; ${localDate(when_ms)} ${localTime(when_ms)} local` : ""}`];
+}
 async function showPart(key, mapName = "") {
   const map = $("part-map");
   if (!mapName) {
@@ -269,7 +275,7 @@ async function showPart(key, mapName = "") {
     const r = stored || seen.results.get(String(key));
     if (r) {
       say("part-title", `Part ${r.part}`);
-      figures("part-facts", [["verdict", r.verdict, ""], ["reason", r.reason, ""], ["score", scoreOf(r, 3), "of its limit"], ["time", r.time ? stamp(r.time) : clock(r.verdict_ms), ""], ["verdict after", ms(r.latency_us), "ms"],
+      figures("part-facts", [["verdict", r.verdict, ""], ["reason", r.reason, ""], ["score", scoreOf(r, 3), "of its limit"], ["time", ...timeFigure(r.time ? Date.parse(r.time) : r.verdict_ms)], ["verdict after", ms(r.latency_us), "ms"],
         ["rejection", r.reject, ""], ["recipe", r.recipe, ""], ["number in the store", r.number, ""], ...(r.damage ? [["damaged row", r.damage, ""]] : [])]);
     }
     if (found) {

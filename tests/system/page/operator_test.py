@@ -1,7 +1,7 @@
 """What an operator does with the page, in a real browser: operator_test.py BIN_DIR OUTPUT_DIR
 
 A page without station and store, then a simulated line: halt and bring up, the fold at 1280 by 800, yield and reasons,
-charts, maps, zoom. Screenshots stay in OUTPUT_DIR. Exit status 77: no browser is installed.
+charts, maps, zoom; then two stations side by side. Screenshots stay in OUTPUT_DIR. Exit status 77: no browser is installed.
 """
 import csv
 import io
@@ -12,7 +12,8 @@ import sys
 import tempfile
 import urllib.request
 
-from line import LineKeeper, Page, Station
+from browser_test import LOW_CONTRAST
+from line import LineKeeper, Page, Process, Station
 from webdriver import Browser, missing, wait_for
 
 TOKEN = "a-token-of-the-test-0123456789"
@@ -27,6 +28,12 @@ def check(is_so, what):
 def get(page, path):
     with urllib.request.urlopen(page.address + path, timeout=60) as reply:
         return reply.read().decode()
+
+
+def write_config(folder):
+    configuration = folder / "wall.toml"
+    configuration.write_text("[page]\nport = 0\n")
+    return configuration
 
 
 def complaints(browser):
@@ -171,6 +178,38 @@ def work(bin_dir, out, folder):
         station.end()
 
 
+def wall(bin_dir, out, folder):
+    """Two stations and one that does not answer, side by side."""
+    folder = pathlib.Path(folder)
+    stations = [Station(bin_dir, folder, rate=2, seed=seed, store=f"store-{seed}") for seed in (11, 12)]
+    file = folder / "stations.toml"
+    file.write_text("".join(f'[[station]]\nname = "Cell {k + 1}"\nmodbus = "127.0.0.1:{port}"\npage = "http://cell{k + 1}.example:8070/"\n' for k, port in enumerate([s.port for s in stations] + [1])))
+    page = Process(["nice", "-n", "10", f"{bin_dir}/hord-page", "--config", write_config(folder), "--stations", file])
+    browser = Browser(folder)
+    try:
+        address = page.says(r"(http://127\.0\.0\.1:\d+)/ shows 3 stations")[1]
+        browser.open(address + "/")
+        cell = "return [...document.querySelectorAll('.cell')].map((c) => c.querySelector('h3').textContent + '|' + c.dataset.degree + '|' + c.querySelectorAll('.strip li').length + '|' + (c.querySelector('a')?.href || ''))"
+        def seen():
+            cells = [text.split("|") for text in browser.run(cell)]
+            return cells if len(cells) == 3 and all(int(c[2]) > 0 for c in cells[:2]) and cells[2][1] == "alarm" else None
+        cells = wait_for("two stations with parts, and one that is away", seen)
+        check([c[0] for c in cells] == ["Cell 1", "Cell 2", "Cell 3"] and cells[1][3] == "http://cell2.example:8070/", f"cells: {cells}")
+        check("1 alarm" in browser.run(TEXT, "summary") or "2 alarm" in browser.run(TEXT, "summary"), "the summary counts no alarm")
+        for width, height, name in ((1280, 800, "wall-1280"), (420, 900, "wall-phone")):
+            browser.screenshot(out / f"{name}.png", width, height, False)
+            check(browser.run("return document.documentElement.scrollWidth <= innerWidth"), f"the wall is wider than {width} pixels")
+            check(not browser.run(LOW_CONTRAST), f"hard to read: {browser.run(LOW_CONTRAST)}")
+        browser.screenshot(out / "wall-4k-dark.png", 3840, 2160, True)
+        check(not browser.run(LOW_CONTRAST), f"dark, hard to read: {browser.run(LOW_CONTRAST)}")
+        check(not complaints(browser), "the console complains of the wall")
+    finally:
+        browser.close()
+        page.end()
+        for station in stations:
+            station.end()
+
+
 def main():
     if why := missing():
         print(f"skipped: {why}")
@@ -180,6 +219,7 @@ def main():
     with tempfile.TemporaryDirectory(prefix="hord-page-", ignore_cleanup_errors=True) as folder:
         empty(sys.argv[1], out, folder)
         work(sys.argv[1], out, folder)
+        wall(sys.argv[1], out, folder)
     return 0
 
 
