@@ -1,5 +1,5 @@
-// Several stations side by side (`hord-page --stations FILE`): each is polled over Modbus as a single station's page does
-// it. Any thread.
+// Several stations side by side (`hord-page --stations FILE`): each is polled over Modbus as a single station's page
+// does it. Any thread.
 #pragma once
 
 #include <chrono>

@@ -46,15 +46,17 @@ TEST(PageResults, that_do_not_exist_yet_are_told_without_a_path) {
 TEST(PageWall, its_file_is_read_strictly) {
     const TempFolder folder;
     const auto file = folder.path() / "stations.toml";
-    write_text(file, "[[station]]\nname = \"a\"\nmodbus = \"h:1502\"\npage = \"https://h/\"\n"
-                     "[[station]]\nname = \"b\"\nmodbus = \"i\"\n");
+    write_text(file,
+               "[[station]]\nname = \"a\"\nmodbus = \"h:1502\"\npage = \"https://h/\"\n"
+               "[[station]]\nname = \"b\"\nmodbus = \"i\"\n");
     const auto read = load_stations(file);
     ASSERT_TRUE(read) << read.error().message();
     ASSERT_EQ(read->size(), 2U);
     EXPECT_EQ(read->at(0).modbus.port, 1502);
     EXPECT_EQ(read->at(1).page, "");
-    write_text(file, "[[station]]\nname = \"a\"\nmodbus = \"h:x\"\npage = \"javascript:alert(1)\"\n"
-                     "[[station]]\nname = \"a\"\nmodbus = \"h\"\nport = 3\n");
+    write_text(file,
+               "[[station]]\nname = \"a\"\nmodbus = \"h:x\"\npage = \"javascript:alert(1)\"\n"
+               "[[station]]\nname = \"a\"\nmodbus = \"h\"\nport = 3\n");
     const auto wrong = load_stations(file);
     ASSERT_FALSE(wrong);
     for (const char* part : {":3", "javascript", "two stations are called", "port"})

@@ -96,9 +96,17 @@ def commands(browser, page, keeper, out):
     give(browser, "reset")
     wait_for("reset", lambda: "State: Preoperational" in browser.run(TEXT, "lamps"))
     wait_for("the way up is offered", lambda: {"bring_up", "initialise", "halt"} == enabled(browser))
-    give(browser, "bring_up")
-    wait_for("the line is brought up", running)
-    wait_for("the page says so", lambda: re.search("Done|inspects", browser.run(TEXT, "actions-said")))
+    # Parts were on the line at the halt: the station may find them at its start and stop the line. Then the operator
+    # checks, resets and brings it up again.
+    def brought_up():
+        if re.search("Done: the station inspects", browser.run(TEXT, "actions-said")) and running():
+            return True
+        for name in ("reset", "bring_up"):
+            if name in enabled(browser):
+                give(browser, name)
+                return False
+        return False
+    wait_for("the line is brought up", brought_up)
 
 
 def fold(browser, out):
@@ -131,8 +139,13 @@ def figures(browser, page, out):
     axes = browser.run("return [...document.querySelectorAll('.chart svg')].map((s) => s.querySelectorAll('.label').length)")
     check(axes == [1] * 7, f"axes with a label: {axes}")
     check(browser.run("return document.querySelectorAll('.chart .limit').length") == 1, "the scores have no limit")
-    browser.run("document.querySelector('.chart svg').scrollIntoView({block: 'center'}); const s = document.querySelector('.chart svg'), b = s.getBoundingClientRect(); s.dispatchEvent(new PointerEvent('pointermove', {clientX: b.right - 20, clientY: b.top + 20}))")
-    check(re.search(r"\d\d:\d\d:\d\d: score [\d.]+", browser.run("return document.querySelector('.chart .said').textContent")), "the chart says nothing under the pointer")
+    browser.run("document.querySelector('.chart svg').scrollIntoView({block: 'center'})")
+    wait_for("a value under the pointer", lambda: re.search(r"\d\d:\d\d:\d\d: score [\d.]+", browser.run("const s = document.querySelector('.chart svg'), b = s.getBoundingClientRect(); s.dispatchEvent(new PointerEvent('pointermove', {clientX: b.right - 20, clientY: b.top + 20})); return document.querySelector('.chart .said').textContent")))
+    browser.run("document.querySelectorAll('.chart svg')[2].focus()")
+    def by_key():
+        browser.keys("Left")
+        return re.search(r": pass .*, reject .*, unfit .* parts a minute", browser.run("return document.querySelectorAll('.chart .said')[2].textContent"))
+    wait_for("a value by the arrow keys", by_key)
     browser.run("document.getElementById('charts-card').scrollIntoView()")
 
 
