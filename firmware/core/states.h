@@ -3,6 +3,7 @@
 
 #include <array>
 #include <optional>
+#include <string>
 #include <variant>
 
 #include "firmware/core/events.h"
@@ -70,5 +71,35 @@ constexpr std::optional<State> next_state(State from, Cause cause) {
 }
 
 constexpr bool executing(State s) { return s == State::single_execution || s == State::continuous_execution; }
+
+// Whether the state allows the command. A device that is down, a lost PLC or parts on the line may still refuse it.
+constexpr bool is_possible(State state, Command command) {
+    if (is_state_command(command)) return next_state(state, command).has_value();
+    const bool open = state == State::initialized || state == State::ready;
+    switch (command) {
+        case Command::commit_recipe:
+        case Command::use_recipe: return !executing(state);
+        case Command::self_test: return open;
+        case Command::teach: return open || executing(state);
+        default: return false;
+    }
+}
+
+// The command that brings the station nearer to inspecting every part; none while it executes.
+constexpr std::optional<Command> next_command(State state) {
+    switch (state) {
+        case State::preoperational: return Command::initialise;
+        case State::initialized: return Command::arm;
+        case State::ready: return Command::start_continuous;
+        case State::error:
+        case State::halted: return Command::reset;
+        case State::single_execution:
+        case State::continuous_execution: break;
+    }
+    return std::nullopt;
+}
+
+// For people: "the station is Halted: next is reset; possible are also commit_recipe, use_recipe".
+std::string possible_commands_text(State state);
 
 }  // namespace hord::firmware

@@ -303,6 +303,11 @@ Picture draw(const MapPicture& what, algo::Map map, std::span<const std::uint8_t
     return to_picture(sheet);
 }
 
+PicturePoint point_in_picture(const algo::Extents& extents, float m, float n) {
+    const auto zoom = static_cast<float>(enlargement(std::max(extents.m, extents.n)));
+    return {kAxisWidth + static_cast<int>((m + 0.5F) * zoom), kTitleHeight + static_cast<int>((n + 0.5F) * zoom)};
+}
+
 Picture draw(const std::string& title, const FrameView& frame, const algo::Extents& extents) {
     cv::Mat samples(frame.height_px, frame.width_px, frame.bits > 8 ? CV_16U : CV_8U,
                     const_cast<std::byte*>(frame.data), static_cast<std::size_t>(frame.stride_bytes));

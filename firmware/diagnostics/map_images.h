@@ -56,6 +56,12 @@ Picture draw(const MapPicture& what, algo::Map map, std::span<const std::uint8_t
              std::span<const algo::Defect> defects, std::span<const std::string> labels = {},
              const std::string& caption = {});
 
+// The pixel at which a place of the map, in lenslets, is in such a picture.
+struct PicturePoint {
+    int x = 0, y = 0;
+};
+PicturePoint point_in_picture(const algo::Extents& extents, float m, float n);
+
 // The raw frame, as grey, reduced to about the size of a map's picture and stretched to its brightest pixel.
 Picture draw(const std::string& title, const FrameView& frame, const algo::Extents& extents);
 

@@ -1,5 +1,6 @@
 // hord-page: the station's web page, and /metrics. A process of its own that only reads: the line does not depend on
 // it.
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <string>
@@ -10,6 +11,7 @@
 #include "common/cli/program.h"
 #include "firmware/page/server.h"
 #include "firmware/page/station_watch.h"
+#include "firmware/page/wall.h"
 #include "firmware/store/frames/frame_archive.h"
 
 namespace {
@@ -21,10 +23,11 @@ using namespace hord::firmware::page;
 constexpr int kBadConfiguration = 78, kCannotRun = 2;
 constexpr auto kCommandTimeout = std::chrono::seconds(10);
 constexpr auto kLightEvery = std::chrono::seconds(2);
+constexpr auto kWallPoll = std::chrono::milliseconds(500);
 constexpr auto kModbusTimeout = std::chrono::milliseconds(1000);
 
 struct Options {
-    std::string config = "/etc/hord/page.toml", modbus, store, listen;
+    std::string config = "/etc/hord/page.toml", modbus, store, listen, stations;
     const CLI::Option* config_given = nullptr;
     bool check = false;
 };
@@ -59,13 +62,44 @@ Result<PageConfig> configuration(const Options& options) {
 
 void log(const std::string& line) { fmt::print(stderr, "hord-page: {}\n", line); }
 
-int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint& station) {
-    // Blocked in all threads; sigwait() below receives them.
-    sigset_t ends;
-    sigemptyset(&ends);
-    for (const int signal : {SIGINT, SIGTERM}) sigaddset(&ends, signal);
-    pthread_sigmask(SIG_BLOCK, &ends, nullptr);
+// SIGINT and SIGTERM: blocked in all threads from here on; wait() receives them.
+class EndSignals {
+  public:
+    EndSignals() {
+        sigemptyset(&ends_);
+        for (const int signal : {SIGINT, SIGTERM}) sigaddset(&ends_, signal);
+        pthread_sigmask(SIG_BLOCK, &ends_, nullptr);
+    }
+    void wait() const {
+        int signal = 0;
+        sigwait(&ends_, &signal);
+    }
 
+  private:
+    sigset_t ends_{};
+};
+
+// Several stations side by side. It commands nothing and reads no store.
+int serve_wall(const PageConfig& config, std::vector<WallStation> stations) {
+    const EndSignals ends;
+    const std::size_t count = stations.size();
+    Viewers viewers(0);
+    Live live(viewers);
+    Results results({});
+    KeptFrames frames({});
+    PartPictures pictures;
+    const Tokens nobody;
+    const Wall wall(std::move(stations), std::max(config.poll, kWallPoll));
+    Pages pages({config, nobody, viewers, live, results, frames, pictures, {}, log, HORD_VERSION, &wall});
+    auto server = PageServer::open(config, pages, viewers);
+    if (!server) return complain(server.error(), kCannotRun);
+    log(fmt::format("http://{}/ shows {} stations", (*server)->address(), count));
+    ends.wait();
+    return 0;
+}
+
+int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint& station) {
+    const EndSignals ends;
     Viewers viewers(static_cast<std::size_t>(config.viewers));
     Live live(viewers);
     Results results(config.store);
@@ -99,8 +133,7 @@ int serve(const PageConfig& config, const Tokens& tokens, const modbus::Endpoint
     if (!tokens.empty() && config.host != "127.0.0.1" && config.host != "localhost" && config.host != "::1") {
         log("tokens travel unencrypted beyond this machine: put a TLS proxy in front, see docs/page.md");
     }
-    int signal = 0;
-    sigwait(&ends, &signal);
+    ends.wait();
     return 0;
 }
 
@@ -120,6 +153,9 @@ int main(int argc, char** argv) {
     program.add_option("--modbus", options.modbus,
                        "The station's register server, HOST[:PORT], instead of what the configuration says");
     program.add_option("--store", options.store, "The station's store, instead of what the configuration says");
+    program.add_option("--stations", options.stations,
+                       "Show several stations side by side, without their stores: a TOML file with [[station]] name, "
+                       "modbus and page (the address of the station's own page)");
     program.add_flag("--check", options.check,
                      "Only read the configuration and the tokens, and say what is wrong with them");
     program.footer(
@@ -128,6 +164,13 @@ int main(int argc, char** argv) {
     if (const auto ended = hord::parse_command_line(program, argc, argv)) return *ended;
     const auto config = configuration(options);
     if (!config) return complain(config.error(), kBadConfiguration);
+    if (!options.stations.empty()) {
+        auto stations = load_stations(options.stations);
+        if (!stations) return complain(stations.error(), kBadConfiguration);
+        if (!options.check) return serve_wall(*config, std::move(*stations));
+        fmt::print("{} can be used: {} stations\n", options.stations, stations->size());
+        return 0;
+    }
     const auto station = modbus::parse_endpoint(config->modbus);
     if (!station) return complain(station.error(), kBadConfiguration);
     auto tokens = config->tokens.empty() ? Result<Tokens>(Tokens{}) : Tokens::load(config->tokens);

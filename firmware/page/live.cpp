@@ -4,7 +4,9 @@
 
 #include <fmt/format.h>
 
+#include "firmware/core/enum_values.h"
 #include "firmware/core/faults.h"
+#include "firmware/core/states.h"
 #include "firmware/page/page_config.h"
 
 namespace hord::firmware::page {
@@ -39,6 +41,15 @@ Json rows_of(const RegisterSnapshot& snapshot) {
         json[lower(find_block(id)->name)] = std::move(block);
     }
     return json;
+}
+
+// The names of the commands that the state allows.
+Json commands_of(State state) {
+    Json list = Json::array();
+    for (const Command command : kValuesOf<Command>) {
+        if (is_possible(state, command)) list.push_back(name_of(command));
+    }
+    return list;
 }
 
 std::optional<float> in_ms(std::optional<double> us) {
@@ -148,6 +159,16 @@ Json Live::state_locked() const {
     json["simulated"] = simulated != 0 ? names_of_faults(simulated) : "";
     json["faults_active"] = faults_of(active);
     json["faults_latched"] = faults_of(latched & ~active);
+    // What a person may command now, and what the station waits for before it can be armed.
+    json["commands"] = Json::array();
+    json["next"] = json["possible"] = Json();
+    if (const auto state = now_.up ? now_.snapshot.number(BlockId::status, "state") : std::nullopt) {
+        const auto now = static_cast<State>(static_cast<std::uint16_t>(*state));
+        json["commands"] = commands_of(now);
+        if (const auto next = next_command(now)) json["next"] = name_of(*next);
+        json["possible"] = possible_commands_text(now);
+    }
+    json["devices_down"] = (active & kDeviceFaults) != 0 ? names_of_faults(active & kDeviceFaults) : "";
     json["light_share"] = now_.light ? Json(*now_.light) : Json();
     json["rows"] = rows_of(now_.snapshot);
     return json;

@@ -25,6 +25,13 @@ bool may_be_a_host(const std::string& name) {
     return !name.empty() && name.size() < 256 && std::all_of(name.begin(), name.end(), plain);
 }
 
+// "06:00"
+bool is_time_of_day(const std::string& text) {
+    const auto digit = [&](std::size_t k) { return text[k] >= '0' && text[k] <= '9'; };
+    return text.size() == 5 && text[2] == ':' && digit(0) && digit(1) && digit(3) && digit(4) &&
+        text.substr(0, 2) < "24" && text[3] < '6';
+}
+
 Result<PageConfig> read(TomlTable root, const fs::path& file, TomlProblems& problems) {
     PageConfig config;
     TomlTable page = root.table("page");
@@ -32,6 +39,9 @@ Result<PageConfig> read(TomlTable root, const fs::path& file, TomlProblems& prob
     page.integer("port", config.port, 0, 65535);
     page.texts("names", config.names);
     page.integer("viewers", config.viewers, 1, 64);
+    page.texts("shifts", config.shifts);
+    if (config.shifts.empty() || !std::ranges::all_of(config.shifts, is_time_of_day))
+        page.problem("shifts", "a shift's start is no time of day", "write [\"06:00\", \"14:00\", \"22:00\"]");
     for (std::string& name : config.names) {
         if (!may_be_a_host(name))
             page.problem("names", "\"" + name + "\" is no host's name or address",

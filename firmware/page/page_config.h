@@ -18,6 +18,8 @@ struct PageConfig {
     std::vector<std::string> names;  // further host names and addresses that requests may name
     int viewers = 16;  // browsers that receive events at the same time; further ones poll every two seconds
 
+    std::vector<std::string> shifts{"06:00", "14:00", "22:00"};  // starts, HH:MM, in the viewer's local time
+
     std::string modbus = "127.0.0.1:502";                 // the station's register server
     std::filesystem::path store = "/var/lib/hord/store";  // its store; "": none
     std::chrono::milliseconds poll{100};                  // period of polling the station

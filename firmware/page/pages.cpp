@@ -18,6 +18,12 @@ using store::Json;
 using store::to_text;
 
 constexpr std::string_view kBearer = "Bearer ";
+constexpr algo::DefectKind kDefectKinds[] = {algo::DefectKind::scattering, algo::DefectKind::absorbing,
+                                             algo::DefectKind::surface, algo::DefectKind::scratch,
+                                             algo::DefectKind::unknown};
+constexpr const char* kNoStore =
+    "No results are stored yet. They appear here when the station runs with a store that this page may read.";
+constexpr const char* kNoRecipe = "No recipe is stored yet. It appears here when the station has run with its store.";
 constexpr auto kFrameTimeout = std::chrono::seconds(5);
 constexpr std::uint64_t kRefusalsLogged = 5;  // in kRefusalPeriod
 constexpr auto kRefusalPeriod = std::chrono::seconds(60);
@@ -33,6 +39,13 @@ Reply refusal(const Error& error) {
         ? 503
         : 500;
     return refusal(status, error.what, error.cure);
+}
+
+// An answer of the store. A store that does not exist yet is no fault of the client: it is told, with no rows.
+Reply of_store(const Result<Json>& found, const char* about) {
+    if (found) return {.body = store::to_line(*found)};
+    if (found.error().code != ErrorCode::not_found) return refusal(found.error());
+    return {.body = to_text({{"rows", Json::array()}, {"more", false}, {"note", about}})};
 }
 
 Reply json_text(std::string text) { return {.body = std::move(text)}; }
@@ -71,7 +84,7 @@ std::optional<Command> command_of(std::string_view name) {
 
 const char* cure_of(CommandError error) {
     switch (error) {
-        case CommandError::not_in_this_state: return "the station is in another state: see above";
+        case CommandError::not_in_this_state: return "the station is in another state: see its state";
         case CommandError::device_down: return "see the active faults";
         case CommandError::plc_lost: return "the PLC's heartbeat is missing: check the PLC";
         case CommandError::not_yet:
@@ -123,7 +136,8 @@ Reply Pages::answer(const Request& request) {
 }
 
 bool Pages::is_in_memory(const Request& request) {
-    constexpr std::string_view kSlow[] = {"/parts/", "/api/results", "/api/recipe", "/api/changes", "/api/command"};
+    constexpr std::string_view kSlow[] = {"/parts/",     "/api/results", "/api/counts",
+                                          "/api/recipe", "/api/changes", "/api/command"};
     return std::ranges::none_of(kSlow, [&](std::string_view path) { return request.path.starts_with(path); });
 }
 
@@ -149,17 +163,25 @@ Reply Pages::reply_to(const Request& request) {
 }
 
 Reply Pages::get(const Request& request) {
-    const std::string_view path = request.path;
+    std::string_view path = request.path;
+    if (deps_.wall != nullptr && (path == "/" || path == "/index.html")) path = "/wall.html";
     for (const EmbeddedFile& known : site_files()) {
         if (path == known.path || (path == "/" && known.path == "/index.html"))
             return file(known.type, std::string(known.text));
+    }
+    if (deps_.wall != nullptr) {
+        return path == "/api/stations"
+            ? json(deps_.wall->json())
+            : refusal(404, "a wall of stations has nothing at this address", "ask the station's own page");
     }
     if (path == "/metrics") return metrics();
     if (path == "/api/page") {
         Json page = deps_.live.page_json();
         page["actions"] = !deps_.tokens.empty();
         page["version"] = deps_.version;
-        page["reasons"] = Json::array();  // for the search
+        page["shifts"] = deps_.config.shifts;
+        page["kinds"] = page["reasons"] = Json::array();  // for the search
+        for (const algo::DefectKind kind : kDefectKinds) page["kinds"].push_back(algo::name_of(kind));
         for (const PartReason reason : kValuesOf<PartReason>) {
             if (reason != PartReason::none) page["reasons"].push_back(name_of(reason));
         }
@@ -178,11 +200,23 @@ Reply Pages::get(const Request& request) {
         return json_text(deps_.live.history_json(span == "24h"));
     }
     if (path == "/api/results") {
-        const auto rows = deps_.results.search(request.query);
-        return rows ? json_text(store::to_line(*rows)) : refusal(rows.error());
+        return of_store(deps_.results.search(request.query), kNoStore);
     }
-    if (path == "/api/recipe") return json(deps_.results.recipe_in_use());
-    if (path == "/api/changes") return json(deps_.results.changes(30));
+    if (path == "/api/results.csv") {
+        auto text = deps_.results.csv(request.query);
+        if (!text) return refusal(text.error());
+        Reply reply = file("text/csv; charset=utf-8", std::move(*text));
+        reply.headers.emplace_back("Content-Disposition", "attachment; filename=\"results.csv\"");
+        return reply;
+    }
+    if (path == "/api/counts") {
+        const std::string span = field(request.query, "span");
+        if (!span.empty() && span != "24h" && span != "7d")
+            return refusal(400, "there is no such span", "ask for 24h or 7d");
+        return of_store(deps_.results.counts(span == "7d"), kNoStore);
+    }
+    if (path == "/api/recipe") return of_store(deps_.results.recipe_in_use(), kNoRecipe);
+    if (path == "/api/changes") return of_store(deps_.results.changes(30), kNoStore);
     constexpr std::string_view kParts = "/parts/";
     if (path.starts_with(kParts)) {
         const std::string_view rest = path.substr(kParts.size());
@@ -197,10 +231,12 @@ Reply Pages::part(const Request& request, std::string_view name, std::string_vie
     if (!key)
         return refusal(400, "that is no part",
                        "write a result's number, or the station's start and the part's number: 4711, 0a1b2c3d-42");
-    constexpr std::string_view kFiles[] = {"record.json", "record.tar", "frame.png", "map.png", "found.json"};
+    constexpr std::string_view kFiles[] = {"record.json", "record.tar", "frame.png",
+                                           "map.png",     "found.json", "part.json"};
     if (std::ranges::find(kFiles, what) == std::end(kFiles))
         return refusal(404, "a part has no such file",
-                       "ask for record.json, record.tar, frame.png, map.png or found.json");
+                       "ask for part.json, record.json, record.tar, frame.png, map.png or found.json");
+    if (what == "part.json") return part_for_people(*key, field(request.query, "map"));
     PartKey named = *key;
     std::optional<store::StoredResult> row;
     if (what.starts_with("record") || named.number) {
@@ -251,6 +287,32 @@ Reply Pages::part(const Request& request, std::string_view name, std::string_vie
     if (!drawn) return refusal(drawn.error());
     if (what == "found.json") return json_text((*drawn)->found);
     return file("image/png", bytes((*drawn)->png));
+}
+
+// What the page shows of a part: its result and its picture, or why there is none of them. Both may be missing, and
+// that is no error.
+Reply Pages::part_for_people(PartKey key, const std::string& map) {
+    Json shown = Json::object();
+    const auto row = deps_.results.one(key);
+    if (row) {
+        shown["result"] = Json::parse(store::to_line(store::to_json(*row)));
+        key.boot = row->boot;
+        key.part = row->part;
+    } else if (row.error().code != ErrorCode::not_found) {
+        return refusal(row.error());
+    } else {
+        shown["no_result"] = "Its result is not stored yet, or was removed because of its age.";
+        if (key.number) return json(shown);
+    }
+    shown["key"] = fmt::format("{:08x}-{}", key.boot, key.part);
+    const std::unique_lock turn(frame_mutex_, kFrameTimeout);
+    if (!turn) return refusal(503, "others are looking at parts", "try again in a moment");
+    const auto kept = deps_.frames.find(key.boot, key.part);
+    const auto drawn =
+        kept ? deps_.pictures.draw(*kept, map) : Result<std::shared_ptr<const DrawnPart>>(tl::unexpected(kept.error()));
+    if (drawn) shown["found"] = Json::parse((*drawn)->found);
+    else shown["no_frame"] = drawn.error().message();
+    return json(shown);
 }
 
 Reply Pages::metrics() {
@@ -334,9 +396,16 @@ Reply Pages::execute(const Request& request) {
                                          : done.error().message()));
     if (!done)
         return refusal(done.error().code == ErrorCode::refused ? 403 : 503, done.error().what, done.error().cure);
-    if (!completed)
-        return refusal(409, "the station refuses " + std::string(name_of(*command)) + ": " + done->error_name,
-                       cure_of(done->error));
+    if (!completed) {
+        // The commands that are possible now, where the state is the reason.
+        const Json now = done->error == CommandError::not_in_this_state ? deps_.live.state_json() : Json();
+        const bool known = now.is_object() && now["possible"].is_string();
+        return {.status = 409,
+                .body = to_text(
+                    {{"error", "the station refuses " + std::string(name_of(*command)) + ": " + done->error_name},
+                     {"reason", done->error_name},
+                     {"cure", known ? now["possible"].get<std::string>() : std::string(cure_of(done->error))}})};
+    }
     return json(Json{{"done", name_of(*command)}, {"result", done->result}});
 }
 

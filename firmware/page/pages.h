@@ -1,12 +1,13 @@
 // From a request to a reply, without a socket. Any thread.
 //
 //   / and the site's files               firmware/page/site
+//   /api/stations                        of a wall: all of them, as JSON
 //   /metrics                             for Prometheus
 //   /api/page, /api/state                state and newest results, as JSON; state alone
 //   /api/events                          both, as events
 //   /api/history?span=15m|24h            for the charts
-//   /api/results, /api/recipe, /api/changes   from the store
-//   /parts/KEY/FILE                      record.json, record.tar, frame.png, map.png, found.json of one part
+//   /api/results, /api/results.csv, /api/counts, /api/recipe, /api/changes   from the store
+//   /parts/KEY/FILE                      part.json, record.json, record.tar, frame.png, map.png, found.json of one part
 //   /api/command                         POST {"command":"stop"}, with a token
 //
 // Everything but /api/command only reads. It refuses requests with an unknown Host (DNS rebinding), and commands that
@@ -31,6 +32,7 @@
 #include "firmware/page/part_picture.h"
 #include "firmware/page/results.h"
 #include "firmware/page/tokens.h"
+#include "firmware/page/wall.h"
 #include "firmware/registers/register_client.h"
 
 namespace hord::firmware::page {
@@ -74,6 +76,7 @@ class Pages {
         Command command;
         std::function<void(const std::string&)> log;  // one line: a command, a wrong token
         std::string version;
+        const Wall* wall = nullptr;  // shows several stations, and nothing else
     };
     explicit Pages(Dependencies dependencies) : deps_(std::move(dependencies)) {}
 
@@ -86,6 +89,7 @@ class Pages {
   private:
     [[nodiscard]] Reply get(const Request& request);
     [[nodiscard]] Reply part(const Request& request, std::string_view key, std::string_view file);
+    [[nodiscard]] Reply part_for_people(PartKey key, const std::string& map);
     [[nodiscard]] Reply metrics();
     [[nodiscard]] bool may_be_called(std::string_view host) const;
     [[nodiscard]] Reply refuse_command(int status, const char* what, const char* cure, const Request& request);

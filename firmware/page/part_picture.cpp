@@ -80,8 +80,19 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
     Json list = Json::array();
     for (std::size_t k = 0; k < labels.size() && k < kMaxMarked; ++k) {
         const algo::Defect& d = exact->defects[k];
-        list.push_back({{"words", labels[k]}, {"m", d.m}, {"n", d.n}, {"kind", algo::name_of(d.kind)}});
+        const PicturePoint at = point_in_picture(extents, d.m, d.n);
+        Json defect{{"words", labels[k]}, {"m", d.m}, {"n", d.n}, {"kind", algo::name_of(d.kind)}};
+        defect["at"] = {at.x, at.y};  // in the picture, px
+        if (recipe.lenslet_mm > 0) {  // from the middle of the field, as in the recipe's zones
+            defect["x_mm"] = (d.m - 0.5F * static_cast<float>(extents.m - 1)) * recipe.lenslet_mm;
+            defect["y_mm"] = (d.n - 0.5F * static_cast<float>(extents.n - 1)) * recipe.lenslet_mm;
+        }
+        list.push_back(std::move(defect));
     }
+    found["maps"] = Json::array();
+    for (const FeatureView& view : views.judged())
+        found["maps"].push_back({{"name", name_on_page(view)}, {"title", view.title}});
+    found["maps"].push_back({{"name", kSums}, {"title", "light"}});
     found["defects"] = std::move(list);
     found["defect_count"] = labels.size();
     auto drawn = std::make_shared<const DrawnPart>(DrawnPart{std::move(*png), to_text(found)});

@@ -17,8 +17,9 @@ namespace hord::firmware::page {
 
 struct DrawnPart {
     std::vector<std::uint8_t> png;  // the map
-    std::string found;  // JSON: part, verdict, sentence, map, the worst defects in words, how many there are, whether
-                        // the judgement is the same as then
+    std::string found;  // JSON: part, verdict, sentence, map, the maps there are, the worst defects in words with their
+                        // places (lenslets, px, and mm if the recipe knows lenslet_mm), how many there are, whether the
+                        // judgement is the same as then
 };
 
 class PartPictures {

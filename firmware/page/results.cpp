@@ -34,9 +34,9 @@ bool is_word(std::string_view text) {
 }
 
 // Refuses unknown and malformed filters: ignoring one would show wrong rows.
-Result<store::ResultFilter> filter_of(const Fields& fields) {
+Result<store::ResultFilter> filter_of(const Fields& fields, std::int64_t usual, std::int64_t most) {
     store::ResultFilter filter;
-    filter.newest = 50;
+    filter.newest = usual;
     for (const auto& [name, value] : fields) {
         if (value.empty()) continue;
         const auto wrong = [&name = name, &value = value](const char* cure) {
@@ -58,7 +58,10 @@ Result<store::ResultFilter> filter_of(const Fields& fields) {
             if (!filter.before) return wrong("write a result's number");
         } else if (name == "limit") {
             const auto limit = whole<std::int64_t>(value);
-            if (!limit || *limit < 1 || *limit > Results::kMaxRows) return wrong("write 1 to 200");
+            if (!limit || *limit < 1 || *limit > most) {
+                return fail(ErrorCode::invalid_argument, fmt::format("limit cannot be \"{}\"", value.substr(0, 40)),
+                            fmt::format("write 1 to {}", most));
+            }
             filter.newest = *limit;
         } else if (name == "since" || name == "until") {
             const auto time = store::parse_utc(value, store::utc_now());
@@ -70,6 +73,10 @@ Result<store::ResultFilter> filter_of(const Fields& fields) {
         }
     }
     return filter;
+}
+
+tl::unexpected<Error> others_search() {
+    return fail(ErrorCode::busy, "others are searching the store", "try again in a moment");
 }
 
 }  // namespace
@@ -84,15 +91,20 @@ std::optional<PartKey> parse_part_key(std::string_view text) {
     return PartKey{std::nullopt, *boot, *part};
 }
 
-template <class Row>
-Result<std::vector<Row>> Results::read(const store::ResultFilter& filter, Each<Row> each) {
-    const std::unique_lock lock(mutex_, kTimeout);
-    if (!lock) return fail(ErrorCode::busy, "others are searching the store", "try again in a moment");
+Result<std::unique_ptr<store::StoreReader>> Results::open() {
     if (folder_.empty())
         return fail(ErrorCode::not_found, "this page knows no store", "name it in page.toml: [station] store");
     auto reader = store::StoreReader::open(folder_);
+    if (reader) (*reader)->limit_time(kTimeout);
+    return reader;
+}
+
+template <class Row>
+Result<std::vector<Row>> Results::read(const store::ResultFilter& filter, Each<Row> each) {
+    const std::unique_lock lock(mutex_, kTimeout);
+    if (!lock) return others_search();
+    auto reader = open();
     if (!reader) return tl::unexpected(reader.error());
-    (*reader)->limit_time(kTimeout);
     std::vector<Row> rows;
     return ((**reader).*each)(filter, [&](const Row& row) { rows.push_back(row); }).map([&] {
         return std::move(rows);
@@ -100,7 +112,7 @@ Result<std::vector<Row>> Results::read(const store::ResultFilter& filter, Each<R
 }
 
 Result<Json> Results::search(const Fields& fields) {
-    auto filter = filter_of(fields);
+    auto filter = filter_of(fields, 50, kMaxRows);
     if (!filter) return tl::unexpected(filter.error());
     const auto limit = static_cast<std::size_t>(*filter->newest);
     filter->newest = *filter->newest + 1;  // one more, to know whether there are more
@@ -110,6 +122,38 @@ Result<Json> Results::search(const Fields& fields) {
     for (auto row = found->rbegin(); row != found->rend() && rows.size() < limit; ++row)
         rows.push_back(store::to_json(*row));
     return Json{{"rows", std::move(rows)}, {"more", found->size() > limit}};
+}
+
+Result<std::string> Results::csv(const Fields& fields) {
+    const auto filter = filter_of(fields, kMaxCsvRows, kMaxCsvRows);
+    if (!filter) return tl::unexpected(filter.error());
+    const auto found = read(*filter, &store::StoreReader::each_result);
+    if (!found) return tl::unexpected(found.error());
+    std::string text = store::csv_head_of_results() + "\r\n";
+    for (const StoredResult& row : *found) text += store::to_csv(row) + "\r\n";
+    return text;
+}
+
+Result<Json> Results::counts(bool week) {
+    const std::unique_lock lock(mutex_, kTimeout);
+    if (!lock) return others_search();
+    auto reader = open();
+    if (!reader) return tl::unexpected(reader.error());
+    const std::chrono::seconds step = week ? std::chrono::hours(1) : std::chrono::minutes(15);
+    const std::int64_t step_us = std::chrono::microseconds(step).count();
+    const store::UtcMicros now = store::utc_now();
+    const auto span = std::chrono::microseconds(std::chrono::hours(week ? 7 * 24 : 24)).count();
+    const store::UtcMicros since = (now - span) / step_us * step_us, until = now + step_us;
+    Json rows = Json::array(), kinds = Json::array();
+    auto done = (*reader)->each_count(since, until, step, [&](const store::ResultCount& c) {
+        rows.push_back({c.since_us / 1'000'000, c.recipe, c.verdict, c.reason, c.parts});
+    });
+    if (done)
+        done = (*reader)->each_kind_count(since, until, step, [&](const store::ResultCount& c) {
+            kinds.push_back({c.since_us / 1'000'000, c.recipe, c.kind, c.parts});
+        });
+    if (!done) return tl::unexpected(done.error());
+    return Json{{"step_s", step_us / 1'000'000}, {"rows", std::move(rows)}, {"kinds", std::move(kinds)}};
 }
 
 Result<StoredResult> Results::one(const PartKey& key) {

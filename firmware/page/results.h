@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <functional>
 #include <map>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <span>
@@ -40,6 +41,14 @@ class Results {
     // as the store.
     Result<store::Json> search(const Fields& fields);
 
+    // The same filters, as CSV, the newest rows, oldest first; limit: 1 to kMaxCsvRows, which is the default.
+    static constexpr std::int64_t kMaxCsvRows = 10'000;
+    Result<std::string> csv(const Fields& fields);
+
+    // Counts for yield and Pareto charts of the last 24 hours in quarters of an hour, or of the last week in hours:
+    // {"step_s","rows":[[start_s,recipe,verdict,reason,parts],...],"kinds":[[start_s,recipe,kind,parts],...]}.
+    Result<store::Json> counts(bool week);
+
     // Fails with not_found.
     Result<store::StoredResult> one(const PartKey& key);
 
@@ -50,6 +59,7 @@ class Results {
     Result<store::Json> changes(std::int64_t most);
 
   private:
+    Result<std::unique_ptr<store::StoreReader>> open();
     template <class Row>
     using Each = Result<void> (store::StoreReader::*)(const store::ResultFilter&,
                                                       const std::function<void(const Row&)>&);

@@ -184,7 +184,8 @@ CommandOutcome CommandHandler::outcome_of_use(const Result<void>& result) {
 }
 
 CommandOutcome CommandHandler::use_recipe(const RequestOrigin& who, const CommandRequest& request) {
-    if (executing(dependencies_->station.core().state())) return failed(CommandError::not_in_this_state);
+    if (!is_possible(dependencies_->station.core().state(), Command::use_recipe))
+        return failed(CommandError::not_in_this_state);
     if (request.argument > 0xFFFE) return failed(CommandError::bad_argument);
     if (!dependencies_->recipe) return failed(CommandError::no_such_recipe);
     auto recipe = dependencies_->recipe(static_cast<std::uint16_t>(request.argument));
@@ -203,7 +204,7 @@ CommandOutcome CommandHandler::use_recipe(const RequestOrigin& who, const Comman
 CommandOutcome CommandHandler::self_test(const RequestOrigin& who, const CommandRequest& request) {
     Station& station = dependencies_->station;
     const State state = station.core().state();
-    if (state != State::initialized && state != State::ready) return failed(CommandError::not_in_this_state);
+    if (!is_possible(state, Command::self_test)) return failed(CommandError::not_in_this_state);
     std::uint32_t found = station.snapshot().faults_active;
     if (!station.core().all_devices_up()) return failed(CommandError::device_down, found);
     if (!station.test_possible()) return failed(CommandError::not_yet);
@@ -235,8 +236,7 @@ CommandOutcome CommandHandler::self_test(const RequestOrigin& who, const Command
 CommandOutcome CommandHandler::teach(const RequestOrigin& who, const CommandRequest& request) {
     if (dependencies_->teacher == nullptr) return failed(CommandError::not_supported);
     const State state = dependencies_->station.core().state();
-    if (state != State::initialized && state != State::ready && !executing(state))
-        return failed(CommandError::not_in_this_state);
+    if (!is_possible(state, Command::teach)) return failed(CommandError::not_in_this_state);
     const std::uint32_t parts = request.argument == 0 ? TeachIn::kUsualParts : request.argument;
     if (parts < TeachIn::kMinParts || parts > TeachIn::kMaxParts) return failed(CommandError::bad_argument);
     if (running_teach_ || pending_reference_) return failed(CommandError::not_yet);

@@ -15,7 +15,7 @@
 namespace hord::firmware {
 
 // Incremented when a row is added to the register map (station_blocks.h, plc_blocks.h).
-inline constexpr std::uint16_t kMapVersion = 5;
+inline constexpr std::uint16_t kMapVersion = 6;
 
 // Also served as Modbus device identification (FC 43/14).
 struct StationIdentity {

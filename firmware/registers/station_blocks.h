@@ -5,7 +5,9 @@
 #include <array>
 #include <span>
 
+#include "firmware/core/enum_values.h"
 #include "firmware/core/events.h"
+#include "firmware/core/states.h"
 #include "firmware/registers/register_rows.h"
 
 namespace hord::firmware::rows {
@@ -95,6 +97,23 @@ inline constexpr Register kStatus[] = {
     number(121, Type::bits32, "boot_id", "",
            "as in IDENT: last_sequence belongs to this start, and one request reads both",
            [](const Source& s) -> Number { return s.identity.boot_id; }),
+    number(
+        123, Type::bits32, "commands", "", "that the state allows; others are refused with not_in_this_state",
+        [](const Source& s) -> Number {
+            std::uint32_t bits = 0;
+            for (const Command command : kValuesOf<Command>)
+                bits |= is_possible(s.snapshot.state, command) ? 1U << static_cast<unsigned>(command) : 0U;
+            return bits;
+        },
+        kNamesOf<Command>),
+    number(
+        125, Type::u16, "next_command", "",
+        "that brings the station nearer to inspecting every part; 65535: none, it inspects",
+        [](const Source& s) -> Number {
+            const auto next = next_command(s.snapshot.state);
+            return next ? Number(static_cast<double>(*next)) : Number{};
+        },
+        kNamesOf<Command>),
 };
 
 inline constexpr Register kCounters[] = {

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include "firmware/core/enum_values.h"
+#include "firmware/core/states.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/station/remote.h"
 #include "firmware/registers/register_map.h"
@@ -36,9 +37,12 @@ std::string canonical_name(const std::string& typed) {
 
 }  // namespace
 
-const char* cure_of(CommandError error) {
+std::string cure_of(modbus::Client& station, CommandError error) {
     switch (error) {
-        case CommandError::not_in_this_state: return "see its state: hordctl status";
+        case CommandError::not_in_this_state: {
+            const auto state = station.read(find_register(BlockId::status, "state")->address, 1);
+            return state ? possible_commands_text(static_cast<State>((*state)[0])) : "see its state: hordctl status";
+        }
         case CommandError::device_down: return "see the active faults: hordctl status";
         case CommandError::plc_lost: return "the PLC's heartbeat is missing: check the PLC, or change plc.policy";
         case CommandError::not_yet:
@@ -75,7 +79,7 @@ Exit send_command(const RemoteOptions& options, Command code, std::uint32_t argu
     const auto reply = client->command(code, argument, argument2, kPatience);
     if (!reply) return complain(reply.error());
     if (reply->state != CommandState::completed)
-        return complain({ErrorCode::refused, "refused: " + reply->error_name, cure_of(reply->error)});
+        return complain({ErrorCode::refused, "refused: " + reply->error_name, cure_of(*client, reply->error)});
     if (reply->result != 0) fmt::print("done, {:08X}\n", reply->result);
     else fmt::print("done\n");
     return Exit::good;

@@ -17,8 +17,9 @@ struct RemoteOptions {
 // --modbus and --timeout.
 void add_remote_options(CLI::App& command, RemoteOptions& options);
 
-// The cure of a refused command, for people.
-const char* cure_of(CommandError error);
+// The cure of a refused command, for people. Where the state refuses it, asks the station for its state and names the
+// commands that this state allows.
+std::string cure_of(modbus::Client& station, CommandError error);
 
 Result<modbus::Client> connect(const RemoteOptions& options);
 

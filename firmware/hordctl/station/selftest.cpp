@@ -35,7 +35,8 @@ Exit ask_station(const RemoteOptions& options) {
         return Exit::good;
     }
     if (reply->error != CommandError::failed && reply->error != CommandError::device_down) {
-        return complain({ErrorCode::refused, "self-test refused: " + reply->error_name, cure_of(reply->error)});
+        return complain(
+            {ErrorCode::refused, "self-test refused: " + reply->error_name, cure_of(*client, reply->error)});
     }
     for (const FaultInfo& fault : kFaultTable) {
         if ((reply->result & fault.bit) != 0) fmt::print("{}: {}\n  {}\n", fault.name, fault.meaning, fault.cure);

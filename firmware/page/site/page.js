@@ -1,30 +1,9 @@
 // Shows the station's state. All data come from this page's own server: as events, or by polling while there are no events.
 "use strict";
 
-const $ = (id) => document.getElementById(id);
-const kStripShown = 60;
-const seen = { boot: null, reject: null, picture: null, results: new Map(), rejectsNotAnnounced: 0, lastRejectWords: "" };
+const kStripShown = 60, kScoresShown = 240;
+const seen = { state: null, map: "", scores: [], boot: null, reject: null, picture: null, results: new Map(), rejectsNotAnnounced: 0, lastRejectWords: "" };
 
-function element(name, text, className) {
-  const made = document.createElement(name);
-  if (text !== undefined) made.textContent = text;
-  if (className) made.className = className;
-  return made;
-}
-// Text that has not changed is not written again: a screen reader would repeat it.
-function say(id, text) { if ($(id).textContent !== text) $(id).textContent = text; }
-async function ask(address) {
-  const reply = await fetch(address, { cache: "no-store" });
-  const body = await reply.json();
-  if (!reply.ok) throw new Error(body.cure ? `${body.error}: ${body.cure}` : body.error);
-  return body;
-}
-const known = (value) => value !== null && value !== undefined;
-const ms = (us) => known(us) ? (us / 1000).toFixed(1) : "–";
-function ago(s) {
-  if (!known(s)) return "–";
-  return s < 120 ? `${s} s` : s < 7200 ? `${Math.round(s / 60)} min` : s < 172800 ? `${Math.round(s / 3600)} h` : `${Math.round(s / 86400)} days`;
-}
 const round = (value, digits = 3) => known(value) ? Number(value.toFixed(digits)) : null;
 function figures(id, rows) {
   const list = $(id);
@@ -39,30 +18,9 @@ function figures(id, rows) {
 
 // -- state and faults ----------------------------------------------------------------------------------------------
 
-const kSigns = {  // shape, letter and word of each severity: colour is never the only sign
-  good: ["M24 4a20 20 0 1 0 .01 0z", "✓", "Good"],
-  note: ["M24 2 46 24 24 46 2 24z", "i", "Note"],
-  warning: ["M24 3 47 45H1z", "!", "Warning"],
-  alarm: ["M15 2h18l13 13v18L33 46H15L2 33V15z", "✕", "Alarm"],
-};
-const kStates = {
-  Preoperational: "The devices are not open yet.", Halted: "Halted: devices closed, lights and run permit off.", Error: "Error: the line must stand until somebody has checked it and reset the station.",
-  Initialized: "Initialized: devices open, not armed.", Ready: "Ready, but not inspecting.", SingleExecution: "Inspecting one part.", ContinuousExecution: "Inspecting every part.",
-};
-
-function degreeOf(state) {
-  const name = state.rows.status ? state.rows.status.state : "";
-  if (!state.up) return ["alarm", `${state.trouble.what}. ${state.trouble.cure ? "Cure: " + state.trouble.cure + "." : ""}`];
-  if (state.line_stop) return ["alarm", "LINE STOP: a bad part may have passed the ejector. Take the parts behind it off the line, then reset."];
-  if (name === "Error") return ["alarm", kStates.Error];
-  if (state.faults_active.length) return ["warning", `${kStates[name] || name} Fault: ${state.faults_active.map((f) => f.name).join(", ")}.`];
-  if (state.plc_lost) return ["warning", "The PLC's heartbeat is missing."];
-  if (state.results_overrun) return ["warning", "The PLC has lost results: they were overwritten before it took them."];
-  if (name !== "ContinuousExecution" && name !== "SingleExecution") return ["note", kStates[name] || name];
-  return ["good", kStates[name]];
-}
-
 function showState(state) {
+  seen.state = state;
+  showCommands(state);
   const [degree, words] = degreeOf(state);
   const [shape, letter, name] = kSigns[degree];
   const card = $("state-card");
@@ -120,7 +78,6 @@ function showFaults(state) {
 
 // -- verdicts ------------------------------------------------------------------------------------------------------
 
-const kMarks = { pass: "●", reject: "✕", unfit: "?" };
 
 function addToStrip(result) {
   const item = element("li", kMarks[result.verdict] || "·", result.verdict);
@@ -143,16 +100,14 @@ function takeResult(result) {
   if (seen.results.has(result.key)) return;
   seen.results.set(result.key, result);
   addToStrip(result);
+  if (known(result.score)) seen.scores.push([result.verdict_ms / 1000, result.score]);
+  if (seen.scores.length > kScoresShown) seen.scores.shift();
+  $("strip-none").hidden = true;
   if (result.verdict === "pass") return;
   seen.reject = result;
   seen.rejectsNotAnnounced += 1;
   seen.lastRejectWords = `part ${result.part}, ${result.verdict}, ${result.reason}`;
   showReject(result);
-}
-
-// The format of the search below.
-function clock(when_ms) {
-  return `${new Date(when_ms).toISOString().slice(11, 19)} UTC`;
 }
 
 // A score; with "≤" if it may be an upper bound.
@@ -179,6 +134,12 @@ function showReject(result) {
   links($("reject-links"), result.key);
 }
 
+// A stored time ("2026-11-21T07:15:00.250Z") for people: UTC, and local where it differs.
+function stamp(text) {
+  const when = Date.parse(text);
+  return Number.isNaN(when) || !kLocal ? text : `${text} (${localDate(when)} ${localTime(when)} local)`;
+}
+
 function links(place, key) {
   const link = (file, text) => { const a = element("a", text); a.href = `/parts/${key}/${file}`; a.download = ""; return a; };
   if (place.dataset.key === key) return;
@@ -188,32 +149,82 @@ function links(place, key) {
 
 const shownOf = (found) => found.defect_count > found.defects.length ? ` ${found.defects.length} of ${found.defect_count} defects shown.` : "";
 
+// Where a defect is: in mm where the recipe knows the size of a lenslet, else in lenslets.
+const placeOf = (d) => known(d.x_mm) ? `x ${d.x_mm.toFixed(2)} mm, y ${d.y_mm.toFixed(2)} mm` : `lenslet (${d.m.toFixed(0)}, ${d.n.toFixed(0)})`;
+
+// The picture's whole, or a defect enlarged.
+const kZoom = 4;
+function zoomTo(image, at) {
+  image.style.transformOrigin = at ? `${100 * at[0] / image.naturalWidth}% ${100 * at[1] / image.naturalHeight}%` : "";
+  image.style.transform = at ? `scale(${kZoom})` : "";
+}
+function defectList(list, found, image) {
+  zoomTo(image, null);
+  list.replaceChildren(...found.defects.map((d, k) => {
+    const item = element("li"), button = element("button", `${d.words} at ${placeOf(d)}`, "plain");
+    button.type = "button";
+    button.title = "Enlarge it in the picture; again: the whole picture";
+    button.setAttribute("aria-pressed", "false");
+    button.addEventListener("click", () => {
+      const on = button.getAttribute("aria-pressed") !== "true";
+      for (const other of list.querySelectorAll("button")) other.setAttribute("aria-pressed", "false");
+      button.setAttribute("aria-pressed", String(on));
+      zoomTo(image, on ? d.at : null);
+      image.dataset.zoomed = on ? String(k + 1) : "";
+    });
+    item.append(button);
+    return item;
+  }));
+  image.dataset.zoomed = "";
+}
+const kMapWords = { emd: "Neighbours", slope: "Slope", transmission: "Transmission", "z-score": "Reference", sums: "Light" };
+function mapButtons(place, found, choose) {
+  place.replaceChildren(...found.maps.map((map) => {
+    const button = element("button", kMapWords[map.name] || map.name);
+    button.type = "button";
+    button.title = map.title;
+    button.dataset.map = map.name;
+    button.setAttribute("aria-pressed", String(map.name === found.map));
+    button.addEventListener("click", () => choose(map.name));
+    return button;
+  }));
+}
+function setPicture(image, source, found) {
+  image.src = source;
+  image.width = found.width; image.height = found.height;
+  image.style.setProperty("--ratio", found.width / found.height);
+  image.alt = `Map of part ${found.part}. ${found.sentence} ${found.defects.map((d, k) => `${k + 1}: ${d.words} at ${placeOf(d)}.`).join(" ")}`;
+  image.hidden = false;
+}
+
 let drawing = false;
 async function showPicture(picture) {
   seen.wanted = picture;
   if (drawing) return;  // the loop below goes on to the newest one
   drawing = true;
   try {
-    while (seen.wanted.key !== seen.picture) {
-      const { key, part, verdict_ms } = seen.wanted;
-      const found = await ask(`/parts/${key}/found.json`);
+    while (seen.wanted.key !== seen.picture || seen.map !== seen.mapShown) {
+      const { key, part, verdict_ms } = seen.wanted, wantedMap = seen.map, again = key === seen.picture;
+      let query = wantedMap ? `?map=${encodeURIComponent(wantedMap)}` : "";
+      let found = await ask(`/parts/${key}/found.json`);
+      if (query && found.maps.some((m) => m.name === wantedMap)) found = await ask(`/parts/${key}/found.json${query}`);
+      else query = "";  // this part's recipe has no such map
       const map = new Image();
-      map.src = `/parts/${key}/map.png`;
+      map.src = `/parts/${key}/map.png${query}`;
       await map.decode();
       const shown = $("map");
-      shown.src = map.src;
-      shown.alt = `Feature map of part ${part}. ${found.sentence} ${found.defects.map((d, k) => `${k + 1}: ${d.words} at lenslet ${d.m.toFixed(0)}, ${d.n.toFixed(0)}.`).join(" ")}`;
-      shown.width = found.width; shown.height = found.height;
-      shown.hidden = false;
+      setPicture(shown, map.src, found);
       shown.classList.remove("earlier");
       shown.dataset.key = key;
       shown.dataset.verdictMs = verdict_ms;
-      shown.dataset.shownAfterMs = Date.now() - verdict_ms;
+      if (!again) shown.dataset.shownAfterMs = Date.now() - verdict_ms;
       seen.picture = key;
+      seen.mapShown = wantedMap;
       $("reject-card").dataset.key = key;
       say("map-of", `Picture of part ${part}.`);
       say("reject-words", `Part ${part}. ${found.sentence}${shownOf(found)}`);
-      $("reject-defects").replaceChildren(...found.defects.map((d) => element("li", `${d.words} at lenslet (${d.m.toFixed(0)}, ${d.n.toFixed(0)})`)));
+      defectList($("reject-defects"), found, shown);
+      mapButtons($("map-choice"), found, (name) => { seen.map = name; showPicture(seen.wanted); });
       links($("reject-links"), key);
       const result = seen.results.get(key);
       say("reject-facts", result ? factsOf(result) : `Part ${part}, verdict at ${clock(verdict_ms)}; it is on its way to the ejector.`);
@@ -240,31 +251,55 @@ $("strip").addEventListener("click", (event) => { if (event.target.dataset.key) 
 
 // -- one part ------------------------------------------------------------------------------------------------------
 
-async function showPart(key) {
+// Value and unit of a figure.
+function timeFigure(when_ms) {
+  if (Number.isNaN(when_ms)) return [null, ""];
+  const iso = new Date(when_ms).toISOString();
+  return [`${iso.slice(11, 19)} UTC`, `${iso.slice(0, 10)}${kLocal ? `; ${localDate(when_ms)} ${localTime(when_ms)} local` : ""}`];
+}
+async function showPart(key, mapName = "") {
   const map = $("part-map");
-  map.hidden = true;
-  say("part-title", `Part ${key}`);
-  say("part-words", "Loading its record ...");
-  $("part-facts").replaceChildren();
-  $("part").showModal();
+  if (!mapName) {
+    map.hidden = true;
+    say("part-title", `Part ${key}`);
+    say("part-words", "Loading its record ...");
+    $("part-facts").replaceChildren();
+    $("part-defects").replaceChildren();
+    $("part-choice").replaceChildren();
+    $("part-links").replaceChildren();
+    delete $("part-links").dataset.key;
+    $("part").showModal();
+  }
   try {
-    const record = await ask(`/parts/${key}/record.json`), r = record.result;
-    say("part-title", `Part ${r.part}`);
-    figures("part-facts", [["verdict", r.verdict, ""], ["reason", r.reason, ""], ["score", scoreOf(r, 3), "of its limit"], ["time (UTC)", r.time, ""], ["verdict after", ms(r.latency_us), "ms"],
-      ["rejection", r.reject, ""], ["recipe", r.recipe, ""], ["number in the store", r.number, ""], ...(r.damage ? [["damaged row", r.damage, ""]] : [])]);
-    if (!record.frame) { say("part-words", record.no_frame); return; }
-    const found = await ask(`/parts/${key}/found.json`);
-    map.alt = `Feature map of part ${found.part}. ${found.sentence}`;
-    map.src = `/parts/${key}/map.png`;
-    map.hidden = false;
-    say("part-words", found.sentence + shownOf(found) + (found.same_as_then ? "" : " (inspected again just now; the result differs from the first inspection)"));
+    const { result: stored, no_result, found, no_frame, key: part_key } = await ask(`/parts/${key}/part.json${mapName ? `?map=${encodeURIComponent(mapName)}` : ""}`);
+    const r = stored || seen.results.get(String(key));
+    if (r) {
+      say("part-title", `Part ${r.part}`);
+      figures("part-facts", [["verdict", r.verdict, ""], ["reason", r.reason, ""], ["score", scoreOf(r, 3), "of its limit"], ["time", ...timeFigure(r.time ? Date.parse(r.time) : r.verdict_ms)], ["verdict after", ms(r.latency_us), "ms"],
+        ["rejection", r.reject, ""], ["recipe", r.recipe, ""], ["number in the store", r.number, ""], ...(r.damage ? [["damaged row", r.damage, ""]] : [])]);
+    }
+    if (found) {
+      setPicture(map, `/parts/${part_key}/map.png${mapName ? `?map=${encodeURIComponent(mapName)}` : ""}`, found);
+      say("part-words", found.sentence + shownOf(found) + (found.same_as_then ? "" : " (inspected again just now; the result differs from the first inspection)"));
+      await map.decode();
+      defectList($("part-defects"), found, map);
+      mapButtons($("part-choice"), found, (name) => showPart(key, name));
+    } else {
+      say("part-words", [no_result, no_frame].filter(Boolean).join(" "));
+    }
+    if (stored) links($("part-links"), key);
   } catch (error) {
     say("part-words", error.message);
   }
-  links($("part-links"), key);
 }
 
 // -- search, recipe, changes ---------------------------------------------------------------------------------------
+
+function timeCell(text) {
+  const cell = element("td", text), when = Date.parse(text);
+  if (kLocal && !Number.isNaN(when)) cell.append(element("small", `${localDate(when)} ${localTime(when)} local`));
+  return cell;
+}
 
 let page = { fields: "", oldest: null };
 async function search(before) {
@@ -280,7 +315,7 @@ async function search(before) {
       const record = element("td"), a = element("a", "archive");
       a.href = `/parts/${r.number}/record.tar`; a.download = "";
       record.append(a);
-      row.append(number, element("td", r.time), element("td", String(r.part)), element("td", r.verdict, r.verdict), element("td", r.damage ? `damaged row: ${r.damage}` : r.reason === "none" ? "" : r.reason), element("td", scoreOf(r, 2) ?? "", "n"),
+      row.append(number, timeCell(r.time), element("td", String(r.part)), element("td", r.verdict, r.verdict), element("td", r.damage ? `damaged row: ${r.damage}` : r.reason === "none" ? "" : r.reason), element("td", scoreOf(r, 2) ?? "", "n"),
         element("td", String(r.defect_count ?? ""), "n"), element("td", ms(r.latency_us), "n"), element("td", (r.reject || "").replace("_", " ")), element("td", r.recipe || ""), record);
       return row;
     });
@@ -289,7 +324,9 @@ async function search(before) {
     page.oldest = found.rows.length ? found.rows[found.rows.length - 1].number : null;
     $("older").disabled = !found.more;
     $("newest").disabled = !before;
-    say("search-said", rows.length ? `${rows.length} results${found.more ? ", and there are older ones" : ""}.` : "Nothing was found.");
+    say("search-said", rows.length ? `${rows.length} results${found.more ? ", and there are older ones" : ""}.` : found.note || "Nothing was found.");
+    $("csv").hidden = Boolean(found.note);
+    $("csv").href = `/api/results.csv?${page.fields}`;
   } catch (error) {
     say("search-said", error.message);
   }
@@ -305,25 +342,28 @@ $("newest").addEventListener("click", () => search());
 async function showRecipe() {
   try {
     const recipe = await ask("/api/recipe");
+    if (recipe.note) { say("recipe-text", recipe.note); return; }
     say("recipe-text", recipe.text);
-    say("recipe-who", `In the store since ${recipe.time}${recipe.peer ? ", by " + recipe.peer : ", by the station itself"}.`);
+    say("recipe-who", `In the store since ${stamp(recipe.time)}${recipe.peer ? ", by " + recipe.peer : ", by the station itself"}.`);
   } catch (error) { say("recipe-text", error.message); }
 }
 $("recipe-details").addEventListener("toggle", () => { if ($("recipe-details").open) showRecipe(); });
 
+function sayInChanges(text) {
+  const cell = element("td", text), row = element("tr");
+  cell.colSpan = 5; row.append(cell);
+  $("changes").tBodies[0].replaceChildren(row);
+}
 async function showChanges() {
   try {
     const changes = await ask("/api/changes");
     $("changes").tBodies[0].replaceChildren(...changes.rows.map((c) => {
       const row = element("tr");
-      row.append(element("td", c.time), element("td", c.what), element("td", c.name), element("td", c.peer || "the station itself"), element("td", c.after ? `${c.before}: ${c.after}` : ""));
+      row.append(timeCell(c.time), element("td", c.what), element("td", c.name), element("td", c.peer || "the station itself"), element("td", c.after ? `${c.before}: ${c.after}` : ""));
       return row;
     }));
-  } catch (error) {
-    const cell = element("td", error.message), row = element("tr");
-    cell.colSpan = 5; row.append(cell);
-    $("changes").tBodies[0].replaceChildren(row);
-  }
+    if (changes.note) sayInChanges("Nothing is recorded yet.");
+  } catch (error) { sayInChanges(error.message); }
 }
 $("changes-again").addEventListener("click", showChanges);
 
@@ -332,7 +372,7 @@ $("changes-again").addEventListener("click", showChanges);
 let span = "15m";
 async function showCharts() {
   if (document.hidden) return;
-  try { drawCharts($("charts"), await ask(`/api/history?span=${span}`), span === "24h" ? 86400 : 900); } catch { /* tried again in five seconds */ }
+  try { drawCharts($("charts"), await ask(`/api/history?span=${span}`), span === "24h" ? 86400 : 900, seen.scores); } catch { /* tried again in five seconds */ }
 }
 document.querySelectorAll("[data-span]").forEach((button) => button.addEventListener("click", () => {
   span = button.dataset.span;
@@ -340,32 +380,6 @@ document.querySelectorAll("[data-span]").forEach((button) => button.addEventList
   showCharts();
 }));
 setInterval(showCharts, 5000);
-
-// -- commands ------------------------------------------------------------------------------------------------------
-
-const kWhat = {
-  start_continuous: "Start: the station inspects every part, and the run permit is given.", stop: "Stop: the parts on the line are finished, then no part is inspected.",
-  reset: "Acknowledge and reset: latched faults are cleared. Only after somebody has checked the line.", self_test: "Self-test: one flash and one frame of the empty line are judged.",
-  abort: "Abort: everything on the line is rejected.", halt: "Halt: devices are closed, lights and run permit go off.",
-};
-async function command(name) {
-  say("actions-said", `${name} ...`);
-  try {
-    const reply = await fetch("/api/command", { method: "POST", headers: { "Content-Type": "application/json", Authorization: `Bearer ${$("token").value}` }, body: JSON.stringify({ command: name }) });
-    const body = await reply.json();
-    say("actions-said", reply.ok ? `Done: ${body.done}` : `Refused: ${body.error}${body.cure ? ". Cure: " + body.cure : ""}`);
-  } catch (error) { say("actions-said", `Not sent: ${error.message}`); }
-  setTimeout(showChanges, 500);  // the store writes ten times a second
-}
-document.querySelectorAll("[data-command]").forEach((button) => button.addEventListener("click", () => {
-  if (!$("token").value) { say("actions-said", "Enter your token first."); $("token").focus(); return; }
-  say("sure-words", kWhat[button.dataset.command]);
-  const sure = $("sure");
-  sure.returnValue = "no";
-  sure.onclose = () => { if (sure.returnValue === "yes") command(button.dataset.command); };
-  sure.showModal();
-}));
-$("actions").addEventListener("submit", (event) => event.preventDefault());
 
 // -- light and dark ------------------------------------------------------------------------------------------------
 
@@ -395,6 +409,9 @@ async function loadPage() {
   if (all.picture) showPicture(all.picture);
   const reasons = document.querySelector('[name="reason"]');
   if (reasons.options.length === 1) reasons.append(...all.reasons.map((reason) => element("option", reason)));
+  const kinds = document.querySelector('[name="kind"]');
+  if (kinds.options.length === 1) kinds.append(...all.kinds.map((kind) => element("option", kind)));
+  if (!shifts.length) { shifts = all.shifts; showCounts(); }
   $("actions").hidden = !all.actions;
   $("actions-none").hidden = all.actions;
   say("version", `hord-page ${all.version}`);

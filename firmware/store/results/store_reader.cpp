@@ -1,5 +1,6 @@
 #include "firmware/store/results/store_reader.h"
 
+#include <array>
 #include <limits>
 
 #include <fmt/format.h>
@@ -155,6 +156,40 @@ Result<void> StoreReader::each_result(const ResultFilter& filter,
         return {};
     };
     return database_->run(sql, where.values(), read_row);
+}
+
+Result<void> StoreReader::each_count(UtcMicros since, UtcMicros until, std::chrono::seconds period,
+                                     const std::function<void(const ResultCount&)>& take) {
+    const std::int64_t step_us = std::chrono::microseconds(period).count();
+    const char* sql =
+        "SELECT b * ?3, p.name, c.verdict, c.reason, c.parts FROM (SELECT time_us / ?3 b, recipe, verdict, reason, "
+        "count(*) parts FROM results WHERE time_us >= ?1 AND time_us < ?2 GROUP BY 1, 2, 3, 4) c LEFT JOIN changes p "
+        "ON p.number = c.recipe ORDER BY 1";
+    return database_->run(sql, std::array<Value, 3>{since, until, step_us}, [&](const Statement& row) -> Result<void> {
+        RowReader read(row);
+        take({read.integer(0),
+              read.text_or_empty(1),
+              read.text_or_empty(2),
+              std::string(algo::present_reason_name(read.text_or_empty(3))),
+              {},
+              read.integer(4)});
+        return {};
+    });
+}
+
+Result<void> StoreReader::each_kind_count(UtcMicros since, UtcMicros until, std::chrono::seconds period,
+                                          const std::function<void(const ResultCount&)>& take) {
+    const std::int64_t step_us = std::chrono::microseconds(period).count();
+    const char* sql =
+        "SELECT b * ?3, p.name, c.kind, c.parts FROM (SELECT time_us / ?3 b, recipe, json_extract(d.value, '$.kind') "
+        "kind, count(DISTINCT results.number) parts FROM results, json_each(iif(json_valid(defects), defects, '[]')) d "
+        "WHERE time_us >= ?1 AND time_us < ?2 AND verdict <> 'pass' AND d.type = 'object' GROUP BY 1, 2, 3) c LEFT "
+        "JOIN changes p ON p.number = c.recipe ORDER BY 1";
+    return database_->run(sql, std::array<Value, 3>{since, until, step_us}, [&](const Statement& row) -> Result<void> {
+        RowReader read(row);
+        take({read.integer(0), read.text_or_empty(1), {}, {}, read.text_or_empty(2), read.integer(3)});
+        return {};
+    });
 }
 
 Result<void> StoreReader::each_change(const ResultFilter& filter,

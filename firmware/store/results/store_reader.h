@@ -55,6 +55,14 @@ struct ResultFilter {
     std::optional<std::int64_t> oldest;  // of results: at most so many, the oldest
 };
 
+// How many results of a period have the same recipe and outcome.
+struct ResultCount {
+    UtcMicros since_us = 0;  // start of the period
+    std::string recipe, verdict, reason;
+    std::string kind;  // of each_kind_count() alone; verdict and reason are then empty
+    std::int64_t parts = 0;
+};
+
 // The newest row of a chain. Noted outside of the store, it proves later that no row up to it was changed.
 struct ChainHead {
     std::string chain;  // "changes", "commands", "results"
@@ -82,6 +90,12 @@ class StoreReader {
 
     // In the order of their numbers.
     Result<void> each_result(const ResultFilter& filter, const std::function<void(const StoredResult&)>& take);
+    // Results of since <= time < until, counted by periods of `period`, recipe, verdict and reason; the same of those
+    // that did not pass by the kinds of their defects (a part with two kinds counts for both). In the order of time.
+    Result<void> each_count(UtcMicros since, UtcMicros until, std::chrono::seconds period,
+                            const std::function<void(const ResultCount&)>& take);
+    Result<void> each_kind_count(UtcMicros since, UtcMicros until, std::chrono::seconds period,
+                                 const std::function<void(const ResultCount&)>& take);
     Result<void> each_change(const ResultFilter& filter,
                              const std::function<void(const StoredChange&)>& take);  // time, run, what, newest
 

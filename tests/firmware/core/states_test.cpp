@@ -64,6 +64,29 @@ TEST(States, commands_that_must_pass_lead_where_the_standard_says) {
     }
 }
 
+TEST(States, the_next_command_of_each_state_leads_to_the_line_running) {
+    for (const State start : kStates) {
+        State state = start;
+        int steps = 0;
+        for (auto next = next_command(state); next; next = next_command(state)) {
+            ASSERT_TRUE(is_possible(state, *next)) << name_of(state);
+            CoreRig rig;
+            rig.bring_to(state);
+            ASSERT_EQ(rig.send(*next), Answer::done) << name_of(state) << " " << name_of(*next);
+            state = rig.core.state();
+            ASSERT_LT(++steps, 5) << name_of(start);
+        }
+        EXPECT_TRUE(executing(state)) << name_of(start);
+    }
+}
+
+TEST(States, people_are_told_the_next_command_and_the_other_possible_ones) {
+    EXPECT_EQ(possible_commands_text(State::halted),
+              "the station is Halted: next is reset; possible are also commit_recipe, use_recipe");
+    EXPECT_EQ(possible_commands_text(State::continuous_execution),
+              "the station is ContinuousExecution: possible are stop, abort, halt, teach");
+}
+
 TEST(States, the_table_has_no_pair_twice) {
     std::set<std::pair<State, Cause>> seen;
     for (const Transition& t : kTransitions) EXPECT_TRUE(seen.emplace(t.from, t.cause).second) << name_of(t.from);

@@ -19,6 +19,7 @@ namespace hord::firmware::page::test {
 namespace {
 
 using ::testing::HasSubstr;
+using ::testing::Not;
 using Json = nlohmann::json;
 using store::test::TempFolder;
 using store::test::write_text;
@@ -81,6 +82,7 @@ TEST(PageConfiguration, the_one_that_is_installed_holds_every_key_at_its_default
     EXPECT_EQ(installed->port, defaults.port);
     EXPECT_EQ(installed->names, defaults.names);
     EXPECT_EQ(installed->viewers, defaults.viewers);
+    EXPECT_EQ(installed->shifts, defaults.shifts);
     EXPECT_EQ(installed->modbus, defaults.modbus);
     EXPECT_EQ(installed->store, defaults.store);
     EXPECT_EQ(installed->poll, defaults.poll);
@@ -102,6 +104,16 @@ TEST(PageConfiguration, files_are_found_beside_it) {
     ASSERT_TRUE(read);
     EXPECT_EQ(read->store, "/etc/hord/store");
     EXPECT_EQ(read->tokens, "/x/t");
+}
+
+TEST(PageConfiguration, shifts_begin_at_times_of_a_day) {
+    for (const char* wrong : {"[]", "[\"6:00\"]", "[\"24:00\"]", "[\"06:60\"]", "[\"06.00\"]"}) {
+        const auto read = parse_page_config("[page]\nshifts = " + std::string(wrong) + "\n", "page.toml");
+        ASSERT_FALSE(read) << wrong;
+        EXPECT_THAT(read.error().what, HasSubstr("page.toml:2")) << wrong;
+    }
+    EXPECT_EQ(parse_page_config("[page]\nshifts = [\"05:30\"]\n", "page.toml")->shifts,
+              std::vector<std::string>{"05:30"});
 }
 
 // -- values in memory
@@ -333,6 +345,15 @@ TEST(PageFrames, belong_to_the_part_of_one_start_and_a_torn_one_is_told) {
 TEST(PagePicture, shows_what_the_inspection_said_then) {
     SmallPage page;
     const Json found = Json::parse(page.get("/parts/00000007-110/found.json").body);
+    ASSERT_FALSE(found["defects"].empty());
+    // In the picture, and in mm from the middle of 24 by 24 lenslets of half a millimetre.
+    const Json& worst = found["defects"][0];
+    EXPECT_LT(worst["at"][0], found["width"]);
+    EXPECT_LT(worst["at"][1], found["height"]);
+    EXPECT_NEAR(worst["x_mm"].get<double>(), 0.5 * (worst["m"].get<double>() - 11.5), 1e-5);
+    EXPECT_NEAR(worst["y_mm"].get<double>(), 0.5 * (worst["n"].get<double>() - 11.5), 1e-5);
+    for (const Json& map : found["maps"])
+        EXPECT_EQ(page.get("/parts/00000007-110/map.png", {{"map", map["name"]}}).status, 200) << map;
     EXPECT_EQ(found["part"], kBadPart);
     EXPECT_EQ(found["verdict"], "reject");
     EXPECT_EQ(found["same_as_then"], true);

@@ -233,5 +233,17 @@ TEST(PageCommands, what_the_station_refuses_is_told_with_its_cure) {
     EXPECT_THAT(reply.body, HasSubstr("see the active faults"));
 }
 
+TEST(PageCommands, a_refusal_by_the_state_names_the_next_command) {
+    SmallPage page;
+    page.live.set_station(example_snapshot());
+    page.answer = {CommandState::failed, CommandError::not_in_this_state, 0, "not_in_this_state"};
+    const Json told = Json::parse(page.reply_to(page.command(R"({"command":"arm"})")).body);
+    EXPECT_EQ(told["reason"], "not_in_this_state");
+    EXPECT_EQ(told["cure"], "the station is ContinuousExecution: possible are stop, abort, halt, teach");
+    const Json state = Json::parse(page.get("/api/state").body);
+    EXPECT_EQ(state["commands"], Json({"stop", "abort", "halt", "teach"}));
+    EXPECT_TRUE(state["next"].is_null());
+}
+
 }  // namespace
 }  // namespace hord::firmware::page::test

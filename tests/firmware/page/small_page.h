@@ -37,7 +37,8 @@ inline Frame part_frame(const algo::Extents& e, bool bad) {
 }
 
 // Of the kept frames: their part fills the field.
-constexpr std::string_view kKeptRecipe = "name = \"lens\"\n[part]\npresent = \"unchecked\"\n";
+constexpr std::string_view kKeptRecipe =
+    "name = \"lens\"\n[part]\npresent = \"unchecked\"\n[scale]\nlenslet_mm = 0.5\n";
 
 // Frames as a station keeps them.
 inline void keep_frame(const std::filesystem::path& store, std::uint32_t part, bool bad) {

@@ -354,6 +354,7 @@ TEST(Plc, brings_the_station_up_takes_results_changes_the_recipe_and_tests_it) {
     const Said refused = run("hordctl", {"command", "arm", "--modbus", address});
     EXPECT_EQ(refused.status, 2);
     EXPECT_THAT(refused.err, HasSubstr("not_in_this_state"));
+    EXPECT_THAT(refused.err, HasSubstr("the station is ContinuousExecution: possible are stop, abort"));
     EXPECT_EQ(run("hordctl", {"command", "stop", "--modbus", address}).status, 0);
     ASSERT_TRUE(plc.state_is(6));
     Said tested;

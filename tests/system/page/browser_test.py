@@ -104,7 +104,7 @@ def look(bin_dir, out, folder):
         # Search, page by page.
         browser.run("document.querySelector('[name=verdict]').value = 'reject'; document.getElementById('search').requestSubmit()")
         wait_for("rejects in the table", lambda: browser.run("const t = [...document.querySelectorAll('#found tbody tr')].map((r) => r.cells[3].textContent); return t.length > 0 && t.every((v) => v === 'reject')"))
-        wait_for("charts", lambda: browser.run("return document.querySelectorAll('.chart svg path.s0').length") == 6)
+        wait_for("charts", lambda: browser.run("return document.querySelectorAll('.chart svg path.s0').length") == 7)
 
         browser.run("document.getElementById('recipe-details').open = true")
         wait_for("the recipe's text", lambda: "name" in browser.run("return document.getElementById('recipe-text').textContent"))

@@ -2,6 +2,7 @@
 #include "firmware/store/results/export.h"
 
 #include <limits>
+#include <map>
 
 #include <fmt/format.h>
 
@@ -80,6 +81,37 @@ TEST(Export, times_are_read_as_people_write_them) {
     for (const char* bad : {"", "yesterday", "2026-02-30", "2026-11-21T", "2026-11-21T7", "21.11.2026", "-3d", "3w",
                             "2026-11-21T07:15:30+01:00", "2026-11-21T25:00"}) {
         EXPECT_FALSE(read(bad)) << bad;
+    }
+}
+
+TEST(StoreCounts, are_by_period_recipe_verdict_and_reason_and_add_up_to_the_results) {
+    const TempFolder folder;
+    Story story;
+    story.add(recipe("lens", "a")).add_results(1, 25);  // a tenth of a second apart; each tenth is a reject
+    write(folder, story);
+    auto reader = StoreReader::open(folder.path());
+    ASSERT_TRUE(reader);
+    std::vector<ResultCount> counts, kinds;
+    const auto period = std::chrono::seconds(1);
+    ASSERT_TRUE(
+        (*reader)->each_count(kNoon, kNoon + 2 * kSecond, period, [&](const ResultCount& c) { counts.push_back(c); }));
+    std::map<std::pair<UtcMicros, std::string>, std::int64_t> parts;
+    for (const ResultCount& c : counts) {
+        EXPECT_EQ(c.recipe, "lens");
+        EXPECT_EQ(c.reason, c.verdict == "reject" ? "neighbours-disagree" : "none");
+        parts[{c.since_us, c.verdict}] += c.parts;
+    }
+    // Results 1 to 9 are of the first second, 10 to 19 of the next; those from 20 on are too late.
+    EXPECT_EQ(
+        parts,
+        (decltype(parts){{{kNoon, "pass"}, 9}, {{kNoon + kSecond, "pass"}, 9}, {{kNoon + kSecond, "reject"}, 1}}));
+    ASSERT_TRUE((*reader)->each_kind_count(kNoon, kNoon + 10 * kSecond, period,
+                                           [&](const ResultCount& c) { kinds.push_back(c); }));
+    ASSERT_EQ(kinds.size(), 4U);  // two rejects, each with two kinds
+    for (const ResultCount& c : kinds) {
+        EXPECT_TRUE(c.kind == "scratch" || c.kind == "absorbing") << c.kind;
+        EXPECT_EQ(c.recipe, "lens");
+        EXPECT_EQ(c.parts, 1);
     }
 }
 

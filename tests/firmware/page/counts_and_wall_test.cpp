@@ -1,0 +1,70 @@
+// What the store gives besides a search, and the file of a wall of stations.
+#include <algorithm>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "tests/firmware/page/small_page.h"
+
+namespace hord::firmware::page::test {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+using Json = nlohmann::json;
+using store::test::TempFolder;
+using store::test::write_text;
+
+TEST(PageResults, are_downloaded_as_csv_by_the_same_filters) {
+    SmallPage page;
+    const Reply all = page.get("/api/results.csv"), some = page.get("/api/results.csv", {{"verdict", "reject"}});
+    EXPECT_EQ(all.type, "text/csv; charset=utf-8");
+    EXPECT_EQ(std::ranges::count(all.body, '\n'), 31);  // with the head
+    EXPECT_EQ(std::ranges::count(some.body, '\n'), 4);
+    EXPECT_EQ(page.get("/api/results.csv", {{"limit", "10001"}}).status, 400);
+    EXPECT_EQ(page.get("/api/counts", {{"span", "1y"}}).status, 400);
+    EXPECT_EQ(Json::parse(page.get("/api/counts", {{"span", "7d"}}).body)["step_s"], 3600);
+}
+
+TEST(PageResults, that_do_not_exist_yet_are_told_without_a_path) {
+    SmallPage page;
+    const std::string folder = page.folder.path().string();
+    std::filesystem::remove_all(page.folder.path());
+    for (const char* path : {"/api/results", "/api/counts", "/api/recipe", "/api/changes"}) {
+        const Reply reply = page.get(path);
+        EXPECT_EQ(reply.status, 200) << path;
+        EXPECT_TRUE(Json::parse(reply.body)["rows"].empty()) << path;
+        EXPECT_THAT(reply.body, HasSubstr("yet")) << path;
+        EXPECT_THAT(reply.body, Not(HasSubstr(folder))) << path;
+    }
+    const Json part = Json::parse(page.get("/parts/00000007-110/part.json").body);
+    EXPECT_FALSE(part.contains("result"));
+    EXPECT_TRUE(part.contains("no_result") && part.contains("no_frame"));
+}
+
+TEST(PageWall, its_file_is_read_strictly) {
+    const TempFolder folder;
+    const auto file = folder.path() / "stations.toml";
+    write_text(file,
+               "[[station]]\nname = \"a\"\nmodbus = \"h:1502\"\npage = \"https://h/\"\n"
+               "[[station]]\nname = \"b\"\nmodbus = \"i\"\n");
+    const auto read = load_stations(file);
+    ASSERT_TRUE(read) << read.error().message();
+    ASSERT_EQ(read->size(), 2U);
+    EXPECT_EQ(read->at(0).modbus.port, 1502);
+    EXPECT_EQ(read->at(1).page, "");
+    write_text(file,
+               "[[station]]\nname = \"a\"\nmodbus = \"h:x\"\npage = \"javascript:alert(1)\"\n"
+               "[[station]]\nname = \"a\"\nmodbus = \"h\"\nport = 3\n");
+    const auto wrong = load_stations(file);
+    ASSERT_FALSE(wrong);
+    for (const char* part : {":3", "javascript", "two stations are called", "port"})
+        EXPECT_THAT(wrong.error().what, HasSubstr(part));
+    write_text(file, "# none\n");
+    EXPECT_FALSE(load_stations(file));
+    EXPECT_FALSE(load_stations(folder.path() / "away.toml"));
+}
+
+}  // namespace
+}  // namespace hord::firmware::page::test

@@ -1,0 +1,240 @@
+"""What an operator does with the page, in a real browser: operator_test.py BIN_DIR OUTPUT_DIR
+
+A page without station and store, then a simulated line: halt and bring up, the fold at 1280 by 800, yield and reasons,
+charts, maps, zoom; then two stations side by side. Screenshots stay in OUTPUT_DIR. Exit status 77: no browser is installed.
+"""
+import csv
+import io
+import json
+import pathlib
+import re
+import sys
+import tempfile
+import urllib.request
+
+from browser_test import LOW_CONTRAST
+from line import LineKeeper, Page, Process, Station
+from webdriver import Browser, missing, wait_for
+
+TOKEN = "a-token-of-the-test-0123456789"
+TEXT = "return document.getElementById(arguments[0]).textContent"
+
+
+def check(is_so, what):
+    if not is_so:
+        raise AssertionError(what)
+
+
+def get(page, path):
+    with urllib.request.urlopen(page.address + path, timeout=60) as reply:
+        return reply.read().decode()
+
+
+def write_config(folder):
+    configuration = folder / "wall.toml"
+    configuration.write_text("[page]\nport = 0\n")
+    return configuration
+
+
+def complaints(browser):
+    return [entry for entry in browser.log() if entry["level"] in ("SEVERE", "WARNING")]
+
+
+def loaded(browser, page):
+    browser.open(page.address + "/")
+    wait_for("the page is loaded", lambda: browser.run("return document.documentElement.dataset.loaded === 'yes'"))
+
+
+def empty(bin_dir, out, folder):
+    """Nothing is there yet: no station, no store."""
+    folder = pathlib.Path(folder) / "empty"
+    folder.mkdir()
+    page = Page(bin_dir, folder, 1, TOKEN)
+    browser = Browser(folder)
+    try:
+        loaded(browser, page)
+        wait_for("the table says that there is no store", lambda: "No results are stored yet" in browser.run(TEXT, "search-said"))
+        wait_for("the counts say so, too", lambda: "No results are stored yet" in browser.run(TEXT, "counts-said"))
+        wait_for("the changes say so, too", lambda: "Nothing is recorded yet" in browser.run(TEXT, "changes"))
+        browser.run("document.getElementById('recipe-details').open = true")
+        wait_for("the recipe says so, too", lambda: "No recipe is stored yet" in browser.run(TEXT, "recipe-text"))
+        words = browser.run("return document.body.innerText")
+        check(str(folder) not in words and "store.sqlite" not in words, "the empty page shows paths of files")
+        check(browser.run("return [...document.querySelectorAll('[data-command]')].every((b) => b.disabled)"), "commands are offered to a station that does not answer")
+        check(not complaints(browser), "the console complains of the empty page")
+        browser.screenshot(out / "empty-1280.png", 1280, 800, False, whole=True)
+    finally:
+        browser.close()
+        page.end()
+
+
+def enabled(browser):
+    return set(browser.run("return [...document.querySelectorAll('[data-command]')].filter((b) => !b.disabled).map((b) => b.dataset.command)"))
+
+
+def give(browser, name):
+    """A click on a command, and the confirmation."""
+    wait_for(f"{name} is offered", lambda: name in enabled(browser))
+    browser.run("document.querySelector(`[data-command='${arguments[0]}']`).click(); document.querySelector('#sure [value=yes]').click()", name)
+
+
+def commands(browser, page, keeper, out):
+    """Halt, reset, bring up: never a dead end."""
+    running = lambda: "ContinuousExecution" in browser.run(TEXT, "lamps")
+    wait_for("the line runs", running)
+    check({"stop", "abort", "halt"} <= enabled(browser) and not {"bring_up", "arm", "reset"} & enabled(browser), f"a running line offers {enabled(browser)}")
+    keeper.end()  # its resets would disturb what follows
+    browser.run("document.getElementById('token').value = arguments[0]", TOKEN)
+    give(browser, "halt")
+    wait_for("halted", lambda: "State: Halted" in browser.run(TEXT, "lamps"))
+    wait_for("only the reset leads on", lambda: enabled(browser) == {"reset"})
+    check("reset" in browser.run(TEXT, "actions-next"), "nobody says what is next")
+    browser.screenshot(out / "halted-1280.png", 1280, 800, False)
+    # A refusal names the next command, here of a client that does not look at the state.
+    answer = browser.run_async("const done = arguments[1]; fetch('/api/command', {method: 'POST', headers: {'Content-Type': 'application/json', Authorization: `Bearer ${arguments[0]}`}, body: '{\"command\":\"start_continuous\"}'}).then((r) => r.json()).then(done)", TOKEN)
+    check("next is reset" in answer["cure"] and answer["reason"] == "not_in_this_state", f"refused without a way on: {answer}")
+    give(browser, "reset")
+    wait_for("reset", lambda: "State: Preoperational" in browser.run(TEXT, "lamps"))
+    wait_for("the way up is offered", lambda: {"bring_up", "initialise", "halt"} == enabled(browser))
+    # Parts were on the line at the halt: the station may find them at its start and stop the line. Then the operator
+    # checks, resets and brings it up again.
+    def brought_up():
+        if re.search("Done: the station inspects", browser.run(TEXT, "actions-said")) and running():
+            return True
+        for name in ("reset", "bring_up"):
+            if name in enabled(browser):
+                give(browser, name)
+                return False
+        return False
+    wait_for("the line is brought up", brought_up)
+
+
+def fold(browser, out):
+    """1280 by 800: state, verdicts and the last reject are seen without scrolling."""
+    wait_for("a reject with its picture", lambda: browser.run("return !document.getElementById('map').hidden"))
+    for width, height, name in ((1280, 800, "1280"), (1024, 1366, "tablet"), (420, 900, "phone")):
+        browser.screenshot(out / f"{name}.png", width, height, False)
+        browser.screenshot(out / f"{name}-whole.png", width, height, width == 1024, whole=True)
+        check(browser.run("return document.documentElement.scrollWidth <= innerWidth"), f"wider than {width} pixels")
+        if width == 1280:
+            bottoms = browser.run("return ['state-card', 'strip-card', 'map', 'reject-words'].map((id) => document.getElementById(id).getBoundingClientRect().bottom)")
+            check(max(bottoms) <= 800, f"below the fold of 1280 by 800: {bottoms}")
+    browser.cdp("Emulation.setDeviceMetricsOverride", width=1280, height=800, deviceScaleFactor=1, mobile=False)
+
+
+def figures(browser, page, out):
+    """Yield, reasons, kinds, shifts; CSV; local time; kinds of the filter."""
+    wait_for("yield and reasons", lambda: "%" in browser.run(TEXT, "yield") and browser.run("return document.querySelectorAll('#pareto-reasons .bar').length > 0"))
+    wait_for("kinds", lambda: browser.run("return document.querySelectorAll('#pareto-kinds .bar').length > 0"))
+    counts = json.loads(get(page, "/api/counts"))
+    check(browser.run("return document.querySelectorAll('#shifts tbody tr').length") >= 1, "no line of a shift")
+    rows = list(csv.DictReader(io.StringIO(get(page, "/api/results.csv?verdict=reject"))))
+    check(rows and all(row["verdict"] == "reject" for row in rows), "the CSV is not what was asked for")
+    check(sum(r[4] for r in counts["rows"] if r[2] == "reject") <= len(rows), "the counts and the CSV differ")
+    kinds = browser.run("return [...document.querySelector('[name=kind]').options].map((o) => o.value)")
+    check(set(kinds) == {"", "scattering", "absorbing", "surface", "scratch", "unknown"}, f"kinds: {kinds}")
+    wait_for("results with local time", lambda: browser.run("return /Z\\d{4}-.* local/.test(document.querySelector('#found tbody td:nth-child(2)')?.textContent || '')"))
+    check("local)" in browser.run(TEXT, "reject-facts"), "the last reject has no local time")
+    wait_for("charts", lambda: browser.run("return document.querySelectorAll('.chart svg path.s0').length") == 7)
+    axes = browser.run("return [...document.querySelectorAll('.chart svg')].map((s) => s.querySelectorAll('.label').length)")
+    check(axes == [1] * 7, f"axes with a label: {axes}")
+    check(browser.run("return document.querySelectorAll('.chart .limit').length") == 1, "the scores have no limit")
+    browser.run("document.querySelector('.chart svg').scrollIntoView({block: 'center'})")
+    wait_for("a value under the pointer", lambda: re.search(r"\d\d:\d\d:\d\d: score [\d.]+", browser.run("const s = document.querySelector('.chart svg'), b = s.getBoundingClientRect(); s.dispatchEvent(new PointerEvent('pointermove', {clientX: b.right - 20, clientY: b.top + 20})); return document.querySelector('.chart .said').textContent")))
+    browser.run("document.querySelectorAll('.chart svg')[2].focus()")
+    def by_key():
+        browser.keys("Left")
+        return re.search(r": pass .*, reject .*, unfit .* parts a minute", browser.run("return document.querySelectorAll('.chart .said')[2].textContent"))
+    wait_for("a value by the arrow keys", by_key)
+    browser.run("document.getElementById('charts-card').scrollIntoView()")
+
+
+def pictures(browser, out):
+    """Another map, the light, a defect enlarged."""
+    part = wait_for("a part with a defect in the table", lambda: browser.run("document.querySelector('[name=verdict]').value = 'reject'; document.getElementById('search').requestSubmit(); const r = [...document.querySelectorAll('#found tbody tr')].find((r) => r.cells[3].textContent === 'reject' && Number(r.cells[6].textContent) > 0); if (r) r.querySelector('button').click(); return r ? r.cells[0].textContent : null"))
+    wait_for(f"the picture of result {part}", lambda: browser.run("const m = document.getElementById('part-map'); return !m.hidden && m.naturalWidth > 0 && document.querySelectorAll('#part-defects button').length > 0"))
+    browser.run("document.querySelector('#part-defects button').click()")
+    check("scale(" in browser.run("return document.getElementById('part-map').style.transform"), "a defect is not enlarged")
+    browser.screenshot(out / "zoom.png", 1280, 800, False)
+    browser.run("document.querySelector('#part-defects button').click()")
+    check(browser.run("return document.getElementById('part-map').style.transform") == "", "the whole picture does not come back")
+    browser.run("document.querySelector('#part-choice [data-map=sums]').click()")
+    wait_for("the light", lambda: browser.run("const m = document.getElementById('part-map'); return m.src.endsWith('?map=sums') && m.complete && m.naturalWidth > 0"))
+    browser.screenshot(out / "light.png", 1280, 800, False)
+    browser.keys("Escape")
+    wait_for("maps of the last reject", lambda: browser.run("const b = document.querySelector('#map-choice [data-map=sums]'); if (b) b.click(); return Boolean(b)"))
+    wait_for("the light of the last reject", lambda: browser.run("return document.getElementById('map').src.endsWith('?map=sums')"))
+
+
+def work(bin_dir, out, folder):
+    station = Station(bin_dir, folder)
+    page = Page(bin_dir, folder, station.port, TOKEN)
+    keeper = LineKeeper(bin_dir, page, station.port)
+    browser = Browser(folder)
+    try:
+        browser.cdp("Emulation.setTimezoneOverride", timezoneId="Asia/Kolkata")
+        loaded(browser, page)
+        fold(browser, out)
+        figures(browser, page, out)
+        browser.screenshot(out / "figures-1280.png", 1280, 800, False, whole=True)
+        pictures(browser, out)
+        check(not complaints(browser), "the console complains")
+        commands(browser, page, keeper, out)
+        print(f"screenshots in {out}")
+    except Exception:
+        browser.screenshot(out / "operator-failed.png", 1280, 800, False, whole=True)
+        raise
+    finally:
+        keeper.end()
+        browser.close()
+        page.end()
+        station.end()
+
+
+def wall(bin_dir, out, folder):
+    """Two stations and one that does not answer, side by side."""
+    folder = pathlib.Path(folder)
+    stations = [Station(bin_dir, folder, rate=2, seed=seed, store=f"store-{seed}") for seed in (11, 12)]
+    file = folder / "stations.toml"
+    file.write_text("".join(f'[[station]]\nname = "Cell {k + 1}"\nmodbus = "127.0.0.1:{port}"\npage = "http://cell{k + 1}.example:8070/"\n' for k, port in enumerate([s.port for s in stations] + [1])))
+    page = Process(["nice", "-n", "10", f"{bin_dir}/hord-page", "--config", write_config(folder), "--stations", file])
+    browser = Browser(folder)
+    try:
+        address = page.says(r"(http://127\.0\.0\.1:\d+)/ shows 3 stations")[1]
+        browser.open(address + "/")
+        cell = "return [...document.querySelectorAll('.cell')].map((c) => c.querySelector('h3').textContent + '|' + c.dataset.degree + '|' + c.querySelectorAll('.strip li').length + '|' + (c.querySelector('a')?.href || ''))"
+        def seen():
+            cells = [text.split("|") for text in browser.run(cell)]
+            return cells if len(cells) == 3 and all(int(c[2]) > 0 for c in cells[:2]) and cells[2][1] == "alarm" else None
+        cells = wait_for("two stations with parts, and one that is away", seen)
+        check([c[0] for c in cells] == ["Cell 1", "Cell 2", "Cell 3"] and cells[1][3] == "http://cell2.example:8070/", f"cells: {cells}")
+        check("1 alarm" in browser.run(TEXT, "summary") or "2 alarm" in browser.run(TEXT, "summary"), "the summary counts no alarm")
+        for width, height, name in ((1280, 800, "wall-1280"), (420, 900, "wall-phone")):
+            browser.screenshot(out / f"{name}.png", width, height, False)
+            check(browser.run("return document.documentElement.scrollWidth <= innerWidth"), f"the wall is wider than {width} pixels")
+            check(not browser.run(LOW_CONTRAST), f"hard to read: {browser.run(LOW_CONTRAST)}")
+        browser.screenshot(out / "wall-4k-dark.png", 3840, 2160, True)
+        check(not browser.run(LOW_CONTRAST), f"dark, hard to read: {browser.run(LOW_CONTRAST)}")
+        check(not complaints(browser), "the console complains of the wall")
+    finally:
+        browser.close()
+        page.end()
+        for station in stations:
+            station.end()
+
+
+def main():
+    if why := missing():
+        print(f"skipped: {why}")
+        return 77
+    out = pathlib.Path(sys.argv[2])
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="hord-page-", ignore_cleanup_errors=True) as folder:
+        empty(sys.argv[1], out, folder)
+        work(sys.argv[1], out, folder)
+        wall(sys.argv[1], out, folder)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
