@@ -13,9 +13,13 @@ bool Core::continues(const hal::PartEdge& edge) {
     if (step == 1) return in_time;
     if (step > 1 && step < (1U << 31)) {
         // Edges alternate: arrives, leaves. With a sensor that reports arrivals only, every lost edge is a lost part.
+        // An edge made by noise breaks the alternation: then the edges before and behind the lost ones do not fit
+        // together, and an odd one among the lost counts as an arrival.
         const std::uint32_t lost = step - 1;
-        const bool next_lost_arrives = last_kind_ == hal::PartEdge::Kind::leaves;
-        const std::uint32_t parts = !leaves_seen_ ? lost : (lost + (next_lost_arrives ? 1U : 0U)) / 2;
+        const bool first_lost_arrives = last_kind_ == hal::PartEdge::Kind::leaves;
+        const bool last_lost_arrives = edge.kind == hal::PartEdge::Kind::leaves;
+        const std::uint32_t odd = first_lost_arrives || last_lost_arrives ? 1 : 0;
+        const std::uint32_t parts = !leaves_seen_ ? lost : (lost + odd) / 2;
         counters_.missed += parts;
         keep_active(kFaultPartSensor);
         if (parts > 0) stop_the_line();

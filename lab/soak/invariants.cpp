@@ -92,14 +92,14 @@ void Invariants::part_is_gone(const sim::PartRecord& part) {
     history.gone = true;
     switch (part.fate) {
         case sim::PartRecord::Fate::ejected: check_ejected(history); break;
-        case sim::PartRecord::Fate::left: check_exit(history); break;
+        case sim::PartRecord::Fate::left: check_exit(history, part.gone); break;
         case sim::PartRecord::Fate::removed: history.taken_by_hand = true; break;
         case sim::PartRecord::Fate::on_line: break;
     }
 }
 
 // The main rule: a part that leaves the line was passed.
-void Invariants::check_exit(PartHistory& history) {
+void Invariants::check_exit(PartHistory& history, TimePoint left) {
     if (history.has_result && history.result.verdict == PartVerdict::pass) return;
     if (history.invisible || history.stuck || history.slipped_mm > kToleratedSlip_mm) {
         ++excused_;
@@ -107,7 +107,7 @@ void Invariants::check_exit(PartHistory& history) {
     }
     // Without a running process nothing stops the line: the next process must, before the belt moves on.
     if (core_ == nullptr || clock_.now() <= stalled_until_ + milliseconds(20)) {
-        left_in_outage_at_ = clock_.now().time_since_epoch().count();
+        left_in_outage_ = {left, clock_.now()};
         return;
     }
     broken(Promise::no_bad_part_passes,
@@ -128,7 +128,7 @@ void Invariants::check_ejected(PartHistory& history) {
 }
 
 bool Invariants::pulsed_by_fault(TimePoint at) const {
-    return std::any_of(fault_pulses_.begin(), fault_pulses_.end(), [&](const Pulse& p) {
+    return std::any_of(fault_pulses_.begin(), fault_pulses_.end(), [&](const Interval& p) {
         return at + milliseconds(1) >= p.from && at <= p.until + milliseconds(1);
     });
 }
@@ -186,6 +186,21 @@ bool Invariants::any_in_effect(std::uint64_t faults, TimePoint since) const {
     return false;
 }
 
+// The belt is looked at in each step: the time in which it stands is at most a step too short or too long.
+void Invariants::watch_belt() {
+    const bool stands = belt_stands();
+    if (stands && !stood_) stands_[next_stand_++ % stands_.size()].from = clock_.now();
+    if (stands || stood_) stands_[(next_stand_ - 1) % stands_.size()].until = clock_.now();
+    stood_ = stands;
+}
+
+Duration Invariants::belt_stood(TimePoint from, TimePoint until) const {
+    Duration sum{};
+    for (const Interval& stand : stands_)
+        sum += std::max(Duration::zero(), std::min(stand.until, until) - std::max(stand.from, from));
+    return sum;
+}
+
 // -- processes
 
 void Invariants::process_starts(const Core& core, const CoreConfig& config) {
@@ -202,7 +217,7 @@ void Invariants::process_starts(const Core& core, const CoreConfig& config) {
 
 void Invariants::process_ends() {
     core_ = nullptr;
-    part_sensor_up_ = false;
+    part_sensor_up_ = had_line_stop_ = false;
     for (PartHistory& history : parts_) history.process_ended = history.process_ended || !history.has_result;
 }
 

@@ -7,6 +7,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -138,8 +139,11 @@ class Invariants {
     [[nodiscard]] bool belt_stands() const { return cell_.world().stands(); }
     [[nodiscard]] bool pulsed_by_fault(TimePoint at) const;  // a fault made the ejector pulse
     [[nodiscard]] bool any_in_effect(std::uint64_t faults, TimePoint since) const;
+    void watch_belt();
+    [[nodiscard]] Duration belt_stood(TimePoint from, TimePoint until) const;
+    void watch_line_stop();
     void check_finished(const PartHistory& history);
-    void check_exit(PartHistory& history);
+    void check_exit(PartHistory& history, TimePoint left);
     void check_ejected(PartHistory& history);
     void check_passed(const PartResult& result, PartHistory* history);
     void check_event(State before, const Event& event);
@@ -170,11 +174,17 @@ class Invariants {
     TimePoint stalled_until_{};  // the process is not scheduled until then
     bool not_ready_reported_ = false;
     TimePoint last_line_stop_ = TimePoint::min();
-    std::int64_t left_in_outage_at_ = -1;  // ns; a part left while no process could stop the line; -1: none
-    struct Pulse {
+    struct Interval {
         TimePoint from, until;
     };
-    std::array<Pulse, 8> fault_pulses_{};  // made by faults; the newest overwrites the oldest
+    Interval line_stop_{TimePoint::min(), TimePoint::min()};  // the newest one; `until`: a reset cleared it, or now
+    bool had_line_stop_ = false;
+    // The newest part that left while no process could stop the line. `until`: the observer was told.
+    std::optional<Interval> left_in_outage_;
+    std::array<Interval, 16> stands_{};  // of the belt; the newest overwrites the oldest
+    std::size_t next_stand_ = 0;
+    bool stood_ = false;
+    std::array<Interval, 8> fault_pulses_{};  // made by faults; the newest overwrites the oldest
     std::size_t next_fault_pulse_ = 0;
     hal::RejectCommand last_reject_;
     // Of this process.

@@ -67,7 +67,7 @@ constexpr std::array kPossibleCauses{
     PossibleCauses{PartReason::saturated, any_of(InjectedFault::frame_saturated, InjectedFault::frame_stale)},
 };
 // Longest time from the end of a fault's effect to the verdict that it causes: a part is on the line for 0.8 s, and a
-// PLC's silence ends with its next cycle.
+// PLC's silence ends with its next cycle. The time for which the belt stood with the part on it comes on top.
 constexpr Duration kCauseLag = milliseconds(1000);
 
 }  // namespace
@@ -164,15 +164,8 @@ void Invariants::stepped(State before, const Event& event) {
     stepped_at_ = time;
     if (steps_at_once_ == kMaxStepsAtOnce)
         broken(Promise::bounded, "the station steps and steps, and time stands still");
-    if (now.line_stop) {
-        last_line_stop_ = time;
-        left_in_outage_at_ = -1;
-    } else if (left_in_outage_at_ >= 0 && now.run_permit &&
-               (time - TimePoint{}).count() > left_in_outage_at_ + milliseconds(500).count()) {
-        broken(Promise::no_bad_part_passes,
-               "a part left while the process did not run, and the line was never stopped for it");
-        left_in_outage_at_ = -1;
-    }
+    watch_belt();
+    watch_line_stop();
     if (now.state != State::continuous_execution || now.line_stop) {
         disturbed_until_ = std::max(disturbed_until_, time + milliseconds(1000));
         if (time > faults_until_ + kReadyWithin && !not_ready_reported_) {
@@ -181,6 +174,26 @@ void Invariants::stepped(State before, const Event& event) {
         }
     }
     check_counters();
+}
+
+// A part that left while no process could stop the line must be answered by a line stop behind it that stays long
+// enough to be seen. The part's own time counts, not the time at which the observer was told: in two stalls one after
+// the other, the station stops the line between them, and the observer is told after both.
+void Invariants::watch_line_stop() {
+    const TimePoint time = clock_.now();
+    const bool stopped = core_->line_stop();
+    if (stopped) last_line_stop_ = time;
+    if (stopped && !had_line_stop_) line_stop_.from = time;
+    if (stopped || had_line_stop_) line_stop_.until = time;
+    had_line_stop_ = stopped;
+    if (!left_in_outage_) return;
+    if (line_stop_.until >= std::max(line_stop_.from, left_in_outage_->from) + kMinLineStop) {
+        left_in_outage_.reset();
+    } else if (!stopped && core_->run_permit() && time > left_in_outage_->until + milliseconds(500)) {
+        broken(Promise::no_bad_part_passes,
+               "a part left while the process did not run, and the line was never stopped for it");
+        left_in_outage_.reset();
+    }
 }
 
 void Invariants::result(const PartResult& r) {
@@ -286,11 +299,15 @@ void Invariants::check_rejection(const PartResult& r) {
 }
 
 void Invariants::check_reason(const PartResult& r) {
-    const TimePoint decided(Duration(r.arrived_ns) + microseconds(r.latency_us) + microseconds(1));
-    const bool close = last_close_ != TimePoint::min() && decided - last_close_ <= kCauseLag;
+    const TimePoint arrived(Duration(r.arrived_ns));
+    const TimePoint decided = arrived + microseconds(r.latency_us) + microseconds(1);
+    // With an encoder, a part on a belt that stands waits there for its exposure, and for what happened before.
+    const Duration waited = rules_.core.by_encoder ? belt_stood(arrived, decided) : Duration::zero();
+    const TimePoint since = decided - kCauseLag - waited;
+    const bool close = last_close_ != TimePoint::min() && last_close_ >= since;
     if (close && (r.reason == PartReason::parts_too_close || r.reason == PartReason::strobe_failed)) return;
     for (const PossibleCauses& cause : kPossibleCauses) {
-        if (cause.reason == r.reason && rules_.perfect_detection && !any_in_effect(cause.faults, decided - kCauseLag)) {
+        if (cause.reason == r.reason && rules_.perfect_detection && !any_in_effect(cause.faults, since)) {
             broken(Promise::true_reasons,
                    "is unfit (" + std::string(name_of(r.reason)) + "), and nothing of the kind happened", r.part);
         }

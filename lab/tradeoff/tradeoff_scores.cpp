@@ -107,7 +107,7 @@ class Eye {
         std::vector<std::uint32_t> scratch(sums.size());
         const std::vector<std::uint8_t> mask(sums.size(), algo::kValid);
         values_.resize(sums.size());
-        algo::transmissions(sums, mask, algo::typical_light(sums, mask, scratch), values_);
+        algo::transmissions(sums, mask, algo::typical_light(sums, mask, 0, scratch), values_);
         for (float& v : values_) v = std::abs(1 - v);
         return values_;
     }

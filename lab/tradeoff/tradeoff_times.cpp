@@ -104,7 +104,7 @@ class LightMeter {
             algo::decode_row(frame.view(), extents_, levels_, n, row_);
             std::ranges::copy(row_.sums(), sums_.begin() + std::ptrdiff_t{n} * extents_.m);
         }
-        algo::transmissions(sums_, mask_, algo::typical_light(sums_, mask_, scratch_), out_);
+        algo::transmissions(sums_, mask_, algo::typical_light(sums_, mask_, 0, scratch_), out_);
     }
 
   private:

@@ -66,6 +66,20 @@ TEST_F(Running, a_lost_leaving_edge_makes_the_next_parts_identity_uncertain_and_
     expect_fail_safe(3, PartReason::edge_lost);
 }
 
+TEST_F(Running, a_lost_arrival_behind_an_edge_of_noise_stops_the_line) {
+    rig.send(hal::PartEdge{hal::PartEdge::Kind::arrives, rig.now, 1, {}});
+    rig.advance(milliseconds(30));
+    rig.send(hal::PartEdge{hal::PartEdge::Kind::leaves, rig.now, 2, {}});
+    rig.advance(milliseconds(5));
+    rig.send(hal::PartEdge{hal::PartEdge::Kind::arrives, rig.now, 3, {}});  // no part
+    rig.advance(milliseconds(60));
+    ASSERT_FALSE(rig.shot().line_stop);
+    rig.send(hal::PartEdge{hal::PartEdge::Kind::leaves, rig.now, 5, {}});  // number 4 was the arrival of its part
+    EXPECT_TRUE(rig.shot().line_stop);
+    EXPECT_EQ(rig.core.state(), State::error);
+    EXPECT_EQ(rig.shot().counters.missed, 1U);
+}
+
 TEST_F(Running, an_edge_from_the_future_or_before_the_last_one_is_no_part_to_be_trusted) {
     rig.part_is_seen();
     for (const Duration off : {Duration(1), milliseconds(-11)}) {

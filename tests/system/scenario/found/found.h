@@ -9,7 +9,7 @@
 namespace hord::lab {
 
 struct Found {
-    std::string_view bug;      // tests/system/mutants/BUG.patch plants it again; of the station itself: what was wrong
+    std::string_view bug;      // tests/system/mutants/BUG.patch plants it again; else what was wrong
     std::string_view promise;  // the invariant that was violated
     std::uint64_t seed, parts;
     LineProfile line;
@@ -34,6 +34,16 @@ inline constexpr std::array kFound{
           5000, LineProfile::timed,
           "ejector-stuck@24,ejector-stuck@25-416:0.01,process-stalled@239+120000us,process-stalled@240-4500:0.03+"
           "400000us"},
+    Found{"an arrival that was lost behind a ghost edge was taken for a leaving edge", "no-bad-part-passes",
+          5966409901995310801U, 1496, LineProfile::encoder,
+          "process-crash@304+150000us,edge-lost@1485,edge-ghost@1429-1522:0.03+55000us"},
+    Found{"the observer, told late of a part that had left, did not know the line stop between", "no-bad-part-passes",
+          14815787824337216300U, 270, LineProfile::timed,
+          "plc-walks@5+1500000us,plc-walks@142-276:0.03+2500000us,process-stalled@140-274:0.03+400000us"},
+    Found{"the same of the observer, with an encoder", "no-bad-part-passes", 14161075918074502693U, 178,
+          LineProfile::encoder, "plc-walks@111-199:0.03+1500000us,process-stalled@169-179:0.03+400000us"},
+    Found{"the observer counted the time for which the belt stood as a part's way", "true-reasons",
+          14489981575578618572U, 97, LineProfile::encoder, "plc-commands@5,encoder-slip@88+20000us"},
 };
 
 inline Result<EpisodePlan> plan_of(const Found& found) {
