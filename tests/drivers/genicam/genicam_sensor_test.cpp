@@ -244,8 +244,8 @@ TEST_F(Genicam, that_another_program_controls_is_busy_with_a_cure) {
 TEST_F(Genicam, frames_with_lost_packets_are_corrupt_or_missing_and_none_is_taken_for_another) {
     const FakeGige camera({"127.0.0.1", "S1", "lost=0.01"});
     start(software(320, 240));  // 58 packets: about every second frame is complete
-    int corrupt = 0;
-    std::map<std::uint32_t, int> steps;  // between sample and sequence
+    int corrupt = 0, whole = 0;
+    std::optional<std::uint8_t> ahead;  // of the sequence: the camera's own number of the frame, its first sample
     std::uint32_t last = 0;
     for (int k = 0; k < 40 && ear_.losses.empty(); ++k) {
         const hal::FrameLease one = frame(1900ms);
@@ -253,13 +253,19 @@ TEST_F(Genicam, frames_with_lost_packets_are_corrupt_or_missing_and_none_is_take
         EXPECT_GT(one.info().sequence, last);
         last = one.info().sequence;
         EXPECT_TRUE(one.info().corrupt ? one.info().bytes_used == 0 : is_one_frame(one.view()));
-        if (one.info().corrupt) ++corrupt;
-        else ++steps[(one.view().sample(0, 0) - one.info().sequence) & 255U];
+        if (one.info().corrupt) {
+            ++corrupt;
+            continue;
+        }
+        ++whole;
+        // A trigger that is sent again on a busy machine makes the camera count on. A frame taken for a later one lags.
+        const auto now_ahead = static_cast<std::uint8_t>(one.view().sample(0, 0) - one.info().sequence);
+        EXPECT_LT(static_cast<std::uint8_t>(now_ahead - ahead.value_or(now_ahead)), 128);
+        ahead = now_ahead;
     }
     EXPECT_TRUE(ear_.losses.empty()) << ear_.losses[0].message();
     EXPECT_GT(corrupt, 0);
-    ASSERT_EQ(steps.size(), 1U);
-    EXPECT_GT(steps.begin()->second, 1);
+    EXPECT_GT(whole, 1);
 }
 
 TEST_F(Genicam, that_leaves_is_lost_and_runs_again_when_it_is_back) {
