@@ -15,7 +15,6 @@ namespace hord::firmware {
 namespace {
 
 namespace fs = std::filesystem;
-using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing_support::TempFolder;

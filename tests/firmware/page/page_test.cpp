@@ -19,7 +19,6 @@ namespace hord::firmware::page::test {
 namespace {
 
 using ::testing::HasSubstr;
-using ::testing::Not;
 using Json = nlohmann::json;
 using store::test::TempFolder;
 using store::test::write_text;
