@@ -144,14 +144,23 @@ std::string as_json() {
     return Json{{"map_version", kMapVersion}, {"map_crc32", map_crc32()}, {"blocks", std::move(blocks)}}.dump(1) + "\n";
 }
 
-// Constants of IEC 61131-3: addresses, bit masks, codes. A set of names that two rows share is written once.
+// Constants of IEC 61131-3: addresses, bit masks, codes. Codes that two rows share are written once, of the row that a
+// PLC writes.
 std::string as_structured_text() {
     std::string out = fmt::format(
         "(* Generated: hordctl registers --format st > deploy/plc/hord_registers.st. Map version {}. *)\n\n"
         "VAR_GLOBAL CONSTANT\n    HORD_MAP_VERSION : UINT := {};\n    HORD_MAP_CRC32 : UDINT := {};\n"
         "    HORD_RING_SLOTS : UINT := {};\n    HORD_RESULT_WORDS : UINT := {};\n",
         kMapVersion, kMapVersion, map_crc32(), kRingSlots, kResultWords);
-    std::set<const NamedValue*> written;
+    const auto is_bits = [](const Register& row) {
+        return row.type == RegisterType::bits16 || row.type == RegisterType::bits32;
+    };
+    std::set<std::pair<const NamedValue*, bool>> written, of_a_writable_row;
+    for (const Block& block : register_blocks()) {
+        for (const Register& row : block.registers) {
+            if (row.access == RegisterAccess::read_write) of_a_writable_row.emplace(row.values.data(), is_bits(row));
+        }
+    }
     for (const Block& block : register_blocks()) {
         if (block.registers.empty() || block.id == BlockId::last) continue;  // RING has the same rows
         const bool slots = block.slots > 0;
@@ -161,7 +170,10 @@ std::string as_structured_text() {
             const std::string name = fmt::format("HORD_{}_{}", block.name, upper(row.name));
             out += fmt::format("    {} : UINT := {};{}\n", name, row.address - (slots ? kRingBase : 0),
                                slots ? "    (* from the slot's first register *)" : "");
-            if (row.values.empty() || !written.insert(row.values.data()).second) continue;
+            const std::pair names(row.values.data(), is_bits(row));
+            if (row.values.empty() || (row.access == RegisterAccess::read && of_a_writable_row.contains(names)))
+                continue;
+            if (!written.insert(names).second) continue;
             for (const NamedValue& value : row.values) {
                 if (row.type == RegisterType::bits16) {
                     out += fmt::format("    {}_{} : WORD := 16#{:04X};\n", name, upper(value.name), 1U << value.value);
