@@ -99,8 +99,8 @@ def commands(browser, page, keeper, out):
     # Parts were on the line at the halt: the station may find them at its start and stop the line. Then the operator
     # checks, resets and brings it up again.
     def brought_up():
-        if re.search("Done: the station inspects", browser.run(TEXT, "actions-said")) and running():
-            return True
+        if re.search("Done: (the station inspects|reset)", browser.run(TEXT, "actions-said")) and running():
+            return True  # after a reset it may start by itself
         for name in ("reset", "bring_up"):
             if name in enabled(browser):
                 give(browser, name)
@@ -133,7 +133,8 @@ def figures(browser, page, out):
     check(sum(r[4] for r in counts["rows"] if r[2] == "reject") <= len(rows), "the counts and the CSV differ")
     kinds = browser.run("return [...document.querySelector('[name=kind]').options].map((o) => o.value)")
     check(set(kinds) == {"", "scattering", "absorbing", "surface", "scratch", "unknown"}, f"kinds: {kinds}")
-    wait_for("results with local time", lambda: browser.run("return /Z\\d{4}-.* local/.test(document.querySelector('#found tbody td:nth-child(2)')?.textContent || '')"))
+    # The search that comes with the page may have been answered before the first result was stored.
+    wait_for("results with local time", lambda: browser.run("document.getElementById('search').requestSubmit(); return /Z\\d{4}-.* local/.test(document.querySelector('#found tbody td:nth-child(2)')?.textContent || '')"))
     check("local)" in browser.run(TEXT, "reject-facts"), "the last reject has no local time")
     wait_for("charts", lambda: browser.run("return document.querySelectorAll('.chart svg path.s0').length") == 7)
     axes = browser.run("return [...document.querySelectorAll('.chart svg')].map((s) => s.querySelectorAll('.label').length)")

@@ -103,7 +103,7 @@ devices_listed() {
     hordctl devices >/tmp/listed || return 1
     cut -c1-150 /tmp/listed
     local text
-    for text in '/dev/gpiochip0: "rig-gpio", 16 lines' 'COLLIMATOR_A, output, in use by hord' 'line   4 SPARE' '/dev/video10: rigcam' \
+    for text in ': "rig-gpio", 16 lines' 'COLLIMATOR_A, output, in use by hord' 'line   4 SPARE' '/dev/video10: rigcam' \
         'in use by v4l2-ctl (process ' 'format GREY (8 bits)' '/dev/video20: vivid' 'vimc.0 Sensor B'; do
         grep -qF "$text" /tmp/listed || { echo "not listed: $text"; return 1; }
     done
