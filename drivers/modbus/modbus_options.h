@@ -4,6 +4,7 @@
 
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "drivers/hal/clock.h"
 
@@ -46,8 +47,8 @@ struct ModuleMap {
 
     // The module's name, in input registers: text of two characters a register, or a number.
     int name_register = -1;
-    int name_words = 0;            // 0: a number in one register
-    const char* name_prefix = "";  // printed before the number
+    int name_words = 0;                 // 0: a number in one register
+    std::string_view name_prefix = "";  // printed before the number
 
     bool operator==(const ModuleMap&) const = default;
 };

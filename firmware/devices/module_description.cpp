@@ -20,7 +20,7 @@ std::optional<std::string> name_in_registers(drivers::CoilLink& link, const driv
     const auto words = link.read_registers(map.name_words == 0 ? Kind::holding : Kind::input, map.name_register,
                                            std::max(1, map.name_words));
     if (!words) return std::nullopt;
-    if (map.name_words == 0) return map.name_prefix + std::to_string(words->front());
+    if (map.name_words == 0) return std::string(map.name_prefix) + std::to_string(words->front());
     std::string text;
     for (const std::uint16_t word : *words) {
         for (const int letter : {word >> 8, word & 0xFF}) {
@@ -75,7 +75,7 @@ Result<ModuleIdentity> identify_module(const hal::Clock& clock, const drivers::M
         answered = answered || link.connected();
         // Any module may have some number at this place: a WAGO's has three digits.
         const bool fits = name && !name->empty() &&
-            (profile.map.name_words > 0 || name->size() == std::string_view(profile.map.name_prefix).size() + 3);
+            (profile.map.name_words > 0 || name->size() == profile.map.name_prefix.size() + 3);
         if (fits) return ModuleIdentity{*name, std::string(profile.name), profile.map.first_output};
     }
     if (!answered) return tl::unexpected(said.error());

@@ -99,8 +99,8 @@ def commands(browser, page, keeper, out):
     # Parts were on the line at the halt: the station may find them at its start and stop the line. Then the operator
     # checks, resets and brings it up again.
     def brought_up():
-        if re.search("Done: (the station inspects|reset)", browser.run(TEXT, "actions-said")) and running():
-            return True  # after a reset it may start by itself
+        if running():
+            return True  # by "Bring up", or by itself after a reset
         for name in ("reset", "bring_up"):
             if name in enabled(browser):
                 give(browser, name)
