@@ -193,7 +193,8 @@ TEST(Config, the_documented_keys_of_a_module_are_those_of_the_plain_profile) {
     const auto config = parse(part);
     ASSERT_TRUE(config) << config.error().what;
     drivers::ModuleMap map = std::get<drivers::ModbusRejectorOptions>(config->rejector).map;
-    map.name_register = -1;  // the profile's alone
+    map.name_register = -1;  // the name is the profile's alone
+    map.name_prefix = "";
     EXPECT_EQ(map, drivers::ModuleMap{});
 }
 
