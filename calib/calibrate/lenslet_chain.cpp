@@ -25,8 +25,8 @@ constexpr int kNear = 2;                // columns and rows about a lenslet from
 constexpr double kFarWeight = 0.4;      // of lenslets two columns or rows away, against 1
 constexpr double kStiffness = 0.5;      // pitches^2: weight of the slope that the neighbours were predicted with
 constexpr double kOtherSize = 0.025;    // of the local pitch: from here on, lenslets have a profile of their own
-constexpr std::size_t kFewestOfSize = 12, kMostOfSize = 80;  // lenslets from which a profile is learned
-constexpr std::size_t kSearched = 4000;                      // of the last lenslets, for some of one size
+constexpr std::size_t kMinOfSize = 12, kMaxOfSize = 80;  // lenslets from which a profile is learned
+constexpr std::size_t kSearched = 4000;                  // of the last lenslets, for some of one size
 constexpr int kMaxTries = 3, kMoreNeighbours = 3;  // a lenslet is tried again when it has that many more neighbours
 
 struct Vector {
@@ -164,14 +164,14 @@ class Chains {
         if (apart(scale, finders_.nearest_scale(scale)) > kOtherSize && nodes_.size() >= learn_again_) {
             std::vector<PixelPoint> seeds;
             const std::size_t last = nodes_.size() - std::min(nodes_.size(), kSearched);
-            for (std::size_t k = nodes_.size(); k-- > last && seeds.size() < kMostOfSize;) {
+            for (std::size_t k = nodes_.size(); k-- > last && seeds.size() < kMaxOfSize;) {
                 if (apart(scale_of(nodes_[k]), scale) > 0.5 * kOtherSize) continue;
                 seeds.push_back({nodes_[k].ideal.x + nodes_[k].off.x, nodes_[k].ideal.y + nodes_[k].off.y});
             }
-            auto learned = seeds.size() >= kFewestOfSize ? CentreFinder::learn(image_, seeds, scale * pitch_)
-                                                         : fail(ErrorCode::refused, "too few lenslets", "");
+            auto learned = seeds.size() >= kMinOfSize ? CentreFinder::learn(image_, seeds, scale * pitch_)
+                                                      : fail(ErrorCode::refused, "too few lenslets", "");
             if (learned) finders_.add(scale, std::move(*learned));
-            else learn_again_ = nodes_.size() + kFewestOfSize;
+            else learn_again_ = nodes_.size() + kMinOfSize;
         }
         return finders_.at(scale);
     }

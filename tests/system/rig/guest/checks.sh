@@ -414,8 +414,9 @@ short_stalls() {
         pause 5
     done
 }
-# A stall as long as parts are far from any deadline is not seen; after a longer one parts may be unfit, or the line may stop. A bad part may have
-# passed only if the station says so: LINE STOP until a person has cleared the belt. A good part is ejected only if it is told as unfit.
+# A short stall changes nothing. After a longer one parts may be unfit, or the line may stop. A bad part may have passed
+# only if the station says so: LINE STOP until a person has cleared the belt. A good part is ejected only if it is told as
+# unfit.
 stalled() {
     line_goes_on short_stalls || return 1
     follow_journal
