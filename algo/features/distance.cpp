@@ -1,12 +1,14 @@
 #include "algo/features/distance.h"
 
-#include <bit>
+#include <algorithm>
 #include <cmath>
 #include <optional>
 #include <vector>
 
 #include "algo/emd/emd_solver.h"
 #include "algo/emd/projection.h"
+#include "algo/features/cramer_von_mises.h"
+#include "algo/features/logarithm.h"
 #include "algo/frame/occupied_bins.h"
 #include "common/fixed.h"
 
@@ -30,23 +32,6 @@ void for_each_lit(const Hord& a, const Hord& b, int bins, Visit visit) {
     });
 }
 
-// Natural logarithm of x in (0, 1], from exact operations only: |error| < 2^-50 * (1 + |ln x|).
-double logarithm(double x) {
-    constexpr double kLn2 = 0.69314718055994531;
-    const auto bits = std::bit_cast<std::uint64_t>(x);
-    int exponent = static_cast<int>(bits >> 52) - 1023;
-    double m = std::bit_cast<double>((bits & 0x000FFFFFFFFFFFFFU) | 0x3FF0000000000000U);  // 1..2
-    if (m > 1.4142135623730951) {
-        m *= 0.5;
-        ++exponent;
-    }
-    const double s = (m - 1) / (m + 1);  // |s| < 0.1716: ln m = 2 (s + s^3/3 + ...), and s^23/23 < 1e-18
-    const double s2 = s * s;
-    double sum = 0;
-    for (int k = 21; k >= 1; k -= 2) sum = sum * s2 + 1.0 / k;
-    return exponent * kLn2 + 2 * s * sum;
-}
-
 }  // namespace
 
 struct Distance::State {
@@ -55,6 +40,7 @@ struct Distance::State {
     std::vector<Direction> directions;
     std::vector<Projection> projections;
     std::optional<EmdSolver> emd;
+    std::optional<CramerVonMises> cramer_von_mises;
     Difference difference;
     std::uint64_t saturated = 0;
 
@@ -85,9 +71,14 @@ double Distance::State::projected(const Hord& a, const Hord& b) {
         const double y = projections[1].distance(difference);
         return std::sqrt(x * x + y * y);
     }
-    double sum = 0;
-    for (const Projection& projection : projections) sum += projection.distance(difference);
-    return kSliceScale * sum;
+    if (feature == Feature::cramer_von_mises) return std::sqrt(cramer_von_mises->squared(difference));
+    double sum = 0, largest = 0;
+    for (const Projection& projection : projections) {
+        const double w1 = projection.distance(difference);
+        sum += w1;
+        largest = std::max(largest, w1);
+    }
+    return feature == Feature::max_sliced ? largest : kSliceScale * sum;
 }
 
 double Distance::State::bhattacharyya(const Hord& a, const Hord& b) {
@@ -98,7 +89,7 @@ double Distance::State::bhattacharyya(const Hord& a, const Hord& b) {
         return kBhattacharyyaLimit;
     }
     const double share = overlap / (static_cast<double>(a.sum) * static_cast<double>(b.sum));
-    return share >= 1 ? 0 : -logarithm(share);
+    return share >= 1 ? 0 : -exact_logarithm(share);
 }
 
 double Distance::State::evaluate(const Hord& a, const Hord& b) {
@@ -108,7 +99,9 @@ double Distance::State::evaluate(const Hord& a, const Hord& b) {
     switch (feature) {
         case Feature::centroid: return centroid(a, b) / unit;
         case Feature::marginal:
-        case Feature::sliced: return projected(a, b) / unit;
+        case Feature::sliced:
+        case Feature::cramer_von_mises:
+        case Feature::max_sliced: return projected(a, b) / unit;
         case Feature::bhattacharyya: return bhattacharyya(a, b);
         case Feature::hellinger:
             for_each_lit(a, b, bins, [&](int, double p, double q) {
@@ -126,7 +119,8 @@ double Distance::State::evaluate(const Hord& a, const Hord& b) {
 Result<Distance> Distance::create(Feature feature, int bins_i, int bins_j, const Options& options, Isa isa) {
     if (!is_distance(feature)) {
         return fail(ErrorCode::invalid_argument, std::string(name_of(feature)) + " is not a distance between two HORDs",
-                    "use one of emd, emd-l1, emd-sq, centroid, marginal, sliced, bhattacharyya, hellinger, chi2");
+                    "use one of emd, emd-l1, emd-sq, centroid, marginal, sliced, bhattacharyya, hellinger, chi2, "
+                    "cramer-von-mises, max-sliced");
     }
     const auto norm = feature == Feature::emd_l1 ? GroundNorm::manhattan
         : feature == Feature::emd_sq             ? GroundNorm::squared_euclidean
@@ -149,7 +143,9 @@ Result<Distance> Distance::create(Feature feature, int bins_i, int bins_j, const
         state->projections.emplace_back(state->directions, 1.0, 0.0);
         state->projections.emplace_back(state->directions, 0.0, 1.0);
     }
-    if (feature == Feature::sliced) {
+    if (feature == Feature::cramer_von_mises)
+        state->cramer_von_mises.emplace(state->directions, static_cast<double>(std::max(bins_i, bins_j)));
+    if (feature == Feature::sliced || feature == Feature::max_sliced) {
         for (const auto& [x, y] : kSliceDirections) state->projections.emplace_back(state->directions, x, y);
     }
     return Distance(std::move(state));

@@ -7,6 +7,10 @@
 //   centroid       |mean(a) - mean(b)| of the directions, for directions up to 1e3
 //   marginal       sqrt(W1x^2 + W1y^2), W1 of the marginals: between centroid and emd
 //   sliced         sin(pi/2K) * sum of W1 over K = 8 projections at equal angles: at most emd (docs/notes/features.md)
+//   max-sliced     the largest W1 over the same 8 projections: at most emd, at least 0.98 of the largest over all
+//   angles cramer-von-mises  sqrt of the generalised distance of algo/features/cramer_von_mises.h, widths up to the
+//   bins of the
+//                  longer side; absolute error < 1e-7
 //   hellinger      sqrt(sum (sqrt(h) - sqrt(g))^2 / 2), 0 equal .. 1 disjoint
 //   chi2           sum (h - g)^2 / (h + g) / 2, 0 equal .. 1 disjoint
 //   bhattacharyya  -ln sum sqrt(h g); kBhattacharyyaLimit instead of infinity if disjoint, counted by saturated()

@@ -22,6 +22,8 @@ enum class Feature : std::uint8_t {
     bhattacharyya,       // -ln of the overlap; saturates
     hellinger,           // 0..1
     chi2,                // 0..1
+    cramer_von_mises,    // of localised cumulative distributions; bin pitches
+    max_sliced,          // largest W1 over projections: a lower bound of emd; bin pitches
     jacobian_frobenius,  // of the mean deflection; bin pitches a lenslet
     jacobian_spectral,
     jacobian_nuclear,
@@ -29,10 +31,24 @@ enum class Feature : std::uint8_t {
     transmission,  // 1 is the part's typical lenslet
 };
 
-inline constexpr std::array<std::string_view, 14> kFeatureNames = {
-    "emd",           "emd-l1",      "emd-sq", "centroid",           "marginal",          "sliced",
-    "bhattacharyya", "hellinger",   "chi2",   "jacobian-frobenius", "jacobian-spectral", "jacobian-nuclear",
-    "anisotropy",    "transmission"};
+inline constexpr std::array<std::string_view, 16> kFeatureNames = {"emd",
+                                                                   "emd-l1",
+                                                                   "emd-sq",
+                                                                   "centroid",
+                                                                   "marginal",
+                                                                   "sliced",
+                                                                   "bhattacharyya",
+                                                                   "hellinger",
+                                                                   "chi2",
+                                                                   "cramer-von-mises",
+                                                                   "max-sliced",
+                                                                   "jacobian-frobenius",
+                                                                   "jacobian-spectral",
+                                                                   "jacobian-nuclear",
+                                                                   "anisotropy",
+                                                                   "transmission"};
+
+inline constexpr Feature kLastDistance = Feature::max_sliced;
 
 struct FeatureChoice {
     Feature feature = Feature::emd;
@@ -40,7 +56,7 @@ struct FeatureChoice {
     friend bool operator==(const FeatureChoice&, const FeatureChoice&) = default;
 };
 
-constexpr bool is_distance(Feature feature) { return feature <= Feature::chi2; }
+constexpr bool is_distance(Feature feature) { return feature <= kLastDistance; }
 
 constexpr std::string_view name_of(Feature feature) { return kFeatureNames[static_cast<std::size_t>(feature)]; }
 
@@ -68,7 +84,9 @@ constexpr std::string_view unit_of(Feature feature) {
         case Feature::emd_l1:
         case Feature::centroid:
         case Feature::marginal:
-        case Feature::sliced: return "bin pitches";
+        case Feature::sliced:
+        case Feature::cramer_von_mises:
+        case Feature::max_sliced: return "bin pitches";
         case Feature::emd_sq: return "bin pitches squared";
         case Feature::jacobian_frobenius:
         case Feature::jacobian_spectral:

@@ -30,11 +30,14 @@ class RowWindow {
         if (last == extents_.n) visit(last - 1);
     }
 
-    // The steps of stream(), for callers with work of their own between them: decodes row n into its place; compacts
-    // the decoded row n (only of a window with `compact`).
+    // The steps of stream(), for callers with work of their own between them: decodes row n, which is row `from` of the
+    // frame, into its place; compacts the decoded row n (only of a window with `compact`).
     const HordRow& decode(const FrameView& frame, const LightLevels& levels, int n) {
+        return decode(frame, levels, n, n);
+    }
+    const HordRow& decode(const FrameView& frame, const LightLevels& levels, int n, int from) {
         HordRow& row = rows_[static_cast<std::size_t>(n % 3)];
-        decode_row(frame, extents_, levels, n, row, isa_);
+        decode_row(frame, extents_, levels, from, row, isa_);
         return row;
     }
     void compact_row(int n) {

@@ -132,9 +132,9 @@ SoaDistances::SoaDistances(const Extents& extents, Feature feature, Isa isa, boo
                                         : add_marginal(isa);
 }
 
-void SoaDistances::load(const FrameView& frame, const LightLevels& levels, int n) {
+void SoaDistances::load(const FrameView& frame, const LightLevels& levels, int n, int from) {
     SoaRow& r = row(n);
-    r.decode(frame, levels, n);
+    r.decode(frame, levels, from);
     Means& means = means_[static_cast<std::size_t>(n % 3)];
     const auto count = static_cast<int>(means.x.size());
     divide_(r.moments_x().data(), r.sums().data(), count, means.x.data());

@@ -35,7 +35,9 @@ class SoaDistances {
 
     // The same row by row, for callers that also need the rows (algo/inspection/pipeline.h): load() rows n-1, n and n+1
     // of those that exist, then compute row n. Deflections and the Jacobian only if deflections are kept.
-    void load(const FrameView& frame, const LightLevels& levels, int n);
+    void load(const FrameView& frame, const LightLevels& levels, int n) { load(frame, levels, n, n); }
+    // As row n, row `from` of the frame.
+    void load(const FrameView& frame, const LightLevels& levels, int n, int from);
     // Only the blocks first to last (algo/soa/soa_row.h); without deflections.
     void load_blocks(const FrameView& frame, const LightLevels& levels, int n, int first, int last) {
         row(n).decode(frame, levels, n, first, last);

@@ -109,6 +109,69 @@ INSTANTIATE_TEST_SUITE_P(bins, DistanceOn,
                                            Geometry{4, 7}, Geometry{15, 3}),
                          [](const auto& at) { return std::to_string(at.param.i) + "x" + std::to_string(at.param.j); });
 
+// sqrt of the definition in algo/features/cramer_von_mises.h: the localised cumulative distributions on a grid of
+// places, and Simpson's rule over the widths.
+double cramer_von_mises_by_integration(const Histogram& a, const Histogram& b, int i, int j) {
+    const double sum_a = hord_of(a).sum, sum_b = hord_of(b).sum, widest = std::max(i, j), step = 0.5;
+    const auto of_width = [&](double width) {
+        if (width == 0) return 0.0;
+        const double reach = 5 * width, fine = std::min(step, width / 3);
+        double integral = 0;
+        for (double y = -reach; y <= j - 1 + reach; y += fine) {
+            for (double x = -reach; x <= i - 1 + reach; x += fine) {
+                double difference = 0;
+                for (int k = 0; k < i * j; ++k) {
+                    const auto at = static_cast<std::size_t>(k);
+                    const double dx = x - k % i, dy = y - k / i;
+                    difference +=
+                        (a[at] / sum_a - b[at] / sum_b) * std::exp(-(dx * dx + dy * dy) / (2 * width * width));
+                }
+                integral += difference * difference * fine * fine;
+            }
+        }
+        return integral / width;
+    };
+    constexpr int kWidths = 40;
+    double sum = 0;
+    for (int k = 0; k <= kWidths; ++k)
+        sum += of_width(widest * k / kWidths) * (k == 0 || k == kWidths ? 1 : k % 2 == 0 ? 2 : 4);
+    return std::sqrt(sum * widest / kWidths / 3);
+}
+
+TEST(Distance, cramer_von_mises_is_the_integral_over_localised_cumulative_distributions) {
+    Random random(31);
+    for (int n = 0; n < 3; ++n) {
+        const Histogram a = scattered(random, 12, 4, 255), b = scattered(random, 12, 3, 255);
+        const double expected = cramer_von_mises_by_integration(a, b, 4, 3);
+        EXPECT_NEAR(measure(Feature::cramer_von_mises, a, b, 4, 3), expected, 2e-3 * expected);
+    }
+    // The same light moved by 1, 2 and 4 bins: it grows with the distance, where chi2 does not.
+    Histogram at(81), moved(81);
+    at[36] = 9;
+    double before = 0;
+    for (const std::size_t by : {1U, 2U, 4U}) {
+        moved.assign(81, 0);
+        moved[36 + by] = 9;
+        const double now = measure(Feature::cramer_von_mises, at, moved, 9, 9);
+        EXPECT_GT(now, 1.3 * before);
+        EXPECT_EQ(measure(Feature::chi2, at, moved, 9, 9), 1);
+        before = now;
+    }
+}
+
+TEST(Distance, max_sliced_lies_between_the_larger_marginal_and_the_emd) {
+    Random random(37);
+    const double mostly = std::cos(std::acos(-1.0) / 16);  // the angle to the nearest of 8 projections
+    for (int n = 0; n < 500; ++n) {
+        const Histogram a = blob(random, 9, 9, 255, 0.7),
+                        b = n % 2 == 0 ? two_lobes(random, 9, 9, 255) : blob(random, 9, 9, 255, 0.7);
+        const double max_sliced = measure(Feature::max_sliced, a, b, 9, 9);
+        ASSERT_LE(max_sliced, measure(Feature::emd, a, b, 9, 9) + kError);
+        ASSERT_GE(max_sliced, mostly * measure(Feature::centroid, a, b, 9, 9) - kError);
+        ASSERT_GE(max_sliced * std::sqrt(2.0), measure(Feature::marginal, a, b, 9, 9) - kError);
+    }
+}
+
 TEST(Distance, bounds_nest_centroid_marginal_emd_and_sliced_emd) {
     Random random(23);
     for (int n = 0; n < 1000; ++n) {
@@ -128,7 +191,7 @@ TEST(Distance, is_symmetric_zero_for_equals_and_dark_ones_and_finite_at_the_limi
     const Histogram dark(225), full(225, 65535);
     Histogram one(225);
     one[224] = 1;
-    for (std::size_t k = 0; k <= static_cast<std::size_t>(Feature::chi2); ++k) {
+    for (std::size_t k = 0; k <= static_cast<std::size_t>(kLastDistance); ++k) {
         auto distance = Distance::create(static_cast<Feature>(k), 15, 15);
         ASSERT_TRUE(distance);
         for (int n = 0; n < 50; ++n) {
@@ -147,7 +210,7 @@ TEST(Distance, is_symmetric_zero_for_equals_and_dark_ones_and_finite_at_the_limi
 // An impossible sum: more than 15x15 bins of 16 bits can hold.
 TEST(DistanceDeathTest, traps_a_sum_beyond_its_range_in_the_checked_build) {
     const Histogram a(81, 65535);
-    for (std::size_t k = 0; k <= static_cast<std::size_t>(Feature::chi2); ++k) {
+    for (std::size_t k = 0; k <= static_cast<std::size_t>(kLastDistance); ++k) {
         const auto feature = static_cast<Feature>(k);
         if (feature <= Feature::emd_sq) continue;  // checked by the solver
         auto distance = Distance::create(feature, 9, 9);

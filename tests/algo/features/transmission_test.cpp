@@ -1,5 +1,7 @@
 #include "algo/features/transmission.h"
 
+#include <algorithm>
+#include <random>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -54,6 +56,22 @@ TEST(Transmission, stays_finite_at_the_ends_of_its_range) {
     std::vector<float> out(1);
     transmissions(Sums{(1U << 24) - 1}, Mask{kValid}, 1, out);
     EXPECT_EQ(out[0], 16777215.0F);
+}
+
+// Without a limit the typical light is the lower median.
+TEST(Transmission, typical_light_is_the_median_at_any_number_and_size_of_sums) {
+    std::mt19937_64 random(5);
+    for (int round = 0; round < 300; ++round) {
+        std::vector<std::uint32_t> sums(1 + random() % 500), scratch(sums.size());
+        const std::uint32_t most = 1U << (1 + random() % 24);
+        for (std::uint32_t& sum : sums) sum = static_cast<std::uint32_t>(random() % most);
+        const std::vector<std::uint8_t> mask(sums.size(), kValid);
+        const std::uint32_t seen = typical_light(sums, mask, 0, scratch),
+                            bright = typical_light(sums, mask, 1e9F, scratch);
+        std::ranges::sort(sums);
+        EXPECT_EQ(seen, sums[(sums.size() - 1) / 2]) << round;
+        EXPECT_EQ(bright, sums[sums.size() * 9 / 10]) << round;
+    }
 }
 
 }  // namespace

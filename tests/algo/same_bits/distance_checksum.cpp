@@ -46,7 +46,7 @@ std::uint64_t of_random_hords(int bins_i, int bins_j, std::uint32_t full_scale, 
         for (const auto m : h) total += m;
         hords.push_back({h.data(), total});
     }
-    for (std::size_t feature = 0; feature <= static_cast<std::size_t>(Feature::chi2); ++feature) {
+    for (std::size_t feature = 0; feature <= static_cast<std::size_t>(kLastDistance); ++feature) {
         auto distance = Distance::create(static_cast<Feature>(feature), bins_i, bins_j);
         std::vector<double> out(hords.size());
         for (std::size_t n = 1; n < hords.size(); ++n) distance->submit(hords[n - 1], hords[n], &out[n]);
