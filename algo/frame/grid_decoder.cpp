@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <cstdlib>
 #include <string>
 
@@ -63,13 +64,13 @@ std::optional<LensletGrid> upright_part(const LensletGrid& grid, double pitch_px
 GridDecoder::GridDecoder(Decoder decoder, const LensletGrid& grid, const BinLayout& layout)
     : decoder_(std::move(decoder)), extents_(std::visit([](const auto& one) { return one.extents(); }, decoder_)),
       raw_width_px_(grid.width_px), raw_height_px_(grid.height_px), bin_px_(0.5 * (layout.box_x_px + layout.box_y_px)),
-      bin_rad_(std::sqrt(layout.step_i_rad * layout.step_j_rad)),
-      row_(static_cast<std::size_t>(extents_.width_px()) * static_cast<std::size_t>(extents_.j)) {}
+      bin_rad_(std::sqrt(layout.step_i_rad * layout.step_j_rad)) {}
 
 Result<GridDecoder> GridDecoder::create(const LensletGrid& grid, const std::optional<DirectionMap>& directions,
                                         int bins_i, int bins_j) {
-    if (auto fine = check(grid); !fine) return tl::unexpected(fine.error());
-    if (auto fine = check({kMinLenslets, kMinLenslets, bins_i, bins_j}); !fine) return tl::unexpected(fine.error());
+    if (auto fine = algo::check(grid); !fine) return tl::unexpected(fine.error());
+    if (auto fine = algo::check({kMinLenslets, kMinLenslets, bins_i, bins_j}); !fine)
+        return tl::unexpected(fine.error());
     const BinLayout layout =
         directions ? layout_of(grid, *directions, bins_i, bins_j) : even_layout(grid, bins_i, bins_j);
     if (const auto upright = upright_part(grid, layout.box_x_px * bins_i)) {
@@ -82,36 +83,56 @@ Result<GridDecoder> GridDecoder::create(const LensletGrid& grid, const std::opti
     return GridDecoder(std::move(*regridder), grid, layout);
 }
 
-Result<void> GridDecoder::decode(const FrameView& raw, Frame& out) {
-    const auto wrong = [](std::string what, std::string cure) {
-        return fail(ErrorCode::invalid_argument, std::move(what), std::move(cure));
-    };
+Result<void> GridDecoder::check(const FrameView& raw) const {
     const auto size_of = [](int width, int height) { return std::to_string(width) + "x" + std::to_string(height); };
     if (raw.width_px != raw_width_px_ || raw.height_px != raw_height_px_) {
-        return wrong("a frame of " + size_of(raw.width_px, raw.height_px) + " px for a calibration of " +
-                         size_of(raw_width_px_, raw_height_px_),
-                     "use the calibration of this camera and region");
+        return fail(ErrorCode::invalid_argument,
+                    "a frame of " + size_of(raw.width_px, raw.height_px) + " px for a calibration of " +
+                        size_of(raw_width_px_, raw_height_px_),
+                    "use the calibration of this camera and region");
     }
     if (raw.bits < 8 || raw.bits > 16 || raw.data == nullptr ||
         std::abs(raw.stride_bytes) < std::ptrdiff_t{raw.width_px} * raw.sample_bytes() ||
         (raw.bits > 8 && (reinterpret_cast<std::uintptr_t>(raw.data) % 2 != 0 || raw.stride_bytes % 2 != 0))) {
-        return wrong("a frame whose rows do not hold its samples",
-                     "give rows of " + size_of(raw.width_px, raw.height_px) + " samples, two-byte ones aligned");
+        return fail(ErrorCode::invalid_argument, "a frame whose rows do not hold its samples",
+                    "give rows of " + size_of(raw.width_px, raw.height_px) + " samples, two-byte ones aligned");
     }
-    if (out.width_px() != extents_.width_px() || out.height_px() != extents_.height_px() || out.bits() != raw.bits) {
-        return wrong("a macro-pixel frame of another size or depth to decode into", "take GridDecoder::frame()");
-    }
+    return {};
+}
+
+void GridDecoder::begin_frame() {
     if (auto* regridder = std::get_if<Regridder>(&decoder_)) regridder->begin_frame();
-    std::byte* to = out.bytes().data();
-    for (int n = 0; n < extents_.n; ++n) {
-        std::visit([&](auto& one) { one.decode_row(raw, n, row_); }, decoder_);
-        if (raw.bits > 8) {
-            to = std::copy_n(reinterpret_cast<const std::byte*>(row_.data()), row_.size() * sizeof(std::uint16_t), to);
-        } else {
-            to = std::transform(row_.begin(), row_.end(), to,
-                                [](std::uint16_t sample) { return static_cast<std::byte>(sample); });
-        }
+}
+
+void GridDecoder::decode_row(const FrameView& raw, int n, std::byte* out, std::ptrdiff_t stride_bytes) {
+    std::visit(
+        [&](auto& decoder) {
+            if (raw.bits > 8) decoder.decode_row(raw, n, reinterpret_cast<std::uint16_t*>(out), stride_bytes / 2);
+            else decoder.decode_row(raw, n, reinterpret_cast<std::uint8_t*>(out), stride_bytes);
+        },
+        decoder_);
+}
+
+void GridDecoder::decode_lenslet(const FrameView& raw, int m, int n, std::byte* out, std::ptrdiff_t stride_bytes) {
+    std::visit(
+        [&](auto& decoder) {
+            if (raw.bits > 8)
+                decoder.decode_lenslet(raw, m, n, reinterpret_cast<std::uint16_t*>(out), stride_bytes / 2);
+            else decoder.decode_lenslet(raw, m, n, reinterpret_cast<std::uint8_t*>(out), stride_bytes);
+        },
+        decoder_);
+}
+
+Result<void> GridDecoder::decode(const FrameView& raw, Frame& out) {
+    if (auto fine = check(raw); !fine) return fine;
+    if (out.width_px() != extents_.width_px() || out.height_px() != extents_.height_px() || out.bits() != raw.bits) {
+        return fail(ErrorCode::invalid_argument, "a macro-pixel frame of another size or depth to decode into",
+                    "take GridDecoder::frame()");
     }
+    begin_frame();
+    const std::ptrdiff_t stride = out.view().stride_bytes;
+    for (int n = 0; n < extents_.n; ++n)
+        decode_row(raw, n, out.bytes().data() + std::ptrdiff_t{n} * extents_.j * stride, stride);
     return {};
 }
 

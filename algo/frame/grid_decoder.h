@@ -9,10 +9,9 @@
 // square, upright one (algo/frame/regrid.h), because the pipeline compares neighbours to the right and below.
 #pragma once
 
-#include <cstdint>
+#include <cstddef>
 #include <optional>
 #include <variant>
-#include <vector>
 
 #include "algo/frame/direction_map.h"
 #include "algo/frame/extents.h"
@@ -44,6 +43,14 @@ class GridDecoder {
     Result<void> decode(const FrameView& raw, Frame& out);
     Result<Frame> decode(const FrameView& raw);
 
+    // The steps of decode(), for callers that use a row while it is in cache, and for threads, each with a copy of the
+    // decoder (copies share the tables). The raw frame has passed check(). Rows in any order; downwards is fastest.
+    // `out`: the first of the J lines of lenslet row n, or of lenslet (m, n).
+    [[nodiscard]] Result<void> check(const FrameView& raw) const;
+    void begin_frame();
+    void decode_row(const FrameView& raw, int n, std::byte* out, std::ptrdiff_t stride_bytes);
+    void decode_lenslet(const FrameView& raw, int m, int n, std::byte* out, std::ptrdiff_t stride_bytes);
+
   private:
     using Decoder = std::variant<Resampler, Regridder>;
     GridDecoder(Decoder decoder, const LensletGrid& grid, const BinLayout& layout);
@@ -52,7 +59,6 @@ class GridDecoder {
     Extents extents_;
     int raw_width_px_, raw_height_px_;
     double bin_px_, bin_rad_;
-    std::vector<std::uint16_t> row_;  // of lenslets: J image rows
 };
 
 }  // namespace hord::algo

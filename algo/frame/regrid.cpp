@@ -2,8 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <optional>
+#include <type_traits>
+#include <utility>
 
+#include "algo/frame/occupied_bins.h"
 #include "algo/simd/multiversion.h"
 
 namespace hord::algo {
@@ -32,7 +36,7 @@ std::optional<LensletGrid::Uv> place_of(const LensletGrid& grid, PixelPoint want
 
 // (sum of w * sample + 128) >> 8, of four lenslets.
 template <int>
-HORD_ALWAYS_INLINE void mixed(const Regridder::WeightedSources& f, int bins, std::uint16_t* to) {
+HORD_ALWAYS_INLINE void mixed(const Regridder::WeightedSources<std::uint16_t>& f, int bins, std::uint16_t* to) {
     const std::uint16_t *a = f.from[0], *b = f.from[1], *c = f.from[2], *d = f.from[3];
     for (int k = 0; k < bins; ++k)
         to[k] = static_cast<std::uint16_t>(
@@ -41,15 +45,23 @@ HORD_ALWAYS_INLINE void mixed(const Regridder::WeightedSources& f, int bins, std
 // The same of 8-bit samples, in 16 bits: at most 256 * 255 + 128 < 2^16. The last vector may reach beyond the bins,
 // into kRoom.
 template <int>
-HORD_ALWAYS_INLINE void mixed_8bit(const Regridder::WeightedSources& f, int bins, std::uint16_t* to) {
+HORD_ALWAYS_INLINE void mixed_8bit(const Regridder::WeightedSources<std::uint8_t>& f, int bins, std::uint8_t* to) {
     using Words = Vector<std::uint16_t, 32>;
+    using Bytes = Vector<std::uint8_t, 16>;
     const auto w = [&f](int k) { return Words{} + static_cast<std::uint16_t>(f.weight[k]); };
-    const Words w0 = w(0), w1 = w(1), w2 = w(2), w3 = w(3);
-    for (int k = 0; k < bins; k += 16) {
-        const Words sum = w0 * load<Words>(f.from[0] + k) + w1 * load<Words>(f.from[1] + k) +
-            w2 * load<Words>(f.from[2] + k) + w3 * load<Words>(f.from[3] + k);
-        store<Words>((sum + std::uint16_t{128}) >> 8, to + k);
-    }
+    const auto samples = [&f](int k, int at) __attribute__((always_inline)) {
+        return __builtin_convertvector(load<Bytes>(f.from[k] + at), Words);
+    };
+    const Words w0 = w(0), w1 = w(1), w2 = w(2), w3 = w(3), half = Words{} + std::uint16_t{128};
+    const auto add_up = [&](auto four) __attribute__((always_inline)) {
+        for (int at = 0; at < bins; at += 16) {
+            Words sum = w0 * samples(0, at) + w1 * samples(1, at) + w2 * samples(2, at) + half;
+            if constexpr (four) sum += w3 * samples(3, at);
+            store<Bytes>(__builtin_convertvector(sum >> 8, Bytes), to + at);
+        }
+    };
+    if (f.weight[3] == 0) add_up(std::false_type{});  // a hexagonal lattice
+    else add_up(std::true_type{});
 }
 HORD_FOR_EACH_ISA(mixed_for, mixed)
 HORD_FOR_EACH_ISA(mixed_8bit_for, mixed_8bit)
@@ -118,10 +130,11 @@ Result<Regridder> Regridder::create(const LensletGrid& grid, const BinLayout& la
     if (!middle)
         return fail(ErrorCode::invalid_argument, "a grid that does not reach the middle of its frame",
                     "calibrate again");
+    Tables tables;
+    tables.columns.resize(static_cast<std::size_t>(grid.rows));
     int most_rows = 1;
     for (int n = 0; n < rows; ++n) {
-        int low = grid.rows;
-        int high = -1;
+        Range of_row;
         LensletGrid::Uv start = n > 0 ? LensletGrid::Uv{} : *middle;
         for (int m = 0; m < columns; ++m) {
             const auto at =
@@ -130,15 +143,18 @@ Result<Regridder> Regridder::create(const LensletGrid& grid, const BinLayout& la
             const Source source = at ? source_at(grid, *at) : Source{};
             for (int k = 0; k < kAround; ++k) {
                 if (source.weight[k] == 0) continue;
-                low = std::min<int>(low, source.n[k]);
-                high = std::max<int>(high, source.n[k]);
+                of_row.cover(source.n[k]);
+                tables.columns[static_cast<std::size_t>(source.n[k])].cover(source.m[k]);
             }
-            out.sources_.push_back(source);
+            tables.sources.push_back(source);
         }
-        most_rows = std::max(most_rows, high - low + 1);
+        tables.rows.push_back(of_row);
+        most_rows = std::max(most_rows, of_row.last - of_row.first + 1);
     }
+    out.tables_ = std::make_shared<const Tables>(std::move(tables));
     out.ring_rows_ = most_rows;
     out.ring_row_.assign(static_cast<std::size_t>(most_rows), -1);
+    out.offsets_.resize(static_cast<std::size_t>(most_rows));
     out.ring_.resize(static_cast<std::size_t>(most_rows) * static_cast<std::size_t>(grid.columns) *
                      static_cast<std::size_t>(out.extents_.bins()));
     out.mixed_.resize(static_cast<std::size_t>(out.extents_.bins()) + kRoom);
@@ -150,42 +166,74 @@ Result<Regridder> Regridder::create(const LensletGrid& grid, const BinLayout& la
 
 void Regridder::begin_frame() { std::fill(ring_row_.begin(), ring_row_.end(), -1); }
 
-const std::uint16_t* Regridder::row(const FrameView& raw, int n) {
-    const auto place = static_cast<std::size_t>(n % ring_rows_);
+template <class Sample>
+Sample* Regridder::slot(int n) {
     const std::size_t length = (ring_.size() - kRoom) / static_cast<std::size_t>(ring_rows_);
-    std::uint16_t* const samples = ring_.data() + place * length;
-    if (ring_row_[place] != n) {
-        resampler_.decode_row_by_lenslet(raw, n, {samples, length});
-        ring_row_[place] = n;
-    }
-    return samples;
+    return reinterpret_cast<Sample*>(ring_.data()) + static_cast<std::size_t>(n % ring_rows_) * length;
 }
 
-void Regridder::decode_row(const FrameView& raw, int n, std::span<std::uint16_t> out) {
-    const int bins = extents_.bins();
-    const int stride = extents_.m * extents_.i;
-    for (int m = 0; m < extents_.m; ++m) {
-        const Source& source = sources_[extents_.index(m, n)];
-        const std::uint16_t* from[kAround] = {};
-        const std::uint16_t* any = nullptr;
-        for (int k = 0; k < kAround; ++k) {
-            if (source.weight[k] == 0) continue;
-            from[k] = any = row(raw, source.n[k]) + static_cast<std::ptrdiff_t>(source.m[k]) * bins;
-        }
-        if (any == nullptr) {
-            std::fill(mixed_.begin(), mixed_.end(), std::uint16_t{0});
-        } else {
-            // A source without a weight reads the samples of another one. Selected in registers: through memory a row
-            // of a hexagonal lattice takes a third longer.
-            const auto& w = source.weight;
-            const WeightedSources sources{{w[0] > 0 ? from[0] : any, w[1] > 0 ? from[1] : any, w[2] > 0 ? from[2] : any,
-                                           w[3] > 0 ? from[3] : any},
-                                          {w[0], w[1], w[2], w[3]}};
-            (raw.bits > 8 ? mix_ : mix_8bit_)(sources, bins, mixed_.data());
-        }
-        for (int j = 0; j < extents_.j; ++j)
-            std::copy_n(mixed_.data() + j * extents_.i, extents_.i, out.data() + j * stride + m * extents_.i);
+// `room`: 16 samples may be written to each line of `out`.
+template <class Sample>
+void Regridder::mix(const WeightedSources<Sample>& sources, Sample* out, std::ptrdiff_t line_stride, bool room) {
+    auto* const mixed = reinterpret_cast<Sample*>(mixed_.data());
+    if constexpr (sizeof(Sample) == 1) mix_8bit_(sources, extents_.bins(), mixed);
+    else mix_(sources, extents_.bins(), mixed);
+    for (int j = 0; j < extents_.j; ++j) {
+        if (room) std::memcpy(out + j * line_stride, mixed + j * extents_.i, kRoom * sizeof(Sample));
+        else std::copy_n(mixed + j * extents_.i, extents_.i, out + j * line_stride);
     }
 }
+
+template <class Sample>
+void Regridder::decode_row(const FrameView& raw, int n, Sample* out, std::ptrdiff_t line_stride) {
+    const std::ptrdiff_t bins = extents_.bins();
+    const Range rows = tables_->rows[static_cast<std::size_t>(n)];
+    for (int row = rows.first; row <= rows.last; ++row) {
+        Sample* const samples = slot<Sample>(row);
+        int& in_slot = ring_row_[static_cast<std::size_t>(row % ring_rows_)];
+        if (std::exchange(in_slot, row) != row) {
+            const Range columns = tables_->columns[static_cast<std::size_t>(row)];
+            resampler_.decode_row_by_lenslet(raw, row, columns.first, columns.last, samples);
+        }
+        offsets_[static_cast<std::size_t>(row - rows.first)] = samples - slot<Sample>(0);
+    }
+    const Sample* const lattice = slot<Sample>(0);
+    for (int m = 0; m < extents_.m; ++m) {
+        const Source& source = tables_->sources[extents_.index(m, n)];
+        Sample* const to = out + m * extents_.i;
+        const auto& w = source.weight;
+        const int any = w[0] != 0 ? 0 : w[1] != 0 ? 1 : w[2] != 0 ? 2 : 3;
+        if (w[any] == 0) {
+            for (int j = 0; j < extents_.j; ++j) std::fill_n(to + j * line_stride, extents_.i, Sample{0});
+            continue;
+        }
+        // A source without a weight reads the samples of another one. Selected in registers: through memory a row of a
+        // hexagonal lattice takes a third longer.
+        const auto from = [&](int k) {
+            const int used = w[k] != 0 ? k : any;
+            return lattice + offsets_[static_cast<std::size_t>(source.n[used] - rows.first)] + source.m[used] * bins;
+        };
+        mix<Sample>({{from(0), from(1), from(2), from(3)}, {w[0], w[1], w[2], w[3]}}, to, line_stride,
+                    m * extents_.i + static_cast<int>(kRoom) <= extents_.width_px());
+    }
+}
+
+template <class Sample>
+void Regridder::decode_lenslet(const FrameView& raw, int m, int n, Sample* out, std::ptrdiff_t line_stride) {
+    const Source& source = tables_->sources[extents_.index(m, n)];
+    Sample around[kAround][kMaxBinCount + kRoom] = {};
+    WeightedSources<Sample> sources{};
+    for (int k = 0; k < kAround; ++k) {
+        sources.from[k] = around[k];
+        sources.weight[k] = source.weight[k];
+        if (source.weight[k] != 0) resampler_.decode_lenslet(raw, source.m[k], source.n[k], around[k], extents_.i);
+    }
+    mix(sources, out, line_stride, false);
+}
+
+template void Regridder::decode_row(const FrameView&, int, std::uint8_t*, std::ptrdiff_t);
+template void Regridder::decode_row(const FrameView&, int, std::uint16_t*, std::ptrdiff_t);
+template void Regridder::decode_lenslet(const FrameView&, int, int, std::uint8_t*, std::ptrdiff_t);
+template void Regridder::decode_lenslet(const FrameView&, int, int, std::uint16_t*, std::ptrdiff_t);
 
 }  // namespace hord::algo

@@ -66,14 +66,16 @@ Result<Resampler> Resampler::create(const LensletGrid& grid, const BinLayout& la
         box_weights(box_y, phase, kPhases, part(out.weights_y_, out.taps_y_));
     }
     // Pixel k covers [k - 1/2, k + 1/2): the left edge of a box, counted from the left edge of pixel 0.
+    Places places;
     for (int n = 0; n < grid.rows; ++n) {
         for (int m = 0; m < grid.columns; ++m) {
             const PixelPoint centre = grid.centre_px(m, n);
             const bool near = std::abs(centre.x_px) < 1e6 && std::abs(centre.y_px) < 1e6;
-            out.place_x_.push_back(fixed(near ? centre.x_px + 0.5 - 0.5 * box_x : -1e6));
-            out.place_y_.push_back(fixed(near ? centre.y_px + 0.5 - 0.5 * box_y : -1e6));
+            places.x.push_back(fixed(near ? centre.x_px + 0.5 - 0.5 * box_x : -1e6));
+            places.y.push_back(fixed(near ? centre.y_px + 0.5 - 0.5 * box_y : -1e6));
         }
     }
+    out.places_ = std::make_shared<const Places>(std::move(places));
     for (const PixelPoint& offset : layout.offsets_px) {
         out.offset_x_.push_back(fixed(offset.x_px));
         out.offset_y_.push_back(fixed(offset.y_px));
@@ -96,16 +98,15 @@ Result<Resampler> Resampler::create(const LensletGrid& grid, const BinLayout& la
     if (regular && out.reach_x_ <= kWidestLenslet) {
         for (int i = 0; i < layout.bins_i; ++i) out.column_.push_back(at(out.offset_x_, i, 0));
         for (int j = 0; j < layout.bins_j; ++j) out.row_.push_back(at(out.offset_y_, 0, j));
-        out.decode_lanes_ = decode_lanes();
-        if (out.decode_lanes_ != nullptr)
-            out.lanes_ = plan_lanes(out.column_, out.row_, out.weights_x_, out.taps_x_, out.taps_y_);
+        out.lanes_ = plan_lanes(out.column_, out.row_, out.weights_x_, out.weights_y_, out.taps_x_, out.taps_y_);
+        out.decode_lanes_ = decode_lanes(out.lanes_);
     }
     return out;
 }
 
 // One bin: for bins at the frame's edge and layouts that are not rows and columns.
 template <class Sample>
-std::uint16_t Resampler::bin(const FrameView& raw, std::int32_t at_x, std::int32_t at_y) const {
+Sample Resampler::bin(const FrameView& raw, std::int32_t at_x, std::int32_t at_y) const {
     const int x = at_x >> kPhaseBits;
     const int y = at_y >> kPhaseBits;
     if (x < 0 || y < 0 || x + taps_x_ > width_px_ || y + taps_y_ > height_px_) return 0;
@@ -118,14 +119,16 @@ std::uint16_t Resampler::bin(const FrameView& raw, std::int32_t at_x, std::int32
         for (int k = 0; k < taps_x_; ++k) line += static_cast<std::uint32_t>(across[k]) * from[k];
         sum += line * down[row];
     }
-    return static_cast<std::uint16_t>((sum + (1U << 13U)) >> 14U);
+    return static_cast<Sample>((sum + (1U << 13U)) >> 14U);
 }
 
 // A lenslet inside the frame whose bins lie in rows and columns. Each row of bins first sums weighted raw rows, sixteen
 // pixels at a time; then its bins sum the weighted columns. The same integers as bin().
-template <class Sample, class Sum>
-void Resampler::decode_lenslet(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out,
-                               int stride) const {
+template <class Sample>
+void Resampler::decode_inside(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, Sample* out,
+                              std::ptrdiff_t stride) const {
+    // 8-bit samples times weights that sum to 128 fit 16 bits.
+    using Sum = std::conditional_t<sizeof(Sample) == 1, std::uint16_t, std::uint32_t>;
     typedef Sample Samples __attribute__((vector_size(kLanes * sizeof(Sample))));
     typedef Sum Sums __attribute__((vector_size(kLanes * sizeof(Sum))));
     const int first = (place_x + column_[0]) >> kPhaseBits;
@@ -158,7 +161,7 @@ void Resampler::decode_lenslet(const FrameView& raw, std::int32_t place_x, std::
             for (int i = 0; i < extents_.i; ++i) {
                 std::uint32_t sum = 1U << 13U;
                 for (int k = 0; k < taps; ++k) sum += static_cast<std::uint32_t>(across[i][k]) * weighted[from[i] + k];
-                out[i] = static_cast<std::uint16_t>(sum >> 14U);
+                out[i] = static_cast<Sample>(sum >> 14U);
             }
         };
         if (taps_x_ == 3) add_up(std::integral_constant<int, 3>{});
@@ -169,81 +172,82 @@ void Resampler::decode_lenslet(const FrameView& raw, std::int32_t place_x, std::
 
 // The same by whole rows of bins (algo/frame/resample_avx2.h); false if that is not possible. `room`: 16 samples may be
 // written to each line of `out`.
-bool Resampler::decode_8bit(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out,
+bool Resampler::decode_8bit(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint8_t* out,
                             std::ptrdiff_t line_stride, bool room) const {
-    if (lanes_.phases.empty()) return false;
+    if (decode_lanes_ == nullptr) return false;
     const std::int32_t at_x = place_x + column_.front(), at_y = place_y + row_.front();
     const LanePlan::Phase& phase = lanes_.phases[static_cast<std::size_t>(at_x & (kPhases - 1))];
     const int x = at_x >> kPhaseBits, y = at_y >> kPhaseBits, last_y = (place_y + row_.back()) >> kPhaseBits;
-    if (!phase.usable || x < 0 || y < 0 || x + phase.second + LanePlan::kWindow > width_px_ ||
-        last_y + taps_y_ > height_px_)
+    if (x < 0 || y < 0 || x + phase.second + LanePlan::kWindow > width_px_ || last_y + taps_y_ > height_px_)
         return false;
     const LanesOf8Bit lenslet{raw.data + y * raw.stride_bytes + x,
                               raw.stride_bytes,
                               at_y & (kPhases - 1),
                               row_,
                               weights_y_.data(),
-                              taps_x_,
-                              taps_y_};
+                              taps_y_,
+                              lanes_.row_phases};
     if (room) {
         decode_lanes_(lenslet, phase, out, line_stride);
         return true;
     }
-    std::uint16_t apart[kMaxBins * kLanes];
+    std::uint8_t apart[kMaxBins * kLanes];
     decode_lanes_(lenslet, phase, apart, kLanes);
     for (int j = 0; j < extents_.j; ++j) std::copy_n(apart + j * kLanes, extents_.i, out + j * line_stride);
     return true;
 }
 
-template <class Sample, class Sum>
-void Resampler::decode_lenslets(const FrameView& raw, int n, std::uint16_t* out, int line_stride,
-                                int lenslet_stride) const {
-    for (int m = 0; m < extents_.m; ++m) {
-        const std::size_t lenslet = extents_.index(m, n);
-        const std::int32_t place_x = place_x_[lenslet];
-        const std::int32_t place_y = place_y_[lenslet];
-        const std::ptrdiff_t from_start = static_cast<std::ptrdiff_t>(m) * lenslet_stride;
-        std::uint16_t* to = out + from_start;
-        if constexpr (sizeof(Sample) == 1) {
-            // Samples written beyond the bins are overwritten by those that follow, if there are enough of them: in the
-            // same line, or, lenslet after lenslet, in the next ones.
-            const std::ptrdiff_t last_line =
-                line_stride < lenslet_stride ? std::ptrdiff_t{extents_.j - 1} * line_stride : 0;
-            const bool room = from_start + last_line + kLanes <= std::ptrdiff_t{extents_.m} * lenslet_stride;
-            if (decode_8bit(raw, place_x, place_y, to, line_stride, room)) continue;
-        }
-        if (!column_.empty()) {
-            const int x = (place_x + column_.front()) >> kPhaseBits;
-            const int y = (place_y + row_.front()) >> kPhaseBits;
-            const int last_y = (place_y + row_.back()) >> kPhaseBits;
-            if (x >= 0 && y >= 0 && x + (reach_x_ + kLanes - 1) / kLanes * kLanes <= width_px_ &&
-                last_y + taps_y_ <= height_px_) {
-                decode_lenslet<Sample, Sum>(raw, place_x, place_y, to, line_stride);
-                continue;
-            }
-        }
-        for (int j = 0; j < extents_.j; ++j) {
-            for (int i = 0; i < extents_.i; ++i) {
-                const auto k = static_cast<std::size_t>(j * extents_.i + i);
-                to[j * line_stride + i] = bin<Sample>(raw, place_x + offset_x_[k], place_y + offset_y_[k]);
-            }
+// `room`: as above.
+template <class Sample>
+void Resampler::decode_any(const FrameView& raw, std::size_t lenslet, Sample* out, std::ptrdiff_t line_stride,
+                           bool room) const {
+    const std::int32_t place_x = places_->x[lenslet], place_y = places_->y[lenslet];
+    if constexpr (sizeof(Sample) == 1) {
+        if (decode_8bit(raw, place_x, place_y, out, line_stride, room)) return;
+    }
+    if (!column_.empty()) {
+        const int x = (place_x + column_.front()) >> kPhaseBits;
+        const int y = (place_y + row_.front()) >> kPhaseBits;
+        const int last_y = (place_y + row_.back()) >> kPhaseBits;
+        if (x >= 0 && y >= 0 && x + (reach_x_ + kLanes - 1) / kLanes * kLanes <= width_px_ &&
+            last_y + taps_y_ <= height_px_)
+            return decode_inside(raw, place_x, place_y, out, line_stride);
+    }
+    for (int j = 0; j < extents_.j; ++j) {
+        for (int i = 0; i < extents_.i; ++i) {
+            const auto k = static_cast<std::size_t>(j * extents_.i + i);
+            out[j * line_stride + i] = bin<Sample>(raw, place_x + offset_x_[k], place_y + offset_y_[k]);
         }
     }
 }
 
-void Resampler::decode_into(const FrameView& raw, int n, std::uint16_t* out, int line_stride,
-                            int lenslet_stride) const {
-    // 8-bit samples times weights that sum to 128 fit 16 bits.
-    if (raw.bits > 8) decode_lenslets<std::uint16_t, std::uint32_t>(raw, n, out, line_stride, lenslet_stride);
-    else decode_lenslets<std::uint8_t, std::uint16_t>(raw, n, out, line_stride, lenslet_stride);
+// Samples written beyond a lenslet's bins are overwritten by those that follow, if there are enough of them: in the
+// same line, or, lenslet after lenslet, in the next ones.
+template <class Sample>
+void Resampler::decode_row(const FrameView& raw, int n, Sample* out, std::ptrdiff_t line_stride) const {
+    for (int m = 0; m < extents_.m; ++m)
+        decode_any(raw, extents_.index(m, n), out + m * extents_.i, line_stride,
+                   m * extents_.i + kLanes <= extents_.width_px());
 }
 
-void Resampler::decode_row(const FrameView& raw, int n, std::span<std::uint16_t> out) const {
-    decode_into(raw, n, out.data(), extents_.m * extents_.i, extents_.i);
+template <class Sample>
+void Resampler::decode_row_by_lenslet(const FrameView& raw, int n, int first, int last, Sample* out) const {
+    const std::ptrdiff_t bins = extents_.bins(), last_line = std::ptrdiff_t{extents_.j - 1} * extents_.i;
+    for (int m = first; m <= last; ++m)
+        decode_any(raw, extents_.index(m, n), out + m * bins, extents_.i,
+                   m * bins + last_line + kLanes <= (last + 1) * bins);
 }
 
-void Resampler::decode_row_by_lenslet(const FrameView& raw, int n, std::span<std::uint16_t> out) const {
-    decode_into(raw, n, out.data(), extents_.i, extents_.bins());
+template <class Sample>
+void Resampler::decode_lenslet(const FrameView& raw, int m, int n, Sample* out, std::ptrdiff_t line_stride) const {
+    decode_any(raw, extents_.index(m, n), out, line_stride, false);
 }
+
+template void Resampler::decode_row(const FrameView&, int, std::uint8_t*, std::ptrdiff_t) const;
+template void Resampler::decode_row(const FrameView&, int, std::uint16_t*, std::ptrdiff_t) const;
+template void Resampler::decode_row_by_lenslet(const FrameView&, int, int, int, std::uint8_t*) const;
+template void Resampler::decode_row_by_lenslet(const FrameView&, int, int, int, std::uint16_t*) const;
+template void Resampler::decode_lenslet(const FrameView&, int, int, std::uint8_t*, std::ptrdiff_t) const;
+template void Resampler::decode_lenslet(const FrameView&, int, int, std::uint16_t*, std::ptrdiff_t) const;
 
 }  // namespace hord::algo

@@ -10,8 +10,9 @@
 // exceeds the largest sample under it. Tables are computed with + - * / and floor only: the same on every machine.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
-#include <span>
+#include <memory>
 #include <vector>
 
 #include "algo/frame/direction_map.h"
@@ -30,35 +31,46 @@ class Resampler {
 
     [[nodiscard]] const Extents& extents() const { return extents_; }
 
-    // Decodes one row of lenslets: J image rows of I * M samples each. Bins that reach beyond the raw frame are 0.
-    // `raw` must have the size of the grid's frame; `out` holds J * I * M samples.
-    void decode_row(const FrameView& raw, int n, std::span<std::uint16_t> out) const;
+    // Decodes lenslet row n: J image rows of I * M samples each, `line_stride` samples apart. Bins that reach beyond
+    // the raw frame are 0. `raw` must have the size of the grid's frame. Sample: std::uint8_t for frames of 8 bits,
+    // else std::uint16_t.
+    template <class Sample>
+    void decode_row(const FrameView& raw, int n, Sample* out, std::ptrdiff_t line_stride) const;
 
-    // The same, lenslet after lenslet, each with its I * J bins, j outer.
-    void decode_row_by_lenslet(const FrameView& raw, int n, std::span<std::uint16_t> out) const;
+    // The same, lenslet after lenslet, each with its I * J bins, j outer: lenslets `first` to `last`, each in its place
+    // of a whole row.
+    template <class Sample>
+    void decode_row_by_lenslet(const FrameView& raw, int n, int first, int last, Sample* out) const;
+
+    // Lenslet (m, n) alone.
+    template <class Sample>
+    void decode_lenslet(const FrameView& raw, int m, int n, Sample* out, std::ptrdiff_t line_stride) const;
 
   private:
     static constexpr int kPhases = 32;
     template <class Sample>
-    [[nodiscard]] std::uint16_t bin(const FrameView& raw, std::int32_t at_x, std::int32_t at_y) const;
-    template <class Sample, class Sum>
-    void decode_lenslet(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out,
-                        int stride) const;
-    template <class Sample, class Sum>
-    void decode_lenslets(const FrameView& raw, int n, std::uint16_t* out, int line_stride, int lenslet_stride) const;
-    void decode_into(const FrameView& raw, int n, std::uint16_t* out, int line_stride, int lenslet_stride) const;
+    [[nodiscard]] Sample bin(const FrameView& raw, std::int32_t at_x, std::int32_t at_y) const;
+    template <class Sample>
+    void decode_inside(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, Sample* out,
+                       std::ptrdiff_t stride) const;
+    template <class Sample>
+    void decode_any(const FrameView& raw, std::size_t lenslet, Sample* out, std::ptrdiff_t line_stride,
+                    bool room) const;
 
     Extents extents_;
     int width_px_ = 0, height_px_ = 0;
     int taps_x_ = 0, taps_y_ = 0;
     std::vector<std::uint8_t> weights_x_, weights_y_;  // kPhases x taps
-    std::vector<std::int32_t> place_x_, place_y_;      // of every lenslet's centre, 1/32 px
-    std::vector<std::int32_t> offset_x_, offset_y_;    // of every bin from it, 1/32 px
-    std::vector<std::int32_t> column_, row_;           // the same if bins lie in rows and columns; else empty
-    int reach_x_ = 0;                                  // pixels under all bins of a row
-    LanePlan lanes_;                                   // for 8-bit samples; empty: the general path is used
+    struct Places {
+        std::vector<std::int32_t> x, y;
+    };
+    std::shared_ptr<const Places> places_;           // of every lenslet's centre, 1/32 px; copies share it
+    std::vector<std::int32_t> offset_x_, offset_y_;  // of every bin from it, 1/32 px
+    std::vector<std::int32_t> column_, row_;         // the same if bins lie in rows and columns; else empty
+    int reach_x_ = 0;                                // pixels under all bins of a row
+    LanePlan lanes_;                                 // for 8-bit samples; empty: the general path is used
     DecodeLanes decode_lanes_ = nullptr;
-    [[nodiscard]] bool decode_8bit(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint16_t* out,
+    [[nodiscard]] bool decode_8bit(const FrameView& raw, std::int32_t place_x, std::int32_t place_y, std::uint8_t* out,
                                    std::ptrdiff_t line_stride, bool room) const;
 };
 

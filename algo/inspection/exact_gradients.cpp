@@ -70,24 +70,32 @@ std::size_t ExactGradients::most_affordable() const {
     return static_cast<std::size_t>(std::max<std::int64_t>(work_left_, 0) / (kLensletWork + 2 * kPairWork) + 1);
 }
 
-void ExactGradients::solve(std::span<const std::uint32_t> lenslets) {
+// Solves the lenslets that the budget pays for, at least one. They are then at the front; returns how many.
+std::size_t ExactGradients::solve(std::span<std::uint32_t> lenslets) {
     const auto share = [&](std::size_t s) {
         return lenslets.subspan(s * kShare, std::min(kShare, lenslets.size() - s * kShare));
     };
     const std::size_t shares = (lenslets.size() + kShare - 1) / kShare;
-    if (shares == 1) {
-        share_work_[0] = solve_share(workers_[0], lenslets);  // not worth waking other threads
-    } else {
-        pool_->share_out(static_cast<int>(shares), [&](int worker, int s) {
-            const auto of_share = static_cast<std::size_t>(s);
-            share_work_[of_share] = solve_share(workers_[static_cast<std::size_t>(worker)], share(of_share));
-        });
-    }
+    if (shares == 0) return 0;
+    const std::int64_t budget = std::min(kChunkWork, work_left_) / static_cast<std::int64_t>(shares);
+    const auto solve_one = [&](int worker, std::size_t s) {
+        shares_done_[s] = solve_share(workers_[static_cast<std::size_t>(worker)], share(s), budget, s == 0);
+    };
+    if (shares == 1) solve_one(0, 0);  // not worth waking other threads
+    else
+        pool_->share_out(static_cast<int>(shares),
+                         [&](int worker, int s) { solve_one(worker, static_cast<std::size_t>(s)); });
+    std::size_t solved = 0, unsolved = 0;
     for (std::size_t s = 0; s < shares; ++s) {
-        work_left_ -= share_work_[s];
-        work_done_ += share_work_[s];
+        const std::span<const std::uint32_t> of_share = share(s);
+        for (std::size_t k = 0; k < of_share.size(); ++k)
+            (k < shares_done_[s].solved ? lenslets[solved++] : unsolved_[unsolved++]) = of_share[k];
+        work_left_ -= shares_done_[s].work;
+        work_done_ += shares_done_[s].work;
     }
-    solved_ += static_cast<std::int64_t>(lenslets.size());
+    std::copy_n(unsolved_.begin(), unsolved, lenslets.begin() + static_cast<std::ptrdiff_t>(solved));
+    solved_ += static_cast<std::int64_t>(solved);
+    return solved;
 }
 
 // The HORD of lenslet (m, n) into place `at`.
@@ -102,11 +110,12 @@ void ExactGradients::decode(Worker& worker, int at, int m, int n) const {
     worker.solver.compact()(row.hord(0).mass, row.sums(), one.bins(), &worker.sparse[place]);
 }
 
-// Returns the work.
-std::int64_t ExactGradients::solve_share(Worker& worker, std::span<const std::uint32_t> lenslets) {
+// Stops before the lenslet that would exceed the budget.
+ExactGradients::ShareDone ExactGradients::solve_share(Worker& worker, std::span<const std::uint32_t> lenslets,
+                                                      std::int64_t budget, bool at_least_one) {
     const auto has_hord = [&](std::size_t k) { return (mask_[k] & kNoHord) == 0; };
     const auto columns = static_cast<std::size_t>(extents_.m);
-    std::int64_t work = 0;
+    ShareDone done;
     for (std::size_t s = 0; s < lenslets.size(); ++s) {
         const std::size_t k = lenslets[s];
         const int m = static_cast<int>(k % columns), n = static_cast<int>(k / columns);
@@ -117,17 +126,20 @@ std::int64_t ExactGradients::solve_share(Worker& worker, std::span<const std::ui
         decode(worker, 2, m, n + down.before);
         decode(worker, 3, m, n + down.after);
         const auto& h = worker.sparse;
-        submit_emd_gradient(worker.solver, across, h[0], h[1], down, h[2], h[3], worker.gradients[s]);
-        work += kLensletWork + pair_work(lit_in_either(h[0].hord(), h[1].hord(), extents_.bins())) +
+        const std::int64_t work = kLensletWork + pair_work(lit_in_either(h[0].hord(), h[1].hord(), extents_.bins())) +
             pair_work(lit_in_either(h[2].hord(), h[3].hord(), extents_.bins()));
+        if (done.work + work > budget && !(at_least_one && s == 0)) break;
+        submit_emd_gradient(worker.solver, across, h[0], h[1], down, h[2], h[3], worker.gradients[s]);
+        done.work += work;
+        ++done.solved;
     }
     worker.solver.finish();
-    for (std::size_t s = 0; s < lenslets.size(); ++s) {
+    for (std::size_t s = 0; s < done.solved; ++s) {
         const std::size_t k = lenslets[s];
         gradient_[k] = static_cast<float>(worker.gradients[s].norm());
         is_bound_[k] = 0;
     }
-    return work;
+    return done;
 }
 
 }  // namespace hord::algo

@@ -23,8 +23,9 @@ class ExactGradients {
     // `limit_bins`: of the gradient. `pool` outlives this. Fails as GroundDistance and EmdSolver do.
     static Result<ExactGradients> create(const Extents& extents, float limit_bins, RowThreadPool& pool);
 
-    // Starts a frame. `mask`: kDark and kSaturated of every lenslet; `gradient`: upper bounds, 0 where there is no
-    // gradient. Both stay in place until the next start(). `now` may be null; `end_ns`: when time runs out, 0: never.
+    // Starts a frame. `mask`: kDark, kSaturated and kBorder of every lenslet; `gradient`: upper bounds, 0 where there
+    // is no gradient. Both stay in place until the next start(). `now` may be null; `end_ns`: when time runs out, 0:
+    // never.
     void start(const FrameView& frame, const LightLevels& levels, std::span<const std::uint8_t> mask,
                std::span<float> gradient, const InspectionLimits& limits, NowNs now, std::int64_t end_ns);
 
@@ -49,8 +50,7 @@ class ExactGradients {
         while (next < candidates_) {
             if (!may_go_on()) return false;
             const std::size_t count = std::min(next_chunk(kMaxChunk), candidates_ - next);
-            solve(std::span(order_).subspan(next, count));
-            next += count;
+            next += solve(std::span(order_).subspan(next, count));
         }
         return all;
     }
@@ -83,8 +83,10 @@ class ExactGradients {
             for (; next < candidates_ && count < most; ++next) {
                 if (severity(order_[next]) > known) order_[first + count++] = order_[next];
             }
-            solve(std::span(order_).subspan(first, count));
-            for (const std::uint32_t k : std::span(order_).subspan(first, count)) known = std::max(known, severity(k));
+            const std::size_t solved = solve(std::span(order_).subspan(first, count));
+            for (std::size_t k = first; k < first + solved; ++k) known = std::max(known, severity(order_[k]));
+            // The others stay candidates, in front of what was not looked at.
+            for (std::size_t k = first + count; k > first + solved; --k) order_[--next] = order_[k - 1];
             limit = std::min(2 * limit, kMaxChunk);
         }
         for (; next < candidates_; ++next) known = std::max(known, severity(order_[next]));
@@ -95,6 +97,11 @@ class ExactGradients {
     static constexpr std::size_t kFirstChunk = 4, kMaxChunk = 4096;  // lenslets between two looks at the budgets
     static constexpr std::size_t kShare = 64;                        // lenslets that a thread takes at once
     static constexpr int kBuckets = 256;
+
+    struct ShareDone {
+        std::size_t solved = 0;
+        std::int64_t work = 0;
+    };
 
     // The working memory of one thread.
     struct Worker {
@@ -140,8 +147,9 @@ class ExactGradients {
     [[nodiscard]] std::size_t most_affordable() const;
     bool may_go_on();
     [[nodiscard]] std::size_t next_chunk(std::size_t limit) const;
-    void solve(std::span<const std::uint32_t> lenslets);
-    std::int64_t solve_share(Worker& worker, std::span<const std::uint32_t> lenslets);
+    std::size_t solve(std::span<std::uint32_t> lenslets);
+    ShareDone solve_share(Worker& worker, std::span<const std::uint32_t> lenslets, std::int64_t budget,
+                          bool at_least_one);
     void decode(Worker& worker, int at, int m, int n) const;
 
     Extents extents_;
@@ -151,7 +159,8 @@ class ExactGradients {
     std::vector<std::uint8_t> is_bound_;
     std::vector<std::uint32_t> order_;
     std::size_t candidates_ = 0;
-    std::array<std::int64_t, kMaxChunk / kShare> share_work_{};
+    std::array<ShareDone, kMaxChunk / kShare> shares_done_{};
+    std::array<std::uint32_t, kMaxChunk> unsolved_{};
 
     // Of the present frame.
     FrameView frame_;

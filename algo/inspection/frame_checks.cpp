@@ -20,7 +20,7 @@ bool is_light(FrameFault fault) { return fault >= FrameFault::pedestal && fault 
 
 Reason reason_of(FrameFault fault) {
     if (fault == FrameFault::none) return Reason::none;
-    if (fault == FrameFault::other_period) return Reason::unexpected_geometry;
+    if (fault == FrameFault::other_period || fault == FrameFault::split_spots) return Reason::unexpected_geometry;
     return is_light(fault) ? Reason::unexpected_light : Reason::no_part;
 }
 
@@ -131,14 +131,28 @@ FrameFault FrameChecks::check_light(const FrameView& frame, const DecodedField& 
         return FrameFault::wide_spot;
     const float offset = std::max(std::abs(findings_.x_bins), std::abs(findings_.y_bins));
     if (max_offset_bins_ > 0 && shows_middle && offset > max_offset_bins_) return FrameFault::off_centre;
+    if (part.free_light) findings_.glare_share = static_cast<float>(glare_share(field));
+    if (static_cast<double>(findings_.glare_share) > kMaxGlareShare) return FrameFault::glare;
     return check_exposures(frame, field);
+}
+
+double FrameChecks::glare_share(const DecodedField& field) {
+    for (std::size_t k = 0; k < chosen_.size(); ++k) scratch_[k] = field.sums[chosen_[k]];
+    const auto free = static_cast<double>(common::lower_median(std::span(scratch_).first(chosen_.size())));
+    std::size_t judged = 0, bright = 0;
+    for (std::size_t k = 0; k < field.mask.size(); ++k) {
+        if ((field.mask[k] & kNotJudged) != 0) continue;
+        ++judged;
+        bright += static_cast<double>(field.sums[k]) > kMaxLight * free ? 1 : 0;
+    }
+    return judged == 0 ? 0 : static_cast<double>(bright) / static_cast<double>(judged);
 }
 
 // Another exposure in the same frame.
 FrameFault FrameChecks::check_exposures(const FrameView& frame, const DecodedField& field) {
+    choose_lenslets(field.mask.size(), kMaxInside,
+                    [&](std::size_t k) { return (field.mask[k] & (kNoHord | kNotJudged)) == 0; });
     if (max_second_share_ > 0) {
-        choose_lenslets(field.mask.size(), kMaxInside,
-                        [&](std::size_t k) { return (field.mask[k] & (kNoHord | kNotJudged)) == 0; });
         findings_.undeflected_share =
             static_cast<float>(undeflected_share(frame, extents_, dark_dn_, chosen_, expected_x_, expected_y_));
         if (findings_.undeflected_share > max_second_share_) {
@@ -147,6 +161,8 @@ FrameFault FrameChecks::check_exposures(const FrameView& frame, const DecodedFie
         }
     }
     if (!check_period_) return FrameFault::none;
+    findings_.split_share = static_cast<float>(split_share(frame, extents_, dark_dn_, chosen_));
+    if (static_cast<double>(findings_.split_share) > kMaxSplitShare) return FrameFault::split_spots;
     const Alternation found = alternation(extents_, field.deflections, field.sums, field.mask);
     findings_.alternation_bins = static_cast<float>(found.bins);
     findings_.alternation_light = static_cast<float>(found.light);
@@ -197,6 +213,7 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     if (part.parts == 0) return part.free_light ? FrameFault::nothing : check_holder(field);
     if (part.free_light && part.sharp_outline < kMinSharpOutline) return FrameFault::no_outline;
     // Tubes and plates may leave the field, and a plate may show its edges alone.
+    if (form_ == PartForm::tube && part.deflecting < kMinDeflectingShare) return FrameFault::hollow;
     if (form_ != PartForm::round) return FrameFault::none;
     if (part.parts > 1) return FrameFault::several;
     if (static_cast<double>(findings_.border_cut) > kMaxBorderCut) return FrameFault::cut_by_field;

@@ -26,6 +26,9 @@ constexpr double kMinSharpOutline = 0.5;      // of the part's outline
 constexpr double kMinFreeBeside = 0.5;        // of a row or column beside the part
 constexpr double kMaxAlternationBins = 0.15;  // half the difference of lenslets in turn, bin pitches
 constexpr double kMaxAlternationLight = 0.1;  // the same of their light, relative
+constexpr double kMaxSplitShare = 1.0 / 16;   // of the judged lenslets
+constexpr double kMaxLight = 2.5;  // light of a lenslet of the part over that of free light; a part focuses some
+constexpr double kMaxGlareShare = 1.0 / 64;   // of the judged lenslets may exceed it: the edge of a cut does
 constexpr double kMaxSpotOfEven = 0.95;       // of the width of evenly lit bins
 constexpr double kMinDeflectingShare = 0.25;  // of the inside of a part, and of the lit lenslets in an opaque holder
 
@@ -45,8 +48,13 @@ class FrameChecks {
     // Keeps what it needs of the recipe, and of its reference where the free light lies.
     FrameChecks(const Extents& extents, int bits, const Recipe& recipe);
 
-    // The light levels for this frame: the recipe's, with the dark level raised to the frame's own dark bins.
+    // The light levels for this frame: the recipe's, with the dark level raised to the frame's own dark bins. Reads the
+    // lenslets that for_each_sampled() visits.
     LightLevels levels_of(const FrameView& frame);
+    template <class Visit>
+    void for_each_sampled(Visit&& visit) const {
+        dark_bins_.for_each_sampled(visit);
+    }
 
     // Reason::unexpected_geometry, unexpected_light or no_part; none if the frame can be judged. levels_of() was called
     // with this frame; `field` was decoded with its result.
@@ -57,6 +65,8 @@ class FrameChecks {
 
   private:
     FrameFault check_light(const FrameView& frame, const DecodedField& field, const FoundPart& part);
+    // Of the judged lenslets, those far brighter than the median of the chosen ones.
+    double glare_share(const DecodedField& field);
     FrameFault check_exposures(const FrameView& frame, const DecodedField& field);
     FrameFault check_part(const DecodedField& field, const FoundPart& part);
     FrameFault check_holder(const DecodedField& field) const;

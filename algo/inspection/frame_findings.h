@@ -11,6 +11,7 @@ enum class FrameFault : std::uint8_t {
     none,
     // Reason::unexpected_geometry
     other_period,  // the light repeats with another period than the macro-pixels' size
+    split_spots,   // the light lies at opposite edges of the bins: the macro-pixels drift against the frame
     // Reason::unexpected_light
     pedestal,     // the dark bins read more than is allowed: fog, black level
     noise,        // pedestal and noise of the dark bins together take more than is allowed
@@ -18,6 +19,7 @@ enum class FrameFault : std::uint8_t {
     wide_spot,    // spots are wider than a collimated source makes them: defocus, stray light
     second_spot,  // a second spot beside the main one: ghost, neighbouring light, a second exposure
     alternating,  // neighbouring lenslets differ in turn: interlaced exposures, taps of the sensor
+    glare,        // the part is far brighter than free light: another lamp, a reflection
     interrupted,  // a row or column shows too little free light: lost rows, a hair, a part from border to border
     // Reason::no_part
     nothing,       // no region is large enough to be a part
@@ -43,6 +45,8 @@ struct FrameFindings {
     float second_share = 0;                  // of the light, in spots beside the main one
     float undeflected_share = 0;             // of the light where the part deflects light far: what stays undeflected
     float alternation_bins = 0, alternation_light = 0;  // algo/light/exposures.h: bin pitches; relative
+    float split_share = 0;                              // of the judged lenslets, light at opposite edges of the bins
+    float glare_share = 0;                              // of the judged lenslets, far brighter than free light
     float lit_share = 0;                                // of the bins
 
     int period_x = 0, period_y = 0;  // samples between repetitions; 0: not clear, or not measured because all is well

@@ -1,48 +1,16 @@
 #include "algo/inspection/pipeline.h"
 
 #include <algorithm>
-#include <array>
-#include <cstdlib>
+#include <cmath>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "algo/emd/emd_solver.h"
-#include "algo/features/deflection.h"
-#include "algo/features/gradient.h"
-#include "algo/features/jacobian.h"
-#include "algo/features/row_window.h"
 #include "algo/features/transmission.h"
-#include "algo/frame/decode.h"
-#include "algo/inspection/defects.h"
-#include "algo/inspection/exact_gradients.h"
-#include "algo/inspection/frame_checks.h"
-#include "algo/inspection/reference_defects.h"
-#include "algo/inspection/reference_outline.h"
-#include "algo/inspection/rim.h"
-#include "algo/maps/row_thread_pool.h"
-#include "algo/recipe/zones.h"
-#include "algo/soa/soa_distances.h"
-#include "algo/soa/soa_emd_bounds.h"
+#include "algo/inspection/pipeline_workspace.h"
 
 namespace hord::algo {
 namespace {
-
-// Adds the time since the last call to a stage, by the caller's clock. Does nothing without a clock.
-class Stopwatch {
-  public:
-    explicit Stopwatch(NowNs now) : now_(now), last_(now ? now() : 0) {}
-    void lap(std::int64_t& stage) {
-        if (now_ == nullptr) return;
-        const std::int64_t at = now_();
-        stage += at - last_;
-        last_ = at;
-    }
-
-  private:
-    NowNs now_;
-    std::int64_t last_;
-};
 
 std::vector<std::string> problems_of(const LightLevels& levels, int bits) {
     std::vector<std::string> messages;
@@ -60,263 +28,76 @@ std::string joined(const std::vector<std::string>& messages) {
     return text;
 }
 
-// Rows of EMD gradients that are submitted together: the solver batches small problems of one shape.
-// Also the rows of a band in the comparison with a reference.
-constexpr int kBandRows = 16;
-
-// A thread's rows where neighbours are compared by the EMD, exactly everywhere.
-struct EmdRows {
-    EmdRows(const Extents& e, EmdSolver emd_solver)
-        : solver(std::move(emd_solver)), window(e, solver.compact()),
-          gradients(static_cast<std::size_t>(kBandRows * e.m)) {
-        for (auto& row : deflections) row.resize(static_cast<std::size_t>(e.m));
-    }
-    EmdSolver solver;
-    RowWindow window;
-    std::array<std::vector<Deflection>, 3> deflections;  // of the window's rows, row n in place n % 3
-    std::vector<EmdGradient> gradients;                  // of the submitted rows, one after the other
-    std::size_t submitted = 0;                           // gradients
-
-    void load(const FrameView& frame, const LightLevels& levels, int n) { window.decode(frame, levels, n); }
-    [[nodiscard]] std::vector<Deflection>& deflections_of(int n) {
-        return deflections[static_cast<std::size_t>(n % 3)];
-    }
-    [[nodiscard]] Deflection deflection(int m, int n) { return deflections_of(n)[static_cast<std::size_t>(m)]; }
-};
-
-// The working memory of one thread.
-struct Worker {
-    std::optional<EmdRows> emd;                 // if the map of the EMD is wanted;
-    std::optional<SoaDistances> soa;            // else decoded into the SoA layout, which is three times as fast
-    std::optional<SoaDistances> shares;         // if the EMD is bounded: for its second look at the frame
-    std::optional<ReferenceComparer> comparer;  // if the recipe has a reference
-};
-
 }  // namespace
 
-struct Pipeline::Workspace {
-    Workspace(const Extents& e, int sample_bits, const Recipe& r, MapSet maps,
-              std::unique_ptr<RowThreadPool> thread_pool, std::vector<Worker> thread_workers)
-        : extents(e), bits(sample_bits), recipe(r), levels(light_levels(r, sample_bits)), pool(std::move(thread_pool)),
-          workers(std::move(thread_workers)), zones(e.lenslets()), deflections(e.lenslets()), sums(e.lenslets()),
-          scratch(e.lenslets()), mask(e.lenslets()), gradient(r.gradient ? e.lenslets() : 0),
-          frobenius(r.slopes || maps == MapSet::all ? e.lenslets() : 0),
-          transmission(r.light || maps == MapSet::all ? e.lenslets() : 0),
-          spectral(maps == MapSet::all ? e.lenslets() : 0), nuclear(spectral.size()), anisotropy(spectral.size()),
-          checks(e, sample_bits, r), rim(RimFinder::of(r, e)), defect_finder(e, r) {
-        paint_zones(recipe.zones, extents, zones, recipe.lenslet_mm);
-        if (recipe.reference) comparison.emplace(e, recipe, maps);
+// The columns of each row where a bound of the EMD gradient is wanted: where it is judged.
+void Pipeline::Workspace::find_bounded_columns(int first_row, int last_row) {
+    const std::uint8_t left_out = gradient_left_out();
+    for (int n = first_row; n < last_row; ++n) {
+        const std::uint8_t* const of_row = mask.data() + extents.index(0, n);
+        Columns columns{0, extents.m - 1};
+        while (columns.first < extents.m && (of_row[columns.first] & left_out) != 0) ++columns.first;
+        while (columns.last >= columns.first && (of_row[columns.last] & left_out) != 0) --columns.last;
+        bounded_columns[static_cast<std::size_t>(n)] = columns.last < columns.first ? Columns{extents.m, -1} : columns;
     }
+}
 
-    Extents extents;
-    int bits;
-    Recipe recipe;
-    LightLevels levels;  // of the current frame
-    std::unique_ptr<RowThreadPool> pool;
-    std::vector<Worker> workers;  // one a thread
-
-    // One value a lenslet, row by row; empty if the map is not computed.
-    std::vector<std::uint8_t> zones;
-    std::vector<Deflection> deflections;
-    std::vector<std::uint32_t> sums, scratch;
-    std::vector<std::uint8_t> mask;
-    std::vector<float> gradient, frobenius, transmission;
-    std::vector<float> spectral, nuclear, anisotropy;
-
-    FrameChecks checks;
-    RimFinder rim;
-    DefectFinder defect_finder;
-    // If neighbours are judged by the EMD, and its map is not wanted.
-    std::optional<SoaEmdBounds> emd_bounds;
-    std::optional<ExactGradients> exact;
-    struct Columns {
-        int first = 0, last = -1;
-    };
-    std::vector<Columns> bounded_columns;  // of each row: where bounds are wanted
-
-    // The comparison with a reference.
-    struct Comparison {
-        Comparison(const Extents& e, const Recipe& r, MapSet maps)
-            : registrar(e), outline(r, e), defect_finder(e, r), differences(e.lenslets()), z_score(e.lenslets()),
-              compared(maps == MapSet::all ? e.lenslets() : 0) {}
-        Registrar registrar;
-        ReferenceOutline outline;
-        ReferenceDefects defect_finder;
-        std::vector<Difference> differences;
-        std::vector<float> z_score;
-        std::vector<std::uint8_t> compared;
-    };
-    std::optional<Comparison> comparison;  // if the recipe has a reference
-
-    void compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times);
-    void bound_gradients(const FrameView& frame);
-    void bound_band(SoaDistances& rows, const FrameView& frame, int first, int last);
-    template <class Rows>
-    void compute_band(Rows& rows, const FrameView& frame, int first, int last, Stopwatch& watch, StageTimes& times);
-    void finish_decoding(EmdRows& rows, int n, bool in_band);
-    void finish_decoding(SoaDistances& rows, int n, bool in_band);
-    void compare_row(EmdRows& rows, int n);
-    void compare_row(SoaDistances& rows, int n);
-    void finish_gradients(EmdRows& rows, int last);
-    void finish_gradients(SoaDistances&, int) {}
-    void store_norms(std::size_t k, const Jacobian& jacobian);
-    [[nodiscard]] std::span<const float> judged_slopes() const {
-        return recipe.slopes ? std::span<const float>(frobenius) : std::span<const float>();
-    }
-    // Lenslets whose gradient no verdict needs. A defect against a reference may reach over the part's rim.
-    [[nodiscard]] std::uint8_t gradient_left_out() const {
-        return comparison ? kNoGradient : static_cast<std::uint8_t>(kNoGradient | kNotJudged);
-    }
-    [[nodiscard]] Reason unfit_reason() const;
-    Registered compare_with_reference(const FrameView& frame);
-    Result<FoundDefects> find_defects(bool& bounded);
-    FoundDefects find_differences(const Pose& pose, bool& bounded);
-};
-
-// Sums, mean deflections, mask and the features over neighbours, of every lenslet.
-void Pipeline::Workspace::compute_maps(const FrameView& frame, Stopwatch& watch, StageTimes& times) {
-    const int rows = pool->rows_a_band(extents.n);
-    pool->share_out((extents.n + rows - 1) / rows, [&](int worker, int band) {
+// The second look at a frame, once it is known that it can be judged: bounds of the EMD gradient, and how every lenslet
+// differs from the reference at the part's pose. Row by row, so that a row is read from memory once.
+void Pipeline::Workspace::look_again(const FrameView& frame, const Registered& registered, Stopwatch& watch,
+                                     StageTimes& times) {
+    std::optional<PoseMap> pose;
+    const int rows = pool->rows_a_band(extents.n), bands = (extents.n + rows - 1) / rows;
+    if (comparison) pose.emplace(registered.pose, extents);
+    // Before any bound: a row's bounds need the columns of the rows around it.
+    pool->share_out(bands, [&](int, int band) {
+        const int first = band * rows, last = std::min(first + rows, extents.n);
+        if (comparison) comparison->outline.take_in(*pose, zones, mask, first, last);
+        if (emd_bounds) find_bounded_columns(first, last);
+    });
+    const auto columns = static_cast<std::size_t>(extents.m);
+    const auto of_row = [&](auto& map, int n) { return std::span(map).subspan(extents.index(0, n), columns); };
+    pool->share_out(bands, [&](int worker, int band) {
         Stopwatch untimed(nullptr);
         StageTimes unused;
         const bool caller = worker == 0;
-        const int first = band * rows, last = std::min(first + rows, extents.n);
-        Worker& w = workers[static_cast<std::size_t>(worker)];
-        if (w.emd) compute_band(*w.emd, frame, first, last, caller ? watch : untimed, caller ? times : unused);
-        else compute_band(*w.soa, frame, first, last, caller ? watch : untimed, caller ? times : unused);
+        Stopwatch& by = caller ? watch : untimed;
+        StageTimes& to = caller ? times : unused;
+        PipelineWorker& w = workers[static_cast<std::size_t>(worker)];
+        const int first = band * rows;
+        int next = first - 1;  // row to load for the bounds
+        for (int n = first; n < std::min(first + rows, extents.n); ++n) {
+            if (emd_bounds) bound_row(*w.shares, frame, n, next);
+            by.lap(to.bound_ns);
+            if (!comparison) continue;
+            const std::span<const std::uint32_t> of_sums = of_row(sums, n);
+            const std::span<const std::uint8_t> of_mask = of_row(mask, n);
+            w.comparer->compare_row(frame, of_sums, of_mask, n, *pose, registered.light, levels.dark,
+                                    of_row(comparison->differences, n));
+            comparison->defect_finder.score_row({comparison->differences, gradient, judged_slopes(), mask}, n,
+                                                comparison->z_score);
+            by.lap(to.compare_ns);
+        }
     });
-    watch.lap(times.feature_ns);
+    watch.lap(comparison ? times.compare_ns : times.bound_ns);
 }
 
-// The maps of rows first..last-1. Rows first-1 and last, if they exist, are decoded for the gradients.
-template <class Rows>
-void Pipeline::Workspace::compute_band(Rows& rows, const FrameView& frame, int first, int last, Stopwatch& watch,
-                                       StageTimes& times) {
-    const auto in_band = [&](int n) { return n >= first && n < last; };
-    for (int n = std::max(first - 1, 0); n < std::min(last + 1, extents.n); ++n) {
-        rows.load(frame, levels, n);
-        watch.lap(times.decode_ns);
-        finish_decoding(rows, n, in_band(n));
-        watch.lap(times.hord_ns);
-        if (in_band(n - 1)) compare_row(rows, n - 1);
-        watch.lap(times.feature_ns);
+void Pipeline::Workspace::bound_row(SoaDistances& rows, const FrameView& frame, int n, int& next) {
+    float* const gradients = gradient.data() + extents.index(0, n);
+    if (bounded_columns[static_cast<std::size_t>(n)].last < 0) {
+        std::fill_n(gradients, extents.m, 0.0F);
+        return;
     }
-    if (last == extents.n) compare_row(rows, last - 1);
-    finish_gradients(rows, last);
-    watch.lap(times.feature_ns);
-}
-
-// What compare_row() needs of row n, and the maps of sums and mean deflections if it is in the band.
-void Pipeline::Workspace::finish_decoding(EmdRows& rows, int n, bool in_band) {
-    const HordRow& hords = rows.window.row(n);
-    mean_deflections(hords, rows.deflections_of(n));
-    rows.window.compact_row(n);
-    if (!in_band) return;
-    const auto row = static_cast<std::ptrdiff_t>(extents.index(0, n));
-    std::ranges::copy(rows.deflections_of(n), deflections.begin() + row);
-    std::ranges::copy(hords.sums(), sums.begin() + row);
-}
-
-void Pipeline::Workspace::finish_decoding(SoaDistances& rows, int n, bool in_band) {
-    if (!in_band) return;
-    const SoaRow& row = rows.loaded(n);
-    std::copy_n(row.sums().begin(), extents.m, sums.begin() + static_cast<std::ptrdiff_t>(extents.index(0, n)));
-    for (int m = 0; m < extents.m; ++m) {
-        const bool dark = (row.mask()[static_cast<std::size_t>(m)] & kDark) != 0;
-        deflections[extents.index(m, n)] = dark ? Deflection{} : rows.deflection(m, n);
-    }
-}
-
-// Mask and features of row n; rows n-1 and n+1 are decoded. EMD gradients are submitted to the solver.
-void Pipeline::Workspace::compare_row(EmdRows& rows, int n) {
-    const RowWindow& window = rows.window;
-    for (int m = 0; m < extents.m; ++m) {
-        const std::size_t k = extents.index(m, n);
-        EmdGradient& submitted = rows.gradients[rows.submitted++];
-        submitted = {};
-        Jacobian jacobian;
-        const RowWindow::Neighbours next = window.neighbours(m, n);
-        mask[k] = next.mask;
-        if ((next.mask & kNoGradient) == 0) {
-            submit_emd_gradient(rows.solver, next.across, window.sparse(next.left, n), window.sparse(next.right, n),
-                                next.down, window.sparse(m, next.above), window.sparse(m, next.below), submitted);
-            jacobian = jacobian_of(next.across, rows.deflection(next.left, n), rows.deflection(next.right, n),
-                                   next.down, rows.deflection(m, next.above), rows.deflection(m, next.below));
+    for (next = std::max(next, n - 1); next <= n + 1; ++next) {
+        Columns columns{extents.m, -1};  // that some row needs of this one
+        for (int near = std::max(next - 1, 0); near <= std::min(next + 1, extents.n - 1); ++near) {
+            columns.first = std::min(columns.first, bounded_columns[static_cast<std::size_t>(near)].first);
+            columns.last = std::max(columns.last, bounded_columns[static_cast<std::size_t>(near)].last);
         }
-        if (!frobenius.empty()) frobenius[k] = frobenius_norm(jacobian).to_float_rounded();
-        if (!spectral.empty()) store_norms(k, jacobian);
+        rows.load_blocks(frame, levels, next, (columns.first - 1) / SoaRow::kLanes,
+                         (columns.last + 1) / SoaRow::kLanes);
     }
-    if (rows.submitted == rows.gradients.size()) finish_gradients(rows, n + 1);
-}
-
-void Pipeline::Workspace::compare_row(SoaDistances& rows, int n) {
-    std::uint8_t* const of_row = mask.data() + extents.index(0, n);
-    rows.mark_row(n, of_row);
-    if (!gradient.empty() && !emd_bounds) {
-        float* const gradients = gradient.data() + extents.index(0, n);
-        rows.compare_row(n, gradients, of_row);
-    }
-    if (!frobenius.empty()) rows.slopes_row(n, frobenius.data() + extents.index(0, n), of_row);
-    if (spectral.empty()) return;
-    for (int m = 0; m < extents.m; ++m)
-        store_norms(extents.index(m, n), (of_row[m] & kNoGradient) == 0 ? rows.jacobian(m, n) : Jacobian{});
-}
-
-// The upper bounds of the EMD gradient, where it is judged: in a second look at a frame that can be judged, so that the
-// others need not be bounded.
-void Pipeline::Workspace::bound_gradients(const FrameView& frame) {
-    const std::uint8_t left_out = gradient_left_out();
-    for (int n = 0; n < extents.n; ++n) {
-        Columns& of_row = bounded_columns[static_cast<std::size_t>(n)];
-        of_row = {extents.m, -1};
-        for (int m = 0; m < extents.m; ++m) {
-            if ((mask[extents.index(m, n)] & left_out) != 0) continue;
-            of_row.first = std::min(of_row.first, m);
-            of_row.last = m;
-        }
-    }
-    const int rows = pool->rows_a_band(extents.n);
-    pool->share_out((extents.n + rows - 1) / rows, [&](int worker, int band) {
-        bound_band(*workers[static_cast<std::size_t>(worker)].shares, frame, band * rows,
-                   std::min((band + 1) * rows, extents.n));
-    });
-}
-
-void Pipeline::Workspace::bound_band(SoaDistances& rows, const FrameView& frame, int first, int last) {
-    const std::uint8_t left_out = gradient_left_out();
-    int next = first - 1;  // to load
-    for (int n = first; n < last; ++n) {
-        float* const gradients = gradient.data() + extents.index(0, n);
-        if (bounded_columns[static_cast<std::size_t>(n)].last < 0) {
-            std::fill_n(gradients, extents.m, 0.0F);
-            continue;
-        }
-        for (next = std::max(next, n - 1); next <= n + 1; ++next) {
-            Columns columns{extents.m, -1};  // that some row needs of this one
-            for (int near = std::max(next - 1, 0); near <= std::min(next + 1, extents.n - 1); ++near) {
-                columns.first = std::min(columns.first, bounded_columns[static_cast<std::size_t>(near)].first);
-                columns.last = std::max(columns.last, bounded_columns[static_cast<std::size_t>(near)].last);
-            }
-            rows.load_blocks(frame, levels, next, (columns.first - 1) / SoaRow::kLanes,
-                             (columns.last + 1) / SoaRow::kLanes);
-        }
-        emd_bounds->row(rows, n, mask.data() + extents.index(0, n), left_out, gradients);
-    }
-}
-
-// Solves the submitted EMD gradients and writes them to the map; `last` is the row after theirs.
-void Pipeline::Workspace::finish_gradients(EmdRows& rows, int last) {
-    rows.solver.finish();
-    float* out = gradient.data() + extents.index(0, last) - rows.submitted;
-    for (std::size_t k = 0; k < rows.submitted; ++k) out[k] = static_cast<float>(rows.gradients[k].norm());
-    rows.submitted = 0;
-}
-
-void Pipeline::Workspace::store_norms(std::size_t k, const Jacobian& jacobian) {
-    const SingularNorms norms = singular_norms(jacobian);
-    spectral[k] = norms.spectral.to_float_rounded();
-    nuclear[k] = norms.nuclear.to_float_rounded();
-    anisotropy[k] = norms.anisotropy.to_float_rounded();
+    emd_bounds->row(rows, n, mask.data() + extents.index(0, n), gradient_left_out(), gradients);
 }
 
 // Why the frame cannot be judged; none if it can.
@@ -337,26 +118,11 @@ Reason Pipeline::Workspace::unfit_reason() const {
     return Reason::none;
 }
 
-// Finds the pose of the part. If it is found, computes how every lenslet differs from the reference there.
-Registered Pipeline::Workspace::compare_with_reference(const FrameView& frame) {
+// Finds the pose of the part.
+Registered Pipeline::Workspace::find_pose() {
     const Reference& reference = *recipe.reference;
-    const Registered registered =
-        comparison->registrar.find(reference.maps(), deflections, sums, mask,
-                                   static_cast<double>(reference.sensor.electrons_per_dn), reference.parts);
-    if (!registered.found()) return registered;
-    const PoseMap pose(registered.pose, extents);
-    comparison->outline.take_in(pose, zones, mask);
-    pool->share_out((extents.n + kBandRows - 1) / kBandRows, [&](int worker, int band) {
-        ReferenceComparer& comparer = *workers[static_cast<std::size_t>(worker)].comparer;
-        const auto columns = static_cast<std::size_t>(extents.m);
-        for (int n = band * kBandRows; n < std::min((band + 1) * kBandRows, extents.n); ++n) {
-            comparer.compare_row(frame, std::span<const std::uint32_t>(sums).subspan(extents.index(0, n), columns),
-                                 std::span<const std::uint8_t>(mask).subspan(extents.index(0, n), columns), n, pose,
-                                 registered.light, levels.dark,
-                                 std::span(comparison->differences).subspan(extents.index(0, n), columns));
-        }
-    });
-    return registered;
+    return comparison->registrar.find(reference.maps(), deflections, sums, mask,
+                                      static_cast<double>(reference.sensor.electrons_per_dn), reference.parts);
 }
 
 // Defects of a part that is compared with itself. Solves the gradients that the result needs; `bounded` if not all.
@@ -389,11 +155,10 @@ Result<FoundDefects> Pipeline::Workspace::find_defects(bool& bounded) {
 FoundDefects Pipeline::Workspace::find_differences(const Pose& pose, bool& bounded) {
     ReferenceDefects& finder = comparison->defect_finder;
     ComparedFrame compared{comparison->differences, gradient, judged_slopes(), mask};
-    finder.score_lenslets(compared, comparison->z_score);
     if (!exact) return finder.find(compared, pose);
     compared.bounds = exact->bounds();
     const float grow = finder.grow_severity();
-    bounded = !exact->solve_from(grow, 0, [&](std::size_t k) { return finder.severity_by_gradient(compared, k); });
+    bounded = !exact->solve_from(grow, 0, [&](std::size_t k) { return finder.severity_by_gradient(k); });
     FoundDefects found = finder.find(compared, pose, !bounded);
     if (!found.defects.empty()) return found;
     bool known = true;
@@ -404,6 +169,16 @@ FoundDefects Pipeline::Workspace::find_differences(const Pose& pose, bool& bound
 }
 
 Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe& recipe, int threads, MapSet maps) {
+    return create(extents, bits, recipe, threads, maps, nullptr);
+}
+
+Result<Pipeline> Pipeline::create(const GridDecoder& decoder, int bits, const Recipe& recipe, int threads,
+                                  MapSet maps) {
+    return create(decoder.extents(), bits, recipe, threads, maps, &decoder);
+}
+
+Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe& recipe, int threads, MapSet maps,
+                                  const GridDecoder* decoder) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
     if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
     std::vector<std::string> messages = problems(recipe, extents);
@@ -412,10 +187,11 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
     if (!messages.empty()) return fail(ErrorCode::invalid_argument, "recipe \"" + recipe.name + "\"", joined(messages));
     auto pool = RowThreadPool::create(threads);
     if (!pool) return tl::unexpected(pool.error());
-    std::vector<Worker> workers;
+    std::vector<PipelineWorker> workers;
     const auto reference_soa = recipe.reference ? std::make_shared<const ReferenceSoa>(*recipe.reference) : nullptr;
     for (int worker = 0; worker < threads; ++worker) {
-        Worker& made = workers.emplace_back();
+        PipelineWorker& made = workers.emplace_back();
+        if (decoder != nullptr) made.raw.emplace(*decoder, bits);
         if (recipe.reference) made.comparer.emplace(*recipe.reference, widest_isa(), reference_soa);
         const bool by_emd = recipe.gradient == Feature::emd;
         if (!by_emd || maps == MapSet::judged) {
@@ -432,6 +208,7 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
         made.emd.emplace(extents, std::move(*solver));
     }
     auto workspace = common::make_opaque<Workspace>(extents, bits, recipe, maps, std::move(*pool), std::move(workers));
+    if (decoder != nullptr) workspace->macro_pixels = decoder->frame(bits);
     if (recipe.gradient == Feature::emd && maps == MapSet::judged) {
         workspace->emd_bounds.emplace(extents, widest_isa());
         workspace->bounded_columns.resize(static_cast<std::size_t>(extents.n));
@@ -442,10 +219,16 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
     return Pipeline(std::move(workspace));
 }
 
-Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now, const InspectionLimits& limits) {
+Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const InspectionLimits& limits) {
     Workspace& w = *workspace_;
-    if (auto fine = check_frame(frame, w.extents, w.bits); !fine) return tl::unexpected(fine.error());
+    const std::int64_t end_ns = now != nullptr && limits.time_ns > 0 ? now() + limits.time_ns : 0;
+    Stopwatch total(now), watch(now);
+    const Result<FrameView> taken_in = w.take_in(given);
+    if (!taken_in) return tl::unexpected(taken_in.error());
+    const FrameView& frame = *taken_in;
     Inspection result;
+    watch.lap(result.times.resample_ns);
+    result.macro_pixels = frame;
     result.compares = w.recipe.gradient;
     result.gradient = w.gradient;
     if (w.recipe.gradient == Feature::emd) result.emd = w.gradient;
@@ -458,8 +241,6 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now, const In
     result.mask = w.mask;
     result.sums = w.sums;
 
-    const std::int64_t end_ns = now != nullptr && limits.time_ns > 0 ? now() + limits.time_ns : 0;
-    Stopwatch total(now), watch(now);
     w.levels = w.checks.levels_of(frame);
     result.dark_dn = w.levels.dark;
     watch.lap(result.times.feature_ns);
@@ -475,16 +256,14 @@ Result<Inspection> Pipeline::inspect(const FrameView& frame, NowNs now, const In
     if (result.reason == Reason::none)
         result.reason = w.checks.judge(frame, {w.deflections, w.sums, w.mask}, w.rim.found());
     result.frame = w.checks.findings();
+    watch.lap(result.times.feature_ns);
     if (result.reason == Reason::none && w.comparison) {
-        result.registered = w.compare_with_reference(frame);
+        result.registered = w.find_pose();
         if (!result.registered.found()) result.reason = Reason::not_registered;
-        watch.lap(result.times.feature_ns);
+        watch.lap(result.times.register_ns);
     }
     if (result.reason == Reason::none) {
-        if (w.emd_bounds) {
-            w.bound_gradients(frame);
-            watch.lap(result.times.feature_ns);
-        }
+        if (w.emd_bounds || w.comparison) w.look_again(frame, result.registered, watch, result.times);
         if (w.exact) w.exact->start(frame, w.levels, w.mask, w.gradient, limits, now, end_ns);
         const Result<FoundDefects> found =
             w.comparison ? w.find_differences(result.registered.pose, result.bounded) : w.find_defects(result.bounded);

@@ -13,6 +13,7 @@
 #include <span>
 
 #include "algo/frame/extents.h"
+#include "algo/frame/grid_decoder.h"
 #include "algo/frame/mask.h"
 #include "algo/inspection/frame_findings.h"
 #include "algo/recipe/recipe.h"
@@ -29,9 +30,13 @@ namespace hord::algo {
 using Map = std::span<const float>;
 
 // Time of the calling thread in each stage, in ticks of the clock given to inspect(); 0 without a clock. Waiting for
-// other threads counts as feature time.
+// other threads counts as part of the stage that waits.
 struct StageTimes {
-    std::int64_t decode_ns = 0, hord_ns = 0, feature_ns = 0, decide_ns = 0, total_ns = 0;
+    std::int64_t resample_ns = 0;  // raw samples to macro-pixels; 0 where a frame has them
+    std::int64_t decode_ns = 0, hord_ns = 0, feature_ns = 0;
+    std::int64_t register_ns = 0, compare_ns = 0;  // with a reference: the pose, and the comparison of every lenslet
+    std::int64_t bound_ns = 0;                     // bounds of the EMD
+    std::int64_t decide_ns = 0, total_ns = 0;
 };
 using NowNs = std::int64_t (*)();
 
@@ -48,6 +53,7 @@ struct InspectionLimits {
 constexpr float kInsignificantScore = 0.02F;
 
 struct Inspection {
+    FrameView macro_pixels;  // the frame that was given, or, of a raw one, what was decoded from it
     Verdict verdict = Verdict::unfit;
     Reason reason = Reason::nothing_to_see;
     float score = 0;                      // the worst value over its limit: >= 1 rejects; 0: <= kInsignificantScore
@@ -90,12 +96,19 @@ class Pipeline {
     static Result<Pipeline> create(const Extents& extents, int bits, const Recipe& recipe, int threads = 1,
                                    MapSet maps = MapSet::judged);
 
-    // Inspects one macro-pixel frame. The spans in the result stay valid until the next call.
-    // Fails with invalid_argument if the frame's size or bit depth is not that given to create().
+    // The same for raw frames of a calibrated sensor. Rows are decoded by the threads that use them, while they are in
+    // cache. The results are those of the frame that decoder.decode() gives.
+    static Result<Pipeline> create(const GridDecoder& decoder, int bits, const Recipe& recipe, int threads = 1,
+                                   MapSet maps = MapSet::judged);
+
+    // Inspects one frame, of macro-pixels or raw as create() was told. The spans in the result stay valid until the
+    // next call. Fails with invalid_argument if the frame's size or bit depth is not that given to create().
     Result<Inspection> inspect(const FrameView& frame, NowNs now = nullptr, const InspectionLimits& limits = {});
 
   private:
     struct Workspace;
+    static Result<Pipeline> create(const Extents& extents, int bits, const Recipe& recipe, int threads, MapSet maps,
+                                   const GridDecoder* decoder);
     explicit Pipeline(common::Opaque<Workspace> workspace) : workspace_(std::move(workspace)) {}
     common::Opaque<Workspace> workspace_;
 };

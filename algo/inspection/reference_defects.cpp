@@ -59,26 +59,43 @@ double square(float v) { return static_cast<double>(v) * static_cast<double>(v);
 
 ReferenceDefects::ReferenceDefects(const Extents& extents, const Recipe& recipe)
     : extents_(extents), recipe_(recipe), reference_(*recipe.reference), scores_(extents.lenslets()),
-      z_severity_(extents.lenslets()), severity_(extents.lenslets()), visited_(extents.lenslets()),
-      queue_(extents.lenslets()), used_(recipe.tolerances.size()) {
+      z_severity_(extents.lenslets()), severity_(extents.lenslets()), by_gradient_(extents.lenslets()),
+      visited_(extents.lenslets()), queue_(extents.lenslets()), used_(recipe.tolerances.size()) {
     found_.reserve(1000);
     defects_.reserve(1000);
 }
 
 void ReferenceDefects::score_lenslets(const ComparedFrame& c, std::span<float> z_score) {
-    for (std::size_t k = 0; k < scores_.size(); ++k) {
+    for (int n = 0; n < extents_.n; ++n) score_row(c, n, z_score);
+}
+
+void ReferenceDefects::score_row(const ComparedFrame& c, int n, std::span<float> z_score) {
+    for (std::size_t k = extents_.index(0, n); k < extents_.index(0, n + 1); ++k) {
         scores_[k] = {};
         z_severity_[k] = 0;
         z_score[k] = 0;
+        severity_[k] = 0;
+        by_gradient_[k] = 0;
         if ((c.mask[k] & (kOutside | kSaturated)) != 0) continue;
         const Difference& d = c.differences[k];
         if (d.has_light) scores_[k] = scores_of(d, reference_);
         z_score[k] = z_score_of(scores_[k], d, recipe_.reject_score);
         z_severity_[k] = z_score[k] / recipe_.reject_score;
+        const float others = severity_without_emd(c, k), of_emd = severity_of_emd(c, k);
+        severity_[k] = std::max(others, of_emd);
+        if (of_emd > others) {
+            by_gradient_[k] = of_emd;
+            continue;
+        }
+        // describe() uses the gradient itself where all squared scores of a region are 0.
+        const Scores& s = scores_[k];
+        const bool has_squares = score(s, Deviation::light) != 0 || score(s, Deviation::deflection_shift) != 0 ||
+            score(s, Deviation::scattering) > 0 || score(s, Deviation::shape) > 0;
+        by_gradient_[k] = has_squares || c.emd.empty() || (c.mask[k] & kNoGradient) != 0 ? 0 : others;
     }
 }
 
-float ReferenceDefects::severity(const ComparedFrame& c, std::size_t k) const {
+float ReferenceDefects::severity_now(const ComparedFrame& c, std::size_t k) const {
     return std::max(severity_without_emd(c, k), severity_of_emd(c, k));
 }
 
@@ -102,14 +119,17 @@ float ReferenceDefects::severity_of_emd(const ComparedFrame& c, std::size_t k) c
     return (c.emd[k] - reference_.emd[d.at]) / (recipe_.emd_limit_bins + noise);
 }
 
-// Beside the severity, describe() uses the gradient itself where all squared scores of a region are 0.
-float ReferenceDefects::severity_by_gradient(const ComparedFrame& c, std::size_t k) const {
-    const float others = severity_without_emd(c, k), of_emd = severity_of_emd(c, k);
-    if (of_emd > others) return of_emd;
-    const Scores& s = scores_[k];
-    const bool has_squares = score(s, Deviation::light) != 0 || score(s, Deviation::deflection_shift) != 0 ||
-        score(s, Deviation::scattering) > 0 || score(s, Deviation::shape) > 0;
-    return has_squares || c.emd.empty() || (c.mask[k] & kNoGradient) != 0 ? 0 : others;
+// The share of noise in the variance of the worst score.
+float ReferenceDefects::noise_share(const Scores& s, const Difference& d) const {
+    const Scores shares = noise_shares(d, reference_);
+    std::size_t worst = 0;
+    for (std::size_t w = 1; w < kDeviations; ++w) {
+        const auto size = [&](std::size_t which) {
+            return which == static_cast<std::size_t>(Deviation::shape) ? s[which] : std::abs(s[which]);
+        };
+        if (size(w) > size(worst)) worst = w;
+    }
+    return shares[worst];
 }
 
 // The connected lenslets at or above grow_score, from `seed` on.
@@ -129,12 +149,13 @@ ReferenceDefects::Region ReferenceDefects::grow_region(std::uint32_t seed, const
         r.weight += weight;
         r.m += weight * m, r.n += weight * n;
         r.mm += weight * m * m, r.nn += weight * n * n, r.mn += weight * m * n;
-        r.squares += square(in_noise);
+        const bool by_gradient = in_noise > by_reference * 1.0001F;
+        r.squares += square(in_noise) * (by_gradient ? 1 : static_cast<double>(noise_share(s, c.differences[k])));
         (score(s, Deviation::light) < 0 ? r.missing_light : r.added_light) += square(score(s, Deviation::light));
         r.shift += square(score(s, Deviation::deflection_shift));
         r.scattering += square(std::max(0.0F, score(s, Deviation::scattering)));
         r.shape += square(std::max(0.0F, score(s, Deviation::shape)));
-        if (in_noise > by_reference * 1.0001F) r.gradient += square(in_noise);
+        if (by_gradient) r.gradient += square(in_noise);
         r.worst = std::max(r.worst, severity_[k]);
         const Difference& d = c.differences[k];
         r.min_light = std::min(r.min_light, d.light);
@@ -202,7 +223,12 @@ bool ReferenceDefects::tolerated(const Defect& d, const Region& r, const PoseMap
 }
 
 FoundDefects ReferenceDefects::find(const ComparedFrame& compared, const Pose& pose, bool all_exact) {
-    for (std::size_t k = 0; k < severity_.size(); ++k) severity_[k] = severity(compared, k);
+    if (!compared.bounds.empty()) {  // what was solved
+        for (std::size_t k = 0; k < severity_.size(); ++k) {
+            if (!is_bound(compared, k) && (compared.mask[k] & (kNoGradient | kNotJudged)) == 0)
+                severity_[k] = severity_now(compared, k);
+        }
+    }
     std::ranges::fill(visited_, std::uint8_t{0});
     std::ranges::fill(used_, 0U);
     found_.clear();
@@ -212,8 +238,8 @@ FoundDefects ReferenceDefects::find(const ComparedFrame& compared, const Pose& p
     float below = 0;  // the largest severity that is no defect
     for (std::uint32_t k = 0; k < severity_.size(); ++k) {
         if (severity_[k] < grow) {
-            const bool is_bound = !compared.bounds.empty() && compared.bounds[k] != 0;
-            below = std::max(below, is_bound ? severity_without_emd(compared, k) : severity_[k]);
+            if (severity_[k] > below)
+                below = std::max(below, is_bound(compared, k) ? severity_without_emd(compared, k) : severity_[k]);
         }
         if (severity_[k] < grow || visited_[k] != 0) continue;
         const Region region = grow_region(k, compared);

@@ -5,8 +5,10 @@
 // units of noise, over `reject_score`, also at the part's rim; and of its gradients over neighbours less those of a
 // typical good part, over their limits, not at the rim.
 // Hysteresis: a region is connected, at sides or corners, at or above `grow_score`. It is a defect if the severity of
-// one lenslet reaches 1, or if the root of the sum of its squared scores reaches `cluster_score`. Tolerances of the
-// recipe may allow it. Lenslets outside the part, outside the recipe's zones, or saturated are not judged.
+// one lenslet reaches 1, or if the root of the sum of its squared scores reaches `cluster_score`. In that sum a score
+// counts by the share of noise in its variance, because neighbours deviate together by the spread of good parts.
+// Tolerances of the recipe may allow a defect. Lenslets outside the part, outside the recipe's zones, or saturated are
+// not judged.
 //
 // Score of missing light, and the kind of a defect: docs/notes/inspection.md.
 #pragma once
@@ -37,14 +39,18 @@ class ReferenceDefects {
     // Allocates all memory, for up to a thousand defects; find() allocates for more.
     ReferenceDefects(const Extents& extents, const Recipe& recipe);
 
-    // First: the scores of a frame. `z_score` receives every lenslet's worst score.
+    // First: the scores of a frame, row by row, of different rows by any threads at once. `z_score` receives every
+    // lenslet's worst score. compared.emd holds the gradients, or bounds, of these rows.
     void score_lenslets(const ComparedFrame& compared, std::span<float> z_score);
+    void score_row(const ComparedFrame& compared, int n, std::span<float> z_score);
 
     // The severity of lenslet k by its scores, its slope and its EMD gradient compared.emd[k]; not decreasing with it.
-    // 0 if it is not judged.
-    [[nodiscard]] float severity(const ComparedFrame& compared, std::size_t k) const;
-    // The same if the region and the score of a defect can depend on the exact gradient, else 0.
-    [[nodiscard]] float severity_by_gradient(const ComparedFrame& compared, std::size_t k) const;
+    // 0 if it is not judged. Kept from score_row() where the gradient is still the bound that it was then.
+    [[nodiscard]] float severity(const ComparedFrame& compared, std::size_t k) const {
+        return is_bound(compared, k) ? severity_[k] : severity_now(compared, k);
+    }
+    // The same at score_row() if the region and the score of a defect can depend on the exact gradient, else 0.
+    [[nodiscard]] float severity_by_gradient(std::size_t k) const { return by_gradient_[k]; }
     // The severity from which a lenslet belongs to a region.
     [[nodiscard]] float grow_severity() const { return recipe_.grow_score / recipe_.reject_score; }
 
@@ -56,13 +62,18 @@ class ReferenceDefects {
     struct Region {
         std::uint32_t area = 0;
         double m = 0, n = 0, mm = 0, nn = 0, mn = 0, weight = 0;  // weighted sums of positions and their products
-        // Sums of squared scores: all; by deviation.
+        // Sums of squared scores: of all, each by the share of noise in it; by deviation.
         double squares = 0, missing_light = 0, added_light = 0, shift = 0, scattering = 0, shape = 0, gradient = 0;
         float worst = 0;                                                           // severity
         float min_light = 0, max_shift = 0, max_scattering = 0, max_gradient = 0;  // in their own units
     };
+    [[nodiscard]] static bool is_bound(const ComparedFrame& compared, std::size_t k) {
+        return !compared.bounds.empty() && compared.bounds[k] != 0;
+    }
+    [[nodiscard]] float severity_now(const ComparedFrame& compared, std::size_t k) const;
     [[nodiscard]] float severity_without_emd(const ComparedFrame& compared, std::size_t k) const;
     [[nodiscard]] float severity_of_emd(const ComparedFrame& compared, std::size_t k) const;
+    [[nodiscard]] float noise_share(const Scores& scores, const Difference& difference) const;
     Region grow_region(std::uint32_t seed, const ComparedFrame& compared);
     [[nodiscard]] Defect describe(const Region& region, Reason& reason) const;
     [[nodiscard]] bool tolerated(const Defect& defect, const Region& region, const PoseMap& pose);
@@ -72,6 +83,7 @@ class ReferenceDefects {
     const Reference& reference_;
     std::vector<Scores> scores_;
     std::vector<float> z_severity_, severity_;  // by the scores alone; of all
+    std::vector<float> by_gradient_;            // severity_by_gradient()
     std::vector<std::uint8_t> visited_;
     std::vector<std::uint32_t> queue_;
     std::vector<std::pair<Defect, Reason>> found_;

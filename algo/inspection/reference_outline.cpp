@@ -33,10 +33,10 @@ ReferenceOutline::ReferenceOutline(const Recipe& recipe, const Extents& e) : ext
     for (std::uint8_t& bits : outline_) bits &= kNotJudged;
 }
 
-void ReferenceOutline::take_in(const PoseMap& pose, std::span<const std::uint8_t> zones,
-                               std::span<std::uint8_t> mask) const {
-    std::size_t k = 0;
-    for (int n = 0; n < extents_.n; ++n) {
+void ReferenceOutline::take_in(const PoseMap& pose, std::span<const std::uint8_t> zones, std::span<std::uint8_t> mask,
+                               int first, int last) const {
+    std::size_t k = extents_.index(0, first);
+    for (int n = first; n < last; ++n) {
         for (int m = 0; m < extents_.m; ++m, ++k) {
             if ((mask[k] & kOutside) == 0 || (zones[k] & kOutside) != 0) continue;
             const PoseMap::Place q = pose.to_reference(m, n);

@@ -18,8 +18,10 @@ class ReferenceOutline {
     ReferenceOutline(const Recipe& recipe, const Extents& extents);
 
     // Clears kOutside in `mask` where the reference's part, beyond its rim, lies at this pose. `zones`: kOutside where
-    // the recipe's zones say so; it stays. Both: one value a lenslet, row by row.
-    void take_in(const PoseMap& pose, std::span<const std::uint8_t> zones, std::span<std::uint8_t> mask) const;
+    // the recipe's zones say so; it stays. Both: one value a lenslet, row by row. Rows `first` to `last` - 1; different
+    // rows by any threads at once.
+    void take_in(const PoseMap& pose, std::span<const std::uint8_t> zones, std::span<std::uint8_t> mask, int first,
+                 int last) const;
 
   private:
     Extents extents_;

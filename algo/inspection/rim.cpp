@@ -50,8 +50,9 @@ RimFinder RimFinder::of(const Recipe& recipe, const Extents& extents) {
 
 RimFinder::RimFinder(const Extents& extents, int margin, PartForm form, float steepest_bins)
     : extents_(extents), margin_(margin), form_(form), state_(extents.lenslets()), region_(extents.lenslets()),
-      queue_(extents.lenslets()), first_(static_cast<std::size_t>(extents.m)),
-      last_(static_cast<std::size_t>(extents.m)), part_in_column_(static_cast<std::size_t>(extents.m)) {
+      queue_(extents.lenslets()), runs_(max_flood_runs(extents)), free_along_(extents.lenslets()),
+      first_(static_cast<std::size_t>(extents.m)), last_(static_cast<std::size_t>(extents.m)),
+      part_in_column_(static_cast<std::size_t>(extents.m)) {
     for (int n = 0; n < extents.n; ++n) {
         const bool whole_row = n == 0 || n == extents.n - 1;
         for (int m = 0; m < extents.m; m += whole_row ? 1 : extents.m - 1)
@@ -144,24 +145,35 @@ std::size_t RimFinder::agreeing(const FieldLight& light, std::span<const std::ui
     return static_cast<std::size_t>(std::ranges::count_if(ring, [&](std::uint32_t k) { return state_[k] == kFree; }));
 }
 
+// Sets kWide: the lenslet and its neighbours inside the field are kFree. Along the rows first, then across them.
+void RimFinder::mark_wide() {
+    const auto columns = static_cast<std::size_t>(extents_.m), rows = static_cast<std::size_t>(extents_.n);
+    for (std::size_t n = 0; n < rows; ++n) {
+        const std::uint8_t* const from = state_.data() + n * columns;
+        std::uint8_t* const to = free_along_.data() + n * columns;
+        to[0] = from[0] & from[1];
+        for (std::size_t m = 1; m + 1 < columns; ++m) to[m] = from[m - 1] & from[m] & from[m + 1];
+        to[columns - 1] = from[columns - 2] & from[columns - 1];
+    }
+    for (std::size_t n = 0; n < rows; ++n) {
+        const std::uint8_t *const here = free_along_.data() + n * columns, *const above = n > 0 ? here - columns : here,
+                                  *const below = n + 1 < rows ? here + columns : here;
+        std::uint8_t* const to = state_.data() + n * columns;
+        for (std::size_t m = 0; m < columns; ++m)
+            to[m] |= static_cast<std::uint8_t>((above[m] & here[m] & below[m] & kFree) * (kWide / kFree));
+    }
+}
+
 // Step 2. Sets kReached or kUnreached everywhere.
 void RimFinder::reach_free_field() {
-    std::size_t k = 0;
-    for (int n = 0; n < extents_.n; ++n) {
-        for (int m = 0; m < extents_.m; ++m, ++k) {
-            if ((state_[k] & kFree) == 0) continue;
-            unsigned common = kFree;
-            extents_.for_each_around(m, n, 1, [&](int x, int y) { common &= state_[extents_.index(x, y)]; });
-            if (common != 0) state_[k] |= kWide;
-        }
-    }
+    mark_wide();
     for (const std::uint32_t at : ring_) {
         if ((state_[at] & kFree) != 0) state_[at] |= kWide;  // outside the field light is free
     }
     for (const std::uint32_t at : ring_) {
         if ((state_[at] & (kWide | kReached)) == kWide) mark_connected(at, kWide, kReached, Connected::at_sides);
     }
-    k = 0;
+    std::size_t k = 0;
     for (int n = 0; n < extents_.n; ++n) {
         for (int m = 0; m < extents_.m; ++m, ++k) {
             if ((state_[k] & (kFree | kReached)) == kFree) {
@@ -217,11 +229,10 @@ void RimFinder::keep_long_regions() {
 // holds them.
 std::size_t RimFinder::mark_connected(std::uint32_t seed, std::uint8_t through, std::uint8_t mark,
                                       Connected connected) {
-    return flood(extents_, seed, 1, connected, queue_, [&](std::size_t k) {
-        if ((state_[k] & (through | mark)) != through) return false;
-        state_[k] |= mark;
-        return true;
-    });
+    return flood_by_runs(
+        extents_, seed, connected, queue_, runs_,
+        [&](std::uint32_t k) { return (state_[k] & (through | mark)) == through; },
+        [&](std::uint32_t k) { state_[k] |= mark; });
 }
 
 // Step 3 of a round part, second half. Sets kInside between lenslets of the part in a row or a column; everywhere if

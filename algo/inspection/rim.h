@@ -77,6 +77,7 @@ class RimFinder {
     using Sums = std::span<const std::uint32_t>;
     bool find_free_light(const FieldLight& light);
     std::size_t agreeing(const FieldLight& light, std::span<const std::uint32_t> ring);
+    void mark_wide();
     void reach_free_field();
     void keep_large_parts();
     void keep_long_regions();
@@ -101,6 +102,8 @@ class RimFinder {
     std::vector<std::uint8_t> state_;                          // of each lenslet, outline::State
     std::vector<std::uint8_t> region_;                         // number of its large region, from 1, where kPart is set
     std::vector<std::uint32_t> queue_;                         // of the flood fill
+    std::vector<FloodRun> runs_;                               // of the flood fill
+    std::vector<std::uint8_t> free_along_;                     // kFree: the lenslet, and those beside it in its row
     std::vector<std::uint32_t> ring_;                          // the outermost lenslets,
     std::vector<std::uint32_t> beside_columns_, beside_rows_;  // and those of two sides: what lies beside a tube
     std::vector<std::int64_t> ring_values_;

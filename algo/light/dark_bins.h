@@ -59,6 +59,14 @@ class DarkBinMeter {
     // `frame` has the extents' size and the bit depth given.
     DarkBins measure(const FrameView& frame);
 
+    // Calls visit(m, n) for every lenslet that measure() reads.
+    template <class Visit>
+    void for_each_sampled(Visit&& visit) const {
+        for (const int n : rows_) {
+            for (const int m : columns_) visit(m, n);
+        }
+    }
+
   private:
     template <class Sample>
     void count(const FrameView& frame);

@@ -55,7 +55,38 @@ double undeflected(const FrameView& frame, const Extents& e, std::uint32_t dark_
     return count < kMinFar ? 0 : common::lower_median(std::span(shares).first(count));
 }
 
+// `sums`: light of each column or row of a lenslet.
+bool is_split(std::span<const double> sums) {
+    double all = 0;
+    for (const double sum : sums) all += sum;
+    const double outer = std::min(sums.front(), sums.back()),
+                 middle = std::max(sums[(sums.size() - 1) / 2], sums[sums.size() / 2]);
+    return outer > 0.1 * all && outer > 2 * middle;
+}
+
 }  // namespace
+
+double split_share(const FrameView& frame, const Extents& e, std::uint32_t dark_dn,
+                   std::span<const std::uint32_t> lenslets) {
+    std::array<double, kMaxBins> columns{}, rows{};
+    std::size_t split = 0;
+    for (const std::uint32_t k : lenslets) {
+        const int left = static_cast<int>(k) % e.m * e.i, top = static_cast<int>(k) / e.m * e.j;
+        columns.fill(0), rows.fill(0);
+        for (int j = 0; j < e.j; ++j) {
+            for (int i = 0; i < e.i; ++i) {
+                const std::uint32_t sample = frame.sample(left + i, top + j);
+                const double light = sample > dark_dn ? sample - dark_dn : 0;
+                columns[static_cast<std::size_t>(i)] += light;
+                rows[static_cast<std::size_t>(j)] += light;
+            }
+        }
+        const bool any = is_split(std::span(columns).first(static_cast<std::size_t>(e.i))) ||
+            is_split(std::span(rows).first(static_cast<std::size_t>(e.j)));
+        split += any ? 1 : 0;
+    }
+    return lenslets.empty() ? 0 : static_cast<double>(split) / static_cast<double>(lenslets.size());
+}
 
 Alternation alternation(const Extents& e, std::span<const Deflection> deflections, std::span<const std::uint32_t> sums,
                         std::span<const std::uint8_t> mask) {

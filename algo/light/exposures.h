@@ -31,10 +31,17 @@ Alternation alternation(const Extents& extents, std::span<const Deflection> defl
                         std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask);
 
 // Median share of the light, 0..1, that stays within 1.5 bins of the free light's place (`x`, `y`: bin pitches from the
-// middle of the bins), over lenslets that deflect at least kFarShare of their other light by kFarBins and more. 0 if
-// fewer than kMinFar of `lenslets` do, and for less than 9 x 9 bins. The first kMaxFar that do are used.
+// middle of the bins), over lenslets with a tenth of their light, and kFarShare of their light beyond 1.5 bins, farther
+// than kFarBins from there (the larger of |x| and |y|). `lenslets`: indices; the first kMaxFar that do are used.
+// `dark_dn` is subtracted from every sample. 0 if fewer than kMinFar do, and for less than 9 x 9 bins.
 double undeflected_share(const FrameView& frame, const Extents& extents, std::uint32_t dark_dn,
                          std::span<const std::uint32_t> lenslets, double x, double y);
+
+// Share, 0..1, of the lenslets (indices) whose light lies at opposite edges of the bins: in the outermost columns, or
+// the outermost rows, in each twice what the middle has, and a tenth of all. A spot that the macro-pixels cut in two
+// looks so. `dark_dn` is subtracted from every sample.
+double split_share(const FrameView& frame, const Extents& extents, std::uint32_t dark_dn,
+                   std::span<const std::uint32_t> lenslets);
 
 constexpr double kFarBins = 2.5, kFarShare = 0.8;
 constexpr std::size_t kMinFar = 16, kMaxFar = 256;

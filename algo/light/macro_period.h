@@ -1,9 +1,9 @@
 // The period of a frame's macro-pixels, found by folding: does the image repeat every I columns and J rows?
 //
 // Column sums (over bands of rows) and row sums (over bands of columns) are cut into windows of kWindow samples. A fold
-// at period p explains the share 1 - (rest / (W - p)) / (variance / (W - 1)) of a window's variance, W samples long;
-// windows are summed up. Short windows follow light that a part deflects smoothly. The frame's period is the smallest p
-// that explains nearly as much as the best. Derivation and limits: docs/notes/inspection.md.
+// at period p explains 1 - (R / (W - p)) / (S / (W - 1)) of a window of W samples: S is the sum of squares about its
+// mean, R what the fold leaves of it. Windows are summed up; short ones follow light that a part deflects smoothly. The
+// result is the expected period unless another one contradicts it. Derivation and limits: docs/notes/inspection.md.
 #pragma once
 
 #include <cstdint>
@@ -42,8 +42,8 @@ class MacroPeriodFinder {
     std::vector<std::uint32_t> columns_, rows_;    // sums of each column and row
 };
 
-// The period of one profile, and whether it agrees with `expected`: the expected period, another one that is clear, or
-// 0 if none is.
+// The period of one profile, samples: `expected` unless another one contradicts it, that one, or 0 if none is clear or
+// the profile is too short.
 int period_of(std::span<const std::uint32_t> profile, int expected);
 
 }  // namespace hord::algo

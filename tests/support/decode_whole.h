@@ -1,7 +1,8 @@
 // Decodes a whole frame, row by row, with a Resampler or Regridder.
 #pragma once
 
-#include <vector>
+#include <cstddef>
+#include <cstdint>
 
 #include "common/frame.h"
 
@@ -12,13 +13,11 @@ Frame decode_whole(Decoder& decoder, const FrameView& raw) {
     if constexpr (requires { decoder.begin_frame(); }) decoder.begin_frame();
     const auto& extents = decoder.extents();
     Frame frame(extents.width_px(), extents.height_px(), raw.bits);
-    std::vector<std::uint16_t> row(static_cast<std::size_t>(extents.width_px() * extents.j));
+    const std::ptrdiff_t stride = frame.view().stride_bytes;
     for (int n = 0; n < extents.n; ++n) {
-        decoder.decode_row(raw, n, row);
-        std::size_t k = 0;
-        for (int j = 0; j < extents.j; ++j) {
-            for (int x = 0; x < extents.width_px(); ++x) frame.set(x, n * extents.j + j, row[k++]);
-        }
+        std::byte* const line = frame.bytes().data() + std::ptrdiff_t{n} * extents.j * stride;
+        if (raw.bits > 8) decoder.decode_row(raw, n, reinterpret_cast<std::uint16_t*>(line), stride / 2);
+        else decoder.decode_row(raw, n, reinterpret_cast<std::uint8_t*>(line), stride);
     }
     return frame;
 }

@@ -204,8 +204,20 @@ void add_pieces(std::vector<Kind>& kinds) {
     }));
 }
 
-// Light of another exposure, or missing over most of the part.
+// Light of another exposure or lamp, or missing over most of the part.
 void add_mixed_kinds(std::vector<Kind>& kinds) {
+    kinds.push_back(of_light("lens, even stray light in its middle, five times the free light", [](const Extents& e) {
+        const LightImage part = lens_light(e, lens_at(e)), empty = empty_light(e);
+        double sum = 0;
+        for (int y = 0; y < e.j; ++y) {
+            for (int x = 0; x < e.i; ++x) sum += empty.at(x, y);
+        }
+        const double middle_x = 0.5 * e.width_px(), middle_y = 0.5 * e.height_px(), radius = 0.15 * e.width_px();
+        return changed(part, [=](int x, int y, double v) {
+            const double far = std::hypot(x - middle_x, y - middle_y) / radius;
+            return v + 5 * sum / e.bins() * std::exp(-far * far);
+        });
+    }));
     const auto shadow = [&](const std::string& name, double from, double light) {
         kinds.push_back(of_light(name, [=](const Extents& e) {
             return spots(e, kPeakDn, kSpread, [=, lens = lens_at(e)](int m, int n) {

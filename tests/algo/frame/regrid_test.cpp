@@ -94,10 +94,16 @@ TEST_P(Regrid, rows_in_any_order_are_those_of_the_whole_frame) {
         filled(400, 380, 8, [&](double, double) { return (state = state * 1664525U + 1013904223U) >> 24U; });
     const auto whole = test::decode_whole(*regridder, raw.view());
     const Extents& e = regridder->extents();
-    std::vector<std::uint16_t> row(static_cast<std::size_t>(e.width_px() * e.j));
+    std::vector<std::uint8_t> row(static_cast<std::size_t>(e.width_px() * e.j));
+    std::uint8_t alone[81];
     regridder->begin_frame();
     for (const int n : {e.n - 1, 0, e.n / 2, 1}) {
-        regridder->decode_row(raw.view(), n, row);
+        regridder->decode_row(raw.view(), n, row.data(), e.width_px());
+        for (int m = 0; m < e.m; ++m) {
+            regridder->decode_lenslet(raw.view(), m, n, alone, 9);
+            for (int k = 0; k < 81; ++k)
+                ASSERT_EQ(alone[k], whole.view().sample(m * 9 + k % 9, n * 9 + k / 9)) << m << "," << n;
+        }
         for (int j = 0; j < e.j; ++j) {
             for (int x = 0; x < e.width_px(); ++x)
                 ASSERT_EQ(row[static_cast<std::size_t>(j * e.width_px() + x)], whole.view().sample(x, n * e.j + j));

@@ -1,6 +1,7 @@
 // The decode of raw frames: geometry, arithmetic, limits, and the same bits on every machine.
 #include "algo/frame/resample.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <gmock/gmock.h>
@@ -182,11 +183,17 @@ TEST(Resample, eight_bit_frames_have_the_bits_of_the_general_way) {
                     ASSERT_EQ(a.view().sample(x, y), b.view().sample(x, y)) << x << "," << y;
             }
             const auto size = static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(bins_i * bins_j);
-            std::vector<std::uint16_t> one(size), two(size);
+            std::vector<std::uint8_t> one(size), alone(static_cast<std::size_t>(bins_i * bins_j));
+            std::vector<std::uint16_t> two(size);
             for (int n = 0; n < grid.rows; ++n) {
-                resampler->decode_row_by_lenslet(narrow.view(), n, one);
-                resampler->decode_row_by_lenslet(deep.view(), n, two);
-                ASSERT_EQ(one, two) << n;
+                resampler->decode_row_by_lenslet(narrow.view(), n, 0, grid.columns - 1, one.data());
+                resampler->decode_row_by_lenslet(deep.view(), n, 0, grid.columns - 1, two.data());
+                ASSERT_TRUE(std::ranges::equal(one, two)) << n;
+                for (int m = 0; m < grid.columns; ++m) {
+                    resampler->decode_lenslet(narrow.view(), m, n, alone.data(), bins_i);
+                    ASSERT_TRUE(std::equal(alone.begin(), alone.end(), one.begin() + m * bins_i * bins_j))
+                        << m << "," << n;
+                }
             }
         }
     }

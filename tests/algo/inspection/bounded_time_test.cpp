@@ -176,6 +176,22 @@ TEST(BoundedTime, work_has_a_limit_and_the_result_says_that_it_was_reached) {
     EXPECT_FALSE(unlimited->bounded);
 }
 
+// A lenslet takes about 20,000 units here. One is solved as long as any work is left: the second one.
+TEST(BoundedTime, no_lenslet_is_solved_that_the_work_left_does_not_pay_for_except_one) {
+    const Extents e{21, 21, 9, 9};
+    const Frame frame = noise(e);
+    Pipeline pipeline = pipeline_for(e, 8, unchecked(), MapSet::judged);
+    const auto gradients = [&](std::int64_t work) {
+        const auto seen = pipeline.inspect(frame.view(), nullptr, {0, work, 0});
+        EXPECT_TRUE(seen->bounded);
+        return std::vector<float>(seen->gradient.begin(), seen->gradient.end());
+    };
+    const std::vector<float> none = gradients(0), some = gradients(25'000);
+    std::size_t solved = 0;
+    for (std::size_t k = 0; k < none.size(); ++k) solved += none[k] != some[k] ? 1 : 0;
+    EXPECT_EQ(solved, 2U);
+}
+
 // Also where lenslets are solved; not in the search for defects, which allocates.
 TEST(BoundedTime, nothing_is_allocated_for_a_good_part) {
     const Extents e{40, 36, 9, 9};

@@ -1,6 +1,7 @@
 // Forms of parts (docs/notes/inspection.md): what is part, flank and field, on fields drawn as text; what the recipe's
 // notes say.
 #include <algorithm>
+#include <cmath>
 #include <string>
 #include <vector>
 
@@ -327,6 +328,39 @@ TEST(Web, with_a_dark_lenslet_anywhere_is_rejected) {
             return x == m && y == n ? Spot{0, 0, 0} : Spot{};
         });
         EXPECT_EQ(verdict_on(noisy(frame, {10, 2, 1}, 4), e, web), Verdict::reject) << m << ", " << n;
+    }
+}
+
+// Spots repeat after 1 % more than a macro-pixel: over the field they drift through two of them.
+TEST(Web, that_is_resized_by_a_hundredth_is_no_frame_of_this_geometry) {
+    Recipe web;
+    web.form = PartForm::web;
+    web.part_required = false;
+    for (const Extents& e : {Extents{200, 150, 5, 5}, {111, 111, 9, 9}, {120, 100, 7, 7}}) {
+        const auto judged = [&](double scale) {
+            Frame frame(e.width_px(), e.height_px(), 8);
+            for (int y = 0; y < frame.height_px(); ++y) {
+                for (int x = 0; x < frame.width_px(); ++x) {
+                    const double u = std::fmod((x + 0.5) / scale, e.i) - 0.5 * e.i,
+                                 v = std::fmod((y + 0.5) / scale, e.j) - 0.5 * e.j;
+                    frame.set(x, y, static_cast<std::uint32_t>(std::lround(230 * std::exp(-(u * u + v * v)))));
+                }
+            }
+            auto pipeline = Pipeline::create(e, 8, web);
+            EXPECT_TRUE(pipeline);
+            const auto seen = pipeline->inspect(noisy(frame, {10, 2, 1}, 7).view());
+            EXPECT_TRUE(seen);
+            return std::pair(seen->verdict, seen->frame);
+        };
+        const auto [good, of_good] = judged(1);
+        EXPECT_EQ(good, Verdict::pass) << e.i;
+        EXPECT_LT(of_good.split_share, 0.001F) << e.i;
+        const auto [resized, found] = judged(1.01);
+        EXPECT_EQ(resized, Verdict::unfit) << e.i;
+        // In 7 x 7 and 9 x 9 bins the mean of all spots shows it first.
+        if (e.i == 5) {
+            EXPECT_EQ(found.fault, FrameFault::split_spots);
+        }
     }
 }
 

@@ -123,6 +123,7 @@ TEST(FrameChecks, give_the_reason) {
         {"a part without a chord", {Reason::no_part, lopsided}},
         {"a third of a part", {Reason::no_part, lopsided}},
         {"a thin dark ring with nothing in it", {Reason::no_part, hollow}},
+        {"lens, even stray light in its middle, five times the free light", {Reason::unexpected_light, glare}},
         {"lens and an empty field, row by row", {Reason::unexpected_light, alternating}},
         {"lens and an empty field, lenslet by lenslet", {Reason::unexpected_light, alternating}},
         {"lens, every second column with 60 % of the light", {Reason::unexpected_light, alternating}},

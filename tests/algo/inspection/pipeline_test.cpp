@@ -146,8 +146,8 @@ TEST(Pipeline, says_unfit_and_why) {
     EXPECT_EQ(reason_for(filled(kField, 8, 255)), Reason::saturated);
     Recipe nowhere;
     nowhere.zones.resize(1);
-    nowhere.zones[0].centre = {-50, -50};
-    nowhere.zones[0].radius = 1;
+    nowhere.zones[0].centre = {10.5F, 10.5F};  // between lenslets
+    nowhere.zones[0].radius = 0.1F;
     pipeline = pipeline_for(kField, 8, nowhere);
     EXPECT_EQ(reason_for(drawn(kField, 8, 240, lens(kField, 14, 2))), Reason::nothing_to_see);
 }

@@ -88,6 +88,16 @@ const DrawnTube kTubes[] = {
 
 // The property: a fully dark speck in the band, of one lenslet up to the band's width, is rejected wherever it lies.
 // Left out are specks that do not reach further than margin + 1 lenslets from the flanks and the ends into the band.
+// Belts, rails: flanks with nothing between them.
+TEST(Tube, is_no_part_where_free_light_lies_between_its_flanks) {
+    for (const double half_length : {18.0, 40.0}) {
+        const DrawnTube tube{.half_length = half_length, .slope = 0};
+        const Judged found = judged_both_ways(drawn_tube(tube, 5), tube.extents, tube_recipe());
+        EXPECT_EQ(found.verdict, Verdict::unfit);
+        EXPECT_EQ(found.reason, Reason::no_part);
+    }
+}
+
 TEST(Tube, with_a_dark_speck_in_its_band_is_rejected_wherever_it_lies_and_however_large_it_is) {
     int specks = 0;
     for (std::size_t which = 0; which < std::size(kTubes); ++which) {
