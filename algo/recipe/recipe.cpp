@@ -31,6 +31,22 @@ void check_zone(const Zone& zone, std::size_t number, float lenslet_mm, std::vec
     }
 }
 
+// Whether the box around the zone lies outside the lenslets' centres.
+bool is_outside(const Zone& zone, const Extents& extents, float lenslet_mm) {
+    std::vector<Point> box = zone.corners;
+    if (zone.shape == Zone::Shape::circle) {
+        box = {{zone.centre.m - zone.radius, zone.centre.n - zone.radius},
+               {zone.centre.m + zone.radius, zone.centre.n + zone.radius}};
+    }
+    const bool in_mm = zone.unit == Zone::Unit::mm;
+    const auto outside = [&](float Point::*axis, int count) {
+        const auto [low, high] = std::ranges::minmax(box, {}, axis);
+        const double scale = in_mm ? 1 / static_cast<double>(lenslet_mm) : 1, origin = in_mm ? 0.5 * (count - 1) : 0;
+        return high.*axis * scale + origin < 0 || low.*axis * scale + origin > count - 1;
+    };
+    return outside(&Point::m, extents.m) || outside(&Point::n, extents.n);
+}
+
 // The chosen features can judge a part, and every limit that is given belongs to one of them.
 void check_features(const Recipe& r, std::vector<std::string>& messages) {
     const Recipe defaults;
@@ -145,7 +161,13 @@ std::vector<std::string> problems(const Recipe& recipe, const Extents& extents) 
         messages.push_back("some zones are in lenslets and some in mm: use one unit for all");
         break;
     }
-    for (std::size_t k = 0; k < recipe.zones.size(); ++k) check_zone(recipe.zones[k], k, recipe.lenslet_mm, messages);
+    for (std::size_t k = 0; k < recipe.zones.size(); ++k) {
+        const std::size_t known = messages.size();
+        check_zone(recipe.zones[k], k, recipe.lenslet_mm, messages);
+        if (messages.size() == known && is_outside(recipe.zones[k], extents, recipe.lenslet_mm))
+            messages.push_back("zone " + std::to_string(k + 1) + ": lies outside the field of " +
+                               std::to_string(extents.m) + "x" + std::to_string(extents.n) + " lenslets");
+    }
     return messages;
 }
 

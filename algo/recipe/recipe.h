@@ -87,12 +87,12 @@ struct Recipe {
     // `dark_dn`, DN; 0: the default of the bit depth. Beyond it the frame is unfit (Reason::unexpected_light).
     std::uint32_t max_dark_rise_dn = 0;
 
-    // The free light beside the part (algo/inspection/frame_checks.h); 0 switches a check off. Beyond a limit the frame
-    // is unfit (Reason::unexpected_light).
+    // Limits on the free light; without free light on all lit lenslets (the offset: webs and plates only). 0: off.
+    // Beyond a limit the frame is unfit (Reason::unexpected_light; algo/inspection/frame_checks.h).
     float max_offset_bins = 0.5F;    // mean deflection from the middle of the bins, or from the reference's free light
     float max_spot_bins = 1.0F;      // root mean square of the spot along each axis
     float max_second_share = 0.05F;  // of the light in spots beside the main one, 0..1
-    bool check_period = true;        // the light repeats with the macro-pixels' size, else Reason::unexpected_geometry
+    bool check_period = true;        // period of the macro-pixels (Reason::unexpected_geometry), and alternation
 
     // Features that are computed and judged. A feature that is not chosen is not computed, its map is empty, and its
     // limit must keep the default.
@@ -104,7 +104,7 @@ struct Recipe {
     // defaults: docs/notes/inspection.md.
     float emd_limit_bins = 1.0F;        // neighbour EMD gradient, Euclidean ground, bin pitches (Eqs. 9-11)
     float frobenius_limit_bins = 0.4F;  // |Jacobian of the mean deflection|_F, bin pitches a lenslet (Eqs. 12-14)
-    float transmission_limit = 0.7F;    // light relative to the part's own typical lenslet, 0 (off) to 1
+    float transmission_limit = 0.7F;    // light relative to the part's own typical lenslet, from 0 (off) to below 1
     std::uint32_t min_area = 1;         // lenslets
     float gradient_limit = 0;           // of a gradient other than the EMD, in its unit (unit_of); from hordctl tune
 
@@ -114,8 +114,8 @@ struct Recipe {
     // Not checked with a reference.
     bool symmetric_outline = true;
 
-    // The part's rim has large gradients. `rim_margin` lenslets inside it are not judged; negative: computed from the
-    // number of lenslets (algo/inspection/rim.h).
+    // The part's rim has large gradients. So many lenslets inwards from the outline are not judged; negative:
+    // default_rim_margin() of algo/inspection/rim.h, and none for a web.
     int rim_margin = -1;
 
     // Shares of the judged lenslets; beyond them the frame is unfit.

@@ -335,4 +335,17 @@ Scores scores_of(const Difference& d, const Reference& reference) {
     return scores;
 }
 
+Scores noise_shares(const Difference& d, const Reference& reference) {
+    Scores shares{};
+    const auto set = [&](Deviation which, float noise, float per_spread) {
+        const auto w = static_cast<std::size_t>(which);
+        shares[w] = noise / (noise + per_spread * reference.spread[w][d.at]);
+    };
+    set(Deviation::light, d.light_variance, 1);
+    set(Deviation::deflection_shift, 0.5F * (d.x_variance + d.y_variance), 1);
+    set(Deviation::scattering, d.scattering_variance, 1);
+    set(Deviation::shape, d.degrees, d.sum);
+    return shares;
+}
+
 }  // namespace hord::algo

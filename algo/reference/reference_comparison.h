@@ -100,5 +100,8 @@ class ReferenceComparer {
 // Light and scattering are signed (less light, less spread: negative).
 using Scores = std::array<float, kDeviations>;
 Scores scores_of(const Difference& difference, const Reference& reference);
+// The share of noise in the variance of each score, 0..1. The rest is spread of good parts, by which neighbours deviate
+// together.
+Scores noise_shares(const Difference& difference, const Reference& reference);
 
 }  // namespace hord::algo

@@ -10,16 +10,17 @@
 #include "algo/maps/feature_map.h"
 #include "algo/reference/photon_noise.h"
 #include "algo/reference/reference_comparison.h"
+#include "algo/reference/reference_mean.h"
 #include "algo/reference/spread_estimate.h"
 
 namespace hord::algo {
 namespace {
 
 constexpr double kShareOne = 1 << Reference::kShareBits;
-// Standard deviations of a bin's mean; less is noise. The variance of dark bins is a sixteenth of the reading noise
-// (docs/notes/reference.md).
-constexpr double kNoise = 3;
+constexpr double kNoise = 3;  // standard deviations of a dark bin's reading
 constexpr std::size_t kDarkFrames = 8;
+// The spread is that of parts from the mean of the others: as many times parts are left out of it.
+constexpr std::size_t kMaxFolds = 16;
 
 // Frees a vector's memory. Sums and shares of a large light field are most of the memory of learning, and no pass needs
 // all of them.
@@ -28,23 +29,13 @@ void release(std::vector<T>& values) {
     std::vector<T>().swap(values);
 }
 
-// A decoded part; `shares` only on request.
-struct Part {
-    std::vector<std::uint32_t> sums;
-    std::vector<Deflection> deflections;
-    std::vector<std::uint8_t> mask;
-    std::vector<float> light, x, y;
-    std::vector<std::uint16_t> shares;
-
-    [[nodiscard]] ReferenceMaps maps() const { return {light, x, y, mask}; }
-};
-
 class Learner {
   public:
     Learner(const Extents& extents, int bits, std::size_t count, const FrameOfPart& frame_of,
             const LearnOptions& options)
         : extents_(extents), count_(count), frame_of_(frame_of), options_(options), row_(extents),
-          dark_bins_(extents, bits), registrar_(extents), poses_(count), lights_(count, 1.0), left_out_(count, false) {
+          dark_bins_(extents, bits), registrar_(extents), poses_(count), lights_(count, 1.0), left_out_(count, false),
+          mean_(extents) {
         reference_.extents = extents;
         reference_.bits = bits;
         reference_.levels = options.levels;
@@ -57,22 +48,22 @@ class Learner {
     Result<void> choose_dark_level();
     Result<void> estimate_photon_noise();
     void lower_to_dark_level(Frame& frame);
-    Result<Frame> decode(std::size_t of, Part& part, bool with_shares = false);
-    Registered find(const ReferenceMaps& reference, const Part& part, std::uint32_t parts);
-    bool find_pose(std::size_t k, const Part& part);
+    Result<Frame> decode(std::size_t of, DecodedPart& part, bool with_shares = false);
+    Registered find(const ReferenceMaps& reference, const DecodedPart& part, std::uint32_t parts);
+    bool find_pose(std::size_t k, const DecodedPart& part);
     Result<bool> find_poses_from(std::size_t origin);
     void centre_poses();
     Result<void> learn_mean_hords(bool register_again);
-    void add_reference_hord(const Part& part, const PoseMap& pose, double light);
-    void finish_mean_hords(double parts, double light);
-    void drop_noise(std::size_t k, double least);
     Result<void> learn_spread();
+    Result<void> learn_spread_of(std::span<const std::size_t> fold, const Reference& others,
+                                 std::array<std::optional<FeatureMapper>, 2>& mappers);
+    Result<void> change_mean(std::span<const std::size_t> fold, bool add);
     bool name_outliers();
     void leave_out(std::size_t part, std::string why);
     [[nodiscard]] std::size_t left() const { return count_ - left_out_list_.size(); }
     [[nodiscard]] Result<void> enough() const;
     void tick() {
-        options_.progress(std::min(0.99, static_cast<double>(++ticks_) / (static_cast<double>(count_) * 6)));
+        options_.progress(std::min(0.99, static_cast<double>(++ticks_) / (static_cast<double>(count_) * 8)));
     }
 
     Extents extents_;
@@ -90,11 +81,8 @@ class Learner {
     std::size_t ticks_ = 0;
     bool calibrated_ = false;  // the sensor's electrons a DN are known
 
-    // Sums over the parts while mean HORDs are learned.
-    std::vector<float> reference_hords_;
-    std::vector<double> light_;
-    std::vector<std::uint16_t> light_count_, hord_count_;  // parts
-
+    ReferenceMean mean_;
+    double typical_light_ = 1;  // of the parts of the mean
     std::optional<SpreadEstimate> spread_;
 };
 
@@ -154,7 +142,7 @@ Result<void> Learner::estimate_photon_noise() {
 }
 
 // Reads and decodes the frame of part `of`.
-Result<Frame> Learner::decode(std::size_t of, Part& part, bool with_shares) {
+Result<Frame> Learner::decode(std::size_t of, DecodedPart& part, bool with_shares) {
     auto frame = frame_of_(of);
     if (!frame) return frame;
     if (auto fine = check_frame(frame->view(), extents_, reference_.bits); !fine) return tl::unexpected(fine.error());
@@ -186,13 +174,13 @@ Result<Frame> Learner::decode(std::size_t of, Part& part, bool with_shares) {
     return frame;
 }
 
-Registered Learner::find(const ReferenceMaps& reference, const Part& part, std::uint32_t parts) {
+Registered Learner::find(const ReferenceMaps& reference, const DecodedPart& part, std::uint32_t parts) {
     return registrar_.find(reference, part.deflections, part.sums, part.mask,
                            static_cast<double>(reference_.sensor.electrons_per_dn), parts);
 }
 
 // Registers a part to the reference as learned so far; leaves it out if that fails.
-bool Learner::find_pose(std::size_t k, const Part& part) {
+bool Learner::find_pose(std::size_t k, const DecodedPart& part) {
     const Registered found = find(reference_.maps(), part, reference_.parts);
     if (!found.found()) {
         leave_out(k, explain(found.outcome));
@@ -221,7 +209,7 @@ Result<void> Learner::enough() const {
 
 // Pass 1, with part `origin` as the reference. False if most parts cannot be registered to it.
 Result<bool> Learner::find_poses_from(std::size_t origin) {
-    Part reference, part;
+    DecodedPart reference, part;
     if (auto first = decode(origin, reference); !first) return tl::unexpected(first.error());
     std::vector<LeftOut> out;
     for (std::size_t k = 0; k < count_; ++k) {
@@ -253,129 +241,41 @@ void Learner::centre_poses() {
     }
 }
 
-// Adds a part's HORDs at the places of the reference's lenslets.
-void Learner::add_reference_hord(const Part& part, const PoseMap& pose, double light) {
-    const std::size_t stride = reference_.stride();
-    std::size_t k = 0;
-    for (int n = 0; n < extents_.n; ++n) {
-        for (int m = 0; m < extents_.m; ++m, ++k) {
-            const auto p = pose.to_part(m, n);
-            const auto window_without = [&](std::uint8_t bits) {
-                return InterpolationWindow::of(
-                    p.m, p.n, extents_, [&](int x, int y) { return (part.mask[extents_.index(x, y)] & bits) == 0; });
-            };
-            auto near = window_without(kNoHord);
-            const bool dark = !near.found;
-            if (dark) {
-                near = window_without(kSaturated);
-                if (!near.found) continue;
-                near.along = CubicWeights::linear_at(p.m - std::floor(p.m)),
-                near.across = CubicWeights::linear_at(p.n - std::floor(p.n));
-            }
-            float* to = reference_hords_.data() + k * stride;
-            double sum = 0;
-            for (int r = 0; r < 4; ++r) {
-                for (int c = 0; c < 4; ++c) {
-                    const double w = near.along.of[c] * near.across.of[r];
-                    if (w == 0) continue;
-                    const std::size_t from = extents_.index(near.m + c, near.n + r);
-                    sum += w * static_cast<double>(part.sums[from]);
-                    if (dark) continue;
-                    const std::uint16_t* share = part.shares.data() + from * stride;
-                    const auto weight = static_cast<float>(w);
-                    for (std::size_t b = 0; b < stride; ++b) to[b] += weight * static_cast<float>(share[b]);
-                }
-            }
-            light_[k] += sum / light;
-            ++light_count_[k];
-            if (!dark) ++hord_count_[k];
-        }
-    }
-}
-
-// Sets bins of a sum of shares to 0 that hold noise only, which makes the comparison faster: bins below `least` without
-// a neighbour at or above it, and bins below a third of `least`.
-void Learner::drop_noise(std::size_t k, double least) {
-    float* const bins = reference_hords_.data() + k * reference_.stride();
-    const auto limit = static_cast<float>(least);
-    std::vector<bool> keep(reference_.stride());  // the border, too
-    for (int j = 0; j < extents_.j; ++j) {
-        for (int i = 0; i < extents_.i; ++i) {
-            if (bins[reference_.place(i, j)] < limit) continue;
-            for (int y = j - 1; y <= j + 1; ++y) {
-                for (int x = i - 1; x <= i + 1; ++x) keep[reference_.place(x, y)] = true;
-            }
-        }
-    }
-    for (std::size_t place = 0; place < keep.size(); ++place) {
-        if (!keep[place] || bins[place] < limit / 3) bins[place] = 0;
-    }
-}
-
-void Learner::finish_mean_hords(double parts, double light) {
-    Reference& r = reference_;
-    const std::size_t count = extents_.lenslets(), stride = r.stride();
-    r.parts = static_cast<std::uint32_t>(parts);
-    r.shares.assign(count * stride, 0);
-    r.light.assign(count, 0);
-    r.x.assign(count, 0);
-    r.y.assign(count, 0);
-    r.mask.assign(count, kOutside);
-    const double read = static_cast<double>(r.sensor.read_dn),
-                 least_dn = kNoise * std::sqrt((read * read + 1.0 / 12) / 16 / parts);
-    for (std::size_t k = 0; k < count; ++k) {
-        if (2 * light_count_[k] < parts) continue;
-        r.mask[k] = kDark;
-        r.light[k] = static_cast<float>(std::max(0.0, light_[k] / light_count_[k] * light));
-        if (2 * hord_count_[k] < parts) continue;
-        if (r.light[k] > 0) drop_noise(k, hord_count_[k] * least_dn / static_cast<double>(r.light[k]) * kShareOne);
-        double sum = 0, x = 0, y = 0;
-        for (int b = 0; b < extents_.bins(); ++b) {
-            const double share = std::max(
-                0.0, static_cast<double>(reference_hords_[k * stride + r.place(b % extents_.i, b / extents_.i)]));
-            sum += share;
-            x += share * (b % extents_.i - 0.5 * (extents_.i - 1));
-            const int row = b / extents_.i;
-            y += share * (row - 0.5 * (extents_.j - 1));
-        }
-        if (!(sum > 0)) continue;
-        r.mask[k] = kValid;
-        r.x[k] = static_cast<float>(x / sum);
-        r.y[k] = static_cast<float>(y / sum);
-        for (std::size_t b = 0; b < stride; ++b) {
-            const long share =
-                std::lround(std::max(0.0, static_cast<double>(reference_hords_[k * stride + b])) / sum * kShareOne);
-            r.shares[k * stride + b] = static_cast<std::uint16_t>(std::min(share, long{Reference::kMaxShare}));
-        }
-    }
-}
-
 // Passes 2 and 3.
 Result<void> Learner::learn_mean_hords(bool register_again) {
-    const std::size_t count = extents_.lenslets();
     release(reference_.shares);  // registration needs only the maps
     spread_.reset();
-    reference_hords_.assign(count * reference_.stride(), 0);
-    light_.assign(count, 0);
-    light_count_.assign(count, 0);
-    hord_count_.assign(count, 0);
-    Part part;
+    mean_.clear();
+    DecodedPart part;
     std::vector<double> lights;
     for (std::size_t k = 0; k < count_; ++k) {
         if (left_out_[k]) continue;
         if (auto one = decode(k, part, true); !one) return tl::unexpected(one.error());
         if (register_again && !find_pose(k, part)) continue;
-        add_reference_hord(part, PoseMap(*poses_[k], extents_), lights_[k]);
+        mean_.add(part, PoseMap(*poses_[k], extents_), lights_[k]);
         lights.push_back(lights_[k]);
     }
     if (auto fine = enough(); !fine) return fine;
     release(part.shares);
-    finish_mean_hords(static_cast<double>(lights.size()), median_or_0(lights));
-    release(reference_hords_);
+    typical_light_ = median_or_0(lights);
+    mean_.finish(static_cast<double>(lights.size()), typical_light_, reference_);
     return {};
 }
 
-// Pass 4.
+// Adds parts to the mean or takes them out of it.
+Result<void> Learner::change_mean(std::span<const std::size_t> fold, bool add) {
+    DecodedPart part;
+    for (const std::size_t p : fold) {
+        if (auto one = decode(p, part, true); !one) return tl::unexpected(one.error());
+        const PoseMap pose(*poses_[p], extents_);
+        if (add) mean_.add(part, pose, lights_[p]);
+        else mean_.remove(part, pose, lights_[p]);
+    }
+    return {};
+}
+
+// Pass 4. A part that is part of the mean lies nearer to it than the next one will: light that only this part has
+// somewhere is then expected there. So each part is compared with the mean of the others.
 Result<void> Learner::learn_spread() {
     std::array<std::optional<FeatureMapper>, 2> mappers;
     for (std::size_t f = 0; f < 2; ++f) {
@@ -385,24 +285,49 @@ Result<void> Learner::learn_spread() {
         if (!mapper) return tl::unexpected(mapper.error());
         mappers[f].emplace(std::move(*mapper));
     }
-    ReferenceComparer comparer(reference_);
-    std::vector<Difference> differences(static_cast<std::size_t>(extents_.m));
-    Part part;
+    release(reference_.shares);
     spread_.emplace(extents_);
+    std::vector<std::size_t> parts;
     for (std::size_t p = 0; p < count_; ++p) {
-        if (left_out_[p]) continue;
+        if (!left_out_[p]) parts.push_back(p);
+    }
+    const std::size_t folds = std::min(parts.size(), kMaxFolds);
+    Reference others = reference_;
+    std::vector<std::size_t> fold;
+    for (std::size_t f = 0; f < folds; ++f) {
+        fold.clear();
+        for (std::size_t k = f; k < parts.size(); k += folds) fold.push_back(parts[k]);
+        if (auto done = change_mean(fold, false); !done) return done;
+        mean_.finish(static_cast<double>(parts.size() - fold.size()), typical_light_, others);
+        if (auto done = learn_spread_of(fold, others, mappers); !done) return done;
+        if (auto done = change_mean(fold, true); !done) return done;
+    }
+    if (auto fine = enough(); !fine) return fine;
+    mean_.finish(static_cast<double>(parts.size()), typical_light_, reference_);
+    spread_->finish(static_cast<double>(left()), reference_);
+    return {};
+}
+
+// Adds the deviations of parts from `others`, the mean of the other parts.
+Result<void> Learner::learn_spread_of(std::span<const std::size_t> fold, const Reference& others,
+                                      std::array<std::optional<FeatureMapper>, 2>& mappers) {
+    ReferenceComparer comparer(others);
+    std::vector<Difference> differences(static_cast<std::size_t>(extents_.m));
+    DecodedPart part;
+    for (const std::size_t p : fold) {
         const auto one = decode(p, part);
         if (!one) return tl::unexpected(one.error());
-        if (!find_pose(p, part)) continue;
+        const Registered found = find(others.maps(), part, others.parts);
+        if (!found.found()) continue;
         auto emd = mappers[0]->over_neighbours(one->view());
         if (!emd) return tl::unexpected(emd.error());
         auto frobenius = mappers[1]->over_neighbours(one->view());
         if (!frobenius) return tl::unexpected(frobenius.error());
-        const PoseMap pose(*poses_[p], extents_);
+        const PoseMap pose(found.pose, extents_);
         for (int n = 0; n < extents_.n; ++n) {
             const std::size_t first = extents_.index(0, n);
             comparer.compare_row(one->view(), std::span(part.sums).subspan(first, differences.size()),
-                                 std::span(part.mask).subspan(first, differences.size()), n, pose, lights_[p],
+                                 std::span(part.mask).subspan(first, differences.size()), n, pose, found.light,
                                  reference_.levels.dark, differences);
             for (std::size_t m = 0; m < differences.size(); ++m) {
                 const std::size_t k = first + m;
@@ -410,8 +335,6 @@ Result<void> Learner::learn_spread() {
             }
         }
     }
-    if (auto fine = enough(); !fine) return fine;
-    spread_->finish(static_cast<double>(left()), reference_);
     return {};
 }
 

@@ -1,5 +1,6 @@
-// Learns a Reference from frames of good parts, in passes: poses, reference HORDs, both again, spread. The frames are
-// read in order in each pass, and one is held at a time: the memory does not depend on the number of parts.
+// Learns a Reference from frames of good parts, in passes: poses, reference HORDs, both again, spread. Each pass reads
+// the frames anew, the last one three times and in another order, and one is held at a time: the memory does not depend
+// on the number of parts.
 //
 // A part is left out, with the reason, if it cannot be registered, its frame has too little light, or it is the
 // only cause of the deviation in too many lenslets (kOutlierLenslets plus four times the median of all parts). If the

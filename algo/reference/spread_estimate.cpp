@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "algo/frame/mask.h"
 #include "common/statistics.h"
 
 namespace hord::algo {
@@ -12,13 +13,22 @@ namespace {
 constexpr float kInterpolation[kDeviations] = {0.05F, 0.05F, 0.02F, 0.05F};
 constexpr float kMinSpread[kDeviations] = {1e-6F, 1e-5F, 1e-5F, 0};  // rounding: 0.1 % of light, 0.003 bin
 
-// Heavy tails: near edges a part deviates far in few lenslets, by where the edge lies between them. Another part
-// deviates as far elsewhere along the edge, hence the second-largest deviation within kTailReach lenslets, of another
-// part than the largest: a flaw of one part does not count. If it is kHeavy times what a normal distribution of the
-// spread makes, it counts as two standard deviations; an excess of shape as the mean.
-constexpr int kTailReach = 3;
-constexpr double kHeavy = 2;
-constexpr float kTailDivisor[kDeviations] = {4, 4, 4, 1};
+// Heavy tails: near edges a part deviates far in few lenslets, by where the edge lies between them, and the next part
+// does so elsewhere along the edge. What good parts reach is the second-largest squared deviation, each of another
+// part: beside a jump of the reference, of all lenslets as far from a jump of that size; elsewhere of the lenslets
+// within kTailReach.
+constexpr int kTailReach = 5, kEdgeReach = 2;         // lenslets
+constexpr float kJumpBins = 0.5F, kJumpLight = 0.1F;  // between neighbours of the reference
+constexpr int kMaxLevel = 15;                         // of a jump: it is 2^level times the least
+constexpr std::size_t kClasses = (kMaxLevel + 1) * (kEdgeReach + 1);
+// The next good part may go so many times as far as the learned ones: kSafety times as all of them but one did beyond
+// the others.
+constexpr double kSafety = 2, kMaxMargin = 4;
+// A deviation that just is a defect by the default recipe, squared, over its variance; of shape: the excess over the
+// mean one, and over the standard deviation of its noise.
+constexpr double kDefect[kDeviations] = {36, 18, 36, 27.5}, kDefectOfNoise[kDeviations] = {36, 18, 36, 14};
+constexpr double kNoiseOfShape = 6;  // standard deviations that the excess reaches by noise alone
+constexpr double kExplained = 0.5;   // of that: less needs no other explanation than noise and the local spread
 
 // Expected largest of so many squared normal variables.
 double largest_square(double count) { return 2 * std::log(count) - 0.6; }
@@ -43,7 +53,7 @@ void SpreadEstimate::add(std::uint32_t part, const Difference& d, float emd, flo
     const auto add = [&](Deviation which, float square, float variance) {
         const auto w = static_cast<std::size_t>(which);
         s.squares[w] += square;
-        if (square > s.largest[w]) s.largest[w] = square, s.part_of_largest[w] = part;
+        s.largest[w].add(square, part);
         s.variance[w] += variance;
         score += static_cast<double>(square / (variance + kInterpolation[w] * kInterpolation[w]));
     };
@@ -58,7 +68,7 @@ void SpreadEstimate::add(std::uint32_t part, const Difference& d, float emd, flo
         const auto w = static_cast<std::size_t>(Deviation::shape);
         const float excess = (d.chi2 - d.degrees) / d.sum;
         s.squares[w] += excess;
-        if (excess > s.largest[w]) s.largest[w] = excess, s.part_of_largest[w] = part;
+        s.largest[w].add(excess, part);
         s.variance[w] += std::sqrt(2 * d.degrees) / d.sum;
         score += static_cast<double>(std::max(0.0F, excess / (std::sqrt(2 * d.degrees) / d.sum + kInterpolation[w])));
         if (chi2_ratios_.size() < 4'000'000) chi2_ratios_.push_back(static_cast<double>(d.chi2 / d.degrees));
@@ -70,58 +80,156 @@ void SpreadEstimate::add(std::uint32_t part, const Difference& d, float emd, flo
     }
 }
 
+// The classes of lenslets near a jump of the reference, by its size and its distance; -1: none is near.
+std::vector<std::int16_t> SpreadEstimate::edge_classes(const Reference& r) const {
+    const Extents& e = extents_;
+    std::vector<std::int16_t> levels(e.lenslets(), -1), classes(e.lenslets(), -1);
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            const std::size_t k = e.index(m, n);
+            if (r.mask[k] != kValid) continue;
+            float jump = 0;  // over the least
+            const auto compare = [&](int x, int y) {
+                if (x < 0 || y < 0 || x >= e.m || y >= e.n) return;
+                const std::size_t at = e.index(x, y);
+                if ((r.mask[at] & kOutside) != 0) return;
+                jump = std::max(jump, std::abs(r.light[at] / r.light[k] - 1) / kJumpLight);
+                if (r.mask[at] == kValid)
+                    jump = std::max(jump, std::max(std::abs(r.x[at] - r.x[k]), std::abs(r.y[at] - r.y[k])) / kJumpBins);
+            };
+            compare(m - 1, n), compare(m + 1, n), compare(m, n - 1), compare(m, n + 1);
+            if (jump > 1) levels[k] = static_cast<std::int16_t>(std::min(std::ilogb(jump), kMaxLevel));
+        }
+    }
+    for (int distance = kEdgeReach; distance >= 0; --distance) {
+        for (int n = 0; n < e.n; ++n) {
+            for (int m = 0; m < e.m; ++m) {
+                std::int16_t level = -1;
+                e.for_each_around(m, n, distance,
+                                  [&](int x, int y) { level = std::max(level, levels[e.index(x, y)]); });
+                if (level >= 0) classes[e.index(m, n)] = static_cast<std::int16_t>(level * (kEdgeReach + 1) + distance);
+            }
+        }
+    }
+    return classes;
+}
+
+// The trimmed mean over 3x3 lenslets.
+std::vector<float> SpreadEstimate::local_spread(std::size_t w, double parts) const {
+    const std::size_t count = extents_.lenslets();
+    const double largest = largest_square(parts),
+                 trimmed = 1 / (parts - largest);                  // 1 / the expected sum of the others
+    std::vector<float> tail(count, 0), trimmed_excess(count, -1);  // tail: excess variance that the largest implies
+    for (std::size_t k = 0; k < count; ++k) {
+        const Sums& s = sums_[k];
+        const double all = values(k, w);
+        if (2 * all < parts) continue;
+        const auto others = static_cast<double>(s.squares[w] - s.largest[w].value(0));
+        if (w == static_cast<std::size_t>(Deviation::shape)) {
+            trimmed_excess[k] = static_cast<float>(others / std::max(1.0, all - 1));
+            continue;
+        }
+        const auto noise_here = static_cast<double>(noise(k, w));
+        // Two standard errors of the mean of nine lenslets are added: the spread may be larger than estimated, and with
+        // more light it is all that remains of the variance.
+        const double unsure = 2 * noise_here * std::sqrt(2 / (9 * parts));
+        trimmed_excess[k] = static_cast<float>(unsure + others * trimmed * parts / all - noise_here);
+        tail[k] = static_cast<float>(static_cast<double>(s.largest[w].value(0)) / largest - noise_here + unsure);
+    }
+    std::vector<float> spread(count, 0);
+    std::vector<double> tails;
+    for (int n = 0; n < extents_.n; ++n) {
+        for (int m = 0; m < extents_.m; ++m) {
+            double sum = 0;
+            tails.clear();
+            extents_.for_each_around(m, n, 1, [&](int x, int y) {
+                const std::size_t k = extents_.index(x, y);
+                if (2 * values(k, w) < parts) return;
+                sum += static_cast<double>(trimmed_excess[k]);
+                tails.push_back(static_cast<double>(tail[k]));
+            });
+            const double mean = tails.empty() ? 0 : sum / static_cast<double>(tails.size());
+            spread[extents_.index(m, n)] =
+                std::max(kMinSpread[w], static_cast<float>(std::max(mean, median_or_0(tails))));
+        }
+    }
+    return spread;
+}
+
+// Variance of a deviation by noise alone, mean over the parts; of shape: standard deviation of the excess.
+float SpreadEstimate::noise(std::size_t k, std::size_t w) const {
+    return static_cast<float>(static_cast<double>(sums_[k].variance[w]) / std::max(1.0, values(k, w)));
+}
+
+// The largest squared deviations of the parts near each lenslet, or in its edge class.
+std::vector<LargestByPart> SpreadEstimate::reached(std::size_t w, std::span<const std::int16_t> edge_class) const {
+    const Extents& e = extents_;
+    std::vector<LargestByPart> along(sums_.size()), around(sums_.size());
+    std::array<LargestByPart, kClasses> of_class;
+    const auto for_near = [](int at, int end, auto&& visit) {
+        for (int near = std::max(0, at - kTailReach); near <= std::min(end - 1, at + kTailReach); ++near) visit(near);
+    };
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            const std::size_t k = e.index(m, n);
+            if (edge_class[k] >= 0) of_class[static_cast<std::size_t>(edge_class[k])].add(sums_[k].largest[w]);
+            for_near(m, e.m, [&](int x) {
+                const std::size_t at = e.index(x, n);
+                if (edge_class[at] < 0) along[k].add(sums_[at].largest[w]);
+            });
+        }
+    }
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            const std::size_t k = e.index(m, n);
+            if (edge_class[k] >= 0) {
+                const int same = edge_class[k], step = kEdgeReach + 1;
+                for (const int of : {same - step, same, same + step}) {
+                    if (of >= 0 && of < int{kClasses}) around[k].add(of_class[static_cast<std::size_t>(of)]);
+                }
+            } else for_near(n, e.n, [&](int y) { around[k].add(along[e.index(m, y)]); });
+        }
+    }
+    return around;
+}
+
+// How many times as far as the others reach the next part may go, squared; 0 if not two of the parts go beyond what
+// noise and the local spread explain. Of lenslets near jumps, or of all others.
+double SpreadEstimate::margin(std::size_t w, double parts, std::span<const float> spread, const Tails& tails,
+                              bool near_jumps) const {
+    LargestByPart ratios;
+    for (std::size_t k = 0; k < sums_.size(); ++k) {
+        if (2 * values(k, w) < parts || (tails.edge_class[k] >= 0) != near_jumps) continue;
+        const double explained = kExplained *
+            (kDefect[w] * static_cast<double>(spread[k]) + kDefectOfNoise[w] * static_cast<double>(noise(k, w)));
+        const LargestByPart& largest = sums_[k].largest[w];
+        for (std::size_t rank = 0; rank < LargestByPart::kKept; ++rank) {
+            const std::uint32_t part = largest.part(rank);
+            const float square = largest.value(rank), others = tails.reached[k].second_without(part);
+            if (static_cast<double>(square) > explained && others > 0) ratios.add(square / others, part);
+        }
+    }
+    const auto beyond = static_cast<double>(ratios.value(1));
+    return beyond > 0 ? std::clamp(kSafety * kSafety * beyond, kSafety * kSafety, kMaxMargin * kMaxMargin) : 0;
+}
+
 void SpreadEstimate::finish(double parts, Reference& reference) const {
     const std::size_t count = extents_.lenslets();
-    const double own = parts / (parts - 1);  // corrects for each part's share in the mean
-    const double largest = largest_square(parts);
-    const double largest_around = largest_square(parts * (2 * kTailReach + 1) * (2 * kTailReach + 1));
-    const double trimmed = 1 / (parts - largest);  // 1 / the expected sum of the others
-    std::vector<float> tail(count, 0);             // excess variance that the largest deviation implies
-    std::vector<double> tails;
-    std::array<std::vector<float>, kDeviations> trimmed_excess;
+    Tails tails{edge_classes(reference), {}};
+    const double of_noise = largest_square(parts * (2 * kTailReach + 1) * (2 * kTailReach + 1));
     for (std::size_t w = 0; w < kDeviations; ++w) {
-        trimmed_excess[w].assign(count, -1);
-        std::ranges::fill(tail, 0.0F);
+        std::vector<float>& spread = reference.spread[w];
+        spread = local_spread(w, parts);
+        tails.reached = reached(w, tails.edge_class);
+        const double elsewhere = margin(w, parts, spread, tails, false),
+                     near_jumps = margin(w, parts, spread, tails, true);
+        const double noise_reaches = w == static_cast<std::size_t>(Deviation::shape) ? kNoiseOfShape : of_noise;
         for (std::size_t k = 0; k < count; ++k) {
-            const Sums& s = sums_[k];
-            const double values = w == 0 ? s.count : s.hords;
-            if (2 * values < parts) continue;
-            double excess = 0;
-            if (w == static_cast<std::size_t>(Deviation::shape)) {
-                excess = static_cast<double>(s.squares[w] - s.largest[w]) / std::max(1.0, values - 1);
-            } else {
-                const double noise = static_cast<double>(s.variance[w]) / values;
-                // Two standard errors of the mean of nine lenslets are added: the spread may be larger than estimated,
-                // and with more light it is all that remains of the variance.
-                const double unsure = 2 * noise * std::sqrt(2 / (9 * parts));
-                excess =
-                    unsure + own * static_cast<double>(s.squares[w] - s.largest[w]) * trimmed * parts / values - noise;
-                tail[k] = static_cast<float>(own * static_cast<double>(s.largest[w]) / largest - noise + unsure);
-            }
-            trimmed_excess[w][k] = static_cast<float>(excess);
-        }
-        auto& spread = reference.spread[w];
-        spread.assign(count, 0);
-        for (int n = 0; n < extents_.n; ++n) {
-            for (int m = 0; m < extents_.m; ++m) {
-                double sum = 0, number = 0;
-                tails.clear();
-                extents_.for_each_around(m, n, 1, [&](int x, int y) {
-                    const std::size_t k = extents_.index(x, y);
-                    if (2 * (w == 0 ? sums_[k].count : sums_[k].hords) < parts) return;
-                    sum += static_cast<double>(trimmed_excess[w][k]);
-                    number += 1;
-                    tails.push_back(static_cast<double>(tail[k]));
-                });
-                const std::size_t k = extents_.index(m, n);
-                spread[k] = std::max(kMinSpread[w],
-                                     static_cast<float>(number > 0 ? std::max(sum / number, median_or_0(tails)) : 0));
-                const double values = w == 0 ? sums_[k].count : sums_[k].hords;
-                const float second = second_largest(m, n, w);
-                const double usual = static_cast<double>(spread[k] + sums_[k].variance[w] / std::max(values, 1.0));
-                if (static_cast<double>(second) > kHeavy * largest_around * usual)
-                    spread[k] = std::max(spread[k], second / kTailDivisor[w]);
-            }
+            if (2 * values(k, w) < parts) continue;
+            const double beyond =
+                static_cast<double>(tails.reached[k].value(1)) - noise_reaches * static_cast<double>(noise(k, w));
+            const double times = tails.edge_class[k] >= 0 ? near_jumps : elsewhere;
+            spread[k] = std::max(spread[k], static_cast<float>(times * beyond / kDefect[w]));
         }
     }
     reference.emd.assign(count, 0);
@@ -131,22 +239,6 @@ void SpreadEstimate::finish(double parts, Reference& reference) const {
         reference.emd[k] = sums_[k].emd / sums_[k].hords;
         reference.frobenius[k] = sums_[k].frobenius / sums_[k].hords;
     }
-}
-
-// Of squared deviations within kTailReach lenslets, by another part than the largest.
-float SpreadEstimate::second_largest(int m, int n, std::size_t w) const {
-    float largest = 0, second = 0;
-    std::uint32_t part = 0;
-    extents_.for_each_around(m, n, kTailReach, [&](int x, int y) {
-        const Sums& s = sums_[extents_.index(x, y)];
-        if (s.largest[w] > largest) {
-            if (s.part_of_largest[w] != part) second = largest;
-            largest = s.largest[w], part = s.part_of_largest[w];
-        } else if (s.part_of_largest[w] != part) {
-            second = std::max(second, s.largest[w]);
-        }
-    });
-    return second;
 }
 
 std::vector<double> SpreadEstimate::sole_deviations(std::size_t count, double parts) const {

@@ -1,12 +1,15 @@
 // How much good parts differ from the reference HORDs, lenslet by lenslet, beyond noise: pass 4 of
 // algo/reference/reference_learner.h, which is its only user. A trimmed mean over 3x3 lenslets, larger where
-// several parts have single large deviations (docs/notes/reference.md).
+// parts deviate far now and then: near edges. How far a part may go there beyond the others follows from the parts
+// themselves (docs/notes/reference.md).
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
+#include "algo/reference/largest_by_part.h"
 #include "algo/reference/reference.h"
 #include "algo/reference/reference_comparison.h"
 
@@ -36,14 +39,27 @@ class SpreadEstimate {
 
   private:
     struct Sums {
-        std::array<float, kDeviations> squares{}, largest{}, variance{};
-        std::array<std::uint32_t, kDeviations> part_of_largest{};
+        std::array<float, kDeviations> squares{}, variance{};  // of shape: excess and its noise
+        std::array<LargestByPart, kDeviations> largest{};
         float scores = 0, largest_score = 0;
         std::uint32_t largest_part = 0;
         std::uint16_t count = 0, hords = 0;
         float emd = 0, frobenius = 0;
     };
-    [[nodiscard]] float second_largest(int m, int n, std::size_t deviation) const;
+    struct Tails {
+        std::vector<std::int16_t> edge_class;
+        std::vector<LargestByPart> reached;
+    };
+    [[nodiscard]] std::vector<std::int16_t> edge_classes(const Reference& reference) const;
+    [[nodiscard]] double values(std::size_t k, std::size_t deviation) const {
+        return deviation == 0 ? sums_[k].count : sums_[k].hords;
+    }
+    [[nodiscard]] std::vector<float> local_spread(std::size_t deviation, double parts) const;
+    [[nodiscard]] std::vector<LargestByPart> reached(std::size_t deviation,
+                                                     std::span<const std::int16_t> edge_class) const;
+    [[nodiscard]] double margin(std::size_t deviation, double parts, std::span<const float> spread, const Tails& tails,
+                                bool near_jumps) const;
+    [[nodiscard]] float noise(std::size_t k, std::size_t deviation) const;
 
     Extents extents_;
     std::vector<Sums> sums_;  // one a lenslet

@@ -126,5 +126,25 @@ TEST(Zones, problems_name_the_zone) {
     EXPECT_EQ(lines[2].find("zone 3: "), 0U);
 }
 
+TEST(Zones, problems_name_a_zone_that_holds_no_lenslet_of_the_field) {
+    Recipe recipe;
+    recipe.lenslet_mm = 0.5F;
+    Zone outside_mm = circle(Use::inspect, {0, 3}, 1.5F), inside_mm = circle(Use::inspect, {1, 1}, 0.5F);
+    outside_mm.unit = inside_mm.unit = Zone::Unit::mm;
+    // The field has 7 x 5 lenslets: 0 to 6 and 0 to 4, or -1.5 to 1.5 mm and -1 to 1 mm.
+    for (const Zone& zone : {circle(Use::inspect, {9, 2}, 2.5F), circle(Use::ignore, {3, -4}, 3.5F),
+                             polygon(Use::inspect, {{6.1F, 0}, {9, 0}, {9, 4}}), outside_mm}) {
+        recipe.zones = {zone};
+        const auto lines = problems(recipe, kField);
+        ASSERT_EQ(lines.size(), 1U);
+        EXPECT_EQ(lines[0], "zone 1: lies outside the field of 7x5 lenslets");
+    }
+    for (const Zone& zone :
+         {circle(Use::inspect, {9, 2}, 3), polygon(Use::ignore, {{6, 0}, {9, 0}, {9, 4}}), inside_mm}) {
+        recipe.zones = {zone};
+        EXPECT_TRUE(problems(recipe, kField).empty());
+    }
+}
+
 }  // namespace
 }  // namespace hord::algo

@@ -1,11 +1,13 @@
 // Learning a reference from good parts.
 #include <cmath>
+#include <numbers>
 #include <random>
 #include <stdexcept>
 
 #include <gtest/gtest.h>
 
 #include "algo/frame/mask.h"
+#include "algo/reference/largest_by_part.h"
 #include "algo/reference/read_noise.h"
 #include "tests/algo/reference/good_parts.h"
 
@@ -121,6 +123,55 @@ TEST(Learning, what_several_parts_show_here_or_there_is_no_defect_there) {
     with.reference = std::make_shared<Reference>(std::move(all->reference));
     EXPECT_EQ(judge(seen(part({}, dim_at(20, 18)), 100), with).verdict, Verdict::pass);
     EXPECT_EQ(judge(seen(part({}, dim_at(28, 18)), 101), with).verdict, Verdict::reject);
+}
+
+// Every part deflects otherwise in two lenslets of its rim, each part elsewhere along it.
+TEST(Learning, what_parts_show_somewhere_at_the_rim_is_no_defect_at_the_rim) {
+    const auto bent_at = [](int m, int n) {
+        return [m, n](int at_m, int at_n, Spot& s) {
+            if (at_m == m && at_n == n) s.x += 0.8;
+        };
+    };
+    const auto along = [](double k) { return (k / 16 - 0.5) * 0.5 * std::numbers::pi; };  // its left and right
+    const auto rim = [](double angle) {
+        return std::pair(static_cast<int>(std::lround(0.5 * (kField.m - 1) + (kHalfM - 0.5) * std::cos(angle))),
+                         static_cast<int>(std::lround(0.5 * (kField.n - 1) + (kHalfN - 0.5) * std::sin(angle))));
+    };
+    const auto with_two = [&](double angle) {
+        return [&, angle](int at_m, int at_n, Spot& s) {
+            for (const double a : {angle, angle + std::numbers::pi})
+                bent_at(rim(a).first, rim(a).second)(at_m, at_n, s);
+        };
+    };
+    std::vector<Frame> frames;
+    for (std::uint64_t k = 0; k < 16; ++k) frames.push_back(seen(part({}, with_two(along(static_cast<double>(k)))), k));
+    auto all = learn(frames.size(), [&](std::size_t k) { return frames[k]; });
+    ASSERT_TRUE(all) << all.error().message();
+    EXPECT_TRUE(all->left_out.empty());
+    Recipe with = recipe();
+    with.reference = std::make_shared<Reference>(std::move(all->reference));
+    for (int k = 0; k < 16; ++k) {
+        EXPECT_EQ(judge(seen(part({}, with_two(along(k + 0.5))), 100), with).verdict, Verdict::pass) << k;
+    }
+    EXPECT_EQ(judge(seen(part({}, bent_at(20, 18)), 101), with).verdict, Verdict::reject);
+}
+
+TEST(Learning, keeps_the_largest_values_one_of_each_part) {
+    LargestByPart largest;
+    for (const auto& [value, part] : {std::pair(3.0F, 1U), {5.0F, 2U}, {4.0F, 1U}, {1.0F, 3U}, {2.0F, 4U}, {-1.0F, 5U}})
+        largest.add(value, part);
+    EXPECT_EQ(largest.value(0), 5);
+    EXPECT_EQ(largest.value(1), 4);
+    EXPECT_EQ(largest.value(2), 2);
+    EXPECT_EQ(largest.part(1), 1U);
+    EXPECT_EQ(largest.second_without(9), 4);
+    EXPECT_EQ(largest.second_without(2), 2);
+    LargestByPart more;
+    more.add(6, 1);
+    more.add(largest);
+    EXPECT_EQ(more.value(0), 6);
+    EXPECT_EQ(more.value(1), 5);
+    EXPECT_EQ(more.value(2), 2);
 }
 
 TEST(Learning, single_readings_far_from_all_light_leave_nothing_in_the_reference_hords) {

@@ -61,8 +61,10 @@ TEST(Reference, good_parts_score_about_normally_from_200_to_4000_electrons) {
         // Every score has variance 1, except deflection_shift, which has two components: 2.
         for (std::size_t w = 0; w < kDeviations; ++w) {
             const double variance = squares[w] / count / (w == 1 ? 2 : 1);
-            // For the scattering, dark bins count with more noise than they have (docs/notes/reference.md).
-            EXPECT_GT(variance, w == 2 ? 0.1 : 0.3) << "light " << light << ", score " << w;
+            // For the scattering, dark bins count with more noise than they have. Beside the rim the spread of the
+            // shift is what parts reach now and then, not its variance (docs/notes/reference.md).
+            constexpr double kLeast[kDeviations] = {0.3, 0.2, 0.1, 0.3};
+            EXPECT_GT(variance, kLeast[w]) << "light " << light << ", score " << w;
             EXPECT_LT(variance, 1.7) << "light " << light << ", score " << w;
         }
     }

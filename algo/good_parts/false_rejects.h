@@ -1,0 +1,48 @@
+// How many good parts a limit rejects, at most: a bound with 95 % confidence from the worst scores of n distinct good
+// parts (algo/good_parts/distinct_parts.h). Scores are in units of the limit: 1 and above is rejected.
+//
+// Two bounds. docs/notes/reference.md has the derivations.
+//   any   Holds for any distribution: Clopper-Pearson. If none of n is rejected, 1 - 0.05^(1/n), about 3/n (rule of
+//         three). It also holds if the limit was set from these scores, as long as the limit is above the highest.
+//   tail  Holds if the worst scores, or their logarithms, follow a Gumbel distribution: each is the largest of many.
+//         The larger of the two bounds, and at least 1/(50 n). None if the largest score lies too far away for both.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <string>
+
+namespace hord::algo {
+
+constexpr double kConfidence = 0.95;
+constexpr double kGoalFalseRejects = 3e-3, kAimedFalseRejects = 1e-3;  // shares that reports compare with
+
+// Upper bound of the share of all parts that are rejected, if `rejected` of `parts` are. 1 for no parts.
+double most_rejected(std::size_t rejected, std::size_t parts);
+
+// How many parts, `rejected` of them rejected, are needed until most_rejected() is at most `share` (above 0).
+std::size_t parts_needed(std::size_t rejected, double share);
+
+struct FalseRejects {
+    std::size_t parts = 0, rejected = 0;
+    double any = 1;              // bound for any distribution, 0..1
+    std::optional<double> tail;  // bound if the scores, or their logarithms, follow a Gumbel distribution
+    // What may be promised: the bound without an assumption.
+    [[nodiscard]] double bound() const { return any; }
+};
+
+// The tail needs this many parts.
+constexpr std::size_t kMinTailParts = 8;
+
+// At the limit `limit` of the scores of distinct parts, all above 0.
+FalseRejects false_rejects_at(std::span<const double> scores, double limit);
+
+// The least limit at which the tail bound is at most `share`, and which is above the highest score.
+double limit_for(std::span<const double> scores, double share);
+
+// One to three sentences for people: the bound, what it assumes, and how many more parts would prove 0.3 % and 0.1 %
+// without the assumption.
+std::string describe(const FalseRejects& rejects);
+
+}  // namespace hord::algo

@@ -1,0 +1,61 @@
+// What a reference will do with parts that it was not learned from: it is learned again several times, each time
+// without some of the parts, and judges these. Flaws are painted into the same frames (algo/good_parts/painted_flaw.h).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "algo/good_parts/false_rejects.h"
+#include "algo/good_parts/painted_flaw.h"
+#include "algo/good_parts/pod_curve.h"
+#include "algo/recipe/recipe.h"
+#include "algo/reference/reference_learner.h"
+
+namespace hord::algo {
+
+struct CheckOptions {
+    LearnOptions learning;    // as the reference was learned, with the numbers that were estimated then
+    Recipe recipe;            // its limits; its reference is not used
+    std::size_t folds = 4;    // how often it is learned again
+    std::size_t trials = 96;  // painted flaws of each kind; 0: none
+    std::uint64_t seed = 1;   // of their sizes and places
+    std::function<void(double)> progress = [](double) {};  // 0..1
+};
+
+struct ReferenceCheck {
+    static constexpr double kUnfit =
+        100;  // score of a part that could not be judged, or in which no reference is found
+
+    std::string not_checked;  // why there is no check: too few parts; empty: there is one
+    struct Judged {
+        std::size_t frame = 0, part = 0;
+        double score = 0;  // over the limit: 1 and above is rejected
+        std::string reason;
+    };
+    std::vector<Judged> judged;        // every frame that was learned from
+    std::vector<double> worst_scores;  // of each distinct part, over its exposures
+    FalseRejects false_rejects;        // of worst_scores at the recipe's limits
+    // The factor on reject_score, grow_score and cluster_score at which at most kAimedFalseRejects are rejected.
+    double factor = 1;
+    struct Found {
+        std::size_t trials = 0, found = 0;
+        PodCurve curve;  // a90, a90_95: empty if the sizes that were tried do not reach it
+    };
+    std::array<Found, kPaintedFlaws.size()> flaws;
+};
+
+// `part_of`: the part that each of `count` frames shows (DistinctParts); all frames of a part are left out together.
+// `used`: whether it was learned from. Fails as learn_reference() and Pipeline::create().
+Result<ReferenceCheck> check_reference(const Extents& extents, int bits, std::size_t count, const FrameOfPart& frame_of,
+                                       const std::vector<std::size_t>& part_of, const std::vector<bool>& used,
+                                       const CheckOptions& options);
+
+// Sentences for people: how the limits follow, what is told of false rejects, which sizes of flaws are found. In mm and
+// mrad, too, if the recipe knows the pitches.
+std::vector<std::string> describe(const ReferenceCheck& check, const Recipe& recipe);
+
+}  // namespace hord::algo
