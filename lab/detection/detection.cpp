@@ -20,6 +20,7 @@ constexpr int kChunk = 100;  // parts of a cached cell
 constexpr double kLedLoss = 0.7;
 constexpr int kTuneExposures = 2;  // of every traced part
 constexpr double kHazeRadius = 1.2, kSpeckRadius = 1;
+constexpr double kDeepElectronsPerDn = 0.3;  // 16 bits that 20,000 electrons a lenslet nearly fill
 
 struct Sizes {
     int learn, tune, good, poses, bubbles, bubble_exposures, flaws, flaw_exposures, slope_poses, slope_exposures;
@@ -167,14 +168,18 @@ class Run {
 
   private:
     Result<void> judge(Production& production, const Figure& figure);
-    // The round part at every light level, with the same limits, one reference and a camera of 16 bits.
+    // The round part at every light level, with the same limits, one reference and a camera of 16 bits whose full scale
+    // the brightest light nearly fills.
     Result<void> judge_light_levels();
     Result<void> judge_strips();
+    Result<void> measure_contrasts();
+    Result<void> tune_limits(const sim::Scene& round, const std::shared_ptr<const algo::Reference>& reference);
     // Flaws that are traced part by part, which takes longest. The figures take turns, so that an interrupted run has
     // some parts of each.
     Result<void> judge_traced(Production& production);
     Result<void> judge_chunk(Production& production, const Figure& figure, int first);
-    Result<std::shared_ptr<const algo::Reference>> learn(const sim::Scene& scene, const std::string& what);
+    Result<std::shared_ptr<const algo::Reference>> learn(const sim::Scene& scene, const std::string& what,
+                                                         double led = 1);
     Result<Json> value(const std::string& key, const std::function<Result<Json>()>& compute);
     void note(const std::string& what) { options_.progress(std::min(0.99, done_ / total_), what); }
 
@@ -211,16 +216,20 @@ Result<void> Run::judge(Production& production, const Figure& figure) {
     return {};
 }
 
-Result<std::shared_ptr<const algo::Reference>> Run::learn(const sim::Scene& scene, const std::string& what) {
+Result<std::shared_ptr<const algo::Reference>> Run::learn(const sim::Scene& scene, const std::string& what,
+                                                          double led) {
     note(what);
     if (only_finished_) return std::shared_ptr<const algo::Reference>();
-    return learn_production(scene, sizes_.learn, 1, options_.seed);
+    return learn_production(scene, sizes_.learn, 1, options_.seed, led);
 }
 
 Result<void> Run::judge_light_levels() {
     sim::Scene deep = round_part();
     deep.camera.bits = 16;
-    auto learned = learn(deep, "learning for the light levels");
+    deep.camera.full_bin_dn *= deep.noise.electrons_per_dn / kDeepElectronsPerDn;
+    deep.noise.electrons_per_dn = kDeepElectronsPerDn;
+    auto learned =
+        learn(deep, "learning for the light levels", *std::ranges::max_element(kLightLevels) / kProductionElectrons);
     if (!learned) return tl::unexpected(learned.error());
     Production levels(deep, *learned, results_.factor, options_.seed);
     for (const double electrons : kLightLevels) {
@@ -300,6 +309,36 @@ Result<void> Run::judge_traced(Production& production) {
     return {};
 }
 
+Result<void> Run::tune_limits(const sim::Scene& round, const std::shared_ptr<const algo::Reference>& reference) {
+    Production tuning(round, reference, 1, options_.seed);
+    const int parts = sizes_.tune;
+    if (auto done =
+            judge(tuning, {.name = "tune", .parts = parts, .stream = Stream::tune, .exposures = kTuneExposures});
+        !done)
+        return done;
+    if (static_cast<int>(results_.parts["tune"].size()) < parts)
+        return fail(ErrorCode::invalid_argument, "the limits are not tuned yet: no figure is finished",
+                    "let the experiment run on");
+    results_.factor = factor_for(results_.parts["tune"]);
+    results_.tuned_on = parts;
+    return {};
+}
+
+Result<void> Run::measure_contrasts() {
+    Json all = Json::array();
+    for (std::uint64_t k = 0; k < kContrastSeeds; ++k) {
+        const std::uint64_t seed = options_.seed + k;
+        note(fmt::format("contrast on the paper's scenes, seed {}", seed));
+        auto contrast =
+            value(fmt::format("contrast {}", seed), [&] { return measure_contrast(options_, seed, k == 0); });
+        if (!contrast) return tl::unexpected(contrast.error());
+        if (contrast->is_null()) return {};
+        for (Json& scene : *contrast) all.push_back(std::move(scene));
+    }
+    results_.contrast = std::move(all);
+    return {};
+}
+
 Result<DetectionResults> Run::run() {
     const Sizes& s = sizes_;
     results_.seed = options_.seed;
@@ -308,23 +347,17 @@ Result<DetectionResults> Run::run() {
     results_.slope_poses = s.slope_poses;
     results_.bubble_exposures = s.bubble_exposures;
     results_.flaw_exposures = s.flaw_exposures;
-    total_ = s.tune + 11.0 * s.good + s.bubbles * s.bubble_exposures + 2.0 * s.flaws * s.flaw_exposures +
+    total_ = (options_.tuned_limits ? s.tune : 0) + 11.0 * s.good + s.bubbles * s.bubble_exposures +
+        2.0 * s.flaws * s.flaw_exposures +
         2.0 * static_cast<double>(results_.slopes.size()) * s.slope_poses * s.slope_exposures;
 
     const sim::Scene round = round_part();
     auto reference = learn(round, "learning the round part");
     if (!reference) return tl::unexpected(reference.error());
 
-    Production tuning(round, *reference, 1, options_.seed);
-    if (auto done =
-            judge(tuning, {.name = "tune", .parts = s.tune, .stream = Stream::tune, .exposures = kTuneExposures});
-        !done)
-        return tl::unexpected(done.error());
-    if (static_cast<int>(results_.parts["tune"].size()) < s.tune)
-        return fail(ErrorCode::invalid_argument, "the limits are not tuned yet: no figure is finished",
-                    "let the experiment run on");
-    results_.factor = factor_for(results_.parts["tune"]);
-    results_.tuned_on = s.tune;
+    if (options_.tuned_limits) {
+        if (auto done = tune_limits(round, *reference); !done) return tl::unexpected(done.error());
+    }
 
     Production production(round, *reference, results_.factor, options_.seed);
     const Figure figures[] = {
@@ -339,23 +372,25 @@ Result<DetectionResults> Run::run() {
     }
     if (auto done = judge_light_levels(); !done) return tl::unexpected(done.error());
     if (auto done = judge_strips(); !done) return tl::unexpected(done.error());
-    note("contrast on the paper's scenes");
-    auto contrast = value("contrast", [&] { return measure_contrast(options_); });
-    if (!contrast) return tl::unexpected(contrast.error());
-    results_.contrast = *contrast;
+    if (auto done = measure_contrasts(); !done) return tl::unexpected(done.error());
     note("time at the paper's size");
     auto times = value("times", [&] { return measure_times(options_); });
     if (!times) return tl::unexpected(times.error());
     results_.times = *times;
     if (auto done = judge_traced(production); !done) return tl::unexpected(done.error());
+    if (only_finished_ && std::ranges::all_of(results_.parts, [](const auto& figure) { return figure.second.empty(); }))
+        return fail(ErrorCode::invalid_argument, "no figure is finished", "let the experiment run on");
     options_.progress(1, "");
     return std::move(results_);
 }
 
 Result<ExperimentReport> run_or_report(const ExperimentOptions& options, bool only_finished) {
-    auto cells =
-        ResultCache::open(options.out / "cells.jsonl",
-                          {{"experiment", "detection"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 5}});
+    auto cells = ResultCache::open(options.out / "cells.jsonl",
+                                   {{"experiment", "detection"},
+                                    {"quick", options.quick},
+                                    {"seed", options.seed},
+                                    {"tuned_limits", options.tuned_limits},
+                                    {"form", 6}});
     if (!cells) return tl::unexpected(cells.error());
     auto results = Run(options, *cells, only_finished).run();
     if (!results) return tl::unexpected(results.error());

@@ -43,17 +43,6 @@ sim::Scene moved(sim::Scene scene, std::uint64_t seed, std::uint32_t number) {
     return scene;
 }
 
-Result<std::shared_ptr<const algo::Reference>> learn_lens(const sim::Scene& scene, std::size_t parts,
-                                                          const algo::FrameOfPart& frame_of) {
-    algo::LearnOptions learning;
-    learning.levels = algo::light_levels(production_recipe(), scene.camera.bits);
-    learning.electrons_per_dn = kProductionGain;
-    learning.read_dn = kProductionReadDn;
-    auto learned = algo::learn_reference(scene.camera.extents, scene.camera.bits, parts, frame_of, learning);
-    if (!learned) return tl::unexpected(learned.error());
-    return std::make_shared<const algo::Reference>(std::move(learned->reference));
-}
-
 Result<sim::LightField> light_of(const sim::Scene& scene, const ExperimentOptions& options) {
     return sim::render(scene, {options.threads, {}});
 }
@@ -185,7 +174,7 @@ struct Pipelines {
     algo::Pipeline without, with;
 };
 Result<Pipelines> learn_pipelines(const sim::Scene& scene, const std::vector<Frame>& frames, algo::MapSet maps) {
-    auto reference = learn_lens(scene, frames.size(), [&](std::size_t k) -> Result<Frame> { return frames[k]; });
+    auto reference = learn_as_a_user(scene.camera, frames);
     if (!reference) return tl::unexpected(reference.error());
     algo::Recipe recipe = production_recipe();
     auto without = algo::Pipeline::create(scene.camera.extents, scene.camera.bits, recipe, 1, maps);
@@ -219,9 +208,9 @@ std::vector<Flawed> flaws_of(const sim::Scene& nominal) {
 // Contrasts of flawed parts over clean ones in the same pose.
 class ContrastMeter {
   public:
-    ContrastMeter(const ExperimentOptions& options, Pipelines pipelines)
-        : options_(options), pipelines_(std::move(pipelines)), sampler_(*pipelines_.reference, algo::best_isa()),
-          shots_(options.quick ? 2 : 10) {}
+    ContrastMeter(const ExperimentOptions& options, std::uint64_t seed, Pipelines pipelines)
+        : options_(options), seed_(seed), pipelines_(std::move(pipelines)),
+          sampler_(*pipelines_.reference, algo::best_isa()), shots_(options.quick ? 2 : 10) {}
 
     // For each of some exposures.
     Result<Json> compare(const std::string& name, const sim::Scene& clean, const sim::LightField& clean_light,
@@ -232,8 +221,8 @@ class ContrastMeter {
         std::map<std::string, std::vector<double>> each, averaged;
         int refused = 0;
         for (int k = 0; k < shots_; ++k) {
-            const auto good = inspect(expose_part(clean_light, clean, options_.seed, exposure_++), e);
-            const auto bad = inspect(expose_part(*light, scene, options_.seed, exposure_++), e);
+            const auto good = inspect(expose_part(clean_light, clean, seed_, exposure_++), e);
+            const auto bad = inspect(expose_part(*light, scene, seed_, exposure_++), e);
             if (!good || !bad) return tl::unexpected(good ? bad.error() : good.error());
             if (!*good || !*bad) {
                 ++refused;
@@ -253,9 +242,9 @@ class ContrastMeter {
                                                                (**good).emd_mask, e, truth));
             }
         }
-        return Json{{"scene", name},   {"radius", truth.radius_lenslets},
-                    {"shots", shots_}, {"unfit", refused},
-                    {"each", each},    {"averaged", averaged}};
+        return Json{{"scene", name},       {"seed", seed_},    {"radius", truth.radius_lenslets},
+                    {"shots", shots_},     {"unfit", refused}, {"each", each},
+                    {"averaged", averaged}};
     }
 
   private:
@@ -263,6 +252,7 @@ class ContrastMeter {
         return inspect_part(pipelines_.with, pipelines_.without, *pipelines_.reference, sampler_, frame, e);
     }
     const ExperimentOptions& options_;
+    std::uint64_t seed_;
     Pipelines pipelines_;
     algo::ReferenceSampler sampler_;
     int shots_;
@@ -293,11 +283,11 @@ Result<void> compare_flaws(ContrastMeter& meter, const sim::Scene& clean, const 
 // 1/4, 1/2 and 3/4 lenslet along either axis.
 Result<void> compare_places(ContrastMeter& meter, const sim::Scene& nominal, const sim::SceneDefect& cut,
                             const ExperimentOptions& options, Json& scenes) {
-    const int sides = options.quick ? 1 : 4;
+    constexpr int kSides = 4;
     const double pitch_mm = nominal.camera.field_mm / nominal.camera.extents.m;
-    for (int place = 0; place < sides * sides; ++place) {
-        const double beside_m = static_cast<double>(place % sides) / sides,
-                     beside_n = static_cast<double>(place / sides) / sides;
+    for (int place = 0; place < kSides * kSides; ++place) {
+        const double beside_m = static_cast<double>(place % kSides) / kSides,
+                     beside_n = static_cast<double>(place / kSides) / kSides;
         sim::Scene scene = nominal;
         scene.defects.push_back(cut);
         const TruthDefect middle = truth_of(scene).defects.front();
@@ -320,24 +310,28 @@ Result<void> compare_places(ContrastMeter& meter, const sim::Scene& nominal, con
 
 }  // namespace
 
-Result<Json> measure_contrast(const ExperimentOptions& options) {
+Result<Json> measure_contrast(const ExperimentOptions& options, std::uint64_t seed, bool all_flaws) {
     constexpr int kLenslets = 111, kLearn = 12;
     const sim::Scene nominal = paper_lens(kLenslets);
     std::vector<Frame> frames;
     for (int k = 0; k < kLearn; ++k) {
-        const sim::Scene scene = moved(nominal, options.seed, static_cast<std::uint32_t>(k));
+        const sim::Scene scene = moved(nominal, seed, static_cast<std::uint32_t>(k));
         auto light = light_of(scene, options);
         if (!light) return tl::unexpected(light.error());
-        frames.push_back(expose_part(*light, scene, options.seed, 0xC000'0000U + static_cast<std::uint64_t>(k)));
+        frames.push_back(expose_part(*light, scene, seed, 0xC000'0000U + static_cast<std::uint64_t>(k)));
     }
     auto pipelines = learn_pipelines(nominal, frames, algo::MapSet::exact);
     if (!pipelines) return tl::unexpected(pipelines.error());
-    ContrastMeter meter(options, std::move(*pipelines));
+    ContrastMeter meter(options, seed, std::move(*pipelines));
     const std::vector<Flawed> flawed = flaws_of(nominal);
     Json scenes = Json::array();
-    return compare_flaws(meter, moved(nominal, options.seed, 1000), flawed, options, scenes)
-        .and_then([&] { return compare_places(meter, nominal, flawed.front().defect, options, scenes); })
-        .map([&] { return scenes; });
+    if (all_flaws) {
+        if (auto done = compare_flaws(meter, moved(nominal, seed, 1000), flawed, options, scenes); !done)
+            return tl::unexpected(done.error());
+    }
+    if (auto done = compare_places(meter, nominal, flawed.front().defect, options, scenes); !done)
+        return tl::unexpected(done.error());
+    return scenes;
 }
 
 // CPU time of one thread, of the features, without and with a reference in turns, so that other load disturbs both
@@ -361,7 +355,8 @@ Result<Json> measure_times(const ExperimentOptions& options) {
     for (int k = 0; k < repeats; ++k) {
         const auto a = pipelines->without.inspect(frame.view(), cpu_ns);
         if (!a) return tl::unexpected(a.error());
-        features.push_back(static_cast<double>(a->times.feature_ns + a->times.decode_ns + a->times.hord_ns) / 1e6);
+        features.push_back(
+            static_cast<double>(a->times.feature_ns + a->times.bound_ns + a->times.decode_ns + a->times.hord_ns) / 1e6);
         without.push_back(static_cast<double>(a->times.total_ns) / 1e6);
         const auto b = pipelines->with.inspect(frame.view(), cpu_ns);
         if (!b) return tl::unexpected(b.error());

@@ -5,6 +5,7 @@
 #include <numbers>
 #include <vector>
 
+#include "algo/reference/read_noise.h"
 #include "hal_sim/optics/scene/noise.h"
 
 namespace hord::lab {
@@ -166,31 +167,36 @@ Frame expose_part(const sim::LightField& light, const sim::Scene& scene, std::ui
 algo::Recipe production_recipe() {
     algo::Recipe recipe;
     recipe.name = "production";
-    recipe.dark_dn = 4;  // twice the read noise, to see faint scattering
-    recipe.min_sum_dn = 60;
-    // Gradients are judged relative to the reference: steep strips are far above the defaults' absolute limits.
     recipe.lenslet_mm = static_cast<float>(kPitchMm);
     recipe.bin_rad = static_cast<float>(kBinRad);
     return recipe;
 }
 
+Result<std::shared_ptr<const algo::Reference>> learn_as_a_user(const sim::Camera& camera,
+                                                               std::span<const Frame> frames) {
+    const algo::Recipe recipe;
+    algo::LearnOptions options;
+    options.levels = algo::light_levels(recipe, camera.bits);
+    options.max_dark_rise_dn = recipe.max_dark_rise_dn;
+    options.dark_from_noise = recipe.dark_dn == 0;
+    const auto frame_of = [&](std::size_t k) -> Result<Frame> { return frames[k]; };
+    const auto read_dn = algo::read_noise_of(camera.extents, options.levels, frames.size(), frame_of);
+    if (!read_dn) return tl::unexpected(read_dn.error());
+    options.read_dn = *read_dn;
+    auto learned = algo::learn_reference(camera.extents, camera.bits, frames.size(), frame_of, options);
+    if (!learned) return tl::unexpected(learned.error());
+    return std::make_shared<const algo::Reference>(std::move(learned->reference));
+}
+
 Result<std::shared_ptr<const algo::Reference>> learn_production(const sim::Scene& scene, int parts, double wobble,
-                                                                std::uint64_t seed) {
+                                                                std::uint64_t seed, double led) {
     std::vector<Frame> frames;
     for (int k = 0; k < parts; ++k) {
         auto part = make_part(scene, Flaw::none, 0, wobble, seed, Stream::learn, static_cast<std::uint32_t>(k));
         if (!part) return tl::unexpected(part.error());
-        frames.push_back(expose_part(part->light, scene, seed, 0x1EA2'0000U + static_cast<std::uint64_t>(k)));
+        frames.push_back(expose_part(part->light, scene, seed, 0x1EA2'0000U + static_cast<std::uint64_t>(k), led));
     }
-    algo::LearnOptions options;
-    options.levels = algo::light_levels(production_recipe(), scene.camera.bits);
-    options.electrons_per_dn = kProductionGain;
-    options.read_dn = kProductionReadDn;
-    auto learned = algo::learn_reference(
-        scene.camera.extents, scene.camera.bits, frames.size(),
-        [&](std::size_t k) -> Result<Frame> { return frames[k]; }, options);
-    if (!learned) return tl::unexpected(learned.error());
-    return std::make_shared<const algo::Reference>(std::move(learned->reference));
+    return learn_as_a_user(scene.camera, frames);
 }
 
 }  // namespace hord::lab

@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string_view>
 
 #include "algo/inspection/pipeline.h"
@@ -53,8 +54,13 @@ Frame expose_part(const sim::LightField& light, const sim::Scene& scene, std::ui
 
 constexpr double kProductionElectrons = 2000;  // a lenslet
 constexpr float kProductionGain = 1, kProductionReadDn = 2;
+// The recipe that a user gets, at this production's scale.
 algo::Recipe production_recipe();
+// A reference from frames of good parts, as `hordctl learn` makes it without options: electrons a DN, read noise and
+// dark level are estimated from the frames.
+Result<std::shared_ptr<const algo::Reference>> learn_as_a_user(const sim::Camera& camera,
+                                                               std::span<const Frame> frames);
 Result<std::shared_ptr<const algo::Reference>> learn_production(const sim::Scene& scene, int parts, double wobble,
-                                                                std::uint64_t seed);
+                                                                std::uint64_t seed, double led = 1);
 
 }  // namespace hord::lab

@@ -58,10 +58,10 @@ std::string pod_script(const DetectionResults& r) {
         fmt::format(
                "EOD\nset logscale x\nset xrange [0.1:1.5]\nset yrange [0:1]\nset samples 400\nset grid\nset key top "
                "left\nset xlabel 'radius of the bubble, lenslets'\n"
-               "set ylabel 'probability of detection'\nset title 'Bubbles found, at the tuned limits'\n"
+               "set ylabel 'probability of detection'\nset title \"Bubbles found, at {} limits\"\n"
                "plot $bins using 1:2:3:4 with yerrorbars pt 7 title 'found (95 %)', 1/(1+exp(-({})-({})*log(x))) with "
                "lines lw 2 title 'logistic'\n",
-               all.b0, all.b1);
+               r.tuned_on > 0 ? "tuned" : "the recipe's", all.b0, all.b1);
 }
 
 std::string slope_script(const std::string& points) {

@@ -78,6 +78,28 @@ Detection roc_of(const Parts& good, const Parts& bad, int good_poses, int bad_po
     return detection_of(scored, 1e-3, 200, seed);
 }
 
+ContrastClaim contrast_claim(const std::vector<PlaceContrast>& places) {
+    ContrastClaim claim;
+    if (places.empty()) return claim;
+    std::vector<double> of_surest, over_emd, surest_over_emd;
+    for (const PlaceContrast& p : places) {
+        const double emd = std::max(p.emd, 1.0);
+        of_surest.push_back(p.score / std::max(p.surest, 1.0));
+        over_emd.push_back(p.score / emd);
+        surest_over_emd.push_back(p.surest / emd);
+        if (of_surest.back() < kOfSurest) claim.below_surest.push_back(p);
+        if (surest_over_emd.back() < kOverEmd) ++claim.beyond_reach;
+        else if (over_emd.back() < kOverEmd) claim.below_emd.push_back(p);
+    }
+    const auto spread = [](const std::vector<double>& values) {
+        return ContrastClaim::Spread{quantile(values, 0), quantile(values, 0.5), quantile(values, 1)};
+    };
+    claim.of_surest = spread(of_surest);
+    claim.over_emd = spread(over_emd);
+    claim.least_surest_over_emd = quantile(surest_over_emd, 0);
+    return claim;
+}
+
 PodCurve pod_of(const Parts& bubbles, int exposures, double from_rim) {
     std::vector<DetectionTrial> tried;
     for (std::size_t k = 0; k < bubbles.size(); k += static_cast<std::size_t>(exposures)) {

@@ -3,9 +3,15 @@
 #include <algorithm>
 #include <fstream>
 
+#include <fmt/format.h>
+
 #include "lab/report/tables.h"
 
 namespace hord::lab {
+
+std::string ExperimentOptions::arguments() const {
+    return fmt::format(" --seed {}{}{}", seed, quick ? " --quick" : "", tuned_limits ? " --tuned-limits" : "");
+}
 
 bool ExperimentReport::as_expected() const {
     return std::ranges::all_of(claims, [](const Claim& claim) { return claim.as_expected(); });

@@ -22,8 +22,12 @@ struct ExperimentOptions {
     std::filesystem::path frames;  // folder of light fields; of the experiment `reference` only
     bool quick = false;            // under a minute: fewer or smaller cells, the same claims
     std::uint64_t seed = 1;
-    int threads = 0;  // 0: one a core; results do not depend on it (times measured do)
+    bool tuned_limits = false;  // of the experiment `detection` only: not the recipe's limits, but tuned ones
+    int threads = 0;            // 0: one a core; results do not depend on it (times measured do)
     std::function<void(double done, const std::string& note)> progress = [](double, const std::string&) {};  // 0..1
+
+    // The options that change the results, as on the command line, each with a space before it.
+    [[nodiscard]] std::string arguments() const;
 };
 
 // A statement about the method, and the result.

@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "algo/good_parts/pod_curve.h"
 #include "common/statistics.h"
 
 namespace hord::lab {
@@ -40,21 +41,7 @@ Estimate auc_difference(std::span<const ScoredPlace> a, std::span<const ScoredPl
 // many), fitted by moments; at least the largest score. 0 for none. For tens of parts; for hundreds use tail_limit().
 double gumbel_limit(std::span<const double> good, double share);
 
-// Probability of detection by size: logistic in the logarithm of the size, POD = 1 / (1 + exp(-(b0 + b1 ln a))), fitted
-// with Firth's penalty (Biometrika 80 (1993) 27), which stays finite where hits and misses are separated. a90: the size
-// found with 90 % probability; a90_95: the same with 95 % confidence (Wald bound of the curve, MIL-HDBK-1823A). Empty
-// if the curve, or its bound, does not reach 0.9.
-struct DetectionTrial {
-    double size = 0;  // > 0
-    bool found = false;
-};
-struct PodCurve {
-    double b0 = 0, b1 = 0;
-    std::optional<double> a50, a90, a90_95;
-    [[nodiscard]] double at(double size) const;
-};
-PodCurve pod_curve(std::span<const DetectionTrial> tried);
-
+using algo::DetectionTrial, algo::PodCurve, algo::pod_curve;
 using common::quantile;
 
 // The value that a share `above` of all parts exceed, where `values` are those of some of them: peaks over a threshold.

@@ -1,3 +1,4 @@
+// One file of more than 450 lines: the Tuner is one measurement, and its steps share their state.
 #include "lab/tune/tune.h"
 
 #include <algorithm>
@@ -5,9 +6,11 @@
 #include <chrono>
 #include <cmath>
 #include <deque>
+#include <map>
 
 #include <fmt/format.h>
 
+#include "algo/frame/decode.h"
 #include "algo/frame/mask.h"
 #include "algo/inspection/pipeline.h"
 #include "lab/report/cpu_time.h"
@@ -69,6 +72,7 @@ algo::Recipe recipe_of(const FeatureSet& set, const algo::Recipe& base) {
 struct Part {
     std::string file;
     bool bad = false;
+    std::uint32_t number = 0;  // the same for all frames of a part
     Values values{};
     std::vector<double> scores;  // of the sets with a reference, in order
     std::vector<bool> registered;
@@ -87,6 +91,9 @@ class Tuner {
     Result<void> open_pipelines(const std::string& first);
     Result<Frame> read(const std::string& file) const;
     Result<void> measure_frame(const std::string& file, bool bad);
+    void number_parts();
+    template <class Value>
+    [[nodiscard]] std::vector<double> worst_of_good(const Value& value) const;
     [[nodiscard]] Values limits() const;
     void set_limits(MeasuredFeatureSet& measured, const Values& limits, std::size_t reference_index);
     Result<void> measure_times();
@@ -97,6 +104,7 @@ class Tuner {
     std::string first_;
     std::vector<algo::Pipeline> plain_pipelines_, reference_pipelines_;  // the first give maps, the others scores
     std::optional<WorstValue> worst_;
+    std::optional<algo::DistinctParts> distinct_;  // of the good frames
     std::vector<Part> parts_;
     std::vector<Frame> timed_;
     std::vector<std::vector<ScoredPlace>> scored_;  // by feature set
@@ -124,6 +132,7 @@ Result<void> Tuner::open_pipelines(const std::string& first) {
     tuned_.extents = *extents;
     tuned_.bits = frame->bits();
     worst_.emplace(*extents, options_.base.recipe);
+    distinct_.emplace(*extents, algo::light_levels(options_.base.recipe, tuned_.bits).dark);
     const auto add = [&](const FeatureSet& set, std::vector<algo::Pipeline>& to) -> Result<void> {
         auto pipeline = algo::Pipeline::create(*extents, tuned_.bits, recipe_of(set, options_.base.recipe),
                                                options_.threads, algo::MapSet::exact);
@@ -179,6 +188,7 @@ Result<void> Tuner::measure_frame(const std::string& file, bool bad) {
         part.registered.push_back(found);
         registered = registered && found;
     }
+    if (!bad) distinct_->add(frame->view());
     if (!bad && !registered) ++tuned_.unregistered;
     if (!bad && timed_.size() < kTimedFrames) timed_.push_back(std::move(*frame));
     ++(bad ? tuned_.bad : tuned_.good);
@@ -186,14 +196,36 @@ Result<void> Tuner::measure_frame(const std::string& file, bool bad) {
     return {};
 }
 
+// Numbers the parts: copies and repeated exposures of a good one have its number.
+void Tuner::number_parts() {
+    tuned_.parts = distinct_->groups();
+    std::size_t good = 0;
+    auto next = static_cast<std::uint32_t>(tuned_.parts.parts);
+    for (Part& part : parts_)
+        part.number = part.bad ? next++ : static_cast<std::uint32_t>(tuned_.parts.part_of[good++]);
+}
+
+// The worst of value(part) of each distinct good part for which it has one.
+template <class Value>
+std::vector<double> Tuner::worst_of_good(const Value& value) const {
+    std::map<std::uint32_t, double> worst;
+    for (const Part& part : parts_) {
+        if (part.bad) continue;
+        const std::optional<double> here = value(part);
+        if (!here) continue;
+        const auto [at, is_new] = worst.try_emplace(part.number, *here);
+        if (!is_new) at->second = std::max(at->second, *here);
+    }
+    std::vector<double> values;
+    for (const auto& [number, here] : worst) values.push_back(here);
+    return values;
+}
+
 // The limit of each value, from the good parts.
 Values Tuner::limits() const {
     Values limits{};
     for (std::size_t v = 0; v < kValues; ++v) {
-        std::vector<double> good;
-        for (const Part& part : parts_) {
-            if (!part.bad) good.push_back(part.values[v]);
-        }
+        const std::vector<double> good = worst_of_good([&](const Part& part) { return std::optional(part.values[v]); });
         const double highest = *std::ranges::max_element(good);
         limits[v] = rounded_up(std::max({gumbel_limit(good, options_.false_rejects), (1 + kMargin) * highest, 1e-3}));
     }
@@ -208,12 +240,13 @@ void Tuner::set_limits(MeasuredFeatureSet& measured, const Values& limits, std::
     algo::Recipe& recipe = measured.recipe.recipe;
     double factor = 1;
     if (set.reference) {
-        std::vector<double> good;
-        for (const Part& part : parts_) {
-            if (!part.bad && part.registered[reference_index]) good.push_back(part.scores[reference_index]);
-        }
-        if (good.size() < kMinGood) {
-            measured.no_limit = fmt::format("the reference finds only {} of the good parts", good.size());
+        const std::vector<double> good = worst_of_good([&](const Part& part) {
+            return part.registered[reference_index] ? std::optional(part.scores[reference_index]) : std::nullopt;
+        });
+        const auto found = static_cast<std::size_t>(std::ranges::count_if(
+            parts_, [&](const Part& part) { return !part.bad && part.registered[reference_index]; }));
+        if (found < kMinGood) {
+            measured.no_limit = fmt::format("the reference finds only {} of the good parts", found);
         } else {
             factor = rounded_up(std::max(
                 {gumbel_limit(good, options_.false_rejects), (1 + kMargin) * *std::ranges::max_element(good), 1e-3}));
@@ -250,9 +283,15 @@ void Tuner::set_limits(MeasuredFeatureSet& measured, const Values& limits, std::
             if (set.slopes) score = std::max(score, part.values[kSlopes] / limits[kSlopes]);
             if (set.light) score = std::max(score, part.values[kLight] / limits[kLight]);
         }
-        scored.push_back({static_cast<float>(score), static_cast<std::uint32_t>(scored.size()), part.bad});
+        scored.push_back({static_cast<float>(score), part.number, part.bad});
         if (score >= 1) ++(part.bad ? measured.found : measured.rejected);
     }
+    measured.false_rejects = algo::false_rejects_at(worst_of_good([&](const Part& part) {
+                                                        const auto index =
+                                                            static_cast<std::size_t>(&part - parts_.data());
+                                                        return std::optional(static_cast<double>(scored[index].score));
+                                                    }),
+                                                    1);
     measured.auc = detection_of(scored, 0, kRepeats, kSeed).auc;
     scored_.push_back(std::move(scored));
 }
@@ -372,6 +411,7 @@ Result<Tuned> Tuner::run(const std::vector<std::string>& good, const std::vector
                         fine.error().cure);
         }
     }
+    number_parts();
     const Values values = limits();
     std::size_t reference_index = 0;
     for (MeasuredFeatureSet& measured : tuned_.feature_sets) {

@@ -7,7 +7,9 @@
 //   largest
 //              of the set's features. With a reference: as in algo/inspection/reference_defects.h, with the base
 //              recipe's limits.
-//   limits     From the good frames alone: the value that a share `false_rejects` of good parts exceeds if their worst
+//   parts      Copies and repeated exposures of a good part count once (algo/good_parts/distinct_parts.h): with its
+//              worst score.
+//   limits     From the good parts alone: the value that a share `false_rejects` of good parts exceeds if their worst
 //              values follow a Gumbel distribution (gumbel_limit() of lab/report/statistics.h), at least kMargin above
 //              the highest value, rounded up to three digits. A feature each; with a reference one factor for all
 //              limits of the base recipe.
@@ -27,6 +29,8 @@
 #include <utility>
 #include <vector>
 
+#include "algo/good_parts/distinct_parts.h"
+#include "algo/good_parts/false_rejects.h"
 #include "common/frame.h"
 #include "common/result.h"
 #include "firmware/recipes/recipe_file.h"
@@ -72,7 +76,8 @@ struct MeasuredFeatureSet {
     // Bad and good frames that are rejected at its limits: by their scores, for the chosen set by its recipe.
     int found = 0, rejected = 0;
     double wall_ms = 0, processor_ms = 0;
-    bool fits = false;  // within the budget, and has a limit
+    bool fits = false;                      // within the budget, and has a limit
+    algo::FalseRejects false_rejects = {};  // at its limits, from the distinct good parts
     // Whether the frames show a difference from the best set.
     [[nodiscard]] bool is_clearly_worse() const { return behind.low > 0; }
 };
@@ -85,8 +90,9 @@ struct Tuned {
     algo::Extents extents;
     int bits = 8;
     int threads = 1;
-    std::size_t good = 0, bad = 0;  // frames measured
-    std::size_t unregistered = 0;   // good frames in which the reference was not found
+    std::size_t good = 0, bad = 0;      // frames measured
+    algo::DistinctParts::Groups parts;  // of the good frames
+    std::size_t unregistered = 0;       // good frames in which the reference was not found
     double budget_ms = 0, false_rejects = 0;
     std::vector<LeftOut> left_out;
     std::vector<MeasuredFeatureSet> feature_sets;

@@ -60,9 +60,6 @@ const MeasuredFeatureSet* most_disturbed(const Tuned& tuned) {
     return tuned.threads == 1 && waited(most) > 1.2 ? &most : nullptr;
 }
 
-// Upper bound, with 95 % confidence, of the share of good parts rejected, when none of `good` parts was rejected.
-double most_unseen(std::size_t good) { return 1 - std::pow(0.05, 1.0 / static_cast<double>(good)); }
-
 void add_choice(TemplateFields& fields, const Tuned& tuned) {
     const MeasuredFeatureSet &chosen = tuned.feature_sets[*tuned.chosen], &best = tuned.feature_sets[*tuned.best];
     const auto yes = [](bool is) { return std::string(is ? "yes" : ""); };
@@ -97,7 +94,9 @@ void add_choice(TemplateFields& fields, const Tuned& tuned) {
     fields["found"] = std::to_string(chosen.found);
     fields["rejected"] = chosen.rejected == 0 ? "none" : std::to_string(chosen.rejected);
     fields["one_rejected"] = yes(chosen.rejected == 1);
-    fields["most_unseen"] = fmt::format("{:.2g}", 100 * most_unseen(tuned.good));
+    fields["bound"] = algo::describe(chosen.false_rejects);
+    fields["parts"] = std::to_string(tuned.parts.parts);
+    fields["repeated"] = algo::describe(tuned.parts);
     fields["reference"] = yes(chosen.set.reference);
     fields["unregistered"] = tuned.unregistered == 0 ? ""
         : tuned.unregistered == 1                    ? "1 good frame is"
@@ -142,6 +141,19 @@ Table numbers_of(const Tuned& tuned) {
     return table;
 }
 
+namespace {
+
+// Shares with 95 % confidence; `by_tail` is null where no distribution fits.
+Json bound_of(const algo::FalseRejects& r) {
+    return {{"parts", r.parts},
+            {"rejected", r.rejected},
+            {"at_most", r.bound()},
+            {"at_most_by_any", r.any},
+            {"at_most_by_tail", r.tail ? Json(*r.tail) : Json()}};
+}
+
+}  // namespace
+
 Json to_json(const Tuned& tuned) {
     const algo::Extents& e = tuned.extents;
     const auto estimate = [](const Estimate& v) { return Json{{"value", v.value}, {"low", v.low}, {"high", v.high}}; };
@@ -153,8 +165,10 @@ Json to_json(const Tuned& tuned) {
                  {"ms", {{"wall", m->wall_ms}, {"processor", m->processor_ms}}},
                  {"fits", m->fits}};
         if (m->no_limit.empty())
-            one.update(
-                Json{{"bad_found", m->found}, {"good_rejected", m->rejected}, {"limits", limits_of(m->recipe.recipe)}});
+            one.update(Json{{"bad_found", m->found},
+                            {"good_rejected", m->rejected},
+                            {"false_rejects", bound_of(m->false_rejects)},
+                            {"limits", limits_of(m->recipe.recipe)}});
         else one["no_limit"] = m->no_limit;
         sets.push_back(std::move(one));
     }
@@ -163,6 +177,7 @@ Json to_json(const Tuned& tuned) {
             {"bits", tuned.bits},
             {"threads", tuned.threads},
             {"good", tuned.good},
+            {"good_parts", tuned.parts.parts},
             {"bad", tuned.bad},
             {"budget_ms", tuned.budget_ms},
             {"best", tuned.best ? Json(tuned.feature_sets[*tuned.best].set.name()) : Json()},

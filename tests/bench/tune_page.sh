@@ -7,8 +7,7 @@ povray=$(readlink -f "$1") bin=$PWD/build/release/bin results=$PWD/docs/results 
 trap 'rm -rf "$work"' EXIT
 cd "$work"
 "$bin/tune_frames" . "$povray"
-"$bin/hordctl" learn production/learn/*.png --bits 12 --electrons-per-dn 1 --read-dn 2 --recipe /dev/stdin --out lens.hordref <<<$'[light]\ndark_dn = 4\nmin_sum_dn = 60' >/dev/null
-printf '[light]\ndark_dn = 4\nmin_sum_dn = 60\n' >base.toml
+"$bin/hordctl" learn production/learn/*.png --bits 12 --out lens.hordref --no-check >learn.txt
 
 # run NAME TITLE ARGUMENTS...: what hordctl tune says, as a section of the page.
 run() {
@@ -24,9 +23,12 @@ run() {
     sed -n '/^<!-- measured -->$/q;p' "$OLDPWD/tests/bench/tune_page.md"
     printf '<!-- made by tests/bench/tune_page.sh on %s -->\n\n' "$(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) cores, load $(cut -d' ' -f1 /proc/loadavg)"
     run povray 'Traced lens: bubbles and a bite' --good povray/good --bad povray/bad --budget 100
-    run production 'Simulated production: haze, small bubbles, specks' --good production/good --bad production/bad --budget 100 --bits 12 --recipe base.toml
-    run tight 'The same within 0.4 ms' --good production/good --bad production/bad --budget 0.4 --bits 12 --recipe base.toml
-    run reference 'The same with a reference' --good production/good --bad production/bad --budget 100 --bits 12 --recipe base.toml --reference lens.hordref
+    run production 'Simulated production: haze, small bubbles, specks' --good production/good --bad production/bad --budget 100 --bits 12
+    run tight 'The same within 0.4 ms' --good production/good --bad production/bad --budget 0.4 --bits 12
+    printf 'The reference of the next section:\n\n    hordctl learn production/learn/*.png --bits 12 --out lens.hordref --no-check\n\n'
+    sed 's/^/- /' learn.txt
+    printf '\n'
+    run reference 'The same with a reference' --good production/good --bad production/bad --budget 100 --bits 12 --reference lens.hordref
     sed '1,/^<!-- measured -->$/d' "$OLDPWD/tests/bench/tune_page.md"
 } >page.md
 cp page.md "$results/tune.md"
