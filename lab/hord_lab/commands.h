@@ -6,6 +6,7 @@
 namespace hord::lab {
 
 // Each adds its sub-command; when that command is parsed and run, it leaves its status in `status`.
+void add_design(CLI::App& program, Exit& status);
 void add_experiment(CLI::App& program, Exit& status);
 void add_soak(CLI::App& program, Exit& status);
 void add_scene(CLI::App& program, Exit& status);

@@ -5,6 +5,7 @@
 
 #include "common/cli/progress.h"
 #include "lab/detection/detection.h"
+#include "lab/guarantee/guarantee.h"
 #include "lab/hord_lab/commands.h"
 #include "lab/hord_lab/experiments.h"
 #include "lab/reference/reference.h"
@@ -14,7 +15,7 @@ namespace {
 
 struct ExperimentArguments {
     std::string out, frames;
-    bool quick = false, finished = false;
+    bool quick = false, finished = false, tuned_limits = false;
     std::uint64_t seed = 1;
     int threads = 0;
 };
@@ -28,9 +29,12 @@ Exit run_experiment(const Experiment& experiment, const ExperimentArguments& arg
     fmt::print(stderr, "experiment {}{}, seed {}; takes {}\n", experiment.name, arguments.quick ? " (quick)" : "",
                arguments.seed, arguments.quick ? "less than a minute" : std::string(experiment.takes));
     auto progress = std::make_unique<Progress>(std::string(experiment.name));
-    const auto run = arguments.finished ? report_finished_detection : experiment.run;
-    const auto report = run({arguments.out, arguments.frames, arguments.quick, arguments.seed, arguments.threads,
-                             [&](double done, const std::string& note) { progress->show(done, note); }});
+    const auto run = !arguments.finished  ? experiment.run
+        : experiment.run == run_guarantee ? report_finished_guarantee
+                                          : report_finished_detection;
+    const auto report =
+        run({arguments.out, arguments.frames, arguments.quick, arguments.seed, arguments.tuned_limits,
+             arguments.threads, [&](double done, const std::string& note) { progress->show(done, note); }});
     progress.reset();
     if (!report) return complain(report.error());
     const auto file = std::filesystem::path(arguments.out) / (std::string(experiment.name) + ".md");
@@ -57,9 +61,14 @@ void add_experiment(CLI::App& program, Exit& status) {
             ->capture_default_str();
         one->add_option("--threads", arguments->threads, "Threads (0: one a core); results do not depend on it")
             ->check(CLI::Range(0, 64));
-        if (experiment.run == run_detection)
+        if (experiment.run == run_detection || experiment.run == run_guarantee)
             one->add_flag("--finished", arguments->finished,
                           "Report what an interrupted run has finished; compute nothing");
+        if (experiment.run == run_detection) {
+            one->add_flag(
+                "--tuned-limits", arguments->tuned_limits,
+                "Judge by limits that are tuned on good parts of another stream, not by the default recipe's");
+        }
         const bool has_frames = experiment.run == run_reference;
         if (has_frames)
             one->add_option("--frames", arguments->frames,

@@ -2,6 +2,7 @@
 
 #include "lab/ablation/ablation.h"
 #include "lab/detection/detection.h"
+#include "lab/guarantee/guarantee.h"
 #include "lab/kinds/kinds.h"
 #include "lab/paper/paper.h"
 #include "lab/reference/reference.h"
@@ -20,6 +21,8 @@ std::span<const Experiment> experiments() {
          "Judging against a reference: false rejects, bubbles, kinds, slopes, contrast and time on simulated "
          "production",
          "about twenty-five minutes on one core (estimated from its parts)", run_detection},
+        {"guarantee", "Does the bound of false rejects hold that learn and tune tell? Ten families, a hundred seeds",
+         "about twenty minutes on two cores", run_guarantee},
         {"reference",
          "Judging light fields of another program against a reference: false rejects, flaws, place and size",
          "about four minutes on one core (estimated from its quick form)", run_reference},

@@ -11,6 +11,7 @@ int main(int argc, char** argv) {
         "Exit status: 0 done and as expected, 1 a claim or a promise does not hold, 2 usage or unreadable input.\n"
         "Every command has its own --help with an example.");
     Exit status = Exit::good;
+    add_design(program, status);
     add_experiment(program, status);
     add_soak(program, status);
     add_scene(program, status);

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include "common/cli/progress.h"
+#include "firmware/recipes/recipe_file.h"
 #include "lab/hord_lab/commands.h"
 #include "lab/scene/scene_needs.h"
 
@@ -13,7 +14,8 @@ void add_scene(CLI::App& program, Exit& status) {
     auto* scene = program.add_subcommand("scene", "Ask about a scene");
     scene->require_subcommand(1);
     struct Arguments {
-        std::string scene;
+        std::string scene, recipe;
+        bool only_named = false;
         double tolerance = 0.05;
         int threads = 0;
     };
@@ -24,14 +26,19 @@ void add_scene(CLI::App& program, Exit& status) {
         ->add_option("--tolerance", arguments->tolerance,
                      "Change of a feature that does not matter: bin pitches, and share of light (default 0.05)")
         ->check(CLI::Range(0.0, 10.0));
+    needs->add_option("--recipe", arguments->recipe, "Recipe whose verdict counts (TOML); without it the default");
+    needs->add_flag("--only-named", arguments->only_named, "Do not try effects that the scene does not name");
     needs->add_option("--threads", arguments->threads, "Threads (0: one a core)")->check(CLI::Range(0, 256));
     needs->footer("Example: hord-lab scene needs hal_sim/scenes/real-cell.toml --tolerance 0.05");
     needs->callback([arguments, &status] {
         const auto loaded = sim::load_scene(arguments->scene);
         if (!loaded) return void(status = complain(loaded.error()));
+        const auto recipe = firmware::recipe_or_default(arguments->recipe);
+        if (!recipe) return void(status = complain(recipe.error()));
         std::optional<Progress> progress(std::in_place, "needs of " + loaded->name);
-        const auto found =
-            needs_of(*loaded, {arguments->tolerance, arguments->threads, [&](double done) { progress->show(done); }});
+        const auto found = needs_of(*loaded,
+                                    {arguments->tolerance, arguments->threads, recipe->recipe, !arguments->only_named,
+                                     [&](double done) { progress->show(done); }});
         progress.reset();
         if (!found) return void(status = complain(found.error()));
         fmt::print("{}", table_of(*found));

@@ -1,0 +1,38 @@
+// Searches the cell that finds the wanted defects on a part: bins, bin pitch, lenslets, source, light, feature set.
+//
+// Coarse to fine: a grid of bins and bin pitches; from the three best, one step in each direction (source radius,
+// lenslets, bin pitch, light); the best again, at other places and with more trials. Last, the chosen cell judges whole
+// parts of another seed (whole_parts.h).
+#pragma once
+
+#include <functional>
+
+#include "lab/design/whole_parts.h"
+
+namespace hord::lab {
+
+struct Design {
+    std::vector<CellTrial> coarse;  // every cell that was tried or ruled out
+    std::vector<CellTrial> fine;    // tried again; the best first: the chosen cell, with its best set
+    WholeCheck check;
+    double seconds = 0, cpu_seconds = 0;
+};
+
+struct DesignOptions {
+    bool quick = false;  // fewer cells, trials and parts
+    std::function<void(double done, const std::string& note)> progress = [](double, const std::string&) {};
+};
+// Fails with unsupported when no cell can show the part, and as the renderer does.
+Result<Design> design_cell(const DesignTask& task, const DesignOptions& options);
+
+// The answer first, then the tables. Markdown.
+std::string describe(const Design& design, const DesignTask& task);
+
+// hordd.toml, recipe.toml, and scenes/ with good parts and one of each wanted defect and size, for
+// hordctl run --simulate --config FOLDER/hordd.toml. `part_file`: the scene with the part. Returns what was written.
+// Fails with io.
+Result<std::vector<std::filesystem::path>> write_design(const std::filesystem::path& folder,
+                                                        const std::filesystem::path& part_file, const Design& design,
+                                                        const DesignTask& task, const PartSurvey& survey);
+
+}  // namespace hord::lab

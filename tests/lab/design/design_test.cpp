@@ -1,0 +1,195 @@
+// The search for a cell: what is ruled out, what a trial measures, and that its shortcuts show what whole parts do.
+#include "lab/design/design.h"
+
+#include <cmath>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace hord::lab {
+namespace {
+
+using ::testing::HasSubstr;
+
+// 55x55 lenslets with 5x5 bins, coarse pixels so that the lenslets can be bought.
+DesignTask small_task(const std::string& defects) {
+    DesignTask task;
+    task.part.name = "lens";
+    task.part.part = sim::DoubleConvexLens{};
+    task.camera.pixels = 275.0 * 275.0;
+    task.camera.pixel_um = 20;
+    task.defects = *parse_defects(defects);
+    task.threads = 1;
+    return task;
+}
+constexpr CellChoice kCell{5, 0.04, 1, 0.61, 1};
+
+TEST(WantedDefects, are_kinds_with_sizes) {
+    const auto defects = parse_defects("bubble=0.2,scratch=0.03");
+    ASSERT_TRUE(defects);
+    ASSERT_EQ(defects->size(), 2U);
+    EXPECT_EQ((*defects)[1].kind, WantedKind::scratch);
+    EXPECT_EQ((*defects)[1].size_mm, 0.03);
+}
+
+TEST(WantedDefects, that_are_unknown_twice_or_without_a_size_are_refused_with_the_kinds) {
+    for (const char* wrong : {"", "bubble", "bubble=", "bubble=0", "bubble=0.2mm", "hole=0.2", "bubble=0.2,"}) {
+        const auto refused = parse_defects(wrong);
+        ASSERT_FALSE(refused) << wrong;
+        EXPECT_THAT(refused.error().message(), HasSubstr("bubble, cut, dimple"));
+    }
+    EXPECT_FALSE(parse_defects("bubble=0.2,bubble=0.3"));
+}
+
+TEST(WantedDefects, touch_the_face_that_they_belong_to) {
+    const DesignTask task = small_task("bubble=0.2");
+    const auto survey = PartSurvey::of(task.part);
+    ASSERT_TRUE(survey);
+    const auto make = [&](WantedKind kind, double size) {
+        return make_defect(kind, size, task.part, survey->body, 3, -2, 0.4).value();
+    };
+    ThroughPart way;
+    ASSERT_TRUE(way_through(survey->body, 3, -2, way));
+    // The rim of a cut of 0.4 mm: its ball meets the face 0.2 mm from its middle.
+    const auto cut = std::get<sim::SphericalCut>(make(WantedKind::cut, 0.4));
+    const double to_face = sim::length(cut.centre_mm - way.leaves);
+    EXPECT_NEAR(std::sqrt(cut.radius_mm * cut.radius_mm - to_face * to_face), 0.2, 1e-9);
+    EXPECT_GT(cut.centre_mm.z, way.leaves.z);  // outside, towards the camera
+    const auto dimple = std::get<sim::SphericalCut>(make(WantedKind::dimple, 0.6));
+    EXPECT_LT(dimple.centre_mm.z, way.enters.z);
+    const auto scratch = std::get<sim::Scratch>(make(WantedKind::scratch, 0.02));
+    const sim::Vec3 middle = 0.5 * (scratch.from_mm + scratch.to_mm);
+    EXPECT_NEAR(sim::length(middle - way.leaves), 0, 1e-9);
+    const auto bubble = std::get<sim::AirBubble>(make(WantedKind::bubble, 0.2));
+    EXPECT_GT(bubble.centre_mm.z - 0.1, way.enters.z);
+    EXPECT_LT(bubble.centre_mm.z + 0.1, way.leaves.z);
+}
+
+TEST(Cells, that_cannot_be_built_or_cannot_show_the_part_are_ruled_out_with_the_reason) {
+    const DesignTask task = small_task("bubble=0.2");
+    const auto survey = PartSurvey::of(task.part);
+    ASSERT_TRUE(survey);
+    // The lens sends light of its rim to 10 / 190 rad, at the most.
+    EXPECT_NEAR(survey->largest_slope, 10.0 / 190.76, 0.003);
+    const auto problem = [&](CellChoice cell, CameraLimits camera) {
+        return problem_of(cell, task.part, camera, survey->largest_slope);
+    };
+    EXPECT_EQ(problem(kCell, task.camera), "");
+    EXPECT_THAT(problem({5, 0.015, 1, 0.61, 1}, task.camera), HasSubstr("leaves the bins"));
+    CameraLimits fine = task.camera;
+    fine.pixels = 25e6;  // 333 lenslets of 72 um: their diffraction is 8.2 mrad wide
+    EXPECT_THAT(problem({15, 0.0078, 1, 0.3, 1}, fine), HasSubstr("diffraction"));
+    CameraLimits slow = task.camera;
+    slow.pixel_um = 2;
+    EXPECT_THAT(problem(kCell, slow), HasSubstr("faster than f/1"));
+    EXPECT_THAT(problem({15, 0.04, 1, 0.61, 1}, task.camera), HasSubstr("fewer than"));
+}
+
+// The lens laws of the 4f camera (scene.md): field = m pitch f1/f2, bin = pitch / i / focal f2/f1.
+TEST(Cells, optics_make_the_field_and_the_bins_that_were_asked_for) {
+    const DesignTask task = small_task("bubble=0.2");
+    const CellOptics optics = optics_of(kCell, task.part, task.camera);
+    const double lenslets = lenslets_of(kCell, task.camera);
+    EXPECT_NEAR(lenslets * optics.lenslet_um * 1e-3 / optics.magnification, task.part.camera.field_mm, 1e-9);
+    EXPECT_NEAR(optics.lenslet_um / kCell.bins / optics.focal_um * optics.magnification, kCell.bin_pitch_rad, 1e-12);
+}
+
+// A plate's bevels send light to 0.43 rad, beyond every camera's bins. They do not decide its bins, and defects lie
+// elsewhere.
+TEST(Cells, bevels_do_not_count_as_light_that_bins_must_hold) {
+    sim::Scene plate;
+    sim::Shape block, bevel, both;
+    block.kind = sim::Shape::Kind::block;
+    block.half_size_mm = {8, 6, 1};
+    bevel.kind = sim::Shape::Kind::half_space;
+    bevel.position_mm = {7, 0, 1};
+    bevel.rotation_rad = {0, 0.6, 0};
+    both.kind = sim::Shape::Kind::intersection;
+    both.of = {block, bevel};
+    plate.part = sim::SolidPart{both, 1.5};
+    const auto survey = PartSurvey::of(plate);
+    ASSERT_TRUE(survey);
+    ThroughPart way;
+    EXPECT_TRUE(way_through(survey->body, 7.5, 0, way));  // there is glass,
+    EXPECT_FALSE(survey->holds(7.5, 0, 0.1));             // but none of its light is seen
+    EXPECT_TRUE(survey->holds(5, 0, 0.1));
+    EXPECT_LT(survey->largest_slope, 1e-6);
+}
+
+TEST(WholeParts, a_pasted_window_is_the_whole_rendering) {
+    const DesignTask task = small_task("bubble=0.4");
+    const auto survey = PartSurvey::of(task.part);
+    ASSERT_TRUE(survey);
+    sim::Scene whole = good_part(kCell, task, 7, 0);
+    const auto clean = sim::render(whole, {1, {}});
+    whole.defects = {*make_defect(WantedKind::bubble, 0.4, whole, survey->body, 2, 3, 0)};
+    const auto truth = sim::render(whole, {1, {}});
+    ASSERT_TRUE(clean && truth);
+    const int middle = whole.camera.extents.m / 2;
+    const double pitch = whole.camera.field_mm / whole.camera.extents.m;
+    const int m = middle + static_cast<int>(std::lround(2 / pitch)),
+              n = middle + static_cast<int>(std::lround(3 / pitch));
+    const auto window = sim::render(window_of(whole, m, n, 9), {1, {}});
+    ASSERT_TRUE(window);
+    sim::LightField pasted = *clean;
+    paste(pasted, *window, m, n);
+    double off = 0, without = 0;
+    for (std::size_t k = 0; k < pasted.bins.size(); ++k) {
+        off = std::max(off, static_cast<double>(std::abs(pasted.bins[k] - truth->bins[k])));
+        without = std::max(without, static_cast<double>(std::abs(clean->bins[k] - truth->bins[k])));
+    }
+    EXPECT_GT(without, 0.1);  // the bubble is there,
+    EXPECT_LT(off, 0.01);     // and nowhere else
+}
+
+TEST(CellTrials, larger_defects_are_found_and_the_size_found_lies_between) {
+    const DesignTask task = small_task("speck=0.4");
+    const auto survey = PartSurvey::of(task.part);
+    ASSERT_TRUE(survey);
+    const auto trial = try_cell(kCell, task, *survey, {2, 2, 2});
+    ASSERT_TRUE(trial) << trial.error().message();
+    ASSERT_FALSE(trial->sets.empty());
+    const SetTrial& best = trial->sets.front();
+    EXPECT_TRUE(best.set.light);
+    EXPECT_LE(best.worst_ratio, 1.0);
+    EXPECT_GT(best.found[0].a90_mm, 0);
+    EXPECT_GT(best.time_ms, 0);
+    // A speck of a hundredth of a lenslet's area takes less light than noise moves.
+    DesignTask tiny = task;
+    tiny.defects = *parse_defects("speck=0.01");
+    const auto missed = try_cell(kCell, tiny, *survey, {2, 2, 2});
+    ASSERT_TRUE(missed);
+    EXPECT_GT(missed->sets.front().worst_ratio, 1.0);
+}
+
+TEST(CellTrials, a_slow_set_is_not_chosen_whatever_it_finds) {
+    SetTrial fast, slow;
+    fast.holds_rate = true, fast.worst_ratio = 0.9, fast.time_ms = 10;
+    slow.holds_rate = false, slow.worst_ratio = 0.3, slow.time_ms = 500;
+    EXPECT_TRUE(is_better(fast, slow));
+    EXPECT_FALSE(is_better(slow, fast));
+    slow.holds_rate = true;
+    EXPECT_TRUE(is_better(slow, fast));
+    slow.worst_ratio = fast.worst_ratio;  // no more room: the faster one
+    EXPECT_TRUE(is_better(fast, slow));
+}
+
+// Dark places in good parts, such as bevels, leave no room for a limit of the light.
+TEST(CellTrials, a_limit_beyond_all_light_does_not_switch_the_light_off) {
+    PartValues limits{};
+    limits[kLightValue] = 1.02;
+    const algo::Recipe recipe = recipe_of({{}, false, true}, limits, {});
+    EXPECT_GT(recipe.transmission_limit, 0);
+    EXPECT_TRUE(algo::problems(recipe, {31, 31, 9, 9}).empty());
+}
+
+TEST(CellTrials, hollow_parts_are_refused_with_a_cure) {
+    sim::Scene vial;
+    vial.part = sim::Vial{};
+    const auto refused = PartSurvey::of(vial);
+    ASSERT_FALSE(refused);
+    EXPECT_THAT(refused.error().message(), HasSubstr("one solid body"));
+}
+
+}  // namespace
+}  // namespace hord::lab
