@@ -77,4 +77,50 @@ Scene without(Scene scene, Effect effect) {
     return scene;
 }
 
+Scene with_typical(Scene scene, Effect effect) {
+    if (names(scene, effect)) return scene;
+    Camera& camera = scene.camera;
+    SensorNoise& noise = scene.noise;
+    const double full_scale = static_cast<double>((1 << camera.bits) - 1);
+    const double range_rad = 0.5 * camera.extents.i * camera.bin_pitch_rad;
+    const bool counts_electrons = noise.electrons_per_dn > 0;
+    switch (effect) {
+        case Effect::fresnel: scene.effects.fresnel = true; break;
+        case Effect::ghosts: scene.effects.fresnel = scene.effects.ghosts = true; break;
+        case Effect::absorption: scene.glass.absorption_per_mm = 0.002; break;
+        case Effect::dispersion:  // crown glass in the light of an LED
+            scene.glass.abbe_number = 64;
+            if (scene.light.bandwidth_nm == 0) scene.light.bandwidth_nm = 30;
+            for (Collimator& one : scene.light.collimators) {
+                if (one.bandwidth_nm == 0) one.bandwidth_nm = 30;
+            }
+            break;
+        case Effect::diffraction: scene.effects.diffraction = true; break;
+        case Effect::stop: camera.relay.stop_radius_mm = camera.relay.f1_mm * range_rad; break;  // as far as the bins
+        case Effect::vignetting:  // lenses as wide as the field's diagonal
+            camera.relay.lens1_radius_mm = camera.relay.lens2_radius_mm = 0.71 * camera.field_mm;
+            break;
+        case Effect::crosstalk: scene.effects.crosstalk = true; break;
+        case Effect::dust:  // a grain of 0.2 mm on the array, off the middle
+            camera.dust = {{Dust::Plane::lenslets, camera.field_mm / 12, camera.field_mm / 16, 0.1, 0}};
+            break;
+        case Effect::motion: scene.motion = {500, 0, 50}; break;
+        case Effect::photon_noise:
+            if (!counts_electrons) noise.electrons_per_dn = 1e4 / full_scale;
+            noise.photon_noise = true;
+            break;
+        case Effect::read_noise:
+        case Effect::dark_current:
+        case Effect::full_well:
+            if (!counts_electrons) noise.electrons_per_dn = 1e4 / full_scale, noise.photon_noise = false;
+            if (effect == Effect::read_noise) noise.read_e = 5;
+            if (effect == Effect::dark_current) noise.dark_e_per_s = 20, noise.dsnu_e = 2;
+            if (effect == Effect::full_well) noise.full_well_e = noise.electrons_per_dn * full_scale;
+            break;
+        case Effect::pedestal: noise.dark_dn = full_scale / 255; break;
+        case Effect::prnu: noise.prnu = 0.01; break;
+    }
+    return scene;
+}
+
 }  // namespace hord::lab

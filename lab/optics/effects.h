@@ -38,4 +38,7 @@ inline constexpr std::size_t kEffects = 16;
 [[nodiscard]] std::vector<Effect> effects_of(const sim::Scene& scene);  // those that the scene names
 [[nodiscard]] sim::Scene without(sim::Scene scene, Effect effect);      // names(without(scene, e), e) is false
 
+// The scene with this effect at a value that is usual in inspection cells (effects.cpp), if it does not name it.
+[[nodiscard]] sim::Scene with_typical(sim::Scene scene, Effect effect);
+
 }  // namespace hord::lab

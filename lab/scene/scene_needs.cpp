@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 
+#include "algo/inspection/pipeline.h"
 #include "algo/maps/feature_map.h"
 #include "algo/recipe/recipe.h"
 #include "common/statistics.h"
@@ -18,9 +20,47 @@ namespace {
 struct Features {
     std::vector<float> emd, jacobian, light;
     std::vector<std::uint8_t> mask;
+    algo::Verdict verdict{};
+    double contrast = 0;
+    int false_defects = 0;
 };
 
-Result<Features> features_of(const Frame& frame, const algo::Extents& e, const algo::LightLevels& levels) {
+bool is_near(const Truth& truth, double m, double n) {
+    return std::ranges::any_of(
+        truth.defects, [&](const TruthDefect& d) { return std::hypot(m - d.m, n - d.n) <= d.radius_lenslets + 3; });
+}
+
+double percentile_99(std::vector<double>& of);
+
+// What the recipe says of the frame.
+Result<void> judge(const Frame& frame, const algo::Extents& e, const algo::Recipe& recipe, const Truth& truth,
+                   Features& out) {
+    auto pipeline = algo::Pipeline::create(e, frame.bits(), recipe);
+    if (!pipeline) return tl::unexpected(pipeline.error());
+    const auto found = pipeline->inspect(frame.view());
+    if (!found) return tl::unexpected(found.error());
+    out.verdict = found->verdict;
+    out.false_defects = static_cast<int>(std::ranges::count_if(found->defects, [&](const algo::Defect& defect) {
+        return !is_near(truth, static_cast<double>(defect.m), static_cast<double>(defect.n));
+    }));
+    double peak = 0;
+    std::vector<double> elsewhere;
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            const std::size_t k = e.index(m, n);
+            if ((out.mask[k] & algo::kNoGradient) != 0) continue;
+            const auto value = static_cast<double>(out.emd[k]);
+            if (is_near(truth, m, n)) peak = std::max(peak, value);
+            else if ((found->mask[k] & algo::kNotJudged) == 0) elsewhere.push_back(value);
+        }
+    }
+    constexpr double kLeast = 1e-3;  // bin pitches: below it a field is even
+    if (!truth.defects.empty()) out.contrast = peak / std::max(kLeast, percentile_99(elsewhere));
+    return {};
+}
+
+Result<Features> features_of(const Frame& frame, const algo::Extents& e, const algo::LightLevels& levels,
+                             const algo::Recipe& recipe, const Truth& truth) {
     Features out;
     for (const algo::Feature feature : {algo::Feature::emd, algo::Feature::jacobian_frobenius}) {
         auto mapper = algo::FeatureMapper::create(e, frame.bits(), levels, feature);
@@ -35,6 +75,7 @@ Result<Features> features_of(const Frame& frame, const algo::Extents& e, const a
         algo::decode_row(frame.view(), e, levels, n, row);
         for (const std::uint32_t sum : row.sums()) out.light.push_back(static_cast<float>(sum));
     }
+    if (auto done = judge(frame, e, recipe, truth, out); !done) return tl::unexpected(done.error());
     return out;
 }
 
@@ -59,6 +100,9 @@ FeatureChange change(const Features& with, const Features& without, const std::v
     const double typical = std::max(1.0F, common::upper_median(std::span(lit)));
     std::vector<double> emd, jacobian, light;
     FeatureChange out;
+    out.verdict = with.verdict, out.verdict_without = without.verdict;
+    out.contrast = with.contrast, out.contrast_without = without.contrast;
+    out.false_defects = with.false_defects, out.false_defects_without = without.false_defects;
     for (std::size_t k = 0; k < judged.size(); ++k) {
         if (judged[k] == 0) continue;
         light.push_back(std::abs(static_cast<double>(with.light[k]) - static_cast<double>(without.light[k])) / typical);
@@ -77,16 +121,19 @@ FeatureChange change(const Features& with, const Features& without, const std::v
 class SceneComparison {
   public:
     // Takes the whole scene's frames; their processor times go to `needs`. Fails as sim::render() does.
-    static Result<SceneComparison> make(const sim::Scene& scene, int threads, SceneNeeds& needs) {
+    static Result<SceneComparison> make(const sim::Scene& scene, const NeedsOptions& options, SceneNeeds& needs) {
         SceneComparison out;
-        out.threads_ = threads;
-        for (const std::uint8_t label : truth_of(scene).labels)
+        out.threads_ = options.threads;
+        out.recipe_ = options.recipe;
+        out.truth_ = truth_of(scene);
+        for (const std::uint8_t label : out.truth_.labels)
             out.judged_.push_back(label == 0 || label == 1 || label == 3);
         needs.lenslets = static_cast<int>(std::count(out.judged_.begin(), out.judged_.end(), 1));
         auto light = out.light(scene, needs.render_ms, &out.field_);
         if (!light) return tl::unexpected(light.error());
         auto sensor = out.sensor(scene, needs.expose_ms);
         if (!sensor) return tl::unexpected(sensor.error());
+        needs.verdict = sensor->verdict;
         out.whole_light_ = std::move(*light), out.whole_sensor_ = std::move(*sensor);
         return out;
     }
@@ -109,7 +156,8 @@ class SceneComparison {
         quiet.noise = {};
         quiet.camera.bits = 16;
         quiet.camera.full_bin_dn = 30000;  // room above: several sources, rims
-        auto features = features_of(sim::expose(*field, quiet, 1), scene.camera.extents, {0, 30, 65535});
+        auto features =
+            features_of(sim::expose(*field, quiet, 1), scene.camera.extents, {0, 30, 65535}, recipe_, truth_);
         if (keep) *keep = std::move(*field);
         return features;
     }
@@ -118,23 +166,26 @@ class SceneComparison {
         const double start = process_cpu_ms();
         const Frame frame = sim::expose(field_, scene, scene.seed);
         ms = process_cpu_ms() - start;
-        return features_of(frame, scene.camera.extents, algo::light_levels({}, scene.camera.bits));
+        return features_of(frame, scene.camera.extents, algo::light_levels(recipe_, scene.camera.bits), recipe_,
+                           truth_);
     }
 
     int threads_ = 0;
+    algo::Recipe recipe_;
+    Truth truth_;
     std::vector<std::uint8_t> judged_;
     sim::LightField field_;
     Features whole_light_, whole_sensor_;
 };
 
-FeatureChange larger(const FeatureChange& a, const FeatureChange& b) {
-    return {std::max(a.emd, b.emd),
-            std::max(a.jacobian, b.jacobian),
-            std::max(a.transmission, b.transmission),
-            std::max(a.emd_rms, b.emd_rms),
-            std::max(a.jacobian_rms, b.jacobian_rms),
-            std::max(a.transmission_rms, b.transmission_rms),
-            std::max(a.unseen, b.unseen)};
+// The larger changes of the field; of the other, what it says of verdict, contrast and defects.
+FeatureChange larger(const FeatureChange& a, FeatureChange b) {
+    b.emd = std::max(a.emd, b.emd), b.jacobian = std::max(a.jacobian, b.jacobian);
+    b.transmission = std::max(a.transmission, b.transmission);
+    b.emd_rms = std::max(a.emd_rms, b.emd_rms), b.jacobian_rms = std::max(a.jacobian_rms, b.jacobian_rms);
+    b.transmission_rms = std::max(a.transmission_rms, b.transmission_rms);
+    b.unseen = std::max(a.unseen, b.unseen);
+    return b;
 }
 
 // Leaves out as many effects of the light (or of the sensor) as the tolerance allows, the smallest first.
@@ -142,7 +193,7 @@ Result<void> leave_out(SceneNeeds& needs, const sim::Scene& scene, bool of_senso
                        const std::function<void()>& step) {
     std::vector<EffectNeed*> order;
     for (EffectNeed& need : needs.effects) {
-        if (is_of_sensor(need.effect) == of_sensor) order.push_back(&need);
+        if (need.named && is_of_sensor(need.effect) == of_sensor) order.push_back(&need);
     }
     std::stable_sort(order.begin(), order.end(),
                      [](const auto* a, const auto* b) { return a->change.largest() < b->change.largest(); });
@@ -153,7 +204,7 @@ Result<void> leave_out(SceneNeeds& needs, const sim::Scene& scene, bool of_senso
         auto changed = comparison.change_by(less, of_sensor, ms);
         if (!changed) return tl::unexpected(changed.error());
         step();
-        if (changed->largest() > needs.tolerance) continue;
+        if (!changed->matters(needs.tolerance).empty()) continue;
         need->required = false;
         needs.left_out = larger(needs.left_out, *changed);
         least = less;
@@ -169,10 +220,25 @@ Result<void> leave_out(SceneNeeds& needs, const sim::Scene& scene, bool of_senso
 
 double FeatureChange::largest() const { return std::max({emd, jacobian, transmission}); }
 
+std::string_view FeatureChange::matters(double tolerance) const {
+    if (verdict != verdict_without) return "verdict";
+    if (false_defects != false_defects_without) return "false defects";
+    if (std::abs(contrast - contrast_without) > kContrastChange * contrast) return "contrast";
+    return largest() > tolerance ? "field" : "";
+}
+
 std::vector<Effect> SceneNeeds::required() const {
     std::vector<Effect> out;
     for (const EffectNeed& need : effects) {
-        if (need.required) out.push_back(need.effect);
+        if (need.named && need.required) out.push_back(need.effect);
+    }
+    return out;
+}
+
+std::vector<Effect> SceneNeeds::missing() const {
+    std::vector<Effect> out;
+    for (const EffectNeed& need : effects) {
+        if (!need.named && need.required) out.push_back(need.effect);
     }
     return out;
 }
@@ -181,7 +247,8 @@ Result<SceneNeeds> needs_of(const sim::Scene& scene, const NeedsOptions& options
     SceneNeeds needs;
     needs.tolerance = options.tolerance;
     const auto named = effects_of(scene);
-    const double steps = 2 + 2 * static_cast<double>(named.size());
+    const double steps = 2 + 2 * static_cast<double>(named.size()) +
+        (options.typical ? static_cast<double>(kEffects - named.size()) : 0);
     double done = 0;
     const auto step = [&] {
         if (options.progress) options.progress(std::min(1.0, ++done / steps));
@@ -189,7 +256,7 @@ Result<SceneNeeds> needs_of(const sim::Scene& scene, const NeedsOptions& options
     // Renders a first frame to warm the caches, so that the next time is comparable with the others.
     if (auto first = sim::render(scene, {options.threads, {}}); !first) return tl::unexpected(first.error());
     step();
-    const auto comparison = SceneComparison::make(scene, options.threads, needs);
+    const auto comparison = SceneComparison::make(scene, options, needs);
     if (!comparison) return tl::unexpected(comparison.error());
     step();
     for (const Effect effect : named) {
@@ -204,29 +271,64 @@ Result<SceneNeeds> needs_of(const sim::Scene& scene, const NeedsOptions& options
         if (auto good = leave_out(needs, scene, of_sensor, *comparison, step); !good)
             return tl::unexpected(good.error());
     }
+    for (std::size_t k = 0; options.typical && k < kEffects; ++k, step()) {
+        const auto effect = static_cast<Effect>(k);
+        const sim::Scene more = with_typical(scene, effect);
+        // Some exclude one another, or need what the scene does not have.
+        if (names(scene, effect) || !names(more, effect) || !sim::problems(more).empty()) continue;
+        const bool of_sensor = is_of_sensor(effect);
+        double ms = 0;
+        auto changed = comparison->change_by(more, of_sensor, ms);
+        if (!changed) return tl::unexpected(changed.error());
+        std::swap(changed->verdict, changed->verdict_without);
+        std::swap(changed->contrast, changed->contrast_without);
+        std::swap(changed->false_defects, changed->false_defects_without);
+        const bool matters = !changed->matters(needs.tolerance).empty();
+        needs.effects.push_back(
+            {effect, *changed, ms - (of_sensor ? needs.expose_ms : needs.render_ms), matters, false});
+    }
     if (options.progress) options.progress(1);
     return needs;
 }
 
 std::string table_of(const SceneNeeds& needs) {
     std::string out = fmt::format(
-        "{} lenslets off the rims; render {:.0f} ms, exposure {:.0f} ms of processor time; change: 99th percentile "
-        "(rms)\n\n",
-        needs.lenslets, needs.render_ms, needs.expose_ms);
-    out += fmt::format("{:<13} {:>18} {:>18} {:>18} {:>7} {:>9}  {}\n", "without", "EMD, bins", "Jacobian, bins",
-                       "light, share", "unseen", "cost, ms", "");
-    const auto both = [](double p99, double mean) { return fmt::format("{:.4f} ({:.4f})", p99, mean); };
+        "{} lenslets off the rims; verdict {}; render {:.0f} ms, exposure {:.0f} ms of processor time; change of the "
+        "field: 99th percentile\n\n",
+        needs.lenslets, name_of(needs.verdict), needs.render_ms, needs.expose_ms);
+    out += fmt::format("{:<13} {:>9} {:>14} {:>12} {:>16} {:>13} {:>15} {:>9}  {}\n", "effect", "EMD, bins",
+                       "Jacobian, bins", "light, share", "verdict", "contrast", "false defects", "cost, ms", "");
+    bool said_typical = false;
     for (const EffectNeed& need : needs.effects) {
+        if (!need.named && !std::exchange(said_typical, true)) out += "not named, at typical values:\n";
         const FeatureChange& c = need.change;
-        out += fmt::format("{:<13} {:>18} {:>18} {:>18} {:>7} {:>9.1f}  {}\n", name_of(need.effect),
-                           both(c.emd, c.emd_rms), both(c.jacobian, c.jacobian_rms),
-                           both(c.transmission, c.transmission_rms), c.unseen, need.cost_ms,
-                           need.required ? "required" : "");
+        const std::string_view why = c.matters(needs.tolerance);
+        const std::string verdict = c.verdict == c.verdict_without
+            ? std::string("-")
+            : fmt::format("{}, else {}", name_of(c.verdict), name_of(c.verdict_without));
+        const std::string contrast = c.contrast == 0 && c.contrast_without == 0
+            ? std::string("-")
+            : fmt::format("{:.3g} / {:.3g}", c.contrast, c.contrast_without);
+        out += fmt::format("{:<13} {:>9.4f} {:>14.4f} {:>12.4f} {:>16} {:>13} {:>15} {:>9.1f}  {}\n",
+                           name_of(need.effect), c.emd, c.jacobian, c.transmission, verdict, contrast,
+                           fmt::format("{} / {}", c.false_defects, c.false_defects_without), need.cost_ms,
+                           !need.required   ? std::string()
+                               : need.named ? fmt::format("required{}{}", why.empty() ? "" : ": ", why)
+                                            : fmt::format("name it: {}", why));
     }
-    std::string set;
-    for (const Effect effect : needs.required()) set += (set.empty() ? "" : ", ") + std::string(name_of(effect));
-    out += fmt::format("\nAt a tolerance of {} this scene requires: {}.\n", needs.tolerance,
-                       set.empty() ? "none of the effects that it names" : set);
+    const auto listed = [](const std::vector<Effect>& effects) {
+        std::string set;
+        for (const Effect effect : effects) set += (set.empty() ? "" : ", ") + std::string(name_of(effect));
+        return set;
+    };
+    const std::string set = listed(needs.required()), missing = listed(needs.missing());
+    out += fmt::format(
+        "\nContrast and false defects: with / without the effect.\n"
+        "At a tolerance of {} this scene requires: {}.\n",
+        needs.tolerance, set.empty() ? "none of the effects that it names" : set);
+    if (said_typical)
+        out += fmt::format("It does not name, and at typical values would need: {}.\n",
+                           missing.empty() ? "nothing" : missing);
     out += fmt::format("Without all others: EMD {:.4f}, Jacobian {:.4f}, light {:.4f}.\n", needs.left_out.emd,
                        needs.left_out.jacobian, needs.left_out.transmission);
     return out;

@@ -28,7 +28,7 @@ const EffectNeed& need(const SceneNeeds& needs, Effect effect) {
 }
 
 TEST(SceneNeeds, keeps_what_changes_a_feature_by_more_than_the_tolerance_and_drops_the_rest) {
-    const auto needs = needs_of(tinted(), {0.05, 1, {}});
+    const auto needs = needs_of(tinted(), {0.05, 1, {}, false, {}});
     ASSERT_TRUE(needs) << needs.error().message();
     ASSERT_EQ(needs->effects.size(), 2U);
     EXPECT_TRUE(need(*needs, Effect::absorption).required);
@@ -41,7 +41,8 @@ TEST(SceneNeeds, keeps_what_changes_a_feature_by_more_than_the_tolerance_and_dro
 }
 
 TEST(SceneNeeds, depend_on_the_tolerance) {
-    const auto everything = needs_of(tinted(), {0, 1, {}}), nothing = needs_of(tinted(), {5, 1, {}});
+    const auto everything = needs_of(tinted(), {0, 1, {}, false, {}}),
+               nothing = needs_of(tinted(), {5, 1, {}, false, {}});
     EXPECT_EQ(everything->required().size(), 2U);
     EXPECT_TRUE(nothing->required().empty());
     EXPECT_THAT(table_of(*nothing), HasSubstr("none of the effects that it names"));
@@ -52,7 +53,7 @@ TEST(SceneNeeds, are_judged_together) {
     sim::Scene scene = tinted();
     scene.glass = {0, 0.01};       // 4 %
     scene.effects.fresnel = true;  // 8 %
-    const auto needs = needs_of(scene, {0.1, 1, {}});
+    const auto needs = needs_of(scene, {0.1, 1, {}, false, {}});
     EXPECT_LT(need(*needs, Effect::absorption).change.largest(), 0.1);
     EXPECT_LT(need(*needs, Effect::fresnel).change.largest(), 0.1);
     EXPECT_THAT(needs->required(), testing::ElementsAre(Effect::fresnel));
@@ -63,17 +64,65 @@ TEST(SceneNeeds, tell_noise_by_what_it_does_to_an_exposure) {
     sim::Scene scene = tinted();
     scene.glass = {};
     scene.noise = {.electrons_per_dn = 1, .read_e = 0.01};
-    const auto needs = needs_of(scene, {0.05, 1, {}});
+    const auto needs = needs_of(scene, {0.05, 1, {}, false, {}});
     EXPECT_THAT(needs->required(), Contains(Effect::photon_noise));
     EXPECT_THAT(needs->required(), Not(Contains(Effect::read_noise)));
+}
+
+sim::Scene good_lens() {
+    sim::Scene scene;
+    scene.part = sim::DoubleConvexLens{};
+    scene.camera.extents = {61, 61, 9, 9};
+    return scene;
+}
+
+// One dark lenslet of a thousand: no percentile sees it, the verdict does.
+TEST(SceneNeeds, a_grain_of_dust_that_flips_the_verdict_is_required) {
+    sim::Scene scene = good_lens();
+    scene.camera.dust = {{sim::Dust::Plane::lenslets, 2, 1, 0.4, 0}};
+    const auto needs = needs_of(scene, {0.05, 1, {}, false, {}});
+    ASSERT_TRUE(needs) << needs.error().message();
+    const EffectNeed& dust = need(*needs, Effect::dust);
+    EXPECT_LT(dust.change.largest(), 0.05);
+    EXPECT_EQ(dust.change.verdict, algo::Verdict::reject);
+    EXPECT_EQ(dust.change.verdict_without, algo::Verdict::pass);
+    EXPECT_GT(dust.change.false_defects, dust.change.false_defects_without);
+    EXPECT_TRUE(dust.required);
+    EXPECT_THAT(table_of(*needs), HasSubstr("required: verdict"));
+}
+
+// A strobe that is too long: the bubble is smeared over several lenslets.
+TEST(SceneNeeds, motion_that_takes_the_contrast_of_a_defect_is_required) {
+    sim::Scene scene = good_lens();
+    scene.defects = {sim::AirBubble{{1, 1, 0}, 0.5}};
+    scene.motion = {1000, 0, 1200};
+    const auto needs = needs_of(scene, {5, 1, {}, false, {}});  // the field does not matter
+    ASSERT_TRUE(needs) << needs.error().message();
+    const EffectNeed& motion = need(*needs, Effect::motion);
+    EXPECT_LT(motion.change.contrast, 0.8 * motion.change.contrast_without);
+    EXPECT_TRUE(motion.required);
+}
+
+TEST(SceneNeeds, effects_that_a_scene_does_not_name_are_tried_at_typical_values) {
+    const auto needs = needs_of(good_lens(), {0.05, 1, {}, true, {}});
+    ASSERT_TRUE(needs) << needs.error().message();
+    EXPECT_TRUE(needs->required().empty());
+    EXPECT_GE(needs->effects.size(), 12U);
+    EXPECT_THAT(needs->missing(), Contains(Effect::fresnel));        // 8 % of the light
+    EXPECT_THAT(needs->missing(), Not(Contains(Effect::pedestal)));  // less than the dark level
+    EXPECT_THAT(table_of(*needs), HasSubstr("would need: "));
+    for (std::size_t k = 0; k < kEffects; ++k) {
+        const auto effect = static_cast<Effect>(k);
+        EXPECT_TRUE(names(with_typical(good_lens(), effect), effect)) << name_of(effect);
+    }
 }
 
 TEST(SceneNeeds, of_a_plain_scene_are_none) {
     sim::Scene scene = tinted();
     scene.glass = {};
-    EXPECT_TRUE(needs_of(scene, {0, 1, {}})->effects.empty());
+    EXPECT_TRUE(needs_of(scene, {0, 1, {}, false, {}})->effects.empty());
     scene.camera.extents.m = 1;
-    EXPECT_FALSE(needs_of(scene, {0, 1, {}}));
+    EXPECT_FALSE(needs_of(scene, {0, 1, {}, false, {}}));
 }
 
 }  // namespace

@@ -87,7 +87,7 @@ TEST(TradeoffScores, do_not_depend_on_the_number_of_threads) {
         options.threads = threads;
         const auto scores = score_features(*parts, point, options);
         ASSERT_TRUE(scores) << scores.error().message();
-        EXPECT_EQ(scores->size(), 23U);
+        EXPECT_EQ(scores->size(), 27U);
         said.push_back(scores->dump());
     }
     EXPECT_EQ(said[0], said[1]);
