@@ -76,6 +76,15 @@ Result<void> CameraPortSensor::do_trigger(const hal::ExposureRequest& exposure) 
     return done;
 }
 
+Result<void> CameraPortSensor::expose() {
+    if (!streams()) return fail(ErrorCode::disconnected, name_ + " does not stream", "start the sensor");
+    return port_->trigger();
+}
+
+void CameraPortSensor::on_lost(const Error& error) {
+    if (exposures_ != nullptr) exposures_->on_camera_lost(error);
+}
+
 // An open trigger reserves a buffer, so the camera could deliver a frame.
 void CameraPortSensor::watch_for_silence() {
     const auto due = [this] {
@@ -95,6 +104,8 @@ void CameraPortSensor::on_ready() {
     if (!stream) return;
     while (const auto frame = stream->frames.pop()) {
         last_frame_ = loop_.now();
+        if (exposures_ != nullptr) exposures_->on_exposure(*frame);
+        if (!is_running() || stream != stream_) return;
         deliver(*frame);
         if (!is_running() || stream != stream_) return;  // the listener stopped the sensor
     }

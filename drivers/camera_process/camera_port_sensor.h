@@ -22,11 +22,26 @@ class CameraPortSensor final : public CameraSensor {
   public:
     static constexpr hal::Duration kSilence = std::chrono::seconds(2);
 
+    // Of a light that the camera drives (camera_strobe.h).
+    class ExposureListener {
+      public:
+        virtual void on_exposure(const CameraFrame& frame) = 0;  // of each frame, before the sensor's listener gets it
+        virtual void on_camera_lost(const Error& error) = 0;
+
+      protected:
+        ~ExposureListener() = default;
+    };
+
     // Loop thread; blocks while the camera is configured. Fails with not_found (lists the cameras), busy, unsupported
     // (lists the formats), io, invalid_argument (buffers not in 2..32).
     static Result<std::unique_ptr<CameraPortSensor>> open(hal::EventLoop& loop, const CameraPortOptions& options,
                                                           std::unique_ptr<CameraPort> port);
     ~CameraPortSensor() override;
+
+    // Loop thread, all three. expose() sends a software trigger, whatever CameraPortOptions::software_trigger says.
+    void tell_exposures(ExposureListener* listener) { exposures_ = listener; }
+    [[nodiscard]] bool streams() const { return stream_ != nullptr && is_running(); }
+    Result<void> expose();
 
   private:
     struct Stream;
@@ -35,11 +50,13 @@ class CameraPortSensor final : public CameraSensor {
     Result<void> do_start(Listener& listener) override;
     Result<void> do_trigger(const hal::ExposureRequest& request) override;
     void do_stop() override;
+    void on_lost(const Error& error) override;
     void on_ready() override;  // frames from the camera's thread
     void watch_for_silence();
 
     const std::unique_ptr<CameraPort> port_;
     const bool software_trigger_;
+    ExposureListener* exposures_ = nullptr;
     std::shared_ptr<Stream> stream_;  // null when stopped
     hal::EventLoop::TimerId silence_timer_{};
     hal::TimePoint last_frame_{};  // its arrival, triggered or not

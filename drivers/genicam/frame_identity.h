@@ -10,15 +10,21 @@
 
 namespace hord::drivers {
 
-// Counts blocks. A step of n means that n - 1 blocks were lost; a repeated id repeats the sequence.
+// Counts blocks. A step of n means that n - 1 blocks were lost; a repeated id repeats the sequence. A block that comes
+// after later ones (its last packet was awaited) gets its own number, which is below theirs.
 // Ids of 16 bits go from 65535 to 1, or to 0 where the firmware has shown a block 0. Larger ids do not wrap.
 class BlockCounter {
   public:
+    static constexpr std::uint64_t kMaxLate = 64;  // blocks; more behind is a wrap
+
     std::uint32_t sequence_of(std::uint64_t id) {
         if (id == 0) period_ = 65536;
         const std::uint64_t last = last_.value_or(id - 1);
-        sequence_ +=
-            static_cast<std::uint32_t>(id > 65535 || last > 65535 ? id - last : (id + period_ - last) % period_);
+        const bool wraps = id <= 65535 && last <= 65535;
+        const std::uint64_t ahead = wraps ? (id + period_ - last) % period_ : id - last;
+        const std::uint64_t behind = wraps ? period_ - ahead : last - id;
+        if (last_ && behind <= kMaxLate) return sequence_ - static_cast<std::uint32_t>(behind);
+        sequence_ += static_cast<std::uint32_t>(ahead);
         last_ = id;
         return sequence_;
     }

@@ -4,6 +4,7 @@
 #include <array>
 #include <atomic>
 #include <cerrno>
+#include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <ctime>
@@ -32,6 +33,8 @@ constexpr int kFirstLatches = 8;
 constexpr auto kPlausible = 10s;  // between a latched camera's time stamp and the arrival; more: another unit or clock
 // Of a socket buffer that is not configured. Packets take more of it than they have bytes.
 constexpr std::size_t kMinSocketBytes = 1U << 22U, kMaxSocketBytes = 1U << 30U;
+constexpr int kSuspicious = 3;  // incomplete frames and no complete one
+constexpr int kEthernetMtu = 1500;
 constexpr std::uint64_t kPopWaitUs = 50'000;
 
 hal::Duration time_of(clockid_t clock) {
@@ -169,7 +172,28 @@ class GenicamDevice final : public CameraDevice {
         for (const auto& [feature, value] : request_.features) {
             if (auto done = set(feature, value); !done) return tl::unexpected(done.error());
         }
+        if (auto done = set_light(); !done) return tl::unexpected(done.error());
         return agreed_format(*format);
+    }
+
+    // After the features of the configuration, so that none of them lengthens the light.
+    Result<void> set_light() {
+        if (request_.light_line.empty()) return {};
+        const char* const exposure = has_feature(device_, "ExposureTime") ? "ExposureTime" : "ExposureTimeAbs";
+        const Features light{{"LineSelector", request_.light_line},
+                             {"LineMode", "Output"},
+                             {"LineSource", "ExposureActive"},
+                             {exposure, std::to_string(request_.light_us)}};
+        for (const auto& [feature, value] : light) {
+            if (auto done = set(feature, value); !done) return done;
+        }
+        ArvFailure failed;
+        const double us = arv_device_get_float_feature_value(device_, exposure, failed.out());
+        if (!failed && std::abs(us - static_cast<double>(request_.light_us)) <= 1) return {};
+        return fail(ErrorCode::refused,
+                    name_ + ": " + exposure + " is " + std::to_string(us) + " us after it was set to " +
+                        std::to_string(request_.light_us),
+                    "set timing.strobe_us to a length that the camera has, and switch ExposureAuto off");
     }
 
     Result<void> set(const std::string& feature, const std::string& value) {
@@ -291,6 +315,7 @@ class GenicamDevice final : public CameraDevice {
         if (!stream_) return fail(ErrorCode::io, name_ + " gives no stream: " + failed.what(), "switch it off and on");
         const auto socket_bytes = set_socket_buffer();
         if (!socket_bytes) return tl::unexpected(socket_bytes.error());
+        socket_bytes_ = static_cast<std::size_t>(*socket_bytes);
         for (ArvBuffer* const buffer : buffers_) push(buffer);
         g_signal_connect(device_, "control-lost", G_CALLBACK(on_control_lost), this);
         for (int k = 0; k < kFirstLatches; ++k) latch();
@@ -300,6 +325,8 @@ class GenicamDevice final : public CameraDevice {
             return fail(ErrorCode::io, name_ + " does not stream: " + failed.what(),
                         "look at sensor.trigger and at the features of the configuration");
         stopping_ = false;
+        any_complete_ = false;
+        incomplete_ = 0;
         receiver_ = std::thread([this] { receive(); });
         checked_ = told_ = now();
         tell_start(format, *socket_bytes);
@@ -406,6 +433,8 @@ class GenicamDevice final : public CameraDevice {
         frame.corrupt = arv_buffer_get_status(buffer) != ARV_BUFFER_STATUS_SUCCESS ||
             arv_buffer_get_image_width(buffer) != width_px_ || arv_buffer_get_image_height(buffer) != height_px_;
         frame.bytes_used = frame.corrupt ? 0 : bytes;
+        if (!any_complete_ && frame.corrupt && ++incomplete_ == kSuspicious) tell_none_complete();
+        any_complete_ = any_complete_ || !frame.corrupt;
         // The first packet's arrival is a time of day.
         const hal::TimePoint arrival =
             std::min(now(),
@@ -431,6 +460,21 @@ class GenicamDevice final : public CameraDevice {
         return frame;
     }
 
+    // Large packets that a switch drops: first and last packet of each frame come, and no samples.
+    void tell_none_complete() const {
+        if (packet_bytes_ > kEthernetMtu) {
+            say("none of the first %d frames was complete: does everything between camera and station carry packets of "
+                "%d bytes? Set sensor.packet_bytes to 0, or raise the MTU of each switch and interface on the way%s",
+                kSuspicious, packet_bytes_,
+                socket_bytes_ < payload_ ? "; and raise net.core.rmem_max: the socket buffer is less than a frame"
+                                         : "");
+        } else {
+            say("none of the first %d frames was complete: raise net.core.rmem_max, and look for errors of the "
+                "network's interface (ip -s link)",
+                kSuspicious);
+        }
+    }
+
     // A buffer whose frame lost its first packet must not keep the time stamp of an earlier frame.
     void push(ArvBuffer* buffer) {
         arv_buffer_set_timestamp(buffer, 0);
@@ -446,12 +490,14 @@ class GenicamDevice final : public CameraDevice {
     ArvOwned<ArvStream> stream_;
     std::vector<SharedMemory> memory_;
     std::vector<ArvBuffer*> buffers_;  // of the stream, or lent
-    std::size_t payload_ = 0;
+    std::size_t payload_ = 0, socket_bytes_ = 0;
     int width_px_ = 0, height_px_ = 0, packet_bytes_ = 0;
     CameraPort::Listener* listener_ = nullptr;
     std::thread receiver_;
     std::atomic<bool> stopping_ = true, lost_ = false, no_latch_ = false;
     BlockCounter counter_;
+    bool any_complete_ = false;  // since the start; the receiver's
+    int incomplete_ = 0;
     std::mutex mutex_;
     CameraClock clock_;  // under mutex_
     hal::TimePoint checked_, told_;

@@ -21,6 +21,9 @@ struct GenicamSensorOptions {
     std::string trigger_source = {};  // TriggerSource of CameraTrigger::line
     int packet_bytes = 0;             // GigE; 0: negotiated
     int socket_buffer_bytes = 0;      // GigE; 0: one frame, at least 4 MiB, or what the kernel gives
+    // Output that is active while the camera exposes, and for how long that is; empty: none. The strobe triggers then.
+    std::string light_line = {};
+    std::int64_t light_us = 0;
     std::vector<std::pair<std::string, std::string>> features = {};  // by name; set at start, in this order
     bool operator==(const GenicamSensorOptions&) const = default;
 };

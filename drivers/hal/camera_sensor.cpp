@@ -127,6 +127,7 @@ void CameraSensor::lose(const std::string& what) {
     waiting_.clear();
     const Error why{ErrorCode::disconnected, what, "check its cable; stop it and start it again"};
     lost_timer_ = loop_.call_after({}, [this, why] { listener_->on_sensor_lost(why); });
+    on_lost(why);
 }
 
 std::shared_ptr<CameraStream> CameraSensor::end() {

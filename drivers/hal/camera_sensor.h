@@ -56,6 +56,7 @@ class CameraSensor : public hal::Sensor {
     Result<void> begin(std::shared_ptr<CameraStream> stream, int fd, Listener& listener);
     Result<void> watch(int fd);
     virtual void on_ready() = 0;
+    virtual void on_lost(const Error&) {}  // called where the loss is found, before the listener's turn
     void deliver(const CameraFrame& frame);
     void lose(const std::string& what);
     std::shared_ptr<CameraStream> end();  // from now on no returned buffer is queued again

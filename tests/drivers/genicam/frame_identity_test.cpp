@@ -22,12 +22,17 @@ TEST(BlockCounter, ids_of_16_bits_go_from_65535_to_1) {
     EXPECT_EQ(sequences({65534, 2, 3}), (std::vector<std::uint32_t>{1, 4, 5})) << "65535 and 1 were lost";
 }
 TEST(BlockCounter, of_firmware_that_has_a_block_0_ids_go_from_65535_to_0) {
-    EXPECT_EQ(sequences({0, 1, 65535, 0, 1}), (std::vector<std::uint32_t>{1, 2, 65536, 65537, 65538}));
+    EXPECT_EQ(sequences({0, 1, 40'000, 65535, 0, 1}), (std::vector<std::uint32_t>{1, 2, 40'001, 65536, 65537, 65538}));
     EXPECT_EQ(sequences({65535, 0, 1}), (std::vector<std::uint32_t>{1, 2, 3})) << "seen at the first wrap";
 }
 TEST(BlockCounter, ids_of_64_bits_do_not_wrap_at_16) {
     EXPECT_EQ(sequences({65534, 65535, 65536, 65539}), (std::vector<std::uint32_t>{1, 2, 3, 6}));
     EXPECT_EQ(sequences({1ULL << 40U, (1ULL << 40U) + 1}), (std::vector<std::uint32_t>{1, 2}));
+}
+TEST(BlockCounter, a_block_that_comes_after_later_ones_keeps_its_number) {
+    EXPECT_EQ(sequences({7, 9, 8, 10}), (std::vector<std::uint32_t>{1, 3, 2, 4}));
+    EXPECT_EQ(sequences({65534, 1, 65535, 2}), (std::vector<std::uint32_t>{1, 3, 2, 4})) << "across the wrap";
+    EXPECT_EQ(sequences({70'000, 70'003, 70'001, 70'004}), (std::vector<std::uint32_t>{1, 4, 2, 5}));
 }
 TEST(BlockCounter, a_repeated_id_repeats_the_sequence) {
     EXPECT_EQ(sequences({7, 8, 8, 9}), (std::vector<std::uint32_t>{1, 2, 2, 3}));

@@ -59,6 +59,38 @@ TEST(Genicam, the_line_runs_on_a_camera_and_gives_the_verdicts_that_inspect_give
     EXPECT_THAT(said.err, testing::HasSubstr("S1: 333 x 333 Mono8"));
 }
 
+TEST(Genicam, the_line_runs_with_the_light_on_the_cameras_own_output) {
+    const std::string refused = own_network();
+    if (!refused.empty()) GTEST_SKIP() << refused;
+    const TemporaryFolder folder;
+    const std::string file = folder / "good.png";
+    ASSERT_EQ(
+        run("hord-lab", {"render", std::string(HORD_SOURCE_DIR) + "/tests/system/rig/scenes/good.toml", "--out", file})
+            .status,
+        0);
+    const FakeGige fake({"127.0.0.1", "S1", "lines", file});
+    std::string line = kRoomyLine;
+    line.replace(line.find("[timing]\n"), 9,
+                 "[timing]\nframe_window_us = 200000\nstrobe_window_us = 200000\nstrobe_delay_us = 0\n"
+                 "strobe_us = 100000\nexposure_us = 100000\n");
+    std::ofstream(folder / "c.toml") << simulated_beside(
+        "[sensor]\nbackend = \"genicam\"\ntrigger = \"software\"\nwidth_px = 333\nheight_px = 333\n"
+        "[strobe]\nbackend = \"camera\"\ncamera_line = \"Line2\"\nmax_on_us = 100000\nmax_duty = 0.5\n"
+        "[modbus]\nport = 0\n" +
+        line);
+    const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--rate", "2", "--parts", "4", "--json"});
+    const auto parts = lines_of(said.out);
+    ASSERT_EQ(parts.size(), 4U) << said.err;
+    for (const Json& part : parts) EXPECT_EQ(part["verdict"], "pass") << part << said.err;
+    // There is no frame without light, and no light without a frame.
+    const Said selftest = run("hordctl", {"selftest", "--config", folder / "c.toml"});
+    EXPECT_EQ(selftest.status, 0) << selftest.out << selftest.err;
+    EXPECT_THAT(selftest.out,
+                testing::AllOf(testing::HasSubstr("the camera's Line2, 1 collimator"),
+                               testing::HasSubstr("the camera lights every exposure"),
+                               testing::ContainsRegex("exposure +good")));
+}
+
 TEST(Genicam, devices_lists_a_free_camera_and_names_who_holds_one_that_is_used) {
     const std::string refused = own_network();
     if (!refused.empty()) GTEST_SKIP() << refused;

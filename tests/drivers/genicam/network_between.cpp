@@ -1,0 +1,132 @@
+#include "tests/drivers/genicam/network_between.h"
+
+#include <atomic>
+#include <condition_variable>
+#include <cstring>
+#include <deque>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include <dlfcn.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+
+namespace hord::test {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using SendMessage = ssize_t (*)(int, const msghdr*, int);
+
+constexpr std::uint16_t kControlPort = 3956;
+constexpr std::size_t kHeaders = 20 + 8;  // IP and UDP
+constexpr int kBehind = 3;
+
+SendMessage real_send() {
+    static const auto function = reinterpret_cast<SendMessage>(dlsym(RTLD_NEXT, "sendmsg"));
+    return function;
+}
+
+struct Packet {
+    int socket = -1;
+    sockaddr_storage to{};
+    socklen_t to_size = 0;
+    std::vector<char> bytes;
+    Clock::time_point due;
+};
+
+class Wire {
+  public:
+    explicit Wire(const NetworkBetween& network) : network_(network), thread_([this] { carry(); }) {}
+
+    ssize_t take(int socket, const msghdr& message) {
+        Packet packet;
+        packet.socket = socket;
+        packet.to_size = message.msg_namelen;
+        std::memcpy(&packet.to, message.msg_name, message.msg_namelen);
+        for (std::size_t k = 0; k < message.msg_iovlen; ++k) {
+            const auto* const at = static_cast<const char*>(message.msg_iov[k].iov_base);
+            packet.bytes.insert(packet.bytes.end(), at, at + message.msg_iov[k].iov_len);
+        }
+        const auto size = static_cast<ssize_t>(packet.bytes.size());
+        if (network_.mtu_bytes > 0 && packet.bytes.size() + kHeaders > network_.mtu_bytes) return size;
+        packet.due = Clock::now() + network_.delay;
+        const std::scoped_lock lock(mutex_);
+        ++count_;
+        if (held_.socket < 0 && network_.reorder_every > 0 && count_ % network_.reorder_every == 0) {
+            held_ = std::move(packet);
+            behind_ = kBehind;
+        } else {
+            waiting_.push_back(std::move(packet));
+            if (held_.socket >= 0 && --behind_ == 0) {
+                waiting_.push_back(std::move(held_));
+                held_.socket = -1;
+            }
+        }
+        more_.notify_one();
+        return size;
+    }
+
+  private:
+    // Nothing may stay behind the last packet of a frame for ever: a held packet leaves after this time.
+    static constexpr auto kLongest = std::chrono::milliseconds(2);
+
+    void carry() {
+        std::unique_lock lock(mutex_);
+        for (;;) {
+            if (waiting_.empty()) {
+                more_.wait_for(lock, kLongest);
+                if (waiting_.empty() && held_.socket >= 0) {
+                    waiting_.push_back(std::move(held_));
+                    held_.socket = -1;
+                }
+                continue;
+            }
+            if (const auto left = waiting_.front().due - Clock::now(); left > Clock::duration::zero()) {
+                more_.wait_for(lock, left);
+                continue;
+            }
+            const Packet packet = std::move(waiting_.front());
+            waiting_.pop_front();
+            lock.unlock();
+            (void)::sendto(packet.socket, packet.bytes.data(), packet.bytes.size(), 0,
+                           reinterpret_cast<const sockaddr*>(&packet.to), packet.to_size);
+            lock.lock();
+        }
+    }
+
+    const NetworkBetween network_;
+    std::mutex mutex_;
+    std::condition_variable more_;
+    std::deque<Packet> waiting_;
+    Packet held_;
+    int behind_ = 0;
+    std::size_t count_ = 0;
+    std::thread thread_;
+};
+
+std::atomic<Wire*> the_wire = nullptr;
+
+bool is_stream(int socket) {
+    sockaddr_in own{};
+    socklen_t size = sizeof own;
+    return ::getsockname(socket, reinterpret_cast<sockaddr*>(&own), &size) == 0 && own.sin_family == AF_INET &&
+        ntohs(own.sin_port) != kControlPort;
+}
+
+}  // namespace
+
+void put_between(const NetworkBetween& network) {
+    if (network.mtu_bytes > 0 || network.delay.count() > 0 || network.reorder_every > 0)
+        the_wire = new Wire(network);  // until the process is killed
+}
+
+}  // namespace hord::test
+
+extern "C" __attribute__((visibility("default"))) ssize_t sendmsg(int socket, const msghdr* message, int flags) {
+    using namespace hord::test;
+    Wire* const wire = the_wire;
+    if (wire == nullptr || message->msg_name == nullptr || !is_stream(socket))
+        return real_send()(socket, message, flags);
+    return wire->take(socket, *message);
+}

@@ -1,0 +1,19 @@
+// What a network does to the fake camera's stream, in the camera's process: so it needs no right and no kernel module.
+// sendmsg() of this program stands before the C library's.
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+
+namespace hord::test {
+
+struct NetworkBetween {
+    std::size_t mtu_bytes = 0;           // IP packets above this are dropped, as a switch drops them; 0: none
+    std::chrono::milliseconds delay{0};  // of each packet
+    std::size_t reorder_every = 0;       // each N-th packet comes after the three that follow it; 0: none
+};
+
+// From now on, for all packets but those of the control channel. Once.
+void put_between(const NetworkBetween& network);
+
+}  // namespace hord::test
