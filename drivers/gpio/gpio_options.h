@@ -2,14 +2,16 @@
 // [part_sensor]; deploy/hordd.toml documents the keys.
 #pragma once
 
-#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <string>
 
 #include "drivers/hal/clock.h"
+#include "drivers/hal/light_budget.h"
 
 namespace hord::drivers {
+
+using hal::LightLimits;
 
 // A line of the kernel's GPIO character device.
 struct GpioLine {
@@ -19,20 +21,6 @@ struct GpioLine {
     bool active_low = false;  // active while the wire is at 0
     Bias bias = Bias::as_is;  // of an input; as_is: as the board has set it
     bool operator==(const GpioLine&) const = default;
-};
-
-// What the LED of one channel withstands. After a pulse of width w it rests for
-// max(min_rest, w * (1 / max_duty - 1)), so over any pulse and its rest it is lit for at most max_duty of the time.
-struct LightLimits {
-    hal::Duration max_on = std::chrono::milliseconds(2);    // above 0
-    hal::Duration min_rest = std::chrono::milliseconds(5);  // 0 or more
-    double max_duty = 0.2;                                  // above 0, at most 1
-    bool operator==(const LightLimits&) const = default;
-
-    [[nodiscard]] hal::Duration rest_after(hal::Duration width) const {
-        const auto for_duty = static_cast<double>(width.count()) * (1 / max_duty - 1);
-        return std::max(min_rest, hal::Duration(static_cast<hal::Duration::rep>(for_duty + 0.5)));
-    }
 };
 
 struct GpioStrobeChannel {

@@ -12,6 +12,7 @@
 namespace hord::drivers {
 
 using hal::Duration;
+using hal::LightBudget;
 using hal::StrobePulse;
 using hal::StrobeReport;
 using hal::TimePoint;

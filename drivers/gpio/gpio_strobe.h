@@ -17,8 +17,8 @@
 #include <vector>
 
 #include "drivers/gpio/gpio_lines.h"
-#include "drivers/gpio/light_budget.h"
 #include "drivers/hal/event_loop.h"
+#include "drivers/hal/light_budget.h"
 #include "drivers/hal/strobe.h"
 
 namespace hord::drivers {
@@ -54,7 +54,7 @@ class GpioStrobe final : public hal::Strobe {
     std::vector<LightLimits> limits_;
     Lines lines_;
     std::unique_ptr<GpioOutputs> outputs_;  // moved to the thread while it runs; null after a loss
-    LightBudget planned_, spent_;           // of the requested pulses; of the measured pulses
+    hal::LightBudget planned_, spent_;      // of the requested pulses; of the measured pulses
     std::shared_ptr<Session> session_;
 };
 

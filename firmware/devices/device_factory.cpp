@@ -6,7 +6,9 @@
 #include <fmt/format.h>
 
 #include "common/assign.h"
+#include "drivers/camera_process/camera_strobe.h"
 #include "drivers/files/recorded_frames.h"
+#include "drivers/gardasoft/gardasoft_strobe.h"
 #include "drivers/genicam/genicam_sensor.h"
 #include "drivers/gpio/gpio_part_sensor.h"
 #include "drivers/gpio/gpio_strobe.h"
@@ -17,6 +19,7 @@
 #include "hal_sim/cell/cell.h"
 #include "hal_sim/cell/production.h"
 #include "hal_sim/cell/rendered_frames.h"
+#include "hal_sim/cell/scene_folder.h"
 #include "hal_sim/coil_module/coil_module.h"
 #include "hal_sim/optics/camera/telecentric.h"
 
@@ -69,6 +72,36 @@ Result<void> check_geometry(const drivers::RecordedFrames& frames, const Inspect
     if (grid.i == inspection.bins_i && grid.j == inspection.bins_j) return {};
     return refuse(fmt::format("inspection.macro is \"{}x{}\"", inspection.bins_i, inspection.bins_j),
                   fmt::format("set inspection.macro = \"{}x{}\", or play other frames", grid.i, grid.j));
+}
+
+bool has_scene_files(const Config& config) {
+    const auto* simulated = std::get_if<SimulatedSensor>(&config.sensor);
+    return simulated != nullptr && !simulated->scenes.empty();
+}
+
+// The parts of the simulated line: those of the configured scene files, else drawn ones.
+Result<sim::Production> parts_of_line(const Config& config, const SimulationOptions& simulation) {
+    const InspectionConfig& inspection = config.inspection;
+    if (!has_scene_files(config)) {
+        sim::ProductionOptions production;
+        production.clean = sim::line_lens(inspection.bins_i, inspection.bins_j);
+        production.seed = simulation.seed;
+        production.good_share = simulation.good_share;
+        production.good_parts = production.of_each_defect = simulation.variety;
+        if (simulation.all_defects) production.defects.assign(sim::kAllDefects.begin(), sim::kAllDefects.end());
+        return sim::draw_production(production);
+    }
+    const auto& folder = std::get<SimulatedSensor>(config.sensor).scenes;
+    auto parts = sim::load_production(folder, simulation.good_share);
+    if (!parts) return parts;
+    const algo::Extents& e = parts->scenes.front().camera.extents;
+    if (e.i != inspection.bins_i || e.j != inspection.bins_j) {
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("the scenes of {} have {}x{} bins, and inspection.macro is \"{}x{}\"", folder.string(),
+                                e.i, e.j, inspection.bins_i, inspection.bins_j),
+                    fmt::format("set inspection.macro = \"{}x{}\", or use other scenes", e.i, e.j));
+    }
+    return parts;
 }
 
 // Whether any device is simulated: then a simulated cell moves the parts.
@@ -146,21 +179,17 @@ class ChosenBackends final : public Backends {
         sim::CellOptions options = cell_options(config, simulation);
         sim::FrameSource* source = &tokens_;
         if (auto done = assign(sensor_, open_sensor(loop_, config)); !done) return done;
+        if (auto light = light_of_camera(loop_, config, sensor_.get())) strobe_ = std::move(light);
         if (const auto* recorded = dynamic_cast<const drivers::RecordedFrames*>(sensor_.get()))
             options.schedule.parts = recorded->count();
         if (!sensor_) {
-            sim::ProductionOptions production;
-            production.clean = sim::line_lens(config.inspection.bins_i, config.inspection.bins_j);
-            production.seed = simulation.seed;
-            production.good_share = simulation.good_share;
-            production.good_parts = production.of_each_defect = simulation.variety;
-            if (simulation.all_defects) production.defects.assign(sim::kAllDefects.begin(), sim::kAllDefects.end());
-            auto drawn = sim::draw_production(production);
+            auto drawn = parts_of_line(config, simulation);
             if (!drawn) return tl::unexpected(drawn.error());
             sim::RenderedFramesOptions rendering;
             rendering.seed = simulation.seed;
             rendering.progress = simulation.progress;
-            rendering.cache = simulation.cache;
+            // The cache knows scenes by name and pose, which is too little for files that people write.
+            if (!has_scene_files(config)) rendering.cache = simulation.cache;
             if (auto done = assign(rendered_, sim::RenderedFrames::make(std::move(drawn->scenes), rendering)); !done)
                 return done;
             options.schedule.kinds = std::move(drawn->kinds);
@@ -219,13 +248,31 @@ std::uint32_t simulated_devices(const Config& config, const SimulationOptions& s
         std::holds_alternative<SimulatedSensor>(config.sensor) || std::holds_alternative<FrameFolder>(config.sensor);
     const bool rejector = simulation.own_coil_module || std::holds_alternative<SimulatedRejector>(config.rejector);
     return (std::holds_alternative<SimulatedPartSensor>(config.part_sensor) ? kFaultPartSensor : 0U) |
-        (config.strobe.gpio.empty() ? kFaultStrobe : 0U) | (frames ? kFaultSensor : 0U) |
+        (config.strobe.simulated() ? kFaultStrobe : 0U) | (frames ? kFaultSensor : 0U) |
         (rejector ? kFaultRejector : 0U);
 }
 
 Result<std::unique_ptr<hal::Strobe>> open_strobe(hal::EventLoop& loop, const Config& config) {
+    if (config.strobe.controller) {
+        const auto& [options, lines] = *config.strobe.controller;
+        std::unique_ptr<hal::Strobe> trigger;
+        std::vector<drivers::GpioStrobeChannel> inputs;
+        for (std::size_t k = 0; k < lines.size(); ++k)
+            inputs.push_back({lines[k], drivers::GardasoftStrobe::trigger_limits(options.channels[k], options)});
+        if (!inputs.empty()) {
+            if (auto done = assign(trigger, drivers::GpioStrobe::open(loop, inputs)); !done)
+                return tl::unexpected(done.error());
+        }
+        return drivers::GardasoftStrobe::open(loop, options, std::move(trigger));
+    }
     if (config.strobe.gpio.empty()) return nullptr;
     return drivers::GpioStrobe::open(loop, config.strobe.gpio);
+}
+
+std::unique_ptr<hal::Strobe> light_of_camera(hal::EventLoop& loop, const Config& config, hal::Sensor* sensor) {
+    auto* const camera = dynamic_cast<drivers::CameraPortSensor*>(sensor);
+    if (config.strobe.camera_line.empty() || camera == nullptr) return nullptr;
+    return std::make_unique<drivers::CameraStrobe>(loop, *camera, config.strobe.limits, config.core.strobe);
 }
 
 Result<std::unique_ptr<hal::PartSensor>> open_part_sensor(hal::EventLoop& loop, const Config& config) {

@@ -38,6 +38,8 @@ std::uint32_t simulated_devices(const Config& config, const SimulationOptions& s
 
 // Each opens the configured real device. Returns null if it is simulated; fails as the driver's open() does.
 Result<std::unique_ptr<hal::Strobe>> open_strobe(hal::EventLoop& loop, const Config& config);
+// The light that the sensor's camera drives itself; null where the configuration has none. `sensor` outlives it.
+std::unique_ptr<hal::Strobe> light_of_camera(hal::EventLoop& loop, const Config& config, hal::Sensor* sensor);
 Result<std::unique_ptr<hal::PartSensor>> open_part_sensor(hal::EventLoop& loop, const Config& config);
 Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Config& config);
 

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include "common/assign.h"
+#include "drivers/gardasoft/gardasoft_strobe.h"
 #include "drivers/gpio/gpio_lines.h"
 #include "drivers/libcamera/libcamera_sensor.h"
 #include "drivers/modbus/modbus_rejector.h"
@@ -35,7 +36,20 @@ void store(DeviceUnderTest<Device>& under_test, std::unique_ptr<Device>& keep, O
     under_test.device = keep.get();
 }
 
+// What the configuration calls a strobe controller, and what it says of itself.
+std::string name_of(const StrobeController& controller) {
+    const drivers::GardasoftStrobeOptions& options = controller.gardasoft;
+    std::string name = options.device.empty() ? fmt::format("{}:{}", options.host, options.port) : options.device;
+    if (const auto says = drivers::identify(options)) name += ", " + *says;
+    for (const drivers::GpioLine& line : controller.triggers) name += ", trigger " + name_of(line);
+    return name;
+}
+
 void probe_lines(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
+    if (config.strobe.controller) {
+        cell.strobe.name = name_of(*config.strobe.controller);
+        store(cell.strobe, devices.strobe, open_strobe(loop, config));
+    }
     if (!config.strobe.gpio.empty()) {
         for (const drivers::GpioStrobeChannel& channel : config.strobe.gpio)
             cell.strobe.name += (cell.strobe.name.empty() ? "" : ", ") + name_of(channel.line);
@@ -63,6 +77,15 @@ void probe_sensor(hal::EventLoop& loop, const Config& config, Devices& devices, 
         return;
     }
     store(cell.sensor, devices.sensor, open_sensor(loop, config));
+    if (config.strobe.camera_line.empty()) return;
+    cell.strobe.name = "the camera's " + config.strobe.camera_line;
+    cell.camera_lights = true;
+    if (!cell.sensor.device) {
+        cell.strobe.device = tl::unexpected(cell.sensor.device.error());
+        return;
+    }
+    devices.strobe = light_of_camera(loop, config, devices.sensor.get());
+    cell.strobe.device = devices.strobe.get();
 }
 
 void probe_rejector(hal::EventLoop& loop, const Config& config, Devices& devices, CellUnderTest& cell) {
@@ -80,6 +103,8 @@ Result<void> open_simulated(hal::EventLoop& loop, Config config, Devices& device
     config.sensor = SimulatedSensor{};
     config.part_sensor = SimulatedPartSensor{};
     config.strobe.gpio.clear();
+    config.strobe.controller.reset();
+    config.strobe.camera_line.clear();
     config.rejector = SimulatedRejector{};
     SimulationOptions options;
     options.variety = 1;

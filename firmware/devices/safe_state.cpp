@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "drivers/event_loop/event_loop_sd.h"
+#include "drivers/gardasoft/gardasoft_strobe.h"
 #include "drivers/gpio/gpio_lines.h"
 #include "drivers/modbus/modbus_rejector.h"
 
@@ -28,9 +29,15 @@ struct SafeState final : hal::Rejector::Listener {
 
 Result<void> make_safe(const Config& config, Duration patience) {
     Result<void> lights;
+    std::vector<drivers::GpioLine> lines;
+    if (config.strobe.controller) {
+        lines = config.strobe.controller->triggers;
+        lights = drivers::set_dark(config.strobe.controller->gardasoft);
+    }
     if (!config.strobe.gpio.empty()) {
-        std::vector<drivers::GpioLine> lines;
         for (const drivers::GpioStrobeChannel& channel : config.strobe.gpio) lines.push_back(channel.line);
+    }
+    if (!lines.empty()) {
         if (const auto taken = drivers::request_outputs(lines); !taken)  // off; released at once
             lights = tl::unexpected(taken.error());
     }

@@ -223,7 +223,7 @@ TEST(LightBudget, accepted_pulses_keep_every_limit_over_any_time) {
     };
     for (int round = 0; round < 200; ++round) {
         const LightLimits limits{up_to(3ms), up_to(8ms), std::uniform_real_distribution<>(0.01, 1)(random)};
-        LightBudget budget({limits});
+        hal::LightBudget budget({limits});
         TimePoint at(1s);
         std::vector<std::pair<TimePoint, Duration>> lit;
         for (int k = 0; k < 200; ++k) {
