@@ -9,6 +9,7 @@
 #include <system_error>
 
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <poll.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -104,6 +105,12 @@ std::optional<std::string> read_file(const fs::path& file) {
         }
         return std::nullopt;
     }
+}
+
+Error cannot_read(const fs::path& file) {
+    const int reason = errno;
+    return {ErrorCode::unreadable, fmt::format("{}: cannot be read ({})", file.string(), std::strerror(reason)),
+            reason == EISDIR ? "give a file of this folder" : "check that the file exists and may be read"};
 }
 
 int write_all(int fd, std::span<const std::byte> bytes) {

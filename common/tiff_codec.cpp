@@ -231,19 +231,20 @@ class GreyReader {
     std::uint32_t part_width_, part_height_;
 };
 
-bool write(const Tiff& tiff, int width_px, int height_px, std::span<const float> values) {
+// `rows`: one after the other, `stride_bytes` apart.
+bool write(const Tiff& tiff, int width_px, int height_px, int bits, std::uint16_t format, const std::byte* rows,
+           std::ptrdiff_t stride_bytes) {
     const auto width = static_cast<std::uint32_t>(width_px), height = static_cast<std::uint32_t>(height_px);
     TIFF* to = tiff.get();
     bool good = TIFFSetField(to, TIFFTAG_IMAGEWIDTH, width) == 1 &&
         TIFFSetField(to, TIFFTAG_IMAGELENGTH, height) == 1 && TIFFSetField(to, TIFFTAG_SAMPLESPERPIXEL, 1) == 1 &&
-        TIFFSetField(to, TIFFTAG_BITSPERSAMPLE, 32) == 1 &&
-        TIFFSetField(to, TIFFTAG_SAMPLEFORMAT, SAMPLEFORMAT_IEEEFP) == 1 &&
+        TIFFSetField(to, TIFFTAG_BITSPERSAMPLE, bits) == 1 && TIFFSetField(to, TIFFTAG_SAMPLEFORMAT, format) == 1 &&
         TIFFSetField(to, TIFFTAG_PHOTOMETRIC, PHOTOMETRIC_MINISBLACK) == 1 &&
         TIFFSetField(to, TIFFTAG_COMPRESSION, COMPRESSION_NONE) == 1 &&
         TIFFSetField(to, TIFFTAG_PLANARCONFIG, PLANARCONFIG_CONTIG) == 1 &&
         TIFFSetField(to, TIFFTAG_ROWSPERSTRIP, TIFFDefaultStripSize(to, 0)) == 1;
     for (std::uint32_t y = 0; good && y < height; ++y) {
-        good = TIFFWriteScanline(to, const_cast<float*>(values.data() + std::size_t{y} * width), y, 0) == 1;
+        good = TIFFWriteScanline(to, const_cast<std::byte*>(rows + std::ptrdiff_t{y} * stride_bytes), y, 0) == 1;
     }
     return good && TIFFWriteDirectory(to) == 1;
 }
@@ -282,9 +283,25 @@ Result<std::vector<std::uint8_t>> encode_float_tiff(int width_px, int height_px,
     }
     MemoryFile file{.writing = true};
     bool good = false;
-    if (const Tiff tiff = open(file); tiff) good = write(tiff, width_px, height_px, values);
+    if (const Tiff tiff = open(file); tiff) {
+        good =
+            write(tiff, width_px, height_px, 32, SAMPLEFORMAT_IEEEFP, reinterpret_cast<const std::byte*>(values.data()),
+                  static_cast<std::ptrdiff_t>(sizeof(float)) * width_px);
+    }
     if (!good || !file.why.empty())
         return fail(ErrorCode::internal, "a map cannot be made a TIFF (" + file.why + ")", "report it");
+    return std::move(file.written);
+}
+
+Result<std::vector<std::uint8_t>> encode_grey_tiff(const FrameView& frame) {
+    MemoryFile file{.writing = true};
+    bool good = false;
+    if (const Tiff tiff = open(file); tiff) {
+        good = write(tiff, frame.width_px, frame.height_px, frame.bits > 8 ? 16 : 8, SAMPLEFORMAT_UINT, frame.data,
+                     frame.stride_bytes);
+    }
+    if (!good || !file.why.empty())
+        return fail(ErrorCode::internal, "a frame cannot be made a TIFF (" + file.why + ")", "report it");
     return std::move(file.written);
 }
 

@@ -1,4 +1,4 @@
-// TIFF in memory, by libtiff: reads grey frames, writes maps of floats. Any thread; prints nothing.
+// TIFF in memory, by libtiff: reads and writes grey frames, writes maps of floats. Any thread; prints nothing.
 #pragma once
 
 #include <cstdint>
@@ -22,5 +22,9 @@ Result<Frame> decode_grey_tiff(std::span<const std::uint8_t> bytes, std::string_
 // One channel of 32-bit floats, uncompressed, in this machine's byte order. `values` has width * height, row by row.
 // Fails with invalid_argument (another number of values, or none), internal.
 Result<std::vector<std::uint8_t>> encode_float_tiff(int width_px, int height_px, std::span<const float> values);
+
+// One channel of 8 bits, or of 16 for frames above 8 bits (right-aligned), uncompressed, in this machine's byte order.
+// Fails with internal.
+Result<std::vector<std::uint8_t>> encode_grey_tiff(const FrameView& frame);
 
 }  // namespace hord::common

@@ -92,8 +92,7 @@ Result<void> refuse_blank(std::string_view text, const std::filesystem::path& fi
 
 TomlTable TomlTable::parse_file(const std::filesystem::path& file, TomlProblems& problems) {
     const auto text = read_file(file);
-    if (!text)
-        problems.add(fmt::format("{}: cannot be read: check that the file exists and may be read", file.string()));
+    if (!text) problems.add(cannot_read(file).message());
     else if (auto fine = refuse_blank(*text, file); !fine) problems.add(fine.error().message());
     return parse_text(text.value_or(""), file.string(), problems);
 }

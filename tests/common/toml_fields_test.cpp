@@ -70,9 +70,12 @@ TEST(TomlFields, a_missing_file_and_a_syntax_error_are_problems) {
     TomlProblems problems;
     auto missing = TomlTable::parse_file("/nonexistent/file.toml", problems);
     auto broken = TomlTable::parse_text("a = \n", "b.toml", problems);
-    EXPECT_THAT(
-        problems.lines(),
-        ElementsAre(HasSubstr("/nonexistent/file.toml: cannot be read"), HasSubstr("b.toml:1: not valid TOML")));
+    auto folder = TomlTable::parse_file("/", problems);
+    EXPECT_THAT(problems.lines(),
+                ElementsAre("/nonexistent/file.toml: cannot be read (No such file or directory): check that the file "
+                            "exists and may be read",
+                            HasSubstr("b.toml:1: not valid TOML"),
+                            "/: cannot be read (Is a directory): give a file of this folder"));
 }
 
 }  // namespace
