@@ -6,7 +6,7 @@ set -euo pipefail
 cd "$(dirname "$(readlink -f "$0")")/../.."
 suite=${1:-bookworm} root=$PWD/build/package/root-arm64
 libraries=(libopencv-core-dev libopencv-imgproc-dev libceres-dev libmodbus-dev libgpiod-dev libcamera-dev libaravis-dev libusb-1.0-0-dev libsystemd-dev libsqlite3-dev libmd-dev libmosquitto-dev
-    libpng-dev libtiff-dev libtomlplusplus-dev libfmt-dev libmicrohttpd-dev prometheus-cpp-dev)
+    libpng-dev libtiff-dev libhdf5-dev libtomlplusplus-dev libfmt-dev libmicrohttpd-dev prometheus-cpp-dev)
 headers=(libexpected-dev libcli11-dev nlohmann-json3-dev)
 tools=(crossbuild-essential-arm64 cmake ninja-build pkg-config lintian)
 if [ ! -e "$root" ]; then

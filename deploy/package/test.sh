@@ -21,6 +21,7 @@ mount -t proc proc "$root/proc"
 echo '127.0.0.1 localhost' >"$root/etc/hosts"
 cp "$old" "$root/old.deb"
 cp "$new" "$root/new.deb"
+cp "${old/hord-station_/python3-hord_}" "$root/python.deb"
 
 step "install"
 in_root apt-get -qq update
@@ -48,6 +49,12 @@ for page in man8/hordd.8 man8/hord-mqtt.8 man8/hord-page.8 man1/hordctl.1; do [ 
 for link in $(grep -ohE '\]\([^):# ]+' "$root"/usr/share/doc/hord-station/*.md | cut -c3- | sort -u); do
     [ -e "$root/usr/share/doc/hord-station/$link" ] || die "an installed page links to $link, which is not installed"
 done
+
+step "the Python module, without the station's programs beside it"
+in_root apt-get -qq -y --no-install-recommends install /python.deb >/dev/null
+in_root python3 -c 'import hord, numpy; found = hord.inspect(numpy.zeros((90, 90), numpy.uint8)); assert found.reason == "too-dark", found; print(hord.__version__, found.explain)'
+in_root apt-get -qq -y purge python3-hord >/dev/null
+[ ! -e "$root/usr/lib/python3/dist-packages/hord" ] || die "the purged module left files"
 
 step "start with the simulated cell, as its unit would"
 chroot "$root" install -d -o hord -g hord -m 0750 /var/lib/hord /var/cache/hord

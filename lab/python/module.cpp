@@ -1,0 +1,55 @@
+// `import hord`: the light field and what is computed from it, for Python and NumPy (lab/python/hord/__init__.py).
+#include "lab/python/module.h"
+
+#include "algo/features/feature.h"
+#include "algo/frame/mask.h"
+
+namespace hord::lab::python {
+namespace {
+
+// The class of hord/errors.py for an error's code.
+const char* class_of(ErrorCode code) {
+    switch (code) {
+        case ErrorCode::invalid_argument: return "InvalidArgument";
+        case ErrorCode::not_found: return "NotFound";
+        case ErrorCode::unreadable: return "Unreadable";
+        case ErrorCode::unsupported: return "Unsupported";
+        case ErrorCode::refused: return "Refused";
+        case ErrorCode::io: return "IoError";
+        default: return "Error";
+    }
+}
+
+// pybind11 wants this signature.
+void raise_failure(std::exception_ptr pointer) {  // NOLINT(performance-unnecessary-value-param)
+    try {
+        if (pointer) std::rethrow_exception(pointer);
+    } catch (const Failure& failure) {
+        const Error& error = failure.error;
+        const py::object type = py::module_::import("hord.errors").attr(class_of(error.code));
+        PyErr_SetObject(type.ptr(), py::make_tuple(error.what, error.cure).ptr());
+    }
+}
+
+}  // namespace
+
+PYBIND11_MODULE(_hord, module) {
+    py::register_local_exception_translator(&raise_failure);
+    module.attr("__version__") = HORD_VERSION;
+    py::list features;
+    for (const std::string_view name : algo::kFeatureNames) features.append(py::str(std::string(name)));
+    module.attr("FEATURES") = py::tuple(features);
+    module.attr("DARK") = int{algo::kDark};
+    module.attr("SATURATED") = int{algo::kSaturated};
+    module.attr("BORDER") = int{algo::kBorder};
+    module.attr("RIM") = int{algo::kRim};
+    module.attr("OUTSIDE") = int{algo::kOutside};
+    module.attr("AT_LIMIT") = int{algo::kAtLimit};
+    add_calibration(module);
+    add_inspection(module);
+    add_reference(module);
+    add_light_field(module);
+    add_features(module);
+}
+
+}  // namespace hord::lab::python

@@ -1,0 +1,85 @@
+// The parts of the Python module `hord`, and what they share.
+//
+// A call that computes releases the GIL; objects that must not be used by two threads at once hold a mutex. An Error
+// becomes a Python exception (hord/errors.py) with the same sentence.
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include "algo/frame/extents.h"
+#include "common/frame.h"
+#include "common/result.h"
+
+namespace hord::lab::python {
+
+namespace py = pybind11;
+
+// An Error on its way to Python.
+struct Failure {
+    Error error;
+};
+
+template <class T>
+T unwrap(Result<T>&& result) {
+    if (!result) throw Failure{std::move(result.error())};
+    if constexpr (!std::is_void_v<T>) return std::move(*result);
+}
+
+[[noreturn]] void refuse(std::string what, std::string cure);
+
+// Calls `work` without the GIL and returns its result.
+template <class Work>
+decltype(auto) without_gil(Work&& work) {
+    const py::gil_scoped_release released;
+    return std::forward<Work>(work)();
+}
+
+// -- arrays (arrays.cpp)
+
+// A copy of one value a lenslet, [n, m].
+template <class T>
+py::array_t<T> lenslet_array(std::span<const T> values, const algo::Extents& extents) {
+    py::array_t<T> out({extents.n, extents.m});
+    std::copy(values.begin(), values.end(), out.mutable_data());
+    return out;
+}
+
+// Makes the array read-only and returns it.
+py::array read_only(py::array array);
+
+// A grey frame in Python's memory: shape (height, width), uint8 or uint16.
+struct ArrayFrame {
+    py::array array;  // keeps the memory
+    FrameView view;
+};
+
+// The array as a frame, without a copy where the samples of a row are neighbours. `bits`: 0 for those of the type.
+// Refuses arrays of another type or number of dimensions, and bits that the type does not have.
+ArrayFrame frame_of(const py::array& array, int bits);
+// The frame's memory becomes an array.
+ArrayFrame frame_of(Frame&& frame);
+// Refuses samples above the full scale: an array may have been written to since. Without the GIL.
+void check_samples(const FrameView& view);
+
+// Bins a lenslet from "9x9" or (9, 9).
+std::pair<int, int> bins_of(const py::object& bins);
+
+// -- the parts of the module; each adds its classes and functions
+
+void add_light_field(py::module_& module);
+void add_features(py::module_& module);
+void add_inspection(py::module_& module);
+void add_reference(py::module_& module);
+void add_calibration(py::module_& module);
+
+}  // namespace hord::lab::python
