@@ -5,6 +5,7 @@
 #include <fstream>
 #include <iterator>
 #include <sstream>
+#include <tuple>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -114,7 +115,7 @@ TEST(Inspect, every_feature_it_names_has_a_map) {
         names.emplace_back(name);
         if (algo::feature_named("reference-" + std::string(name))) names.push_back("reference-" + std::string(name));
     }
-    EXPECT_EQ(names.size(), 14U + 9U);
+    EXPECT_EQ(names.size(), 16U + 11U);
     for (const auto& feature : names) {
         std::vector<std::string> arguments{"inspect", frame, "--feature", feature, "--out", folder / "maps", "--json"};
         if (feature.starts_with("reference-")) arguments.insert(arguments.end(), {"--reference", reference});
@@ -126,6 +127,28 @@ TEST(Inspect, every_feature_it_names_has_a_map) {
         EXPECT_EQ(map["max"], feature == "transmission" ? 1.0 : 0.0) << feature;  // a plain part
         EXPECT_TRUE(std::filesystem::exists(folder / ("maps/a." + feature + ".tiff")));
     }
+}
+
+// The light of a plain part lies one bin to the right everywhere: 15 mrad, and no power.
+TEST(Inspect, deflection_and_power_are_maps_in_a_lens_makers_units) {
+    const TemporaryFolder folder;
+    const std::string frame = write(folder, "a.png", plain_frame());
+    std::ofstream(folder / "scale.toml") << "[scale]\nlenslet_mm = 0.2\nbin_rad = 0.015\n";
+    for (const auto& [feature, unit, value] : {std::tuple{"deflection-x", "mrad", 15.0},
+                                               {"deflection-y", "mrad", 0.0},
+                                               {"optical-power", "dioptres", 0.0}}) {
+        const Said said = run("hordctl",
+                              {"inspect", frame, "--recipe", folder / "scale.toml", "--feature", feature, "--out",
+                               folder / "maps", "--json"});
+        ASSERT_EQ(said.status, 0) << said.err;
+        const Json map = Json::parse(said.out)["feature"];
+        EXPECT_EQ(map["unit"], unit);
+        EXPECT_NEAR(map["p50"].get<double>(), value, 1e-5) << feature;
+        EXPECT_TRUE(std::filesystem::exists(folder / ("maps/a." + std::string(feature) + ".tiff")));
+    }
+    const Said without = run("hordctl", {"inspect", frame, "--feature", "optical-power"});
+    EXPECT_EQ(without.status, 2);
+    EXPECT_THAT(without.err, HasSubstr("[scale] lenslet_mm and bin_rad"));
 }
 
 // Two flaws in one frame: lenslet (7, 8) is dark, lenslet (12, 5) saturated.
@@ -267,6 +290,7 @@ TEST(Inspect, refuses_macro_pixels_that_do_not_divide_the_frame) {
     expect_refusal({file, "--macro", "7x7"}, "7x7", "bins");
     expect_refusal({file, "--macro", "nine"}, "nine", "9x9");
     expect_refusal({file, "--macro", "0x9"}, "0x9", "bins");
+    expect_refusal({file, "--macro", ""}, "--macro: is empty", "9x9");
 }
 
 TEST(Inspect, refuses_an_unknown_feature_and_names_the_known) {

@@ -22,11 +22,13 @@ constexpr int kColumns = 26, kRows = 24;
 
 // A weak lens that fills the field, 12 bits in a 16-bit file, one electron a DN; `speck`: nine lenslets with a third
 // less light.
-Frame part(std::uint64_t seed, bool speck = false) {
+// `again`: the seed of another exposure's noise.
+Frame part(std::uint64_t seed, bool speck = false, std::uint64_t again = 0) {
     std::mt19937_64 random(seed);
     std::normal_distribution<double> normal;
     std::uniform_real_distribution<double> wobble(-0.3, 0.3);
     const double x0 = wobble(random), y0 = wobble(random);
+    if (again != 0) random.seed(again);
     Frame frame(kColumns * 9, kRows * 9, 12);
     for (int y = 0; y < frame.height_px(); ++y) {
         for (int x = 0; x < frame.width_px(); ++x) {
@@ -85,6 +87,52 @@ TEST_F(Learn, what_was_learned_tells_good_from_bad_and_says_why) {
         run("hordctl", {"inspect", bad, "--bits", "12", "--reference", reference, "--json", "--feature", "surprise"});
     EXPECT_THAT(former.err, HasSubstr("the feature \"surprise\" is called \"z-score\" now"));
     EXPECT_EQ(Json::parse(former.out)["feature"]["name"], "z-score");
+}
+
+TEST_F(Learn, shows_what_varies_the_bound_of_false_rejects_and_what_will_be_found) {
+    std::vector<std::string> arguments{"learn"};
+    for (int k = 0; k < 13; ++k)
+        arguments.push_back(
+            write("good" + std::to_string(k) + ".png", part(static_cast<std::uint64_t>(k) + 1, k == 12)));
+    // The last part has a speck: it is left out. Two more exposures of the first, and a copy.
+    arguments.push_back(write("again0.png", part(1, false, 501)));
+    arguments.push_back(write("again1.png", part(1, false, 502)));
+    arguments.push_back(write("copy.png", part(1)));
+    arguments.insert(arguments.end(),
+                     {"--bits", "12", "--electrons-per-dn", "1", "--read-dn", "2", "--out", reference});
+    const Said said = run("hordctl", arguments);
+    ASSERT_EQ(said.status, 0) << said.err;
+    EXPECT_THAT(said.out,
+                HasSubstr("16 frames show 13 distinct parts: 1 is a copy of an earlier one, 2 differ from "
+                          "earlier ones by noise alone"));
+    EXPECT_THAT(said.out, HasSubstr("12 of 13 parts"));
+    EXPECT_THAT(said.out, HasSubstr("Left out: " + folder / "good12.png" + ": it differs from all others in"));
+    EXPECT_THAT(said.out, HasSubstr("(95 % sure, from 12 distinct good parts, none of them rejected)"));
+    EXPECT_THAT(said.out, HasSubstr("0.3 % takes 986 more parts"));
+    EXPECT_THAT(said.out, HasSubstr("Bubble or speck: radius 0."));
+    EXPECT_THAT(said.out, HasSubstr("reject_score 6"));
+    std::ifstream page(folder / "lens.learn.md");
+    const std::string text{std::istreambuf_iterator<char>(page), {}};
+    EXPECT_THAT(text, HasSubstr("![mean, spread and modes](lens.learn.png)"));
+    EXPECT_THAT(text, HasSubstr("| mode 1 |"));
+    EXPECT_THAT(text, HasSubstr("good12.png | - | - | - | left out: "));
+    std::ifstream table(folder / "lens.learn.csv");
+    EXPECT_EQ(std::count(std::istreambuf_iterator<char>(table), {}, '\n'), 14);
+    EXPECT_GT(std::filesystem::file_size(folder / "lens.learn.png"), 10'000U);
+
+    std::filesystem::remove(folder / "lens.learn.md");
+    arguments.emplace_back("--no-check");
+    const Said brief = run("hordctl", arguments);
+    ASSERT_EQ(brief.status, 0) << brief.err;
+    EXPECT_EQ(brief.out.find("95 % sure"), std::string::npos);
+    EXPECT_FALSE(std::filesystem::exists(folder / "lens.learn.md"));
+}
+
+TEST_F(Learn, of_too_few_parts_says_how_many_more_the_check_takes) {
+    const Said said = learn(8);
+    ASSERT_EQ(said.status, 0) << said.err;
+    EXPECT_THAT(said.out, HasSubstr("Not checked: 8 distinct parts are too few"));
+    EXPECT_THAT(said.out, HasSubstr("give at least 11"));
 }
 
 TEST_F(Learn, a_recipe_names_its_reference_and_tolerates_in_mm) {

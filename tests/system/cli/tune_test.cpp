@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "drivers/files/frame_file.h"
+#include "tests/support/frames.h"
 #include "tests/system/cli/program.h"
 
 namespace hord::test {
@@ -27,11 +28,13 @@ enum class Flaw { none, speck, haze, dent };
 // A weak lens that fills the field, 12 bits in a 16-bit file, one electron a DN. A speck takes a fifth of the light of
 // nine lenslets. Haze widens their spots by sqrt(2) without loss of light; their mean deflection is unchanged.
 // A dent moves them by a bin and takes half of their light: every feature sees it.
-Frame part(std::uint64_t seed, Flaw flaw, int columns = kColumns) {
+// `again`: the seed of another exposure's noise.
+Frame part(std::uint64_t seed, Flaw flaw, int columns = kColumns, std::uint64_t again = 0) {
     std::mt19937_64 random(seed);
     std::normal_distribution<double> normal;
     std::uniform_real_distribution<double> wobble(-0.3, 0.3);
     const double x0 = wobble(random), y0 = wobble(random);
+    if (again != 0) random.seed(again);
     Frame frame(columns * 9, kRows * 9, 12);
     for (int y = 0; y < frame.height_px(); ++y) {
         for (int x = 0; x < frame.width_px(); ++x) {
@@ -141,7 +144,7 @@ TEST_F(Tune, parts_that_lack_light_are_judged_by_their_light) {
     // The written recipe judges parts that were not used for tuning.
     const std::string recipe = text_of(folder / "lens.toml");
     EXPECT_THAT(recipe, HasSubstr("# Made by hordctl tune on 20"));
-    EXPECT_THAT(recipe, HasSubstr("rest on 12 good frames"));
+    EXPECT_THAT(recipe, HasSubstr("rest on 12 distinct good parts"));
     EXPECT_THAT(recipe, HasSubstr("features = ["));
     EXPECT_EQ(judge(501, Flaw::none, "lens.toml"), 0);
     EXPECT_EQ(judge(502, Flaw::speck, "lens.toml"), 1);
@@ -172,7 +175,9 @@ TEST_F(Tune, parts_that_scatter_are_judged_by_a_distance) {
     ASSERT_EQ(said.status, 0) << said.err;
     EXPECT_THAT(said.out, HasSubstr("12 good and 8 bad frames of 26x24 lenslets of 9x9 bins, 12 bits"));
     EXPECT_THAT(said.out, HasSubstr("Chosen: "));
-    EXPECT_THAT(said.out, HasSubstr("at most 22 % are (95 % sure)"));  // 1 - 0.05^(1/12)
+    EXPECT_THAT(said.out, HasSubstr("(95 % sure, from 12 distinct good parts, none of them rejected)"));
+    EXPECT_THAT(said.out, HasSubstr("at most 22 %"));  // 1 - 0.05^(1/12)
+    EXPECT_THAT(said.out, HasSubstr("0.3 % takes 986 more parts, 0.1 % 2983 more"));
     const std::string recipe = text_of(folder / "haze.toml");
     EXPECT_THAT(recipe,
                 AnyOf(HasSubstr("\"emd\""), HasSubstr("\"marginal\""), HasSubstr("\"hellinger\""),
@@ -180,6 +185,27 @@ TEST_F(Tune, parts_that_scatter_are_judged_by_a_distance) {
     EXPECT_THAT(recipe, HasSubstr("dark_dn = 1\n"));
     EXPECT_EQ(judge(501, Flaw::none, "haze.toml"), 0);
     EXPECT_EQ(judge(502, Flaw::haze, "haze.toml"), 1);
+}
+
+TEST_F(Tune, copies_and_repeated_exposures_of_good_parts_count_once) {
+    frames(9, 4, Flaw::speck);
+    for (int k = 0; k < 9; ++k) {  // each three times more: the file, the frame mirrored, another exposure
+        const auto seed = static_cast<std::uint64_t>(k) + 1;
+        const std::string name = std::to_string(10 + k) + ".png";
+        std::filesystem::copy_file(folder / ("good/" + name), folder / ("good/copy" + name));
+        write("good/mirrored" + name, algo::testing::mirrored(part(seed, Flaw::none)));
+        write("good/again" + name, part(seed, Flaw::none, kColumns, 100 + seed));
+    }
+    const Said said = tune({"--budget", "100000", "--json"});
+    ASSERT_EQ(said.status, 0) << said.err;
+    const Json json = Json::parse(said.out);
+    EXPECT_EQ(json.at("good"), 36);
+    EXPECT_EQ(json.at("good_parts"), 9);
+    for (const Json& set : json.at("feature_sets")) {
+        if (!set.contains("false_rejects")) continue;
+        EXPECT_EQ(set.at("false_rejects").at("parts"), 9);
+        EXPECT_GE(set.at("false_rejects").at("at_most_by_any").get<double>(), 1 - std::pow(0.05, 1.0 / 9) - 1e-9);
+    }
 }
 
 TEST_F(Tune, starts_from_a_recipe_and_measures_a_reference) {
