@@ -297,10 +297,7 @@ Result<void> write_grid(const std::filesystem::path& path, const GridFile& file)
 
 Result<GridFile> read_grid(const std::filesystem::path& path) {
     const auto text = common::read_file(path);
-    if (!text) {
-        return fail(ErrorCode::unreadable, fmt::format("{}: cannot be read", path.string()),
-                    "check that the file exists and may be read");
-    }
+    if (!text) return tl::unexpected(common::cannot_read(path));
     return parse_grid(*text, path.string());
 }
 

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "common/result.h"
+#include "drivers/gardasoft/gardasoft_options.h"
 #include "drivers/genicam/genicam_options.h"
 #include "drivers/gpio/gpio_options.h"
 #include "drivers/libcamera/libcamera_options.h"
@@ -23,6 +24,7 @@ namespace hord::firmware {
 
 // [sensor] backend = "simulated" | "frames" | "v4l2" | "libcamera" | "genicam"
 struct SimulatedSensor {
+    std::filesystem::path scenes;  // folder of scene files, one a part; empty: the parts of hal_sim/cell/production.h
     bool operator==(const SimulatedSensor&) const = default;
 };
 struct FrameFolder {
@@ -40,11 +42,19 @@ struct SimulatedRejector {
 };
 using RejectorConfig = std::variant<SimulatedRejector, drivers::ModbusRejectorOptions>;
 
-// [strobe] backend = "simulated" | "gpio"
+// [strobe] backend = "simulated" | "gpio" | "gardasoft" | "camera"
+struct StrobeController {
+    drivers::GardasoftStrobeOptions gardasoft;
+    std::vector<drivers::GpioLine> triggers;  // one a channel, to the controller's inputs; empty: triggered by command
+    bool operator==(const StrobeController&) const = default;
+};
 struct StrobeConfig {
     int channels = 1;
     drivers::LightLimits limits;                   // of every channel that has none of its own
-    std::vector<drivers::GpioStrobeChannel> gpio;  // [[strobe.channel]]; empty: simulated
+    std::vector<drivers::GpioStrobeChannel> gpio;  // [[strobe.channel]] of "gpio"; else empty
+    std::optional<StrobeController> controller;    // of "gardasoft"
+    std::string camera_line;                       // of "camera": its output; SensorConfig has it, too
+    [[nodiscard]] bool simulated() const { return gpio.empty() && !controller && camera_line.empty(); }
     bool operator==(const StrobeConfig&) const = default;
 };
 

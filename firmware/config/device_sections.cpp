@@ -61,8 +61,10 @@ void read_genicam(TomlTable& sensor, bool chosen, drivers::GenicamSensorOptions&
 void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::path& folder) {
     int backend = 0;
     sensor.choice("backend", {"simulated", "frames", "v4l2", "libcamera", "genicam"}, backend);
-    std::string frames;
+    std::string frames, scenes;
     sensor.text("folder", frames);
+    sensor.text("scenes", scenes);
+    if (backend == 0 && !scenes.empty()) value = SimulatedSensor{folder / scenes};
     drivers::V4l2SensorOptions video;
     sensor.text("device", video.device);
     std::string camera;
@@ -234,35 +236,140 @@ void check_light(TomlTable& table, const CoreConfig& core, const drivers::LightL
 
 }  // namespace
 
-void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core) {
-    bool real = false;
-    strobe.choice("backend", {"simulated", "gpio"}, real);
-    strobe.integer("channels", value.channels, 1, 32);
-    read_limits(strobe, value.limits);
-    std::vector<TomlTable> channels = strobe.tables("channel");
-    std::vector<drivers::GpioStrobeChannel> gpio;
-    for (TomlTable& table : channels) {
-        auto& channel = gpio.emplace_back(drivers::GpioStrobeChannel{gpio_line(table, false), value.limits});
-        read_limits(table, channel.limits);
-        if (!real) continue;
-        check_gpio_line(table, channel.line);
-        for (std::size_t k = 0; k + 1 < gpio.size(); ++k) {
-            if (gpio[k].line.chip == channel.line.chip && gpio[k].line.line == channel.line.line) {
-                table.problem("line", "lights another channel, too", "give each channel a line of its own");
-            }
+namespace {
+
+// Keys of a channel behind a strobe controller. `limits` are those of [strobe].
+drivers::GardasoftChannel controller_channel(TomlTable& table, const drivers::LightLimits& limits) {
+    drivers::GardasoftChannel channel{.limits = limits};
+    table.integer("output", channel.output, 1, 8);
+    table.integer("rated_ma", channel.rated_ma, 10, 3000);
+    table.number("brightness_percent", channel.brightness_percent, 1, 999);
+    table.integer("max_ma", channel.max_ma, 10, 20'000);
+    return channel;
+}
+
+void check_controller(TomlTable& strobe, std::vector<TomlTable>& tables, const StrobeController& controller) {
+    const drivers::GardasoftStrobeOptions& options = controller.gardasoft;
+    if (options.device.empty() == options.host.empty())
+        strobe.problem("host", options.host.empty() ? "is missing" : "is given, and a serial line, too",
+                       "name either strobe.host or strobe.device");
+    if (options.pulse < drivers::kGardasoftShortest || options.pulse > drivers::kGardasoftLongest ||
+        options.pulse % std::chrono::microseconds(1) != Duration::zero())
+        strobe.problem("backend", "cannot time the pulse of timing.strobe_us",
+                       "a Gardasoft controller times 20 us to 999 ms, in whole microseconds");
+    if (tables.size() > 8)
+        strobe.problem("channel", "is there more than 8 times", "a controller has at most 8 outputs");
+    for (std::size_t k = 0; k < tables.size(); ++k) {
+        const drivers::GardasoftChannel& channel = options.channels[k];
+        if (!tables[k].has("output")) tables[k].problem("output", "is missing", "name the controller's output, from 1");
+        if (!tables[k].has("rated_ma"))
+            tables[k].problem("rated_ma", "is missing", "copy the current from the light's label");
+        else if (const auto wrong = drivers::problem_of(channel, options.pulse); !wrong.key.empty())
+            tables[k].problem(wrong.key, wrong.what, wrong.cure);
+        if (options.pulse + channel.limits.rest_after(options.pulse) > drivers::kGardasoftLongest)
+            tables[k].problem("min_rest_ms", "and the pulse are longer than the 999 ms that the controller can wait",
+                              "shorten it, or raise max_duty");
+        for (std::size_t j = 0; j < k; ++j) {
+            if (options.channels[j].output == channel.output)
+                tables[k].problem("output", "lights another channel, too", "give each channel an output of its own");
         }
     }
-    if (real) {
-        if (gpio.empty() || gpio.size() > 32)
+}
+
+// Two channels on one line would light both.
+void check_lines(std::vector<TomlTable>& tables, const std::vector<drivers::GpioLine>& lines) {
+    for (std::size_t k = 0; k < lines.size(); ++k) {
+        check_gpio_line(tables[k], lines[k]);
+        for (std::size_t j = 0; j < k; ++j) {
+            if (lines[j].chip == lines[k].chip && lines[j].line == lines[k].line)
+                tables[k].problem("line", "lights another channel, too", "give each channel a line of its own");
+        }
+    }
+}
+
+}  // namespace
+
+namespace {
+
+// The camera exposes for as long as the light is on, and the station triggers it: nothing else may make it expose.
+void read_camera_light(TomlTable& strobe, const StrobeConfig& value, const CoreConfig& core, SensorConfig& sensor) {
+    constexpr std::string_view kKey = "backend";
+    auto* const camera = std::get_if<drivers::GenicamSensorOptions>(&sensor);
+    if (value.camera_line.empty())
+        strobe.problem("camera_line", "is missing",
+                       "name the camera's output that the light is wired to, as \"Line2\"");
+    if (value.channels != 1) strobe.problem("channels", "is not 1", "a camera has one light");
+    if (core.strobe_delay != Duration::zero())
+        strobe.problem(kKey, "cannot delay the light by timing.strobe_delay_us",
+                       "set that to 0: light and exposure are one");
+    if (core.strobe % std::chrono::microseconds(1) != Duration::zero())
+        strobe.problem(kKey, "cannot light for timing.strobe_us", "use whole microseconds");
+    if (camera == nullptr || camera->trigger != drivers::CameraTrigger::software)
+        return strobe.problem(kKey, "needs a GenICam camera that the station triggers",
+                              "set sensor.backend to \"genicam\" and sensor.trigger to \"software\"");
+    for (const auto& [name, setting] : camera->features) {
+        if (name.starts_with("ExposureTime"))
+            strobe.problem(kKey, "sets the camera's " + name + " to timing.strobe_us",
+                           "take it out of [[sensor.feature]]");
+    }
+    camera->light_line = value.camera_line;
+    camera->light_us = core.strobe / std::chrono::microseconds(1);
+}
+
+}  // namespace
+
+void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core, SensorConfig& sensor) {
+    enum class Backend : std::uint8_t { simulated, gpio, gardasoft, camera };
+    Backend backend{};
+    strobe.choice("backend", {"simulated", "gpio", "gardasoft", "camera"}, backend);
+    strobe.integer("channels", value.channels, 1, 32);
+    read_limits(strobe, value.limits);
+    std::string camera_line;
+    strobe.text("camera_line", camera_line);
+    StrobeController controller;
+    drivers::GardasoftStrobeOptions& gardasoft = controller.gardasoft;
+    strobe.text("host", gardasoft.host);
+    strobe.integer("port", gardasoft.port, 1, 65535);
+    strobe.text("device", gardasoft.device);
+    bool by_line = true;
+    strobe.choice("trigger", {"command", "line"}, by_line);
+    us(strobe, "delay_us", gardasoft.delay, 20, 999'000);
+    ms(strobe, "response_timeout_ms", gardasoft.response_timeout, 10, 1000);
+    gardasoft.pulse = core.strobe;
+    std::vector<TomlTable> channels = strobe.tables("channel");
+    std::vector<drivers::GpioStrobeChannel> gpio;
+    std::vector<drivers::GpioLine> lines;
+    std::vector<drivers::LightLimits> limits;
+    for (TomlTable& table : channels) {
+        lines.push_back(gpio_line(table, false));
+        drivers::GardasoftChannel output = controller_channel(table, value.limits);
+        read_limits(table, output.limits);
+        limits.push_back(output.limits);
+        gpio.push_back({lines.back(), output.limits});
+        gardasoft.channels.push_back(output);
+    }
+    if (backend == Backend::camera) {
+        value.camera_line = camera_line;
+        read_camera_light(strobe, value, core, sensor);
+    } else if (backend != Backend::simulated) {
+        if (channels.empty() || channels.size() > 32)
             strobe.problem("channel", "must be there 1 to 32 times",
                            "describe every collimator in a [[strobe.channel]]");
-        const int described = static_cast<int>(gpio.size());
+        const int described = static_cast<int>(channels.size());
         if (strobe.has("channels") && value.channels != described) {
             strobe.problem("channels", "differs from the number of [[strobe.channel]]",
                            "leave it out: they are counted");
         }
         value.channels = std::max(1, described);
-        value.gpio = std::move(gpio);
+    }
+    if (backend == Backend::gpio || (backend == Backend::gardasoft && by_line)) check_lines(channels, lines);
+    if (backend == Backend::gpio) value.gpio = std::move(gpio);
+    if (backend == Backend::gardasoft) {
+        if (gardasoft.delay % std::chrono::microseconds(1) != Duration::zero())
+            strobe.problem("delay_us", "is no whole number", "the controller knows whole microseconds");
+        check_controller(strobe, channels, controller);
+        if (by_line) controller.triggers = std::move(lines);
+        value.controller = std::move(controller);
     }
     std::vector<double> lit{0};
     strobe.numbers("lit", lit, 1, 32);
@@ -274,9 +381,9 @@ void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core) {
         }
         core.strobe_channels |= 1U << static_cast<unsigned>(channel);
     }
-    if (value.gpio.empty()) return check_light(strobe, core, value.limits);
-    for (std::size_t k = 0; k < value.gpio.size(); ++k) {
-        if (((core.strobe_channels >> k) & 1U) != 0) check_light(channels[k], core, value.gpio[k].limits);
+    if (value.gpio.empty() && !value.controller) return check_light(strobe, core, value.limits);
+    for (std::size_t k = 0; k < channels.size(); ++k) {
+        if (((core.strobe_channels >> k) & 1U) != 0) check_light(channels[k], core, limits[k]);
     }
 }
 

@@ -32,7 +32,8 @@ struct CellUnderTest {
     // Reads the identity and outputs of the rejector's module over its own connection; moves nothing. May block. Empty:
     // the rejector is not a module.
     std::function<Result<std::string>()> ask_module;
-    bool encoder = false;  // the part sensor has one
+    bool encoder = false;        // the part sensor has one
+    bool camera_lights = false;  // no light without a frame, no frame without light
 
     CoreConfig core;
     algo::Recipe recipe;

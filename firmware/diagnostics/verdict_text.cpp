@@ -72,6 +72,11 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
                 "neighbouring lenslets differ in turn, by {:.2f} bins or {:.0f} % of their light: look for interlaced "
                 "exposures, and for taps of the sensor that differ",
                 2 * f.alternation_bins, 200 * f.alternation_light);
+        case algo::FrameFault::glare:
+            return fmt::format(
+                "{:.0f} % of the part is far brighter than the free light beside it: look for a second lamp, a "
+                "reflection, or stray light",
+                100 * f.glare_share);
         default:
             return "a row or column of lenslets shows no free light: look for lost rows of the frame, something "
                    "across the field, or a part that reaches from border to border";
@@ -111,6 +116,12 @@ std::string missing_part(const algo::FrameFindings& f) {
 }
 
 std::string period_fault(const algo::FrameFindings& f, const algo::Extents& e) {
+    if (f.fault == algo::FrameFault::split_spots) {
+        return fmt::format(
+            "in {:.0f} % of the lenslets the light lies at opposite edges of the bins, as if the macro-pixels drifted "
+            "against the frame: give the frame as the sensor recorded it, or calibrate again",
+            100 * f.split_share);
+    }
     const int i = f.period_x == 0 ? e.i : f.period_x, j = f.period_y == 0 ? e.j : f.period_y;
     return fmt::format(
         "the light repeats every {} x {} samples, not every {} x {}: give --macro {}x{}, or calibrate "

@@ -7,6 +7,8 @@ namespace hord::firmware {
 
 // Each adds its sub-command, whose callback runs it and sets `status`.
 void add_inspect(CLI::App& program, Exit& status);
+void add_export(CLI::App& program, Exit& status);
+void add_import(CLI::App& program, Exit& status);
 void add_learn(CLI::App& program, Exit& status);
 void add_tune(CLI::App& program, Exit& status);
 void add_run(CLI::App& program, Exit& status);

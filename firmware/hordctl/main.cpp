@@ -28,9 +28,9 @@ int main(int argc, char** argv) {
         "Exit status: 0 all pass, 1 any reject, 2 usage or unreadable input, 3 unfit.\n"
         "Every command has its own --help with an example. Experiments, soak and scenes: hord-lab --help.");
     Exit status = Exit::good;
-    for (const auto add :
-         {add_inspect, add_learn, add_tune, add_run, add_status, add_watch, add_calibrate, add_registers, add_recipe,
-          add_command, add_devices, add_selftest, add_teach, add_latency, add_results, add_replay}) {
+    for (const auto add : {add_inspect, add_learn, add_tune, add_run, add_status, add_watch, add_calibrate,
+                           add_registers, add_recipe, add_command, add_devices, add_selftest, add_teach, add_latency,
+                           add_results, add_replay, add_export, add_import}) {
         add(program, status);
     }
     return run_command_line(program, argc, argv, status);

@@ -49,7 +49,7 @@ algo::Zone read_zone(TomlTable& table, algo::Zone::Unit plain) {
     if (!shape) return zone;
     zone.shape = static_cast<algo::Zone::Shape>(*shape);
     if (zone.shape == algo::Zone::Shape::circle) {
-        if (centre.empty())
+        if (!table.has(centre_key))
             table.problem(centre_key, "is missing", fmt::format("write {} = [{}], in {}", centre_key, axes, unit));
         if (!table.has(radius_key))
             table.problem(radius_key, "is missing", in_mm ? "give it in mm" : "give it in lenslets");

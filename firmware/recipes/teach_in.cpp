@@ -14,6 +14,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include "algo/good_parts/distinct_parts.h"
 #include "algo/reference/read_noise.h"
 #include "algo/reference/reference_learner.h"
 #include "common/file_writing.h"
@@ -317,6 +318,9 @@ Result<TeachResult> LineTeachIn::learn() {
         result.remarks += fmt::format("{}part {} was left out: {}", result.remarks.empty() ? "" : "; ",
                                       session_->numbers[out.part], out.why);
     }
+    const auto repeated = repeated_parts(options.levels.dark);
+    if (!repeated) return tl::unexpected(repeated.error());
+    if (!repeated->empty()) result.remarks += (result.remarks.empty() ? "" : "; ") + *repeated;
     result.recipe.recipe.reference = std::make_shared<const algo::Reference>(std::move(learned->reference));
     auto judged = inspect_again(result.recipe.recipe, left_out);
     if (!judged) return tl::unexpected(judged.error());
@@ -331,6 +335,17 @@ Result<TeachResult> LineTeachIn::learn() {
         return tl::unexpected(written ? cancelled_error() : written.error());
     }
     return result;
+}
+
+// What the frames of the teach-in repeat: copies and repeated exposures of a part that did not move. Empty: nothing.
+Result<std::string> LineTeachIn::repeated_parts(std::uint32_t dark_dn) const {
+    algo::DistinctParts distinct(options_.extents, dark_dn);
+    for (std::size_t k = 0; k < session_->parts; ++k) {
+        const auto frame = read_spooled(k);
+        if (!frame) return tl::unexpected(frame.error());
+        distinct.add(frame->view());
+    }
+    return describe(distinct.groups());
 }
 
 // Inspects the learned parts with the new recipe. Returns which of them it would reject; fails if it would reject most.

@@ -30,7 +30,7 @@ namespace hord::firmware {
 // The recipe with its new reference, both on the disk.
 struct TeachResult {
     NumberedRecipe recipe;
-    std::string remarks;  // parts that were left out or would be rejected, and why; empty: none
+    std::string remarks;  // parts that were left out, seen twice, or would be rejected, and why; empty: none
 };
 
 class TeachIn {
@@ -105,6 +105,7 @@ class LineTeachIn final : public TeachIn {
     [[nodiscard]] Result<void> spool();
     void report_progress(std::size_t taken);
     [[nodiscard]] Result<TeachResult> learn();
+    [[nodiscard]] Result<std::string> repeated_parts(std::uint32_t dark_dn) const;
     [[nodiscard]] Result<std::string> inspect_again(const algo::Recipe& recipe, const std::vector<bool>& left_out);
     [[nodiscard]] Result<Frame> read_spooled(std::size_t k) const;
     [[nodiscard]] std::filesystem::path spool_file(std::size_t k) const;

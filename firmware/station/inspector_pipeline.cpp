@@ -1,7 +1,6 @@
 // Inspectors with the pipeline, one a thread.
 #include <algorithm>
 #include <cmath>
-#include <optional>
 #include <vector>
 
 #include "firmware/station/inspector.h"
@@ -13,24 +12,13 @@ std::uint16_t to_register(float lenslets) {
     return static_cast<std::uint16_t>(std::clamp(std::lround(lenslets), 0L, 0xFFFEL));
 }
 
-// One thread's pipeline and buffers; no allocation per frame.
-struct InspectionWorker {
-    algo::Pipeline pipeline;
-    std::optional<algo::GridDecoder> decoder;  // of raw frames
-    Frame decoded;
-};
-
-Judged inspect_with(InspectionWorker& worker, std::uint32_t part, const hal::FrameLease& frame,
+// No allocation per frame.
+Judged inspect_with(algo::Pipeline& pipeline, std::uint32_t part, const hal::FrameLease& frame,
                     const InspectorSettings& settings) {
     Judged judged;
     judged.part = part;
     judged.failed = true;
-    FrameView view = frame.view();
-    if (worker.decoder) {
-        if (!worker.decoder->decode(view, worker.decoded)) return judged;
-        view = worker.decoded.view();
-    }
-    auto inspection = worker.pipeline.inspect(view, settings.now, settings.limits);
+    auto inspection = pipeline.inspect(frame.view(), settings.now, settings.limits);
     judged.failed = !inspection.has_value();
     if (judged.failed) return judged;
     judged.verdict = inspection->verdict;
@@ -43,7 +31,7 @@ Judged inspect_with(InspectionWorker& worker, std::uint32_t part, const hal::Fra
         judged.position_m = to_register(inspection->defects.front().m);
         judged.position_n = to_register(inspection->defects.front().n);
     }
-    if (settings.observer != nullptr) settings.observer->on_inspection(part, view, *inspection);
+    if (settings.observer != nullptr) settings.observer->on_inspection(part, inspection->macro_pixels, *inspection);
     return judged;
 }
 
@@ -60,16 +48,13 @@ Result<std::vector<InspectFunction>> make_inspect_functions(const InspectorSetti
 }  // namespace
 
 Result<InspectFunction> make_pipeline_judge(const InspectorSettings& settings) {
-    auto pipeline = algo::Pipeline::create(settings.extents, settings.bits, settings.recipe);
+    auto pipeline = settings.decoder ? algo::Pipeline::create(*settings.decoder, settings.bits, settings.recipe)
+                                     : algo::Pipeline::create(settings.extents, settings.bits, settings.recipe);
     if (!pipeline) return tl::unexpected(pipeline.error());
     // shared_ptr, because a std::function must be copyable and a Pipeline is not.
-    auto worker = std::make_shared<InspectionWorker>(InspectionWorker{std::move(*pipeline), std::nullopt, {}});
-    if (settings.decoder) {
-        worker->decoder = *settings.decoder;
-        worker->decoded = worker->decoder->frame(settings.bits);
-    }
-    return [worker, settings](std::uint32_t part, const hal::FrameLease& frame) {
-        return inspect_with(*worker, part, frame, settings);
+    auto shared = std::make_shared<algo::Pipeline>(std::move(*pipeline));
+    return [shared, settings](std::uint32_t part, const hal::FrameLease& frame) {
+        return inspect_with(*shared, part, frame, settings);
     };
 }
 

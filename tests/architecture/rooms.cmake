@@ -18,11 +18,12 @@ set(firmware/modbus "common/|drivers/hal/")
 set(firmware/config "common/|algo/|drivers/hal/|drivers/[a-z0-9]+/[a-z0-9]+_options\\.h|firmware/")
 set(firmware/devices "common/|algo/|drivers/|calib/files/|hal_sim/|firmware/")  # chooses backends
 set(firmware/service "common/|algo/|drivers/(hal|event_loop)/|calib/files/|firmware/")
+set(firmware/exchange "common/|algo/frame/|drivers/files/|firmware/exchange/")
 set(firmware/hordctl "common/|algo/|drivers/|calib/|hal_sim/coil_module/|firmware/|lab/tune/")
 set(lab "common/|algo/|drivers/|hal_sim/|calib/|firmware/|lab/")
 set(rooms common algo drivers hal_sim calib firmware lab)
 set(tables common algo algo/simd drivers drivers/genicam drivers/libcamera hal_sim calib firmware firmware/config firmware/core firmware/modbus firmware/devices
-           firmware/service firmware/hordctl lab)
+           firmware/exchange firmware/service firmware/hordctl lab)
 # Folders without files of their own.
 set(empty algo firmware calib hal_sim drivers lab hal_sim/optics firmware/store)
 
@@ -93,12 +94,12 @@ if(left)
   list(APPEND wrong "among these folders some include one another: ${left}")
 endif()
 
-# Every folder with sources has a CMakeLists.txt that makes one library, or one program of its own.
+# Every folder with sources has a CMakeLists.txt that makes one library, one program of its own, or one Python module.
 foreach(folder ${folders})
   if(NOT EXISTS ${SOURCE_DIR}/${folder}/CMakeLists.txt)
     list(APPEND wrong "${folder}/ has no CMakeLists.txt")
   else()
-    file(STRINGS ${SOURCE_DIR}/${folder}/CMakeLists.txt targets REGEX "^hord_(room|program)\\(")
+    file(STRINGS ${SOURCE_DIR}/${folder}/CMakeLists.txt targets REGEX "^hord_(room|program|module)\\(")
     if(NOT targets)
       list(APPEND wrong "${folder}/CMakeLists.txt makes neither a library (hord_room) nor a program (hord_program)")
     endif()

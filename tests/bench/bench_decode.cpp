@@ -49,11 +49,11 @@ Frame noise(int side) {
 template <class Decoder>
 void decode(benchmark::State& state, const Frame& raw, Decoder& decoder) {
     const algo::Extents& e = decoder.extents();
-    std::vector<std::uint16_t> row(static_cast<std::size_t>(e.width_px()) * static_cast<std::size_t>(e.j));
+    std::vector<std::uint8_t> row(static_cast<std::size_t>(e.width_px()) * static_cast<std::size_t>(e.j));
     for (auto _ : state) {
         if constexpr (requires { decoder.begin_frame(); }) decoder.begin_frame();
         for (int n = 0; n < e.n; ++n) {
-            decoder.decode_row(raw.view(), n, row);
+            decoder.decode_row(raw.view(), n, row.data(), e.width_px());
             benchmark::ClobberMemory();
         }
     }

@@ -11,9 +11,11 @@
 
 #include "algo/inspection/pipeline.h"
 #include "algo/maps/feature_map.h"
+#include "algo/maps/optical_map.h"
 #include "common/assign.h"
 #include "common/file_writing.h"
 #include "firmware/diagnostics/feature_views.h"
+#include "firmware/diagnostics/inspection_json.h"
 #include "firmware/diagnostics/map_images.h"
 #include "firmware/diagnostics/verdict_text.h"
 #include "firmware/hordctl/commands.h"
@@ -21,7 +23,6 @@
 #include "firmware/recipes/recipe_file.h"
 #include "firmware/recipes/reference_file.h"
 #include "firmware/store/results/json_text.h"
-#include "firmware/store/results/records.h"
 
 namespace hord::firmware {
 namespace {
@@ -42,40 +43,14 @@ struct InspectOptions {
 constexpr int kJsonSchema = 1;  // of the object of --json
 
 std::string known_features() {
-    return fmt::format("{}, {}, {}; the distances also as reference-NAME", fmt::join(algo::kFeatureNames, ", "),
-                       kZScore, kSums);
+    return fmt::format("{}, {}, {}, {}; the distances also as reference-NAME", fmt::join(algo::kFeatureNames, ", "),
+                       fmt::join(algo::kOpticalNames, ", "), kZScore, kSums);
 }
 
-struct Statistics {
-    float p50 = 0, p99 = 0, max = 0;
-    std::size_t valid = 0;  // 0: the others are not known
-};
-
-// Over the lenslets that are judged.
-Statistics statistics_of(const FeatureView& view) {
-    std::vector<float> values;
-    for (std::size_t k = 0; k < view.map.size(); ++k) {
-        if (view.is_judged(k)) values.push_back(view.map[k]);
-    }
-    if (values.empty()) return {};
-    std::sort(values.begin(), values.end());
-    const auto at = [&](double share) {
-        return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
-    };
-    return {at(0.50), at(0.99), values.back(), values.size()};
-}
-
-Json to_json(const FeatureView& feature, double bin_rad) {
-    const Statistics s = statistics_of(feature);
-    const auto known = [&](auto value) { return s.valid > 0 ? Json(value) : Json(); };
-    Json json{{"name", feature.name}, {"unit", feature.unit}, {"p50", known(s.p50)},
-              {"p99", known(s.p99)},  {"max", known(s.max)},  {"valid", s.valid}};
-    if (bin_rad > 0 && (feature.unit == "bin pitches" || feature.unit == "bin pitches a lenslet")) {
-        json["bin_rad"] = bin_rad;
-        json["rad"] = {
-            {"p50", known(s.p50 * bin_rad)}, {"p99", known(s.p99 * bin_rad)}, {"max", known(s.max * bin_rad)}};
-    }
-    return json;
+std::optional<algo::Optical> optical_named(std::string_view name) {
+    const auto found = std::ranges::find(algo::kOpticalNames, name);
+    if (found == algo::kOpticalNames.end()) return std::nullopt;
+    return static_cast<algo::Optical>(found - algo::kOpticalNames.begin());
 }
 
 // Null without --grid.
@@ -87,75 +62,14 @@ Json calibration_json(const std::optional<CalibrationInUse>& used) {
             {"crc32", fmt::format("{:08X}", used->crc32)}};
 }
 
-double milliseconds(std::int64_t ns) { return static_cast<double>(ns) / 1e6; }
-
-// What the checks of the whole frame measured.
-Json light_json(const algo::Inspection& found) {
-    const algo::FrameFindings& f = found.frame;
-    Json json{{"dark_dn", found.dark_dn}};
-    if (f.dark_measured) {
-        json["pedestal_dn"] = f.pedestal_dn;
-        json["dark_noise_dn"] = f.dark_noise_dn;
-    }
-    if (f.spot_measured) {
-        json["free"] = f.in_free_light;
-        json["offset_bins"] = {f.x_bins, f.y_bins};
-        json["spot_bins"] = {f.spot_x_bins, f.spot_y_bins};
-        json["second_share"] = f.second_share;
-        json["lit_share"] = f.lit_share;
-    }
-    if (f.period_x > 0 || f.period_y > 0) json["period"] = {f.period_x, f.period_y};
-    return json;
-}
-
-Json to_json(const std::string& frame, const MacroPixelFrame& read, const algo::Inspection& found,
-             const FeatureView& feature, double bin_rad, const algo::Recipe& recipe) {
+Json to_json(const std::string& frame, const MacroPixelFrame& read, const Json& inspection) {
     const algo::Extents& extents = read.extents;
-    Json defects = store::to_json(found.defects);
-    for (std::size_t k = 0; k < found.defects.size(); ++k) {
-        const algo::Defect& d = found.defects[k];
-        Json& defect = defects[k];
-        if (recipe.reference) {
-            defect["score"] = d.score;
-            defect["length"] = d.length;
-            defect["width"] = d.width;
-        }
-        if (recipe.lenslet_mm > 0) {
-            const auto from_middle = [&](float at, int count) {
-                return (at - 0.5F * static_cast<float>(count - 1)) * recipe.lenslet_mm;
-            };
-            defect["x_mm"] = from_middle(d.m, extents.m);
-            defect["y_mm"] = from_middle(d.n, extents.n);
-            defect["area_mm2"] = static_cast<float>(d.area) * recipe.lenslet_mm * recipe.lenslet_mm;
-        }
-    }
     Json json{{"schema", kJsonSchema},
               {"software", HORD_VERSION},
               {"frame", frame},
               {"grid", {{"m", extents.m}, {"n", extents.n}, {"i", extents.i}, {"j", extents.j}}},
-              {"grid_from", name_of(read.geometry_from)},
-              {"verdict", name_of(found.verdict)},
-              {"reason", name_of(found.reason)},
-              {"score", found.score},
-              {"defects", defects},
-              {"explain", explain(found, recipe, extents)},
-              {"light", light_json(found)},
-              {"feature", to_json(feature, bin_rad)},
-              {"ms",
-               {{"decode", milliseconds(found.times.decode_ns)},
-                {"hord", milliseconds(found.times.hord_ns)},
-                {"feature", milliseconds(found.times.feature_ns)},
-                {"decide", milliseconds(found.times.decide_ns)},
-                {"total", milliseconds(found.times.total_ns)}}}};
-    if (found.bounded) json["bounded"] = true;
-    if (found.has_bounds && found.compares && feature.name == name_of(*found.compares))
-        json["feature"]["bounds"] = true;
-    if (recipe.reference && found.registered.found()) {
-        json["pose"] = {{"x", found.registered.pose.x},
-                        {"y", found.registered.pose.y},
-                        {"turn_rad", found.registered.pose.turn_rad()},
-                        {"light", found.registered.light}};
-    }
+              {"grid_from", name_of(read.geometry_from)}};
+    json.update(inspection);
     return json;
 }
 
@@ -253,7 +167,7 @@ class Inspector {
         const FeatureViews views(*found, recipe_, extents_);
         auto feature = view(frame.view(), *found, views);
         if (!feature) return tl::unexpected(about(file, feature.error()));
-        Json json = to_json(file, *read, *found, *feature, reader_.bin_rad(), recipe_);
+        Json json = to_json(file, *read, inspection_json(*found, *feature, reader_.bin_rad(), recipe_, read->extents));
         json["recipe"] = recipe_json_;
         json["calibration"] = calibration_json(reader_.calibration());
         if (options_.json) fmt::print("{}\n", store::to_text(json));
@@ -283,7 +197,13 @@ class Inspector {
         const std::string& reference = options_.reference;
         const bool a_frame = !reference.empty() && !learned_;
         const auto choice = algo::feature_named(feature_);
+        optical_ = optical_named(feature_);
+        if (optical_ >= algo::Optical::power && !(scale().lenslet_mm > 0 && scale().bin_rad > 0)) {
+            return refuse("feature " + feature_ + " needs the width of a lenslet and of a bin",
+                          "give a --recipe with [scale] lenslet_mm and bin_rad");
+        }
         if (choice) choice_ = *choice;
+        else if (optical_) choice_ = {};
         else if (!feature_.empty() && feature_ != kZScore && feature_ != kSums)
             return refuse("feature " + feature_ + " is not known", "use one of " + known_features());
         if (feature_ == kZScore && !recipe_.reference) {
@@ -322,7 +242,7 @@ class Inspector {
         if (feature_.empty() && options_.out.empty()) return algo::MapSet::judged;
         const bool cheap = !choice_.against_reference && recipe_.light &&
             choice_.feature == algo::Feature::transmission && !feature_.empty() && feature_ != kZScore;
-        return cheap || feature_ == kSums ? algo::MapSet::judged : algo::MapSet::all;
+        return cheap || optical_ || feature_ == kSums ? algo::MapSet::judged : algo::MapSet::all;
     }
 
     // Whether the feature's map is none of the inspection's.
@@ -365,6 +285,7 @@ class Inspector {
     Result<FeatureView> view(const FrameView& frame, algo::Inspection& found, const FeatureViews& views) {
         if (feature_.empty()) return views.deciding();
         if (const FeatureView* of_inspection = views.find(feature_)) return *of_inspection;
+        if (optical_) return optical_view(frame, found);
         const std::int64_t start = steady_ns();
         auto map = choice_.against_reference ? mapper_->against(frame, reference_.frame.view())
                                              : mapper_->over_neighbours(frame);
@@ -383,11 +304,35 @@ class Inspector {
         return result;
     }
 
+    [[nodiscard]] algo::OpticalScale scale() const {
+        return {static_cast<double>(recipe_.lenslet_mm),
+                recipe_.bin_rad > 0 ? static_cast<double>(recipe_.bin_rad) : reader_.bin_rad()};
+    }
+
+    Result<FeatureView> optical_view(const FrameView& frame, const algo::Inspection& found) {
+        auto map = algo::optical_map(frame, extents_, bits_, algo::light_levels(recipe_, bits_), *optical_, scale());
+        if (!map) return tl::unexpected(map.error());
+        optical_map_ = std::move(*map);
+        for (std::size_t k = 0; k < found.mask.size(); ++k)
+            optical_map_.mask[k] = static_cast<std::uint8_t>(optical_map_.mask[k] | (found.mask[k] & algo::kNotJudged));
+        const bool of_power = optical_ >= algo::Optical::power;
+        FeatureView result{.name = feature_,
+                           .title = feature_,
+                           .unit = of_power          ? "dioptres"
+                               : scale().bin_rad > 0 ? "mrad"
+                                                     : "bin pitches"};
+        result.map = optical_map_.values;
+        result.mask = optical_map_.mask;
+        return result;
+    }
+
     const InspectOptions& options_;
     FrameReader reader_;
     std::shared_ptr<const algo::Reference> learned_;  // none: references are frames
     std::string feature_;                             // empty: the one that decided
     algo::FeatureChoice choice_;
+    std::optional<algo::Optical> optical_;  // --feature names one of these
+    algo::OpticalMap optical_map_;
     algo::Recipe recipe_;
     Json recipe_json_;
     MacroPixelFrame reference_;

@@ -1,14 +1,21 @@
-// hordctl learn: a reference from frames of good parts.
+// hordctl learn: a reference from frames of good parts, and what these parts support.
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
 #include <memory>
 #include <optional>
 
 #include <fmt/format.h>
 
+#include "algo/good_parts/distinct_parts.h"
+#include "algo/good_parts/reference_check.h"
+#include "algo/good_parts/variation.h"
 #include "algo/reference/read_noise.h"
 #include "algo/reference/reference_learner.h"
 #include "common/cli/progress.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/frames/frame_reader.h"
+#include "firmware/hordctl/frames/learn_report.h"
 #include "firmware/recipes/recipe_file.h"
 #include "firmware/recipes/reference_file.h"
 
@@ -21,7 +28,70 @@ struct LearnArguments {
     std::string out, recipe;
     algo::LearnOptions learning;
     std::optional<float> read_dn;
+    int trials = static_cast<int>(algo::CheckOptions{}.trials);
+    bool check = true;
 };
+
+// The frames of one command: sizes and depths are compared with the first one's.
+struct GoodFrames {
+    const FrameReader& reader;
+    std::vector<std::string> files;
+    algo::Extents extents;
+    int bits;
+
+    [[nodiscard]] Result<Frame> operator()(std::size_t part) const {
+        const std::string& file = files[part];
+        auto read = reader.read(file);
+        if (!read) return tl::unexpected(read.error());
+        if (!(read->extents == extents) || read->frame.bits() != bits) {
+            return fail(ErrorCode::invalid_argument, file + " is not of the size and depth of " + files.front(),
+                        "give frames of one camera");
+        }
+        return std::move(read->frame);
+    }
+};
+
+// The dark level that the learner will choose (docs/notes/reference.md).
+std::uint32_t dark_level(const algo::LearnOptions& options) {
+    if (!options.dark_from_noise) return options.levels.dark;
+    const double level = static_cast<double>(options.pedestal_dn) + 3 * static_cast<double>(options.read_dn) - 0.5;
+    return std::min(options.levels.dark, static_cast<std::uint32_t>(std::max(1.0, std::ceil(level))));
+}
+
+Result<algo::DistinctParts::Groups> distinct_parts(const GoodFrames& frames, const algo::LearnOptions& options) {
+    algo::DistinctParts distinct(frames.extents, dark_level(options));
+    for (std::size_t k = 0; k < frames.files.size(); ++k) {
+        const auto frame = frames(k);
+        if (!frame) return tl::unexpected(frame.error());
+        distinct.add(frame->view());
+    }
+    return distinct.groups();
+}
+
+// Keeps the first frame of each part. Of fewer parts than a reference needs, all frames are kept.
+void keep_one_a_part(GoodFrames& frames, algo::DistinctParts::Groups& groups) {
+    if (groups.parts == frames.files.size() || groups.parts < algo::Reference::kMinParts) return;
+    std::vector<std::string> files;
+    for (std::size_t k = 0; k < frames.files.size(); ++k) {
+        if (groups.part_of[k] == files.size()) files.push_back(frames.files[k]);
+    }
+    frames.files = std::move(files);
+    groups.part_of.clear();
+    for (std::size_t k = 0; k < groups.parts; ++k) groups.part_of.push_back(k);
+}
+
+Result<algo::Variation> variation_of(const GoodFrames& frames, const algo::Learned& learned) {
+    algo::VariationMeter meter(learned.reference);
+    for (std::size_t k = 0, added = 0; k < frames.files.size() && added < algo::VariationMeter::kMaxParts; ++k) {
+        if (!learned.poses[k]) continue;
+        const auto frame = frames(k);
+        if (!frame) return tl::unexpected(frame.error());
+        meter.add(frame->view(), *learned.poses[k]);
+        ++added;
+    }
+    constexpr std::size_t kModes = 3;
+    return meter.finish(kModes);
+}
 
 Exit run_learn(const LearnArguments& arguments) {
     const auto reader = FrameReader::create(arguments.reading);
@@ -30,44 +100,75 @@ Exit run_learn(const LearnArguments& arguments) {
     if (!recipe) return complain(recipe.error());
     const auto first = reader->read(arguments.frames.front());
     if (!first) return complain(first.error());
-    const algo::Extents& extents = first->extents;
-    const int bits = first->frame.bits();
+    GoodFrames frames{*reader, arguments.frames, first->extents, first->frame.bits()};
 
     auto progress = std::make_unique<Progress>("learn");
     algo::LearnOptions options = arguments.learning;
-    options.levels = algo::light_levels(recipe->recipe, bits);
+    options.levels = algo::light_levels(recipe->recipe, frames.bits);
     options.max_dark_rise_dn = recipe->recipe.max_dark_rise_dn;
     options.dark_from_noise = recipe->recipe.dark_dn == 0;
-    options.progress = [&](double done) { progress->show(done); };
-    const auto frame_of = [&](std::size_t part) -> Result<Frame> {
-        const std::string& file = arguments.frames[part];
-        auto read = reader->read(file);
-        if (!read) return tl::unexpected(read.error());
-        if (!(read->extents == extents) || read->frame.bits() != bits) {
-            return fail(ErrorCode::invalid_argument,
-                        file + " is not of the size and depth of " + arguments.frames.front(),
-                        "give frames of one camera");
-        }
-        return std::move(read->frame);
-    };
+    const double learning_share = arguments.check ? 0.25 : 1;
+    options.progress = [&](double done) { progress->show(learning_share * done); };
     const auto read_dn = arguments.read_dn
         ? Result<float>(*arguments.read_dn)
-        : algo::read_noise_of(extents, options.levels, arguments.frames.size(), frame_of);
+        : algo::read_noise_of(frames.extents, options.levels, frames.files.size(), frames);
     if (!read_dn) return complain(read_dn.error());
     options.read_dn = *read_dn;
-    const auto learned = algo::learn_reference(extents, bits, arguments.frames.size(), frame_of, options);
-    progress.reset();
+    auto groups = distinct_parts(frames, options);
+    if (!groups) return complain(groups.error());
+    const std::string distinct = describe(*groups);
+    keep_one_a_part(frames, *groups);
+    const auto learned = algo::learn_reference(frames.extents, frames.bits, frames.files.size(), frames, options);
     if (!learned) return complain(learned.error());
     if (auto done = write_reference(arguments.out, learned->reference); !done) return complain(done.error());
-    for (const algo::LeftOut& out : learned->left_out)
-        fmt::print("left out: {}: {}\n", arguments.frames[out.part], out.why);
+
     const algo::Reference& r = learned->reference;
+    LearnReport report{
+        .frames = frames.files,
+        .learned = *learned,
+        .recipe = recipe->recipe,
+        .summary = fmt::format("{}: {}x{} lenslets of {}x{} bins, {} of {} parts, {} {:.3g} electrons a DN, "
+                               "{} read noise {:.2g} DN",
+                               arguments.out, r.extents.m, r.extents.n, r.extents.i, r.extents.j, r.parts,
+                               frames.files.size(), options.electrons_per_dn ? "given" : "estimated",
+                               r.sensor.electrons_per_dn, arguments.read_dn ? "given" : "estimated", r.sensor.read_dn),
+        .distinct = distinct,
+        .check = {},
+        .variation = {}};
+    std::vector<std::filesystem::path> written;
+    if (arguments.check) {
+        algo::CheckOptions checking;
+        checking.learning = options;
+        checking.learning.electrons_per_dn = r.sensor.electrons_per_dn;
+        checking.learning.progress = [](double) {};
+        checking.recipe = recipe->recipe;
+        checking.trials = static_cast<std::size_t>(arguments.trials);
+        checking.progress = [&](double done) { progress->show(0.25 + 0.75 * done); };
+        std::vector<bool> used(frames.files.size(), true);
+        for (const algo::LeftOut& out : learned->left_out) used[out.part] = false;
+        auto check = algo::check_reference(frames.extents, frames.bits, frames.files.size(), frames, groups->part_of,
+                                           used, checking);
+        if (check) report.check = std::move(*check);
+        else report.check.not_checked = check.error().what;
+        auto variation = variation_of(frames, *learned);
+        if (!variation) return complain(variation.error());
+        report.variation = std::move(*variation);
+        auto files = write_learn_report(report, arguments.out);
+        if (!files) return complain(files.error());
+        written = std::move(*files);
+    }
+    progress.reset();
     if (first->geometry_from == GeometryFrom::frame)
         fmt::print("{}x{} bins a lenslet, as {} says\n", r.extents.i, r.extents.j, arguments.frames.front());
-    fmt::print("{}: {}x{} lenslets of {}x{} bins, {} of {} parts, {} {:.3g} electrons a DN, {} read noise {:.2g} DN\n",
-               arguments.out, r.extents.m, r.extents.n, r.extents.i, r.extents.j, r.parts, arguments.frames.size(),
-               options.electrons_per_dn ? "given" : "estimated", r.sensor.electrons_per_dn,
-               arguments.read_dn ? "given" : "estimated", r.sensor.read_dn);
+    if (arguments.check) {
+        for (const std::string& line : describe(report)) fmt::print("{}\n", line);
+    } else {
+        fmt::print("{}\n", report.summary);
+        if (!distinct.empty()) fmt::print("{}\n", distinct);
+        for (const algo::LeftOut& out : learned->left_out)
+            fmt::print("Left out: {}: {}.\n", frames.files[out.part], out.why);
+    }
+    for (const std::filesystem::path& file : written) fmt::print("{}\n", file.string());
     return Exit::good;
 }
 
@@ -95,7 +196,14 @@ void add_learn(CLI::App& program, Exit& status) {
     add_number(*command, "--pedestal-dn", arguments->learning.pedestal_dn, "What the camera adds to every sample, DN",
                0.0, 65535.0);
     add_number(*command, "--threads", arguments->learning.threads, "Threads", 1, 64);
+    command->add_flag("!--no-check", arguments->check,
+                      "Learn only: do not judge parts by what is learned from the others, write no report");
+    add_number(*command, "--flaws", arguments->trials, "Painted flaws of each kind that the check tries", 0, 100000);
     command->footer(
+        "Beside REFERENCE.hordref go REFERENCE.learn.md, .csv and .png: poses, what varies between the parts, the "
+        "bound "
+        "of false\n"
+        "rejects, and the sizes of flaws that will be found. Copies and repeated exposures of a part count once.\n"
         "Example: hordctl learn good/*.png --out lens.hordref\n"
         "         hordctl inspect part.png --reference lens.hordref --out maps");
     command->callback([arguments, &status] { status = run_learn(*arguments); });

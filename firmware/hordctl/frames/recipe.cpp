@@ -69,9 +69,7 @@ Exit check(const RecipeOptions& options) {
 Exit seal(const RecipeOptions& options) {
     for (const std::string& file : options.files) {
         const auto read = common::read_file(file);
-        if (!read)
-            return complain(
-                {ErrorCode::not_found, file + ": cannot be read", "check that the file exists and may be read"});
+        if (!read) return complain(common::cannot_read(file));
         if (auto fine = common::refuse_blank(*read, file); !fine) return complain(fine.error());
         if (auto right = common::require_kind(*read, file, common::FileKind::recipe); !right)
             return complain(right.error());
@@ -105,7 +103,9 @@ void add_recipe(CLI::App& program, Exit& status) {
     listing->callback([options, &status] { status = list(*options); });
     auto* checking = command->add_subcommand("check", "Whether files can be used; every problem, with its line");
     checking->add_option("files", options->files, "Recipe files")->required();
-    checking->footer("Example: hordctl recipe check deploy/recipes/default.toml");
+    checking->footer(
+        "The size of the field is not known here: `hordd --check` and `hordctl inspect` also refuse a rim_margin that "
+        "leaves nothing of it, and zones outside it.\nExample: hordctl recipe check deploy/recipes/default.toml");
     checking->callback([options, &status] { status = check(*options); });
     auto* sealing = command->add_subcommand(
         "seal", "Write the CRC-32 into files: a sealed recipe that somebody changes is refused");

@@ -124,7 +124,8 @@ class Run {
             ? with_room(options_.line.parts_per_second)
             : load_config(options_.config, options_.simulate ? NamedBackends::optional : NamedBackends::required);
         if (!config) return complain(config.error());
-        if (options_.simulate) config->sensor = SimulatedSensor{};
+        if (options_.simulate && !std::holds_alternative<SimulatedSensor>(config->sensor))
+            config->sensor = SimulatedSensor{};
         if (!options_.modbus.empty()) {
             auto listen = parse_listen(options_.modbus);
             if (!listen) return complain(listen.error());

@@ -13,7 +13,16 @@ const kBringUp = { initialise: "the devices are opened", arm: "the station is ar
 const kBringUpPatience_ms = 60000;
 let bringingUp = false;
 
+// What was said of the last command, and whether it did not succeed. A failure is out of date as soon as the line runs.
+let failureSaid = false;
+function sayOfCommand(words, failed) {
+  failureSaid = failed;
+  say("actions-said", words);
+}
+
 function showCommands(state) {
+  const runs = state.up && !state.next;
+  if (runs && failureSaid && !bringingUp) sayOfCommand("The line runs again.", false);
   const allowed = new Set(state.commands || []);
   if (kBringUp[state.next] && !bringingUp) allowed.add("bring_up");
   document.querySelectorAll("[data-command]").forEach((button) => {
@@ -34,8 +43,11 @@ async function send(name) {
   } catch (error) { return { ok: false, reason: "", words: `Not sent: ${error.message}` }; }
 }
 async function command(name) {
-  say("actions-said", `${name} ...`);
-  say("actions-said", (await send(name)).words);
+  sayOfCommand(`${name} ...`, false);
+  const answer = await send(name);
+  // A refusal while the line runs (a start that is already given) stays.
+  const ran = seen.state && seen.state.up && !seen.state.next;
+  sayOfCommand(answer.words, !answer.ok && !ran);
   setTimeout(showChanges, 500);  // the store writes ten times a second
 }
 
@@ -53,27 +65,27 @@ async function bringUp() {
       if (!next) { words = "Done: the station inspects every part."; break; }
       if (!kBringUp[next]) { words = `Stopped: ${now.possible}.`; break; }
       if (next === "arm" && now.devices_down) {
-        say("actions-said", `Bring up: waits for the devices: ${now.devices_down}.`);
+        sayOfCommand(`Bring up: waits for the devices: ${now.devices_down}.`, false);
         await pause(500);
         continue;
       }
-      say("actions-said", `Bring up: ${kBringUp[next]} ...`);
+      sayOfCommand(`Bring up: ${kBringUp[next]} ...`, false);
       const answer = await send(next);
       words = `Stopped: ${answer.words}`;
       if (!answer.ok && !["not_yet", "device_down", "not_in_this_state"].includes(answer.reason)) break;
-      if (!answer.ok) say("actions-said", `Bring up: ${next} waits: ${answer.words}`);
+      if (!answer.ok) sayOfCommand(`Bring up: ${next} waits: ${answer.words}`, false);
       await pause(answer.ok ? 300 : 1000);  // the page reads the state ten times a second
     }
     if (Date.now() >= until) words = `Stopped after ${kBringUpPatience_ms / 1000} s. ${words.replace("Stopped: ", "")}`;
   } catch (error) { words = `Stopped: ${error.message}`; }
   bringingUp = false;
-  say("actions-said", words);
+  sayOfCommand(words, !words.startsWith("Done"));
   if (seen.state) showCommands(seen.state);
   setTimeout(showChanges, 500);
 }
 
 document.querySelectorAll("[data-command]").forEach((button) => button.addEventListener("click", () => {
-  if (!$("token").value) { say("actions-said", "Enter your token first."); $("token").focus(); return; }
+  if (!$("token").value) { sayOfCommand("Enter your token first.", false); $("token").focus(); return; }
   const name = button.dataset.command;
   say("sure-words", kWhat[name]);
   const sure = $("sure");

@@ -118,6 +118,13 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
          "neighbouring lenslets differ in turn, by 0.50 bins or 20 % of their light: look for interlaced exposures, "
          "and "
          "for taps of the sensor that differ"},
+        {unfit(Reason::unexpected_geometry, {.fault = FrameFault::split_spots, .split_share = 0.4F}),
+         "in 40 % of the lenslets the light lies at opposite edges of the bins, as if the macro-pixels drifted against "
+         "the frame: give the frame as the sensor recorded it, or calibrate again"},
+        {unfit(Reason::unexpected_light, {.fault = FrameFault::glare, .glare_share = 0.04F}),
+         "4 % of the part is far brighter than the free light beside it: look for a second lamp, a reflection, or "
+         "stray "
+         "light"},
         {light(FrameFault::interrupted),
          "a row or column of lenslets shows no free light: look for lost rows of the frame, something across the "
          "field, "

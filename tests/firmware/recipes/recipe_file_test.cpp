@@ -154,6 +154,8 @@ TEST(Recipe, problems_of_zones_are_told_with_their_cure) {
         return recipe ? std::string("no problem") : recipe.error().what;
     };
     EXPECT_THAT(problems("[[zone]]\nshape = \"circle\"\n"), HasSubstr("write centre = [m, n]"));
+    const std::string not_a_number = problems("[[zone]]\nshape = \"circle\"\ncentre = [nan, 3]\nradius = 5\n");
+    EXPECT_THAT(not_a_number, AllOf(HasSubstr("centre: is not a list of numbers"), Not(HasSubstr("is missing"))));
     EXPECT_THAT(problems("[[zone]]\nuse = \"ignore\"\n"), HasSubstr("shape: is missing"));
     EXPECT_THAT(problems("[[zone]]\nshape = \"polygon\"\ncorners = [1,2,3,4,5,6,7]\n"),
                 HasSubstr("give m and n of each corner"));

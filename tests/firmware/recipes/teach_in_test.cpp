@@ -104,6 +104,16 @@ TEST_F(TeachInTest, refuses_at_once_what_a_reference_does_not_go_with) {
     EXPECT_TRUE(begin(9));
 }
 
+TEST_F(TeachInTest, says_that_frames_repeat_a_part) {
+    open(loop);
+    ASSERT_TRUE(begin(12));
+    good_parts(1, 9);
+    for (std::uint32_t k = 10; k < 13; ++k) inspected(k, drawn_lens(9));
+    ASSERT_EQ(outcomes.size(), 1U);
+    ASSERT_TRUE(outcomes[0]) << outcomes[0].error().message();
+    EXPECT_THAT(outcomes[0]->remarks, HasSubstr("12 frames show 9 distinct parts: 3 are copies of earlier ones"));
+}
+
 TEST_F(TeachInTest, learns_from_the_next_parts_what_tells_good_from_bad) {
     open(loop);
     ASSERT_TRUE(begin(9));

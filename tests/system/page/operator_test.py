@@ -78,6 +78,11 @@ def give(browser, name):
     browser.run("document.querySelector(`[data-command='${arguments[0]}']`).click(); document.querySelector('#sure [value=yes]').click()", name)
 
 
+def give_if_offered(browser, name):
+    """The same where the command is offered at this moment; the state may change between two looks."""
+    browser.run("const button = document.querySelector(`[data-command='${arguments[0]}']`); if (!button.disabled) { button.click(); document.querySelector('#sure [value=yes]').click(); }", name)
+
+
 def commands(browser, page, keeper, out):
     """Halt, reset, bring up: never a dead end."""
     running = lambda: "ContinuousExecution" in browser.run(TEXT, "lamps")
@@ -102,11 +107,23 @@ def commands(browser, page, keeper, out):
         if running():
             return True  # by "Bring up", or by itself after a reset
         for name in ("reset", "bring_up"):
-            if name in enabled(browser):
-                give(browser, name)
-                return False
+            give_if_offered(browser, name)
         return False
     wait_for("the line is brought up", brought_up)
+    # What was said of a command that failed does not stay when the line runs: "Stopped: the station is Error".
+    wait_for("no failure is said of a line that runs", lambda: running() and not re.match("Stopped|Refused|Not sent", browser.run(TEXT, "actions-said")))
+    wait_for("nothing is brought up any more", lambda: browser.run("return !bringingUp"))
+    browser.run("""
+        sayOfCommand("Stopped: the station is Error.", true);
+        const real = seen.state, stopped = { ...real, up: true, next: "reset", commands: ["reset"] };
+        showCommands(stopped);
+        document.documentElement.dataset.whileStopped = document.getElementById("actions-said").textContent;
+        showCommands({ ...real, up: true, next: "", commands: ["stop"] });
+        document.documentElement.dataset.whenRunning = document.getElementById("actions-said").textContent;
+        showCommands(real);
+    """)
+    said = browser.run("return [document.documentElement.dataset.whileStopped, document.documentElement.dataset.whenRunning]")
+    check(said == ["Stopped: the station is Error.", "The line runs again."], f"of the last command: {said}")
 
 
 def fold(browser, out):

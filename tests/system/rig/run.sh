@@ -65,6 +65,7 @@ payload=$out/payload
 mkdir -p "$payload"/opt/rig "$payload"/etc/modprobe.d "$payload"/etc/systemd/system/{sysinit.target.wants,multi-user.target.wants} "$payload/var"
 cp -a "$cache/modules/." "$payload/"
 cp tests/system/rig/guest/{devices.sh,checks.sh,hordd.toml,latency.toml} "$payload/opt/rig/"
+cp deploy/genicam.conf "$payload/opt/rig/"
 cp tests/system/rig/guest/modprobe.conf "$payload/etc/modprobe.d/rig.conf"
 cp tests/system/rig/guest/*.service "$payload/etc/systemd/system/"
 install -D -m644 tests/system/rig/guest/slow.conf "$payload/etc/systemd/system/hordd.service.d/slow.conf"
@@ -74,7 +75,7 @@ while read -r unit; do ln -s /dev/null "$payload/etc/systemd/system/$unit"; done
 cp "$deb" "$payload/opt/rig/hord-station.deb"
 mkdir "$payload/opt/rig/frames"
 cp "$out"/frames/*.pgm "$payload/opt/rig/frames/"
-for tool in test_contract hord-camera hord_rig_world; do
+for tool in test_contract hord-camera hord_fake_gige hord_rig_world; do
     cp "$bin/$tool" "$payload/opt/rig/"
     strip --strip-debug "$payload/opt/rig/$tool"
 done

@@ -314,6 +314,57 @@ libcamera_goes() {
     [ "$process" = "$(systemctl show -P MainPID hordd)" ]  # it has not been started again
 }
 
+# A GigE camera in the installed service: Aravis's fake camera as a process of its own, over loopback. It is switched off and on again.
+start_gige() {
+    /opt/rig/hord_fake_gige 127.0.0.1 S1 /opt/rig/frames/good.pgm >/tmp/gige 2>&1 &
+    gige_pid=$!
+    wait_for 60 grep -q ready /tmp/gige || { cat /tmp/gige; return 1; }
+}
+stop_gige() {
+    kill -KILL "$gige_pid"
+    wait "$gige_pid" 2>/dev/null
+    return 0
+}
+genicam_disconnect() {
+    cp /etc/hord/hordd.toml /tmp/hordd.toml
+    sed -i 's|^backend = "v4l2"|backend = "genicam"\ncamera = "S1"\ntrigger = "software"|; /^device = /d' /etc/hord/hordd.toml
+    install -D -m644 /opt/rig/genicam.conf /etc/systemd/system/hordd.service.d/genicam.conf
+    systemctl daemon-reload
+    start_gige || return 1
+    start_world /tmp/genicam --parts 1000 --person 127.0.0.1:502 || return 1
+    follow_journal
+    systemctl restart --no-block hordd
+    local rc=0
+    genicam_goes || { rc=1; tail -n 12 /run/hordd.log; systemctl show -P StatusText hordd; }
+    stop_world
+    stop_gige
+    cp /tmp/hordd.toml /etc/hord/hordd.toml
+    rm /etc/systemd/system/hordd.service.d/genicam.conf
+    systemctl daemon-reload
+    systemctl restart --no-block hordd
+    return $rc
+}
+# A part of after $since was judged good: the fake camera's frames are of good parts.
+has_passed() { [ "$(hordctl results --since "$since" --verdict pass --format csv | tail -n +2 | wc -l)" -gt 0 ]; }
+genicam_goes() {
+    local now began process since
+    wait_for 120 journal_says 'S1: 333 x 333 Mono8' || return 1
+    wait_for 120 executes || return 1
+    since=$(date -u +%FT%T)
+    wait_for 120 has_passed || { hordctl results --format csv --last 5 | cut -d, -f5-8; return 1; }
+    process=$(systemctl show -P MainPID hordd)
+    now_ms
+    began=$now
+    stop_gige
+    wait_for 60 not_executing || return 1
+    now_ms
+    echo "seen to have stopped $((now - began)) ms after the camera was switched off"
+    start_gige || return 1
+    wait_for 120 executes || return 1
+    echo "executes again; the station's process was $process, is $(systemctl show -P MainPID hordd)"
+    [ "$process" = "$(systemctl show -P MainPID hordd)" ]  # it has not been started again
+}
+
 # -- in virtual time --------------------------------------------------------------------------------------------
 
 # Edges of the light barrier that belong to no part: an object close behind a part, and edges that the kernel has lost. The person clears the
@@ -694,6 +745,7 @@ case $phase in
         check drill-disk-dies disk_dies
         check latency-on-device-nodes latency
         check fault-libcamera-goes-and-returns libcamera_disconnect
+        check fault-genicam-goes-and-returns genicam_disconnect
         ;;
     latency)
         station_is_there
