@@ -61,6 +61,8 @@ ROOMS = {
     "drivers": Room(("drivers/gpio/edge_filter.cpp", "drivers/hal/camera_sensor.cpp", "drivers/hal/seam.cpp",
                      "drivers/hal/reject_ledger.h", "drivers/modbus/*.cpp"),
                     ("test_drivers_gpio", "test_drivers_modbus", "test_contract"), 85),
+    "light": Room(("algo/light/*.cpp", "algo/light/*.h"), ("test_algo_light", "test_algo_inspection"), 85),
+    "inspection": Room(("algo/inspection/*.cpp",), ("test_algo_inspection",), 85),
 }
 
 
