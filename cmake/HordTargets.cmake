@@ -65,10 +65,13 @@ function(hord_room)
   set(room ${name} PARENT_SCOPE)
 endfunction()
 
-# hord_program(NAME SOURCES ... USES folder-or-target ...): an executable in build/<preset>/bin.
+# hord_program(NAME [UNITY] SOURCES ... USES folder-or-target ...): an executable in build/<preset>/bin.
 function(hord_program name)
-  cmake_parse_arguments(PROGRAM "" "" "SOURCES;USES" ${ARGN})
+  cmake_parse_arguments(PROGRAM "UNITY" "" "SOURCES;USES" ${ARGN})
   add_executable(${name} ${PROGRAM_SOURCES})
+  if(PROGRAM_UNITY AND HORD_UNITY)
+    set_target_properties(${name} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 8)
+  endif()
   hord_targets(uses ${PROGRAM_USES})
   target_link_libraries(${name} PRIVATE hord_flags ${uses})
   target_compile_definitions(${name} PRIVATE HORD_VERSION="${PROJECT_VERSION}")
