@@ -11,6 +11,14 @@ void refuse(std::string what, std::string cure) {
     throw Failure{{ErrorCode::invalid_argument, std::move(what), std::move(cure)}};
 }
 
+std::filesystem::path path_of(const py::object& given, const char* wanted) {
+    if (!py::isinstance<py::str>(given) && !py::hasattr(given, "__fspath__")) {
+        const auto type = py::str(py::type::of(given).attr("__name__")).cast<std::string>();
+        throw py::type_error(fmt::format("{}, not {}", wanted, type));
+    }
+    return given.cast<std::filesystem::path>();
+}
+
 py::array read_only(py::array array) {
     array.attr("flags").attr("writeable") = false;
     return array;
@@ -24,7 +32,8 @@ ArrayFrame frame_of(const py::array& array, int bits) {
     }
     if (array.ndim() != 2) {
         refuse(fmt::format("a frame has two dimensions, and this array {}", array.ndim()),
-               "give one grey image of shape (height, width)");
+               array.ndim() == 4 ? "give samples [n, m, j, i] to hord.from_samples"
+                                 : "give one grey image of shape (height, width)");
     }
     const int fits = narrow ? 8 : 16;
     if (bits == 0) bits = fits;

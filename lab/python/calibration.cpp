@@ -87,7 +87,7 @@ py::dict statistics(const Calibration& c) {
 
 calib::GridFile grid_of(const py::object& grid) {
     if (py::isinstance<Calibration>(grid)) return grid.cast<Calibration>().file;
-    const auto file = grid.cast<std::filesystem::path>();
+    const auto file = path_of(grid, "a grid is a Calibration or the path of its file");
     return without_gil([&] { return unwrap(calib::read_grid(file)); });
 }
 

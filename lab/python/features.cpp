@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <cmath>
+#include <span>
 
 #include <fmt/format.h>
 
@@ -138,11 +140,30 @@ py::tuple deflection(const LightField& field, const py::object& recipe, const py
 
 using Masses = py::array_t<std::uint16_t, py::array::c_style | py::array::forcecast>;
 
-double distance(const std::string& name, const Masses& a, const Masses& b) {
+// Whole numbers of any type, 0 to 65535. Shares, which are fractions, would all become 0.
+Masses masses_of(const py::array& given) {
+    const char kind = given.dtype().kind();
+    if (kind != 'u' && kind != 'i') {
+        refuse("a HORD of type " + py::str(given.dtype()).cast<std::string>() + " is not supported",
+               "give whole masses [j, i], as in hords().masses, not their shares");
+    }
+    const auto wide = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>(given);
+    const std::span values(wide.data(), static_cast<std::size_t>(wide.size()));
+    if (std::ranges::any_of(values, [](std::int64_t mass) { return mass < 0 || mass > 0xFFFF; }))
+        refuse("a mass is below 0 or above 65535", "give masses of 16 bits");
+    return Masses(given);
+}
+
+double distance(const std::string& name, const py::array& first, const py::array& second) {
+    const Masses a = masses_of(first), b = masses_of(second);
     const auto choice = algo::feature_named(name);
     if (!choice || choice->against_reference || !is_distance(choice->feature)) {
-        refuse("feature " + name + " is no distance between two HORDs",
-               "use one of emd, emd-l1, emd-sq, centroid, marginal, sliced, bhattacharyya, hellinger, chi2");
+        std::string names;
+        for (const std::string_view known : algo::kFeatureNames) {
+            if (is_distance(algo::feature_named(known)->feature))
+                names += (names.empty() ? "" : ", ") + std::string(known);
+        }
+        refuse("feature " + name + " is no distance between two HORDs", "use one of " + names);
     }
     if (a.ndim() != 2 || b.ndim() != 2 || a.shape(0) != b.shape(0) || a.shape(1) != b.shape(1) ||
         a.shape(0) > algo::kMaxBins || a.shape(1) > algo::kMaxBins) {
@@ -192,8 +213,8 @@ Raises InvalidArgument: no such feature, a reference of another size.)");
     module.def("distance", &distance, py::arg("name"), py::arg("a"), py::arg("b"),
                R"(The distance between two HORDs, float. a, b: masses [j, i], 3 to 15 bins a side.
 
-name: emd, emd-l1, emd-sq, centroid, marginal, sliced (bin pitches), bhattacharyya, hellinger, chi2.
-0 if either has no light. Raises InvalidArgument.)");
+a, b: whole numbers 0 to 65535, not shares. name: a distance of FEATURES, over HORDs: emd ... max-sliced.
+Its unit is that of the feature's Map. 0 if either has no light. Raises InvalidArgument.)");
 }
 
 }  // namespace hord::lab::python

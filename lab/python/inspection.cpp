@@ -181,7 +181,7 @@ py::array_t<float> Map::filled() const {
 firmware::NumberedRecipe recipe_of(const py::object& recipe) {
     if (py::isinstance<Recipe>(recipe)) return recipe.cast<Recipe>().numbered;
     const std::filesystem::path file =
-        recipe.is_none() ? std::filesystem::path() : recipe.cast<std::filesystem::path>();
+        recipe.is_none() ? std::filesystem::path() : path_of(recipe, "a recipe is a Recipe or the path of its file");
     return without_gil([&] { return unwrap(firmware::recipe_or_default(file)); });
 }
 

@@ -109,7 +109,7 @@ py::array LightField::samples() const {
 LightField field_of(const py::object& frame, const py::object& bins, const py::object& grid, int bits) {
     if (py::isinstance<LightField>(frame)) return frame.cast<LightField>();
     if (py::isinstance<py::array>(frame)) return decode(frame.cast<py::array>(), bins, grid, bits);
-    return read(frame.cast<std::filesystem::path>(), bins, grid, bits);
+    return read(path_of(frame, "a frame is a LightField, an array or the path of a file"), bins, grid, bits);
 }
 
 void add_light_field(py::module_& module) {

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstddef>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <span>
@@ -45,6 +46,10 @@ decltype(auto) without_gil(Work&& work) {
 }
 
 // -- arrays (arrays.cpp)
+
+// A str or path-like object. A TypeError says what may be given instead (`wanted`): "a recipe is a Recipe or the path
+// of its file, not int".
+std::filesystem::path path_of(const py::object& given, const char* wanted);
 
 // A copy of one value a lenslet, [n, m].
 template <class T>

@@ -217,7 +217,7 @@ void add_reference_class(py::module_& module) {
 
 std::shared_ptr<const algo::Reference> reference_of(const py::object& reference) {
     if (py::isinstance<ReferenceHandle>(reference)) return reference.cast<ReferenceHandle>().reference;
-    const auto file = reference.cast<std::filesystem::path>();
+    const auto file = path_of(reference, "a reference is a Reference or the path of its file");
     return without_gil([&] { return unwrap(firmware::read_reference(file)); });
 }
 

@@ -11,6 +11,16 @@
 hord.Error with the sentences of hordctl: what failed, and what to do about it.
 """
 
+import importlib.util as _importlib
+import pathlib as _pathlib
+import sys as _sys
+
+if _importlib.find_spec("._hord", __name__) is None:  # the module is compiled for one version of Python
+    raise ImportError(
+        f"hord cannot be used by this Python ({_sys.executable}, {_sys.version_info.major}.{_sys.version_info.minor}): "
+        f"it holds {', '.join(f.name for f in _pathlib.Path(__file__).parent.glob('_hord.*')) or 'no compiled module'}: "
+        "call the Python that it was built for (Debian's /usr/bin/python3), or build it again: ./dev build")
+
 from ._hord import (
     AT_LIMIT,
     BORDER,

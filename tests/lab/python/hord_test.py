@@ -328,6 +328,7 @@ class Errors(unittest.TestCase):
         for array, words in (
             (np.zeros((90, 90)), "type float64 is not supported: give unsigned samples"),
             (np.zeros((9, 9, 3), np.uint8), "two dimensions, and this array 3"),
+            (np.zeros((9, 9, 9, 9), np.uint8), "give samples .* to hord.from_samples"),
             (np.zeros((97, 90), np.uint8), "macro-pixels of 9x9 do not divide a frame of 90x97"),
             (np.zeros((0, 0), np.uint8), ""),
         ):
@@ -344,6 +345,34 @@ class Errors(unittest.TestCase):
                      lambda: hord.inspect(field, maps="some"), lambda: hord.distance("transmission", frame[:9, :9], frame[:9, :9])):
             with self.assertRaises(hord.InvalidArgument):
                 call()
+
+    def test_what_is_no_path_is_named(self):
+        field = hord.decode(np.zeros((90, 90), np.uint8))
+        for call, words in (
+            (lambda: hord.inspect(3), "a frame is a LightField, an array or the path of a file, not int"),
+            (lambda: hord.inspect(field, recipe=b"a"), "a recipe is a Recipe or the path of its file, not bytes"),
+            (lambda: hord.inspect(field, reference=1.5), "a reference is .* not float"),
+            (lambda: hord.decode(np.zeros((90, 90), np.uint8), grid=[]), "a grid is .* not list"),
+        ):
+            with self.assertRaisesRegex(TypeError, words):
+                call()
+
+    def test_a_distance_takes_whole_masses(self):
+        """Shares would be cut to 0, and their distance would be 0."""
+        hords = hord.read(bubble).hords()
+        a, b = hords.masses[20, 19], hords.masses[20, 21]
+        expected = hord.distance("emd", a, b)
+        self.assertGreater(expected, 0)
+        self.assertEqual(hord.distance("emd", a.astype(np.int64), b.astype(np.uint8)), expected)
+        for wrong, words in (
+            (hords.shares()[20, 19], "type float64 is not supported: give whole masses"),
+            (a.astype(int) - 1000, "below 0"),
+            (a.astype(int) * 70000, "above 65535"),
+        ):
+            with self.assertRaisesRegex(hord.InvalidArgument, words):
+                hord.distance("emd", wrong, b)
+        with self.assertRaisesRegex(hord.InvalidArgument, "use one of emd, .*, cramer-von-mises, max-sliced$"):
+            hord.distance("transmission", a, b)
 
 
 if __name__ == "__main__":
