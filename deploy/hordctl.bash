@@ -1,4 +1,4 @@
-# bash completion for hordctl, hord-lab, hord-mqtt and hord-page: asks the program itself for its commands and options, so that it is never out of date.
+# bash completion for hordctl, hord-lab, hordd, hord-mqtt, hord-page and hord-safe: asks the program itself for its commands and options, so that it is never out of date.
 
 _hordctl() {
     local current=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]} k command=()
@@ -20,4 +20,4 @@ _hordctl() {
     mapfile -t COMPREPLY < <(compgen -W "$words" -- "$current")
     [[ ${#COMPREPLY[@]} -gt 0 || $current == -* ]] || mapfile -t COMPREPLY < <(compgen -f -- "$current")
 }
-complete -o filenames -F _hordctl hordctl hord-lab hord-mqtt hord-page
+complete -o filenames -F _hordctl hordctl hord-lab hordd hord-mqtt hord-page hord-safe

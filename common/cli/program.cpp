@@ -48,21 +48,33 @@ int end_output(int status) {
 
 namespace {
 
-// CLI11 reads 010 as octal.
-void refuse_leading_zeros(CLI::App& program) {
+// Why `text` is no number of `type` (INT..., UINT..., FLOAT...). Empty: it is one. CLI11 reads 010 as octal, and -3 as
+// 18446744073709551613.
+std::string number_problem(const std::string& text, bool whole, bool natural) {
+    double number = 0;
+    if (!CLI::detail::lexical_cast(text, number)) return "\"" + text + "\" is no number";
+    if (!whole) return {};
+    const auto digits = text.find_first_not_of("+-");
+    const bool decimal =
+        digits != std::string::npos && text.find_first_not_of("0123456789", digits) == std::string::npos;
+    std::int64_t sign = 0;
+    std::uint64_t magnitude = 0;
+    if (!CLI::detail::lexical_cast(text, sign) && !CLI::detail::lexical_cast(text, magnitude))
+        return "\"" + text + "\" is no whole number";
+    if (natural && text.starts_with('-')) return text + " is below 0";
+    if (decimal && text[digits] == '0' && digits + 1 < text.size()) return text + " begins with 0: write it without";
+    return {};
+}
+
+void refuse_odd_numbers(CLI::App& program) {
     for (CLI::Option* option : program.get_options()) {
         const std::string type = option->get_type_name();
-        if (!type.starts_with("INT") && !type.starts_with("UINT")) continue;
-        option->check(CLI::Validator(
-            [](const std::string& text) {
-                const auto digits = text.find_first_of("0123456789");
-                const bool octal = digits != std::string::npos && text[digits] == '0' && digits + 1 < text.size() &&
-                    text.find_first_not_of("0123456789", digits) == std::string::npos;
-                return octal ? text + " begins with 0: write it without" : std::string();
-            },
-            ""));
+        const bool natural = type.starts_with("UINT"), whole = natural || type.starts_with("INT");
+        if (!whole && !type.starts_with("FLOAT")) continue;
+        option->check(
+            CLI::Validator([=](const std::string& text) { return number_problem(text, whole, natural); }, ""));
     }
-    for (CLI::App* command : program.get_subcommands({})) refuse_leading_zeros(*command);
+    for (CLI::App* command : program.get_subcommands({})) refuse_odd_numbers(*command);
 }
 
 // The command that the user meant, as far as it was given rightly, and its name.
@@ -88,10 +100,23 @@ std::string unknown_text(const CLI::App& command, std::string word) {
     } else {
         for (const CLI::App* one : command.get_subcommands({})) names.push_back(one->get_name());
     }
-    const auto meant = word.size() > 2 ? common::nearest_name(word, names) : std::nullopt;
+    auto meant = word.size() > 2 ? common::nearest_name(word, names) : std::nullopt;
+    if (!option && command.get_option_no_throw("--" + word) != nullptr) meant = "--" + word;  // help, version
     const bool misplaced = !option && names.empty();
     return "\"" + word + (misplaced ? "\" is one argument too many" : "\" is not known") +
         (meant ? ": did you mean " + *meant + "?" : "");
+}
+
+// "NAME: WORD not in {a,b,c}", as CLI11 says it: with the name that is most like it.
+std::string not_in_text(const std::string& text) {
+    constexpr std::string_view kNotIn = " not in {";
+    const auto at = text.find(kNotIn), name = text.find(": ");
+    if (at == std::string::npos || name == std::string::npos || name + 2 > at || !text.ends_with('}')) return text;
+    const std::string word = text.substr(name + 2, at - name - 2);
+    const auto names = CLI::detail::split(text.substr(at + kNotIn.size(), text.size() - at - kNotIn.size() - 1), ',');
+    const auto meant = common::nearest_name(word, names);
+    return fmt::format("{}: \"{}\" is none of {}{}", text.substr(0, name), word, CLI::detail::join(names, ", "),
+                       meant ? ": did you mean " + *meant + "?" : "");
 }
 
 std::string mistake_text(const CLI::App& program, const CLI::App& command, const CLI::ParseError& error) {
@@ -100,14 +125,14 @@ std::string mistake_text(const CLI::App& program, const CLI::App& command, const
     const bool extra = dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr;
     if ((required || extra) && !unknown.empty()) return unknown_text(command, unknown.front());
     if (required && !command.get_subcommands({}).empty()) return "no command is given";
-    return error.what();
+    return not_in_text(error.what());
 }
 
 }  // namespace
 
 std::optional<int> parse_command_line(CLI::App& program, int argc, char** argv) {
     const char* name = program_invocation_short_name;
-    refuse_leading_zeros(program);
+    refuse_odd_numbers(program);
     try {
         program.parse(argc, argv);
     } catch (const CLI::Success& asked) {  // --help, --version

@@ -44,7 +44,7 @@ for unit in hordd.service hordd.socket; do [ "$(enabled $unit)" = enabled ] || d
 for unit in hord-mqtt.service hord-page.service; do [ "$(enabled $unit)" = disabled ] || die "$unit is enabled without being asked for"; done
 in_root getent passwd hord | grep -q /var/lib/hord || die "the user hord was not made"
 in_root bash -c '. /usr/share/bash-completion/completions/hordctl; COMP_WORDS=(hordctl rec); COMP_CWORD=1; _hordctl; [ "${COMPREPLY[*]}" = recipe ] || exit 1; COMP_WORDS=(hordctl command dis); COMP_CWORD=2; _hordctl; [ "${COMPREPLY[*]}" = disarm ]' || die "bash completion"
-for page in man8/hordd.8 man8/hord-mqtt.8 man8/hord-page.8 man1/hordctl.1; do [ -s "$root/usr/share/man/$page.gz" ] || die "no man page $page"; done
+for page in man8/{hordd,hord-mqtt,hord-page,hord-safe,hord-camera,hord-genicam}.8 man1/{hordctl,hord-lab}.1; do [ -s "$root/usr/share/man/$page.gz" ] || die "no man page $page"; done
 
 for link in $(grep -ohE '\]\([^):# ]+' "$root"/usr/share/doc/hord-station/*.md | cut -c3- | sort -u); do
     [ -e "$root/usr/share/doc/hord-station/$link" ] || die "an installed page links to $link, which is not installed"

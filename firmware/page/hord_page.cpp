@@ -48,10 +48,12 @@ Result<PageConfig> configuration(const Options& options) {
     if (!options.modbus.empty()) config.modbus = options.modbus;
     if (!options.store.empty()) config.store = options.store;
     if (!options.listen.empty()) {
+        const auto colon = options.listen.rfind(':'), bracket = options.listen.rfind(']');
+        const bool has_port = colon != std::string::npos && (bracket == std::string::npos || colon > bracket);
         const bool any = options.listen.ends_with(":0");
         const auto endpoint =
             modbus::parse_endpoint(any ? options.listen.substr(0, options.listen.size() - 2) : options.listen);
-        if (!endpoint)
+        if (!endpoint || !has_port)
             return fail(ErrorCode::invalid_argument, "\"" + options.listen + "\" is no address to listen at",
                         "write HOST:PORT, for example 127.0.0.1:8070");
         config.host = endpoint->host;
@@ -176,7 +178,8 @@ int main(int argc, char** argv) {
     auto tokens = config->tokens.empty() ? Result<Tokens>(Tokens{}) : Tokens::load(config->tokens);
     if (!tokens) return complain(tokens.error(), kBadConfiguration);
     if (options.check) {
-        fmt::print("{} can be used\n", options.config);
+        const bool there = std::filesystem::exists(options.config);
+        fmt::print("{} {}\n", options.config, there ? "can be used" : "does not exist: the defaults are used");
         return 0;
     }
     return serve(*config, *tokens, *station);

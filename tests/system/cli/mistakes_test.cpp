@@ -158,5 +158,35 @@ TEST(Help, fits_the_terminal) {
         << "elsewhere nothing is wrapped: the shell's completion reads it";
 }
 
+TEST(Help, of_every_program_is_completed_by_the_shell) {
+    const auto completed = [](const std::string& line, int word) {
+        return run("/bin/bash",
+                   {"-c",
+                    ". " HORD_SOURCE_DIR "/deploy/hordctl.bash; read -ra COMP_WORDS <<<\"$0\"; COMP_CWORD=$1; "
+                    "$(complete -p \"${COMP_WORDS[0]##*/}\" | sed 's/.*-F \\([^ ]*\\).*/\\1/'); echo "
+                    "\"${COMPREPLY[*]}\"",
+                    HORD_BIN_DIR "/" + line, std::to_string(word)})
+            .out;
+    };
+    for (const char* program : {"hordctl", "hord-lab", "hordd", "hord-mqtt", "hord-page", "hord-safe"})
+        EXPECT_EQ(completed(std::string(program) + " --he", 1), "--help\n") << program;
+    EXPECT_EQ(completed("hordctl rec", 1), "recipe\n");
+    EXPECT_EQ(completed("hordctl command dis", 2), "disarm\n");
+    EXPECT_EQ(completed("hordd --ch", 1), "--check\n");
+}
+
+TEST(Help, of_every_program_is_a_man_page) {
+    const TemporaryFolder folder;
+    const Said made = run(HORD_SOURCE_DIR "/deploy/package/man.sh", {HORD_BIN_DIR, folder / "man", "1.2.3"});
+    ASSERT_EQ(made.status, 0) << made.err;
+    for (const char* page : {"man1/hordctl.1", "man1/hord-lab.1", "man8/hordd.8", "man8/hord-mqtt.8",
+                             "man8/hord-page.8", "man8/hord-safe.8", "man8/hord-camera.8", "man8/hord-genicam.8"}) {
+        const Said text = run("/bin/zcat", {folder / ("man/" + std::string(page) + ".gz")});
+        EXPECT_THAT(text.out, HasSubstr(".SH DESCRIPTION")) << page;
+        EXPECT_GT(text.out.size(), 400U) << page;
+    }
+    EXPECT_THAT(run("/bin/zcat", {folder / "man/man1/hordctl.1.gz"}).out, HasSubstr("RECIPE SEAL"));
+}
+
 }  // namespace
 }  // namespace hord::test
