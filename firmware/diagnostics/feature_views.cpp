@@ -52,6 +52,7 @@ void FeatureViews::add_sums() {
     FeatureView view{.name = std::string(kSums), .title = "light of each lenslet", .unit = "DN", .map = sums_};
     view.mask = mask_of_sums_;
     view.no_value = 0;
+    view.is_light = true;
     others_.push_back(std::move(view));
 }
 

@@ -32,6 +32,7 @@ struct FeatureView {
     std::uint8_t not_judged = algo::kNotJudged;
     float limit = 0;           // of the value that rejects; 0: nothing is judged by it
     std::string limit_text{};  // "limit 0.4"; "limit 1 + good": above that of a good part at the same place
+    bool is_light = false;     // drawn as a camera's picture, in grey, nothing dimmed: the sums
 
     [[nodiscard]] bool has_value(std::size_t k) const { return (mask[k] & no_value) == 0; }
     [[nodiscard]] bool is_judged(std::size_t k) const { return (mask[k] & (no_value | not_judged)) == 0; }

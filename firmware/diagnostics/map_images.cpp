@@ -27,6 +27,14 @@ const cv::Scalar kInk(40, 40, 40);
 const cv::Scalar kPaper(255, 255, 255);
 const cv::Scalar kMark(40, 40, 230);  // of defects and limits
 
+// Levels from 0 to 255 as colours.
+cv::Mat colours_of(const cv::Mat& levels, const MapPicture& what) {
+    cv::Mat colours;
+    if (what.grey) cv::cvtColor(levels, colours, cv::COLOR_GRAY2BGR);
+    else cv::applyColorMap(levels, colours, cv::COLORMAP_VIRIDIS);
+    return colours;
+}
+
 int enlargement(int side) { return std::max(1, (kMapSide + side - 1) / side); }
 
 void write_text(cv::Mat& image, const std::string& text, cv::Point at, double size, const cv::Scalar& colour = kInk) {
@@ -56,9 +64,8 @@ void draw_scale(cv::Mat& sheet, const MapPicture& what, int top, int height) {
     cv::Mat ramp(height, 1, CV_8U);
     for (int y = 0; y < height; ++y)
         ramp.at<unsigned char>(y) = static_cast<unsigned char>(255 - 255 * y / std::max(1, height - 1));
-    cv::Mat colours;
-    cv::applyColorMap(ramp, colours, cv::COLORMAP_VIRIDIS);
-    cv::resize(colours, sheet(cv::Rect(left, top, 14, height)), cv::Size(14, height), 0, 0, cv::INTER_NEAREST);
+    cv::resize(colours_of(ramp, what), sheet(cv::Rect(left, top, 14, height)), cv::Size(14, height), 0, 0,
+               cv::INTER_NEAREST);
     const bool marked = what.limit != 0 && what.limit >= what.low && what.limit <= what.high;
     const auto place = [&](float value) {
         return top +
@@ -195,9 +202,8 @@ cv::Mat coloured(const MapPicture& what, algo::Map map, std::span<const std::uin
                 static_cast<unsigned char>(std::lround(255.0F * std::clamp(share, 0.0F, 1.0F)));
         }
     }
-    cv::Mat colours, picture;
-    cv::applyColorMap(level, colours, cv::COLORMAP_VIRIDIS);
-    cv::resize(colours, picture, {}, zoom, zoom, cv::INTER_NEAREST);
+    cv::Mat picture;
+    cv::resize(colours_of(level, what), picture, {}, zoom, zoom, cv::INTER_NEAREST);
     for (int y = 0; y < picture.rows; ++y) {
         for (int x = 0; x < picture.cols; ++x) {
             const auto no_data = static_cast<NoData>(reason.at<unsigned char>(y / zoom, x / zoom));
@@ -266,8 +272,9 @@ MapPicture scale_to(std::string title, const FeatureView& view, const algo::Reci
     MapPicture picture = scale_to(std::move(title), view.unit, view.map, judged, view.limit);
     picture.limit_text = view.limit_text;
     picture.no_value = view.no_value;
-    picture.not_judged = view.not_judged;
+    picture.not_judged = view.is_light ? std::uint8_t{0} : view.not_judged;
     picture.lenslet_mm = recipe.lenslet_mm;
+    picture.grey = view.is_light;
     return picture;
 }
 

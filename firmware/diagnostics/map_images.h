@@ -16,7 +16,7 @@
 
 namespace hord::firmware {
 
-// What a pseudocolour picture shows. Colours run from `low` to `high` (viridis: dark blue to yellow); values outside
+// What a picture of a map shows. Colours run from `low` to `high` (viridis: dark blue to yellow); values outside
 // have the end colours. Lenslets without a value are hatched grey, which the colour map does not have; lenslets with a
 // value that is not judged (rim, outside the inspection zones) keep their colour, dimmed. A legend below the map
 // explains both where they occur. Defects are circled and numbered, the worst first, at most kMaxMarked; "20 of 53
@@ -33,6 +33,7 @@ struct MapPicture {
     // Axes: numbers of lenslets, from that of the top-left one; or with the pitch of a lenslet, mm from the middle.
     int first_m = 0, first_n = 0;
     float lenslet_mm = 0;
+    bool grey = false;  // a picture instead of a map: from black (low) to white (high)
 };
 constexpr std::size_t kMaxMarked = 20;
 

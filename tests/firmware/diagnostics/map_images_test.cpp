@@ -180,6 +180,40 @@ TEST(Pictures, no_data_is_hatched_grey_which_no_value_is) {
     EXPECT_FALSE(is_grey(dimmed, changed.front()));
 }
 
+// As a camera shows it: no colour, no hatching, nothing dimmed, whatever is judged.
+TEST(Pictures, light_is_grey_from_black_to_white) {
+    std::vector<std::uint32_t> sums(kExtents.lenslets());
+    for (std::size_t k = 0; k < sums.size(); ++k) sums[k] = static_cast<std::uint32_t>(k);
+    std::vector<std::uint8_t> mask(kExtents.lenslets(), algo::kRim);
+    mask[0] = algo::kDark;
+    mask[1] = algo::kOutside;
+    std::ranges::fill(std::span(mask).subspan(2, 100), algo::kValid);
+    mask.back() = algo::kSaturated;
+    algo::Inspection found;
+    found.verdict = algo::Verdict::unfit;
+    found.sums = sums;
+    found.mask = mask;
+    const algo::Recipe recipe{};
+    const FeatureViews views(found, recipe, kExtents);
+    MapPicture what = scale_to("light", *views.find(kSums), recipe);
+    what.low = 0;
+    what.high = static_cast<float>(sums.size() - 1);
+    const Picture picture = draw(what, views.find(kSums)->map, views.find(kSums)->mask, kExtents, {});
+    const auto pixel = [&](int m, int n) { return cv::Point(40 + 12 * m + 6, 26 + 12 * n + 6); };
+    int before = -1;
+    for (int n = 0; n < kExtents.n; ++n) {
+        for (int m = 0; m < kExtents.m; ++m) {
+            const cv::Point at = pixel(m, n);
+            const int level = picture.bgr[3 * static_cast<std::size_t>(at.y * picture.width + at.x)];
+            ASSERT_TRUE(is_grey(picture, at)) << m << ' ' << n;
+            ASSERT_GE(level, before) << m << ' ' << n;
+            before = level;
+        }
+    }
+    EXPECT_EQ(before, 255);
+    EXPECT_EQ(picture.height, 26 + 360 + 34) << "no legend: there is nothing to explain";
+}
+
 TEST(Pictures, the_limit_is_marked_on_the_scale) {
     const Sample s = sample();
     MapPicture what{"EMD", "bins", 0, 1};
