@@ -59,6 +59,15 @@ std::string field(const Fields& fields, const std::string& name) {
     return at == fields.end() ? std::string() : at->second;
 }
 
+// Whether `span` asks for the longer of two spans; without it, the shorter one.
+Result<bool> longer_span(const Fields& fields, const char* shorter, const char* longer) {
+    const std::string span = field(fields, "span");
+    if (!span.empty() && span != shorter && span != longer)
+        return fail(ErrorCode::invalid_argument, "there is no such span",
+                    fmt::format("ask for {} or {}", shorter, longer));
+    return span == longer;
+}
+
 // "localhost:8070", "[::1]:8070" without its port, in lower case. Empty: no host with or without a port (RFC 3986),
 // such as "[::1].evil" or "127.0.0.1:x@evil".
 std::string host_alone(std::string_view host) {
@@ -136,7 +145,7 @@ Reply Pages::answer(const Request& request) {
 }
 
 bool Pages::is_in_memory(const Request& request) {
-    constexpr std::string_view kSlow[] = {"/parts/",     "/api/results", "/api/counts",
+    constexpr std::string_view kSlow[] = {"/parts/",     "/api/results", "/api/counts", "/api/scores",
                                           "/api/recipe", "/api/changes", "/api/command"};
     return std::ranges::none_of(kSlow, [&](std::string_view path) { return request.path.starts_with(path); });
 }
@@ -194,10 +203,12 @@ Reply Pages::get(const Request& request) {
         return reply;
     }
     if (path == "/api/history") {
-        const std::string span = field(request.query, "span");
-        if (!span.empty() && span != "15m" && span != "24h")
-            return refusal(400, "there is no such span", "ask for 15m or 24h");
-        return json_text(deps_.live.history_json(span == "24h"));
+        const auto day = longer_span(request.query, "15m", "24h");
+        return day ? json_text(deps_.live.history_json(*day)) : refusal(day.error());
+    }
+    if (path == "/api/scores") {
+        const auto day = longer_span(request.query, "15m", "24h");
+        return day ? of_store(deps_.results.scores(*day), kNoStore) : refusal(day.error());
     }
     if (path == "/api/results") {
         return of_store(deps_.results.search(request.query), kNoStore);
@@ -210,10 +221,8 @@ Reply Pages::get(const Request& request) {
         return reply;
     }
     if (path == "/api/counts") {
-        const std::string span = field(request.query, "span");
-        if (!span.empty() && span != "24h" && span != "7d")
-            return refusal(400, "there is no such span", "ask for 24h or 7d");
-        return of_store(deps_.results.counts(span == "7d"), kNoStore);
+        const auto week = longer_span(request.query, "24h", "7d");
+        return week ? of_store(deps_.results.counts(*week), kNoStore) : refusal(week.error());
     }
     if (path == "/api/recipe") return of_store(deps_.results.recipe_in_use(), kNoRecipe);
     if (path == "/api/changes") return of_store(deps_.results.changes(30), kNoStore);

@@ -6,7 +6,7 @@
 //   /api/page, /api/state                state and newest results, as JSON; state alone
 //   /api/events                          both, as events
 //   /api/history?span=15m|24h            for the charts
-//   /api/results, /api/results.csv, /api/counts, /api/recipe, /api/changes   from the store
+//   /api/results, /api/results.csv, /api/counts, /api/scores, /api/recipe, /api/changes   from the store
 //   /parts/KEY/FILE                      part.json, record.json, record.tar, frame.png, map.png, found.json of one part
 //   /api/command                         POST {"command":"stop"}, with a token
 //

@@ -134,26 +134,50 @@ Result<std::string> Results::csv(const Fields& fields) {
     return text;
 }
 
-Result<Json> Results::counts(bool week) {
+Result<Json> Results::by_period(std::chrono::seconds span, std::chrono::seconds step, const Fill& fill) {
     const std::unique_lock lock(mutex_, kTimeout);
     if (!lock) return others_search();
     auto reader = open();
     if (!reader) return tl::unexpected(reader.error());
-    const std::chrono::seconds step = week ? std::chrono::hours(1) : std::chrono::minutes(15);
     const std::int64_t step_us = std::chrono::microseconds(step).count();
     const store::UtcMicros now = store::utc_now();
-    const auto span = std::chrono::microseconds(std::chrono::hours(week ? 7 * 24 : 24)).count();
-    const store::UtcMicros since = (now - span) / step_us * step_us, until = now + step_us;
-    Json rows = Json::array(), kinds = Json::array();
-    auto done = (*reader)->each_count(since, until, step, [&](const store::ResultCount& c) {
-        rows.push_back({c.since_us / 1'000'000, c.recipe, c.verdict, c.reason, c.parts});
-    });
-    if (done)
-        done = (*reader)->each_kind_count(since, until, step, [&](const store::ResultCount& c) {
-            kinds.push_back({c.since_us / 1'000'000, c.recipe, c.kind, c.parts});
+    const store::UtcMicros since = (now - std::chrono::microseconds(span).count()) / step_us * step_us;
+    Json found{{"step_s", step.count()}};
+    return fill(**reader, since, now + step_us, found).map([&] { return std::move(found); });
+}
+
+Result<Json> Results::counts(bool week) {
+    using namespace std::chrono;
+    const seconds step = week ? hours(1) : minutes(15), span = week ? days(7) : days(1);
+    return by_period(span, step, [&](auto& reader, store::UtcMicros since, store::UtcMicros until, Json& found) {
+        Json rows = Json::array(), kinds = Json::array();
+        auto done = reader.each_count(since, until, step, [&](const store::ResultCount& c) {
+            rows.push_back({c.since_us / 1'000'000, c.recipe, c.verdict, c.reason, c.parts});
         });
-    if (!done) return tl::unexpected(done.error());
-    return Json{{"step_s", step_us / 1'000'000}, {"rows", std::move(rows)}, {"kinds", std::move(kinds)}};
+        if (done)
+            done = reader.each_kind_count(since, until, step, [&](const store::ResultCount& c) {
+                kinds.push_back({c.since_us / 1'000'000, c.recipe, c.kind, c.parts});
+            });
+        found["rows"] = std::move(rows);
+        found["kinds"] = std::move(kinds);
+        return done;
+    });
+}
+
+Result<Json> Results::scores(bool day) {
+    using namespace std::chrono;
+    const seconds step = day ? seconds(minutes(5)) : seconds(5), span = day ? seconds(days(1)) : minutes(15);
+    return by_period(span, step, [&](auto& reader, store::UtcMicros since, store::UtcMicros until, Json& found) {
+        const auto value = [](std::optional<double> of) { return of ? Json(*of) : Json(); };
+        Json rows = Json::array();
+        auto done = reader.each_score(since, until, step, [&](const store::ScoreCount& c) {
+            rows.push_back(
+                {c.since_us / 1'000'000, value(c.passed_mean), value(c.passed_highest), value(c.other_highest)});
+        });
+        found["fields"] = {"passed_mean", "passed_highest", "other_highest"};
+        found["rows"] = std::move(rows);
+        return done;
+    });
 }
 
 Result<StoredResult> Results::one(const PartKey& key) {

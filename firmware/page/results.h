@@ -2,6 +2,7 @@
 // store read-only and is limited in time and rows. Any thread; one query at a time.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -49,6 +50,10 @@ class Results {
     // {"step_s","rows":[[start_s,recipe,verdict,reason,parts],...],"kinds":[[start_s,recipe,kind,parts],...]}.
     Result<store::Json> counts(bool week);
 
+    // Scores in units of their limit, of the last 24 hours in steps of 5 minutes, or of the last 15 minutes in steps of
+    // 5 s: {"step_s","fields":["passed_mean",...],"rows":[[start_s,value or null,...],...]}, as Live::history_json.
+    Result<store::Json> scores(bool day);
+
     // Fails with not_found.
     Result<store::StoredResult> one(const PartKey& key);
 
@@ -66,6 +71,11 @@ class Results {
     // The rows that the store's `each` finds.
     template <class Row>
     Result<std::vector<Row>> read(const store::ResultFilter& filter, Each<Row> each);
+
+    // {"step_s"} and what `fill` adds to it of the last `span`, by periods of `step`.
+    using Fill =
+        std::function<Result<void>(store::StoreReader&, store::UtcMicros since, store::UtcMicros until, store::Json&)>;
+    Result<store::Json> by_period(std::chrono::seconds span, std::chrono::seconds step, const Fill& fill);
 
     const std::filesystem::path folder_;
     std::timed_mutex mutex_;

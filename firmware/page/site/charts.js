@@ -11,8 +11,8 @@ const kCharts = [
   { title: "Lenslet grid", axis: "px", series: [["drift_px", "drift"], ["residual_px", "calibration residual"]] },
   { title: "Brightest samples of kept frames", axis: "% of full scale", series: [["light_percent", "light"]] },
 ];
-// From the results that this browser has seen: a part at or above its limit does not pass.
-const kScoreChart = { title: "Score of each part against its limit", axis: "score, of its limit", series: [["score", "score"]], points: true, limit: 1 };
+// From the store, by steps of 5 s or 5 minutes: a part at or above its limit does not pass.
+const kScoreChart = { title: "Scores against their limit", axis: "score, of its limit", series: [["passed_mean", "mean of passed"], ["passed_highest", "highest of passed"], ["other_highest", "highest of others"]], points: ["other_highest"], limit: 1 };
 const kChart = { width: 340, height: 150, left: 52, right: 6, top: 8, bottom: 18 };
 
 function svgElement(name, attributes, text) {
@@ -103,16 +103,17 @@ function drawChart(figure, chart, history, span_s) {
   drawAxes(svg, chart, low, high, y, end - span_s, end, span_s, rows.some((row) => columns.some((k) => row[k] !== null)));
   const caption = document.createElement("figcaption");
   columns.forEach((k, number) => {
+    const points = (chart.points || []).includes(chart.series[number][0]);
     let path = "", pen = false, least = Infinity, most = -Infinity, last = null;
     for (const row of rows) {
       const value = row[k];
       if (value === null) { pen = false; continue; }
-      path += `${pen && !chart.points ? "L" : "M"}${x(row[0]).toFixed(1)} ${y(value).toFixed(1)}`;
-      if (!pen || chart.points) path += "h0.1";  // a single sample is visible, too
+      path += `${pen && !points ? "L" : "M"}${x(row[0]).toFixed(1)} ${y(value).toFixed(1)}`;
+      if (!pen || points) path += "h0.1";  // a single sample is visible, too
       pen = true;
       least = Math.min(least, value); most = Math.max(most, value); last = value;
     }
-    svg.append(svgElement("path", { class: `s${number}${chart.points ? " points" : ""}`, d: path || "M0 0" }));
+    svg.append(svgElement("path", { class: `s${number}${points ? " points" : ""}`, d: path || "M0 0" }));
     const key = document.createElement("i");
     key.className = `k${number}`;
     caption.append(key, last === null ? `${chart.series[number][1]}: not known` : `${chart.series[number][1]} ${shortNumber(last)} (${shortNumber(least)} to ${shortNumber(most)})`);
@@ -123,12 +124,10 @@ function drawChart(figure, chart, history, span_s) {
   if (focused) svg.focus({ preventScroll: true });
 }
 
-function drawCharts(place, history, span_s, scores) {
-  const first = scores.length ? scores[0][0] : 0, last = scores.length ? scores[scores.length - 1][0] : 0;
-  const all = [[kScoreChart, { fields: ["score"], rows: scores }, Math.max(last - first, 60)], ...kCharts.map((chart) => [chart, history, span_s])];
-  all.forEach(([chart, rows, span], k) => {
+function drawCharts(place, history, scores, span_s) {
+  [[kScoreChart, scores], ...kCharts.map((chart) => [chart, history])].forEach(([chart, rows], k) => {
     let figure = place.children[k];
     if (!figure) { figure = document.createElement("figure"); figure.className = "chart"; place.append(figure); }
-    drawChart(figure, chart, rows, span);
+    drawChart(figure, chart, rows, span_s);
   });
 }

@@ -7,7 +7,7 @@ const kWhat = {
   stop: "Stop: the parts on the line are finished, then no part is inspected.",
   reset: "Acknowledge and reset: latched faults are cleared. Only after somebody has checked the line.", self_test: "Self-test: one flash and one frame of the empty line are judged.",
   abort: "Abort: everything on the line is rejected.", halt: "Halt: devices are closed, lights and run permit go off.",
-  bring_up: "Bring up: the devices are opened, the station is armed and started, and the run permit is given: the belt may move. Only when nobody is at the line.",
+  bring_up: "Bring up: the devices are opened, the station is armed and started, and the run permit is given: the belt may move. Only when nobody is at the line, and no part is left on it: the station rejects what it does not know, and stops the line if it cannot.",
 };
 const kBringUp = { initialise: "the devices are opened", arm: "the station is armed", start_continuous: "the station is started" };
 const kBringUpPatience_ms = 60000;

@@ -1,8 +1,8 @@
 // Shows the station's state. All data come from this page's own server: as events, or by polling while there are no events.
 "use strict";
 
-const kStripShown = 60, kScoresShown = 240;
-const seen = { state: null, map: "", scores: [], boot: null, reject: null, picture: null, results: new Map(), rejectsNotAnnounced: 0, lastRejectWords: "" };
+const kStripShown = 60;
+const seen = { state: null, map: "", boot: null, reject: null, picture: null, results: new Map(), rejectsNotAnnounced: 0, lastRejectWords: "" };
 
 const round = (value, digits = 3) => known(value) ? Number(value.toFixed(digits)) : null;
 function figures(id, rows) {
@@ -100,8 +100,6 @@ function takeResult(result) {
   if (seen.results.has(result.key)) return;
   seen.results.set(result.key, result);
   addToStrip(result);
-  if (known(result.score)) seen.scores.push([result.verdict_ms / 1000, result.score]);
-  if (seen.scores.length > kScoresShown) seen.scores.shift();
   $("strip-none").hidden = true;
   if (result.verdict === "pass") return;
   seen.reject = result;
@@ -372,7 +370,10 @@ $("changes-again").addEventListener("click", showChanges);
 let span = "15m";
 async function showCharts() {
   if (document.hidden) return;
-  try { drawCharts($("charts"), await ask(`/api/history?span=${span}`), span === "24h" ? 86400 : 900, seen.scores); } catch { /* tried again in five seconds */ }
+  try {
+    const [history, scores] = await Promise.all([ask(`/api/history?span=${span}`), ask(`/api/scores?span=${span}`).catch(() => ({ rows: [] }))]);
+    drawCharts($("charts"), history, { fields: kScoreChart.series.map(([name]) => name), ...scores }, span === "24h" ? 86400 : 900);
+  } catch { /* tried again in five seconds */ }
 }
 document.querySelectorAll("[data-span]").forEach((button) => button.addEventListener("click", () => {
   span = button.dataset.span;

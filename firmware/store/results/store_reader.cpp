@@ -192,6 +192,20 @@ Result<void> StoreReader::each_kind_count(UtcMicros since, UtcMicros until, std:
     });
 }
 
+Result<void> StoreReader::each_score(UtcMicros since, UtcMicros until, std::chrono::seconds period,
+                                     const std::function<void(const ScoreCount&)>& take) {
+    const std::int64_t step_us = std::chrono::microseconds(period).count();
+    const char* sql =
+        "SELECT time_us / ?3 * ?3, avg(iif(verdict = 'pass', score, NULL)), max(iif(verdict = 'pass', score, NULL)), "
+        "max(iif(verdict <> 'pass', score, NULL)) FROM results WHERE time_us >= ?1 AND time_us < ?2 AND typeof(score) "
+        "= 'real' GROUP BY 1 ORDER BY 1";
+    return database_->run(sql, std::array<Value, 3>{since, until, step_us}, [&](const Statement& row) -> Result<void> {
+        RowReader read(row);
+        take({read.integer(0), read.real_or_null(1), read.real_or_null(2), read.real_or_null(3)});
+        return {};
+    });
+}
+
 Result<void> StoreReader::each_change(const ResultFilter& filter,
                                       const std::function<void(const StoredChange&)>& take) {
     Conditions where;

@@ -63,6 +63,12 @@ struct ResultCount {
     std::int64_t parts = 0;
 };
 
+// The scores of a period; of those that passed and of the others, none: no such part with a score.
+struct ScoreCount {
+    UtcMicros since_us = 0;  // start of the period
+    std::optional<double> passed_mean, passed_highest, other_highest;
+};
+
 // The newest row of a chain. Noted outside of the store, it proves later that no row up to it was changed.
 struct ChainHead {
     std::string chain;  // "changes", "commands", "results"
@@ -96,6 +102,10 @@ class StoreReader {
                             const std::function<void(const ResultCount&)>& take);
     Result<void> each_kind_count(UtcMicros since, UtcMicros until, std::chrono::seconds period,
                                  const std::function<void(const ResultCount&)>& take);
+    // Scores of since <= time < until by periods of `period`, in the order of time. A period without a score is left
+    // out.
+    Result<void> each_score(UtcMicros since, UtcMicros until, std::chrono::seconds period,
+                            const std::function<void(const ScoreCount&)>& take);
     Result<void> each_change(const ResultFilter& filter,
                              const std::function<void(const StoredChange&)>& take);  // time, run, what, newest
 

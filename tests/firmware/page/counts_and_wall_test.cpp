@@ -27,11 +27,24 @@ TEST(PageResults, are_downloaded_as_csv_by_the_same_filters) {
     EXPECT_EQ(Json::parse(page.get("/api/counts", {{"span", "7d"}}).body)["step_s"], 3600);
 }
 
+TEST(PageResults, give_the_trend_of_scores) {
+    SmallPage page;
+    EXPECT_EQ(page.get("/api/scores", {{"span", "7d"}}).status, 400);
+    const Json day = Json::parse(page.get("/api/scores", {{"span", "24h"}}).body);
+    EXPECT_EQ(day["step_s"], 300);
+    EXPECT_EQ(day["fields"], Json::parse(R"(["passed_mean","passed_highest","other_highest"])"));
+    EXPECT_EQ(Json::parse(page.get("/api/scores").body)["step_s"], 5);
+    EXPECT_TRUE(Json::parse(page.get("/api/scores").body)["rows"].empty());  // the results are of another day
+    Request request;
+    request.path = "/api/scores";
+    EXPECT_FALSE(Pages::is_in_memory(request));
+}
+
 TEST(PageResults, that_do_not_exist_yet_are_told_without_a_path) {
     SmallPage page;
     const std::string folder = page.folder.path().string();
     std::filesystem::remove_all(page.folder.path());
-    for (const char* path : {"/api/results", "/api/counts", "/api/recipe", "/api/changes"}) {
+    for (const char* path : {"/api/results", "/api/counts", "/api/scores", "/api/recipe", "/api/changes"}) {
         const Reply reply = page.get(path);
         EXPECT_EQ(reply.status, 200) << path;
         EXPECT_TRUE(Json::parse(reply.body)["rows"].empty()) << path;

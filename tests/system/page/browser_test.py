@@ -3,41 +3,20 @@
 One run of Chromium sees everything; screenshots stay in OUTPUT_DIR. Exit status 77: no browser is installed.
 """
 import json
-import pathlib
 import re
 import statistics
-import sys
-import tempfile
 import urllib.error
 import urllib.request
 
-from line import LineKeeper, Page, Station
-from webdriver import Browser, missing, wait_for
+from line import Station
+from looking import TOKEN, Line, check, check_console, check_screen, load, main
+from webdriver import wait_for
 
-TOKEN = "a-token-of-the-test-0123456789"
 NAMELESS = """
 const named = (e) => (e.getAttribute('aria-label') || e.textContent || e.alt || e.title || (e.labels && e.labels.length ? e.labels[0].textContent : '')).trim() !== '';
 return [...document.querySelectorAll('button, a, input, select, summary, section, [role=region], [role=img], svg:not([aria-hidden])')]
   .filter((e) => !named(e) && !document.getElementById(e.getAttribute('aria-labelledby'))).map((e) => e.outerHTML.slice(0, 120));
 """
-# Contrast of every text with its background: WCAG's ratio of the computed colours.
-LOW_CONTRAST = """
-const parts = (c) => c.match(/[\\d.]+/g).map(Number);
-const light = (c) => { const [r, g, b] = parts(c).map((v) => { v /= 255; return v <= 0.04045 ? v / 12.92 : Math.pow((v + 0.055) / 1.055, 2.4); }); return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
-const behind = (e) => { for (; e; e = e.parentElement) { const c = getComputedStyle(e).backgroundColor; if (!(parts(c).length === 4 && parts(c)[3] === 0)) return c; } return 'rgb(255,255,255)'; };
-const low = [];
-for (const e of document.querySelectorAll('main *, header *, footer *')) {
-  if (![...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim()) || e.closest('svg') || !e.checkVisibility() || e.closest('button:disabled')) continue;
-  const a = light(getComputedStyle(e).color), b = light(behind(e)), ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
-  if (ratio < 4.5) low.push(e.tagName + ' ' + e.className + ' ' + e.textContent.trim().slice(0, 30) + ' ' + ratio.toFixed(2));
-}
-return low;
-"""
-
-
-def check(is_so, what):
-    if not is_so:
-        raise AssertionError(what)
 
 
 def send_command(page, name, token):
@@ -51,13 +30,9 @@ def send_command(page, name, token):
 
 
 def look(bin_dir, out, folder):
-    station = Station(bin_dir, folder)
-    page = Page(bin_dir, folder, station.port, TOKEN)
-    keeper = LineKeeper(bin_dir, page, station.port)
-    browser = Browser(folder)
-    try:
-        browser.open(page.address + "/")
-        wait_for("the page is loaded", lambda: browser.run("return document.documentElement.dataset.loaded === 'yes'"))
+    with Line(bin_dir, out, folder) as line:
+        browser, page = line.browser, line.page
+        load(browser, page)
         wait_for("the line runs", lambda: "ContinuousExecution" in browser.run("return document.getElementById('lamps').textContent"))
 
         # A reject appears without a reload, with the image of the same part. (A machine too slow for the line produces further rejects.)
@@ -70,7 +45,7 @@ def look(bin_dir, out, folder):
             delays.append(delay)
             with urllib.request.urlopen(f"{page.address}/parts/{shown}/found.json", timeout=60) as reply:
                 found = json.load(reply)
-            told = wait_for("the station's own word on that part", lambda f=found: station.results().get(f["part"]))
+            told = wait_for("the station's own word on that part", lambda f=found: line.station.results().get(f["part"]))
             check(found["same_as_then"], "the picture is not what the inspection saw")
             check(shown.endswith(f"-{found['part']}"), f"the picture of another part: {shown} {found}")
             if told["verdict"] == "reject" and told["reason"] != "verdict-late":
@@ -111,9 +86,7 @@ def look(bin_dir, out, folder):
         browser.run("document.getElementById('recipe-details').open = false")
         for dark in (False, True):
             name = "dark" if dark else "light"
-            browser.screenshot(out / f"tablet-{name}.png", 1024, 1366, dark, whole=True)
-            check(not browser.run(LOW_CONTRAST), f"{name}: hard to read: {browser.run(LOW_CONTRAST)}")
-            check(browser.run("return document.documentElement.scrollWidth <= innerWidth"), f"{name}: wider than the tablet")
+            check_screen(browser, out / f"tablet-{name}.png", 1024, 1366, dark, whole=True)
             browser.screenshot(out / f"wall-4k-{name}.png", 3840, 2160, dark)
         browser.screenshot(out / "phone-light.png", 420, 900, False, whole=True)
 
@@ -138,43 +111,22 @@ def look(bin_dir, out, folder):
         wait_for("the command in the station's record", recorded)
 
         # The station ends, and restarts at the same address.
-        port = station.port
-        station.end()
+        port = line.station.port
+        line.station.end()
         wait_for("the page says that nobody answers", lambda: browser.run("return document.getElementById('degree').textContent") == "Alarm")
         check("not known" in browser.run("return document.getElementById('lamps').textContent"), "signals are claimed of a station that does not answer")
         browser.screenshot(out / "tablet-station-away.png", 1024, 768, False)
-        station = Station(bin_dir, folder, port=port, seed=8)
+        line.station = Station(bin_dir, folder, port=port, seed=8)
         wait_for("the page follows the new start", lambda: "ContinuousExecution" in browser.run("return document.getElementById('lamps').textContent"))
         boot = browser.run("return document.getElementById('map').dataset.key.slice(0, 8)")
         wait_for("a reject of the new start with its picture", lambda: browser.run("const m = document.getElementById('map'); return m.dataset.key.slice(0, 8) !== arguments[0]", boot))
 
-        errors = [entry for entry in browser.log() if entry["level"] in ("SEVERE", "WARNING")]
-        check(not errors, f"the console complains: {errors[:5]}")
+        check_console(browser)
         print(f"a reject and its picture were shown {statistics.median(delays):.0f} ms after the verdict (of {len(delays)}, at most {max(delays)} ms)")
         print(f"first paint after {paint:.0f} ms; {sum(own)} bytes until the page stands")
-        print(f"screenshots in {out}")
         # Wide limits for a busy machine; docs/page.md has the values measured on an idle one.
         check(max(delays) < 60_000, f"a reject was shown {max(delays)} ms after its verdict")
-    except Exception:
-        browser.screenshot(out / "failed.png", 1024, 1366, False, whole=True)
-        raise
-    finally:
-        keeper.end()
-        browser.close()
-        page.end()
-        station.end()
-
-
-def main():
-    if why := missing():
-        print(f"skipped: {why}")
-        return 77
-    out = pathlib.Path(sys.argv[2])
-    out.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="hord-page-", ignore_cleanup_errors=True) as folder:
-        look(sys.argv[1], out, folder)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main(look)

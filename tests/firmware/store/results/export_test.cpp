@@ -115,5 +115,40 @@ TEST(StoreCounts, are_by_period_recipe_verdict_and_reason_and_add_up_to_the_resu
     }
 }
 
+// A result each tenth of a second; 10 and 20 are rejects, 10 in the second second.
+TEST(StoreScores, are_mean_and_highest_of_those_that_passed_and_highest_of_the_others) {
+    const TempFolder folder;
+    Story story;
+    story.add_results(1, 25);
+    write(folder, story);
+    auto reader = StoreReader::open(folder.path());
+    ASSERT_TRUE(reader);
+    std::vector<ScoreCount> scores;
+    ASSERT_TRUE((*reader)->each_score(kNoon, kNoon + 2 * kSecond, std::chrono::seconds(1),
+                                      [&](const ScoreCount& c) { scores.push_back(c); }));
+    const auto all = results(folder);
+    ASSERT_EQ(scores.size(), 2U);
+    for (const ScoreCount& second : scores) {
+        double sum = 0, highest = 0;
+        int passed = 0;
+        std::optional<double> other;
+        for (const StoredResult& r : all) {
+            if (r.time_us < second.since_us || r.time_us >= second.since_us + kSecond || !r.score) continue;
+            if (r.verdict != "pass") other = std::max(other.value_or(0), *r.score);
+            else {
+                sum += *r.score;
+                ++passed;
+                highest = std::max(highest, *r.score);
+            }
+        }
+        ASSERT_GT(passed, 5);
+        EXPECT_NEAR(second.passed_mean.value_or(-1), sum / passed, 1e-12);
+        EXPECT_EQ(second.passed_highest, highest);
+        EXPECT_EQ(second.other_highest, other);
+    }
+    EXPECT_FALSE(scores[0].other_highest);
+    EXPECT_TRUE(scores[1].other_highest);
+}
+
 }  // namespace
 }  // namespace hord::firmware::store::test
