@@ -22,11 +22,14 @@ bool within(const Deflection& a, const Deflection& b, std::int64_t tolerance) {
 
 }  // namespace
 
-bool jumps(const FieldLight& light, std::size_t a, std::size_t b) {
+bool jumps_by_light(const FieldLight& light, std::size_t a, std::size_t b) {
     const auto [less, more] = std::minmax(light.sums[a], light.sums[b]);
     return ((light.mask[a] | light.mask[b]) & kDark) != 0 ||
-        !within(light.deflections[a], light.deflections[b], bins_q(kJumpBins)) ||
         static_cast<double>(more) > kJumpLight * static_cast<double>(less);
+}
+
+bool jumps(const FieldLight& light, std::size_t a, std::size_t b) {
+    return jumps_by_light(light, a, b) || !within(light.deflections[a], light.deflections[b], bins_q(kJumpBins));
 }
 
 void RimFinder::describe(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) {
@@ -36,6 +39,7 @@ void RimFinder::describe(Deflections deflections, Sums sums, std::span<const std
     found_.sharp_outline = sharp_share(deflections, sums, mask);
     found_.free_beside = least_free_beside();
     found_.symmetry = point_symmetry();
+    found_.convexity = convexity();
 }
 
 // Joins regions that face each other across free light if most lenslets along the gap deflect light little more than
@@ -122,12 +126,18 @@ double RimFinder::point_symmetry() const {
     return static_cast<double>(both) / static_cast<double>(2 * area - both);
 }
 
-double RimFinder::deflecting_share(std::span<const std::uint8_t> mask) const {
+double RimFinder::convexity() {
+    hull_.take(state_, kInside);
+    const auto inside = std::ranges::count_if(state_, [](std::uint8_t state) { return (state & kInside) != 0; });
+    return static_cast<double>(inside) / static_cast<double>(std::max<std::size_t>(hull_.close(), 1));
+}
+
+double RimFinder::deflecting_share(Deflections deflections, std::span<const std::uint8_t> mask) const {
     std::size_t inside = 0, free = 0;
     for (std::size_t k = 0; k < state_.size(); ++k) {
         if ((mask[k] & (kRim | kOutside)) != 0) continue;
         ++inside;
-        free += (state_[k] & kFree) != 0 ? 1 : 0;
+        free += (mask[k] & kDark) == 0 && within(deflections[k], free_, bins_q(kFreeToleranceBins)) ? 1 : 0;
     }
     return inside == 0 ? 1 : 1 - static_cast<double>(free) / static_cast<double>(inside);
 }

@@ -37,6 +37,12 @@ double widest(float limit_bins, int bins) {
     return std::min(static_cast<double>(limit_bins), kMaxSpotOfEven * rms_of_even_light(bins));
 }
 
+// The coarser the outline, the less regular it is.
+double least_of_outline(double of_fine_one, std::size_t area) {
+    const double diameter = 2 * std::sqrt(static_cast<double>(area) / kPi);
+    return std::max(0.8, of_fine_one - 0.6 / std::max(diameter, 1.0));
+}
+
 }  // namespace
 
 FrameChecks::FrameChecks(const Extents& extents, int bits, const Recipe& recipe)
@@ -170,12 +176,11 @@ FrameFault FrameChecks::check_exposures(const FrameView& frame, const DecodedFie
                                                                                   : FrameFault::none;
 }
 
-// A piece that is missing at one side, of the share f of the part, takes 2 f: 0.95 is a fortieth. The coarser the
-// outline, the less symmetric it is.
-double min_symmetry(std::size_t area) {
-    const double diameter = 2 * std::sqrt(static_cast<double>(area) / kPi);
-    return std::max(0.8, 0.95 - 0.6 / std::max(diameter, 1.0));
-}
+// A piece that is missing at one side, of the share f of the part, takes 2 f: 0.95 is a fortieth.
+double min_symmetry(std::size_t area) { return least_of_outline(0.95, area); }
+
+// Pieces that are missing between others, of the share f of the whole part, take f.
+double min_convexity(std::size_t area) { return least_of_outline(0.9, area); }
 
 // Without free light: an opaque holder leaves the outermost lenslets dark, and the part is what is lit inside it. It
 // shows itself by deflecting light; a hole without a part, or a window in a hole, does not.
@@ -203,6 +208,7 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     findings_.sharp_share = static_cast<float>(part.sharp_outline);
     findings_.free_beside = static_cast<float>(part.free_beside);
     findings_.symmetry = static_cast<float>(part.symmetry);
+    findings_.convexity = static_cast<float>(part.convexity);
     findings_.deflecting = static_cast<float>(part.deflecting);
     if (part.area > 0) {
         const double diameter = 2 * std::sqrt(static_cast<double>(part.area) / kPi);
@@ -210,6 +216,7 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     }
     // A part that was learned is recognised by its pose: registration decides.
     if (!part_required_ || has_reference_) return FrameFault::none;
+    if (part.lacks_flanks) return FrameFault::no_flanks;
     if (part.parts == 0) return part.free_light ? FrameFault::nothing : check_holder(field);
     if (part.free_light && part.sharp_outline < kMinSharpOutline) return FrameFault::no_outline;
     // Tubes and plates may leave the field, and a plate may show its edges alone.
@@ -219,6 +226,7 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     if (static_cast<double>(findings_.border_cut) > kMaxBorderCut) return FrameFault::cut_by_field;
     if (part.free_beside < kMinFreeBeside) return FrameFault::interrupted;
     if (symmetric_ && part.symmetry < min_symmetry(part.area)) return FrameFault::lopsided;
+    if (symmetric_ && part.convexity < min_convexity(part.area)) return FrameFault::notched;
     return part.deflecting < kMinDeflectingShare ? FrameFault::hollow : FrameFault::none;
 }
 

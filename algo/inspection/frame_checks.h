@@ -35,6 +35,8 @@ constexpr double kMinDeflectingShare = 0.25;  // of the inside of a part, and of
 // Least overlap of a part's outline and its image turned by 180 degrees, over both together. A part of few lenslets has
 // a coarse outline. `area`: lenslets.
 double min_symmetry(std::size_t area);
+// Least share that a part covers of its convex hull.
+double min_convexity(std::size_t area);
 
 // A decoded frame, one value a lenslet, row by row. `mask`: kDark and kSaturated are read.
 struct DecodedField {

@@ -28,6 +28,8 @@ enum class FrameFault : std::uint8_t {
     several,       // more than one part
     cut_by_field,  // a part that the field's border cuts off
     lopsided,      // the part's outline is not symmetric: a piece of it is missing or covered
+    notched,       // the part's outline is not convex: pieces of it are missing or covered
+    no_flanks,     // a tube that the field cuts lengthwise, or whose edges show no flanks
     hollow,        // an outline with free light inside: a ring, or a flat part of another form
 };
 
@@ -56,6 +58,7 @@ struct FrameFindings {
     float sharp_share = 0;  // share of the part's outline across which the light jumps
     float free_beside = 1;  // least share of free light beside the part in a row or column
     float symmetry = 0;     // overlap of the part and its image turned by 180 degrees, over both together
+    float convexity = 0;    // of the part, with what it encloses, over its convex hull
     float deflecting = 1;   // share of the inside of the part that deflects light, or is dark
 };
 

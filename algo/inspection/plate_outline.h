@@ -4,15 +4,15 @@
 
 #include <cstdint>
 #include <span>
-#include <vector>
 
 #include "algo/frame/extents.h"
+#include "algo/inspection/row_hull.h"
 
 namespace hord::algo {
 
 class PlateOutline {
   public:
-    explicit PlateOutline(const Extents& extents);  // allocates all memory
+    explicit PlateOutline(const Extents& extents) : extents_(extents), hull_(extents) {}  // allocates all memory
 
     // `state` holds outline::kPart at the lenslets of the edges. If their convex hull covers at least 1/kSmallestPart
     // of the field, and is not a narrow strip, the hull gets kPart and kInside, and all else loses kPart. A corner of
@@ -21,15 +21,11 @@ class PlateOutline {
     bool find(std::span<std::uint8_t> state);
 
   private:
-    void close(std::vector<int>& edge);
-    std::size_t close_hull();
     [[nodiscard]] bool is_plate(std::size_t lenslets) const;
     void add_corners();
 
     Extents extents_;
-    // Of each row: the first column of the plate, and that of the mirrored field (from the right); `extents_.m`: none.
-    std::vector<int> left_, right_;
-    std::vector<int> chain_;  // rows of the hull's corners
+    RowHull hull_;
 };
 
 }  // namespace hord::algo

@@ -1,6 +1,7 @@
 #include "algo/inspection/rim.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -36,6 +37,23 @@ float steepest_slope(const Recipe& recipe) {
     return limit < std::numeric_limits<float>::max() ? kSmoothShare * limit : 0;
 }
 
+// The step from the first lenslet to the second is no edge: the mean deflection changes alike two steps further, by at
+// least half as much. (At an edge one lenslet may be covered in part, so that the change takes two steps.)
+bool slope_goes_on(const FieldLight& light, const std::array<std::size_t, 4>& at) {
+    if (jumps_by_light(light, at[0], at[1])) return false;
+    const auto alike = [&](DeflectionQ Deflection::*axis) {
+        const auto change = [&](std::size_t from) {
+            return std::int64_t{(light.deflections[at[from + 1]].*axis).raw()} -
+                (light.deflections[at[from]].*axis).raw();
+        };
+        const std::int64_t first = change(0), later = change(2);
+        return std::abs(first) <= kFreeTolerance ||
+            ((first > 0) == (later > 0) && 2 * std::abs(later) >= std::abs(first));
+    };
+    return (light.mask[at[2]] & kDark) == 0 && (light.mask[at[3]] & kDark) == 0 && alike(&Deflection::x) &&
+        alike(&Deflection::y);
+}
+
 }  // namespace
 
 int default_rim_margin(const Extents& extents) {
@@ -49,10 +67,10 @@ RimFinder RimFinder::of(const Recipe& recipe, const Extents& extents) {
 }
 
 RimFinder::RimFinder(const Extents& extents, int margin, PartForm form, float steepest_bins)
-    : extents_(extents), margin_(margin), form_(form), state_(extents.lenslets()), region_(extents.lenslets()),
-      queue_(extents.lenslets()), runs_(max_flood_runs(extents)), free_along_(extents.lenslets()),
-      first_(static_cast<std::size_t>(extents.m)), last_(static_cast<std::size_t>(extents.m)),
-      part_in_column_(static_cast<std::size_t>(extents.m)) {
+    : extents_(extents), margin_(margin), form_(form), hull_(extents), state_(extents.lenslets()),
+      region_(extents.lenslets()), queue_(extents.lenslets()), runs_(max_flood_runs(extents)),
+      free_along_(extents.lenslets()), of_rows_(static_cast<std::size_t>(extents.n)),
+      of_columns_(static_cast<std::size_t>(extents.m)), part_in_column_(static_cast<std::size_t>(extents.m)) {
     for (int n = 0; n < extents.n; ++n) {
         const bool whole_row = n == 0 || n == extents.n - 1;
         for (int m = 0; m < extents.m; m += whole_row ? 1 : extents.m - 1)
@@ -82,7 +100,7 @@ void RimFinder::mark(std::span<const Deflection> deflections, std::span<const st
     find_part({deflections, sums, mask});
     if (regions_ > 0) describe(deflections, sums, mask);
     mark_rim(mask);
-    if (regions_ > 0 && found_.free_light) found_.deflecting = deflecting_share(mask);
+    if (regions_ > 0 && found_.free_light) found_.deflecting = deflecting_share(deflections, mask);
 }
 
 // Step 3. Sets kPart and kInside.
@@ -96,8 +114,9 @@ void RimFinder::find_part(const FieldLight& light) {
             // The light at the two ends of a tube is not free light.
             const Sides ends = tube_ && tube_->along_columns() ? Sides::beside_rows : Sides::beside_columns;
             if (tube_ && free_sides_ == ends) found_.free_light = false;
-            // A tube that fills the field shows by its flanks.
-            regions_ = found_.free_light || (tube_ && tube_->has_flanks()) ? 1 : 0;
+            // A tube shows by its flanks: what is cut off by the field, or has none, is no whole tube.
+            found_.lacks_flanks = tube_ && !tube_->has_flanks();
+            regions_ = found_.lacks_flanks ? 0 : 1;
             return;
         }
         for (std::uint8_t& state : state_) state &= static_cast<std::uint8_t>(~kPart);
@@ -243,53 +262,62 @@ void RimFinder::enclose() {
         for (std::uint8_t& state : state_) state |= kInside | kPart;
         return;
     }
-    std::ranges::fill(first_, extents_.n);
-    std::ranges::fill(last_, -1);
-    for (int n = 0; n < extents_.n; ++n) {
-        std::uint8_t* row = state_.data() + static_cast<std::ptrdiff_t>(n) * extents_.m;
-        int first = extents_.m, last = -1;
-        for (int m = 0; m < extents_.m; ++m) {
-            if ((row[m] & kPart) == 0) continue;
-            const auto column = static_cast<std::size_t>(m);
-            first = std::min(first, m);
-            last = m;
-            first_[column] = std::min(first_[column], n);
-            last_[column] = n;
-        }
-        for (int m = first; m <= last; ++m) row[m] |= kInside;
-    }
+    of_columns_.assign(of_columns_.size(), {extents_.n, -1});
+    of_rows_.assign(of_rows_.size(), {extents_.m, -1});
     std::size_t k = 0;
     for (int n = 0; n < extents_.n; ++n) {
-        for (std::size_t m = 0; m < first_.size(); ++m, ++k) {
-            if (n >= first_[m] && n <= last_[m]) state_[k] |= kInside;
+        for (int m = 0; m < extents_.m; ++m, ++k) {
+            if ((state_[k] & kPart) == 0) continue;
+            of_rows_[static_cast<std::size_t>(n)].take(m);
+            of_columns_[static_cast<std::size_t>(m)].take(n);
+        }
+    }
+    k = 0;
+    for (int n = 0; n < extents_.n; ++n) {
+        for (int m = 0; m < extents_.m; ++m, ++k) {
+            if (closed_in_row(m, n) || closed_in_column(m, n)) state_[k] |= kInside;
         }
     }
 }
 
 // Step 3, the end: free light between lenslets of the part that lies across a jump of the light from them is a gap,
 // such as a notch, and no inside of the part. (The flat middle of a cylinder lens: there the light changes slowly.)
-// Clears kInside.
+// What is between lenslets of a row, and what is between those of a column, is looked at for itself. Clears kInside.
 void RimFinder::open_gaps(const FieldLight& light) {
     constexpr std::uint8_t kFreeInside = kInside | kReached;
+    struct Ends {
+        std::size_t all = 0, sharp = 0;
+        [[nodiscard]] bool smooth() const { return sharp * kGapSteps < all; }
+    };
     for (std::uint32_t k = 0; k < state_.size(); ++k) {
         if ((state_[k] & (kFreeInside | kCounted)) != kFreeInside) continue;
         const std::size_t count = mark_connected(k, kFreeInside, kCounted, Connected::at_sides);
-        std::size_t steps = 0, sharp = 0;
-        const auto step = [&](std::size_t from, std::size_t to) {
-            if ((state_[to] & kPart) == 0) return;
-            ++steps;
-            sharp += jumps(light, from, to) ? 1 : 0;
+        // Four lenslets in a line: the free one, and three of the part as far as they go.
+        const auto step = [&](Ends& ends, int m, int n, int dm, int dn) {
+            std::array<std::size_t, 4> at{};
+            std::size_t length = 0;
+            for (; length < at.size() && m >= 0 && n >= 0 && m < extents_.m && n < extents_.n; m += dm, n += dn) {
+                const std::size_t here = extents_.index(m, n);
+                if (length > 0 && (state_[here] & kPart) == 0) break;
+                at[length++] = here;
+            }
+            if (length < 2) return;
+            ++ends.all;
+            ends.sharp += jumps(light, at[0], at[1]) && !(length == at.size() && slope_goes_on(light, at)) ? 1 : 0;
         };
-        for (const std::uint32_t at : std::span(queue_).first(count)) {
+        Ends in_rows, in_columns;
+        const std::span<const std::uint32_t> gap = std::span(queue_).first(count);
+        for (const std::uint32_t at : gap) {
             const int m = static_cast<int>(at) % extents_.m, n = static_cast<int>(at) / extents_.m;
-            const auto row = static_cast<std::size_t>(extents_.m);
-            if (m > 0) step(at, at - 1);
-            if (m + 1 < extents_.m) step(at, at + 1);
-            if (n > 0) step(at, at - row);
-            if (n + 1 < extents_.n) step(at, at + row);
+            if (closed_in_row(m, n)) step(in_rows, m, n, -1, 0), step(in_rows, m, n, 1, 0);
+            if (closed_in_column(m, n)) step(in_columns, m, n, 0, -1), step(in_columns, m, n, 0, 1);
         }
-        if (sharp * kGapSteps < steps) continue;
-        for (const std::uint32_t at : std::span(queue_).first(count)) state_[at] &= static_cast<std::uint8_t>(~kInside);
+        for (const std::uint32_t at : gap) {
+            const int m = static_cast<int>(at) % extents_.m, n = static_cast<int>(at) / extents_.m;
+            const bool inside =
+                (closed_in_row(m, n) && in_rows.smooth()) || (closed_in_column(m, n) && in_columns.smooth());
+            if (!inside) state_[at] &= static_cast<std::uint8_t>(~kInside);
+        }
     }
 }
 
@@ -298,7 +326,7 @@ void RimFinder::open_gaps(const FieldLight& light) {
 // column.
 void RimFinder::mark_rim(std::span<std::uint8_t> mask) {
     const int side = 2 * margin_ + 1;
-    const auto part_at = [&](int m, int n) { return (state_[extents_.index(m, n)] & kPart) != 0 ? 1 : 0; };
+    const auto part_at = [&](int m, int n) { return (state_[extents_.index(m, n)] & kInside) != 0 ? 1 : 0; };
     std::ranges::fill(part_in_column_, 0);
     for (int n = 0; n < std::min(margin_, extents_.n); ++n) {
         for (int m = 0; m < extents_.m; ++m) part_in_column_[static_cast<std::size_t>(m)] += part_at(m, n);

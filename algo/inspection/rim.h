@@ -5,6 +5,7 @@
 // docs/notes/inspection.md.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -14,6 +15,7 @@
 #include "algo/frame/extents.h"
 #include "algo/frame/flood.h"
 #include "algo/inspection/plate_outline.h"
+#include "algo/inspection/row_hull.h"
 #include "algo/inspection/tube_outline.h"
 #include "algo/recipe/recipe.h"
 
@@ -31,6 +33,7 @@ constexpr int kMinBeside = 8;                // lenslets beside the part in a ro
 struct FoundPart {
     // The outermost lenslets show free light. Without it there are no parts, except a tube that its flanks show.
     bool free_light = false;
+    bool lacks_flanks = false;  // the edges of a tube were found, but not a flank on both sides
     int parts = 0;
     std::size_t area = 0;       // lenslets of all parts
     std::size_t at_border = 0;  // of these, outermost lenslets of the field
@@ -41,8 +44,10 @@ struct FoundPart {
     // Overlap of the part, with what it encloses, and its image turned by 180 degrees about its centroid, over both
     // together: 1 for a disc or a rectangle, 0.69 for half a disc.
     double symmetry = 0;
-    // Share of the lenslets inside the part, its rim left out, that deflect light by more than kFreeToleranceBins or
-    // are dark; 1 if nothing is left or there is no free light.
+    // Lenslets of the part, with what it encloses, over those of its convex hull: 1 for a disc or a rectangle.
+    double convexity = 0;
+    // Share of the lenslets inside the part, its rim left out, that deflect light by more than kFreeToleranceBins from
+    // the free light or are dark; 1 if nothing is left or there is no free light.
     double deflecting = 1;
     std::span<const std::uint8_t> state = {};  // one a lenslet, valid until the next mark()
 
@@ -53,6 +58,7 @@ struct FoundPart {
 
 // The light jumps between lenslets a and b: one is dark, or kJumpBins or kJumpLight is exceeded.
 bool jumps(const FieldLight& light, std::size_t a, std::size_t b);
+bool jumps_by_light(const FieldLight& light, std::size_t a, std::size_t b);  // kJumpBins does not count
 
 // Lenslets: 1.5 + 1/222 of the longer side of the field, rounded.
 int default_rim_margin(const Extents& extents);
@@ -89,7 +95,8 @@ class RimFinder {
     [[nodiscard]] double sharp_share(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) const;
     [[nodiscard]] double least_free_beside() const;
     [[nodiscard]] double point_symmetry() const;
-    [[nodiscard]] double deflecting_share(std::span<const std::uint8_t> mask) const;
+    double convexity();
+    [[nodiscard]] double deflecting_share(Deflections deflections, std::span<const std::uint8_t> mask) const;
     void mark_rim(std::span<std::uint8_t> mask);
     std::size_t mark_connected(std::uint32_t seed, std::uint8_t through, std::uint8_t mark, Connected connected);
 
@@ -98,6 +105,7 @@ class RimFinder {
     PartForm form_;
     std::optional<TubeOutline> tube_;    // if the form is a tube
     std::optional<PlateOutline> plate_;  // if it is a plate
+    RowHull hull_;
     enum class Sides : std::uint8_t { all, beside_columns, beside_rows } free_sides_ = Sides::all;  // show free light
     std::vector<std::uint8_t> state_;                          // of each lenslet, outline::State
     std::vector<std::uint8_t> region_;                         // number of its large region, from 1, where kPart is set
@@ -107,7 +115,16 @@ class RimFinder {
     std::vector<std::uint32_t> ring_;                          // the outermost lenslets,
     std::vector<std::uint32_t> beside_columns_, beside_rows_;  // and those of two sides: what lies beside a tube
     std::vector<std::int64_t> ring_values_;
-    std::vector<int> first_, last_;    // rows of the part in each column
+    struct Between {  // the first and the last lenslet of the part along a line; none: last < first
+        int first = 0, last = -1;
+        void take(int at) { first = std::min(first, at), last = std::max(last, at); }
+        [[nodiscard]] bool holds(int at) const { return at >= first && at <= last; }
+    };
+    [[nodiscard]] bool closed_in_row(int m, int n) const { return of_rows_[static_cast<std::size_t>(n)].holds(m); }
+    [[nodiscard]] bool closed_in_column(int m, int n) const {
+        return of_columns_[static_cast<std::size_t>(m)].holds(n);
+    }
+    std::vector<Between> of_rows_, of_columns_;
     std::vector<int> part_in_column_;  // lenslets of the part in the rows within the margin
     Deflection free_;                  // median of the outermost lenslets
     int regions_ = 0;

@@ -103,6 +103,14 @@ std::string missing_part(const algo::FrameFindings& f) {
         case algo::FrameFault::lopsided:
             return "the part's outline is not symmetric, as if a piece were missing: check the part, or set [part] "
                    "outline = \"any\" if it has this shape";
+        case algo::FrameFault::notched:
+            return fmt::format(
+                "the part's outline is not convex, as if pieces were missing ({:.0f} % of its hull): check the part, "
+                "or set [part] outline = \"any\" if it has this shape",
+                100 * (1 - f.convexity));
+        case algo::FrameFault::no_flanks:
+            return "the edges of the tube show no flank on both sides: show it whole, or set [part] form if it is "
+                   "none";
         case algo::FrameFault::hollow:
             return fmt::format(
                 "{:.0f} % of what the outline encloses shows free light, as if nothing were in it: check the part, or "

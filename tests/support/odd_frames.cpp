@@ -187,6 +187,18 @@ void add_pieces(std::vector<Kind>& kinds) {
     add("a part with a slot from its right", [](double x, double y) { return x > -0.2 && std::abs(y) < 0.35; });
     add("a part with a bite at its right", [](double x, double y) { return std::hypot(x - 1, y) < 0.45; });
     add("a part without a chord", [](double x, double) { return x > 0.55; });
+    add("a part with bites at both sides", [](double x, double y) { return std::hypot(std::abs(x) - 1, y) < 0.45; });
+    add("a cross cut from a part", [](double x, double y) { return std::min(std::abs(x), std::abs(y)) > 0.3; });
+    add("a part with two slots, turned by 180 degrees",
+        [](double x, double y) { return x * y < 0 && std::abs(x) > 0.1 && std::abs(std::abs(y) - 0.3) < 0.2; });
+    for (const double light : {0.45, 0.15}) {
+        kinds.push_back(
+            of_light("a grey disc, " + std::to_string(light).substr(0, 4) + " of the light", [=](const Extents& e) {
+                return spots(e, kPeakDn, kSpread, [=, lens = lens_at(e)](int m, int n) {
+                    return Spot{0, 0, std::hypot(m - lens.m, n - lens.n) <= lens.radius ? light : 1.0};
+                });
+            }));
+    }
     kinds.push_back({"a third of a part", [=](const Extents& e, std::uint64_t seed) -> std::optional<Frame> {
                          if (smallest(e) < 40) return std::nullopt;  // too coarse an outline
                          const Lens lens = lens_at(e);

@@ -9,6 +9,7 @@
 
 #include <gtest/gtest.h>
 
+#include "algo/frame/mask.h"
 #include "algo/inspection/pipeline.h"
 #include "hal_sim/optics/camera/render.h"
 #include "tests/support/odd_frames.h"
@@ -19,6 +20,7 @@ namespace {
 using namespace hord::algo::testing;
 
 constexpr Extents kUsual{111, 111, 9, 9};
+double middle_m(const Extents& e) { return 0.5 * (e.m - 1); }
 const Extents kGeometries[] = {kUsual,           {45, 45, 9, 9}, {45, 45, 5, 5},
                                {45, 45, 15, 15}, {40, 36, 9, 9}, {36, 45, 7, 8}};
 
@@ -45,9 +47,9 @@ std::string told(const Inspection& found) {
          << f.dark_noise_dn << "), free " << f.in_free_light << ", offset " << f.x_bins << " " << f.y_bins << ", spot "
          << f.spot_x_bins << " " << f.spot_y_bins << ", second " << f.second_share << ", period " << f.period_x << " "
          << f.period_y << ", parts " << f.parts << ", cut " << f.border_cut << ", sharp " << f.sharp_share
-         << ", beside " << f.free_beside << ", symmetry " << f.symmetry << ", deflecting " << f.deflecting
-         << ", undeflected " << f.undeflected_share << ", alternation " << f.alternation_bins << " "
-         << f.alternation_light << ", score " << found.score;
+         << ", beside " << f.free_beside << ", symmetry " << f.symmetry << ", convexity " << f.convexity
+         << ", deflecting " << f.deflecting << ", undeflected " << f.undeflected_share << ", alternation "
+         << f.alternation_bins << " " << f.alternation_light << ", score " << found.score;
     return text.str();
 }
 
@@ -122,6 +124,10 @@ TEST(FrameChecks, give_the_reason) {
         {"a part with a bite at its right", {Reason::no_part, lopsided}},
         {"a part without a chord", {Reason::no_part, lopsided}},
         {"a third of a part", {Reason::no_part, lopsided}},
+        {"a part with bites at both sides", {Reason::no_part, notched}},
+        {"a cross cut from a part", {Reason::no_part, notched}},
+        {"a part with two slots, turned by 180 degrees", {Reason::no_part, notched}},
+        {"a grey disc, 0.15 of the light", {Reason::no_part, hollow}},
         {"a thin dark ring with nothing in it", {Reason::no_part, hollow}},
         {"lens, even stray light in its middle, five times the free light", {Reason::unexpected_light, glare}},
         {"lens and an empty field, row by row", {Reason::unexpected_light, alternating}},
@@ -175,6 +181,7 @@ TEST(FrameChecks, are_widened_and_switched_off_by_the_recipe) {
     recipe = {};
     recipe.symmetric_outline = false;
     EXPECT_NE(inspected(kUsual, kind("half a part in the middle of the field"), recipe).verdict, Verdict::unfit);
+    EXPECT_NE(inspected(kUsual, kind("a cross cut from a part"), recipe).verdict, Verdict::unfit);
     recipe = {};
     recipe.part_required = false;
     EXPECT_EQ(inspected(kUsual, kind("empty field"), recipe).verdict, Verdict::pass);
@@ -230,6 +237,27 @@ TEST(FrameChecks, leave_the_dark_level_of_a_frame_without_pedestal) {
     EXPECT_NEAR(inspected(kUsual, raised).dark_dn, 8.5, 0.5);
 }
 
+// The middle of a cylinder lens shows free light that is open at its ends. It is judged, and so is what lies beside it.
+TEST(FrameChecks, reject_a_dark_lenslet_wherever_it_lies_on_a_cylinder_lens) {
+    const Extents e{45, 45, 9, 9};
+    const double half = 0.36 * e.m, middle = middle_m(e);
+    for (const double rim_bins : {0.9, 2.5}) {  // 0.06 and 0.15 bins a lenslet
+        const auto cylinder = [&](int dark_m, int dark_n) {
+            return exposed(spots(e, 200, 0.6,
+                                 [&](int m, int n) {
+                                     const double right = m - middle;
+                                     if (m == dark_m && n == dark_n) return Spot{0, 0, 0};
+                                     const bool inside = std::abs(right) < half && std::abs(n - middle) < half;
+                                     return inside ? Spot{-right / half * rim_bins, 0, 0.95} : Spot{};
+                                 }),
+                           {}, 1);
+        };
+        EXPECT_EQ(inspected(e, cylinder(-1, -1)).verdict, Verdict::pass);
+        for (int m = 10; m <= 34; ++m)
+            EXPECT_EQ(inspected(e, cylinder(m, 20)).verdict, Verdict::reject) << m << ", rim " << rim_bins;
+    }
+}
+
 // Parts that the simulated cell renders are recognised as one whole part, at two places of the field.
 TEST(FrameChecks, recognise_rendered_parts) {
     const sim::Part parts[] = {sim::DoubleConvexLens{}, sim::PlanoConvexLens{}, sim::CylinderLens{},
@@ -245,8 +273,13 @@ TEST(FrameChecks, recognise_rendered_parts) {
             scene.noise.dark_dn = 1;
             const auto field = sim::render(scene);
             ASSERT_TRUE(field);
-            const Inspection found = inspected(scene.camera.extents, sim::expose(*field, scene, 1));
+            const Frame frame = sim::expose(*field, scene, 1);
+            const Inspection found = inspected(scene.camera.extents, frame);
             EXPECT_NE(found.verdict, Verdict::unfit) << part.index() << ": " << told(found);
+            auto pipeline = Pipeline::create(scene.camera.extents, frame.bits(), {});
+            ASSERT_TRUE(pipeline);
+            const auto mask = pipeline->inspect(frame.view())->mask;
+            for (int m = 16; m < 40; ++m) EXPECT_EQ(mask[scene.camera.extents.index(m, 27)] & kNotJudged, 0) << m;
         }
     }
 }

@@ -120,6 +120,14 @@ TEST(Rim, leaves_the_undeflected_middle_of_a_cylinder_lens_inside) {
     for (std::size_t n = 1; n <= 5; ++n) EXPECT_EQ(rows[n], "oojjjjjjjjjjjoo");
 }
 
+// No rim lies between the middle and its sides, and a steep slope beside the middle is no edge: it goes on.
+TEST(Rim, has_none_beside_the_undeflected_middle_of_a_cylinder_lens) {
+    for (const std::string row : {"..54321012345..", "..pp42...24pp.."}) {
+        const auto rows = marked(field_of({"...............", row, row, row, row, row, "..............."}), 1);
+        for (std::size_t n = 2; n <= 4; ++n) EXPECT_EQ(rows[n], "oorjjjjjjjjjroo") << row;
+    }
+}
+
 // From both sides the light jumps to the part: that is no middle, but a slot.
 TEST(Rim, leaves_a_slot_in_a_part_outside) {
     const auto rows = marked(field_of({"...............", "..pppp...pppp..", "..pppp...pppp..", "..pppp...pppp..",
@@ -127,6 +135,13 @@ TEST(Rim, leaves_a_slot_in_a_part_outside) {
                              0);
     for (std::size_t n = 1; n <= 3; ++n) EXPECT_EQ(rows[n], "oojjjjooojjjjoo");
     for (std::size_t n = 4; n <= 5; ++n) EXPECT_EQ(rows[n], "oojjjjjjjjjjjoo");
+    // Its edges cover lenslets in part; then the light changes no more, or too little, or the other way, or is dark.
+    for (const std::string side : {"pp2", "p42d", "p543", "p242", "pd42"}) {
+        const std::string mirrored(side.rbegin(), side.rend()), row = ".." + side + "..." + mirrored + "..";
+        const std::string free(row.size(), '.'), whole = ".." + std::string(row.size() - 4, 'p') + "..";
+        const auto slotted = marked(field_of({free, row, row, row, whole, whole, free}), 0);
+        for (std::size_t n = 1; n <= 3; ++n) EXPECT_EQ(slotted[n].substr(2 + side.size(), 3), "ooo") << row;
+    }
 }
 
 TEST(Rim, of_a_part_that_leaves_the_field_follows_the_fields_border) {

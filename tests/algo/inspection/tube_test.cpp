@@ -86,8 +86,6 @@ const DrawnTube kTubes[] = {
     {.extents = {41, 60, 8, 10}, .half_width = 9, .half_length = 25, .flank = 2, .centre = -4.6},
 };
 
-// The property: a fully dark speck in the band, of one lenslet up to the band's width, is rejected wherever it lies.
-// Left out are specks that do not reach further than margin + 1 lenslets from the flanks and the ends into the band.
 // Belts, rails: flanks with nothing between them.
 TEST(Tube, is_no_part_where_free_light_lies_between_its_flanks) {
     for (const double half_length : {18.0, 40.0}) {
@@ -98,6 +96,29 @@ TEST(Tube, is_no_part_where_free_light_lies_between_its_flanks) {
     }
 }
 
+// Half a tube, cut lengthwise by the field's border; and one of which half lies outside.
+TEST(Tube, is_no_part_where_the_field_shows_one_flank_only) {
+    for (const double centre : {-22.0, 22.0}) {
+        const DrawnTube tube{.half_length = 40, .centre = centre};
+        const Frame frame = drawn_tube(tube, 6);
+        const Judged found = judged_both_ways(frame, tube.extents, tube_recipe());
+        EXPECT_EQ(found.verdict, Verdict::unfit);
+        EXPECT_EQ(found.reason, Reason::no_part);
+        auto pipeline = Pipeline::create(tube.extents, 8, tube_recipe());
+        ASSERT_TRUE(pipeline);
+        EXPECT_EQ(pipeline->inspect(frame.view())->frame.fault, FrameFault::no_flanks);
+    }
+}
+
+// What has no flanks is no tube: a sheet that lies across a third of the field.
+TEST(Tube, is_no_part_where_light_is_deflected_in_a_third_of_the_field) {
+    const Extents e{45, 51, 9, 9};
+    const Frame sheet = drawn(e, 8, 240, [&](int m, int) { return m < 30 ? Spot{} : Spot{1.5, 0, 1}; });
+    EXPECT_EQ(judged_both_ways(noisy(sheet, {10, 2, 1}, 1), e, tube_recipe()).reason, Reason::no_part);
+}
+
+// The property: a fully dark speck in the band, of one lenslet up to the band's width, is rejected wherever it lies.
+// Left out are specks that do not reach further than margin + 1 lenslets from the flanks and the ends into the band.
 TEST(Tube, with_a_dark_speck_in_its_band_is_rejected_wherever_it_lies_and_however_large_it_is) {
     int specks = 0;
     for (std::size_t which = 0; which < std::size(kTubes); ++which) {

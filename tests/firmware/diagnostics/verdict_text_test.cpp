@@ -151,6 +151,11 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
         {part(FrameFault::lopsided),
          "the part's outline is not symmetric, as if a piece were missing: check the part, or set [part] outline = "
          "\"any\" if it has this shape"},
+        {unfit(Reason::no_part, {.fault = FrameFault::notched, .convexity = 0.7F}),
+         "the part's outline is not convex, as if pieces were missing (30 % of its hull): check the part, or set "
+         "[part] outline = \"any\" if it has this shape"},
+        {part(FrameFault::no_flanks),
+         "the edges of the tube show no flank on both sides: show it whole, or set [part] form if it is none"},
         {unfit(Reason::unexpected_geometry, {.period_x = 3, .period_y = 5}),
          "the light repeats every 3 x 5 samples, not every 9 x 9: give --macro 3x5, or calibrate again"},
         {unfit(Reason::unexpected_geometry, {.period_x = 3}),
