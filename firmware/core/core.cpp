@@ -9,7 +9,8 @@ Answer Core::step(const Event& event, TimePoint now, Actions& actions) {
     actions.clear();
     actions_ = &actions;
     answer_ = Answer::done;
-    now_ = std::max(now, now_);
+    const TimePoint before = std::exchange(now_, std::max(now, now_));
+    line_stop_unseen_ -= std::min({now_ - before, kMaxTurn, line_stop_unseen_});
     if (next_heartbeat_ == TimePoint{}) next_heartbeat_ = now_ + config_.station_heartbeat;
     if (now_ >= next_heartbeat_) {
         const auto beats = 1 + (now_ - next_heartbeat_) / config_.station_heartbeat;
@@ -27,6 +28,8 @@ Answer Core::step(const Event& event, TimePoint now, Actions& actions) {
         actions.push(SetRunPermit{permit});
         if (!permit) lose_permit();
     }
+    if (line_stop_unseen_ > Duration::zero())
+        next_wake_ = std::min(next_wake_, now_ + std::min(line_stop_unseen_, kMaxTurn));
     actions_ = nullptr;
     return answer_;
 }
@@ -44,7 +47,7 @@ void Core::on(Command command) {
         answer_ = Answer::plc_lost;
         return;
     }
-    const bool unseen_stop = command == Command::reset && line_stop_ && now_ < line_stopped_at_ + kMinLineStop;
+    const bool unseen_stop = command == Command::reset && line_stop_unseen_ > Duration::zero();
     if (unseen_stop || (command == Command::arm && now_ < ejector_rests_at_)) {
         answer_ = Answer::not_yet;
         return;
@@ -194,7 +197,7 @@ void Core::fault(std::uint32_t bits) {
 }
 
 void Core::stop_the_line() {
-    if (!std::exchange(line_stop_, true)) line_stopped_at_ = now_;
+    if (!std::exchange(line_stop_, true)) line_stop_unseen_ = kMinLineStop;
     fault(kFaultRejectUnconfirmed);
     go(Trigger::line_stop);
 }

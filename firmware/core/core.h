@@ -29,7 +29,7 @@ enum class Answer : std::uint8_t {
     not_in_this_state,
     device_down,  // arm: a device is lost or not yet open
     plc_lost,     // start: the PLC's heartbeat is missing, and the policy is stop
-    not_yet,      // arm: the ejector may still execute an earlier command; reset: line stop is newer than kMinLineStop
+    not_yet,      // arm: the ejector may still execute an earlier command; reset: line stop was not up for kMinLineStop
 };
 
 class Core {
@@ -125,7 +125,7 @@ class Core {
     bool run_permit_ = false;
     TimePoint permit_lost_at_ = TimePoint::min();  // without encoder: when the run permit was withdrawn last
     bool line_stop_ = false;
-    TimePoint line_stopped_at_;
+    Duration line_stop_unseen_{};  // until a reset may clear the line stop
     bool draining_ = false;
     bool single_taken_ = false;
     bool plc_lost_ = false;

@@ -24,8 +24,10 @@ constexpr Duration milliseconds(std::int64_t n) { return Duration(n * 1'000'000)
 constexpr std::uint32_t kLineCapacity = 256;
 
 // Line stop stays for this time at least. A reset that comes sooner was sent before anyone could have seen the line
-// stop, for example while the process was held up: it is refused.
+// stop, for example while the process was held up: it is refused. Only time in which the process ran counts: from one
+// step to the next at most kMaxTurn.
 constexpr Duration kMinLineStop = milliseconds(200);
+constexpr Duration kMaxTurn = milliseconds(20);
 
 struct CoreConfig {
     // Distance from part sensor to ejector: a time on a conveyor of constant speed, encoder counts on one that may

@@ -109,7 +109,7 @@ enum class CommandError : std::uint16_t {
     failed = 9,
     plc_lost = 10,  // start: the PLC's heartbeat is missing
     not_yet = 11,   // arm: the ejector is still acting; self_test: or parts are on the line; teach: another is running;
-                    // reset: the line stop is newer than kMinLineStop
+                    // reset: the line stop was not up for kMinLineStop
     no_such_recipe = 12,  // use_recipe: no usable file has this number
     cancelled = 13,       // teach: abort, halt or another recipe ended it
 };

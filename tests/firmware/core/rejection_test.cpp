@@ -189,6 +189,28 @@ TEST_F(Running, a_reset_that_nobody_can_have_sent_for_this_line_stop_is_refused)
     EXPECT_FALSE(rig.shot().line_stop);
 }
 
+// Held up twice: before the line stop, and between it and the reset. The time of the clock says nothing then.
+TEST_F(Running, a_line_stop_is_not_seen_while_the_process_is_held_up) {
+    rig.send(LineUnknown{});
+    rig.now += milliseconds(500);
+    EXPECT_EQ(rig.send(Command::reset), Answer::not_yet);
+    EXPECT_TRUE(rig.shot().line_stop);
+    rig.advance(kMinLineStop - kMaxTurn - Duration(1));
+    EXPECT_EQ(rig.send(Command::reset), Answer::not_yet);
+    rig.advance(Duration(1));
+    EXPECT_EQ(rig.send(Command::reset), Answer::done);
+    EXPECT_FALSE(rig.shot().line_stop);
+}
+
+TEST_F(Running, a_line_stop_after_a_reset_is_to_be_seen_again) {
+    for (int k = 0; k < 2; ++k) {
+        rig.send(LineUnknown{});
+        EXPECT_EQ(rig.send(Command::reset), Answer::not_yet);
+        rig.advance(kMinLineStop);
+        EXPECT_EQ(rig.send(Command::reset), Answer::done);
+    }
+}
+
 TEST_F(Running, a_reset_without_line_stop_is_not_delayed) {
     rig.send(DeviceLost{Device::sensor});
     EXPECT_EQ(rig.core.state(), State::error);
