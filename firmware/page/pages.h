@@ -25,6 +25,7 @@
 #include <vector>
 
 #include "common/unique_fd.h"
+#include "firmware/page/fair_mutex.h"
 #include "firmware/page/kept_frames.h"
 #include "firmware/page/live.h"
 #include "firmware/page/metrics.h"
@@ -98,7 +99,7 @@ class Pages {
     void log_refusal(const std::string& line);
 
     const Dependencies deps_;
-    std::timed_mutex frame_mutex_;  // frames are large: one in memory at a time
+    FairMutex frame_mutex_;  // frames are large: one in memory at a time
     std::mutex mutex_;
     std::map<int, std::uint64_t> replies_;
     std::map<std::string, std::uint64_t> commands_{{"completed", 0}, {"failed", 0}, {"refused", 0}};
