@@ -28,8 +28,9 @@ HORD_ALWAYS_INLINE Eight at_light(const Eight& share, float light, float clip) {
     const Eight seen = light * g - (1.0F - light) * (g < clip ? g : nothing + clip);
     return seen > nothing ? seen : nothing;
 }
-HORD_ALWAYS_INLINE Eight at_light(const EightInts& sum, float light, float clip) {
-    return at_light(__builtin_convertvector(sum, Eight) * 0x1p-29F, light, clip);
+// Not by value: Clang refuses a vector that a function without AVX returns to one with it.
+HORD_ALWAYS_INLINE void at_light(const EightInts& sum, float light, float clip, Eight& seen) {
+    seen = at_light(__builtin_convertvector(sum, Eight) * 0x1p-29F, light, clip);
 }
 HORD_ALWAYS_INLINE float total(const Eight& lanes) {
     const auto pair = [&](int k) { return lanes[k] + lanes[k + 4]; };
@@ -45,7 +46,8 @@ float gather_portable(const ReferenceSampler::Taps& taps, PlaceRange lines, floa
             const std::int32_t w = taps.weights[t];
             for (int l = 0; l < kLanes; ++l) sum[l] += w * at[l];
         }
-        const Eight seen = at_light(sum, taps.light, taps.clip);
+        Eight seen;
+        at_light(sum, taps.light, taps.clip, seen);
         store(seen, out + k);
         all += seen;
     }
@@ -72,10 +74,10 @@ float gather_portable(const ReferenceSampler::Taps& taps, PlaceRange lines, floa
             even = _mm256_add_epi32(even, _mm256_madd_epi16(_mm256_unpacklo_epi16(a, b), weights[t]));
             odd = _mm256_add_epi32(odd, _mm256_madd_epi16(_mm256_unpackhi_epi16(a, b), weights[t]));
         }
-        const Eight first =
-            at_light(reinterpret_cast<EightInts>(_mm256_permute2x128_si256(even, odd, 0x20)), taps.light, taps.clip);
-        const Eight second =
-            at_light(reinterpret_cast<EightInts>(_mm256_permute2x128_si256(even, odd, 0x31)), taps.light, taps.clip);
+        Eight first, second;
+        at_light(reinterpret_cast<EightInts>(_mm256_permute2x128_si256(even, odd, 0x20)), taps.light, taps.clip, first);
+        at_light(reinterpret_cast<EightInts>(_mm256_permute2x128_si256(even, odd, 0x31)), taps.light, taps.clip,
+                 second);
         store(first, out + k);
         store(second, out + k + kLanes);
         all += first;
