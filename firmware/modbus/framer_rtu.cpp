@@ -86,10 +86,7 @@ std::optional<Request> FramerRtu::take(std::span<const std::uint8_t>& bytes, hal
         std::size_t size = 0;
         switch (shape(size)) {
             case Shape::incomplete: break;
-            case Shape::damaged:
-                filled_ = 0;
-                deaf_ = true;
-                break;
+            case Shape::damaged: deaf_ = true; break;
             case Shape::frame:
                 filled_ = 0;
                 if (frame_[0] != unit_ && frame_[0] != 0) break;

@@ -173,7 +173,8 @@ TEST_F(Dispatcher, identifies_the_device) {
     EXPECT_THAT(ask({43, 14, 4, 0x80}), ElementsAre(43, 14, 4, 0x83, 0, 0, 1, 0x80, 6, 's', 'e', 'r', 'i', 'a', 'l'));
     EXPECT_EQ(ask({43, 14, 2, 0})[6], 4) << "regular: four objects";
     EXPECT_EQ(ask({43, 14, 3, 0})[6], 5) << "extended: all";
-    EXPECT_EQ(ask({43, 14, 1, 9})[7], 0) << "a stream from an unknown object starts at the first";
+    EXPECT_EQ(ask({43, 14, 1, 9}), ask({43, 14, 1, 0})) << "a stream from an unknown object starts at the first";
+    EXPECT_EQ(ask({43, 14, 1, 4}), ask({43, 14, 1, 0})) << "object 4 is known, and no basic one";
     EXPECT_THAT(ask({43, 14, 4, 9}), ElementsAre(0xAB, 2));
     EXPECT_THAT(ask({43, 14, 5, 0}), ElementsAre(0xAB, 3));
 }

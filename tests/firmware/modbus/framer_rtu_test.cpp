@@ -63,6 +63,22 @@ TEST_F(Line, every_function_that_is_served_has_its_length) {
     EXPECT_THAT(requests, ::testing::ElementsAreArray(pdus));
 }
 
+// The byte that counts the others has not arrived; at its place is one of the frame before.
+TEST_F(Line, the_length_is_not_that_of_an_earlier_frame) {
+    hear(with_crc({18, 3, 6, 1, 2, 3, 0xFF, 5, 6}));
+    const Bytes frame = with_crc({17, 16, 0, 0, 0, 2, 4, 0, 1, 0, 2});
+    for (const std::uint8_t byte : frame) hear({byte});
+    EXPECT_EQ(requests.size(), 1U);
+}
+
+TEST_F(Line, frames_of_the_largest_size_are_passed_over) {
+    Bytes longest{18, 3, kMaxRtuFrame - 5};
+    longest.resize(kMaxRtuFrame - 2);
+    hear(with_crc(longest));
+    hear(with_crc({17, 3, 0, 0, 0, 1}));
+    EXPECT_EQ(requests.size(), 1U);
+}
+
 TEST_F(Line, broadcasts_are_taken_and_other_units_passed_over) {
     hear(with_crc({0, 6, 0, 1, 0, 2}));
     hear(with_crc({18, 3, 0, 0, 0, 2}));

@@ -38,11 +38,18 @@ class Serial : public ::testing::Test {
         loop.on_loop([&] { server.reset(); });
         if (other_end >= 0) ::close(other_end);
     }
-    void open() {
-        auto made =
-            loop.on_loop([&] { return RtuServer::open(loop, image, {.device = device, .unit = 17, .rs485 = false}); });
+    void open(SerialOptions options = {}) {
+        options.device = device;
+        options.unit = 17;
+        options.rs485 = false;
+        auto made = loop.on_loop([&] { return RtuServer::open(loop, image, options); });
         ASSERT_TRUE(made) << made.error().message();
         server = std::move(*made);
+    }
+    [[nodiscard]] termios settings() const {
+        termios now{};
+        EXPECT_EQ(::tcgetattr(other_end, &now), 0);
+        return now;
     }
     Bytes receive(std::size_t size) {
         Bytes all;
@@ -82,6 +89,78 @@ TEST_F(Serial, a_device_is_opened_set_up_and_answered_on) {
     ASSERT_EQ(::write(other_end, broadcast.data(), broadcast.size()), 8);
     ASSERT_EQ(::write(other_end, request.data(), request.size()), 8);
     Bytes reply{17, 3, 4, 'H', 'O', 'R', 'D', 0, 0};
+    write_crc16(reply);
+    EXPECT_EQ(receive(reply.size()), reply);
+}
+
+TEST_F(Serial, a_request_may_come_byte_by_byte) {
+    open({.gap = std::chrono::seconds(10)});
+    Bytes request{17, 3, 0, 2, 0, 2, 0, 0};
+    write_crc16(request);
+    for (const std::uint8_t byte : request) {
+        ASSERT_EQ(::write(other_end, &byte, 1), 1);
+        loop.on_loop([] { return 0; });
+    }
+    EXPECT_EQ(receive(9).size(), 9U);
+}
+
+// The line's buffer takes a part of a reply: the rest follows, and what was asked meanwhile is given up.
+TEST_F(Serial, every_reply_is_whole_even_when_the_master_does_not_read) {
+    open();
+    Bytes request{17, 3, 0, 0, 0, 125, 0, 0};
+    write_crc16(request);
+    for (int k = 0; k < 600; ++k) {
+        (void)!::write(other_end, request.data(), request.size());
+        loop.on_loop([] { return 0; });
+    }
+    int whole = 0;
+    Bytes reply;
+    const auto frame_is_good = [&] {
+        const std::uint16_t crc = crc16(std::span(reply).first(253));
+        return reply[253] == (crc & 0xFFU) && reply[254] == crc >> 8U;
+    };
+    pollfd ready{other_end, POLLIN, 0};
+    while (::poll(&ready, 1, 50) > 0) {
+        reply = receive(255);
+        ASSERT_EQ(reply.size(), 255U);
+        ASSERT_TRUE(frame_is_good()) << "reply " << whole;
+        ++whole;
+    }
+    EXPECT_GT(whole, 10);
+    EXPECT_LT(whole, 600) << "the buffer was never full";
+    ASSERT_EQ(::write(other_end, request.data(), request.size()), 8);
+    reply = receive(255);
+    ASSERT_EQ(reply.size(), 255U);
+    EXPECT_TRUE(frame_is_good());
+}
+
+TEST_F(Serial, the_line_is_raw_with_the_speed_and_parity_that_are_wanted) {
+    using Parity = SerialOptions::Parity;
+    for (const Parity parity : {Parity::none, Parity::even, Parity::odd}) {
+        termios left = settings();
+        left.c_cflag |= PARODD | CSTOPB | CRTSCTS;
+        left.c_lflag |= ECHO | ICANON;
+        ASSERT_EQ(::tcsetattr(other_end, TCSANOW, &left), 0);
+        open({.baud = 57600, .parity = parity});
+        const termios now = settings();
+        EXPECT_EQ((now.c_cflag & PARODD) != 0, parity == Parity::odd);
+        EXPECT_EQ((now.c_cflag & CSTOPB) != 0, parity == Parity::none) << "two stop bits in place of the parity";
+        EXPECT_EQ(now.c_cflag & CRTSCTS, 0U);
+        EXPECT_NE(now.c_cflag & CLOCAL, 0U);
+        EXPECT_EQ(now.c_lflag & (ECHO | ICANON), 0U);
+        EXPECT_EQ(::cfgetospeed(&now), speed_t{B57600});
+        loop.on_loop([&] { server.reset(); });
+    }
+}
+
+TEST_F(Serial, a_broadcast_is_not_answered) {
+    open();
+    Bytes broadcast{0, 3, 0, 2, 0, 2, 0, 0}, request{17, 3, 0, 3, 0, 1, 0, 0};
+    write_crc16(broadcast);
+    write_crc16(request);
+    ASSERT_EQ(::write(other_end, broadcast.data(), broadcast.size()), 8);
+    ASSERT_EQ(::write(other_end, request.data(), request.size()), 8);
+    Bytes reply{17, 3, 2, 'R', 'D', 0, 0};
     write_crc16(reply);
     EXPECT_EQ(receive(reply.size()), reply);
 }

@@ -130,6 +130,66 @@ TEST_F(ServedStation, who_may_only_read_knows_no_writing_function) {
     EXPECT_THAT(written.error().message(), HasSubstr("exception 01"));
 }
 
+// The server's end of the connection is a descriptor of this process.
+TEST_F(ServedStation, a_dead_peer_is_noticed_within_a_minute_and_replies_do_not_wait_for_each_other) {
+    Peer peer(port);
+    ASSERT_TRUE(peer.asks());
+    int ends = 0;
+    for (int fd = 3; fd < 1024; ++fd) {
+        sockaddr_in local{};
+        socklen_t length = sizeof local;
+        if (::getpeername(fd, reinterpret_cast<sockaddr*>(&local), &length) != 0 || local.sin_family != AF_INET)
+            continue;
+        length = sizeof local;
+        ::getsockname(fd, reinterpret_cast<sockaddr*>(&local), &length);
+        if (ntohs(local.sin_port) != port) continue;
+        ++ends;
+        const auto option = [&](int level, int name) {
+            int value = 0;
+            socklen_t size = sizeof value;
+            EXPECT_EQ(::getsockopt(fd, level, name, &value, &size), 0);
+            return value;
+        };
+        EXPECT_NE(option(SOL_SOCKET, SO_KEEPALIVE), 0);
+        EXPECT_NE(option(IPPROTO_TCP, TCP_NODELAY), 0);
+        EXPECT_EQ(option(IPPROTO_TCP, TCP_KEEPIDLE), 30);
+        EXPECT_EQ(option(IPPROTO_TCP, TCP_KEEPINTVL) * option(IPPROTO_TCP, TCP_KEEPCNT), 30);
+    }
+    EXPECT_EQ(ends, 1);
+}
+
+// Exception 01: may not write; 02: may, and this model has nothing to write.
+int refusal_of_a_write(Peer& peer) {
+    peer.send({0, 1, 0, 0, 0, 6, 1, 6, 0x1F, 0xA6, 0, 1});
+    const Bytes reply = peer.receive(9);
+    return reply.size() == 9 ? reply[8] : 0;
+}
+
+TEST_F(ServedStation, a_new_list_holds_for_open_connections_too) {
+    Peer reads(port, 0, 2), writes(port, 0, 3), goes(port, 0, 4);
+    for (Peer* peer : {&reads, &writes, &goes}) EXPECT_EQ(refusal_of_a_write(*peer), 2);
+    const auto use = [&](std::vector<AccessRule> list) { loop.on_loop([&] { server->set_access(std::move(list)); }); };
+    use({{*parse_network("127.0.0.2"), false}, {*parse_network("127.0.0.3"), true}});
+    EXPECT_EQ(refusal_of_a_write(reads), 1);
+    EXPECT_TRUE(reads.asks());
+    EXPECT_EQ(refusal_of_a_write(writes), 2);
+    EXPECT_TRUE(goes.closed_by_server());
+    EXPECT_EQ(statistics().connections, 2U);
+    Peer again(port, 0, 4);
+    EXPECT_TRUE(again.closed_by_server());
+    use({{*parse_network("127.0.0.0/8"), true}});
+    EXPECT_EQ(refusal_of_a_write(reads), 2) << "it may write again";
+}
+
+TEST_F(ServedStation, no_list_lets_anybody_write_on_the_read_only_port) {
+    loop.on_loop([&] { server.reset(); });
+    serve({.may_write = false});
+    Peer peer(port);
+    EXPECT_EQ(refusal_of_a_write(peer), 1);
+    loop.on_loop([&] { server->set_access({{*parse_network("127.0.0.0/8"), true}}); });
+    EXPECT_EQ(refusal_of_a_write(peer), 1);
+}
+
 TEST_F(ServedStation, a_taken_port_is_an_error_that_names_the_port_and_the_cure) {
     const auto second = loop.on_loop([&] { return Server::open(loop, image, {.host = "127.0.0.1", .port = port}); });
     ASSERT_FALSE(second);
