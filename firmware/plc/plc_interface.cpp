@@ -205,7 +205,6 @@ void PlcInterface::finish(const CommandRequest& request, const CommandOutcome& o
         const bool shown = shown_.client == mine.client && shown_.request == request;
         mine.set(outcome, clock_.now());
         if (shown) shown_ = mine;
-        return;
     }
 }
 

@@ -159,12 +159,29 @@ TEST_F(PlcCommands, the_limit_of_a_feature_that_is_not_judged_is_not_available_a
     EXPECT_THAT(troubles[0], HasSubstr("is a limit of emd, which is not among the features"));
 }
 
+TEST(StagedRecipe, shows_the_nearest_value_that_a_register_can_have) {
+    NumberedRecipe numbered{.number = 9};
+    numbered.recipe.emd_limit_bins = 70;
+    numbered.recipe.frobenius_limit_bins = 0.0006F;
+    numbered.recipe.transmission_limit = 0.0004F;
+    numbered.recipe.min_area = 70'000;
+    numbered.recipe.max_saturated_share = 0.99996F;
+    const StagedRecipe staged = staged_from(numbered);
+    EXPECT_EQ(staged.emd_limit_mbins, 0xFFFE);
+    EXPECT_EQ(staged.frobenius_limit_mbins, 1);
+    EXPECT_EQ(staged.transmission_permille, 0);
+    EXPECT_EQ(staged.min_area, 0xFFFE);
+    EXPECT_EQ(staged.max_saturated_permyriad, 10'000);
+    EXPECT_EQ(with_staged(numbered, staged).recipe.emd_limit_bins, 70) << "what was not changed keeps its digits";
+}
+
 TEST_F(PlcCommands, change_no_recipe_while_the_station_executes) {
     open();
     running();
     EXPECT_EQ(write(8202, {12, 800}), Exception::none);
     EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::not_in_this_state);
     EXPECT_EQ(command(Command::use_recipe, 7), CommandError::not_in_this_state);
+    EXPECT_EQ(command(Command::use_recipe, 8), CommandError::not_in_this_state) << "no recipe has this number";
     EXPECT_EQ(operations.recipe().number, 3);
 }
 

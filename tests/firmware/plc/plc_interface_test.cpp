@@ -80,7 +80,6 @@ class PlcSimulator : public ::testing::Test {
             snapshot.last = result;
             image.publish(snapshot);
         }
-        plc_interface.note_results(to);
     }
 };
 
@@ -355,6 +354,23 @@ TEST_F(PlcSimulator, results_lost_before_they_were_acknowledged_are_counted_and_
     ASSERT_EQ(write(8103, {0x0, 560}), Exception::none);
     publish_results(561, 800);
     EXPECT_EQ(read32(8107), 4U);
+}
+
+// A PLC that acknowledges for the first time may begin with any result that is still there, or with none.
+TEST_F(PlcSimulator, results_overwritten_before_the_first_acknowledgement_do_not_count) {
+    publish_results(1, 1000);
+    ASSERT_EQ(write(8103, {0, 10}), Exception::none);
+    publish_results(1001, 1003);
+    EXPECT_EQ(read32(8107), 3U);
+}
+
+TEST_F(PlcSimulator, every_result_overwritten_after_the_first_acknowledgement_counts) {
+    publish_results(1, 100);
+    ASSERT_EQ(write(8103, {0, 0}), Exception::none);
+    publish_results(101, 256);
+    EXPECT_EQ(read32(8107), 0U);
+    publish_results(257, 257);
+    EXPECT_EQ(read32(8107), 1U);
 }
 
 TEST_F(PlcSimulator, a_recipe_is_staged_and_committed_by_its_checksum) {

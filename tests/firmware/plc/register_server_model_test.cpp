@@ -112,6 +112,14 @@ TEST_F(Image, results_of_one_publication_appear_with_its_counters) {
     EXPECT_EQ(read(address_of_result(2) + 1, 1)[0], 2);
 }
 
+TEST_F(Image, an_older_result_does_not_come_back) {
+    publish_results(1, 5);
+    std::vector<PartResult> older{result_of(3), result_of(4)};
+    image.publish(snapshot_of(State::ready, 9, result_of(2)), older);
+    EXPECT_EQ(read(203, 1)[0], 5) << "LAST is the newest";
+    EXPECT_EQ(read(143, 1)[0], 9) << "counters are those that were published last";
+}
+
 TEST_F(Image, a_slot_without_a_result_has_sequence_zero) {
     const auto readings = decode_slot(*find_block(BlockId::ring), read(1000, kResultWords));
     ASSERT_TRUE(readings);
@@ -132,6 +140,13 @@ TEST_F(Image, latencies_and_the_rate_are_those_of_the_results) {
     EXPECT_EQ(read(8404, 2), (Words{0xFFFF, 0xFFFF})) << "no result yet";
     publish_results(1, 100);  // latencies 3, 6, ... 300; rejections 5, 10, ... 500; one a second
     EXPECT_THAT(read(8404, 13), ElementsAre(0, 150, 0, 297, 0, 300, 0, 250, 0, 495, 0, 500, 600));
+}
+
+TEST_F(Image, parts_that_were_not_rejected_have_no_part_in_the_times_of_rejections) {
+    PartResult passed = result_of(1), rejected = result_of(2);
+    passed.reject_latency_us = 0;
+    image.publish(snapshot_of(State::ready, 2, rejected), std::vector{passed, rejected});
+    EXPECT_THAT(read(8410, 6), ElementsAre(0, 10, 0, 10, 0, 10));
 }
 
 TEST_F(Image, what_is_published_of_health_calibration_and_recipe_is_read) {

@@ -204,6 +204,7 @@ TEST_F(Teach, what_the_inspector_cannot_judge_with_is_discarded) {
     EXPECT_EQ(reply_to(asked), CommandError::failed);
     EXPECT_EQ(operations.recipe().recipe.name, "default");
     EXPECT_THAT(told.discarded, ElementsAre("taught"));
+    EXPECT_EQ(troubles.size(), 1U) << "and why";
 }
 
 TEST_F(Teach, names_the_parts_that_were_left_out) {
