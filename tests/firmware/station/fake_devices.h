@@ -28,12 +28,14 @@ struct FakePartSensor final : hal::PartSensor {
 struct FakeStrobe final : hal::Strobe {
     Listener* listener = nullptr;
     std::vector<hal::StrobePulse> pulses;
+    bool hot = false;
 
     Result<void> do_start(Listener& l) override {
         listener = &l;
         return {};
     }
     Result<void> do_fire(const hal::StrobePulse& pulse) override {
+        if (hot) return fail(ErrorCode::refused, "the light has not rested", "space the parts");
         pulses.push_back(pulse);
         return {};
     }
@@ -64,9 +66,9 @@ struct FakeSensor final : hal::Sensor {
     void do_stop() override { listener = nullptr; }
     void do_give_back(std::uint32_t) noexcept override { ++given_back; }
 
-    void deliver(hal::TimePoint exposure_start) {
+    void deliver(hal::TimePoint exposure_start, std::size_t bytes = 64, bool corrupt = false) {
         listener->on_frame(hal::FrameLease(*this, sequence % 4, {samples.data(), 8, 8, 8, 8},
-                                           {++sequence, exposure_start, 64, false}));
+                                           {++sequence, exposure_start, bytes, corrupt}));
     }
 };
 

@@ -1,6 +1,8 @@
 // The station between devices and core, in virtual time, with devices controlled by the test.
 #include "firmware/station/station.h"
 
+#include <tuple>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -182,6 +184,363 @@ TEST_F(StationTest, its_end_closes_every_device_and_gives_every_frame_back) {
     EXPECT_EQ(rejector.permits.back(), false);
     EXPECT_EQ(sensor.given_back, 1);
     loop.run_for(std::chrono::seconds(5));  // nothing is left on the loop
+    EXPECT_EQ(loop.pending(), 0U);
+}
+
+// -- automatic operation
+
+TEST_F(StationTest, only_run_makes_it_run_again_after_a_reset) {
+    ASSERT_EQ(station->request(Command::initialise), Answer::done);
+    rejector.link(true);
+    ASSERT_EQ(station->request(Command::arm), Answer::done);
+    ASSERT_EQ(station->request(Command::start_continuous), Answer::done);
+    sensor.listener->on_sensor_lost({});
+    ASSERT_EQ(station->request(Command::reset), Answer::done);
+    EXPECT_EQ(station->snapshot().state, State::initialized);
+    station->run();  // and it does so in any state, not only at first
+    EXPECT_EQ(station->snapshot().state, State::continuous_execution);
+}
+
+TEST_F(StationTest, what_a_person_stopped_does_not_run_again_by_itself_until_it_is_started) {
+    for (const Command command : {Command::stop, Command::abort, Command::disarm, Command::halt}) {
+        SCOPED_TRACE(name_of(command));
+        run();
+        if (command == Command::disarm) {
+            ASSERT_EQ(station->request(Command::abort), Answer::done);
+        }
+        ASSERT_EQ(station->request(command), Answer::done);
+        const State left = station->snapshot().state;
+        loop.run_for(milliseconds(500));
+        EXPECT_EQ(station->snapshot().state, left);
+        if (left == State::ready) {
+            ASSERT_EQ(station->request(Command::disarm), Answer::done);
+        } else if (left == State::halted) {
+            ASSERT_EQ(station->request(Command::reset), Answer::done);
+            ASSERT_EQ(station->request(Command::initialise), Answer::done);
+            rejector.link(true);
+        }
+        EXPECT_EQ(station->snapshot().state, State::initialized);
+        ASSERT_EQ(station->request(Command::arm), Answer::done);
+        ASSERT_EQ(station->request(Command::start_continuous), Answer::done);
+        sensor.listener->on_sensor_lost({});
+        ASSERT_EQ(station->request(Command::reset), Answer::done);
+        EXPECT_EQ(station->snapshot().state, State::continuous_execution) << "start_continuous resumes it";
+        station->request(Command::halt);
+        ASSERT_EQ(station->request(Command::reset), Answer::done);
+    }
+}
+
+TEST_F(StationTest, a_refused_start_resumes_nothing) {
+    run();
+    station->request(Command::stop);
+    sensor.listener->on_sensor_lost({});
+    ASSERT_EQ(station->snapshot().state, State::error);
+    EXPECT_EQ(station->request(Command::start_continuous), Answer::not_in_this_state);
+    ASSERT_EQ(station->request(Command::reset), Answer::done);
+    EXPECT_EQ(station->snapshot().state, State::initialized);
+}
+
+class StationWithPlc : public StationTest {
+  protected:
+    void with(PlcPolicy policy) {
+        CoreConfig config;
+        config.plc_policy = policy;
+        station.reset();
+        station.emplace(config, Cell{loop, part_sensor, strobe, sensor, rejector, *inspector}, &observer);
+        run();
+    }
+    State after_loss_and_reset() {
+        station->plc_lost();
+        sensor.listener->on_sensor_lost({});
+        station->plc_back();
+        EXPECT_EQ(station->request(Command::reset), Answer::done);
+        return station->snapshot().state;
+    }
+};
+
+TEST_F(StationWithPlc, a_line_that_stopped_without_its_plc_waits_for_a_start) {
+    with(PlcPolicy::stop);
+    station->plc_lost();
+    EXPECT_EQ(station->snapshot().state, State::ready);
+    EXPECT_EQ(station->snapshot().faults_active, std::uint32_t{kFaultPlc});
+    EXPECT_EQ(after_loss_and_reset(), State::initialized);
+}
+
+TEST_F(StationWithPlc, other_policies_do_not_suspend_automatic_operation) {
+    with(PlcPolicy::reject_all);
+    EXPECT_EQ(after_loss_and_reset(), State::continuous_execution);
+    with(PlcPolicy::none);
+    EXPECT_EQ(after_loss_and_reset(), State::continuous_execution);
+}
+
+TEST_F(StationTest, faults_from_outside_and_an_unknown_line_reach_the_core) {
+    run();
+    station->outside_faults(kFaultStore);
+    EXPECT_EQ(station->snapshot().faults_active, std::uint32_t{kFaultStore});
+    EXPECT_EQ(station->snapshot().state, State::continuous_execution);
+    station->outside_faults(0);
+    EXPECT_EQ(station->snapshot().faults_active, 0U);
+    station->line_unknown();
+    EXPECT_TRUE(station->snapshot().line_stop);
+    EXPECT_EQ(rejector.permits.back(), false);
+}
+
+// -- devices
+
+TEST_F(StationTest, each_lost_device_is_named_and_brings_error) {
+    const std::pair<std::uint32_t, std::function<void()>> losses[] = {
+        {kFaultPartSensor,
+         [&] {
+             part_sensor.listener->on_part_sensor_lost({ErrorCode::disconnected, "it", ""});
+         }},
+        {kFaultStrobe,
+         [&] {
+             strobe.listener->on_strobe_lost({ErrorCode::disconnected, "it", ""});
+         }},
+        {kFaultSensor, [&] {
+             sensor.listener->on_sensor_lost({ErrorCode::disconnected, "it", ""});
+         }}};
+    for (const auto& [fault, lose] : losses) {
+        SCOPED_TRACE(fault);
+        run();
+        observer.troubles.clear();
+        lose();
+        EXPECT_EQ(station->snapshot().state, State::error);
+        EXPECT_NE(station->snapshot().faults_active & fault, 0U);
+        ASSERT_EQ(observer.troubles.size(), 1U);
+        EXPECT_EQ(observer.troubles[0].what, "it");
+        station->request(Command::halt);
+        loop.run_for(milliseconds(250));
+        ASSERT_EQ(station->request(Command::reset), Answer::done);
+    }
+}
+
+TEST_F(StationTest, a_part_sensor_that_is_absent_at_a_reset_leaves_the_station_initialized) {
+    run();
+    part_sensor.listener->on_part_sensor_lost({});
+    part_sensor.absent = true;
+    loop.run_for(milliseconds(250));
+    ASSERT_EQ(station->request(Command::reset), Answer::done);
+    EXPECT_EQ(station->snapshot().state, State::initialized);
+    EXPECT_NE(station->snapshot().faults_active & kFaultPartSensor, 0U);
+}
+
+TEST_F(StationTest, a_refused_light_is_reported_and_rejects_the_part) {
+    run();
+    strobe.hot = true;
+    part();
+    ASSERT_EQ(observer.troubles.size(), 1U);
+    EXPECT_EQ(observer.troubles[0].what, "the light has not rested");
+    EXPECT_EQ(station->snapshot().counters.unfit, 1U);
+    loop.run_for(milliseconds(600));
+    ASSERT_EQ(observer.results.size(), 1U);
+    EXPECT_EQ(observer.results[0].reason, PartReason::strobe_failed);
+}
+
+TEST_F(StationTest, the_rejectors_link_is_needed_and_its_loss_drops_the_permit) {
+    run();
+    rejector.link(false);
+    EXPECT_EQ(station->snapshot().state, State::error);
+    EXPECT_EQ(observer.troubles.back().what, "module at 10.0.0.7");
+    EXPECT_EQ(rejector.permits, (std::vector<bool>{true, false}));
+    rejector.link(true);
+    ASSERT_EQ(station->request(Command::reset), Answer::done);
+    EXPECT_EQ(rejector.permits, (std::vector<bool>{true, false, true}));
+}
+
+TEST_F(StationTest, halt_closes_what_reset_and_initialise_open_again) {
+    run();
+    ASSERT_EQ(station->request(Command::halt), Answer::done);
+    EXPECT_EQ(part_sensor.listener, nullptr);
+    EXPECT_EQ(strobe.listener, nullptr);
+    EXPECT_EQ(sensor.listener, nullptr);
+    EXPECT_EQ(rejector.stops, 1);
+    EXPECT_EQ(rejector.permits.back(), false);
+    ASSERT_EQ(station->request(Command::reset), Answer::done);
+    ASSERT_EQ(station->request(Command::initialise), Answer::done);
+    EXPECT_EQ(rejector.starts, 2);
+    EXPECT_NE(part_sensor.listener, nullptr);
+}
+
+// -- the flash test
+
+class FlashTest : public StationTest {
+  protected:
+    void SetUp() override {
+        ASSERT_EQ(station->request(Command::initialise), Answer::done);
+        rejector.link(true);
+        ASSERT_TRUE(station->test_possible());
+    }
+    void begin(Duration patience = milliseconds(400)) {
+        began = loop.now();
+        station->test_flash(patience, [this](const Station::FlashTest& flash) {
+            ++ends;
+            result = flash;
+            ended = loop.now();
+        });
+    }
+    void light(Duration late = {}, Duration longer = {}, bool lit = true) {
+        const auto& pulse = strobe.pulses.back();
+        strobe.listener->on_strobe({pulse.exposure, lit, pulse.start + late, pulse.width + longer});
+    }
+    hal::TimePoint began, ended;
+    Station::FlashTest result;
+    int ends = 0;
+};
+
+TEST_F(FlashTest, one_exposure_one_flash_one_judgement_and_nothing_counted) {
+    const CoreConfig config;
+    answer.judged.reason = algo::Reason::no_part;
+    begin();
+    EXPECT_FALSE(station->test_possible()) << "one at a time";
+    ASSERT_EQ(sensor.requests.size(), 1U);
+    ASSERT_EQ(strobe.pulses.size(), 1U);
+    EXPECT_EQ(sensor.requests[0].start, began + config.trigger_lead);
+    EXPECT_EQ(sensor.requests[0].length, config.exposure);
+    EXPECT_EQ(strobe.pulses[0].start, began + config.trigger_lead + config.strobe_delay);
+    EXPECT_EQ(strobe.pulses[0].width, config.strobe);
+    loop.run_for(milliseconds(10));
+    light();
+    sensor.deliver(sensor.requests[0].start);
+    EXPECT_EQ(ends, 0);
+    loop.run_for(milliseconds(20));
+    ASSERT_EQ(ends, 1);
+    EXPECT_TRUE(result.lit && result.frame && result.judged);
+    EXPECT_EQ(result.reason, algo::Reason::no_part);
+    EXPECT_EQ(sensor.given_back, 1);
+    EXPECT_TRUE(station->test_possible());
+    EXPECT_EQ(station->snapshot().counters.seen + station->snapshot().counters.inspected, 0U);
+    EXPECT_TRUE(observer.results.empty());
+    loop.run_for(std::chrono::seconds(2));
+    EXPECT_EQ(ends, 1) << "the patience is over for nobody";
+}
+
+TEST_F(FlashTest, light_at_the_edges_of_its_tolerance_counts_and_beyond_does_not) {
+    const Duration window = CoreConfig{}.strobe_window;
+    const std::tuple<Duration, Duration, bool, bool> cases[] = {{window, {}, true, true},
+                                                                {-window, {}, true, true},
+                                                                {{}, window, true, true},
+                                                                {{}, -window, true, true},
+                                                                {window + Duration(1), {}, true, false},
+                                                                {-window - Duration(1), {}, true, false},
+                                                                {{}, window + Duration(1), true, false},
+                                                                {{}, -window - Duration(1), true, false},
+                                                                {{}, {}, false, false}};
+    for (const auto& [late, longer, lit, good] : cases) {
+        SCOPED_TRACE(late.count());
+        begin();
+        light(late, longer, lit);
+        sensor.deliver(sensor.requests.back().start);
+        loop.run_for(milliseconds(20));
+        EXPECT_EQ(result.lit, good);
+        EXPECT_TRUE(result.judged);
+    }
+    EXPECT_EQ(ends, 9);
+}
+
+TEST_F(FlashTest, a_frame_of_another_exposure_or_not_whole_is_not_its_frame) {
+    const Duration window = CoreConfig{}.frame_window;
+    begin();
+    light();
+    sensor.deliver(sensor.requests.back().start + window + Duration(1));
+    sensor.deliver(sensor.requests.back().start - window - Duration(1));
+    EXPECT_EQ(ends, 0);
+    EXPECT_EQ(sensor.given_back, 2);
+    loop.run_for(milliseconds(400));
+    ASSERT_EQ(ends, 1);
+    EXPECT_EQ(ended, began + milliseconds(400));
+    EXPECT_TRUE(result.lit);
+    EXPECT_FALSE(result.frame || result.judged);
+
+    begin();
+    light();
+    sensor.deliver(sensor.requests.back().start + window, 63);  // short
+    EXPECT_EQ(ends, 2);
+    EXPECT_FALSE(result.frame || result.judged);
+    loop.run_for(milliseconds(20));  // the light rests
+    begin();
+    sensor.deliver(sensor.requests.back().start - window, 64, true);  // corrupt
+    EXPECT_EQ(ends, 2) << "the light is not reported yet";
+    light();
+    EXPECT_EQ(ends, 3);
+    EXPECT_FALSE(result.frame || result.judged);
+    EXPECT_EQ(sensor.given_back, 4);
+}
+
+TEST_F(FlashTest, light_that_never_comes_ends_with_the_patience) {
+    begin(milliseconds(60));
+    sensor.deliver(sensor.requests.back().start);
+    loop.run_for(milliseconds(60));
+    ASSERT_EQ(ends, 1);
+    EXPECT_TRUE(result.frame && result.judged);
+    EXPECT_FALSE(result.lit);
+    light();  // too late: nobody waits for it
+    loop.run_for(milliseconds(60));
+    EXPECT_EQ(ends, 1);
+}
+
+TEST_F(FlashTest, what_devices_refuse_ends_it_at_once) {
+    strobe.hot = true;
+    begin();
+    loop.run_for({});
+    ASSERT_EQ(ends, 1);
+    EXPECT_EQ(ended, began);
+    EXPECT_EQ(observer.troubles.back().what, "the light has not rested");
+    sensor.no_buffer = true;
+    begin();
+    loop.run_for({});
+    ASSERT_EQ(ends, 2);
+    EXPECT_FALSE(result.lit || result.frame || result.judged);
+    EXPECT_EQ(observer.troubles.back().what, "no free buffer");
+    EXPECT_TRUE(strobe.pulses.empty()) << "no light without an exposure";
+}
+
+TEST_F(FlashTest, an_inspection_that_fails_or_is_full_is_no_judgement) {
+    answer.judged.failed = true;
+    begin();
+    light();
+    sensor.deliver(sensor.requests.back().start);
+    loop.run_for(milliseconds(20));
+    ASSERT_EQ(ends, 1);
+    EXPECT_TRUE(result.lit && result.frame);
+    EXPECT_FALSE(result.judged);
+
+    begin();
+    inspector->stop();  // it refuses
+    sensor.deliver(sensor.requests.back().start);
+    EXPECT_EQ(ends, 1);
+    light();
+    ASSERT_EQ(ends, 2);
+    EXPECT_TRUE(result.frame);
+    EXPECT_FALSE(result.judged);
+    EXPECT_EQ(sensor.given_back, 2);
+}
+
+TEST_F(FlashTest, is_possible_only_on_an_empty_line_that_stands_with_every_device) {
+    rejector.link(false);
+    EXPECT_FALSE(station->test_possible());
+    rejector.link(true);
+    ASSERT_EQ(station->request(Command::arm), Answer::done);
+    EXPECT_TRUE(station->test_possible());
+    part();
+    EXPECT_FALSE(station->test_possible()) << "a part is on the line";
+    loop.run_for(std::chrono::seconds(1));
+    station->request(Command::halt);
+    EXPECT_FALSE(station->test_possible());
+    ASSERT_EQ(station->request(Command::reset), Answer::done);
+    station->run();
+    rejector.link(true);
+    EXPECT_EQ(station->snapshot().state, State::continuous_execution);
+    EXPECT_FALSE(station->test_possible());
+}
+
+TEST_F(FlashTest, the_end_of_the_station_forgets_it) {
+    begin();
+    sensor.deliver(sensor.requests.back().start);
+    station.reset();
+    EXPECT_EQ(sensor.given_back, 1);
+    loop.run_for(std::chrono::seconds(1));
+    EXPECT_EQ(ends, 0);
     EXPECT_EQ(loop.pending(), 0U);
 }
 
