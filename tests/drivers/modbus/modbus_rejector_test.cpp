@@ -175,6 +175,82 @@ TEST_F(Rejector, impossible_options_are_all_named_and_nothing_starts) {
     EXPECT_EQ(module_->connections(), 0);
 }
 
+// The first value beyond each limit is refused by name, and the last within it is taken.
+TEST_F(Rejector, options_are_taken_up_to_their_limits) {
+    using Options = ModbusRejectorOptions;
+    const SerialSettings line{.device = "/dev/no-such-line", .baud = 1200, .parity = 'N', .rs485 = false};
+    struct Limit {
+        const char* named;
+        std::function<void(Options&, int beyond)> set;  // beyond: 0 within the limit, 1 outside
+    };
+    const Limit limits[] = {
+        {"port", [](Options& o, int k) { o.address.port = 65535 + k; }},
+        {"port", [](Options& o, int k) { o.address.port = 1 - k; }},
+        {"unit", [](Options& o, int k) { o.address.unit = 1 - k; }},
+        {"unit", [](Options& o, int k) { o.address.unit = 247 + k; }},
+        {"unit", [](Options& o, int k) { o.address.unit = 255 - k; }},
+        {"unit", [](Options& o, int k) { o.address.unit = 255 + k; }},
+        {"host", [](Options& o, int k) { o.address.host = k == 0 ? "localhost" : ""; }},
+        {"device", [&](Options& o, int k) { (o.address.serial = line)->device = k == 0 ? "x" : ""; }},
+        {"baud", [&](Options& o, int k) { (o.address.serial = line)->baud = 1200 - k; }},
+        {"unit", [&](Options& o, int k) { o.address.serial = line, o.address.unit = 1 - k; }},
+        {"unit", [&](Options& o, int k) { o.address.serial = line, o.address.unit = 247 + k; }},
+        {"ejector_coil", [](Options& o, int k) { o.ejector_coil = 65535 + k; }},
+        {"ejector_coil", [](Options& o, int k) { o.permit_coil = 1, o.ejector_coil = 0 - k; }},
+        {"permit_coil", [](Options& o, int k) { o.permit_coil = 65535 + k; }},
+        {"permit_coil", [](Options& o, int k) { o.permit_coil = -1 - k; }},
+        {"permit_coil", [](Options& o, int k) { o.permit_coil = o.ejector_coil + 1 - k; }},
+        {"first_output",
+         [](Options& o, int k) { o.ejector_coil = o.map.first_output = 9, o.permit_coil = 9 + 1 - 2 * k; }},
+        {"first_output",
+         [](Options& o, int k) { o.permit_coil = o.map.first_output = 9, o.ejector_coil = 9 + 1 - 2 * k; }},
+        {"response_timeout", [](Options& o, int k) { o.response_timeout = 5ms - k * 1ns; }},
+        {"response_timeout", [](Options& o, int k) { o.response_timeout = 1s + k * 1ns; }},
+        {"reconnect_every", [](Options& o, int k) { o.reconnect_every = 1ns - k * 1ns; }},
+        {"check_every", [](Options& o, int k) { o.check_every = 1ns - k * 1ns; }},
+        {"confirm_every", [](Options& o, int k) { o.confirm_every = 1ns - k * 1ns; }},
+        {"module_pulse", [](Options& o, int k) { o.module_pulse = 10ms, o.map.pulse_coil_offset = 0 - k; }},
+        {"energise_to_pass",
+         [](Options& o, int k) { o.module_pulse = 10ms, o.map.pulse_coil_offset = 16, o.energise_to_pass = k != 0; }},
+        {"watchdog must be 0",
+         [](Options& o, int k) {
+             o.watchdog = 3 * o.response_timeout;
+             o.map.watchdog_time_register = o.map.watchdog_trigger_register = 0;
+             o.map.watchdog_stop_register = 0 - k;
+         }},
+        {"watchdog must be 0",
+         [](Options& o, int k) {
+             o.watchdog = 3 * o.response_timeout;
+             o.map.watchdog_time_register = o.map.watchdog_stop_register = 0;
+             o.map.watchdog_trigger_register = 0 - k;
+         }},
+        {"watchdog must be 0",
+         [](Options& o, int k) {
+             o.watchdog = 3 * o.response_timeout;
+             o.map.watchdog_trigger_register = o.map.watchdog_stop_register = 0;
+             o.map.watchdog_time_register = 0 - k;
+         }},
+        {"three response_timeouts", [](Options& o, int k) {
+             o.map.watchdog_time_register = o.map.watchdog_trigger_register = o.map.watchdog_stop_register = 0;
+             o.watchdog = 3 * o.response_timeout - k * 1ns;
+         }}};
+    module_.reset();  // nobody is to answer
+    for (const Limit& limit : limits) {
+        SCOPED_TRACE(&limit - limits);
+        for (const int beyond : {0, 1}) {
+            Options options = options_;
+            limit.set(options, beyond);
+            ModbusRejector one(*loop_, options);
+            const auto done = one.start(ear_);
+            ASSERT_EQ(done.has_value(), beyond == 0) << (done ? limit.named : done.error().what);
+            if (!done) {
+                EXPECT_THAT(done.error().what, HasSubstr(limit.named));
+            }
+            one.stop();
+        }
+    }
+}
+
 TEST_F(Rejector, a_taken_port_is_named_by_the_module) {
     const auto second = test::ModbusModule::open(*loop_, {.port = module_->port()});
     ASSERT_FALSE(second);

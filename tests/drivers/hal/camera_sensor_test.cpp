@@ -1,0 +1,254 @@
+// Frames and triggers, lent and queued buffers, of a camera made by the test.
+#include "drivers/hal/camera_sensor.h"
+
+#include <algorithm>
+#include <optional>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "lab/virtual_time/virtual_time.h"
+
+namespace hord::drivers {
+namespace {
+
+using namespace std::chrono_literals;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+constexpr int kWidth = 4, kHeight = 2;
+
+struct TestStream final : CameraStream {
+    std::vector<std::vector<std::byte>> bytes;
+    std::vector<std::uint32_t> queued;
+    bool works = true;
+    TestStream(std::size_t buffers, std::size_t size) : bytes(buffers, std::vector<std::byte>(size)) {
+        for (const auto& buffer : bytes) memory.emplace_back(buffer);
+    }
+    Result<void> queue(std::uint32_t buffer) override {
+        if (!works) return fail(ErrorCode::io, "the kernel refuses", "");
+        queued.push_back(buffer);
+        return {};
+    }
+};
+
+class TestCamera final : public CameraSensor {
+  public:
+    using CameraSensor::check_buffers, CameraSensor::deliver, CameraSensor::lose, CameraSensor::is_running;
+    explicit TestCamera(hal::EventLoop& loop) : CameraSensor(loop, "the camera") {
+        format_ = {kWidth, kHeight, 8, 2};
+        stride_bytes_ = kWidth;
+    }
+    void packed(SampleLayout layout, int bits, std::ptrdiff_t stride) {
+        layout_ = layout;
+        format_.bits = bits;
+        stride_bytes_ = stride;
+    }
+    std::shared_ptr<TestStream> stream = std::make_shared<TestStream>(3, std::size_t{kWidth} * kHeight);
+    int losses = 0;
+
+  private:
+    Result<void> do_start(Listener& listener) override { return begin(stream, -1, listener); }
+    void do_stop() override { (void)end(); }
+    void on_ready() override {}
+    void on_lost(const Error&) override { ++losses; }
+};
+
+class Camera : public ::testing::Test, public hal::SensorListener {
+  protected:
+    lab::VirtualTime loop;
+    TestCamera camera{loop};
+    std::vector<hal::FrameLease> frames;
+    std::vector<Error> lost;
+
+    void on_frame(hal::FrameLease frame) override { frames.push_back(std::move(frame)); }
+    void on_sensor_lost(const Error& error) override { lost.push_back(error); }
+
+    static hal::TimePoint at(hal::Duration t) { return hal::TimePoint(10s + t); }
+    void start() { ASSERT_TRUE(camera.start(*this)); }
+    Result<void> trigger(hal::Duration start) { return camera.trigger({1, at(start), 1ms}); }
+    void frame(hal::Duration stamp, std::uint32_t buffer = 0, std::uint32_t sequence = 0, std::size_t bytes = 8) {
+        camera.deliver({buffer, sequence, at(stamp), true, bytes, false});
+    }
+    std::vector<std::uint32_t>& queued() { return camera.stream->queued; }
+};
+
+TEST_F(Camera, a_frame_answers_the_trigger_whose_exposure_it_is) {
+    start();
+    ASSERT_TRUE(trigger(0ms));
+    frame(0ms, 2, 40);
+    ASSERT_EQ(frames.size(), 1U);
+    EXPECT_EQ(frames[0].info().sequence, 40U);
+    EXPECT_EQ(frames[0].info().exposure_start, at(0ms));
+    EXPECT_EQ(frames[0].info().bytes_used, 8U);
+    EXPECT_EQ(frames[0].view().data, camera.stream->bytes[2].data());
+    EXPECT_EQ(frames[0].view().stride_bytes, kWidth);
+    EXPECT_THAT(queued(), IsEmpty());
+    frames.clear();
+    EXPECT_THAT(queued(), ElementsAre(2));
+}
+
+TEST_F(Camera, stamps_of_an_exposures_end_are_moved_to_its_start) {
+    start();
+    ASSERT_TRUE(trigger(0ms));
+    camera.deliver({0, 0, at(1ms) - hal::Duration(1), false, 8, true});
+    EXPECT_THAT(frames, IsEmpty()) << "it began before the trigger";
+    camera.deliver({0, 1, at(1ms), false, 8, true});
+    ASSERT_EQ(frames.size(), 1U);
+    EXPECT_EQ(frames[0].info().exposure_start, at(0ms));
+    EXPECT_TRUE(frames[0].info().corrupt);
+}
+
+TEST_F(Camera, frames_without_a_trigger_go_back_and_leave_no_gap) {
+    start();
+    frame(0ms, 0, 5);
+    frame(10ms, 1, 6);
+    EXPECT_THAT(queued(), ElementsAre(0, 1));
+    ASSERT_TRUE(trigger(20ms));
+    frame(20ms - 1ns, 2, 7);
+    EXPECT_THAT(frames, IsEmpty());
+    frame(20ms, 0, 8);
+    ASSERT_EQ(frames.size(), 1U);
+    EXPECT_EQ(frames[0].info().sequence, 5U);
+    ASSERT_TRUE(trigger(30ms));
+    frame(30ms, 1, 10);
+    EXPECT_EQ(frames[1].info().sequence, 7U) << "a frame that the camera lost is a gap";
+}
+
+TEST_F(Camera, a_trigger_whose_frame_never_came_is_forgotten_when_the_next_one_is_exposed) {
+    start();
+    ASSERT_TRUE(trigger(0ms));
+    ASSERT_TRUE(trigger(10ms));
+    frame(10ms);
+    ASSERT_EQ(frames.size(), 1U);
+    EXPECT_EQ(frames[0].info().exposure_start, at(10ms));
+    frame(11ms, 1);
+    EXPECT_EQ(frames.size(), 1U) << "no trigger is open";
+}
+
+TEST_F(Camera, buffers_that_are_lent_or_filling_are_counted) {
+    start();
+    ASSERT_TRUE(trigger(0ms));
+    frame(0ms);
+    ASSERT_TRUE(trigger(10ms));
+    const auto third = trigger(20ms);
+    ASSERT_FALSE(third);
+    EXPECT_EQ(third.error().code, ErrorCode::busy);
+    frames.clear();
+    EXPECT_TRUE(trigger(20ms));
+}
+
+TEST_F(Camera, a_lease_of_an_earlier_start_is_not_queued_and_takes_no_room) {
+    start();
+    ASSERT_TRUE(trigger(0ms));
+    frame(0ms, 1);
+    camera.stop();
+    const auto first = std::exchange(camera.stream, std::make_shared<TestStream>(3, 8));
+    start();
+    ASSERT_TRUE(trigger(0ms));
+    frame(0ms, 1);
+    ASSERT_TRUE(trigger(10ms));
+    frames.erase(frames.begin());  // buffer 1 of the first stream
+    EXPECT_THAT(first->queued, IsEmpty());
+    EXPECT_THAT(queued(), IsEmpty());
+    EXPECT_EQ(trigger(20ms).error().code, ErrorCode::busy) << "the lease of this stream still counts";
+    frames.clear();
+    EXPECT_THAT(queued(), ElementsAre(1));
+    camera.stop();
+    start();
+    EXPECT_TRUE(trigger(30ms) && trigger(40ms)) << "open triggers end with the stream";
+}
+
+TEST_F(Camera, a_loss_is_told_once_by_the_loop_and_refuses_triggers) {
+    start();
+    ASSERT_TRUE(trigger(0ms));
+    camera.lose("its cable");
+    camera.lose("again");
+    EXPECT_EQ(camera.losses, 1);
+    EXPECT_THAT(lost, IsEmpty());
+    EXPECT_FALSE(camera.is_running());
+    loop.run_for(0ms);
+    ASSERT_EQ(lost.size(), 1U);
+    EXPECT_EQ(lost[0].what, "its cable");
+    EXPECT_EQ(lost[0].code, ErrorCode::disconnected);
+    EXPECT_EQ(trigger(10ms).error().code, ErrorCode::disconnected);
+    camera.stop();
+    start();
+    EXPECT_TRUE(camera.is_running());
+    EXPECT_TRUE(trigger(20ms) && trigger(30ms));
+}
+
+TEST_F(Camera, a_loss_is_not_told_after_stop) {
+    start();
+    camera.lose("its cable");
+    camera.stop();
+    loop.run_for(1s);
+    EXPECT_THAT(lost, IsEmpty());
+}
+
+TEST_F(Camera, what_the_camera_says_of_its_buffers_is_checked) {
+    start();
+    frame(0ms, 3);
+    loop.run_for(0ms);
+    ASSERT_EQ(lost.size(), 1U);
+    EXPECT_THAT(lost[0].what, HasSubstr("does not exist"));
+    camera.stop();
+    start();
+    camera.stream->works = false;
+    frame(0ms, 2);
+    loop.run_for(0ms);
+    ASSERT_EQ(lost.size(), 2U);
+    EXPECT_THAT(lost[1].what, HasSubstr("the kernel refuses"));
+}
+
+TEST_F(Camera, too_few_or_too_small_buffers_are_refused) {
+    camera.stream = std::make_shared<TestStream>(2, 8);
+    EXPECT_THAT(camera.start(*this).error().what, HasSubstr("only 2 buffers"));
+    camera.stream = std::make_shared<TestStream>(3, 7);
+    EXPECT_THAT(camera.start(*this).error().what, HasSubstr("smaller than a frame"));
+    EXPECT_FALSE(camera.is_running());
+    EXPECT_FALSE(TestCamera::check_buffers(1) || TestCamera::check_buffers(33));
+    EXPECT_TRUE(TestCamera::check_buffers(2) && TestCamera::check_buffers(32));
+}
+
+TEST_F(Camera, the_green_of_complete_rows_is_taken) {
+    camera.packed(SampleLayout::green, 8, 16);  // 12 bytes and padding
+    camera.stream = std::make_shared<TestStream>(3, 32);
+    for (std::size_t k = 0; k < 32; ++k) camera.stream->bytes[0][k] = static_cast<std::byte>(k);
+    start();
+    const std::pair<std::size_t, std::size_t> sizes[] = {{32, 8}, {28, 8}, {27, 4}, {12, 4}, {11, 0}, {0, 0}};
+    for (const auto& [given, whole] : sizes) {
+        ASSERT_TRUE(trigger(0ms));
+        frame(0ms, 0, 0, given);
+        ASSERT_EQ(frames.size(), 1U);
+        EXPECT_EQ(frames[0].info().bytes_used, whole) << given;
+        if (given == 32) {
+            EXPECT_EQ(frames[0].view().stride_bytes, kWidth);
+            std::vector<int> got;
+            for (std::size_t k = 0; k < 8; ++k) got.push_back(std::to_integer<int>(frames[0].view().data[k]));
+            EXPECT_THAT(got, ElementsAre(1, 4, 7, 10, 17, 20, 23, 26));
+        }
+        frames.clear();
+    }
+}
+
+TEST_F(Camera, packed_samples_are_16_bits_wide_and_whole_or_none) {
+    camera.packed(SampleLayout::gige, 12, 6);  // two rows of four samples in 12 bytes
+    camera.stream = std::make_shared<TestStream>(3, 12);
+    for (std::size_t k = 0; k < 12; ++k) camera.stream->bytes[0][k] = static_cast<std::byte>(k + 1);
+    start();
+    ASSERT_TRUE(trigger(0ms));
+    frame(0ms, 0, 0, 100);  // more than the buffer has
+    ASSERT_EQ(frames.size(), 1U);
+    EXPECT_EQ(frames[0].info().bytes_used, 16U);
+    EXPECT_EQ(frames[0].view().stride_bytes, 8);
+    EXPECT_EQ(reinterpret_cast<const std::uint16_t*>(frames[0].view().data)[0], 0x12);
+    frames.clear();
+    ASSERT_TRUE(trigger(0ms));
+    frame(0ms, 0, 0, 11);
+    EXPECT_EQ(frames.at(0).info().bytes_used, 0U);
+}
+
+}  // namespace
+}  // namespace hord::drivers
