@@ -8,7 +8,7 @@
 namespace {
 
 using hord::firmware::modbus::FramerTcp;
-using Requests = std::vector<std::vector<std::uint8_t>>;
+using Requests = std::vector<std::uint8_t>;  // length and PDU of each
 
 Requests requests_in(std::span<const std::uint8_t> bytes, std::size_t piece) {
     FramerTcp framer;
@@ -18,7 +18,8 @@ Requests requests_in(std::span<const std::uint8_t> bytes, std::size_t piece) {
         bytes = bytes.subspan(part.size());
         while (const auto request = framer.take(part)) {
             if (request->pdu.empty() || request->pdu.size() > hord::firmware::modbus::kMaxPdu) std::abort();
-            all.emplace_back(request->pdu.begin(), request->pdu.end());
+            all.push_back(static_cast<std::uint8_t>(request->pdu.size()));
+            all.insert(all.end(), request->pdu.begin(), request->pdu.end());
         }
         if (!part.empty() && !framer.broken()) std::abort();  // all bytes are consumed, unless the stream is broken
     }

@@ -18,7 +18,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     node.connected(now);
     const std::string topics[] = {"spBv1.0/g/NCMD/n", "spBv1.0/STATE/h", "spBv1.0/g/NCMD/other"};
     std::string_view rest(reinterpret_cast<const char*>(data), size);
-    while (rest.size() > 3) {
+    for (int messages = 0; messages < 32 && rest.size() > 3; ++messages) {
         const auto length = std::min<std::size_t>(
             static_cast<std::uint8_t>(rest[1]) + 256U * static_cast<std::uint8_t>(rest[2]), rest.size() - 3);
         const auto kind = static_cast<std::uint8_t>(rest[0]);
