@@ -1,6 +1,6 @@
 #!/bin/bash
-# Runs fuzz targets and prints a table: run.sh BIN RUNS [TARGET...]. Inputs with new coverage and findings are left in
-# build/fuzz/found/TARGET. Exit status: 1 if there is a finding.
+# Runs fuzz targets and prints a table: run.sh BIN RUNS [TARGET...]. HORD_FUZZ_SECONDS ends each target after this time.
+# Inputs with new coverage and findings are left in build/fuzz/found/TARGET. Exit status: 1 if there is a finding.
 set -u
 bin=$1 runs=$2 here=$(dirname "$0") status=0
 shift 2
@@ -17,7 +17,7 @@ for name in "$@"; do
         verdict) max_len=64 ;;  # a recipe and eight changes
         *) max_len=16384 ;;
     esac
-    "$bin/fuzz_$name" -runs="$runs" -max_len=$max_len -malloc_limit_mb=512 -rss_limit_mb=2048 -timeout=20 -seed=1 -print_final_stats=1 \
+    "$bin/fuzz_$name" -runs="$runs" ${HORD_FUZZ_SECONDS:+-max_total_time=$HORD_FUZZ_SECONDS} -max_len=$max_len -malloc_limit_mb=512 -rss_limit_mb=2048 -timeout=20 -seed=1 -print_final_stats=1 \
         -artifact_prefix="$found/" "$found/new" "$here/corpus/$name" >"$found/log" 2>&1
     findings=$(find "$found" -maxdepth 1 -type f ! -name log | wc -l)
     [ "$findings" -eq 0 ] || status=1
