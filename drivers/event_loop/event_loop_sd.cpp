@@ -45,6 +45,7 @@ struct SdEventLoop::Loop {
     sd_event_source* post_source = nullptr;
     common::UniqueFd post_fd;
     int signal = 0;
+    sigset_t signals{};  // that are watched
     std::vector<std::unique_ptr<Callback>> signal_callbacks;
     bool stop = false;  // not sd_event_exit(): after that a loop cannot run again
 
@@ -64,6 +65,10 @@ struct SdEventLoop::Loop {
         for (auto& [id, watch] : watches) sd_event_source_disable_unref(watch->source);
         sd_event_source_disable_unref(time_source);
         sd_event_source_disable_unref(post_source);
+        // The event's end unblocks the signals. One that came since the loop ended, as from a person who asks twice,
+        // would kill the process and replace its exit status.
+        for (const timespec at_once{}; sigtimedwait(&signals, nullptr, &at_once) > 0;) {
+        }
         sd_event_unref(event);
     }
 
@@ -159,6 +164,7 @@ Result<void> SdEventLoop::on_signal(int signal, Callback callback) {
     };
     const int r = sd_event_add_signal(loop_->event, nullptr, signal | SD_EVENT_SIGNAL_PROCMASK, call,
                                       loop_->signal_callbacks.back().get());
+    sigaddset(&loop_->signals, signal);
     return r < 0 ? io_error("signals cannot be watched", r) : Result<void>{};
 }
 

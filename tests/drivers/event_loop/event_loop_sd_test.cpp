@@ -30,6 +30,21 @@ TEST(SdEventLoop, another_thread_may_stop_it) {
     other.join();
 }
 
+// "systemctl stop" and "systemctl kill", or Ctrl-C twice: the process still ends by itself, with its own exit status.
+TEST(SdEventLoop, a_signal_that_comes_again_after_the_loop_has_ended_does_not_end_the_process) {
+    auto loop = open_loop();
+    ASSERT_TRUE(loop->stop_on_signals({SIGUSR1}));
+    ASSERT_TRUE(loop->on_signal(SIGUSR2, [] {}));
+    kill(getpid(), SIGUSR1);
+    EXPECT_TRUE(loop->run());
+    kill(getpid(), SIGUSR1);
+    kill(getpid(), SIGUSR2);
+    loop.reset();
+    sigset_t blocked{};
+    sigprocmask(SIG_BLOCK, nullptr, &blocked);
+    EXPECT_FALSE(sigismember(&blocked, SIGUSR1) || sigismember(&blocked, SIGUSR2));
+}
+
 TEST(SdEventLoop, a_signal_stops_it_and_is_named) {
     auto loop = open_loop();
     ASSERT_TRUE(loop->stop_on_signals({SIGUSR1}));
