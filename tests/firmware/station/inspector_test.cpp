@@ -2,6 +2,7 @@
 #include "firmware/station/inspector.h"
 
 #include <atomic>
+#include <cmath>
 #include <future>
 #include <thread>
 
@@ -33,6 +34,15 @@ class FlatFrames : public hal::Sensor {
     FlatFrames() : frame_(27 * 9, 27 * 9, 8) {
         for (int y = 4; y < frame_.height_px(); y += 9) {
             for (int x = 4; x < frame_.width_px(); x += 9) frame_.set(x, y, 200);
+        }
+    }
+    // The light of some lenslets around (m, n) goes three bins to the right: a deflection that the neighbours have not.
+    void deflect(int m, int n) {
+        for (int y = 9 * (n - 1) + 4; y <= 9 * (n + 1) + 4; y += 9) {
+            for (int x = 9 * (m - 1) + 4; x <= 9 * (m + 1) + 4; x += 9) {
+                frame_.set(x, y, 0);
+                frame_.set(x + 3, y, 200);
+            }
         }
     }
     hal::FrameLease lend() { return {*this, 0, frame_.view(), {1, {}, frame_.bytes().size(), false}}; }
@@ -144,11 +154,52 @@ TEST(InlineInspector, an_observer_sees_frame_and_maps) {
     EXPECT_EQ(seen.values, 729U);
 }
 
+TEST(InlineInspector, a_judgement_is_what_the_pipeline_found) {
+    struct Found final : InspectionObserver {
+        algo::Inspection inspection;
+        std::vector<algo::Defect> defects;
+        void on_inspection(std::uint32_t, const FrameView&, const algo::Inspection& found) override {
+            inspection = found;
+            defects.assign(found.defects.begin(), found.defects.end());
+        }
+    } found;
+    lab::VirtualTime loop;
+    FlatFrames frames;
+    frames.deflect(8, 18);
+    Ear ear;
+    auto with = settings();
+    with.recipe.part_required = false;
+    with.recipe_number = 7;
+    with.observer = &found;
+    auto inspector = inline_inspector(loop, with, std::chrono::milliseconds(1));
+    ASSERT_TRUE(inspector);
+    inspector->start(ear);
+    ASSERT_TRUE(inspector->submit(3, frames.lend()));
+    loop.run_for(std::chrono::milliseconds(1));
+    ASSERT_EQ(ear.answers.size(), 1U);
+    const Judged& judged = ear.answers[0];
+    EXPECT_EQ(judged.verdict, algo::Verdict::reject);
+    EXPECT_EQ(judged.verdict, found.inspection.verdict);
+    EXPECT_NE(judged.reason, algo::Reason::none);
+    EXPECT_EQ(judged.reason, found.inspection.reason);
+    EXPECT_GT(judged.score, 1);
+    EXPECT_EQ(judged.score, found.inspection.score);
+    EXPECT_EQ(judged.bounded, found.inspection.bounded);
+    EXPECT_EQ(judged.recipe, 7);
+    ASSERT_FALSE(found.defects.empty());
+    EXPECT_EQ(judged.defects, found.defects.size());
+    EXPECT_EQ(judged.position_m, std::lround(found.defects.front().m));
+    EXPECT_EQ(judged.position_n, std::lround(found.defects.front().n));
+    EXPECT_NEAR(judged.position_m, 8, 2);
+    EXPECT_NEAR(judged.position_n, 18, 2);
+}
+
 TEST(InlineInspector, an_impossible_recipe_is_refused_at_once) {
     lab::VirtualTime loop;
     auto impossible = settings();
     impossible.extents.i = 99;
     EXPECT_FALSE(inline_inspector(loop, impossible, std::chrono::milliseconds(1)));
+    EXPECT_FALSE(make_threaded_inspector(loop, impossible));
 }
 
 TEST(Inspectors, refuse_frames_before_they_are_started_and_give_them_back) {
@@ -220,7 +271,9 @@ TEST(ThreadedInspector, can_be_started_again) {
     FlatFrames frames;
     Ear ear;
     ear.then = [&] { (*loop)->request_stop(); };
-    auto inspector = make_threaded_inspector(**loop, settings());
+    auto with = settings();
+    with.threads = 0;  // one is made all the same
+    auto inspector = make_threaded_inspector(**loop, with);
     ASSERT_TRUE(inspector);
     (*inspector)->start(ear);
     (*inspector)->stop();
