@@ -66,7 +66,6 @@ Station::Station(const CoreConfig& config, const Cell& cell, StationObserver* ob
 }
 
 Station::~Station() {
-    wants_to_run_ = false;
     observer_ = nullptr;
     if (test_) cell_.loop.cancel(test_->patience);
     test_.reset();

@@ -118,12 +118,21 @@ TEST(InlineInspector, a_frame_of_the_wrong_size_fails_that_part_only) {
     lab::VirtualTime loop;
     FlatFrames frames;
     Ear ear;
-    auto inspector = inline_inspector(loop, settings(), std::chrono::milliseconds(1));
+    struct Told final : InspectionObserver {
+        std::vector<std::uint32_t> parts;
+        void on_inspection(std::uint32_t part, const FrameView&, const algo::Inspection&) override {
+            parts.push_back(part);
+        }
+    } told;
+    auto with = settings();
+    with.observer = &told;
+    auto inspector = inline_inspector(loop, with, std::chrono::milliseconds(1));
     ASSERT_TRUE(inspector);
     inspector->start(ear);
     ASSERT_TRUE(inspector->submit(1, frames.lend_half()));
     ASSERT_TRUE(inspector->submit(2, frames.lend()));
     loop.run_for(std::chrono::milliseconds(10));
+    EXPECT_EQ(told.parts, std::vector<std::uint32_t>{2}) << "there is nothing to tell of the other one";
     ASSERT_EQ(ear.answers.size(), 2U);
     EXPECT_TRUE(ear.answers[0].failed);
     EXPECT_FALSE(ear.answers[1].failed);
@@ -282,6 +291,18 @@ TEST(ThreadedInspector, can_be_started_again) {
     ASSERT_TRUE((*loop)->run());
     ASSERT_EQ(ear.answers.size(), 1U);
     EXPECT_EQ(ear.answers[0].part, 9U);
+}
+
+TEST(ThreadedInspector, that_is_stopped_does_not_begin_by_itself_with_another_recipe) {
+    lab::VirtualTime loop;
+    FlatFrames frames;
+    Ear ear;
+    auto inspector = make_threaded_inspector(loop, settings());
+    ASSERT_TRUE(inspector);
+    (*inspector)->start(ear);
+    (*inspector)->stop();
+    ASSERT_TRUE((*inspector)->use(algo::Recipe{}, 5));
+    EXPECT_EQ((*inspector)->submit(1, frames.lend()).error().code, ErrorCode::disconnected);
 }
 
 // The watchdog depends on it: while one of two threads hangs, no call is answered, even if repeated.

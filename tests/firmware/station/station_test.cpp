@@ -20,6 +20,10 @@ struct Observer final : StationObserver {
     std::vector<PartResult> results;
     std::vector<State> states;
     std::vector<Error> troubles;
+    std::vector<FrameHandle> frames;  // that the core was told of
+    void on_step(State, const Event& event) override {
+        if (const auto* frame = std::get_if<FrameArrived>(&event)) frames.push_back(frame->frame);
+    }
     void on_result(const PartResult& result) override { results.push_back(result); }
     void on_state(State, State to) override { states.push_back(to); }
     void on_trouble(const Error& error) override { troubles.push_back(error); }
@@ -348,6 +352,52 @@ TEST_F(StationTest, the_rejectors_link_is_needed_and_its_loss_drops_the_permit) 
     EXPECT_EQ(rejector.permits, (std::vector<bool>{true, false, true}));
 }
 
+TEST_F(StationTest, a_rejector_that_is_still_away_at_a_reset_is_not_opened_twice) {
+    run();
+    rejector.link(false);
+    const std::size_t told = observer.troubles.size();
+    ASSERT_EQ(station->request(Command::reset), Answer::done);
+    EXPECT_EQ(station->snapshot().state, State::initialized);
+    EXPECT_EQ(observer.troubles.size(), told);
+    EXPECT_EQ(rejector.starts, 1);
+    rejector.link(true);
+    EXPECT_EQ(station->snapshot().state, State::continuous_execution);
+}
+
+TEST_F(StationTest, the_place_of_a_frame_that_is_given_back_is_used_again) {
+    run();
+    for (int k = 0; k < 20; ++k) {
+        part();
+        loop.run_for(milliseconds(10));
+        light_and_frame();
+        loop.run_for(milliseconds(40));
+    }
+    ASSERT_EQ(observer.frames.size(), 20U);
+    EXPECT_THAT(observer.frames, testing::Each(FrameHandle{0}));
+    EXPECT_EQ(sensor.given_back, 20);
+}
+
+// More results than one step of the core has room for: the rest follows at the same moment.
+TEST_F(StationTest, a_silent_encoder_gives_up_a_long_line_at_once) {
+    constexpr int kParts = 150;
+    CoreConfig config;
+    config.by_encoder = true;
+    config.transport_counts = 1'000'000;
+    config.max_parts = 200;
+    config.max_failures_in_a_row = 0;
+    station.reset();
+    station.emplace(config, Cell{loop, part_sensor, strobe, sensor, rejector, *inspector}, &observer);
+    run();
+    for (int k = 0; k < kParts; ++k) {
+        part_sensor.listener->on_edge({hal::PartEdge::Kind::arrives, loop.now(), ++edges, 300 * k});
+        loop.run_for(milliseconds(30));
+    }
+    EXPECT_TRUE(observer.results.empty());
+    loop.run_for(config.encoder_timeout);
+    EXPECT_EQ(observer.results.size(), std::size_t{kParts});
+    EXPECT_TRUE(station->snapshot().line_stop);
+}
+
 TEST_F(StationTest, halt_closes_what_reset_and_initialise_open_again) {
     run();
     ASSERT_EQ(station->request(Command::halt), Answer::done);
@@ -409,6 +459,7 @@ TEST_F(FlashTest, one_exposure_one_flash_one_judgement_and_nothing_counted) {
     EXPECT_EQ(result.reason, algo::Reason::no_part);
     EXPECT_EQ(sensor.given_back, 1);
     EXPECT_TRUE(station->test_possible());
+    EXPECT_TRUE(observer.frames.empty()) << "the core is not told of its frame";
     EXPECT_EQ(station->snapshot().counters.seen + station->snapshot().counters.inspected, 0U);
     EXPECT_TRUE(observer.results.empty());
     loop.run_for(std::chrono::seconds(2));
@@ -509,6 +560,7 @@ TEST_F(FlashTest, an_inspection_that_fails_or_is_full_is_no_judgement) {
     inspector->stop();  // it refuses
     sensor.deliver(sensor.requests.back().start);
     EXPECT_EQ(ends, 1);
+    EXPECT_EQ(observer.troubles.size(), 1U);
     light();
     ASSERT_EQ(ends, 2);
     EXPECT_TRUE(result.frame);
