@@ -55,13 +55,12 @@ void Core::on(Command command) {
     go(command);
 }
 
-bool Core::go(Cause cause) {
+void Core::go(Cause cause) {
     const auto to = next_state(state_, cause);
-    if (!to) return false;
+    if (!to) return;
     const State from = state_;
     state_ = *to;
     if (const auto* command = std::get_if<Command>(&cause)) carry_out(*command, from);
-    return true;
 }
 
 void Core::carry_out(Command command, State from) {

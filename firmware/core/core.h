@@ -63,7 +63,7 @@ class Core {
     void on(const OutsideFaults& event);
     [[nodiscard]] bool without_plc(PlcPolicy policy) const { return plc_lost_ && config_.plc_policy == policy; }
     void on(const LineUnknown&) { stop_the_line(); }
-    bool go(Cause cause);
+    void go(Cause cause);
     void carry_out(Command command, State from);
     void flush(PartReason reason);
     void reset_faults();

@@ -41,7 +41,7 @@ void Core::on(const FrameArrived& event) {
         last_frame_ = event.info.sequence;
     }
     Part* part = repeated ? nullptr : exposed_at(event.info.exposure_start);
-    if (part == nullptr || !part->frame_due) {
+    if (part == nullptr) {
         note_stray_frame(repeated ? PartReason::frame_duplicate : PartReason::frame_stale);
         actions_->push(ReleaseFrame{event.frame});
         return;
@@ -61,7 +61,7 @@ void Core::on(const FrameArrived& event) {
 Part* Core::exposed_at(TimePoint exposure_start) {
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
-        if (!part.accepted || !part.frame_due) continue;
+        if (!part.frame_due) continue;
         if (!differs_by_more(exposure_start.time_since_epoch(), part.exposure_start.time_since_epoch(),
                              config_.frame_window)) {
             return &part;

@@ -114,6 +114,23 @@ TEST_F(Encoder, a_conveyor_that_jumps_before_the_exposure_spoils_it) {
     EXPECT_EQ(rig.shot().counters.unfit, 1U);
 }
 
+// Half of the least gap between two parts: beyond it the frame may show the neighbour.
+TEST_F(Encoder, a_part_is_where_it_was_planned_to_be_to_half_a_gap) {
+    const auto half = rig.core.config().min_gap_counts / 2;
+    for (const std::int64_t off : {half - 1, half}) {
+        const Counters before = rig.shot().counters;
+        const auto part = rig.part_arrives();
+        rig.advance(milliseconds(10));
+        rig.light_comes(part);
+        rig.frame_comes(part);
+        rig.judged(part, Verdict::pass);
+        rig.belt(2 * (50 + off));  // the exposure was in the middle of this time
+        EXPECT_EQ(rig.shot().counters.pass, before.pass + (off < half ? 1 : 0)) << off;
+        EXPECT_EQ(rig.shot().counters.unfit, before.unfit + (off < half ? 0 : 1)) << off;
+        run(milliseconds(50), 10);
+    }
+}
+
 TEST_F(Encoder, parts_close_in_space_are_too_close_however_slow_the_conveyor) {
     rig.part_arrives();
     run(milliseconds(90), 2);  // the first part has no frame: unfit
@@ -137,6 +154,23 @@ TEST_F(Encoder, a_stopped_conveyor_keeps_its_parts_until_it_restarts) {
     run(milliseconds(40), 10);
     EXPECT_EQ(rig.only_result().reject, RejectState::confirmed);
     EXPECT_EQ(rig.shot().parts_on_line, 0U);
+}
+
+TEST_F(Encoder, a_good_part_is_on_the_line_until_it_has_passed_the_ejector) {
+    const auto part = rig.part_arrives();
+    rig.advance(milliseconds(10));
+    rig.belt(100);
+    rig.light_comes(part);
+    rig.frame_comes(part);
+    rig.judged(part, Verdict::pass);
+    ASSERT_EQ(rig.shot().counters.pass, 1U);
+    run(std::chrono::seconds(60), 0);
+    EXPECT_EQ(rig.shot().parts_on_line, 1U);
+    EXPECT_EQ(rig.send(Command::stop), Answer::done);
+    EXPECT_EQ(rig.core.state(), State::continuous_execution) << "it is not through yet";
+    run(milliseconds(200), 10);
+    EXPECT_EQ(rig.shot().parts_on_line, 0U);
+    EXPECT_EQ(rig.core.state(), State::ready);
 }
 
 TEST_F(Encoder, a_slow_verdict_is_in_time_while_the_conveyor_stands) {
@@ -210,6 +244,31 @@ TEST_F(Encoder, parts_that_cover_the_sensor_for_too_many_counts_touch) {
     }
 }
 
+// The part that covered it when it was lost is forgotten with its place.
+TEST_F(Encoder, a_part_sensor_that_is_back_is_not_covered_by_a_part_of_before) {
+    CoreConfig config = with_encoder();
+    config.max_part_counts = 300;
+    CoreRig one(config);
+    one.bring_to(State::continuous_execution);
+    one.belt(0);
+    for (const auto kind : {hal::PartEdge::Kind::arrives, hal::PartEdge::Kind::leaves, hal::PartEdge::Kind::arrives}) {
+        one.send(hal::PartEdge{kind, one.now, ++one.edges, one.counts});
+        one.advance(milliseconds(10));
+        one.belt(100);
+    }
+    one.send(DeviceLost{Device::part_sensor});
+    one.advance(kMinLineStop);
+    ASSERT_EQ(one.send(Command::reset), Answer::done);
+    one.send(DeviceUp{Device::part_sensor});
+    const std::uint32_t missed = one.shot().counters.missed;
+    for (int k = 0; k < 10; ++k) {
+        one.advance(milliseconds(10));
+        one.belt(100);
+    }
+    EXPECT_EQ(one.shot().counters.missed, missed);
+    EXPECT_FALSE(one.shot().line_stop);
+}
+
 TEST_F(Encoder, a_part_without_a_count_is_rejected_where_it_must_be) {
     rig.send(hal::PartEdge{hal::PartEdge::Kind::arrives, rig.now, 1, {}});
     run(milliseconds(160), 10);
@@ -248,6 +307,11 @@ TEST(Conveyor, extrapolates_the_last_two_readings_and_never_overflows) {
     EXPECT_EQ(c.reaches(50), t0 + milliseconds(5));
     EXPECT_EQ(c.counts_at(t0 + milliseconds(20)), 200);
     EXPECT_EQ(c.reaches(std::int64_t{1} << 60), TimePoint::max());
+    const TimePoint last = t0 + milliseconds(10);
+    const std::int64_t in_an_hour = 36'000'000;
+    EXPECT_EQ(c.counts_at(last + std::chrono::hours(1)), 100 + in_an_hour);
+    EXPECT_EQ(c.counts_at(last + std::chrono::hours(2)), 100 + in_an_hour) << "not extrapolated any further";
+    EXPECT_EQ(c.counts_at(last - std::chrono::hours(2)), 100 - in_an_hour);
     c.read(t0 + milliseconds(20), 90);  // a decreasing count is treated as a standstill
     EXPECT_EQ(c.reaches(100), TimePoint::max());
     c.read(t0 + milliseconds(20), 500);  // not newer than the last reading

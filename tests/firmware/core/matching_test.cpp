@@ -109,6 +109,17 @@ TEST_F(Running, without_a_frame_the_part_is_rejected) {
     EXPECT_EQ(rig.shot().counters.inspected, 0U);
 }
 
+TEST_F(Running, a_frame_is_waited_for_until_its_time_after_the_exposures_end_is_over) {
+    const auto part = rig.part_arrives();
+    rig.light_comes(part);
+    const CoreConfig& config = rig.core.config();
+    const TimePoint lost_at = rig.exposure_of(part).start + config.exposure + config.frame_timeout;
+    rig.advance(lost_at - Duration(1) - rig.now);
+    EXPECT_EQ(rig.shot().counters.unfit, 0U);
+    rig.advance(Duration(1));
+    EXPECT_EQ(rig.shot().counters.unfit, 1U);
+}
+
 TEST_F(Running, without_a_strobe_report_a_good_judgement_does_not_count) {
     const auto part = rig.part_arrives();
     rig.advance(milliseconds(10));
@@ -146,6 +157,21 @@ TEST_F(Running, light_at_the_wrong_time_or_of_the_wrong_length_does_not_count) {
         one.advance(milliseconds(150));
         one.confirmed(part);
         EXPECT_EQ(one.only_result().reason, PartReason::strobe_failed);
+    }
+}
+
+TEST_F(Running, light_within_its_tolerance_counts_up_to_the_limit) {
+    for (const auto& [shift, width] :
+         {std::pair(100, 200), std::pair(-100, 200), std::pair(0, 100), std::pair(0, 300), std::pair(100, 300)}) {
+        CoreRig one;
+        one.bring_to(State::continuous_execution);
+        const auto part = one.part_arrives();
+        one.advance(milliseconds(10));
+        one.frame_comes(part);
+        one.judged(part, Verdict::pass);
+        one.send(hal::StrobeReport{part, true, one.exposure_of(part).start + microseconds(100 + shift),
+                                   microseconds(width)});
+        EXPECT_EQ(one.only_result().verdict, PartVerdict::pass) << shift << " " << width;
     }
 }
 

@@ -233,6 +233,7 @@ TEST_F(Running, arming_waits_until_the_ejector_rests) {
     one.advance(kMinLineStop);
     EXPECT_EQ(one.send(Command::reset), Answer::done);
     EXPECT_EQ(one.send(Command::arm), Answer::not_yet);
+    EXPECT_EQ(one.core.next_wake(), rests) << "who waits to arm hears of it";
     one.advance(rests - Duration(1) - one.now);
     EXPECT_EQ(one.send(Command::arm), Answer::not_yet);
     one.advance(Duration(1));
