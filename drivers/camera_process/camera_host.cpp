@@ -24,7 +24,12 @@ constexpr int kCheckEveryMs = 100;  // interval of is_there()
 // the other end reads at once, and a camera has few buffers.
 class EventSender final : public CameraPort::Listener {
   public:
-    void on_camera_frame(const CameraFrame& frame) noexcept override { add({CameraEvent::What::frame, frame, {}}); }
+    void on_camera_frame(const CameraFrame& frame) noexcept override {
+        add({.what = CameraEvent::What::frame, .frame = frame});
+    }
+    void on_camera_edge(const CameraEdge& edge) noexcept override {
+        add({.what = CameraEvent::What::edge, .edge = edge});
+    }
     void on_camera_gone(std::string_view why) noexcept override {
         CameraEvent event;
         std::ranges::copy(why.substr(0, event.why.size() - 1), event.why.begin());

@@ -35,12 +35,20 @@ struct CameraFormat {
     std::ptrdiff_t stride_bytes = 0;
 };
 
+// An edge of a light barrier on the camera's input.
+struct CameraEdge {
+    bool active = false;
+    std::uint32_t sequence = 0;  // from 1 at each start(); a gap means that edges may have been lost
+    hal::TimePoint at;
+};
+
 class CameraPort {
   public:
-    // Called on the camera's thread; must not block.
+    // Called on the camera's threads; must not block.
     class Listener {
       public:
         virtual void on_camera_frame(const CameraFrame& frame) noexcept = 0;
+        virtual void on_camera_edge(const CameraEdge&) noexcept {}
         // May be called more than once. `why`: the end of the sentence "the camera ...", empty where it is not known.
         virtual void on_camera_gone(std::string_view why) noexcept = 0;
 

@@ -14,12 +14,17 @@ struct CameraPortSensor::Stream final : CameraStream, CameraPort::Listener, std:
     CameraPort& port;
     CameraPortSensor* sensor;  // loop's thread; null when stopped
     ThreadSafeQueue<CameraFrame> frames;
+    ThreadSafeQueue<CameraEdge> edges;
     ThreadSafeQueue<std::string> reasons;  // why it is gone
     std::shared_ptr<const CameraPort::Memory> keep;
 
     Result<void> queue(std::uint32_t buffer) override { return port.queue(buffer); }
     void on_camera_frame(const CameraFrame& frame) noexcept override {
         frames.push(frame);
+        wake();
+    }
+    void on_camera_edge(const CameraEdge& edge) noexcept override {
+        edges.push(edge);
         wake();
     }
     void on_camera_gone(std::string_view why) noexcept override {
@@ -62,6 +67,7 @@ Result<void> CameraPortSensor::do_start(Listener& listener) {
     stream_ = stream;
     auto begun = begin(std::move(stream), -1, listener);
     if (!begun) do_stop();
+    else if (edges_ != nullptr) edges_->on_camera_streams();
     return begun;
 }
 
@@ -83,6 +89,7 @@ Result<void> CameraPortSensor::expose() {
 
 void CameraPortSensor::on_lost(const Error& error) {
     if (exposures_ != nullptr) exposures_->on_camera_lost(error);
+    if (edges_ != nullptr) edges_->on_camera_lost(error);
 }
 
 // An open trigger reserves a buffer, so the camera could deliver a frame.
@@ -102,6 +109,10 @@ void CameraPortSensor::watch_for_silence() {
 void CameraPortSensor::on_ready() {
     const auto stream = stream_;
     if (!stream) return;
+    while (const auto edge = stream->edges.pop()) {  // before the frames: a part's edge comes before its exposure
+        if (edges_ != nullptr) edges_->on_camera_edge(*edge);
+        if (!is_running() || stream != stream_) return;  // the listener stopped the sensor
+    }
     while (const auto frame = stream->frames.pop()) {
         last_frame_ = loop_.now();
         if (exposures_ != nullptr) exposures_->on_exposure(*frame);

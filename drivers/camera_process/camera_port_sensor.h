@@ -32,14 +32,26 @@ class CameraPortSensor final : public CameraSensor {
         ~ExposureListener() = default;
     };
 
+    // Of a light barrier on the camera's input (camera_part_sensor.h).
+    class EdgeListener {
+      public:
+        virtual void on_camera_streams() = 0;  // the sequence of its edges begins at 1
+        virtual void on_camera_edge(const CameraEdge& edge) = 0;
+        virtual void on_camera_lost(const Error& error) = 0;
+
+      protected:
+        ~EdgeListener() = default;
+    };
+
     // Loop thread; blocks while the camera is configured. Fails with not_found (lists the cameras), busy, unsupported
     // (lists the formats), io, invalid_argument (buffers not in 2..32).
     static Result<std::unique_ptr<CameraPortSensor>> open(hal::EventLoop& loop, const CameraPortOptions& options,
                                                           std::unique_ptr<CameraPort> port);
     ~CameraPortSensor() override;
 
-    // Loop thread, all three. expose() sends a software trigger, whatever CameraPortOptions::software_trigger says.
+    // Loop thread, all four. expose() sends a software trigger, whatever CameraPortOptions::software_trigger says.
     void tell_exposures(ExposureListener* listener) { exposures_ = listener; }
+    void tell_edges(EdgeListener* listener) { edges_ = listener; }
     [[nodiscard]] bool streams() const { return stream_ != nullptr && is_running(); }
     Result<void> expose();
 
@@ -57,6 +69,7 @@ class CameraPortSensor final : public CameraSensor {
     const std::unique_ptr<CameraPort> port_;
     const bool software_trigger_;
     ExposureListener* exposures_ = nullptr;
+    EdgeListener* edges_ = nullptr;
     std::shared_ptr<Stream> stream_;  // null when stopped
     hal::EventLoop::TimerId silence_timer_{};
     hal::TimePoint last_frame_{};  // its arrival, triggered or not

@@ -192,8 +192,9 @@ class CameraProcess final : public CameraPort {
             if (count < 0 && errno == EINTR) continue;
             if (stopping_) return;
             if (count != static_cast<ssize_t>(sizeof event)) return listener.on_camera_gone({});
-            if (event.what != CameraEvent::What::frame) return listener.on_camera_gone(event.why.data());
-            listener.on_camera_frame(event.frame);
+            if (event.what == CameraEvent::What::frame) listener.on_camera_frame(event.frame);
+            else if (event.what == CameraEvent::What::edge) listener.on_camera_edge(event.edge);
+            else return listener.on_camera_gone(event.why.data());
         }
     }
 

@@ -16,8 +16,9 @@
 namespace hord::drivers {
 
 struct CameraEvent {
-    enum class What : std::uint32_t { frame, gone } what = What::gone;
+    enum class What : std::uint32_t { frame, gone, edge } what = What::gone;
     CameraFrame frame{};
+    CameraEdge edge{};
     std::array<char, 160> why{};  // of gone; ends with a zero
 };
 static_assert(std::is_trivially_copyable_v<CameraEvent>);

@@ -19,6 +19,7 @@
 
 #include "common/unique_fd.h"
 #include "drivers/genicam/frame_identity.h"
+#include "drivers/genicam/genicam_barrier.h"
 #include "drivers/genicam/genicam_discovery.h"
 #include "drivers/genicam/genicam_features.h"
 #include "drivers/hal/packed_samples.h"
@@ -121,6 +122,7 @@ class GenicamDevice final : public CameraDevice {
 
     void stop() override {
         stopping_ = true;
+        messages_.reset();
         if (receiver_.joinable()) receiver_.join();
         if (stream_) {
             ArvFailure failed;
@@ -173,6 +175,7 @@ class GenicamDevice final : public CameraDevice {
             if (auto done = set(feature, value); !done) return tl::unexpected(done.error());
         }
         if (auto done = set_light(); !done) return tl::unexpected(done.error());
+        if (auto done = set_barrier(); !done) return tl::unexpected(done.error());
         return agreed_format(*format);
     }
 
@@ -196,11 +199,23 @@ class GenicamDevice final : public CameraDevice {
                     "set timing.strobe_us to a length that the camera has, and switch ExposureAuto off");
     }
 
-    Result<void> set(const std::string& feature, const std::string& value) {
-        return set_feature(device_, feature, value).map_error([this](Error error) {
+    Result<void> set_barrier() {
+        if (request_.barrier_line.empty()) return {};
+        return named(set_input_events(device_, request_.barrier_line).map([this](const InputEvents& events) {
+            input_.emplace(events.rising, events.falling);
+        }));
+    }
+
+    template <class T>
+    Result<T> named(Result<T> result) {
+        return std::move(result).map_error([this](Error error) {
             error.what = name_ + ": " + error.what;
             return error;
         });
+    }
+
+    Result<void> set(const std::string& feature, const std::string& value) {
+        return named(set_feature(device_, feature, value));
     }
 
     Result<GreyFormat> choose_format() {
@@ -320,6 +335,7 @@ class GenicamDevice final : public CameraDevice {
         g_signal_connect(device_, "control-lost", G_CALLBACK(on_control_lost), this);
         for (int k = 0; k < kFirstLatches; ++k) latch();
         listener_ = &listener;
+        if (auto done = listen_to_barrier(); !done) return tl::unexpected(done.error());
         arv_camera_start_acquisition(camera_.get(), failed.out());
         if (failed)
             return fail(ErrorCode::io, name_ + " does not stream: " + failed.what(),
@@ -331,6 +347,39 @@ class GenicamDevice final : public CameraDevice {
         checked_ = told_ = now();
         tell_start(format, *socket_bytes);
         return out;
+    }
+
+    Result<void> listen_to_barrier() {
+        if (!input_) return {};
+        ArvFailure failed;
+        ticks_a_second_ = 1'000'000'000;
+        if (ARV_IS_GV_DEVICE(device_)) {
+            const guint64 frequency = arv_gv_device_get_timestamp_tick_frequency(ARV_GV_DEVICE(device_), failed.out());
+            if (!failed && frequency > 0) ticks_a_second_ = frequency;
+        }
+        return named(MessageChannel::open(device_, [this](const GvcpMessage& message) {
+                         take(message);
+                     }).map([this](auto channel) { messages_ = std::move(channel); }));
+    }
+
+    void take(const GvcpMessage& message) {
+        for (const InputEdges::Edge& edge : input_->take(message)) {
+            const hal::Duration stamp = time_of_ticks(edge.ticks, ticks_a_second_);
+            const hal::TimePoint arrival = now();
+            const std::scoped_lock lock(mutex_);
+            clock_.arrived(stamp, arrival);
+            const hal::TimePoint least = clock_.earliest(stamp), most = clock_.latest(stamp);
+            hal::TimePoint at = std::min(least + (most - least) / 2, arrival);
+            // Another clock than that of its frames.
+            if (std::chrono::abs(arrival - at) > kPlausible) at = arrival;
+            last_edge_ = std::max(at, last_edge_);
+            listener_->on_camera_edge({edge.active, edge.sequence, last_edge_});
+        }
+    }
+
+    static hal::Duration time_of_ticks(std::uint64_t ticks, std::uint64_t a_second) {
+        return hal::Duration(static_cast<hal::Duration::rep>(static_cast<long double>(ticks) * 1e9L /
+                                                             static_cast<long double>(a_second)));
     }
 
     // Bytes that the kernel gives; 0: not a GigE camera.
@@ -410,10 +459,8 @@ class GenicamDevice final : public CameraDevice {
         if (names != kNames.begin() && ARV_IS_GV_DEVICE(device_))
             frequency = arv_gv_device_get_timestamp_tick_frequency(ARV_GV_DEVICE(device_), failed.out());
         if (failed || frequency == 0) return;
-        const auto ns = static_cast<hal::Duration::rep>(static_cast<long double>(value) * 1e9L /
-                                                        static_cast<long double>(frequency));
         const std::scoped_lock lock(mutex_);
-        clock_.latched(before, hal::Duration(ns), after);
+        clock_.latched(before, time_of_ticks(static_cast<std::uint64_t>(value), frequency), after);
     }
 
     void receive() {
@@ -502,6 +549,10 @@ class GenicamDevice final : public CameraDevice {
     CameraClock clock_;  // under mutex_
     hal::TimePoint checked_, told_;
     std::array<guint64, 4> told_bad_{};
+    std::optional<InputEdges> input_;  // of the barrier
+    std::uint64_t ticks_a_second_ = 0;
+    hal::TimePoint last_edge_;                  // under mutex_
+    std::unique_ptr<MessageChannel> messages_;  // its thread uses the rest
 };
 
 }  // namespace

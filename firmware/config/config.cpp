@@ -156,7 +156,7 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
     read_sensor(device("sensor"), config.sensor, folder);
     read_rejector(device("rejector"), config.rejector, config.core);
     read_strobe(device("strobe"), config.strobe, config.core, config.sensor);
-    read_part_sensor(device("part_sensor"), config.part_sensor, config.core);
+    read_part_sensor(device("part_sensor"), config.part_sensor, config.core, config.sensor);
     read_modbus(root.table("modbus"), config.modbus);
     read_serial(root.table("serial"), config.serial);
     read_plc(root.table("plc"), config.plc, config.core);

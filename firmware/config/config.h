@@ -58,11 +58,16 @@ struct StrobeConfig {
     bool operator==(const StrobeConfig&) const = default;
 };
 
-// [part_sensor] backend = "simulated" | "gpio"
+// [part_sensor] backend = "simulated" | "gpio" | "camera"
 struct SimulatedPartSensor {
     bool operator==(const SimulatedPartSensor&) const = default;
 };
-using PartSensorConfig = std::variant<SimulatedPartSensor, drivers::GpioPartSensorOptions>;
+struct CameraInput {
+    std::string line;  // SensorConfig has it, too
+    bool active_low = false;
+    bool operator==(const CameraInput&) const = default;
+};
+using PartSensorConfig = std::variant<SimulatedPartSensor, drivers::GpioPartSensorOptions, CameraInput>;
 
 // [modbus]: the register server that the PLC reads and writes.
 struct TcpServer {

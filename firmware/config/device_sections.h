@@ -38,6 +38,6 @@ void read_sensor(common::TomlTable sensor, SensorConfig& value, const std::files
 void read_rejector(common::TomlTable rejector, RejectorConfig& value, CoreConfig& core);
 // `sensor`: a camera that lights is told its output and the length of the light.
 void read_strobe(common::TomlTable strobe, StrobeConfig& value, CoreConfig& core, SensorConfig& sensor);
-void read_part_sensor(common::TomlTable sensor, PartSensorConfig& value, const CoreConfig& core);
+void read_part_sensor(common::TomlTable sensor, PartSensorConfig& value, const CoreConfig& core, SensorConfig& seen_by);
 
 }  // namespace hord::firmware

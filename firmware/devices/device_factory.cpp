@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "common/assign.h"
+#include "drivers/camera_process/camera_part_sensor.h"
 #include "drivers/camera_process/camera_strobe.h"
 #include "drivers/files/recorded_frames.h"
 #include "drivers/gardasoft/gardasoft_strobe.h"
@@ -180,6 +181,7 @@ class ChosenBackends final : public Backends {
         sim::FrameSource* source = &tokens_;
         if (auto done = assign(sensor_, open_sensor(loop_, config)); !done) return done;
         if (auto light = light_of_camera(loop_, config, sensor_.get())) strobe_ = std::move(light);
+        if (auto barrier = barrier_of_camera(loop_, config, sensor_.get())) part_sensor_ = std::move(barrier);
         if (const auto* recorded = dynamic_cast<const drivers::RecordedFrames*>(sensor_.get()))
             options.schedule.parts = recorded->count();
         if (!sensor_) {
@@ -273,6 +275,13 @@ std::unique_ptr<hal::Strobe> light_of_camera(hal::EventLoop& loop, const Config&
     auto* const camera = dynamic_cast<drivers::CameraPortSensor*>(sensor);
     if (config.strobe.camera_line.empty() || camera == nullptr) return nullptr;
     return std::make_unique<drivers::CameraStrobe>(loop, *camera, config.strobe.limits, config.core.strobe);
+}
+
+std::unique_ptr<hal::PartSensor> barrier_of_camera(hal::EventLoop& loop, const Config& config, hal::Sensor* sensor) {
+    auto* const camera = dynamic_cast<drivers::CameraPortSensor*>(sensor);
+    const auto* const input = std::get_if<CameraInput>(&config.part_sensor);
+    if (camera == nullptr || input == nullptr) return nullptr;
+    return std::make_unique<drivers::CameraPartSensor>(loop, *camera, input->active_low);
 }
 
 Result<std::unique_ptr<hal::PartSensor>> open_part_sensor(hal::EventLoop& loop, const Config& config) {

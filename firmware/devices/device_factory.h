@@ -40,6 +40,8 @@ std::uint32_t simulated_devices(const Config& config, const SimulationOptions& s
 Result<std::unique_ptr<hal::Strobe>> open_strobe(hal::EventLoop& loop, const Config& config);
 // The light that the sensor's camera drives itself; null where the configuration has none. `sensor` outlives it.
 std::unique_ptr<hal::Strobe> light_of_camera(hal::EventLoop& loop, const Config& config, hal::Sensor* sensor);
+// The same of a light barrier on the camera's input.
+std::unique_ptr<hal::PartSensor> barrier_of_camera(hal::EventLoop& loop, const Config& config, hal::Sensor* sensor);
 Result<std::unique_ptr<hal::PartSensor>> open_part_sensor(hal::EventLoop& loop, const Config& config);
 Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Config& config);
 

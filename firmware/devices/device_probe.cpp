@@ -17,8 +17,8 @@ namespace {
 
 struct Devices {
     std::unique_ptr<Backends> simulated;
-    std::unique_ptr<hal::PartSensor> part_sensor;
     std::unique_ptr<hal::Sensor> sensor;
+    std::unique_ptr<hal::PartSensor> part_sensor;  // before the sensor that it hears by
     std::unique_ptr<hal::Rejector> rejector;
     std::unique_ptr<hal::Strobe> strobe;
 };
@@ -77,6 +77,13 @@ void probe_sensor(hal::EventLoop& loop, const Config& config, Devices& devices, 
         return;
     }
     store(cell.sensor, devices.sensor, open_sensor(loop, config));
+    if (const auto* input = std::get_if<CameraInput>(&config.part_sensor)) {
+        cell.part_sensor.name = "the camera's " + input->line;
+        cell.camera_hears = cell.sensor.device.has_value();
+        devices.part_sensor = barrier_of_camera(loop, config, devices.sensor.get());
+        cell.part_sensor.device = devices.part_sensor.get();
+        if (!cell.sensor.device) cell.part_sensor.device = tl::unexpected(cell.sensor.device.error());
+    }
     if (config.strobe.camera_line.empty()) return;
     cell.strobe.name = "the camera's " + config.strobe.camera_line;
     cell.camera_lights = true;

@@ -55,7 +55,7 @@ class Check {
         : loop_(loop), cell_(cell), options_(options) {}
 
     std::vector<CheckRow> go() {
-        part_sensor();
+        if (!cell_.camera_hears) part_sensor();
         lights();
         sensor();
         rejector();
@@ -164,6 +164,7 @@ class Check {
         good("sensor",
              fmt::format("{}, {}x{} at {} bits, {} frames at a time", cell_.sensor.name, format.width_px,
                          format.height_px, format.bits, format.buffers));
+        if (cell_.camera_hears) part_sensor();
         look(*device, sees);
         sees.frame = {};
         device->stop();

@@ -34,6 +34,7 @@ struct CellUnderTest {
     std::function<Result<std::string>()> ask_module;
     bool encoder = false;        // the part sensor has one
     bool camera_lights = false;  // no light without a frame, no frame without light
+    bool camera_hears = false;   // the part sensor is heard while the sensor streams
 
     CoreConfig core;
     algo::Recipe recipe;

@@ -41,6 +41,8 @@ void FakeGige::lose() {
     program_.reset();
 }
 
+void FakeGige::set_input(bool active) { program_->signal(active ? SIGUSR1 : SIGUSR2); }
+
 void FakeGige::bring_back() {
     program_.emplace("hord_fake_gige", arguments_);
     if (!program_->says("ready")) throw std::runtime_error("hord_fake_gige does not run: " + program_->so_far().err);

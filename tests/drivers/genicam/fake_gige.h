@@ -21,6 +21,7 @@ class FakeGige {
     explicit FakeGige(const std::vector<std::string>& arguments = {"127.0.0.1", "S1"});
     void lose();  // kills it
     void bring_back();
+    void set_input(bool active);  // Line1 ("wire", "events")
 
   private:
     const std::vector<std::string> arguments_;

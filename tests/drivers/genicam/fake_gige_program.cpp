@@ -1,21 +1,31 @@
 // A GigE Vision camera for tests: Aravis's fake camera, with the features that it lacks of a real one.
 //     hord_fake_gige ADDRESS SERIAL [name=USER_NAME] [lost=RATIO] [latch=no] [broken-xml] [formats=8] [lines]
-//                    [size=WIDTHxHEIGHT] [still] [FRAME.png ...]
-//                    and of the network: [mtu=BYTES] [delay=MS] [reorder=N]
+//                    [size=WIDTHxHEIGHT] [still] [wire] [events[=value]] [FRAME.png ...]
+//                    and of the network: [mtu=BYTES] [delay=MS] [reorder=N] [lose-event=N] [twice]
 // ADDRESS is one of this machine's. Frames: the files, one after the other; without files, sample (x, y) of the n-th
 // frame is (x + 3 y + n) of the format's bits; `still` draws one frame only, and counts in its first sample. `size`: of
-// its sensor. `lines`: it has LineSelector, LineMode and LineSource. The network is network_between.h. Prints "ready"
-// and runs until it is killed.
+// its sensor. `lines`: it has LineSelector, LineMode and LineSource. `wire`: TriggerSource Line1, an input that SIGUSR1
+// activates and SIGUSR2 deactivates; software triggers then do nothing. `events`: it tells the edges of this input as
+// events, which the description numbers by their ports or (`value`) by their features' values. A message is sent until
+// it is answered; the N-th one is lost (`lose-event`), or each comes twice (`twice`). The network is network_between.h.
+// Prints "ready" and runs until it is killed.
+#include <array>
 #include <atomic>
+#include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <fstream>
 #include <iterator>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <arv.h>
+#include <fcntl.h>
+#include <netinet/in.h>
+#include <poll.h>
 #include <sys/mman.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include "drivers/files/frame_file.h"
@@ -26,6 +36,9 @@ namespace {
 using hord::Frame;
 
 constexpr std::uint32_t kLatchValue = 0x3008, kUserName = 0x00E8, kSensorHeight = 0x118, kSensorWidth = 0x11C;
+constexpr std::uint32_t kSoftwareTrigger = 0x30C, kEventNotification = 0x3114;
+constexpr std::uint32_t kChannelCount = 0x0900, kChannelPort = 0x0B00, kChannelAddress = 0x0B10;
+constexpr unsigned kRising = 0x9011, kFalling = 0x9012;
 
 struct Content {
     std::vector<Frame> files;
@@ -89,7 +102,30 @@ void fill(ArvBuffer* buffer, void* user_data, guint32, guint32, ArvPixelFormat f
     }
 }
 
-std::string description(ArvFakeCamera* camera, bool latch, bool all_formats, bool lines) {
+std::string text_of(unsigned hexadecimal) {
+    std::array<char, 16> text{};
+    std::snprintf(text.data(), text.size(), "%x", hexadecimal);
+    return text.data();
+}
+
+// A feature of an event: by its value, or at a port that is the event's.
+std::string event(const std::string& name, unsigned id, bool by_value) {
+    if (by_value)
+        return "<Integer Name=\"" + name + "\" NameSpace=\"Standard\"><Value>" + std::to_string(id) +
+            "</Value></Integer>";
+    return "<Integer Name=\"" + name + "Timestamp\" NameSpace=\"Standard\"><pValue>" + name +
+        "TimestampRegister</pValue></Integer><IntReg Name=\"" + name +
+        "TimestampRegister\" NameSpace=\"Custom\"><Address>0x8</Address><Length>8</Length><AccessMode>RO</AccessMode>"
+        "<pPort>" +
+        name + "Port</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg><Port Name=\"" + name +
+        "Port\" NameSpace=\"Custom\"><EventID>" + text_of(id) + "</EventID></Port>";
+}
+
+struct Has {
+    bool latch = true, all_formats = true, lines = false, wire = false, events = false, numbered_by_value = false;
+};
+
+std::string description(ArvFakeCamera* camera, const Has& has) {
     std::size_t size = 0;
     const char* const text = arv_fake_camera_get_genicam_xml(camera, &size);
     std::string xml(text, size);
@@ -106,27 +142,41 @@ std::string description(ArvFakeCamera* camera, bool latch, bool all_formats, boo
         formats += "<EnumEntry Name=\"" + name + "\" NameSpace=\"Standard\"><Value>" + std::to_string(value) +
             "</Value></EnumEntry>";
     }
-    if (all_formats) insert_before("<pValue>PixelFormatRegister</pValue>", formats);
+    if (has.all_formats) insert_before("<pValue>PixelFormatRegister</pValue>", formats);
     const auto reg = [](const std::string& name, const char* address, const char* length) {
         return "<IntReg Name=\"" + name + "\" NameSpace=\"Custom\"><Address>" + address + "</Address><Length>" +
             length +
             "</Length><AccessMode>RW</AccessMode><pPort>Device</pPort><Cachable>NoCache</Cachable><Sign>Unsigned</Sign>"
             "<Endianess>BigEndian</Endianess></IntReg>";
     };
-    if (lines) {
-        const auto choice = [&](const std::string& name, const std::vector<std::string>& entries, const char* address) {
-            std::string all = "<Enumeration Name=\"" + name + "\" NameSpace=\"Standard\">";
-            for (std::size_t k = 0; k < entries.size(); ++k)
-                all += "<EnumEntry Name=\"" + entries[k] + "\" NameSpace=\"Standard\"><Value>" + std::to_string(k) +
-                    "</Value></EnumEntry>";
-            return all + "<pValue>" + name + "Register</pValue></Enumeration>" + reg(name + "Register", address, "4");
-        };
+    const auto choice = [&](const std::string& name, const std::vector<std::string>& entries, const char* address) {
+        std::string all = "<Enumeration Name=\"" + name + "\" NameSpace=\"Standard\">";
+        for (std::size_t k = 0; k < entries.size(); ++k)
+            all += "<EnumEntry Name=\"" + entries[k] + "\" NameSpace=\"Standard\"><Value>" + std::to_string(k) +
+                "</Value></EnumEntry>";
+        return all + "<pValue>" + name + "Register</pValue></Enumeration>" + reg(name + "Register", address, "4");
+    };
+    if (has.events) {
+        insert_before("</RegisterDescription>",
+                      choice("EventSelector", {"ExposureStart", "Line1RisingEdge", "Line1FallingEdge"}, "0x3110") +
+                          choice("EventNotification", {"Off", "On"}, "0x3114"));
+        for (const auto& [name, id] : {std::pair("EventLine1RisingEdge", kRising), {"EventLine1FallingEdge", kFalling}})
+            insert_before("</RegisterDescription>", event(name, id, has.numbered_by_value));
+    }
+    if (has.wire) {
+        // The fake camera exposes at software triggers alone: Line1 has their number, and the command does nothing.
+        insert_before("<EnumEntry Name=\"Software\" NameSpace=\"Standard\">",
+                      "<EnumEntry Name=\"Line1\" NameSpace=\"Standard\"><Value>1</Value></EnumEntry>");
+        const std::size_t at = xml.find("0x30c");
+        if (at != std::string::npos) xml.replace(at, 5, "0x3200");
+    }
+    if (has.lines) {
         insert_before("</RegisterDescription>",
                       choice("LineSelector", {"Line1", "Line2"}, "0x3100") +
                           choice("LineMode", {"Input", "Output"}, "0x3104") +
                           choice("LineSource", {"Off", "ExposureActive"}, "0x3108"));
     }
-    if (latch) {
+    if (has.latch) {
         insert_before("</RegisterDescription>",
                       "<Command Name=\"TimestampLatch\" NameSpace=\"Standard\"><pValue>LatchRegister</pValue>"
                       "<CommandValue>1</CommandValue></Command>" +
@@ -138,6 +188,60 @@ std::string description(ArvFakeCamera* camera, bool latch, bool all_formats, boo
     return xml;
 }
 
+// The input Line1 and its messages.
+class Input {
+  public:
+    std::uint64_t lose = 0;  // the n-th message
+    bool twice = false, triggers = false, tells = false;
+
+    void change(ArvFakeCamera* camera, bool active) {
+        if (active && triggers) arv_fake_camera_write_register(camera, kSoftwareTrigger, 1);
+        guint32 on = 0, port = 0, address = 0;
+        arv_fake_camera_read_register(camera, kEventNotification, &on);
+        arv_fake_camera_read_register(camera, kChannelPort, &port);
+        arv_fake_camera_read_register(camera, kChannelAddress, &address);
+        if (!tells || on == 0 || port == 0) return;
+        const std::uint64_t time = static_cast<std::uint64_t>(g_get_real_time()) * 1000;
+        const unsigned id = active ? kRising : kFalling;
+        request_ = request_ % 65535 + 1;
+        if (++sent_ == lose) return;
+        twice_now_ = twice;
+        std::array<std::uint8_t, 24> message{0x42, 0x01, 0x00, 0xC0, 0, 16};
+        message[6] = static_cast<std::uint8_t>(request_ >> 8U);
+        message[7] = static_cast<std::uint8_t>(request_ & 0xFFU);
+        message[10] = static_cast<std::uint8_t>(id >> 8U);
+        message[11] = static_cast<std::uint8_t>(id & 0xFFU);
+        for (unsigned k = 0; k < 8; ++k) message[16 + k] = static_cast<std::uint8_t>(time >> (56 - 8 * k));
+        sockaddr_in to{};
+        to.sin_family = AF_INET;
+        to.sin_port = htons(static_cast<std::uint16_t>(port));
+        to.sin_addr.s_addr = htonl(address);
+        for (int tries = 0; tries < 6; ++tries) {
+            ::sendto(socket_, message.data(), message.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
+            if (answered(message[6], message[7]) && !std::exchange(twice_now_, false)) break;
+        }
+    }
+
+  private:
+    bool answered(std::uint8_t high, std::uint8_t low) const {
+        pollfd ready{socket_, POLLIN, 0};
+        std::array<std::uint8_t, 8> answer{};
+        return ::poll(&ready, 1, 20) == 1 && ::recv(socket_, answer.data(), answer.size(), 0) == 8 &&
+            answer == std::array<std::uint8_t, 8>{0, 0, 0, 0xC1, 0, 0, high, low};
+    }
+
+    const int socket_ = ::socket(AF_INET, SOCK_DGRAM, 0);
+    std::uint64_t sent_ = 0;
+    unsigned request_ = 65533;
+    bool twice_now_ = false;
+};
+
+int edges[2];  // a pipe
+void on_signal(int signal) {
+    const char edge = signal == SIGUSR1 ? 1 : 0;
+    (void)!::write(edges[1], &edge, 1);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -145,7 +249,9 @@ int main(int argc, char** argv) {
     const std::string address = argv[1], serial = argv[2];
     std::string name;
     double lost = 0;
-    bool latch = true, broken = false, all_formats = true, lines = false;
+    bool broken = false;
+    Has has;
+    static Input input;
     unsigned width = 0, height = 0;
     hord::test::NetworkBetween network;
     static Content content;
@@ -153,10 +259,15 @@ int main(int argc, char** argv) {
         const std::string argument = argv[k];
         if (argument.starts_with("name=")) name = argument.substr(5);
         else if (argument.starts_with("lost=")) lost = std::stod(argument.substr(5));
-        else if (argument == "latch=no") latch = false;
+        else if (argument == "latch=no") has.latch = false;
         else if (argument == "broken-xml") broken = true;
-        else if (argument == "formats=8") all_formats = false;
-        else if (argument == "lines") lines = true;
+        else if (argument == "formats=8") has.all_formats = false;
+        else if (argument == "lines") has.lines = true;
+        else if (argument == "wire") has.wire = input.triggers = true;
+        else if (argument == "events") has.events = input.tells = true;
+        else if (argument == "events=value") has.events = has.numbered_by_value = input.tells = true;
+        else if (argument == "twice") input.twice = true;
+        else if (argument.starts_with("lose-event=")) input.lose = std::stoul(argument.substr(11));
         else if (argument == "still") content.still = true;
         else if (std::sscanf(argument.c_str(), "size=%ux%u", &width, &height) == 2) continue;
         else if (argument.starts_with("mtu=")) network.mtu_bytes = std::stoul(argument.substr(4));
@@ -169,7 +280,7 @@ int main(int argc, char** argv) {
     std::string xml;
     {
         ArvFakeCamera* const plain = arv_fake_camera_new(serial.c_str());
-        xml = description(plain, latch, all_formats, lines);
+        xml = description(plain, has);
         g_object_unref(plain);
     }
     if (broken) xml.resize(xml.size() / 2);
@@ -192,12 +303,17 @@ int main(int argc, char** argv) {
     hord::test::put_between(network);
     if (!name.empty())
         arv_fake_camera_write_memory(inner, kUserName, static_cast<guint32>(name.size() + 1), name.c_str());
+    if (has.events) arv_fake_camera_write_register(inner, kChannelCount, 1);
+    if (::pipe2(edges, O_NONBLOCK) != 0) return 2;
+    for (const int signal : {SIGUSR1, SIGUSR2}) std::signal(signal, on_signal);
     std::puts("ready");
     std::fflush(stdout);
     // The camera's clock: the time of day, as its frames have it. A latch reads what was written last.
     for (;;) {
         const guint64 time = GUINT64_TO_BE(static_cast<guint64>(g_get_real_time()) * 1000);
         arv_fake_camera_write_memory(inner, kLatchValue, sizeof time, &time);
+        char edge = 0;
+        if (::read(edges[0], &edge, 1) == 1) input.change(inner, edge != 0);
         ::usleep(200);
     }
 }

@@ -5,6 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "drivers/camera_process/camera_part_sensor.h"
 #include "drivers/camera_process/camera_strobe.h"
 #include "drivers/event_loop/event_loop_sd.h"
 #include "drivers/genicam/genicam_request.h"
@@ -33,6 +34,7 @@ TEST(GenicamRequest, comes_back_unchanged_and_a_malformed_one_is_none) {
                                      .socket_buffer_bytes = 1'000'000,
                                      .light_line = "Line3",
                                      .light_us = 250,
+                                     .barrier_line = "Line1",
                                      .features = {{"LineSelector", "Line1"}, {"Gain", "1.5"}}};
     EXPECT_EQ(parse_genicam_request(request_of(asked)), asked);
     for (const std::string& wrong : {std::string(), std::string("{}"), request_of(asked).substr(1)})
@@ -135,6 +137,7 @@ TEST_F(Genicam, every_depth_and_packing_gives_the_cameras_samples) {
          std::vector<std::tuple<int, std::string, std::size_t>>{{10, "", 2},
                                                                 {10, "Mono10p", 2},
                                                                 {10, "Mono10Packed", 2},
+                                                                {12, "", 2},
                                                                 {12, "Mono12p", 2},
                                                                 {12, "Mono12Packed", 2},
                                                                 {16, "", 2}}) {
@@ -410,6 +413,128 @@ TEST_F(Genicam, its_light_without_a_frame_is_not_lit_and_a_lost_camera_is_a_lost
     EXPECT_FALSE(ear.reports[1].lit);
     EXPECT_EQ(light.fire({3, 1, loop_->now() + 30s, 20ms}).error().code, ErrorCode::disconnected);
     light.stop();
+}
+
+// The wire exposes, and nothing else: the fake camera ignores software triggers here.
+TEST_F(Genicam, that_a_wire_triggers_brings_a_frame_for_each_pulse_of_it) {
+    FakeGige camera({"127.0.0.1", "S1", "wire"});
+    GenicamSensorOptions options = software();
+    options.trigger = CameraTrigger::line;
+    options.trigger_source = "Line1";
+    start(options);
+    ASSERT_TRUE(sensor_->trigger({.exposure = 1, .start = loop_->now(), .length = 1ms}));
+    run_until([&] { return !ear_.frames.empty(); }, 200ms);
+    EXPECT_TRUE(ear_.frames.empty()) << "without a pulse";
+    for (std::uint32_t k = 1; k <= 5; ++k) {
+        const hal::TimePoint asked = loop_->now();
+        if (k > 1) {
+            ASSERT_TRUE(sensor_->trigger({.exposure = k, .start = asked, .length = 1ms}));
+        }
+        camera.set_input(true);
+        ASSERT_TRUE(run_until([&] { return !ear_.frames.empty(); })) << k;
+        EXPECT_EQ(ear_.frames[0].info().sequence, k);
+        EXPECT_GE(ear_.frames[0].info().exposure_start, asked);
+        EXPECT_LE(ear_.frames[0].info().exposure_start, loop_->now());
+        EXPECT_TRUE(is_one_frame(ear_.frames[0].view()));
+        ear_.frames.clear();
+        camera.set_input(false);
+    }
+}
+
+struct BarrierEar final : hal::PartSensor::Listener {
+    void on_edge(const hal::PartEdge& edge) override { edges.push_back(edge); }
+    void on_encoder(const hal::EncoderReading&) override {}
+    void on_part_sensor_lost(const Error& error) override { losses.push_back(error); }
+    std::vector<hal::PartEdge> edges;
+    std::vector<Error> losses;
+};
+
+class GenicamBarrier : public Genicam {
+  protected:
+    static GenicamSensorOptions with_barrier() {
+        GenicamSensorOptions options = software();
+        options.barrier_line = "Line1";
+        return options;
+    }
+    void listen(bool active_low = false) {
+        ASSERT_TRUE(sensor_);
+        barrier_ = std::make_unique<CameraPartSensor>(*loop_, *sensor_, active_low);
+        ASSERT_TRUE(barrier_->start(ear_of_barrier_));
+    }
+    void TearDown() override {
+        barrier_.reset();
+        Genicam::TearDown();
+    }
+    // Edges one after the other, from an active one; each is awaited, but the `lost`-th.
+    void pass_edges(FakeGige& camera, std::size_t count, std::size_t lost = 0) {
+        std::size_t expected = ear_of_barrier_.edges.size();
+        for (std::size_t k = 1; k <= count; ++k) {
+            camera.set_input(k % 2 == 1);
+            if (k != lost) ++expected;
+            ASSERT_TRUE(run_until([&] { return ear_of_barrier_.edges.size() >= expected; })) << k;
+            if (k == lost) run_until([] { return false; }, 100ms);
+        }
+    }
+    std::vector<std::uint32_t> sequences() const {
+        std::vector<std::uint32_t> out;
+        for (const hal::PartEdge& edge : ear_of_barrier_.edges) out.push_back(edge.sequence);
+        return out;
+    }
+    std::unique_ptr<CameraPartSensor> barrier_;
+    BarrierEar ear_of_barrier_;
+};
+
+// The request numbers of the fake camera's messages begin near 65535.
+TEST_F(GenicamBarrier, edges_are_told_with_the_cameras_time_and_without_a_gap) {
+    for (const char* numbers : {"events", "events=value"}) {
+        FakeGige camera({"127.0.0.1", "S1", numbers});
+        start(with_barrier());
+        listen();
+        ASSERT_FALSE(HasFatalFailure());
+        const hal::TimePoint before = loop_->now();
+        pass_edges(camera, 8);
+        EXPECT_EQ(sequences(), (std::vector<std::uint32_t>{1, 2, 3, 4, 5, 6, 7, 8})) << numbers;
+        for (std::size_t k = 0; k < 8; ++k) {
+            const hal::PartEdge& edge = ear_of_barrier_.edges[k];
+            EXPECT_EQ(edge.kind, k % 2 == 0 ? hal::PartEdge::Kind::arrives : hal::PartEdge::Kind::leaves);
+            EXPECT_GE(edge.at, (k == 0 ? before : ear_of_barrier_.edges[k - 1].at) - 50ms);
+            EXPECT_LE(edge.at, loop_->now());
+        }
+        EXPECT_TRUE(frame()) << "frames come beside edges";
+        barrier_.reset();
+        ear_of_barrier_.edges.clear();
+        sensor_->stop();
+    }
+}
+
+TEST_F(GenicamBarrier, a_lost_message_leaves_a_gap_and_one_that_comes_twice_is_one_edge) {
+    FakeGige camera({"127.0.0.1", "S1", "events", "twice", "lose-event=3"});
+    start(with_barrier());
+    listen();
+    ASSERT_FALSE(HasFatalFailure());
+    pass_edges(camera, 6, 3);
+    EXPECT_EQ(sequences(), (std::vector<std::uint32_t>{1, 2, 4, 5, 6}));
+}
+
+TEST_F(GenicamBarrier, of_an_input_that_is_active_low_a_falling_edge_is_an_arrival) {
+    FakeGige camera({"127.0.0.1", "S1", "events"});
+    start(with_barrier());
+    listen(true);
+    ASSERT_FALSE(HasFatalFailure());
+    pass_edges(camera, 2);
+    EXPECT_EQ(ear_of_barrier_.edges[0].kind, hal::PartEdge::Kind::leaves);
+    EXPECT_EQ(ear_of_barrier_.edges[1].kind, hal::PartEdge::Kind::arrives);
+}
+
+TEST_F(GenicamBarrier, a_camera_that_cannot_tell_the_edges_is_refused_with_a_cure) {
+    {
+        const FakeGige camera;
+        EXPECT_THAT(refusal(with_barrier()).message(), AllOf(HasSubstr("no events"), HasSubstr("GPIO line")));
+    }
+    const FakeGige camera({"127.0.0.1", "S1", "events"});
+    GenicamSensorOptions options = with_barrier();
+    options.barrier_line = "Line7";
+    EXPECT_THAT(refusal(options).message(), AllOf(HasSubstr("EventSelector"), HasSubstr("Line1RisingEdge")));
 }
 
 TEST_F(Genicam, that_leaves_is_lost_and_runs_again_when_it_is_back) {

@@ -434,6 +434,22 @@ TEST(Config, a_light_on_the_cameras_output_is_told_to_the_camera) {
                 HasSubstr("sets the camera's ExposureTime"));
 }
 
+TEST(Config, a_light_barrier_on_the_cameras_input_is_told_to_the_camera) {
+    const std::string camera = "[sensor]\nbackend = \"genicam\"\ntrigger = \"software\"\n";
+    const std::string barrier = "[part_sensor]\nbackend = \"camera\"\n", line = "camera_line = \"Line1\"\n";
+    const auto config = parse(camera + barrier + line + "active_low = true\n");
+    ASSERT_TRUE(config) << config.error().what;
+    EXPECT_EQ(std::get<CameraInput>(config->part_sensor), (CameraInput{"Line1", true}));
+    EXPECT_EQ(std::get<drivers::GenicamSensorOptions>(config->sensor).barrier_line, "Line1");
+
+    EXPECT_THAT(problems_of(camera + barrier), HasSubstr("name the camera's input"));
+    EXPECT_THAT(problems_of(barrier + line), HasSubstr("sensor.backend to \"genicam\""));
+    EXPECT_THAT(problems_of(camera + barrier + line + "[line]\ntracking = \"encoder\"\n"), HasSubstr("has no encoder"));
+    EXPECT_THAT(problems_of("[timing]\nstrobe_delay_us = 0\n" + camera + barrier + line +
+                            "[strobe]\nbackend = \"camera\"\n" + line),
+                HasSubstr("lines of their own"));
+}
+
 // Long because it is the list of all keys.
 TEST(Config, scenes_of_the_simulated_sensor_lie_beside_the_file_and_are_no_keys_of_a_camera) {
     const auto scenes = parse("[sensor]\nbackend = \"simulated\"\nscenes = \"parts\"\n");
