@@ -1,7 +1,9 @@
 // The period of macro-pixels, with parts of any deflection, and in frames that have none.
 #include "algo/light/macro_period.h"
 
+#include <functional>
 #include <random>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -83,6 +85,80 @@ TEST(MacroPeriod, is_not_claimed_of_fog_noise_ramps_and_darkness) {
 TEST(MacroPeriod, is_not_looked_for_in_fields_of_three_lenslets) {
     const Extents e{3, 3, 3, 3};
     EXPECT_EQ(found(of(e, 0, 0), e).x, 0);
+}
+
+// One line of samples: `of(k)` DN each.
+int period(std::size_t samples, int expected, const std::function<int(int)>& of) {
+    std::vector<std::uint32_t> profile(samples);
+    for (std::size_t k = 0; k < samples; ++k) profile[k] = static_cast<std::uint32_t>(of(static_cast<int>(k)));
+    return period_of(profile, expected);
+}
+std::function<int(int)> every(int period, int amplitude = 100) {
+    return [=](int k) { return k % period == 1 ? amplitude : 0; };
+}
+
+TEST(PeriodOf, a_profile_is_the_expected_one_unless_another_explains_much_more) {
+    for (int real = 2; real <= kMaxBins; ++real) {
+        EXPECT_EQ(period(120, real, every(real)), real);
+        EXPECT_EQ(period(120, real % 7 == 0 ? 9 : 7, every(real)), real);
+    }
+    // A divisor of the expected period explains all that it does; a multiple explains it, too.
+    EXPECT_EQ(period(120, 14, every(7)), 7);
+    EXPECT_EQ(period(120, 3, every(9)), 9);
+    // Both periods, the expected one weaker: it stays as long as it explains 0.3 of the best.
+    const auto both = [](int of_nine) { return [=](int k) { return every(5, 100)(k) + every(9, of_nine)(k); }; };
+    EXPECT_EQ(period(180, 9, both(100)), 9);
+    EXPECT_EQ(period(180, 9, both(30)), 5);
+}
+
+TEST(PeriodOf, a_profile_is_looked_for_in_windows_of_sixty_samples_and_in_four_periods) {
+    EXPECT_EQ(period(36, 9, every(9)), 9);
+    EXPECT_EQ(period(35, 9, every(9)), 0);
+    EXPECT_EQ(period(60, 15, every(15)), 15);
+    EXPECT_EQ(period(59, 15, every(15)), 0);
+    EXPECT_EQ(period(600, 16, every(16)), 0);  // longer than any macro-pixel
+    EXPECT_EQ(period(600, 9, every(16)), 0);
+    // What is left after the last whole window is not read; every whole one is.
+    const auto from = [](int first) { return [=](int k) { return k < first ? every(9, 10)(k) : every(5, 1000)(k); }; };
+    EXPECT_EQ(period(119, 9, from(60)), 9);
+    EXPECT_EQ(period(120, 9, from(60)), 5);
+    EXPECT_EQ(period(60, 5, [](int k) { return k == 0 ? 0 : every(9)(k); }), 9);
+}
+
+TEST(PeriodOf, nothing_is_none) {
+    EXPECT_EQ(period(120, 9, [](int) { return 0; }), 0);
+    EXPECT_EQ(period(120, 9, [](int) { return 7; }), 0);
+    EXPECT_EQ(period(120, 9, [](int k) { return k; }), 0);
+    EXPECT_EQ(period(120, 9, [](int k) { return k == 50 ? 100 : 0; }), 0);
+    // At least half of the variance: a period on top of as much of something else.
+    std::mt19937 random(3);
+    std::vector<int> noise(600);
+    for (int& v : noise) v = static_cast<int>(random() % 100);
+    const auto on_noise = [&](int amplitude) {
+        return [&noise, amplitude](int k) { return every(9, amplitude)(k) + noise[static_cast<std::size_t>(k)]; };
+    };
+    EXPECT_EQ(period(600, 9, on_noise(160)), 9);
+    EXPECT_EQ(period(600, 9, on_noise(40)), 0);
+}
+
+// One axis alone contradicts; 12 bits; the finder is used again.
+TEST(MacroPeriod, of_one_axis_is_enough_to_contradict) {
+    const Extents read_as{50, 50, 9, 9};
+    MacroPeriodFinder finder(read_as);
+    const auto find = [&](const Extents& real) {
+        return finder.find(exposed(spots(real, 200, 0.6, [](int, int) { return Spot{}; }), {}, 1).view());
+    };
+    for (int again = 0; again < 2; ++again) {
+        EXPECT_EQ(find({90, 50, 5, 9}).x, 5);
+        EXPECT_FALSE(find({90, 50, 5, 9}).expected);
+        EXPECT_EQ(find({50, 90, 9, 5}).y, 5);
+        EXPECT_FALSE(find({50, 90, 9, 5}).expected);
+        EXPECT_TRUE(find(read_as).expected);
+        EXPECT_EQ(finder.find(Frame(450, 450, 8).view()).x, 0);
+    }
+    const Frame deep = exposed(spots({90, 50, 5, 9}, 200, 0.6, [](int, int) { return Spot{}; }), {}, 1, 12);
+    EXPECT_EQ(finder.find(deep.view()).x, 5);
+    EXPECT_EQ(finder.find(deep.view()).y, 9);
 }
 
 }  // namespace
