@@ -1,6 +1,10 @@
 // Pedestal and noise of a frame's dark bins, and the dark level that follows.
 #include "algo/light/dark_bins.h"
 
+#include <cmath>
+#include <functional>
+#include <vector>
+
 #include <gtest/gtest.h>
 
 #include "tests/support/odd_frames.h"
@@ -117,6 +121,104 @@ TEST(DarkBins, are_not_measured_where_a_spot_may_cover_nearly_all) {
         EXPECT_FALSE(measured(spots_on(5, 1, 8, 8, e), e).measured);
     EXPECT_TRUE(measured(spots_on(5, 1, 8, 8, {30, 30, 5, 5}), {30, 30, 5, 5}).measured);
     EXPECT_TRUE(measured(spots_on(5, 1, 8, 8, {30, 30, 3, 15}), {30, 30, 3, 15}).measured);
+}
+
+// What follows from measured dark bins, just within and just beyond each limit: level 3 DN, rise 8 DN.
+TEST(DarkBins, raise_the_level_within_limits) {
+    const auto levels = [](double pedestal, double noise, double upper) {
+        return levels_above_dark_bins(
+            kLevels,
+            {.measured = true, .pedestal_dn = pedestal, .noise_dn = noise, .upper_dn = upper, .at_zero = false}, 8);
+    };
+    EXPECT_EQ(levels(2, 1, 3.5).levels.dark, 3U);
+    EXPECT_EQ(levels(2, 1, 3.51).levels.dark, 5U);
+    EXPECT_EQ(levels(2, 1.01, 3.51).levels.dark, 6U);
+    EXPECT_EQ(levels(0.2, 0.3, 4).levels.dark, 3U);  // never below the given level
+    EXPECT_TRUE(levels(11.5, 1, 13).pedestal_allowed);
+    EXPECT_FALSE(levels(11.51, 1, 13).pedestal_allowed);
+    EXPECT_TRUE(levels(10, 3, 15).noise_allowed);
+    EXPECT_EQ(levels(10, 3, 15).levels.dark, 19U);
+    EXPECT_FALSE(levels(10, 3.01, 15).noise_allowed);
+    EXPECT_EQ(levels(10, 3.01, 15).levels.dark, 19U);
+    EXPECT_EQ(levels(10, 3.01, 15).levels.saturated, kLevels.saturated);
+    EXPECT_EQ(levels_above_dark_bins(kLevels, {.pedestal_dn = 9, .upper_dn = 12, .at_zero = false}, 8).levels.dark, 3U);
+    EXPECT_EQ(levels_above_dark_bins(kLevels, {.measured = true, .pedestal_dn = 9, .upper_dn = 12}, 8).levels.dark, 3U);
+}
+
+// A frame of 24 x 24 lenslets of 9 x 9 bins in which value v has `share(v)` of the samples of the 65 dark bins; the
+// other 16 bins read 200 DN at 8 bits.
+Frame of_distribution(int bits, const std::function<double(int)>& share) {
+    const Extents e{24, 24, 9, 9};
+    Frame frame(e.width_px(), e.height_px(), bits);
+    const int values = 1 << bits;
+    const double samples = 65.0 * static_cast<double>(e.lenslets());
+    double wanted = share(0) * samples, dark = 0;
+    int v = 0;
+    for (int y = 0; y < frame.height_px(); ++y) {
+        for (int x = 0; x < frame.width_px(); ++x) {
+            const bool lit = x % 9 < 4 && y % 9 < 4;
+            for (; !lit && dark >= wanted && v + 1 < values; wanted += share(v) * samples) ++v;
+            dark += lit ? 0 : 1;
+            frame.set(x, y, lit ? 200U << (bits - 8) : static_cast<std::uint32_t>(v));
+        }
+    }
+    return frame;
+}
+// The share of value v of normal noise about 0 that the sensor rounds, and clips at 0. `zeros`: times as many zeros.
+std::function<double(int)> clipped(double sigma, double zeros = 1) {
+    const auto below = [=](double v) { return 0.5 * std::erfc(-v / sigma / std::sqrt(2.0)); };
+    const double rest = below(0.5), of_zeros = zeros * rest / (zeros * rest + 1 - rest),
+                 scale = (1 - of_zeros) / (1 - rest);
+    return [=](int v) { return v == 0 ? of_zeros : scale * (below(v + 0.5) - below(v - 0.5)); };
+}
+
+TEST(DarkBins, clipped_at_zero_show_the_width_of_their_upper_half) {
+    for (const double sigma : {1.5, 2.0, 3.0, 5.0, 9.0})
+        EXPECT_NEAR(measured(of_distribution(8, clipped(sigma)), {24, 24, 9, 9}).noise_dn, sigma, 0.02 * sigma);
+    for (const double sigma : {32.0, 60.0})
+        EXPECT_NEAR(measured(of_distribution(12, clipped(sigma)), {24, 24, 9, 9}).noise_dn, sigma, 0.02 * sigma);
+}
+
+TEST(DarkBins, clipped_at_zero_have_as_many_zeros_as_their_noise_clips) {
+    for (const auto& [zeros, known] : {std::pair(1.4, true), std::pair(1.6, false), std::pair(1 / 1.4, true)})
+        EXPECT_EQ(measured(of_distribution(8, clipped(3, zeros)), {24, 24, 9, 9}).at_zero, !known) << zeros;
+    // An even tail falls to half nowhere.
+    EXPECT_TRUE(
+        measured(of_distribution(8, [](int v) { return v == 0  ? 0.7
+                                                    : v <= 190 ? 0.3 / 190
+                                                               : 0; }), {24, 24, 9, 9})
+            .at_zero);
+    // No sample at 1 DN: nothing is known of the noise.
+    EXPECT_TRUE(measured(of_distribution(8, [](int v) { return v == 0 ? 0.6
+                                                            : v == 2  ? 0.3
+                                                            : v == 3  ? 0.1
+                                                                      : 0; }),
+                         {24, 24, 9, 9})
+                    .at_zero);
+}
+
+TEST(DarkBins, have_quantiles_within_a_step_of_the_samples) {
+    // 40 % read 10, 60 % read 11: the median lies a sixth into 11.
+    const DarkBins dark =
+        measured(of_distribution(8, [](int v) { return v == 10 ? 0.4
+                                                    : v == 11  ? 0.6
+                                                               : 0; }), {24, 24, 9, 9});
+    EXPECT_NEAR(dark.pedestal_dn, 10.5 + 0.1 / 0.6, 0.01);
+    EXPECT_NEAR(dark.noise_dn, 10.5 + 0.1 / 0.6 - (9.5 + 0.158655 / 0.4), 0.01);
+    EXPECT_NEAR(dark.upper_dn, 10.5 + (14.0 / 15 - 0.4) / 0.6, 0.01);
+}
+
+// Samples above the full scale, as a driver may hand them over, count as the full scale.
+TEST(DarkBins, above_the_full_scale_are_the_full_scale) {
+    const Extents e{24, 24, 9, 9};
+    const std::vector<std::uint16_t> samples(static_cast<std::size_t>(e.width_px() * e.height_px()), 65535);
+    const FrameView frame{reinterpret_cast<const std::byte*>(samples.data()), e.width_px(), e.height_px(),
+                          2 * e.width_px(), 12};
+    DarkBinMeter meter(e, 12);
+    const DarkBins dark = meter.measure(frame);
+    const double dark_share = share_of_dark_bins(e);
+    EXPECT_NEAR(dark.pedestal_dn, 4094.5 + dark_share / 2, 1e-6);
+    EXPECT_NEAR(dark.noise_dn, dark_share * (0.5 - 0.158655), 1e-6);
 }
 
 }  // namespace
