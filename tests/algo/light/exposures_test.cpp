@@ -97,6 +97,21 @@ TEST(Alternation, reads_judged_lenslets_with_light_and_needs_twelve) {
     EXPECT_GT(of_mask(kBorder, 1), 0.4);
 }
 
+// Of which sort the brighter ones are does not matter. A lenslet that is left out is in no second difference.
+TEST(Alternation, begins_with_either_sort_and_leaves_out_neighbours_of_what_is_not_judged) {
+    for (const double first : {0.5, -0.5}) {
+        Field f = field(kBlock, [&](Field& to, std::size_t k, int m, int) {
+            to.deflections[k].x = bins(m % 2 == 0 ? first : -first);
+        });
+        EXPECT_NEAR(of(f).bins, 0.5, 1e-6);
+        for (int n = 0; n < kBlock.n; ++n) {
+            f.mask[kBlock.index(3, n)] = kRim;
+            f.deflections[kBlock.index(3, n)].x = bins(first > 0 ? 50 : -50);
+        }
+        EXPECT_NEAR(of(f).bins, 0.5, 1e-6);  // 12 places are left
+    }
+}
+
 // The places of a part are worse than the mean of the field: every block of 8 x 8 counts alone, also a cut one.
 TEST(Alternation, is_that_of_the_worst_block) {
     for (const auto& [left, top] : {std::pair(0, 0), std::pair(8, 0), std::pair(0, 8), std::pair(16, 16)}) {
@@ -166,6 +181,17 @@ TEST(UndeflectedShare, is_measured_from_where_the_free_light_is) {
     EXPECT_NEAR(undeflected(b, 16, 0, 8, -1, 0), 0.2, 1e-9);  // (7, 4) is farther still
     EXPECT_NEAR(undeflected({.middle = 20, .far = 80}, 16, 0, 8, 0, -1), 0.2, 1e-9);
     EXPECT_NEAR(undeflected({.middle = 20, .far = 80}, 16, 0, 8, 0, 2), 0, 1e-9);  // nothing within 1.5 bins
+}
+
+// Rows of bins are those of the lenslet alone.
+TEST(UndeflectedShare, reads_every_bin_of_a_lenslet_once) {
+    const Extents e{5, 4, 9, 9};
+    for (const auto& [i, j] : {std::pair(4, 0), std::pair(4, 8), std::pair(0, 4), std::pair(8, 4)}) {
+        const Frame frame = alike(e, 8, [&, far_i = i, far_j = j](int x, int y) {
+            return x == 4 && y == 4 ? 20 : x == far_i && y == far_j ? 80 : 0;
+        });
+        EXPECT_NEAR(undeflected_share(frame.view(), e, 0, first(20), 0, 0), 0.2, 1e-9) << i << " " << j;
+    }
 }
 
 // The median of three kinds: a third each.
