@@ -66,6 +66,34 @@ TEST_F(Encoder, what_is_acknowledged_after_the_part_was_at_the_ejector_is_late) 
     EXPECT_TRUE(rig.shot().line_stop);
 }
 
+// The process was held up: the command comes when the part should have passed. That the belt was slower does not help.
+TEST_F(Encoder, a_command_after_the_part_should_have_passed_is_late_even_if_it_had_not) {
+    const auto part = bad_part();
+    run(milliseconds(140), 10);
+    rig.now += milliseconds(32);  // 182 ms after the edge; 180 were planned
+    rig.send(Tick{});
+    ASSERT_TRUE(rig.rejected(part));
+    rig.now += milliseconds(1);
+    rig.confirmed(part);
+    rig.now += milliseconds(3);
+    rig.belt(299);
+    EXPECT_TRUE(rig.results.empty() || rig.only_result().reject == RejectState::late);
+    rig.now += milliseconds(2);
+    rig.belt(2);  // it passes now, within the pulse
+    EXPECT_EQ(rig.only_result().reject, RejectState::late);
+}
+
+TEST_F(Encoder, a_part_that_passes_as_the_pulse_begins_is_ejected) {
+    const auto part = bad_part();
+    run(milliseconds(140), 10);
+    rig.advance(milliseconds(10));
+    ASSERT_TRUE(rig.rejected(part));
+    rig.confirmed(part);
+    rig.advance(rig.rejects[0].start - rig.now);
+    rig.belt(1800 - 1500);  // a little faster than it was
+    EXPECT_EQ(rig.only_result().reject, RejectState::confirmed);
+}
+
 TEST_F(Encoder, at_half_speed_the_pulse_comes_twice_as_late) {
     const auto part = bad_part();  // 100 counts after the edge
     const TimePoint slow_from = rig.now;

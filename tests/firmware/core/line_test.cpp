@@ -151,6 +151,7 @@ TEST_F(Running, beyond_the_lines_memory_the_line_stops) {
     one.part_arrives();
     EXPECT_EQ(one.only_result().reason, PartReason::line_full);
     EXPECT_EQ(one.only_result().reject, RejectState::failed);
+    EXPECT_EQ(one.only_result().arrived_ns, one.now.time_since_epoch().count());
     EXPECT_TRUE(one.shot().line_stop);
 }
 

@@ -218,6 +218,28 @@ TEST_F(Running, a_reset_without_line_stop_is_not_delayed) {
     EXPECT_EQ(rig.send(Command::reset), Answer::done);
 }
 
+// 0 says that there was no rejection, 0xFFFFFFFF that the value is not available.
+TEST_F(Running, the_latency_of_a_rejection_is_a_value_whatever_the_report_says) {
+    const TimePoint arrived = rig.now;
+    const auto part = rig.part_is_seen();
+    rig.judged(part, Verdict::reject, Reason::deflection_gradient);
+    ASSERT_TRUE(rig.advance_until_rejected(part));
+    rig.send(hal::RejectReport{part, hal::RejectReport::Outcome::confirmed, arrived - milliseconds(1)});
+    EXPECT_EQ(rig.only_result().reject_latency_us, 1U);
+
+    CoreConfig config = quick_line();
+    config.transport = std::chrono::hours(2);
+    CoreRig far(config);
+    far.bring_to(State::continuous_execution);
+    const auto other = far.part_is_seen();
+    far.judged(other, Verdict::reject, Reason::deflection_gradient);
+    far.advance(std::chrono::hours(2) - milliseconds(20));
+    ASSERT_TRUE(far.rejected(other));
+    far.confirmed(other);
+    EXPECT_EQ(far.only_result().reject, RejectState::confirmed);
+    EXPECT_EQ(far.only_result().reject_latency_us, 0xFFFFFFFEU);
+}
+
 TEST_F(Running, arming_waits_until_the_ejector_rests) {
     CoreConfig config = quick_line();
     config.reject_pulse = milliseconds(300);
