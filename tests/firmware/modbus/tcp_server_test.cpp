@@ -289,14 +289,94 @@ TEST_F(ServedStation, mbpoll_reads_ident_to_last) {
 class Obedient : public PlcHandler {
   public:
     int commands = 0;
-    CommandOutcome on_command(const Origin&, const CommandRequest&) override {
+    CommandRequest last;
+    CommandOutcome answer;
+    CommandOutcome on_command(const Origin&, const CommandRequest& request) override {
         ++commands;
-        return {};
+        last = request;
+        return answer;
     }
     modbus::Exception on_acknowledged(const Origin&, std::uint32_t) override { return modbus::Exception::none; }
     void on_plc_lost(PlcPolicy) override {}
     void on_plc_back() override {}
 };
+
+class CommandedStation : public ServedStation {
+  protected:
+    Obedient station;
+    PlcInterface desk{loop, station, {.boot_id = 0x1234B007}};
+    RegisterServerModel full{StationIdentity{.firmware = "0.1.0", .boot_id = 0x1234B007}, &desk};
+    void SetUp() override {
+        auto opened = loop.on_loop([&] { return Server::open(loop, full, {.host = "127.0.0.1", .port = 0}); });
+        ASSERT_TRUE(opened);
+        server = std::move(*opened);
+        port = server->port();
+    }
+};
+
+TEST_F(CommandedStation, the_client_gives_a_command_and_its_outcome) {
+    Client person = client();
+    station.answer = {CommandState::completed, CommandError::none, 0xABCD0123};
+    const auto done = person.command(Command::use_recipe, 0x00010002, 0x00030004, kPatience, "marie");
+    ASSERT_TRUE(done) << done.error().message();
+    EXPECT_EQ(done->state, CommandState::completed);
+    EXPECT_EQ(done->result, 0xABCD0123U);
+    EXPECT_EQ(station.last.code, static_cast<std::uint16_t>(Command::use_recipe));
+    EXPECT_EQ(station.last.argument, 0x00010002U);
+    EXPECT_EQ(station.last.argument2, 0x00030004U);
+    EXPECT_EQ(station.last.boot, 0xB007);
+    EXPECT_EQ(station.last.who.view(), "marie");
+    EXPECT_NE(station.last.token, 0U);
+    const std::uint32_t token = station.last.token;
+    station.answer = {CommandState::failed, CommandError::device_down, 7};
+    const auto refused = person.command(Command::arm, 0, 0, kPatience);
+    ASSERT_TRUE(refused);
+    EXPECT_EQ(refused->state, CommandState::failed);
+    EXPECT_EQ(refused->error, CommandError::device_down);
+    EXPECT_EQ(refused->error_name, "device_down");
+    EXPECT_EQ(station.last.who.view(), "");
+    EXPECT_NE(station.last.token, token);
+    EXPECT_EQ(station.commands, 2);
+}
+
+TEST_F(CommandedStation, a_name_may_fill_its_registers_and_not_more) {
+    Client person = client();
+    const std::string longest(std::size_t{2} * find_register(BlockId::command, "who")->words, 'n');
+    ASSERT_TRUE(person.command(Command::arm, 0, 0, kPatience, longest));
+    EXPECT_EQ(station.last.who.view(), longest);
+    EXPECT_EQ(person.command(Command::arm, 0, 0, kPatience, longest + "n").error().code, ErrorCode::invalid_argument);
+    EXPECT_EQ(station.commands, 1);
+}
+
+TEST_F(CommandedStation, a_command_that_is_not_done_in_time_says_so_and_is_not_given_twice) {
+    Client person = client();
+    station.answer = {CommandState::executing, CommandError::none, 0};
+    const auto late = person.command(Command::self_test, 0, 0, std::chrono::milliseconds(0));
+    ASSERT_FALSE(late);
+    EXPECT_EQ(late.error().code, ErrorCode::timeout);
+    EXPECT_EQ(station.commands, 1);
+}
+
+TEST_F(CommandedStation, every_call_of_a_client_says_that_the_station_is_gone) {
+    Client person = client();
+    ASSERT_TRUE(person.read_block(BlockId::status));
+    loop.on_loop([&] { server.reset(); });
+    EXPECT_EQ(person.command(Command::arm, 0, 0, kPatience).error().code, ErrorCode::disconnected);
+    EXPECT_EQ(person.read_result(1).error().code, ErrorCode::disconnected);
+    EXPECT_EQ(person.read_block(BlockId::status).error().code, ErrorCode::disconnected);
+}
+
+TEST_F(ServedStation, a_request_that_does_not_fit_into_a_frame_is_refused_by_the_client) {
+    Client person = client();
+    EXPECT_EQ(person.read(0, 0).error().code, ErrorCode::invalid_argument);
+    EXPECT_EQ(person.read(0, 126).error().code, ErrorCode::invalid_argument);
+    EXPECT_TRUE(person.read(0, 125));
+    EXPECT_EQ(person.write(8002, {}).error().code, ErrorCode::invalid_argument);
+    const std::vector<std::uint16_t> many(124);
+    EXPECT_EQ(person.write(8002, many).error().code, ErrorCode::invalid_argument);
+    EXPECT_EQ(person.write(8002, std::span(many).first(123)).error().code, ErrorCode::refused) << "by the station";
+    EXPECT_EQ(statistics().requests, 2U);
+}
 
 TEST_F(ServedStation, pymodbus_reads_writes_and_commands) {
     if (std::system("/usr/bin/python3 -c 'import pymodbus.client' 2>/dev/null") != 0) {
