@@ -357,6 +357,29 @@ TEST_F(CommandedStation, a_command_that_is_not_done_in_time_says_so_and_is_not_g
     EXPECT_EQ(station.commands, 1);
 }
 
+TEST_F(CommandedStation, a_command_waits_for_the_end_of_another) {
+    Client one = client(), other = client();
+    station.answer = {CommandState::executing, CommandError::none, 0};
+    EXPECT_FALSE(one.command(Command::self_test, 0, 0, std::chrono::milliseconds(0)));
+    const CommandRequest executing = station.last;
+    station.answer = {CommandState::completed, CommandError::none, 0};
+    EXPECT_EQ(other.command(Command::arm, 0, 0, std::chrono::milliseconds(0)).error().code, ErrorCode::busy);
+    loop.on_loop([&] {
+        loop.call_after(std::chrono::milliseconds(10),
+                        [&] { desk.finish(executing, {CommandState::completed, CommandError::none, 0}); });
+    });
+    EXPECT_TRUE(other.command(Command::arm, 0, 0, kPatience));
+}
+
+TEST_F(CommandedStation, every_row_of_a_block_is_read) {
+    Client reader = client();
+    for (const BlockId id : {BlockId::ident, BlockId::status, BlockId::counters, BlockId::last, BlockId::plc}) {
+        const auto readings = reader.read_block(id);
+        ASSERT_TRUE(readings) << readings.error().message();
+        EXPECT_EQ(readings->size(), find_block(id)->registers.size());
+    }
+}
+
 TEST_F(CommandedStation, every_call_of_a_client_says_that_the_station_is_gone) {
     Client person = client();
     ASSERT_TRUE(person.read_block(BlockId::status));

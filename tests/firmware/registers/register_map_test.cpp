@@ -155,6 +155,13 @@ TEST(Registers, every_reason_and_fault_has_the_cores_name) {
     EXPECT_EQ(find_register(BlockId::status, "faults_active")->values.size(), kFaultTable.size());
 }
 
+TEST(Registers, what_the_map_does_not_have_is_not_found) {
+    EXPECT_EQ(find_block(static_cast<BlockId>(77)), nullptr);
+    EXPECT_EQ(find_register(static_cast<BlockId>(77), "state"), nullptr);
+    EXPECT_EQ(find_register(BlockId::status, "no such row"), nullptr);
+    EXPECT_NE(find_register(BlockId::status, "state"), nullptr);
+}
+
 TEST(Registers, names_are_unique_in_their_block) {
     for (const Block& block : register_blocks()) {
         std::set<std::string_view> names;
