@@ -91,7 +91,8 @@ Result<void> Statement::bind(std::span<const Value> values) {
         } else if (const auto* text = std::get_if<std::string>(&value)) {
             code = sqlite3_bind_text64(statement_, at, text->data(), text->size(), SQLITE_TRANSIENT, SQLITE_UTF8);
         } else if (const auto* blob = std::get_if<Blob>(&value)) {
-            code = sqlite3_bind_blob64(statement_, at, blob->data(), blob->size(), SQLITE_TRANSIENT);
+            const void* bytes = blob->empty() ? "" : static_cast<const void*>(blob->data());  // null would bind NULL
+            code = sqlite3_bind_blob64(statement_, at, bytes, blob->size(), SQLITE_TRANSIENT);
         }
         if (code != SQLITE_OK) return database_->failed(code);
     }
