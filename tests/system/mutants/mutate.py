@@ -58,7 +58,7 @@ ROOMS = {
                       ("test_firmware_registers", "test_firmware_plc", "test_firmware_modbus"), 85),
     "modbus": Room(("firmware/modbus/*.cpp",), ("test_firmware_modbus",), 85),
     "store": Room(("firmware/store/*/*.cpp", "firmware/store/results/clock_days.h"),
-                  ("test_firmware_store_results", "test_firmware_store_frames"), 85),
+                  ("test_firmware_store_results", "test_firmware_store_frames", "test_firmware_store_recorder"), 85),
     "drivers": Room(("drivers/gpio/edge_filter.cpp", "drivers/hal/camera_sensor.cpp", "drivers/hal/seam.cpp",
                      "drivers/hal/reject_ledger.h", "drivers/modbus/*.cpp"),
                     ("test_drivers_hal", "test_drivers_gpio", "test_drivers_modbus", "test_contract"), 85),
