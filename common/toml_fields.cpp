@@ -6,10 +6,10 @@
 #include <set>
 
 #include <fmt/format.h>
-#include <toml++/toml.h>
 
 #include "common/file_writing.h"
 #include "common/nearest_name.h"
+#include "common/toml_library.h"
 
 namespace hord::common {
 

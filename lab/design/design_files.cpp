@@ -4,8 +4,8 @@
 #include <sstream>
 
 #include <fmt/format.h>
-#include <toml++/toml.h>
 
+#include "common/toml_library.h"
 #include "firmware/recipes/recipe_file.h"
 #include "lab/design/design.h"
 

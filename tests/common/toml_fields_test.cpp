@@ -2,6 +2,7 @@
 
 #include <array>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -64,6 +65,25 @@ TEST(TomlFields, not_a_number_and_infinity_are_out_of_every_range) {
     root.number("a", a, 0, 10);
     root.number("b", b, 0, 10);
     EXPECT_EQ(problems.lines().size(), 2U);
+}
+
+// toml++ 3.3 has undefined behaviour for such letters (common/toml_library.h): the undefined-behaviour sanitizer shows
+// it.
+TEST(TomlFields, letters_of_any_language_are_no_values_and_may_stand_in_strings) {
+    for (const char* letter : {"\u00A7", "\u00B5", "\u01FF", "\u0416", "\u2C60", "\u3042", "\uFDF0", "\U0001F600"}) {
+        SCOPED_TRACE(letter);
+        for (const std::string before : {"", "5", "0x", "1979-05-27", "tru", "\"a\""}) {
+            TomlProblems problems;
+            TomlTable::parse_text("a = " + before + letter + "\n", "a.toml", problems);
+            EXPECT_THAT(problems.lines(), ElementsAre(HasSubstr("not valid TOML"))) << before;
+        }
+        TomlProblems problems;
+        auto root = TomlTable::parse_text(fmt::format("a = \"\"\"\\\n{}\"\"\"\n", letter), "a.toml", problems);
+        std::string text;
+        root.text("a", text);
+        EXPECT_THAT(problems.lines(), ElementsAre());
+        EXPECT_EQ(text, letter);
+    }
 }
 
 TEST(TomlFields, a_missing_file_and_a_syntax_error_are_problems) {

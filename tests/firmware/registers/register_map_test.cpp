@@ -7,8 +7,8 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <toml++/toml.h>
 
+#include "common/toml_library.h"
 #include "firmware/core/faults.h"
 
 namespace hord::firmware {
