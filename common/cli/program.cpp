@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstring>
+#include <iterator>
 #include <sstream>
 #include <vector>
 
@@ -32,8 +33,8 @@ CLI::Validator positive() {
     return CLI::Validator(
         [](const std::string& text) {
             double number = 0;
-            const bool fine = CLI::detail::lexical_cast(text, number) && number > 0;
-            return fine ? std::string() : text + " is not above 0";
+            if (!CLI::detail::lexical_cast(text, number)) return "\"" + text + "\" is no number";
+            return number > 0 ? std::string() : text + " is not above 0";
         },
         "POSITIVE");
 }
@@ -62,6 +63,8 @@ std::string number_problem(const std::string& text, bool whole, bool natural) {
     if (!CLI::detail::lexical_cast(text, sign) && !CLI::detail::lexical_cast(text, magnitude))
         return "\"" + text + "\" is no whole number";
     if (natural && text.starts_with('-')) return text + " is below 0";
+    constexpr std::size_t kMaxDigits = 19;
+    if (decimal && text.size() - digits > kMaxDigits) return text + " is out of range";
     if (decimal && text[digits] == '0' && digits + 1 < text.size()) return text + " begins with 0: write it without";
     return {};
 }
@@ -114,9 +117,21 @@ std::string not_in_text(const std::string& text) {
     if (at == std::string::npos || name == std::string::npos || name + 2 > at || !text.ends_with('}')) return text;
     const std::string word = text.substr(name + 2, at - name - 2);
     const auto names = CLI::detail::split(text.substr(at + kNotIn.size(), text.size() - at - kNotIn.size() - 1), ',');
-    const auto meant = common::nearest_name(word, names);
+    std::vector<std::string> meant;
+    if (const auto nearest = common::nearest_name(word, names)) meant.push_back(*nearest);
+    else if (word.size() > 2)
+        std::ranges::copy_if(names, std::back_inserter(meant), [&](const auto& one) { return one.starts_with(word); });
     return fmt::format("{}: \"{}\" is none of {}{}", text.substr(0, name), word, CLI::detail::join(names, ", "),
-                       meant ? ": did you mean " + *meant + "?" : "");
+                       meant.empty() ? "" : ": did you mean " + CLI::detail::join(meant, " or ") + "?");
+}
+
+// "Could not convert: NAME = NUMBER", as CLI11 says of a number that its type does not hold; others were refused
+// before.
+std::string too_large_text(const std::string& text) {
+    constexpr std::string_view kCould = "Could not convert: ";
+    const auto is = text.find(" = ");
+    if (!text.starts_with(kCould) || is == std::string::npos) return text;
+    return text.substr(kCould.size(), is - kCould.size()) + ": " + text.substr(is + 3) + " is out of range";
 }
 
 std::string mistake_text(const CLI::App& program, const CLI::App& command, const CLI::ParseError& error) {
@@ -125,7 +140,7 @@ std::string mistake_text(const CLI::App& program, const CLI::App& command, const
     const bool extra = dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr;
     if ((required || extra) && !unknown.empty()) return unknown_text(command, unknown.front());
     if (required && !command.get_subcommands({}).empty()) return "no command is given";
-    return not_in_text(error.what());
+    return too_large_text(not_in_text(error.what()));
 }
 
 }  // namespace

@@ -78,6 +78,7 @@ MISTAKES = [
         "hordctl soak --parts 100",
         "hordctl help",
         "hordctl command rest",
+        "hordctl command start",
         "hordctl results --verdict rejects",
         "hordctl results --last 0",
         "hordctl run --simulate --parts -3",
