@@ -10,6 +10,12 @@ std::string list_of(std::span<const std::string> names) {
     return out.empty() ? "none" : out;
 }
 
+std::string one_line(std::string text) {
+    std::ranges::replace_if(
+        text, [](char letter) { return static_cast<unsigned char>(letter) < 0x20 || letter == 0x7F; }, ' ');
+    return text;
+}
+
 Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> there,
                                       std::span<const GreyFormat> known, int bits, const std::string& cure) {
     std::string wanted;

@@ -24,6 +24,9 @@ struct GreyFormat {
 // "a, b", or "none".
 std::string list_of(std::span<const std::string> names);
 
+// Without control characters: for text that comes from a device.
+std::string one_line(std::string text);
+
 // The first of `known` that has the requested bits and is available. Fails with unsupported: names the request and
 // lists the available formats.
 Result<GreyFormat> choose_grey_format(const std::string& camera, std::span<const std::string> available,

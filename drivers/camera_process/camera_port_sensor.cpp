@@ -3,9 +3,34 @@
 #include <algorithm>
 #include <utility>
 
+#include "drivers/hal/packed_samples.h"
 #include "drivers/hal/thread_safe_queue.h"
 
 namespace hord::drivers {
+namespace {
+
+constexpr int kMaxSide = 65'536;  // pixels
+
+// A frame of it can be read: its rows hold their samples.
+bool is_possible(const CameraFormat& format) {
+    const int bits = format.grey.bits;
+    if (format.width_px < 1 || format.width_px > kMaxSide || format.height_px < 1 || format.height_px > kMaxSide ||
+        bits < 8 || bits > 16 || format.stride_bytes < 1 || format.stride_bytes > std::ptrdiff_t{4} * kMaxSide)
+        return false;
+    const std::ptrdiff_t width = format.width_px;
+    switch (format.grey.layout) {
+        case SampleLayout::plain: return format.stride_bytes >= width * (bits > 8 ? 2 : 1);
+        case SampleLayout::green: return format.stride_bytes >= width * 3;
+        case SampleLayout::mipi:
+            return static_cast<std::size_t>(format.stride_bytes) >=
+                packed_row_bytes(bits, static_cast<std::size_t>(width));
+        case SampleLayout::gige:
+        case SampleLayout::pfnc: return true;  // unpacked where the whole frame is there
+    }
+    return false;
+}
+
+}  // namespace
 
 // What the camera's thread writes to, and the memory that leases keep alive.
 struct CameraPortSensor::Stream final : CameraStream, CameraPort::Listener, std::enable_shared_from_this<Stream> {
@@ -52,6 +77,8 @@ Result<std::unique_ptr<CameraPortSensor>> CameraPortSensor::open(hal::EventLoop&
     if (auto good = check_buffers(options.buffers); !good) return tl::unexpected(good.error());
     const auto format = port->look();
     if (!format) return tl::unexpected(format.error());
+    if (!is_possible(*format))
+        return fail(ErrorCode::io, options.name + " is said to have an impossible format", "install the package again");
     return std::unique_ptr<CameraPortSensor>(new CameraPortSensor(loop, options, std::move(port), *format));
 }
 

@@ -171,6 +171,14 @@ class CameraProcess final : public CameraPort {
         auto mapped = std::make_shared<Mapped>();
         Result<void> good;
         for (const CameraBuffer& buffer : answer.buffers) {
+            // Memory behind the file's end would end the station when it is read.
+            const auto size = ::lseek(buffer.fd, 0, SEEK_END);
+            if (size < 0 || buffer.bytes > static_cast<std::size_t>(size) ||
+                buffer.offset > static_cast<std::size_t>(size) - buffer.bytes) {
+                good = fail(ErrorCode::io, "a camera's buffer is smaller than its process says",
+                            "look at the lines of the camera's process in the journal");
+                continue;
+            }
             void* const data = ::mmap(nullptr, buffer.offset + buffer.bytes, PROT_READ, MAP_SHARED, buffer.fd, 0);
             if (data == MAP_FAILED) {
                 good = fail(ErrorCode::io, std::string("a camera's buffer cannot be mapped: ") + std::strerror(errno),
@@ -194,7 +202,7 @@ class CameraProcess final : public CameraPort {
             if (count != static_cast<ssize_t>(sizeof event)) return listener.on_camera_gone({});
             if (event.what == CameraEvent::What::frame) listener.on_camera_frame(event.frame);
             else if (event.what == CameraEvent::What::edge) listener.on_camera_edge(event.edge);
-            else return listener.on_camera_gone(event.why.data());
+            else return listener.on_camera_gone({event.why.data(), ::strnlen(event.why.data(), event.why.size())});
         }
     }
 

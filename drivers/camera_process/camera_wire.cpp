@@ -34,10 +34,15 @@ constexpr std::size_t kBuffersMax = CameraSensor::kMaxBuffers, kTextMax = 60'000
 
 std::string text_of(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace); }
 
-// One line: the text may come from a device.
-std::string line_of(std::string text) {
-    std::ranges::replace(text, '\n', ' ');
-    return text.substr(0, kTextMax / 8);
+// The text may come from a device.
+std::string line_of(std::string text) { return one_line(std::move(text)).substr(0, kTextMax / 8); }
+
+hal::ListedCamera lines_of(hal::ListedCamera camera) {
+    for (std::string* text : {&camera.name, &camera.text, &camera.holder, &camera.problem, &camera.cure})
+        *text = line_of(std::move(*text));
+    for (std::string& trigger : camera.triggers) trigger = line_of(std::move(trigger));
+    for (hal::ListedFormat& format : camera.formats) format.name = line_of(std::move(format.name));
+    return camera;
 }
 
 std::optional<Result<CameraAnswer>> understand(const std::string& text, std::vector<int>& fds) {
@@ -72,7 +77,9 @@ bool send_answer(int socket, const Result<CameraAnswer>& answer) {
     Json json;
     std::vector<int> fds;
     if (answer) {
-        json = *answer;
+        CameraAnswer told = *answer;
+        for (hal::ListedCamera& camera : told.cameras) camera = lines_of(std::move(camera));
+        json = told;
         for (const CameraBuffer& buffer : answer->buffers) fds.push_back(buffer.fd);
     } else {
         json["error"] = {answer.error().code, line_of(answer.error().what), line_of(answer.error().cure)};

@@ -221,7 +221,7 @@ Result<TakenCamera> take_genicam_camera(const std::string& wanted) {
     if (!id) return tl::unexpected(id.error());
     ArvFailure failed;
     const ArvOwned<ArvDevice> device(arv_open_device(id->c_str(), failed.out()));
-    std::string name = wanted.empty() ? *id : wanted;
+    std::string name = one_line(wanted.empty() ? *id : wanted);
     constexpr const char* kBusyCure =
         "close the program that uses it; a program that crashed keeps it for its heartbeat time, some 3 s";
     if (!device && failed.is(ARV_DEVICE_ERROR_NOT_FOUND)) {

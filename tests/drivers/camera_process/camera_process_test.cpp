@@ -13,7 +13,9 @@
 #include <gtest/gtest.h>
 #include <sched.h>
 
+#include "drivers/camera_process/camera_port_sensor.h"
 #include "drivers/camera_process/camera_wire.h"
+#include "drivers/event_loop/event_loop_sd.h"
 
 namespace hord::drivers {
 namespace {
@@ -108,6 +110,7 @@ TEST(CameraProcess, lists_the_cameras_that_it_could_hold) {
     ASSERT_TRUE(cameras) << cameras.error().message();
     ASSERT_EQ(cameras->size(), 2U);
     EXPECT_EQ((*cameras)[0].name, "mono");
+    EXPECT_EQ((*cameras)[0].text, "imx  296") << "no control characters";
     EXPECT_EQ((*cameras)[0].formats[1], (hal::ListedFormat{"R10_CSI2P", 10, 1456, 1088, {"640x480", "1456x1088"}}));
     const auto refused = list_cameras("unsupported", kProgram, kPatience);
     ASSERT_FALSE(refused);
@@ -180,6 +183,20 @@ TEST(CameraProcess, says_what_the_camera_said) {
     EXPECT_EQ(format.error().code, ErrorCode::unsupported);
     EXPECT_EQ(format.error().what, "it has BGR888");
     EXPECT_EQ(format.error().cure, "set sensor.bits");
+}
+
+TEST(CameraProcess, that_names_a_format_whose_rows_do_not_hold_their_samples_is_an_error) {
+    const auto loop = std::move(*firmware::SdEventLoop::open());
+    const auto sensor = CameraPortSensor::open(*loop, {}, camera_called("impossible"));
+    ASSERT_FALSE(sensor);
+    EXPECT_THAT(sensor.error().what, HasSubstr("impossible format"));
+}
+
+TEST(CameraProcess, that_gives_less_memory_than_it_says_is_an_error) {
+    Heard heard;
+    const auto memory = camera_called("short-memory")->start(heard);
+    ASSERT_FALSE(memory);
+    EXPECT_THAT(memory.error().what, HasSubstr("smaller than its process says"));
 }
 
 TEST(CameraProcess, whose_program_is_not_there_is_named_with_a_cure) {

@@ -27,7 +27,7 @@ class NamedCamera final : public drivers::CameraDevice {
     Result<std::vector<hal::ListedCamera>> list() override {
         if (request_ == "unsupported") return fail(ErrorCode::io, "no library", "install it");
         if (request_ == "hangs") std::this_thread::sleep_for(1h);
-        hal::ListedCamera mono{.name = "mono", .text = "imx296", .formats = {{"R8", 8, 640, 480, {"640x480"}}}};
+        hal::ListedCamera mono{.name = "mono", .text = "imx\a\n296", .formats = {{"R8", 8, 640, 480, {"640x480"}}}};
         mono.formats.push_back({"R10_CSI2P", 10, 1456, 1088, {"640x480", "1456x1088"}});
         return std::vector{mono, hal::ListedCamera{.name = "colour", .formats = {{"BGR888", 0, 1920, 1080, {}}}}};
     }
@@ -35,6 +35,7 @@ class NamedCamera final : public drivers::CameraDevice {
         if (request_ == "unsupported") return fail(ErrorCode::unsupported, "it has\nBGR888", "set sensor.bits");
         if (request_ == "hangs") std::this_thread::sleep_for(1h);
         if (request_ == "dies-when-looked-at") std::abort();
+        if (request_ == "impossible") return drivers::CameraFormat{8, 2, {"R16", 16}, 8};
         return drivers::CameraFormat{8, 2, {"R8", 8}, 8};
     }
     Result<std::vector<drivers::CameraBuffer>> start(drivers::CameraPort::Listener& listener) override {
@@ -44,7 +45,7 @@ class NamedCamera final : public drivers::CameraDevice {
             if (::ftruncate(fd, 4096) != 0) return fail(ErrorCode::io, "no memory");
             void* const data = ::mmap(nullptr, 4096, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
             data_.push_back(static_cast<unsigned char*>(data));
-            out.push_back({fd, 64, 16});
+            out.push_back({fd, 64, request_ == "short-memory" ? 8192U : 16U});
             queued_.push_back(static_cast<std::uint32_t>(k));
         }
         thread_ = std::thread([this, &listener] { run(listener); });
