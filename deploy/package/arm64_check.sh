@@ -28,11 +28,22 @@ diff "$folder/amd64.list" "$folder/arm64.list" || die "the packages hold differe
 wc -l <"$folder/arm64.list"
 
 step "the same programs"
-for program in hordctl hordd hord-mqtt hord-page; do
+for program in hordctl hordd hord-lab hord-mqtt hord-page; do
     readelf -h "$folder/arm64/usr/bin/$program" | grep -q 'Machine: *AArch64' || die "$program is not for arm64"
     the_same "$program" --version
 done
 the_same ../libexec/hord/hord-safe --version
+# Those that only the station starts say so, with all of their libraries loaded.
+for program in hord-camera hord-genicam; do
+    for arch in amd64 arm64; do
+        status=0
+        "on_$arch" "../libexec/hord/$program" >"$folder/$arch.says" 2>&1 || status=$?
+        [ "$status" -eq 2 ] || die "$program ends with $status on $arch: $(cat "$folder/$arch.says")"
+        sed -i "s|$folder/$arch||" "$folder/$arch.says"
+    done
+    cmp "$folder/amd64.says" "$folder/arm64.says" || die "$program says something else on arm64"
+    printf '%-40s the same\n' "$program"
+done
 for format in json csv md st; do the_same hordctl registers --format "$format"; done
 the_same hordd --catalog
 the_same hordd --config "$folder/arm64/etc/hord/hordd.toml" --check
@@ -56,4 +67,12 @@ done
 cmp "$folder/amd64.json" "$folder/arm64.json" || die "the verdict differs"
 cut -c1-200 "$folder/arm64.json"
 for map in "$folder"/maps-amd64/*.tiff; do cmp "$map" "$folder/maps-arm64/$(basename "$map")" || die "$(basename "$map") differs"; done
+step "the simulated line, run on both"
+for arch in amd64 arm64; do
+    "on_$arch" hordctl run --simulate --parts 6 --rate 0.5 --variety 1 --seed 1 --json >"$folder/$arch.line" 2>"$folder/$arch.said" ||
+        die "the line ends with $? on $arch: $(tail -n 5 "$folder/$arch.said")"
+    sed -E 's/^.*"part":([0-9]+).*$/\1 &/' "$folder/$arch.line" | sort -n | grep -oE '"(verdict|reason|ejected)":[^,}]*' >"$folder/$arch.verdicts"
+done
+cmp "$folder/amd64.verdicts" "$folder/arm64.verdicts" || { diff "$folder/amd64.verdicts" "$folder/arm64.verdicts"; die "the line's verdicts differ"; }
+grep -c verdict "$folder/arm64.verdicts"
 step "passed"
