@@ -182,7 +182,7 @@ class GenicamDevice final : public CameraDevice {
     // After the features of the configuration, so that none of them lengthens the light.
     Result<void> set_light() {
         if (request_.light_line.empty()) return {};
-        const char* const exposure = has_feature(device_, "ExposureTime") ? "ExposureTime" : "ExposureTimeAbs";
+        const char* const exposure = exposure_feature();
         const Features light{{"LineSelector", request_.light_line},
                              {"LineMode", "Output"},
                              {"LineSource", "ExposureActive"},
@@ -410,6 +410,7 @@ class GenicamDevice final : public CameraDevice {
                       "net.core.rmem_max"
                     : "");
         }
+        tell_exposure();
         const std::scoped_lock lock(mutex_);
         if (const auto error = clock_.error()) {
             say("its clock is known to +-%.0f us", static_cast<double>(error->count()) / 1e3);
@@ -419,6 +420,26 @@ class GenicamDevice final : public CameraDevice {
                 "not known");
         }
     }
+
+    // A camera that nobody told its exposure has that of its maker, often some 10 ms: light from elsewhere, and blur.
+    void tell_exposure() {
+        const char* const exposure = exposure_feature();
+        ArvFailure failed;
+        const double us = arv_device_get_float_feature_value(device_, exposure, failed.out());
+        if (failed) return;
+        const auto wanted = static_cast<double>(request_.exposure_us);
+        const bool differs =
+            request_.light_line.empty() && wanted > 0 && std::abs(us - wanted) > std::max(1.0, 0.01 * wanted);
+        if (differs) {
+            say("it exposes for %.0f us, and timing.exposure_us is %lld: set %s in [[sensor.feature]] (with "
+                "ExposureAuto "
+                "off), or timing.exposure_us, unless its trigger sets the exposure",
+                us, static_cast<long long>(request_.exposure_us), exposure);
+        } else {
+            say("it exposes for %.0f us", us);
+        }
+    }
+    const char* exposure_feature() { return has_feature(device_, "ExposureTime") ? "ExposureTime" : "ExposureTimeAbs"; }
 
     void tell_statistics(bool last) {
         if (!stream_ || (!last && now() - told_ < kReportEvery)) return;

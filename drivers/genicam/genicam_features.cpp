@@ -46,6 +46,12 @@ class Feature {
             return fail(ErrorCode::unsupported, "feature " + name_ + " is not available as the camera is set",
                         "set the feature that it depends on first: features are set in the order of the file");
         }
+        if (arv_gc_feature_node_get_actual_access_mode(ARV_GC_FEATURE_NODE(node)) == ARV_GC_ACCESS_MODE_RO) {
+            return fail(
+                ErrorCode::unsupported, "feature " + name_ + " can only be read",
+                "take it out of [[sensor.feature]], or set the feature that unlocks it first: they are set in the "
+                "order of the file");
+        }
         if (ARV_IS_GC_COMMAND(node)) return command();
         if (ARV_IS_GC_ENUMERATION(node)) return enumeration();
         if (ARV_IS_GC_BOOLEAN(node)) return boolean();

@@ -24,6 +24,7 @@ struct GenicamSensorOptions {
     // Output that is active while the camera exposes, and for how long that is; empty: none. The strobe triggers then.
     std::string light_line = {};
     std::int64_t light_us = 0;
+    std::int64_t exposure_us = 0;   // of the station (timing.exposure_us): the journal compares it; 0: unknown
     std::string barrier_line = {};  // input of a light barrier, whose edges the camera tells; empty: none
     std::vector<std::pair<std::string, std::string>> features = {};  // by name; set at start, in this order
     bool operator==(const GenicamSensorOptions&) const = default;

@@ -6,7 +6,7 @@ namespace hord::drivers {
 
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(GenicamSensorOptions, camera, width_px, height_px, offset_x_px, offset_y_px, bits,
                                    pixel_format, buffers, trigger, trigger_source, packet_bytes, socket_buffer_bytes,
-                                   light_line, light_us, barrier_line, features)
+                                   light_line, light_us, exposure_us, barrier_line, features)
 
 std::string request_of(const GenicamSensorOptions& options) { return text_of_request(options); }
 

@@ -154,6 +154,8 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
         return table;
     };
     read_sensor(device("sensor"), config.sensor, folder);
+    if (auto* const camera = std::get_if<drivers::GenicamSensorOptions>(&config.sensor))
+        camera->exposure_us = config.core.exposure / std::chrono::microseconds(1);
     read_rejector(device("rejector"), config.rejector, config.core);
     read_strobe(device("strobe"), config.strobe, config.core, config.sensor);
     read_part_sensor(device("part_sensor"), config.part_sensor, config.core, config.sensor);

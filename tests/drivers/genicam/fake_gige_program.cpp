@@ -1,7 +1,7 @@
 // A GigE Vision camera for tests: Aravis's fake camera, with the features that it lacks of a real one.
 //     hord_fake_gige ADDRESS SERIAL [name=USER_NAME] [lost=RATIO] [latch=no] [broken-xml] [formats=8] [lines]
 //                    [size=WIDTHxHEIGHT] [still] [wire] [events[=value]] [FRAME.png ...]
-//                    and of the network: [mtu=BYTES] [delay=MS] [reorder=N] [lose-event=N] [twice]
+//                    and of the network: [mtu=BYTES] [delay=MS] [reorder=N] [block-zero] [lose-event=N] [twice]
 // ADDRESS is one of this machine's. Frames: the files, one after the other; without files, sample (x, y) of the n-th
 // frame is (x + 3 y + n) of the format's bits; `still` draws one frame only, and counts in its first sample. `size`: of
 // its sensor. `lines`: it has LineSelector, LineMode and LineSource. `wire`: TriggerSource Line1, an input that SIGUSR1
@@ -271,6 +271,7 @@ int main(int argc, char** argv) {
         else if (argument == "still") content.still = true;
         else if (std::sscanf(argument.c_str(), "size=%ux%u", &width, &height) == 2) continue;
         else if (argument.starts_with("mtu=")) network.mtu_bytes = std::stoul(argument.substr(4));
+        else if (argument == "block-zero") network.block_zero = true;
         else if (argument.starts_with("delay="))
             network.delay = std::chrono::milliseconds(std::stol(argument.substr(6)));
         else if (argument.starts_with("reorder=")) network.reorder_every = std::stoul(argument.substr(8));

@@ -2,9 +2,18 @@
 // them. tests/system/contract tests the sensor's contract.
 #include "drivers/genicam/genicam_sensor.h"
 
+#include <array>
+#include <cstdio>
+#include <fstream>
+#include <random>
+#include <ranges>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
 
+#include "common/unique_fd.h"
 #include "drivers/camera_process/camera_part_sensor.h"
 #include "drivers/camera_process/camera_strobe.h"
 #include "drivers/event_loop/event_loop_sd.h"
@@ -131,6 +140,24 @@ TEST_F(Genicam, a_software_trigger_brings_the_next_frame_numbered_without_a_gap_
     }
 }
 
+// Firmware that goes from block 65535 to 0, not to 1.
+TEST_F(Genicam, whose_firmware_has_a_block_0_gives_its_frames_all_the_same) {
+    const FakeGige camera({"127.0.0.1", "S1", "block-zero"});
+    start(software());
+    std::uint32_t last_value = 0;
+    for (std::uint32_t k = 1; k <= 8; ++k) {
+        const hal::FrameLease one = frame();
+        ASSERT_TRUE(one) << k;
+        EXPECT_FALSE(one.info().corrupt) << k;
+        EXPECT_EQ(one.info().sequence, k);
+        if (k > 1) {
+            EXPECT_EQ(one.view().sample(0, 0), (last_value + 1) & 255U);
+        }
+        last_value = one.view().sample(0, 0);
+    }
+    EXPECT_TRUE(ear_.losses.empty());
+}
+
 TEST_F(Genicam, every_depth_and_packing_gives_the_cameras_samples) {
     const FakeGige camera;
     for (const auto& [bits, format, used] :
@@ -210,6 +237,8 @@ TEST_F(Genicam, what_the_camera_does_not_have_is_refused_with_what_it_has) {
     EXPECT_THAT(refusal(with("GainRaw", "1.5")).message(), AllOf(HasSubstr("GainRaw"), HasSubstr(" to ")));
     EXPECT_THAT(refusal(with("GainAuto", "Sometimes")).message(), HasSubstr("one of Off, Once, Continuous"));
     EXPECT_THAT(refusal(with("TestBoolean", "2")).message(), HasSubstr("true or false"));
+    EXPECT_THAT(refusal(with("SensorHeight", "100")).message(),
+                AllOf(HasSubstr("SensorHeight can only be read"), HasSubstr("take it out")));
     GenicamSensorOptions options = software();
     options.width_px = 100'000;
     EXPECT_THAT(refusal(options).message(), AllOf(HasSubstr("Width"), HasSubstr(" to 2048")));
@@ -312,6 +341,29 @@ TEST_F(Genicam, frames_are_whole_behind_netem) {
         EXPECT_TRUE(!one.info().corrupt && is_one_frame(one.view())) << k;
     }
     EXPECT_EQ(std::system("tc qdisc del dev lo root"), 0);
+}
+
+TEST_F(Genicam, says_at_the_start_how_long_it_exposes_and_that_the_socket_buffer_is_less_than_a_frame) {
+    const FakeGige camera({"127.0.0.1", "S1", "size=6000x6000"});
+    testing::internal::CaptureStderr();
+    GenicamSensorOptions options = software(6000, 6000);
+    options.exposure_us = 500;
+    options.features = {{"ExposureTimeAbs", "500"}};
+    options.buffers = 2;
+    start(options);
+    sensor_->stop();
+    options.features = {{"ExposureTimeAbs", "10000"}};
+    start(options);
+    sensor_->stop();
+    const std::string said = testing::internal::GetCapturedStderr();
+    EXPECT_THAT(said, HasSubstr("it exposes for 500 us\n"));
+    EXPECT_THAT(said,
+                HasSubstr("exposes for 10000 us, and timing.exposure_us is 500: set ExposureTimeAbs in "
+                          "[[sensor.feature]]"));
+    int rmem_max = 0;
+    std::ifstream("/proc/sys/net/core/rmem_max") >> rmem_max;
+    if (rmem_max >= 6000 * 6000) GTEST_SKIP() << "this kernel gives a socket more than a frame";
+    EXPECT_THAT(said, AllOf(HasSubstr("less than a frame"), HasSubstr("raise net.core.rmem_max")));
 }
 
 // A switch that drops what is larger than its MTU.
@@ -550,6 +602,53 @@ TEST_F(Genicam, that_leaves_is_lost_and_runs_again_when_it_is_back) {
     camera.bring_back();
     const auto started = sensor_->start(ear_);
     ASSERT_TRUE(started) << started.error().message();
+    EXPECT_TRUE(frame());
+}
+
+// The UDP ports of this network but the camera's control port: those of hord-genicam and of the camera's stream.
+std::vector<std::uint16_t> open_ports() {
+    std::ifstream table("/proc/thread-self/net/udp");
+    std::vector<std::uint16_t> ports;
+    std::string line;
+    for (std::getline(table, line); std::getline(table, line);) {
+        unsigned port = 0;
+        if (std::sscanf(line.c_str(), " %*d: %*x:%x", &port) == 1 && port != 3956)
+            ports.push_back(static_cast<std::uint16_t>(port));
+    }
+    return ports;
+}
+
+// Whatever arrives at the sockets of hord-genicam: frames go on, or the camera is lost and comes back. It may end the
+// process (Aravis), never this one.
+TEST_F(Genicam, garbage_on_its_network_costs_the_camera_at_most) {
+    const FakeGige camera({"127.0.0.1", "S1", "events"});
+    GenicamSensorOptions options = software();
+    options.barrier_line = "Line1";
+    start(options);
+    ASSERT_TRUE(frame());
+    const common::UniqueFd socket(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+    const std::vector<std::uint16_t> ports = open_ports();
+    ASSERT_GE(ports.size(), 2U);
+    std::mt19937 random(1);
+    const std::array<std::vector<std::uint8_t>, 3> heads{
+        {{}, {0, 0, 0, 1, 1, 0, 0, 0}, {0x42, 1, 0, 0xC0, 0, 16, 0, 9, 0, 0, 0x90, 0x11}}};  // none, GVSP, GVCP
+    for (int k = 0; k < 3000; ++k) {
+        std::vector<std::uint8_t> packet(random() % 1400);
+        for (std::uint8_t& byte : packet) byte = static_cast<std::uint8_t>(random());
+        std::ranges::copy(heads[random() % 3] | std::views::take(packet.size()), packet.begin());
+        sockaddr_in to{};
+        to.sin_family = AF_INET;
+        to.sin_port = htons(ports[random() % ports.size()]);
+        to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+        (void)::sendto(socket.get(), packet.data(), packet.size(), 0, reinterpret_cast<const sockaddr*>(&to),
+                       sizeof to);
+    }
+    run_until([&] { return !ear_.losses.empty(); }, 500ms);
+    ear_.frames.clear();
+    sensor_->stop();
+    ear_.losses.clear();
+    // The camera keeps the control of a process that crashed for its heartbeat time.
+    ASSERT_TRUE(run_until([&] { return sensor_->start(ear_).has_value(); }));
     EXPECT_TRUE(frame());
 }
 

@@ -49,6 +49,7 @@ class Wire {
             packet.bytes.insert(packet.bytes.end(), at, at + message.msg_iov[k].iov_len);
         }
         const auto size = static_cast<ssize_t>(packet.bytes.size());
+        if (network_.block_zero) renumber(packet.bytes);
         if (network_.mtu_bytes > 0 && packet.bytes.size() + kHeaders > network_.mtu_bytes) return size;
         packet.due = Clock::now() + network_.delay;
         const std::scoped_lock lock(mutex_);
@@ -68,6 +69,18 @@ class Wire {
     }
 
   private:
+    // The block id is the second 16-bit number of a packet (GVSP 1).
+    void renumber(std::vector<char>& bytes) {
+        if (bytes.size() < 4) return;
+        const auto id =
+            static_cast<std::uint16_t>(static_cast<std::uint8_t>(bytes[2]) << 8U | static_cast<std::uint8_t>(bytes[3]));
+        if (id != last_id_) ++blocks_;
+        last_id_ = id;
+        const auto renumbered = static_cast<std::uint16_t>(65532 + blocks_);
+        bytes[2] = static_cast<char>(renumbered >> 8U);
+        bytes[3] = static_cast<char>(renumbered & 0xFFU);
+    }
+
     // Nothing may stay behind the last packet of a frame for ever: a held packet leaves after this time.
     static constexpr auto kLongest = std::chrono::milliseconds(2);
 
@@ -102,6 +115,8 @@ class Wire {
     Packet held_;
     int behind_ = 0;
     std::size_t count_ = 0;
+    std::uint16_t last_id_ = 0;
+    std::uint32_t blocks_ = 0;  // so far
     std::thread thread_;
 };
 
@@ -117,7 +132,7 @@ bool is_stream(int socket) {
 }  // namespace
 
 void put_between(const NetworkBetween& network) {
-    if (network.mtu_bytes > 0 || network.delay.count() > 0 || network.reorder_every > 0)
+    if (network.mtu_bytes > 0 || network.delay.count() > 0 || network.reorder_every > 0 || network.block_zero)
         the_wire = new Wire(network);  // until the process is killed
 }
 

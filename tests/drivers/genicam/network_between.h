@@ -11,6 +11,8 @@ struct NetworkBetween {
     std::size_t mtu_bytes = 0;           // IP packets above this are dropped, as a switch drops them; 0: none
     std::chrono::milliseconds delay{0};  // of each packet
     std::size_t reorder_every = 0;       // each N-th packet comes after the three that follow it; 0: none
+    // No network does that, but firmware: block ids go from 65535 to 0, and the first frame has 65533.
+    bool block_zero = false;
 };
 
 // From now on, for all packets but those of the control channel. Once.

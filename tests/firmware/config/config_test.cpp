@@ -166,11 +166,12 @@ TEST(Config, a_genicam_camera_is_named_with_its_region_trigger_and_features_in_o
                   .trigger_source = "Line2",
                   .packet_bytes = 8192,
                   .socket_buffer_bytes = 8'000'000,
+                  .exposure_us = 500,
                   .features = {
                       {"LineSelector", "Line2"}, {"ExposureTime", "500.5"}, {"GainRaw", "3"}, {"ReverseX", "true"}}}));
     EXPECT_EQ(std::get<drivers::GenicamSensorOptions>(
                   parse("[sensor]\nbackend = \"genicam\"\ntrigger = \"software\"\n")->sensor),
-              drivers::GenicamSensorOptions{.trigger = drivers::CameraTrigger::software});
+              (drivers::GenicamSensorOptions{.trigger = drivers::CameraTrigger::software, .exposure_us = 500}));
     EXPECT_THAT(problems_of("[sensor]\nbackend = \"genicam\"\n"), HasSubstr("sensor.trigger_source: is missing"));
     EXPECT_THAT(problems_of("[sensor]\nbackend = \"genicam\"\ntrigger = \"free\"\n[[sensor.feature]]\nvalue = [1]\n"),
                 testing::AllOf(HasSubstr("name: is missing"), HasSubstr("value: is neither a text")));

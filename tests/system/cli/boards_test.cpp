@@ -39,9 +39,10 @@ TEST(Boards, an_example_with_a_line_that_is_wrong_does_not_pass) {
     const TemporaryFolder folder;
     for (const fs::path& file : examples()) {
         std::string text = text_of(file);
-        const std::size_t at = text.find("chip = ");
+        const std::string section = "[part_sensor]\n";
+        const std::size_t at = text.find(section);
         ASSERT_NE(at, std::string::npos) << file;
-        text.insert(at, "chips = 1\n");
+        text.insert(at + section.size(), "chips = 1\n");
         std::ofstream(folder / "wrong.toml") << text;
         const Said said = run("hordd", {"--check", "--config", folder / "wrong.toml"});
         EXPECT_NE(said.status, 0) << file;

@@ -1,6 +1,8 @@
 // The station on a GenICam camera: Aravis's fake GigE camera, fed with rendered frames, in a network of its own.
 #include <algorithm>
+#include <csignal>
 #include <fstream>
+#include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -89,6 +91,60 @@ TEST(Genicam, the_line_runs_with_the_light_on_the_cameras_own_output) {
                 testing::AllOf(testing::HasSubstr("the camera's Line2, 1 collimator"),
                                testing::HasSubstr("the camera lights every exposure"),
                                testing::ContainsRegex("exposure +good")));
+}
+
+// No GPIO line at all: barrier, light and frames are the camera's.
+TEST(Genicam, the_line_runs_with_barrier_and_light_on_the_camera) {
+    const std::string refused = own_network();
+    if (!refused.empty()) GTEST_SKIP() << refused;
+    const TemporaryFolder folder;
+    std::vector<std::string> camera{"127.0.0.1", "S1", "lines", "events"};
+    for (const std::string scene : {"good", "bubble"}) {
+        const std::string file = folder / (scene + ".png");
+        const std::string path = std::string(HORD_SOURCE_DIR) + "/tests/system/rig/scenes/" + scene + ".toml";
+        ASSERT_EQ(run("hord-lab", {"render", path, "--out", file}).status, 0);
+        camera.push_back(file);
+    }
+    FakeGige fake(camera);
+    std::string line = kRoomyLine;
+    line.replace(line.find("[timing]\n"), 9,
+                 "[timing]\nframe_window_us = 200000\nstrobe_window_us = 200000\nstrobe_delay_us = 0\n"
+                 "strobe_us = 100000\nexposure_us = 100000\n");
+    std::ofstream(folder / "c.toml") << simulated_beside(
+        "[sensor]\nbackend = \"genicam\"\ntrigger = \"software\"\nwidth_px = 333\nheight_px = 333\n"
+        "[strobe]\nbackend = \"camera\"\ncamera_line = \"Line2\"\nmax_on_us = 100000\nmax_duty = 0.5\n"
+        "[part_sensor]\nbackend = \"camera\"\ncamera_line = \"Line1\"\n[modbus]\nport = 0\n" +
+        line);
+    const std::string store = folder / "store";
+    Running station("hordctl", {"run", "--config", folder / "c.toml", "--store", store});
+    ASSERT_TRUE(station.says("Preoperational to Error")) << station.so_far().err;  // nobody knows what is on the line
+    const std::string told = station.so_far().err, before = "registers at ";
+    const std::size_t at = told.find(before) + before.size();
+    const std::string registers = told.substr(at, told.find('\n', at) - at);
+    Said reset;
+    for (int k = 0; k < 100 && reset.status != 0; ++k)  // a reset soon after the stop is refused
+        reset = run("hordctl", {"command", "reset", "--modbus", registers});
+    ASSERT_EQ(reset.status, 0) << reset.err;
+    ASSERT_TRUE(station.says("to ContinuousExecution")) << station.so_far().err;
+    const auto results = [&] {
+        return lines_of(run("hordctl", {"results", "--store", store, "--format", "json"}).out);
+    };
+    std::vector<Json> parts;
+    for (std::size_t part = 1; part <= 4; ++part) {
+        fake.set_input(true);
+        std::this_thread::sleep_for(std::chrono::milliseconds(100));
+        fake.set_input(false);
+        for (int k = 0; k < 100 && parts.size() < part; ++k) parts = results();
+        ASSERT_EQ(parts.size(), part) << station.so_far().err;
+    }
+    const Said said = station.stop(SIGINT);
+    std::ranges::sort(parts, {}, [](const Json& one) { return one.at("part").get<int>(); });
+    for (std::size_t k = 0; k < parts.size(); ++k)
+        EXPECT_EQ(parts[k]["verdict"], k % 2 == 0 ? "pass" : "reject") << parts[k] << said.err;
+    // The barrier is heard while the camera streams.
+    const Said selftest = run("hordctl", {"selftest", "--config", folder / "c.toml"});
+    EXPECT_EQ(selftest.status, 0) << selftest.out << selftest.err;
+    EXPECT_THAT(selftest.out, testing::HasSubstr("the camera's Line1, 0 edges"));
 }
 
 TEST(Genicam, devices_lists_a_free_camera_and_names_who_holds_one_that_is_used) {
