@@ -44,13 +44,15 @@ TEST(Emd, sums_work_over_the_mass) {
     EXPECT_DOUBLE_EQ(distance(a, b, bins_apart(3, 3, GroundNorm::manhattan)), 6.0 / 5);
 }
 
-// The value of the paper's Fig. 4, with histograms of our own: those of the figure are not published.
-TEST(Emd, is_six_where_each_unit_moves_six_bins_on_average) {
-    // A row of nine: 1 unit moves 8 bins, 2 units move 5 bins each: 18 over 3 units.
-    Histogram a(9 * 3), b(9 * 3);
-    a[0] = 3;
-    b[8] = 1, b[5] = 2;
-    EXPECT_DOUBLE_EQ(distance(a, b, bins_apart(9, 3)), 6.0);
+// The moves of the paper's Fig. 4 (its histograms are not published): three units move one bin each, one unit moves
+// three. The work is 6; the EMD is the work over the four units moved.
+TEST(Emd, is_the_work_of_the_moves_over_the_mass_moved) {
+    Histogram a(9 * 9), b(9 * 9);
+    const auto move = [&](int from_i, int from_j, int to_i, int to_j) {
+        a[static_cast<std::size_t>(from_j * 9 + from_i)] = 1, b[static_cast<std::size_t>(to_j * 9 + to_i)] = 1;
+    };
+    move(0, 0, 1, 0), move(8, 0, 8, 1), move(0, 8, 0, 7), move(4, 4, 7, 4);
+    EXPECT_DOUBLE_EQ(distance(a, b, bins_apart(9, 9)), (1 + 1 + 1 + 3) / 4.0);
 }
 
 TEST(Emd, splits_a_mass_between_the_two_nearest_places) {
