@@ -147,6 +147,10 @@ std::string describe(const Design& design, const DesignTask& task) {
         fmt::format("Good parts rejected: {:g} aimed at, {} counted{}. Limits: {}.\n", task.false_rejects,
                     share_text(check.rejected, check.good, false),
                     check.rejected > 0 ? fmt::format(" ({})", name_of(check.reason)) : "", limits_text(check.recipe));
+    if (check.recipe.rim_margin != task.base.rim_margin) {
+        text += fmt::format("The outermost {} lenslets of the part are not judged: those beside its bevels are dark.\n",
+                            check.recipe.rim_margin);
+    }
     text += fmt::format(
         "A verdict takes {:.1f} ms of one core of this machine (median of {} parts; longest {:.1f} ms).\n\n",
         check.time_ms, check.good, check.longest_ms);

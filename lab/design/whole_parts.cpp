@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "algo/inspection/rim.h"
 #include "hal_sim/optics/trace/trace.h"
 #include "hal_sim/world/random.h"
 #include "lab/report/cpu_time.h"
@@ -12,6 +13,10 @@ namespace hord::lab {
 namespace {
 
 constexpr double kMargin = 1.05;  // of a limit over the largest good value
+// Bevels leave dark lenslets beyond the default margin of the rim. It is widened, by at most kWiderRim lenslets, until
+// good parts miss less light than the default recipe tolerates.
+constexpr double kTolerableLight = 0.3;
+constexpr int kWiderRim = 6;
 constexpr std::uint64_t kOtherSeed = 1000, kTrialSeed = 100;
 enum Stream : std::uint64_t { kPose = 0xDE7, kExposure = 0xDE8 };
 
@@ -57,35 +62,66 @@ class WholeParts {
                                 static_cast<std::uint64_t>(exposure));
     }
 
+    // The values of good frames with this margin of the rim. Fails where one is unfit.
+    Result<std::vector<PartValues>> values_of(const std::vector<Frame>& frames, int rim_margin) {
+        base_.rim_margin = rim_margin;
+        auto measure = FrameValues::create(extents_, frames.front().bits(), base_, set_.set);
+        if (!measure) return tl::unexpected(measure.error());
+        std::vector<PartValues> values;
+        for (const Frame& frame : frames) {
+            const auto of = measure->of(frame.view());
+            if (!of) return tl::unexpected(of.error());
+            if (measure->verdict() == algo::Verdict::unfit) {
+                return fail(ErrorCode::unsupported,
+                            "good parts are unfit in this cell: " + std::string(name_of(measure->reason())),
+                            "give the part's form (--form), or a scene in which the whole part is in the field");
+            }
+            values.push_back(*of);
+        }
+        return values;
+    }
+
+    // The same with the margin that is wide enough for the light, and sets base_.rim_margin to it. One lenslet more
+    // than the first that is: the next one may be covered in part. As it was if none is wide enough.
+    Result<std::vector<PartValues>> values_beside_bevels(const std::vector<Frame>& frames) {
+        const int asked = base_.rim_margin;
+        auto values = values_of(frames, asked);
+        if (!values) return values;
+        const auto is_tolerable = [](const std::vector<PartValues>& all) {
+            return std::ranges::all_of(all, [](const PartValues& v) { return v[kLightValue] < kTolerableLight; });
+        };
+        if (is_tolerable(*values)) return values;
+        const int start = asked < 0 ? algo::default_rim_margin(extents_) : asked;
+        for (int margin = start + 1; margin < start + kWiderRim; ++margin) {
+            const auto wider = values_of(frames, margin);
+            if (wider && is_tolerable(*wider)) return values_of(frames, margin + 1);
+        }
+        base_.rim_margin = asked;
+        return values;
+    }
+
     Result<void> find_limits(WholeCheck& check) {
-        std::optional<FrameValues> values;
-        std::array<std::vector<double>, kPartValues> good;
+        std::vector<Frame> frames;
         for (int k = 0; k < effort_.poses; ++k) {
             const sim::Scene scene = good_part(cell_, task_, task_.seed, k);
             const auto field = render(scene);
             if (!field) return tl::unexpected(field.error());
-            if (!values) {
-                auto made = FrameValues::create(scene.camera.extents, scene.camera.bits, task_.base, set_.set);
-                if (!made) return tl::unexpected(made.error());
-                values.emplace(std::move(*made));
-            }
-            for (int x = 0; x < effort_.exposures; ++x, step()) {
-                const auto of = values->of(sim::expose(*field, scene, exposure_seed(task_.seed, k, x)).view());
-                if (!of) return tl::unexpected(of.error());
-                if (values->verdict() == algo::Verdict::unfit) {
-                    return fail(ErrorCode::unsupported,
-                                "good parts are unfit in this cell: " + std::string(name_of(values->reason())),
-                                "give the part's form (--form), or a scene in which the whole part is in the field");
-                }
-                for (std::size_t v = 0; v < kPartValues; ++v) good[v].push_back((*of)[v]);
-            }
+            extents_ = scene.camera.extents;
+            for (int x = 0; x < effort_.exposures; ++x, step())
+                frames.push_back(sim::expose(*field, scene, exposure_seed(task_.seed, k, x)));
+        }
+        const auto values = values_beside_bevels(frames);
+        if (!values) return tl::unexpected(values.error());
+        std::array<std::vector<double>, kPartValues> good;
+        for (const PartValues& of : *values) {
+            for (std::size_t v = 0; v < kPartValues; ++v) good[v].push_back(of[v]);
         }
         PartValues limits{};
         for (std::size_t v = 0; v < kPartValues; ++v) {
             const double largest = *std::ranges::max_element(good[v]);
             limits[v] = rounded_up(std::max({gumbel_limit(good[v], task_.false_rejects), kMargin * largest, 1e-3}));
         }
-        check.recipe = recipe_of(set_.set, limits, task_.base);
+        check.recipe = recipe_of(set_.set, limits, base_);
         DesignTask other_places = task_;
         other_places.seed += kTrialSeed;
         auto found = find_sizes(cell_, set_.set, limits, other_places, survey_, effort_.trials);
@@ -160,6 +196,8 @@ class WholeParts {
     CheckEffort effort_;
     const std::function<void(double)>& progress_;
     double steps_, done_ = 0;
+    algo::Recipe base_ = task_.base;
+    algo::Extents extents_;
     std::optional<algo::Pipeline> pipeline_;
     sim::Scene scene_;       // a good part of the other seed,
     sim::LightField field_;  // and its light

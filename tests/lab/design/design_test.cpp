@@ -183,6 +183,43 @@ TEST(CellTrials, a_limit_beyond_all_light_does_not_switch_the_light_off) {
     EXPECT_TRUE(algo::problems(recipe, {31, 31, 9, 9}).empty());
 }
 
+// Bevels of three lenslets are wider than the default margin of the rim. Their dark lenslets would leave no limit for
+// the light.
+TEST(WholeParts, of_plates_with_dark_bevels_get_a_wider_rim_and_a_limit_for_the_light) {
+    DesignTask task;
+    task.part.name = "plate";
+    sim::Shape plate, block;
+    block.kind = sim::Shape::Kind::block;
+    block.half_size_mm = {8, 6, 1};
+    plate.kind = sim::Shape::Kind::intersection;
+    plate.of = {block};
+    for (const double side : {-1.0, 1.0}) {  // at 45 degrees, 0.9 mm wide
+        sim::Shape bevel;
+        bevel.kind = sim::Shape::Kind::half_space;
+        bevel.position_mm = {7.1 * side, 0, 1}, bevel.rotation_rad = {0, 0.7853981634 * side, 0};
+        plate.of.push_back(bevel);
+        bevel.position_mm = {0, 5.1 * side, 1}, bevel.rotation_rad = {-0.7853981634 * side, 0, 0};
+        plate.of.push_back(bevel);
+    }
+    task.part.part = sim::SolidPart{plate, 1.5};
+    task.base.form = algo::PartForm::plate;
+    task.base.symmetric_outline = false;
+    task.camera.pixels = 395.0 * 395.0;  // 79x79 lenslets of 0.3 mm
+    task.camera.pixel_um = 20;
+    task.defects = *parse_defects("speck=0.6");
+    task.threads = 1;
+    const auto survey = PartSurvey::of(task.part);
+    ASSERT_TRUE(survey);
+    const std::function<void(double)> unheard = [](double) {};
+    const auto check = check_whole_parts(kCell, {{{}, false, true}, {}, {}, 0, 0, false}, task, *survey,
+                                         {2, 1, 2, {2, 1, 1}}, unheard);
+    ASSERT_TRUE(check) << check.error().message();
+    EXPECT_GT(check->recipe.rim_margin, 2);
+    EXPECT_GT(check->recipe.transmission_limit, 0.7F);
+    EXPECT_EQ(check->rejected, 0);
+    EXPECT_EQ(check->defects[0].wanted.found, 2);
+}
+
 TEST(CellTrials, hollow_parts_are_refused_with_a_cure) {
     sim::Scene vial;
     vial.part = sim::Vial{};
