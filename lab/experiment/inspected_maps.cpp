@@ -51,8 +51,9 @@ std::size_t filled_area(std::vector<std::uint8_t> in, int width, int height) {
 
 }  // namespace
 
-Result<InspectedMaps> inspect_frame(const Frame& frame, const algo::Extents& extents, int threads) {
-    auto pipeline = algo::Pipeline::create(extents, frame.bits(), {}, threads, algo::MapSet::exact);
+Result<InspectedMaps> inspect_frame(const Frame& frame, const algo::Extents& extents, int threads,
+                                    const algo::Recipe& recipe) {
+    auto pipeline = algo::Pipeline::create(extents, frame.bits(), recipe, threads, algo::MapSet::exact);
     if (!pipeline) return tl::unexpected(pipeline.error());
     const auto found = pipeline->inspect(frame.view());
     if (!found) return tl::unexpected(found.error());
@@ -60,7 +61,9 @@ Result<InspectedMaps> inspect_frame(const Frame& frame, const algo::Extents& ext
                          {found->emd.begin(), found->emd.end()},
                          {found->frobenius.begin(), found->frobenius.end()},
                          {found->transmission.begin(), found->transmission.end()},
-                         {found->mask.begin(), found->mask.end()}};
+                         {found->mask.begin(), found->mask.end()},
+                         found->verdict,
+                         static_cast<double>(found->score)};
 }
 
 Frame with_dark_as_uniform(const Frame& frame, const InspectedMaps& maps) {
@@ -113,17 +116,23 @@ Contrast contrast_of(std::span<const float> signal, std::span<const std::uint8_t
     const int half = static_cast<int>(std::ceil(2 * defect.radius_lenslets)) + 8;
     const int m0 = static_cast<int>(std::lround(defect.m)) - half, n0 = static_cast<int>(std::lround(defect.n)) - half,
               side = 2 * half + 1;
-    std::vector<std::uint8_t> above(static_cast<std::size_t>(side * side));
+    std::vector<std::uint8_t> above(static_cast<std::size_t>(side * side)), closed = above;
     for (int y = 0; y < side; ++y) {
         for (int x = 0; x < side; ++x) {
             const int m = m0 + x, n = n0 + y;
             if (m < 0 || n < 0 || m >= extents.m || n >= extents.n) continue;
             const auto k = static_cast<std::size_t>(n * extents.m + m);
-            above[static_cast<std::size_t>(y * side + x)] =
-                has_value(k) && static_cast<double>(signal[k]) >= kVisible * nothing ? 1 : 0;
+            const auto at = static_cast<std::size_t>(y * side + x);
+            above[at] = has_value(k) && static_cast<double>(signal[k]) >= kVisible * nothing ? 1 : 0;
+            const bool is_edge = m == 0 || n == 0 || m == extents.m - 1 || n == extents.n - 1;  // never has a value
+            closed[at] = has_value(k) || is_edge ? above[at] : 1;
         }
     }
-    contrast.blob_radius = std::sqrt(static_cast<double>(filled_area(std::move(above), side, side)) / std::numbers::pi);
+    const auto radius_of = [&](std::vector<std::uint8_t> in) {
+        return std::sqrt(static_cast<double>(filled_area(std::move(in), side, side)) / std::numbers::pi);
+    };
+    contrast.blob_radius = radius_of(std::move(above));
+    contrast.closed_radius = radius_of(std::move(closed));
     return contrast;
 }
 

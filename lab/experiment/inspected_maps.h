@@ -7,6 +7,8 @@
 #include <vector>
 
 #include "algo/frame/extents.h"
+#include "algo/recipe/recipe.h"
+#include "algo/verdict/verdict.h"
 #include "common/frame.h"
 #include "common/result.h"
 #include "hal_sim/optics/camera/render.h"
@@ -14,13 +16,16 @@
 
 namespace hord::lab {
 
-// The station's maps of one frame (algo/inspection/pipeline.h), copied.
+// The station's maps of one frame (algo/inspection/pipeline.h), copied, and its verdict.
 struct InspectedMaps {
     algo::Extents extents;
     std::vector<float> emd, frobenius, transmission;
-    std::vector<std::uint8_t> mask;  // algo::MaskBit
+    std::vector<std::uint8_t> mask;                // algo::MaskBit
+    algo::Verdict verdict = algo::Verdict::unfit;  // of the recipe
+    double score = 0;
 };
-Result<InspectedMaps> inspect_frame(const Frame& frame, const algo::Extents& extents, int threads);
+Result<InspectedMaps> inspect_frame(const Frame& frame, const algo::Extents& extents, int threads,
+                                    const algo::Recipe& recipe = {});
 
 // The frame with every lenslet that is dark in `maps` filled evenly, as a substitute for its missing HORD.
 Frame with_dark_as_uniform(const Frame& frame, const InspectedMaps& maps);
@@ -38,8 +43,9 @@ struct Contrast {
     double ratio = 0;  // peak over the clean interior's 99th percentile, or `floor` where that is larger
     // (Mean over the defect and 1.5 lenslets around it - the clean mean) over the clean sigma, or floor / 3.
     double to_noise = 0;
-    // Lenslets: radius of a disc with the area of the visible signal, holes filled.
-    double blob_radius = 0;
+    // Lenslets: radius of a disc with the area of the visible signal, holes filled. Closed: lenslets without a value
+    // count as visible, so that a ring about a dark middle, which they interrupt, is a ring.
+    double blob_radius = 0, closed_radius = 0;
     bool seen = false;  // ratio is at least kVisible
 };
 constexpr double kVisible = 2;

@@ -78,6 +78,34 @@ std::vector<float> sums_of(const Frame& frame, const algo::Extents& e) {
     return sums;
 }
 
+// Lenslets within three of the defect whose EMD or Frobenius norm changes by more than the clean interior's 99th
+// percentile when the scene moves by a thousandth of a lenslet: noise of the tracer's sampling, not of the light.
+Result<int> noisy_lenslets(const Defect& defect, const InspectedMaps& maps, const TruthDefect& where,
+                           const Interior& emd, const Interior& frobenius, int threads) {
+    sim::Scene moved = defect.scene;
+    const algo::Extents& e = moved.camera.extents;
+    moved.pose.x_mm += 1e-3 * moved.camera.field_mm / e.m;
+    const auto light = sim::render(moved, {threads, {}});
+    if (!light) return tl::unexpected(light.error());
+    const auto other = inspect_frame(sim::expose(*light, moved, moved.seed), e, 1);
+    if (!other) return tl::unexpected(other.error());
+    const auto differs = [](float a, float b, const Interior& clean) {
+        return std::abs(static_cast<double>(a) - static_cast<double>(b)) > clean.p99;
+    };
+    int noisy = 0;
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            const auto k = static_cast<std::size_t>(n * e.m + m);
+            if (std::hypot(m - where.m, n - where.n) > where.radius_lenslets + 3 ||
+                ((maps.mask[k] | other->mask[k]) & algo::kNoGradient) != 0)
+                continue;
+            noisy +=
+                differs(maps.emd[k], other->emd[k], emd) || differs(maps.frobenius[k], other->frobenius[k], frobenius);
+        }
+    }
+    return noisy;
+}
+
 Json to_json(const Contrast& c) {
     return {{"ratio", c.ratio}, {"to_noise", c.to_noise}, {"blob", c.blob_radius}, {"seen", c.seen}};
 }
@@ -99,8 +127,11 @@ Result<Json> measure_defect(const Defect& defect, const std::vector<double>& pan
     if (!even) return tl::unexpected(even.error());
     const std::vector<std::uint8_t> all_valid(e.lenslets(), algo::kValid);
     const Interior flat{};  // the light of a clean part is uniform: the floor decides
+    const auto noisy = noisy_lenslets(defect, *maps, where, emd, frobenius, threads);
+    if (!noisy) return tl::unexpected(noisy.error());
     Json found{
         {"radius", where.radius_lenslets},
+        {"noisy", *noisy},
         {"emd", to_json(contrast_of(maps->emd, maps->mask, e, where, emd, 0))},
         {"emd-even", to_json(contrast_of(even->emd, even->mask, e, where, emd, 0))},
         {"frobenius", to_json(contrast_of(maps->frobenius, maps->mask, e, where, frobenius, 0))},
@@ -124,7 +155,9 @@ std::string cell_text(const Json& contrast) {
 // A row a defect: its contrast to each of the cameras.
 Table contrasts(const std::vector<Defect>& defects, const std::vector<Json>& found,
                 const std::vector<double>& panel_halves, double panel_distance_mm) {
-    Table table{{"defect", "radius, lenslets", "EMD", "EMD, dark as even", "Frobenius", "transmission"}, {}};
+    Table table{{"defect", "radius, lenslets", "EMD", "EMD, dark as even", "Frobenius", "transmission",
+                 "lenslets of sampling noise"},
+                {}};
     for (const double half : panel_halves) {
         table.header.push_back(fmt::format("light {:g} mm ({:.0f} deg)", half,
                                            std::atan2(half, panel_distance_mm) * 180 / 3.14159265358979));
@@ -133,6 +166,7 @@ Table contrasts(const std::vector<Defect>& defects, const std::vector<Json>& fou
         const Json& f = found[k];
         std::vector<std::string> row{defects[k].name, fmt::format("{:.2f}", f["radius"].get<double>())};
         for (const char* view : {"emd", "emd-even", "frobenius", "transmission"}) row.push_back(cell_text(f[view]));
+        row.push_back(std::to_string(f["noisy"].get<int>()));
         for (const double half : panel_halves) row.push_back(cell_text(f[panel_key(half)]));
         table.rows.push_back(std::move(row));
     }

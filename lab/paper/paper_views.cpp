@@ -92,6 +92,13 @@ Result<SceneViews> inspect_scene(const sim::Scene& scene, const std::filesystem:
     if (!maps) return tl::unexpected(maps.error());
     auto maps_even = inspect_frame(with_dark_as_uniform(*frame, *maps), e, 1);
     if (!maps_even) return tl::unexpected(maps_even.error());
+    if (scene.defects.empty()) {
+        algo::Recipe unchecked;
+        unchecked.part_required = false;
+        const auto seen = inspect_frame(*frame, e, 1, unchecked);
+        if (!seen) return tl::unexpected(seen.error());
+        views.unchecked_verdict = seen->verdict, views.unchecked_score = seen->score;
+    }
     auto picture = render_telecentric(scene, {threads, {}});
     if (!picture) return tl::unexpected(picture.error());
     views.maps = std::move(*maps);

@@ -25,6 +25,9 @@ struct SceneViews {
     Truth truth;
     std::string frame_hash;
     InspectedMaps maps, maps_even;
+    // Of a scene without defects: by a recipe that does not ask for a whole part (part_required).
+    algo::Verdict unchecked_verdict = algo::Verdict::unfit;
+    double unchecked_score = 0;
     std::vector<float> telecentric;              // one value a lenslet: as many pixels, over the same field
     std::vector<std::uint8_t> everywhere_valid;  // mask of the telecentric picture and the transmission: only the rim
 
