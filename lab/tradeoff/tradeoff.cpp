@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <optional>
 
+#include <fmt/format.h>
+
 #include "lab/tradeoff/tradeoff_scores.h"
 #include "lab/tradeoff/tradeoff_times.h"
 
@@ -11,12 +13,18 @@ namespace {
 
 constexpr TradeoffPoint kCentre{};
 
+// Nine bins of this pitch, mrad, and a source of the usual 0.61 bins.
+TradeoffPoint of_pitch(double mrad) { return {9, 0.15, 2000, 1, 1, 9 * mrad, 0.61 * mrad}; }
+
 // Ordered so that points with the same parts (bins, slope and stride) follow one another.
 std::vector<TradeoffPoint> points(bool quick) {
-    if (quick) return {kCentre, {9, 0.15, 200, 1, 1}, {9, 1.0, 2000, 1, 1}};
+    if (quick) return {kCentre, {9, 0.15, 200, 1, 1}, {9, 1.0, 2000, 1, 1}, of_pitch(60)};
     std::vector<TradeoffPoint> all;
     for (const double slope : {0.05, 0.15, 0.5, 1.0, 1.5}) {
-        for (const int photons : {200, 600, 2000, 6000, 20000}) all.push_back({9, slope, photons, 1, 1});
+        for (const int photons : {200, 600, 2000, 6000, 20000}) {
+            if (slope == kCentre.slope || photons == 200 || photons == 2000 || photons == 20000)
+                all.push_back({9, slope, photons, 1, 1});
+        }
         if (slope == 0.15) {
             for (const int frames : {4, 16}) all.push_back({9, slope, 200, frames, 1});
             all.push_back({9, slope, 2000, 4, 1});
@@ -26,6 +34,8 @@ std::vector<TradeoffPoint> points(bool quick) {
         for (const int photons : {200, 2000, 20000}) all.push_back({bins, 0.15, photons, 1, 1});
     }
     for (const int stride : {2, 3}) all.push_back({9, 0.15, 2000, 1, stride});
+    for (const double pitch : {5, 10, 30, 60, 200}) all.push_back(of_pitch(pitch));
+    for (const double source_bins : {0.3, 1.2, 2.4}) all.push_back({9, 0.15, 2000, 1, 1, 135, 15 * source_bins});
     return all;
 }
 
@@ -39,8 +49,24 @@ std::vector<TradeoffPoint> timed_points(bool quick) {
     return all;
 }
 
-bool same_parts(const TradeoffPoint& a, const TradeoffPoint& b) {
-    return a.bins == b.bins && a.slope == b.slope && a.stride == b.stride;
+// Fewer of the largest parts, which take most time.
+WholeEffort effort_of(const WholePoint& point) {
+    if (point.lenslets < 111) return {8, 1, 1};
+    return point.lenslets > 222 ? WholeEffort{8, 1, 2} : WholeEffort{8, 2, 3};
+}
+
+bool same_parts(TradeoffPoint a, const TradeoffPoint& b) {
+    a.photons = b.photons, a.frames = b.frames;
+    return a == b;
+}
+
+std::vector<WholePoint> whole_points(bool quick, std::uint64_t seed) {
+    if (quick) return {{55, seed}};
+    std::vector<WholePoint> points;
+    for (const int lenslets : {111, 222, 555}) {
+        for (std::uint64_t k = 0; k < kTradeoffSeeds; ++k) points.push_back({lenslets, seed + k});
+    }
+    return points;
 }
 
 }  // namespace
@@ -52,6 +78,7 @@ const Json* TradeoffResults::scores_at(const TradeoffPoint& point) const {
 const Json* TradeoffResults::times_at(TradeoffPoint point) const {
     point.slope = kCentre.slope;
     point.frames = 1;
+    point.range_mrad = kCentre.range_mrad, point.source_mrad = kCentre.source_mrad;
     const auto found = std::ranges::find(times, point, &Cell::point);
     return found == times.end() ? nullptr : &found->values;
 }
@@ -59,7 +86,7 @@ const Json* TradeoffResults::times_at(TradeoffPoint point) const {
 Result<ExperimentReport> run_tradeoff(const ExperimentOptions& options) {
     auto cells =
         ResultCache::open(options.out / "cells.jsonl",
-                          {{"experiment", "tradeoff"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 1}});
+                          {{"experiment", "tradeoff"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 2}});
     if (!cells) return tl::unexpected(cells.error());
     TradeoffResults results;
     results.counts = options.quick ? PartCounts{6, 6} : PartCounts{};
@@ -71,8 +98,37 @@ Result<ExperimentReport> run_tradeoff(const ExperimentOptions& options) {
     results.defects_of_a_family = 4 * results.counts.bad_of_a_family * scoring.bad_exposures;
 
     const auto scored = points(options.quick), timed = timed_points(options.quick);
-    const auto total = static_cast<double>(scored.size() + timed.size());
+    const auto wholes = whole_points(options.quick, options.seed);
+    const auto cell_axes = cell_points(options.quick);
+    const int seeds = options.quick ? 1 : kTradeoffSeeds;
+    constexpr double kWholeSteps = 4;  // of the progress
+    const double total = static_cast<double>(scored.size() + timed.size() + cell_axes.size()) +
+        kWholeSteps * static_cast<double>(wholes.size());
     double done = 0;
+    for (const WholePoint& point : wholes) {
+        const auto note = [&](double part) { options.progress((done + kWholeSteps * part) / total, point.key()); };
+        auto cell = cells->value(point.key(), [&] {
+            const bool is_counted = point.lenslets == kCountedLenslets && point.seed == options.seed;
+            return judge_whole_parts(point, effort_of(point), options.threads,
+                                     is_counted ? options.out / "arm64" : std::filesystem::path(), note);
+        });
+        if (!cell) return tl::unexpected(cell.error());
+        results.wholes.push_back({point, std::move(*cell)});
+        done += kWholeSteps;
+    }
+    for (const CellPoint& point : cell_axes) {
+        TriedCell tried{point, {}};
+        for (int k = 0; k < seeds; ++k) {
+            options.progress((done + static_cast<double>(k) / seeds) / total, point.axis + ": " + point.label);
+            const std::uint64_t seed = options.seed + static_cast<std::uint64_t>(k);
+            auto cell = cells->value(fmt::format("cell {}, {}, seed {}", point.axis, point.label, seed),
+                                     [&] { return try_cell_point(point, seed, options.quick, options.threads); });
+            if (!cell) return tl::unexpected(cell.error());
+            tried.found.push_back(std::move(*cell));
+        }
+        results.cells.push_back(std::move(tried));
+        done += 1;
+    }
     std::optional<TradeoffParts> parts;
     std::optional<TradeoffPoint> parts_of;
     for (const TradeoffPoint& point : scored) {

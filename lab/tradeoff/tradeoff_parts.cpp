@@ -11,8 +11,7 @@
 namespace hord::lab {
 namespace {
 
-constexpr double kPitchMm = 0.1, kReferenceBinRad = 0.015, kRangeRad = 9 * kReferenceBinRad,
-                 kSourceRad = 0.61 * kReferenceBinRad;
+constexpr double kPitchMm = 0.1, kReferenceBinRad = 0.015;
 constexpr double kIndex = 1.5, kInclusionIndex = 1.52, kReadNoiseE = 2, kJitterLenslets = 0.1;
 constexpr double kHazeRad = 0.015, kHazeRadius = 1.2;
 constexpr int kDefectsAPart = 4, kSampleBits = 16;
@@ -28,10 +27,10 @@ sim::Scene scene_of(const TradeoffPoint& point) {
                                    0.5 * kPitchMm * (kRows * point.stride + 2 * margin), 1.0, kIndex};
     scene.camera.extents = {kColumns * point.stride, kRows * point.stride, point.bins, point.bins};
     scene.camera.field_mm = kColumns * point.stride * kPitchMm;
-    scene.camera.bin_pitch_rad = kRangeRad / point.bins;
+    scene.camera.bin_pitch_rad = 1e-3 * point.range_mrad / point.bins;
     scene.camera.bits = kSampleBits;
     scene.camera.full_bin_dn = 65535;  // set by every exposure
-    scene.light.source_radius_bins = kSourceRad / scene.camera.bin_pitch_rad;
+    scene.light.source_radius_bins = 1e-3 * point.source_mrad / scene.camera.bin_pitch_rad;
     scene.noise.electrons_per_dn = 1;
     scene.noise.read_e = kReadNoiseE;
     return scene;
@@ -118,7 +117,11 @@ void add_haze(sim::LightField& light, const std::vector<PlacedDefect>& defects, 
 }  // namespace
 
 std::string TradeoffPoint::key() const {
-    return fmt::format("bins {} slope {:g} photons {} frames {} stride {}", bins, slope, photons, frames, stride);
+    std::string key =
+        fmt::format("bins {} slope {:g} photons {} frames {} stride {}", bins, slope, photons, frames, stride);
+    if (range_mrad != TradeoffPoint{}.range_mrad) key += fmt::format(" range {:g}", range_mrad);
+    if (source_mrad != TradeoffPoint{}.source_mrad) key += fmt::format(" source {:g}", source_mrad);
+    return key;
 }
 
 Result<TradeoffParts> trace_parts(const TradeoffPoint& point, const PartCounts& counts, std::uint64_t seed, int threads,

@@ -2,7 +2,8 @@
 //
 // A part is a strip of 8 x 32 lenslets of 0.1 mm, wholly inside a cylinder lens whose curvature makes the mean
 // deflection change by `slope` over two lenslets across x. Slopes are in bins of the nine-bin camera (15 mrad), so they
-// mean the same part for every camera: all see the same 135 mrad with the same source, divided into more or fewer bins.
+// mean the same part for every camera. Unless the point says otherwise, all see the same 135 mrad with the same source,
+// divided into more or fewer bins.
 // Each good part has its own pose (0.1 lenslet about one of four nominal places); each bad one has four separate
 // defects, log-uniform in size. Bubbles and inclusions are traced. Haze is added to the light field: in a
 // disc of 1.2 lenslets radius, a share of every lenslet's light is spread by a Gaussian of 15 mrad. The sensor: one
@@ -23,11 +24,13 @@
 namespace hord::lab {
 
 struct TradeoffPoint {
-    int bins = 9;         // a side
-    double slope = 0.15;  // bins of the nine-bin camera over two lenslets
-    int photons = 2000;   // electrons a lenslet and frame
-    int frames = 1;       // averaged
-    int stride = 1;       // every stride-th lenslet of every stride-th row is used
+    int bins = 9;               // a side
+    double slope = 0.15;        // bins of the nine-bin camera over two lenslets
+    int photons = 2000;         // electrons a lenslet and frame
+    int frames = 1;             // averaged
+    int stride = 1;             // every stride-th lenslet of every stride-th row is used
+    double range_mrad = 135;    // of all bins
+    double source_mrad = 9.15;  // angular radius of the source
     [[nodiscard]] std::string key() const;
     friend bool operator==(const TradeoffPoint&, const TradeoffPoint&) = default;
 };

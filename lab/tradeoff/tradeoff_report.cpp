@@ -12,6 +12,7 @@
 #include "lab/tradeoff/tradeoff.h"
 #include "lab/tradeoff/tradeoff_plots.h"
 #include "lab/tradeoff/tradeoff_rating.h"
+#include "lab/tradeoff/tradeoff_whole_report.h"
 
 namespace hord::lab {
 namespace {
@@ -28,8 +29,10 @@ std::string found_text(const Rated& r) {
 }
 
 Table everything(const TradeoffResults& results) {
-    Table table{{"bins", "slope", "photons", "frames", "stride", "feature", "family", "auc", "auc_low", "auc_high",
-                 "tpr", "tpr_low", "tpr_high", "a90", "a90_95", "error_over_threshold", "flips", "median_ms", "p99_ms"},
+    Table table{{"bins",        "slope",     "photons",  "frames", "stride",  "range_mrad",
+                 "source_mrad", "feature",   "family",   "auc",    "auc_low", "auc_high",
+                 "tpr",         "tpr_low",   "tpr_high", "a90",    "a90_95",  "error_over_threshold",
+                 "flips",       "median_ms", "p99_ms"},
                 {}};
     const auto number = [](double v) { return fmt::format("{:.6g}", v); };
     for (const auto& cell : results.scores) {
@@ -37,13 +40,27 @@ Table everything(const TradeoffResults& results) {
         const bool timed = results.times_at(p) != nullptr;
         for (const Rated& r : rated_at(results, p)) {
             for (std::size_t f = 0; f < kFamilies; ++f) {
-                table.rows.push_back(
-                    {std::to_string(p.bins), number(p.slope), std::to_string(p.photons), std::to_string(p.frames),
-                     std::to_string(p.stride), r.name, std::string(kFamilyNames[f]), number(r.auc[f].value),
-                     number(r.auc[f].low), number(r.auc[f].high), number(r.tpr[f].value), number(r.tpr[f].low),
-                     number(r.tpr[f].high), r.a90[f] ? number(*r.a90[f]) : "", r.a90_95[f] ? number(*r.a90_95[f]) : "",
-                     number(r.error_of_threshold), number(r.flips), timed ? number(r.median_ms) : "",
-                     timed ? number(r.p99_ms) : ""});
+                table.rows.push_back({std::to_string(p.bins),
+                                      number(p.slope),
+                                      std::to_string(p.photons),
+                                      std::to_string(p.frames),
+                                      std::to_string(p.stride),
+                                      number(p.range_mrad),
+                                      number(p.source_mrad),
+                                      r.name,
+                                      std::string(kFamilyNames[f]),
+                                      number(r.auc[f].value),
+                                      number(r.auc[f].low),
+                                      number(r.auc[f].high),
+                                      number(r.tpr[f].value),
+                                      number(r.tpr[f].low),
+                                      number(r.tpr[f].high),
+                                      r.a90[f] ? number(*r.a90[f]) : "",
+                                      r.a90_95[f] ? number(*r.a90_95[f]) : "",
+                                      number(r.error_of_threshold),
+                                      number(r.flips),
+                                      timed ? number(r.median_ms) : "",
+                                      timed ? number(r.p99_ms) : ""});
             }
         }
     }
@@ -79,6 +96,11 @@ Table centre_table(const std::vector<Rated>& all) {
     return table;
 }
 
+bool has_usual_optics(const TradeoffPoint& p) {
+    return p.range_mrad == kCentre.range_mrad && p.source_mrad == kCentre.source_mrad;
+}
+bool is_choice(const TradeoffPoint& p) { return p.bins == 9 && p.frames == 1 && p.stride == 1 && has_usual_optics(p); }
+
 // For each slope and light: the feature that finds most, and the fastest one that finds as much.
 Table choice_table(const TradeoffResults& results) {
     Table table{{"slope", "photons", "the light alone"}, {}};
@@ -93,7 +115,7 @@ Table choice_table(const TradeoffResults& results) {
     for (const auto& cell : results.scores) {
         const TradeoffPoint& p = cell.point;
         const auto all = rated_at(results, p);
-        if (p.bins != 9 || p.frames != 1 || p.stride != 1 || all.empty() || all.front().median_ms == 0) continue;
+        if (!is_choice(p) || all.empty() || all.front().median_ms == 0) continue;
         std::vector<std::string> row{fmt::format("{:g}", p.slope), std::to_string(p.photons),
                                      text(*best_of(all, Kind::light))};
         for (const Kind kind : {Kind::neighbours, Kind::reference}) {
@@ -113,7 +135,7 @@ std::string in_short(const TradeoffResults& results) {
     for (const auto& cell : results.scores) {
         const TradeoffPoint& p = cell.point;
         const auto all = rated_at(results, p);
-        if (p.bins != 9 || p.frames != 1 || p.stride != 1 || all.empty() || all.front().median_ms == 0) continue;
+        if (!is_choice(p) || all.empty() || all.front().median_ms == 0) continue;
         ++points;
         for (const Kind kind : {Kind::neighbours, Kind::reference})
             ++times[kind][fastest_as_good(all, *best_of(all, kind))->name];
@@ -158,6 +180,8 @@ std::vector<std::pair<std::string, TradeoffPoint>> along_of(
     for (const auto& cell : results.scores) {
         if (is_on(cell.point)) along.emplace_back(label(cell.point), cell.point);
     }
+    std::ranges::stable_sort(along, {},
+                             [](const auto& one) { return std::pair(one.second.range_mrad, one.second.source_mrad); });
     return along;
 }
 
@@ -181,12 +205,23 @@ std::string axes_text(const TradeoffResults& results) {
         };
     add_axis("Slope of the part", "slope", is_axis(&TradeoffPoint::slope),
              [](const TradeoffPoint& p) { return fmt::format("{:g}", p.slope); });
+    const auto is_pitch = [](const TradeoffPoint& p) {
+        TradeoffPoint c = kCentre;
+        c.range_mrad = p.range_mrad, c.source_mrad = p.source_mrad;
+        return p == c && std::abs(p.source_mrad - 0.61 * p.range_mrad / 9) < 1e-9;
+    };
+    add_axis(
+        "Bin pitch", "pitch, mrad", is_pitch,
+        [](const TradeoffPoint& p) { return fmt::format("{:g}", p.range_mrad / 9); },
+        "Nine bins of this pitch, a source of 0.61 bins.\n\n");
+    add_axis("Source", "radius, bins", is_axis(&TradeoffPoint::source_mrad),
+             [](const TradeoffPoint& p) { return fmt::format("{:g}", p.source_mrad / 15); });
     add_axis("Light", "photons", is_axis(&TradeoffPoint::photons),
              [](const TradeoffPoint& p) { return std::to_string(p.photons); });
     add_axis(
         "Bins", "bins",
         [](const TradeoffPoint& p) {
-            return p.slope == kCentre.slope && p.frames == 1 && p.stride == 1 &&
+            return p.slope == kCentre.slope && p.frames == 1 && p.stride == 1 && has_usual_optics(p) &&
                 (p.photons == 200 || p.photons == 2000 || p.photons == 20000);
         },
         [](const TradeoffPoint& p) { return fmt::format("{}, {} photons", p.bins, p.photons); },
@@ -196,7 +231,8 @@ std::string axes_text(const TradeoffResults& results) {
     add_axis(
         "Frames averaged", "frames",
         [](const TradeoffPoint& p) {
-            return p.slope == kCentre.slope && p.bins == 9 && p.stride == 1 && (p.frames > 1 || p.photons <= 2000);
+            return p.slope == kCentre.slope && p.bins == 9 && p.stride == 1 && has_usual_optics(p) &&
+                (p.frames > 1 || p.photons <= 2000);
         },
         [](const TradeoffPoint& p) { return fmt::format("{} of {} photons", p.frames, p.photons); });
     add_axis("Stride", "stride", is_axis(&TradeoffPoint::stride),
@@ -298,6 +334,14 @@ Result<ExperimentReport> report_tradeoff(const TradeoffResults& results, const E
     if (!drawn) return tl::unexpected(drawn.error());
     report.files.insert(report.files.end(), drawn->begin(), drawn->end());
 
+    add_wholes(fields, results, options.out / "arm64" / "instructions.csv");
+    fields["cells"] = describe_cells(results.cells);
+    fields["cell_seeds"] = std::to_string(results.cells.front().found.size());
+    fields["many_seeds"] = results.cells.front().found.size() > 1 ? "yes" : "";
+    for (const WantedDefect& defect : cell_defects()) {
+        std::string& sizes = fields["cell_sizes"];
+        sizes += fmt::format("{}{} {:g} mm", sizes.empty() ? "" : ", ", defect.name(), defect.size_mm);
+    }
     fields["quick"] = options.quick ? "yes" : "";
     fields["seed"] = std::to_string(options.seed);
     fields["claims"] = describe(report.claims);

@@ -9,8 +9,8 @@
 #include <optional>
 
 #include "algo/emd/emd_solver.h"
-#include "algo/features/transmission.h"
 #include "algo/frame/mask.h"
+#include "algo/inspection/pipeline.h"
 #include "algo/maps/feature_map.h"
 #include "lab/experiment/scenes.h"
 #include "lab/experiment/transport_check.h"
@@ -93,28 +93,13 @@ class Stopwatch {
     std::vector<Work> works_;
 };
 
-// The transmission alone: sums and their median.
-class LightMeter {
-  public:
-    LightMeter(const algo::Extents& extents, const algo::LightLevels& levels)
-        : extents_(extents), levels_(levels), row_(extents), sums_(extents.lenslets()), scratch_(extents.lenslets()),
-          mask_(extents.lenslets()), out_(extents.lenslets()) {}
-    void measure(const Frame& frame) {
-        for (int n = 0; n < extents_.n; ++n) {
-            algo::decode_row(frame.view(), extents_, levels_, n, row_);
-            std::ranges::copy(row_.sums(), sums_.begin() + std::ptrdiff_t{n} * extents_.m);
-        }
-        algo::transmissions(sums_, mask_, algo::typical_light(sums_, mask_, 0, scratch_), out_);
-    }
-
-  private:
-    algo::Extents extents_;
-    algo::LightLevels levels_;
-    algo::HordRow row_;
-    std::vector<std::uint32_t> sums_, scratch_;
-    std::vector<std::uint8_t> mask_;
-    std::vector<float> out_;
-};
+algo::Recipe light_alone(const algo::LightLevels& levels) {
+    algo::Recipe recipe;
+    recipe.gradient.reset();
+    recipe.slopes = false;
+    recipe.dark_dn = levels.dark, recipe.min_sum_dn = levels.min_sum, recipe.saturated_dn = levels.saturated;
+    return recipe;
+}
 
 // Entropic transport beside the exact distance, on the horizontal pairs of every 11th lenslet of every 11th row.
 Result<Json> sinkhorn_beside_emd(const Timed& timed, const algo::LightLevels& levels) {
@@ -158,6 +143,7 @@ Result<Json> time_features(const TradeoffPoint& point, std::uint64_t seed, int t
     const auto timed = frames_at(point, seed, threads);
     if (!timed) return tl::unexpected(timed.error());
     const auto levels = levels_at(point);
+    std::optional<Error> wrong;
     Stopwatch watch;
     volatile std::uint64_t sink = 0;
     watch.add("sum the bytes", [&] {
@@ -165,12 +151,15 @@ Result<Json> time_features(const TradeoffPoint& point, std::uint64_t seed, int t
         sink = std::accumulate(bytes.begin(), bytes.end(), std::uint64_t{0},
                                [](std::uint64_t sum, std::byte b) { return sum + static_cast<std::uint64_t>(b); });
     });
-    LightMeter meter(timed->extents, levels);
+    // The transmission has no mapper: the station computes it in its pipeline.
+    auto light = algo::Pipeline::create(timed->extents, 16, light_alone(levels));
+    if (!light) return tl::unexpected(light.error());
     std::deque<algo::FeatureMapper> mappers;
-    std::optional<Error> wrong;
     for (const algo::FeatureChoice choice : every_choice()) {
         if (choice.feature == algo::Feature::transmission) {
-            watch.add(name_of(choice), [&] { meter.measure(timed->frame); });
+            watch.add(name_of(choice), [&] {
+                if (const auto seen = light->inspect(timed->frame.view()); !seen) wrong = seen.error();
+            });
             continue;
         }
         auto made = algo::FeatureMapper::create(timed->extents, 16, levels, choice.feature);

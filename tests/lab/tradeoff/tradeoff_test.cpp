@@ -13,6 +13,7 @@
 #include "algo/maps/feature_map.h"
 #include "lab/tradeoff/tradeoff_rating.h"
 #include "lab/tradeoff/tradeoff_scores.h"
+#include "lab/tradeoff/tradeoff_whole_report.h"
 #include "tests/system/cli/program.h"
 
 namespace hord::lab {
@@ -116,6 +117,42 @@ TEST(TradeoffRating, names_what_is_dominated_and_what_is_as_good_but_faster) {
     EXPECT_EQ(best->name, "good");
     EXPECT_EQ(fastest_as_good(all, *best)->name, "nearly");
     EXPECT_FALSE(dominates(all[0], all[0]));
+}
+
+// Two seeds: good parts, rejected, bad parts, missed, ms.
+WholeRecipe whole(const std::string& name, double ms, int rejected, int missed, int missed_by_other_seed) {
+    return {name, {{16, rejected, 48, missed, ms}, {16, 0, 48, missed_by_other_seed, ms}}};
+}
+
+TEST(WholeTrade, advises_the_fastest_recipe_that_is_among_the_best_in_every_seed) {
+    const auto best = whole("best", 10, 0, 5, 5), near = whole("near", 4, 1, 6, 6),
+               misses = whole("misses in one seed", 1, 0, 5, 7), rejects = whole("rejects", 2, 2, 5, 5);
+    EXPECT_EQ(advised({best, near, misses, rejects})->name, "near");
+    EXPECT_EQ(advised({best, misses, rejects})->name, "best");
+    // Each is beaten by more than one part in one of the seeds.
+    EXPECT_EQ(advised({whole("a", 1, 0, 5, 9), whole("b", 1, 0, 9, 5)}), nullptr);
+}
+
+TEST(WholeTrade, finds_large_defects_passes_good_parts_and_does_not_depend_on_threads) {
+    const std::function<void(double)> unheard = [](double) {};
+    std::vector<Json> found;
+    for (const int threads : {1, 2}) {
+        auto all = judge_whole_parts({45, 7}, {8, 1, 1}, threads, {}, unheard);
+        ASSERT_TRUE(all) << all.error().message();
+        ASSERT_EQ(all->size(), 8U);
+        for (auto& [name, recipe] : all->items()) {
+            EXPECT_EQ(recipe["good"], 8) << name;
+            EXPECT_EQ(recipe["ms"].size(), 8U + 16U) << name;
+            recipe.erase("ms");
+        }
+        found.push_back(std::move(*all));
+    }
+    EXPECT_EQ(found[0], found[1]);
+    const Json& emd = found[0]["emd, jacobian-frobenius, transmission"];
+    const Json& largest = emd["bubble"].back();  // [size, missed, tried]: half a lenslet wide, it takes its light
+    EXPECT_EQ(largest[1], 0) << emd.dump();
+    EXPECT_EQ(largest[2], 1);
+    EXPECT_EQ(emd["scratch"].front()[1], 1) << emd.dump();  // of a hundredth of a lenslet
 }
 
 std::string text_of(const std::string& file) {

@@ -1,0 +1,33 @@
+#!/bin/bash
+# Counts the arm64 instructions of a verdict: count_instructions.sh DIR, where DIR is that of `hord-lab experiment
+# tradeoff` (its full form). Writes DIR/arm64/instructions.csv, which the next run of the experiment reports. Needs
+# g++-aarch64-linux-gnu and qemu-user-static.
+#
+# qemu translates one instruction at a time (-singlestep) and logs each one that runs (-d exec,nochain). A verdict's
+# number is that of a run with two verdicts less that of a run with one, so the start of the program is not in it.
+set -euo pipefail
+folder=$(readlink -f "$1")/arm64
+cd "$(dirname "$(readlink -f "$0")")/../../.."
+program=$folder/inspect_frames
+sources=()
+for room in algo/emd algo/features algo/frame algo/inspection algo/light algo/maps algo/recipe algo/reference algo/simd algo/soa algo/verdict; do
+    for file in "$room"/*.cpp; do [ -e "$file" ] && sources+=("$file"); done
+done
+objects=$folder/objects
+mkdir -p "$objects"
+printf '%s\n' lab/tradeoff/arm64/inspect_frames.cpp "${sources[@]}" | xargs -P 2 -I{} sh -c \
+    'aarch64-linux-gnu-g++ -std=c++20 -O2 -ffp-contract=off -Wno-psabi -I. -Ilab/tradeoff/arm64 -c "$1" -o "$2/$(echo "$1" | tr / _).o"' sh {} "$objects"
+aarch64-linux-gnu-g++ -static -pthread "$objects"/*.o -o "$program"
+
+instructions() {  # FRAME LINE TIMES
+    qemu-aarch64-static -singlestep -d exec,nochain "$program" "$folder/$1.raw" 111 "$folder/recipes.txt" "$2" "$3" 2>&1 >/dev/null | grep -c '^Trace'
+}
+line=0
+while read -r _ _ _ _ _ _ _ name; do
+    for frame in good bad; do
+        one=$(instructions $frame $line 1) two=$(instructions $frame $line 2)
+        echo "$frame;$((two - one));$name"
+    done
+    line=$((line + 1))
+done <"$folder/recipes.txt" >"$folder/instructions.csv"
+cat "$folder/instructions.csv"
