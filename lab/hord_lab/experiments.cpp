@@ -8,6 +8,7 @@
 #include "lab/reference/reference.h"
 #include "lab/stability/stability.h"
 #include "lab/tradeoff/tradeoff.h"
+#include "lab/tradeoff/tradeoff_whole.h"
 
 namespace hord::lab {
 
@@ -15,8 +16,10 @@ std::span<const Experiment> experiments() {
     static constexpr Experiment kExperiments[] = {
         {"paper", "The paper's figure: which of its claims hold, and for which light and bubbles",
          "about one minute on two cores", run_paper},
-        {"tradeoff", "Speed against accuracy: every feature over light, bins, slopes, strides and frames",
-         "about six minutes on two cores", run_tradeoff},
+        {"tradeoff", "Speed against accuracy: every feature over light, bins, slopes, strides and frames; and cells",
+         "about fifteen minutes on two cores (estimated from its parts)", run_tradeoff},
+        {"whole", "Whole parts through the station's pipeline: false rejects, misses and time of each recipe",
+         "about fifteen minutes on one core", run_whole},
         {"detection",
          "Judging against a reference: false rejects, bubbles, kinds, slopes, contrast and time on simulated "
          "production",

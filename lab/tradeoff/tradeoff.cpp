@@ -49,24 +49,9 @@ std::vector<TradeoffPoint> timed_points(bool quick) {
     return all;
 }
 
-// Fewer of the largest parts, which take most time.
-WholeEffort effort_of(const WholePoint& point) {
-    if (point.lenslets < 111) return {8, 1, 1};
-    return point.lenslets > 222 ? WholeEffort{8, 1, 2} : WholeEffort{8, 2, 3};
-}
-
 bool same_parts(TradeoffPoint a, const TradeoffPoint& b) {
     a.photons = b.photons, a.frames = b.frames;
     return a == b;
-}
-
-std::vector<WholePoint> whole_points(bool quick, std::uint64_t seed) {
-    if (quick) return {{55, seed}};
-    std::vector<WholePoint> points;
-    for (const int lenslets : {111, 222, 555}) {
-        for (std::uint64_t k = 0; k < kTradeoffSeeds; ++k) points.push_back({lenslets, seed + k});
-    }
-    return points;
 }
 
 }  // namespace
@@ -98,37 +83,10 @@ Result<ExperimentReport> run_tradeoff(const ExperimentOptions& options) {
     results.defects_of_a_family = 4 * results.counts.bad_of_a_family * scoring.bad_exposures;
 
     const auto scored = points(options.quick), timed = timed_points(options.quick);
-    const auto wholes = whole_points(options.quick, options.seed);
     const auto cell_axes = cell_points(options.quick);
     const int seeds = options.quick ? 1 : kTradeoffSeeds;
-    constexpr double kWholeSteps = 4;  // of the progress
-    const double total = static_cast<double>(scored.size() + timed.size() + cell_axes.size()) +
-        kWholeSteps * static_cast<double>(wholes.size());
+    const auto total = static_cast<double>(scored.size() + timed.size() + cell_axes.size());
     double done = 0;
-    for (const WholePoint& point : wholes) {
-        const auto note = [&](double part) { options.progress((done + kWholeSteps * part) / total, point.key()); };
-        auto cell = cells->value(point.key(), [&] {
-            const bool is_counted = point.lenslets == kCountedLenslets && point.seed == options.seed;
-            return judge_whole_parts(point, effort_of(point), options.threads,
-                                     is_counted ? options.out / "arm64" : std::filesystem::path(), note);
-        });
-        if (!cell) return tl::unexpected(cell.error());
-        results.wholes.push_back({point, std::move(*cell)});
-        done += kWholeSteps;
-    }
-    for (const CellPoint& point : cell_axes) {
-        TriedCell tried{point, {}};
-        for (int k = 0; k < seeds; ++k) {
-            options.progress((done + static_cast<double>(k) / seeds) / total, point.axis + ": " + point.label);
-            const std::uint64_t seed = options.seed + static_cast<std::uint64_t>(k);
-            auto cell = cells->value(fmt::format("cell {}, {}, seed {}", point.axis, point.label, seed),
-                                     [&] { return try_cell_point(point, seed, options.quick, options.threads); });
-            if (!cell) return tl::unexpected(cell.error());
-            tried.found.push_back(std::move(*cell));
-        }
-        results.cells.push_back(std::move(tried));
-        done += 1;
-    }
     std::optional<TradeoffParts> parts;
     std::optional<TradeoffPoint> parts_of;
     for (const TradeoffPoint& point : scored) {
@@ -154,6 +112,19 @@ Result<ExperimentReport> run_tradeoff(const ExperimentOptions& options) {
                                  [&] { return time_features(point, options.seed, options.threads, options.quick); });
         if (!cell) return tl::unexpected(cell.error());
         results.times.push_back({point, std::move(*cell)});
+        done += 1;
+    }
+    for (const CellPoint& point : cell_axes) {
+        TriedCell tried{point, {}};
+        for (int k = 0; k < seeds; ++k) {
+            options.progress((done + static_cast<double>(k) / seeds) / total, point.axis + ": " + point.label);
+            const std::uint64_t seed = options.seed + static_cast<std::uint64_t>(k);
+            auto cell = cells->value(fmt::format("cell {}, {}, seed {}", point.axis, point.label, seed),
+                                     [&] { return try_cell_point(point, seed, options.quick, options.threads); });
+            if (!cell) return tl::unexpected(cell.error());
+            tried.found.push_back(std::move(*cell));
+        }
+        results.cells.push_back(std::move(tried));
         done += 1;
     }
     auto approximations =

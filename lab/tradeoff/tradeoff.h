@@ -5,12 +5,10 @@
 #include "lab/experiment/result_cache.h"
 #include "lab/tradeoff/tradeoff_cells.h"
 #include "lab/tradeoff/tradeoff_parts.h"
-#include "lab/tradeoff/tradeoff_whole.h"
 
 namespace hord::lab {
 
-constexpr int kTradeoffSeeds = 3;      // of whole parts and cells: the given one and the next ones
-constexpr int kCountedLenslets = 111;  // of the frames whose instructions are counted (count_instructions.sh)
+constexpr int kTradeoffSeeds = 3;  // of whole parts and cells: the given one and the next ones
 
 Result<ExperimentReport> run_tradeoff(const ExperimentOptions& options);
 
@@ -20,12 +18,7 @@ struct TradeoffResults {
         TradeoffPoint point;
         Json values;
     };
-    struct WholeCell {
-        WholePoint point;
-        Json values;
-    };
     std::vector<Cell> scores, times;
-    std::vector<WholeCell> wholes;
     std::vector<TriedCell> cells;
     Json approximations;
     PartCounts counts;

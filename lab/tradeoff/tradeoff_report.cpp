@@ -12,7 +12,6 @@
 #include "lab/tradeoff/tradeoff.h"
 #include "lab/tradeoff/tradeoff_plots.h"
 #include "lab/tradeoff/tradeoff_rating.h"
-#include "lab/tradeoff/tradeoff_whole_report.h"
 
 namespace hord::lab {
 namespace {
@@ -334,7 +333,6 @@ Result<ExperimentReport> report_tradeoff(const TradeoffResults& results, const E
     if (!drawn) return tl::unexpected(drawn.error());
     report.files.insert(report.files.end(), drawn->begin(), drawn->end());
 
-    add_wholes(fields, results, options.out / "arm64" / "instructions.csv");
     fields["cells"] = describe_cells(results.cells);
     fields["cell_seeds"] = std::to_string(results.cells.front().found.size());
     fields["many_seeds"] = results.cells.front().found.size() > 1 ? "yes" : "";

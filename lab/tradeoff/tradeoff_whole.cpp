@@ -13,14 +13,23 @@
 #include "lab/experiment/scenes.h"
 #include "lab/report/cpu_time.h"
 #include "lab/report/statistics.h"
+#include "lab/report/template.h"
+#include "lab/tradeoff/tradeoff_whole_report.h"
 
 namespace hord::lab {
 namespace {
 
 constexpr CellChoice kCell{9, 0.015, 1, 0.61, 1};
+constexpr std::uint64_t kWholeSeeds = 3;
 constexpr double kFalseRejects = 1e-3, kMargin = 1.05;  // as lab/design/whole_parts.cpp
 constexpr std::uint64_t kOtherSeed = 1000;
 enum Draw : std::uint64_t { kLimits = 0x3A1, kGood = 0x3A2, kBad = 0x3A3 };
+
+// Fewer of the largest parts, which take most time.
+WholeEffort effort_of(const WholePoint& point) {
+    if (point.lenslets < kCountedLenslets) return {8, 8, 1, 1};
+    return point.lenslets > 222 ? WholeEffort{8, 2, 2, 1} : WholeEffort{8, 8, 2, 3};
+}
 
 struct NamedRecipe {
     std::string name;
@@ -41,7 +50,7 @@ class WholeTrade {
         task_.camera.pixels = std::pow(point.lenslets * kCell.bins, 2);
         task_.seed = point.seed;
         task_.threads = threads;
-        steps_ = 2.0 * effort.poses + static_cast<double>(kWholeLadders.size() * 4) * effort.places;
+        steps_ = effort.poses + effort.judged_poses + static_cast<double>(kWholeLadders.size() * 4) * effort.places;
     }
 
     Result<Json> run(const std::filesystem::path& frames) {
@@ -156,7 +165,7 @@ class WholeTrade {
     Result<void> judge_parts() {
         const auto bad = bad_parts();
         if (!bad) return tl::unexpected(bad.error());
-        for (int k = 0; k < effort_.poses; ++k, step()) {
+        for (int k = 0; k < effort_.judged_poses; ++k, step()) {
             const sim::Scene scene = good(task_.seed + kOtherSeed, k);
             const auto field = sim::render(scene, {task_.threads, {}});
             if (!field) return tl::unexpected(field.error());
@@ -172,7 +181,7 @@ class WholeTrade {
                 if (!good_frame_) good_frame_ = frame;
             }
             for (const BadPart& part : *bad) {
-                if (part.number % effort_.poses != k) continue;
+                if (part.number % effort_.judged_poses != k) continue;
                 if (auto done = judge_bad(part, scene, *field); !done) return done;
                 step();
             }
@@ -210,7 +219,7 @@ class WholeTrade {
         return {};
     }
 
-    // NAME.raw: 16-bit samples, row by row. recipes.txt: one a line, see lab/tradeoff/arm64/inspect_frames.cpp.
+    // NAME.raw: 16-bit samples, row by row. recipes.txt: one a line, see tests/bench/arm64/inspect_frames.cpp.
     Result<void> write_frames(const std::filesystem::path& folder, const std::vector<NamedRecipe>& recipes) {
         std::error_code error;
         std::filesystem::create_directories(folder, error);
@@ -245,6 +254,40 @@ class WholeTrade {
 };
 
 }  // namespace
+
+Result<ExperimentReport> run_whole(const ExperimentOptions& options) {
+    auto cells =
+        ResultCache::open(options.out / "cells.jsonl",
+                          {{"experiment", "whole"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 1}});
+    if (!cells) return tl::unexpected(cells.error());
+    std::vector<WholePoint> points;
+    if (options.quick) points = {{55, options.seed}};
+    else {
+        for (const int lenslets : {111, 222, 555}) {
+            for (std::uint64_t k = 0; k < kWholeSeeds; ++k) points.push_back({lenslets, options.seed + k});
+        }
+    }
+    std::vector<JudgedWhole> judged;
+    for (const WholePoint& point : points) {
+        const std::function<void(double)> note = [&](double part) {
+            options.progress((static_cast<double>(judged.size()) + part) / static_cast<double>(points.size()),
+                             point.key());
+        };
+        auto cell = cells->value(point.key(), [&] {
+            const bool is_counted = point.lenslets == kCountedLenslets && point.seed == options.seed;
+            return judge_whole_parts(point, effort_of(point), options.threads,
+                                     is_counted ? options.out / "arm64" : std::filesystem::path(), note);
+        });
+        if (!cell) return tl::unexpected(cell.error());
+        judged.push_back({point, std::move(*cell)});
+    }
+    ExperimentReport report;
+    TemplateFields fields{{"quick", options.quick ? "yes" : ""}, {"seed", std::to_string(options.seed)}};
+    add_wholes(fields, judged, options.out / "arm64" / "instructions.csv");
+    report.text = fill_report("whole", fields);
+    options.progress(1, "");
+    return report;
+}
 
 std::string WholePoint::key() const { return fmt::format("whole {} lenslets, seed {}", lenslets, seed); }
 

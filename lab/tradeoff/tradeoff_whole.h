@@ -1,4 +1,5 @@
-// The trade on whole parts: good ones that are rejected, bad ones that pass, and the time of a verdict, by recipe.
+// `hord-lab experiment whole`, the trade on whole parts: good ones that are rejected, bad ones that pass, and the time
+// of a verdict, by recipe.
 //
 // Frames of whole lenses go through algo::Pipeline as the station runs it. A bad part is a good one with a rendered
 // window about its defect in place (lab/design/whole_parts.h). Limits come from good parts of the seed, as `hord-lab
@@ -13,6 +14,7 @@
 #include <vector>
 
 #include "lab/design/wanted_defect.h"
+#include "lab/experiment/experiment.h"
 #include "lab/experiment/result_cache.h"
 
 namespace hord::lab {
@@ -33,9 +35,10 @@ inline constexpr std::array<WholeLadder, 4> kWholeLadders{{{WantedKind::bubble, 
                                                            {WantedKind::inclusion, {0.02, 0.04, 0.08, 0.16}}}};
 
 struct WholeEffort {
-    int poses = 8;      // rendered good parts for the limits, and as many for the verdicts: kMinParts of a reference
-    int exposures = 2;  // of each
-    int places = 3;     // bad parts of a kind and size
+    int poses = 8;         // rendered good parts for the limits: kMinParts of a reference
+    int judged_poses = 8;  // of the good and the bad parts that are judged
+    int exposures = 2;     // of each good part
+    int places = 3;        // bad parts of a kind and size
 };
 
 // By recipe's name: {"good", "rejected": good parts, "ms": processor time of each verdict on one thread, and by kind
@@ -43,5 +46,14 @@ struct WholeEffort {
 // the first good and the last bad frame, and the recipes; empty: none.
 Result<Json> judge_whole_parts(const WholePoint& point, const WholeEffort& effort, int threads,
                                const std::filesystem::path& frames, const std::function<void(double)>& progress);
+
+struct JudgedWhole {
+    WholePoint point;
+    Json values;
+};
+constexpr int kCountedLenslets = 111;  // of the frames whose instructions are counted (count_instructions.sh)
+
+// 111, 222 and 555 lenslets, three seeds each: the given one and the next two.
+Result<ExperimentReport> run_whole(const ExperimentOptions& options);
 
 }  // namespace hord::lab

@@ -63,9 +63,9 @@ struct Pooled {
     [[nodiscard]] double mean_ms() const { return sum_of(ms) / static_cast<double>(ms.size()); }
 };
 
-std::map<int, std::vector<Pooled>> pool(const TradeoffResults& results) {
+std::map<int, std::vector<Pooled>> pool(const std::vector<JudgedWhole>& judged) {
     std::map<int, std::vector<Pooled>> by_lenslets;
-    for (const auto& cell : results.wholes) {
+    for (const JudgedWhole& cell : judged) {
         auto& recipes = by_lenslets[cell.point.lenslets];
         for (const auto& [name, found] : cell.values.items()) {
             auto at = std::ranges::find(recipes, name, [](const Pooled& p) { return p.recipe.name; });
@@ -166,9 +166,10 @@ const WholeRecipe* advised(const std::vector<WholeRecipe>& recipes) {
     return best;
 }
 
-void add_wholes(TemplateFields& fields, const TradeoffResults& results, const std::filesystem::path& instructions) {
+void add_wholes(TemplateFields& fields, const std::vector<JudgedWhole>& judged,
+                const std::filesystem::path& instructions) {
     std::string advice, tables;
-    for (const auto& [lenslets, pooled] : pool(results)) {
+    for (const auto& [lenslets, pooled] : pool(judged)) {
         std::vector<WholeRecipe> recipes;
         for (const Pooled& p : pooled) recipes.push_back(p.recipe);
         const WholeRecipe* best = advised(recipes);
@@ -189,7 +190,7 @@ void add_wholes(TemplateFields& fields, const TradeoffResults& results, const st
         ladders += fmt::format("{}{} {}", ladders.empty() ? "" : "; ", WantedDefect{ladder.kind, 0}.name(),
                                fmt::join(ladder.sizes_mm, ", "));
     std::vector<std::uint64_t> seeds;
-    for (const auto& cell : results.wholes) {
+    for (const JudgedWhole& cell : judged) {
         if (std::ranges::find(seeds, cell.point.seed) == seeds.end()) seeds.push_back(cell.point.seed);
     }
     fields["poses"] = std::to_string(WholeEffort{}.poses);

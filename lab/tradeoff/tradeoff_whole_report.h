@@ -5,13 +5,14 @@
 #include <string>
 
 #include "lab/report/template.h"
-#include "lab/tradeoff/tradeoff.h"
+#include "lab/tradeoff/tradeoff_whole.h"
 
 namespace hord::lab {
 
-// The fields whole_advice, whole_tables and arm64 of docs/results/templates/tradeoff.md. `instructions`: the file of
+// The fields whole_advice, whole_tables and arm64 of docs/results/templates/whole.md. `instructions`: the file of
 // count_instructions.sh; without it arm64 is empty.
-void add_wholes(TemplateFields& fields, const TradeoffResults& results, const std::filesystem::path& instructions);
+void add_wholes(TemplateFields& fields, const std::vector<JudgedWhole>& judged,
+                const std::filesystem::path& instructions);
 
 // Of one recipe at one number of lenslets: what each seed found.
 struct WholeSeed {

@@ -137,7 +137,7 @@ TEST(WholeTrade, finds_large_defects_passes_good_parts_and_does_not_depend_on_th
     const std::function<void(double)> unheard = [](double) {};
     std::vector<Json> found;
     for (const int threads : {1, 2}) {
-        auto all = judge_whole_parts({45, 7}, {8, 1, 1}, threads, {}, unheard);
+        auto all = judge_whole_parts({45, 7}, {8, 8, 1, 1}, threads, {}, unheard);
         ASSERT_TRUE(all) << all.error().message();
         ASSERT_EQ(all->size(), 8U);
         for (auto& [name, recipe] : all->items()) {

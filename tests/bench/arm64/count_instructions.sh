@@ -1,6 +1,6 @@
 #!/bin/bash
 # Counts the arm64 instructions of a verdict: count_instructions.sh DIR, where DIR is that of `hord-lab experiment
-# tradeoff` (its full form). Writes DIR/arm64/instructions.csv, which the next run of the experiment reports. Needs
+# whole` (its full form). Writes DIR/arm64/instructions.csv, which the next run of the experiment reports. Needs
 # g++-aarch64-linux-gnu and qemu-user-static.
 #
 # qemu translates one instruction at a time (-singlestep) and logs each one that runs (-d exec,nochain). A verdict's
@@ -15,8 +15,14 @@ for room in algo/emd algo/features algo/frame algo/inspection algo/light algo/ma
 done
 objects=$folder/objects
 mkdir -p "$objects"
-printf '%s\n' lab/tradeoff/arm64/inspect_frames.cpp "${sources[@]}" | xargs -P 2 -I{} sh -c \
-    'aarch64-linux-gnu-g++ -std=c++20 -O2 -ffp-contract=off -Wno-psabi -I. -Ilab/tradeoff/arm64 -c "$1" -o "$2/$(echo "$1" | tr / _).o"' sh {} "$objects"
+compile() {  # SOURCE, if it is newer than its object
+    local object=$objects/${1//\//_}.o
+    [ "$object" -nt "$1" ] ||
+        aarch64-linux-gnu-g++ -std=c++20 -O2 -ffp-contract=off -Wno-psabi -I. -Itests/bench/arm64 -c "$1" -o "$object"
+}
+export -f compile
+export objects
+printf '%s\n' tests/bench/arm64/inspect_frames.cpp "${sources[@]}" | xargs -P "${JOBS:-2}" -I{} bash -c 'compile {}'
 aarch64-linux-gnu-g++ -static -pthread "$objects"/*.o -o "$program"
 
 instructions() {  # FRAME LINE TIMES
