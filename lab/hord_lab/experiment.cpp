@@ -9,6 +9,7 @@
 #include "lab/hord_lab/commands.h"
 #include "lab/hord_lab/experiments.h"
 #include "lab/reference/reference.h"
+#include "lab/tradeoff/tradeoff_whole.h"
 
 namespace hord::lab {
 namespace {
@@ -31,6 +32,7 @@ Exit run_experiment(const Experiment& experiment, const ExperimentArguments& arg
     auto progress = std::make_unique<Progress>(std::string(experiment.name));
     const auto run = !arguments.finished  ? experiment.run
         : experiment.run == run_guarantee ? report_finished_guarantee
+        : experiment.run == run_whole     ? report_finished_whole
                                           : report_finished_detection;
     const auto report =
         run({arguments.out, arguments.frames, arguments.quick, arguments.seed, arguments.tuned_limits,
@@ -61,7 +63,7 @@ void add_experiment(CLI::App& program, Exit& status) {
             ->capture_default_str();
         one->add_option("--threads", arguments->threads, "Threads (0: one a core); results do not depend on it")
             ->check(CLI::Range(0, 64));
-        if (experiment.run == run_detection || experiment.run == run_guarantee)
+        if (experiment.run == run_detection || experiment.run == run_guarantee || experiment.run == run_whole)
             one->add_flag("--finished", arguments->finished,
                           "Report what an interrupted run has finished; compute nothing");
         if (experiment.run == run_detection) {

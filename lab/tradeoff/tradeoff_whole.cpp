@@ -255,7 +255,9 @@ class WholeTrade {
 
 }  // namespace
 
-Result<ExperimentReport> run_whole(const ExperimentOptions& options) {
+namespace {
+
+Result<ExperimentReport> whole_trade(const ExperimentOptions& options, bool finished_only) {
     auto cells =
         ResultCache::open(options.out / "cells.jsonl",
                           {{"experiment", "whole"}, {"quick", options.quick}, {"seed", options.seed}, {"form", 1}});
@@ -268,7 +270,12 @@ Result<ExperimentReport> run_whole(const ExperimentOptions& options) {
         }
     }
     std::vector<JudgedWhole> judged;
+    std::string missing;
     for (const WholePoint& point : points) {
+        if (finished_only && cells->find(point.key()) == nullptr) {
+            missing += (missing.empty() ? "" : "; ") + point.key();
+            continue;
+        }
         const std::function<void(double)> note = [&](double part) {
             options.progress((static_cast<double>(judged.size()) + part) / static_cast<double>(points.size()),
                              point.key());
@@ -282,12 +289,18 @@ Result<ExperimentReport> run_whole(const ExperimentOptions& options) {
         judged.push_back({point, std::move(*cell)});
     }
     ExperimentReport report;
-    TemplateFields fields{{"quick", options.quick ? "yes" : ""}, {"seed", std::to_string(options.seed)}};
+    TemplateFields fields{
+        {"quick", options.quick ? "yes" : ""}, {"seed", std::to_string(options.seed)}, {"missing", missing}};
     add_wholes(fields, judged, options.out / "arm64" / "instructions.csv");
     report.text = fill_report("whole", fields);
     options.progress(1, "");
     return report;
 }
+
+}  // namespace
+
+Result<ExperimentReport> run_whole(const ExperimentOptions& options) { return whole_trade(options, false); }
+Result<ExperimentReport> report_finished_whole(const ExperimentOptions& options) { return whole_trade(options, true); }
 
 std::string WholePoint::key() const { return fmt::format("whole {} lenslets, seed {}", lenslets, seed); }
 

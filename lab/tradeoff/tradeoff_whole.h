@@ -55,5 +55,7 @@ constexpr int kCountedLenslets = 111;  // of the frames whose instructions are c
 
 // 111, 222 and 555 lenslets, three seeds each: the given one and the next two.
 Result<ExperimentReport> run_whole(const ExperimentOptions& options);
+// The same of what an interrupted run has finished.
+Result<ExperimentReport> report_finished_whole(const ExperimentOptions& options);
 
 }  // namespace hord::lab

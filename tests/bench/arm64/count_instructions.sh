@@ -3,8 +3,9 @@
 # whole` (its full form). Writes DIR/arm64/instructions.csv, which the next run of the experiment reports. Needs
 # g++-aarch64-linux-gnu and qemu-user-static.
 #
-# qemu translates one instruction at a time (-singlestep) and logs each one that runs (-d exec,nochain). A verdict's
-# number is that of a run with two verdicts less that of a run with one, so the start of the program is not in it.
+# qemu lists the instructions of each block that it translates (-d in_asm) and logs each block that runs (-d exec,nochain):
+# the sum of their instructions is counted. A verdict's number is that of a run with two verdicts less that of a run with
+# one, so the start of the program is not in it.
 set -euo pipefail
 folder=$(readlink -f "$1")/arm64
 cd "$(dirname "$(readlink -f "$0")")/../../.."
@@ -26,7 +27,11 @@ printf '%s\n' tests/bench/arm64/inspect_frames.cpp "${sources[@]}" | xargs -P "$
 aarch64-linux-gnu-g++ -static -pthread "$objects"/*.o -o "$program"
 
 instructions() {  # FRAME LINE TIMES
-    qemu-aarch64-static -singlestep -d exec,nochain "$program" "$folder/$1.raw" 111 "$folder/recipes.txt" "$2" "$3" 2>&1 >/dev/null | grep -c '^Trace'
+    qemu-aarch64-static -d in_asm,exec,nochain "$program" "$folder/$1.raw" 111 "$folder/recipes.txt" "$2" "$3" 2>&1 >/dev/null | awk '
+        /^Trace/ { split($4, at, "/"); pc = at[2]; sub(/^0+/, "", pc); total += size[pc]; next }
+        /^IN:/ { first = 1; next }
+        /^0x/ { if (first) { block = $1; gsub(/^0x0*|:$/, "", block); size[block] = 0; first = 0 } size[block]++ }
+        END { printf "%d\n", total }'
 }
 line=0
 while read -r _ _ _ _ _ _ _ name; do
