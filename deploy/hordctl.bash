@@ -10,7 +10,7 @@ _hordctl() {
     local help words
     help=$("${COMP_WORDS[0]}" "${command[@]}" --help 2>/dev/null)
     if [[ $current == -* ]]; then
-        words=$(grep -oE '(^|[ ,])--?[a-z][a-z0-9-]*' <<<"$help" | tr -d ' ,')
+        words=$(grep -oE '(^|[ ,])--?[a-z][a-z0-9-]*' <<<"$help" | tr -d ' ,' | sort -u)
     elif [[ $before == --* ]]; then  # the values of an option that has a few
         words=$(sed -n "s/^  \(-[a-z],\)\{0,1\}$before [A-Z]*:{\([a-z0-9_,-]*\)}.*/\2/p" <<<"$help" | tr , ' ')
     else  # a command's own commands, or what it can be given first
