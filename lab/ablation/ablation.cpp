@@ -22,6 +22,7 @@ namespace {
 
 constexpr double kMatters = 0.1;  // relative change of a contrast, or change of a clean part's score
 constexpr double kPlain = 10;     // contrasts are limited to this value: the defect is obvious
+constexpr double kLargest = 999;  // of a contrast: a flat part without noise has no texture at all
 constexpr const char* kNothing = "nothing";
 constexpr std::array<const char*, 3> kFeatures = {"EMD", "Frobenius", "transmission"};
 
@@ -142,8 +143,8 @@ Result<Json> measure(const Lights& lights, const sim::Scene& scene, const TruthD
     }
     const auto contrast = [&](std::span<const float> clean_signal, std::span<const std::uint8_t> clean_mask,
                               std::span<const float> signal, std::span<const std::uint8_t> mask, double floor) {
-        return contrast_of(signal, mask, scene.camera.extents, where, interior_of(clean_signal, clean_mask), floor)
-            .ratio;
+        const Interior clean_part = interior_of(clean_signal, clean_mask);
+        return std::min(contrast_of(signal, mask, scene.camera.extents, where, clean_part, floor).ratio, kLargest);
     };
     Json found{{"contrast",
                 {contrast(clean->maps.emd, clean->maps.mask, defect->maps.emd, defect->maps.mask, 0),

@@ -94,7 +94,7 @@ Result<void> write_pictures(const std::filesystem::path& out, const Figure& figu
             report.files.push_back(out / (name + ".tiff"));
             if (static_cast<std::size_t>(view) < kViewsOfFigure) row.pictures.push_back(picture);
             if (seen.truth.defects.empty() || view == View::frobenius_even) continue;
-            const TruthDefect& defect = seen.truth.defects[0];
+            const TruthDefect& defect = seen.truth.defects.back();
             const int side = std::min(static_cast<int>(4 * defect.radius_lenslets) | 1, seen.scene.camera.extents.m);
             close.pictures.push_back(close_picture_of(seen, view, std::string(name_of(view)), high(view), defect.m,
                                                       defect.n, std::max(side, 21)));

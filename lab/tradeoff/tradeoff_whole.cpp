@@ -20,7 +20,6 @@ namespace hord::lab {
 namespace {
 
 constexpr CellChoice kCell{9, 0.015, 1, 0.61, 1};
-constexpr std::uint64_t kWholeSeeds = 3;
 constexpr double kFalseRejects = 1e-3, kMargin = 1.05;  // as lab/design/whole_parts.cpp
 constexpr std::uint64_t kOtherSeed = 1000;
 enum Draw : std::uint64_t { kLimits = 0x3A1, kGood = 0x3A2, kBad = 0x3A3 };

@@ -51,9 +51,10 @@ struct JudgedWhole {
     WholePoint point;
     Json values;
 };
-constexpr int kCountedLenslets = 111;  // of the frames whose instructions are counted (count_instructions.sh)
+constexpr std::uint64_t kWholeSeeds = 3;  // the given one and the next ones
+constexpr int kCountedLenslets = 111;     // of the frames whose instructions are counted (count_instructions.sh)
 
-// 111, 222 and 555 lenslets, three seeds each: the given one and the next two.
+// 111, 222 and 555 lenslets, kWholeSeeds each; the quick form 55 lenslets and one seed.
 Result<ExperimentReport> run_whole(const ExperimentOptions& options);
 // The same of what an interrupted run has finished.
 Result<ExperimentReport> report_finished_whole(const ExperimentOptions& options);

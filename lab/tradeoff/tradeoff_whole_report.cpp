@@ -99,10 +99,13 @@ Table table_of(const std::vector<Pooled>& recipes) {
         for (const WholeLadder& ladder : kWholeLadders) {
             const Pooled::Kind& kind = p.kinds.at(std::string(WantedDefect{ladder.kind, 0}.name()));
             const auto a90 = pod_curve(kind.trials).a90;
-            const double largest = ladder.sizes_mm.back();
-            row.push_back(
-                fmt::format("{}; {}", by_seed(std::accumulate(kind.missed.begin(), kind.missed.end(), 0), kind.missed),
-                            a90 && *a90 <= largest ? fmt::format("{:.2g}", *a90) : fmt::format("> {:g}", largest)));
+            const double smallest = ladder.sizes_mm.front(), largest = ladder.sizes_mm.back();
+            const bool all_found = std::ranges::all_of(kind.trials, &DetectionTrial::found);
+            const std::string size = all_found ? fmt::format("<= {:g}", smallest)
+                : a90 && *a90 <= largest       ? fmt::format("{:.2g}", *a90)
+                                               : fmt::format("> {:g}", largest);
+            row.push_back(fmt::format(
+                "{}; {}", by_seed(std::accumulate(kind.missed.begin(), kind.missed.end(), 0), kind.missed), size));
         }
         row.push_back(fmt::format("{:.0f}", 60e3 / p.mean_ms()));
         row.push_back(fmt::format("{:.2f}", p.mean_ms()));
@@ -137,8 +140,9 @@ std::string arm64_text(const std::filesystem::path& file) {
             const double more = std::pow(static_cast<double>(lenslets) / kCountedLenslets, 2);
             return 1e3 * more * most / a_cycle / kArmHertz;
         };
+        const auto text = [](double v) { return v < 9.95 ? fmt::format("{:.1f}", v) : fmt::format("{:.0f}", v); };
         for (const int lenslets : kSizes)
-            row.push_back(fmt::format("{:.2g} to {:.2g}", ms(lenslets, kMostACycle), ms(lenslets, kFewestACycle)));
+            row.push_back(text(ms(lenslets, kMostACycle)) + " to " + text(ms(lenslets, kFewestACycle)));
         row.push_back(fmt::format("{:.0f} to {:.0f}", 60e3 / ms(555, kFewestACycle), 60e3 / ms(555, kMostACycle)));
         table.rows.push_back(std::move(row));
     }
@@ -173,7 +177,10 @@ void add_wholes(TemplateFields& fields, const std::vector<JudgedWhole>& judged,
         std::vector<WholeRecipe> recipes;
         for (const Pooled& p : pooled) recipes.push_back(p.recipe);
         const WholeRecipe* best = advised(recipes);
-        if (best == nullptr) {
+        if (const std::size_t seeds = recipes.front().seeds.size(); seeds < kWholeSeeds) {
+            advice += fmt::format("- **{0}x{0} lenslets: no advice yet**: {1} of {2} seeds were judged.\n", lenslets,
+                                  seeds, kWholeSeeds);
+        } else if (best == nullptr) {
             advice += fmt::format("- **{0}x{0} lenslets: no advice.** No recipe is among the best in every seed.\n",
                                   lenslets);
         } else {
