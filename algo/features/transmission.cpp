@@ -1,5 +1,6 @@
 #include "algo/features/transmission.h"
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <utility>
@@ -42,8 +43,9 @@ std::pair<std::uint32_t, std::uint32_t> of_ranks(std::span<const std::uint32_t> 
 std::uint32_t typical_light(std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask, float limit,
                             std::span<std::uint32_t> scratch) {
     std::size_t count = 0;
-    for (std::size_t k = 0; k < sums.size(); ++k) {
-        if ((mask[k] & (kNoHord | kNotJudged)) == 0) scratch[count++] = sums[k];
+    for (std::size_t k = 0; k < sums.size(); ++k) {  // branch-free: every sum is stored, some stay
+        scratch[count] = sums[k];
+        count += (mask[k] & (kNoHord | kNotJudged)) == 0 ? 1 : 0;
     }
     if (count == 0) return 0;
     const auto judged = scratch.first(count);
@@ -53,9 +55,15 @@ std::uint32_t typical_light(std::span<const std::uint32_t> sums, std::span<const
 
 void transmissions(std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask, std::uint32_t typical,
                    std::span<float> out) {
+    if (typical == 0) {
+        std::ranges::fill(out.first(sums.size()), 0.0F);
+        return;
+    }
+    const auto of_typical = static_cast<float>(typical);
     for (std::size_t k = 0; k < sums.size(); ++k) {
-        const bool known = typical > 0 && (mask[k] & kSaturated) == 0;
-        out[k] = known ? static_cast<float>(sums[k]) / static_cast<float>(typical) : 0.0F;
+        // A sum is below 2^24; from signed numbers vectors convert faster.
+        const float share = static_cast<float>(static_cast<std::int32_t>(sums[k])) / of_typical;
+        out[k] = (mask[k] & kSaturated) == 0 ? share : 0.0F;
     }
 }
 

@@ -7,6 +7,7 @@
 #include <span>
 
 #include "algo/frame/extents.h"
+#include "algo/frame/lenslet_scan.h"
 
 namespace hord::algo {
 
@@ -38,40 +39,42 @@ constexpr std::size_t max_flood_runs(const Extents& e) {
     return static_cast<std::size_t>(e.n) * static_cast<std::size_t>((e.m + 1) / 2);
 }
 
-// The same lenslets as flood() with a reach of 1, in another order, run by run along the rows. open(index): the lenslet
-// belongs to them and is not marked yet. mark(index) marks it. `runs` has room for max_flood_runs().
+struct Flooded {
+    std::size_t lenslets = 0, runs = 0;
+};
+
+// The same lenslets as flood() with a reach of 1, in another order, run by run along the rows: `runs`, with room for
+// max_flood_runs(), begins with their runs. open(index): the lenslet belongs to them and is not marked yet. mark(index)
+// marks it.
 template <class Open, class Mark>
-std::size_t flood_by_runs(const Extents& e, std::uint32_t seed, Connected connected, std::span<std::uint32_t> queue,
-                          std::span<FloodRun> runs, Open&& open, Mark&& mark) {
+Flooded flood_by_runs(const Extents& e, std::uint32_t seed, Connected connected, std::span<FloodRun> runs, Open&& open,
+                      Mark&& mark) {
     const auto columns = static_cast<std::uint32_t>(e.m), lenslets = static_cast<std::uint32_t>(e.lenslets());
     const std::uint32_t reach = connected == Connected::at_corners_too ? 1 : 0;
-    std::size_t count = 0, found = 0;
-    // Marks the run around the open lenslet k; returns its last lenslet.
+    Flooded found;
+    // Marks the run around the open lenslet k.
     const auto add_run = [&](std::uint32_t k, std::uint32_t row) {
-        std::uint32_t first = k, last = k;
+        std::uint32_t first = k;
         while (first > row && open(first - 1)) --first;
-        while (last + 1 < row + columns && open(last + 1)) ++last;
-        for (std::uint32_t at = first; at <= last; ++at) {
-            mark(at);
-            queue[count++] = at;
-        }
-        runs[found++] = {row, first, last};
-        return last;
+        const std::size_t end = first_suiting(k + 1, row + columns, [&](std::size_t at) { return !open(at); });
+        for (std::size_t at = first; at < end; ++at) mark(at);
+        const auto last = static_cast<std::uint32_t>(end - 1);
+        runs[found.runs++] = {row, first, last};
+        found.lenslets += last - first + 1;
     };
     if (open(seed)) add_run(seed, seed / columns * columns);
-    for (std::size_t r = 0; r < found; ++r) {
+    for (std::size_t r = 0; r < found.runs; ++r) {
         const FloodRun run = runs[r];
         const auto look_in = [&](std::uint32_t row) {
             const std::uint32_t from = std::max(run.first - run.row, reach) - reach,
                                 to = std::min(run.last - run.row + reach, columns - 1);
-            for (std::uint32_t k = row + from; k <= row + to; ++k) {
-                if (open(k)) k = add_run(k, row);
-            }
+            for_each_suiting(row + from, row + to + 1, open,
+                             [&](std::size_t k) { add_run(static_cast<std::uint32_t>(k), row); });
         };
         if (run.row >= columns) look_in(run.row - columns);
         if (run.row + columns < lenslets) look_in(run.row + columns);
     }
-    return count;
+    return found;
 }
 
 }  // namespace hord::algo

@@ -49,7 +49,8 @@ void ExactGradients::start(const FrameView& frame, const LightLevels& levels, st
     out_of_time_ = false;
     work_left_ = limits.work + limits.work_a_lenslet * static_cast<std::int64_t>(extents_.lenslets());
     work_done_ = solved_ = 0;
-    for (std::size_t k = 0; k < is_bound_.size(); ++k) is_bound_[k] = (mask[k] & kNoGradient) == 0 ? 1 : 0;
+    std::ranges::transform(mask, is_bound_.begin(),
+                           [](std::uint8_t bits) -> std::uint8_t { return (bits & kNoGradient) == 0 ? 1 : 0; });
 }
 
 bool ExactGradients::may_go_on() {

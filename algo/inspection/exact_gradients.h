@@ -13,6 +13,7 @@
 #include "algo/emd/emd_solver.h"
 #include "algo/features/gradient.h"
 #include "algo/frame/decode.h"
+#include "algo/frame/lenslet_scan.h"
 #include "algo/inspection/pipeline.h"
 #include "algo/maps/row_thread_pool.h"
 
@@ -38,14 +39,15 @@ class ExactGradients {
     [[nodiscard]] float least_gradient(float severity) const { return severity * limit_bins_ * 0.999F; }
 
     // Solves all lenslets with a gradient of at least `least` and severity(k) >= level > 0, largest first. `severity`:
-    // computed from gradient[k], not decreasing with it. False if a budget ran out before.
+    // computed from gradient[k], not decreasing with it, and quick: it is asked of every lenslet. False if a budget ran
+    // out before.
     template <class Severity>
     bool solve_from(float level, float least, Severity&& severity) {
-        const auto wanted = [&](std::uint32_t k) {
-            return gradient_[k] >= least && is_bound_[k] != 0 && severity(k) >= level;
+        const auto wanted = [&, gradient = gradient_, bound = is_bound_.data()](std::size_t k) {
+            return (gradient[k] >= least) & (bound[k] != 0) & (severity(k) >= level);
         };
         const bool all = sort_candidates(
-            wanted, [&](std::uint32_t k) { return (severity(k) - level) / (4 * level); }, most_affordable());
+            wanted, wanted, [&](std::uint32_t k) { return (severity(k) - level) / (4 * level); }, most_affordable());
         std::size_t next = 0;
         while (next < candidates_) {
             if (!may_go_on()) return false;
@@ -64,13 +66,16 @@ class ExactGradients {
         all_known = true;
         known = std::max(known, kInsignificantScore);
         const float floor = known, least = least_gradient(known);
-        const auto wanted = [&](std::uint32_t k) {
-            if (gradient_[k] < least || is_bound_[k] == 0) return false;
+        const auto may_be_wanted = [=, gradient = gradient_, bound = is_bound_.data()](std::size_t k) {
+            return (gradient[k] >= least) & (bound[k] != 0);
+        };
+        const auto wanted = [&](std::size_t k) {
             const float value = severity(k);
             return value > floor && value < ceiling;
         };
         sort_candidates(
-            wanted, [&](std::uint32_t k) { return (severity(k) - floor) / (ceiling - floor); }, is_bound_.size());
+            may_be_wanted, wanted, [&](std::uint32_t k) { return (severity(k) - floor) / (ceiling - floor); },
+            is_bound_.size());
         std::size_t next = 0, limit = kFirstChunk;
         while (next < candidates_) {
             if (!may_go_on()) {
@@ -115,33 +120,35 @@ class ExactGradients {
 
     ExactGradients(const Extents& extents, float limit_bins, RowThreadPool& pool, std::vector<Worker> workers);
 
-    // order_: the lenslets with wanted(k), by falling place(k) in kBuckets buckets of 0..1, then by number. Buckets
-    // after the first `most` lenslets are left out; false if there are any.
-    template <class Wanted, class Place>
-    bool sort_candidates(const Wanted& wanted, const Place& place, std::size_t most) {
+    // order_: the lenslets with may_be_wanted(k), free of branches, and wanted(k), by falling place(k) in kBuckets
+    // buckets of 0..1, then by number. Buckets after the first `most` lenslets are left out; false if there are any.
+    template <class Candidate, class Wanted, class Place>
+    bool sort_candidates(const Candidate& may_be_wanted, const Wanted& wanted, const Place& place, std::size_t most) {
         const auto bucket = [&](std::uint32_t k) {
             return static_cast<std::size_t>(kBuckets - 1) -
                 static_cast<std::size_t>(std::clamp(place(k), 0.0F, 0.999F) * kBuckets);
         };
         std::array<std::uint32_t, kBuckets> next{};
-        const auto lenslets = static_cast<std::uint32_t>(is_bound_.size());
+        const auto for_each_wanted = [&](auto&& visit) {
+            for_each_suiting(0, is_bound_.size(), may_be_wanted, [&](std::size_t k) {
+                if (wanted(k)) visit(static_cast<std::uint32_t>(k));
+            });
+        };
         candidates_ = 0;
         std::size_t all = 0;
-        for (std::uint32_t k = 0; k < lenslets; ++k) {
-            if (!wanted(k)) continue;
+        for_each_wanted([&](std::uint32_t k) {
             ++next[bucket(k)];
             ++all;
-        }
+        });
         if (all == 0) return true;
         std::size_t buckets = 0;
         for (; buckets < next.size() && candidates_ < most; ++buckets) {
             candidates_ +=
                 std::exchange(next[buckets], static_cast<std::uint32_t>(candidates_));  // now: its first place
         }
-        for (std::uint32_t k = 0; k < lenslets; ++k) {
-            if (!wanted(k)) continue;
+        for_each_wanted([&](std::uint32_t k) {
             if (const std::size_t b = bucket(k); b < buckets) order_[next[b]++] = k;
-        }
+        });
         return candidates_ == all;
     }
     [[nodiscard]] std::size_t most_affordable() const;

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdlib>
 
+#include "algo/frame/lenslet_scan.h"
 #include "algo/frame/mask.h"
 #include "algo/inspection/part_state.h"
 #include "algo/inspection/rim.h"
@@ -33,7 +34,8 @@ bool jumps(const FieldLight& light, std::size_t a, std::size_t b) {
 }
 
 void RimFinder::describe(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) {
-    for (const std::uint8_t state : state_) found_.area += (state & kPart) != 0 ? 1 : 0;
+    found_.area =
+        count_suiting(0, state_.size(), [state = state_.data()](std::size_t k) { return (state[k] & kPart) != 0; });
     for (const std::uint32_t k : ring_) found_.at_border += (state_[k] & kPart) != 0 ? 1 : 0;
     found_.parts = regions_ == 1 ? 1 : count_parts(deflections, mask);
     found_.sharp_outline = sharp_share(deflections, sums, mask);
@@ -86,77 +88,97 @@ int RimFinder::count_parts(Deflections deflections, std::span<const std::uint8_t
 
 // Steps between a lenslet of the part and one outside it, along rows and columns.
 double RimFinder::sharp_share(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) const {
+    const std::uint8_t* const state = state_.data();
+    const auto columns = static_cast<std::size_t>(extents_.m);
     std::size_t steps = 0, sharp = 0;
-    const auto step = [&](std::size_t a, std::size_t b) {
-        const bool outline = ((state_[a] & kPart) != 0 && (state_[b] & kInside) == 0) ||
-            ((state_[b] & kPart) != 0 && (state_[a] & kInside) == 0);
-        if (!outline) return;
-        ++steps;
-        sharp += jumps({deflections, sums, mask}, a, b) ? 1 : 0;
+    const auto look_at = [&](std::size_t first, std::size_t last, std::size_t step) {
+        const auto outline = [=](std::size_t k) {
+            const std::uint8_t a = state[k], b = state[k + step];
+            return (((a & kPart) != 0) & ((b & kInside) == 0)) | (((b & kPart) != 0) & ((a & kInside) == 0));
+        };
+        for_each_suiting(first, last, outline, [&](std::size_t k) {
+            ++steps;
+            sharp += jumps({deflections, sums, mask}, k, k + step) ? 1 : 0;
+        });
     };
-    std::size_t k = 0;
-    for (int n = 0; n < extents_.n; ++n) {
-        for (int m = 0; m < extents_.m; ++m, ++k) {
-            if (m + 1 < extents_.m) step(k, k + 1);
-            if (n + 1 < extents_.n) step(k, k + static_cast<std::size_t>(extents_.m));
-        }
-    }
+    for (int n = 0; n < extents_.n; ++n) look_at(extents_.index(0, n), extents_.index(0, n) + columns - 1, 1);
+    look_at(0, state_.size() - columns, columns);
     return steps == 0 ? 0 : static_cast<double>(sharp) / static_cast<double>(steps);
 }
 
-double RimFinder::point_symmetry() const {
+double RimFinder::point_symmetry() {
+    const auto inside = [&](int n) { return state_.data() + extents_.index(0, n); };
     std::int64_t area = 0, m_sum = 0, n_sum = 0, both = 0;
-    const auto inside = [&](std::int64_t m, std::int64_t n) {
-        return m >= 0 && n >= 0 && m < extents_.m && n < extents_.n &&
-            (state_[extents_.index(static_cast<int>(m), static_cast<int>(n))] & kInside) != 0;
-    };
     for (int n = 0; n < extents_.n; ++n) {
+        const std::uint8_t* const row = inside(n);
+        std::int32_t in_row = 0, m_in_row = 0;
         for (int m = 0; m < extents_.m; ++m) {
-            if (!inside(m, n)) continue;
-            ++area;
-            m_sum += m;
-            n_sum += n;
+            in_row += (row[m] & kInside) != 0 ? 1 : 0;
+            m_in_row += (row[m] & kInside) != 0 ? m : 0;
         }
+        area += in_row;
+        m_sum += m_in_row;
+        n_sum += std::int64_t{in_row} * n;
     }
     if (area == 0) return 0;
-    const std::int64_t twice_m = divide_rounded(2 * m_sum, area), twice_n = divide_rounded(2 * n_sum, area);
-    for (int n = 0; n < extents_.n; ++n) {
-        for (int m = 0; m < extents_.m; ++m) both += inside(m, n) && inside(twice_m - m, twice_n - n) ? 1 : 0;
+    const auto twice_m = static_cast<int>(divide_rounded(2 * m_sum, area)),
+               twice_n = static_cast<int>(divide_rounded(2 * n_sum, area));
+    std::uint8_t* const turned = seen_.data();
+    // A lenslet and its image in row twice_n - n count both.
+    const int first_m = std::max(0, twice_m - (extents_.m - 1)), last_m = std::min(extents_.m - 1, twice_m);
+    for (int n = std::max(0, twice_n - (extents_.n - 1)); 2 * n <= twice_n; ++n) {
+        const std::uint8_t *const row = inside(n), *const image = inside(twice_n - n) + twice_m;
+        for (int m = first_m; m <= last_m; ++m) turned[m] = image[-m];
+        const auto in_both = count_suiting(static_cast<std::size_t>(first_m), static_cast<std::size_t>(last_m) + 1,
+                                           [=](std::size_t m) { return (row[m] & turned[m] & kInside) != 0; });
+        both += static_cast<std::int64_t>(2 * n == twice_n ? in_both : 2 * in_both);
     }
     return static_cast<double>(both) / static_cast<double>(2 * area - both);
 }
 
 double RimFinder::convexity() {
     hull_.take(state_, kInside);
-    const auto inside = std::ranges::count_if(state_, [](std::uint8_t state) { return (state & kInside) != 0; });
+    const std::size_t inside =
+        count_suiting(0, state_.size(), [state = state_.data()](std::size_t k) { return (state[k] & kInside) != 0; });
     return static_cast<double>(inside) / static_cast<double>(std::max<std::size_t>(hull_.close(), 1));
 }
 
 double RimFinder::deflecting_share(Deflections deflections, std::span<const std::uint8_t> mask) const {
-    std::size_t inside = 0, free = 0;
-    for (std::size_t k = 0; k < state_.size(); ++k) {
-        if ((mask[k] & (kRim | kOutside)) != 0) continue;
-        ++inside;
-        free += (mask[k] & kDark) == 0 && within(deflections[k], free_, bins_q(kFreeToleranceBins)) ? 1 : 0;
-    }
-    return inside == 0 ? 1 : 1 - static_cast<double>(free) / static_cast<double>(inside);
+    const auto inside = [mask](std::size_t k) { return (mask[k] & (kRim | kOutside)) == 0; };
+    const RawRange near_x(free_.x, bins_q(kFreeToleranceBins)), near_y(free_.y, bins_q(kFreeToleranceBins));
+    const auto free_inside = [=](std::size_t k) {
+        return ((mask[k] & (kRim | kOutside | kDark)) == 0) & near_x.has(deflections[k].x) &
+            near_y.has(deflections[k].y);
+    };
+    const std::size_t all = count_suiting(0, state_.size(), inside),
+                      free = count_suiting(0, state_.size(), free_inside);
+    return all == 0 ? 1 : 1 - static_cast<double>(free) / static_cast<double>(all);
 }
 
-double RimFinder::least_free_beside() const {
+double RimFinder::least_free_beside() {
     double least = 1;
-    const auto along = [&](int count, auto&& index_of) {
-        int beside = 0, free = 0;
-        for (int k = 0; k < count; ++k) {
-            const std::uint8_t state = state_[index_of(k)];
-            if ((state & kInside) != 0) continue;
-            ++beside;
-            free += (state & FoundPart::kFreeField) != 0 ? 1 : 0;
-        }
+    const auto take = [&](int beside, int free) {
         if (free == 0) least = 0;
         else if (beside >= kMinBeside) least = std::min(least, static_cast<double>(free) / beside);
     };
-    for (int n = 0; n < extents_.n; ++n) along(extents_.m, [&](int m) { return extents_.index(m, n); });
-    for (int m = 0; m < extents_.m; ++m) along(extents_.n, [&](int n) { return extents_.index(m, n); });
+    constexpr std::uint8_t kFreeField = FoundPart::kFreeField;
+    std::ranges::fill(in_column_, std::int16_t{0});
+    std::ranges::fill(free_in_column_, std::int16_t{0});
+    std::int16_t *const beside_in_column = in_column_.data(), *const free_in_column = free_in_column_.data();
+    for (int n = 0; n < extents_.n; ++n) {
+        const std::uint8_t* const row = state_.data() + extents_.index(0, n);
+        int beside = 0, free = 0;
+        for (std::size_t m = 0; m < in_column_.size(); ++m) {
+            const int is_beside = (row[m] & kInside) == 0 ? 1 : 0,
+                      is_free = is_beside & (row[m] & kFreeField) / kFreeField;
+            beside += is_beside;
+            free += is_free;
+            beside_in_column[m] = static_cast<std::int16_t>(beside_in_column[m] + is_beside);
+            free_in_column[m] = static_cast<std::int16_t>(free_in_column[m] + is_free);
+        }
+        take(beside, free);
+    }
+    for (std::size_t m = 0; m < in_column_.size(); ++m) take(beside_in_column[m], free_in_column[m]);
     return least;
 }
 

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "algo/frame/lenslet_scan.h"
 #include "algo/frame/mask.h"
-#include "algo/light/exposures.h"
 #include "algo/light/mean_spot.h"
 #include "algo/reference/reference.h"
 #include "common/statistics.h"
@@ -89,12 +89,18 @@ LightLevels FrameChecks::levels_of(const FrameView& frame) {
 // The lenslets that suit, evenly thinned.
 template <class Suits>
 void FrameChecks::choose_lenslets(std::size_t lenslets, std::size_t most, Suits suits) {
-    std::size_t count = 0;
-    for (std::size_t k = 0; k < lenslets; ++k) count += suits(k) ? 1 : 0;
+    const std::size_t count = count_suiting(0, lenslets, suits);
     const std::size_t step = std::max<std::size_t>((count + most - 1) / most, 1);
     chosen_.clear();
-    for (std::size_t k = 0, nth = 0; k < lenslets; ++k) {
-        if (suits(k) && nth++ % step == 0) chosen_.push_back(static_cast<std::uint32_t>(k));
+    std::size_t nth = 0, next = 0;  // of those that suit
+    for (std::size_t k = 0; k < lenslets; k += kScanBlock) {
+        const std::size_t end = std::min(k + kScanBlock, lenslets), here = count_suiting(k, end, suits);
+        for (std::size_t at = k, n = nth; next < nth + here; ++at) {
+            if (!suits(at) || n++ != next) continue;
+            chosen_.push_back(static_cast<std::uint32_t>(at));
+            next += step;
+        }
+        nth += here;
     }
 }
 
@@ -107,11 +113,17 @@ Deflection FrameChecks::median_of_chosen(const DecodedField& field) {
             median([](const Deflection& d) { return std::int64_t{d.y.raw()}; })};
 }
 
-FrameFault FrameChecks::check_light(const FrameView& frame, const DecodedField& field, const FoundPart& part) {
+FrameFault FrameChecks::check_light(const FrameView& frame, const DecodedField& field, const FoundPart& part,
+                                    const Alternation& alternation) {
     // Those of the free light; without free light all that have a HORD.
-    choose_lenslets(field.mask.size(), kMaxChosen, [&](std::size_t k) {
-        return (field.mask[k] & kNoHord) == 0 && (!part.free_light || part.shows_free_light(k));
-    });
+    const auto has_hord = [mask = field.mask](std::size_t k) { return (mask[k] & kNoHord) == 0; };
+    if (part.free_light) {
+        choose_lenslets(field.mask.size(), kMaxChosen, [=, state = part.state](std::size_t k) {
+            return has_hord(k) & ((state[k] & FoundPart::kFreeField) != 0);
+        });
+    } else {
+        choose_lenslets(field.mask.size(), kMaxChosen, has_hord);
+    }
     findings_.in_free_light = part.free_light;
     if (chosen_.size() < kMinChosen) return fault_of_dark_;
     const MeanSpot spot = part.free_light ? mean_spot(frame, extents_, dark_dn_, chosen_)
@@ -139,25 +151,26 @@ FrameFault FrameChecks::check_light(const FrameView& frame, const DecodedField& 
     if (max_offset_bins_ > 0 && shows_middle && offset > max_offset_bins_) return FrameFault::off_centre;
     if (part.free_light) findings_.glare_share = static_cast<float>(glare_share(field));
     if (static_cast<double>(findings_.glare_share) > kMaxGlareShare) return FrameFault::glare;
-    return check_exposures(frame, field);
+    return check_exposures(frame, field, alternation);
 }
 
 double FrameChecks::glare_share(const DecodedField& field) {
     for (std::size_t k = 0; k < chosen_.size(); ++k) scratch_[k] = field.sums[chosen_[k]];
     const auto free = static_cast<double>(common::lower_median(std::span(scratch_).first(chosen_.size())));
-    std::size_t judged = 0, bright = 0;
-    for (std::size_t k = 0; k < field.mask.size(); ++k) {
-        if ((field.mask[k] & kNotJudged) != 0) continue;
-        ++judged;
-        bright += static_cast<double>(field.sums[k]) > kMaxLight * free ? 1 : 0;
-    }
+    const auto limit = static_cast<std::uint32_t>(std::min(kMaxLight * free, static_cast<double>(UINT32_MAX)));
+    const auto is_judged = [mask = field.mask](std::size_t k) { return (mask[k] & kNotJudged) == 0; };
+    const std::size_t judged = count_suiting(0, field.mask.size(), is_judged),
+                      bright = count_suiting(0, field.mask.size(), [=, sums = field.sums](std::size_t k) {
+                          return is_judged(k) & (sums[k] > limit);
+                      });
     return judged == 0 ? 0 : static_cast<double>(bright) / static_cast<double>(judged);
 }
 
 // Another exposure in the same frame.
-FrameFault FrameChecks::check_exposures(const FrameView& frame, const DecodedField& field) {
+FrameFault FrameChecks::check_exposures(const FrameView& frame, const DecodedField& field,
+                                        const Alternation& alternation) {
     choose_lenslets(field.mask.size(), kMaxInside,
-                    [&](std::size_t k) { return (field.mask[k] & (kNoHord | kNotJudged)) == 0; });
+                    [mask = field.mask](std::size_t k) { return (mask[k] & (kNoHord | kNotJudged)) == 0; });
     if (max_second_share_ > 0) {
         findings_.undeflected_share =
             static_cast<float>(undeflected_share(frame, extents_, dark_dn_, chosen_, expected_x_, expected_y_));
@@ -169,11 +182,10 @@ FrameFault FrameChecks::check_exposures(const FrameView& frame, const DecodedFie
     if (!check_period_) return FrameFault::none;
     findings_.split_share = static_cast<float>(split_share(frame, extents_, dark_dn_, chosen_));
     if (static_cast<double>(findings_.split_share) > kMaxSplitShare) return FrameFault::split_spots;
-    const Alternation found = alternation(extents_, field.deflections, field.sums, field.mask);
-    findings_.alternation_bins = static_cast<float>(found.bins);
-    findings_.alternation_light = static_cast<float>(found.light);
-    return found.bins > kMaxAlternationBins || found.light > kMaxAlternationLight ? FrameFault::alternating
-                                                                                  : FrameFault::none;
+    findings_.alternation_bins = static_cast<float>(alternation.bins);
+    findings_.alternation_light = static_cast<float>(alternation.light);
+    return alternation.bins > kMaxAlternationBins || alternation.light > kMaxAlternationLight ? FrameFault::alternating
+                                                                                              : FrameFault::none;
 }
 
 // A piece that is missing at one side, of the share f of the part, takes 2 f: 0.95 is a fortieth.
@@ -230,8 +242,9 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     return part.deflecting < kMinDeflectingShare ? FrameFault::hollow : FrameFault::none;
 }
 
-Reason FrameChecks::judge(const FrameView& frame, const DecodedField& field, const FoundPart& part) {
-    FrameFault fault = check_light(frame, field, part);
+Reason FrameChecks::judge(const FrameView& frame, const DecodedField& field, const FoundPart& part,
+                          const Alternation& alternation) {
+    FrameFault fault = check_light(frame, field, part, alternation);
     // Free light that is as it should be cannot have another period: the period is only looked for where it is not.
     if (check_period_ && (fault != FrameFault::none || !part.free_light)) {
         const MacroPeriod period = period_.find(frame);

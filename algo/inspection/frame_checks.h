@@ -15,6 +15,7 @@
 #include "algo/inspection/frame_findings.h"
 #include "algo/inspection/rim.h"
 #include "algo/light/dark_bins.h"
+#include "algo/light/exposures.h"
 #include "algo/light/macro_period.h"
 #include "algo/recipe/recipe.h"
 #include "algo/verdict/verdict.h"
@@ -59,17 +60,19 @@ class FrameChecks {
     }
 
     // Reason::unexpected_geometry, unexpected_light or no_part; none if the frame can be judged. levels_of() was called
-    // with this frame; `field` was decoded with its result.
-    Reason judge(const FrameView& frame, const DecodedField& field, const FoundPart& part);
+    // with this frame; `field` was decoded with its result. `alternation`: of the whole field.
+    Reason judge(const FrameView& frame, const DecodedField& field, const FoundPart& part,
+                 const Alternation& alternation);
 
     // Of the last frame.
     [[nodiscard]] const FrameFindings& findings() const { return findings_; }
 
   private:
-    FrameFault check_light(const FrameView& frame, const DecodedField& field, const FoundPart& part);
+    FrameFault check_light(const FrameView& frame, const DecodedField& field, const FoundPart& part,
+                           const Alternation& alternation);
     // Of the judged lenslets, those far brighter than the median of the chosen ones.
     double glare_share(const DecodedField& field);
-    FrameFault check_exposures(const FrameView& frame, const DecodedField& field);
+    FrameFault check_exposures(const FrameView& frame, const DecodedField& field, const Alternation& alternation);
     FrameFault check_part(const DecodedField& field, const FoundPart& part);
     FrameFault check_holder(const DecodedField& field) const;
     template <class Suits>

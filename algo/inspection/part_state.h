@@ -2,7 +2,10 @@
 // combine.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
+
+#include "algo/features/deflection.h"
 
 namespace hord::algo::outline {
 
@@ -15,6 +18,15 @@ enum State : std::uint8_t {
     kInside = 32,    // part, or enclosed by part
     kCounted = 64,   // in a region whose size is known
     kFlank = 128,    // of a tube: too dark or too steep to be judged
+};
+
+// Mean deflections within a tolerance of one along one axis.
+struct RawRange {
+    RawRange(DeflectionQ middle, std::int64_t tolerance)
+        : least(static_cast<std::int32_t>(std::max<std::int64_t>(middle.raw() - tolerance, INT32_MIN))),
+          most(static_cast<std::int32_t>(std::min<std::int64_t>(middle.raw() + tolerance, INT32_MAX))) {}
+    [[nodiscard]] bool has(DeflectionQ value) const { return (value.raw() >= least) & (value.raw() <= most); }
+    std::int32_t least, most;
 };
 
 }  // namespace hord::algo::outline

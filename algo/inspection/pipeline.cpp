@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "algo/features/transmission.h"
+#include "algo/frame/lenslet_scan.h"
 #include "algo/inspection/pipeline_workspace.h"
 
 namespace hord::algo {
@@ -102,26 +103,64 @@ void Pipeline::Workspace::bound_row(SoaDistances& rows, const FrameView& frame, 
 
 // Why the frame cannot be judged; none if it can.
 Reason Pipeline::Workspace::unfit_reason() const {
-    std::size_t judged = 0, lit = 0, saturated = 0;
-    for (const std::uint8_t bits_of_lenslet : mask) {
-        if ((bits_of_lenslet & kNotJudged) != 0) continue;
-        ++judged;
-        if ((bits_of_lenslet & kDark) == 0) ++lit;
-        if ((bits_of_lenslet & kSaturated) != 0) ++saturated;
-    }
+    const auto count = [this](std::uint8_t bits_set, std::uint8_t value) {
+        return count_suiting(0, mask.size(),
+                             [=, of = mask.data()](std::size_t k) { return (of[k] & bits_set) == value; });
+    };
+    const std::size_t judged = count(kNotJudged, 0), lit = count(kNotJudged | kDark, 0),
+                      saturated = count(kNotJudged | kSaturated, kSaturated);
     if (judged == 0) return Reason::nothing_to_see;
-    const auto share_of_judged = [&](std::size_t count) {
-        return static_cast<float>(count) / static_cast<float>(judged);
+    const auto share_of_judged = [&](std::size_t lenslets) {
+        return static_cast<float>(lenslets) / static_cast<float>(judged);
     };
     if (lit == 0 || share_of_judged(lit) < recipe.min_lit_share) return Reason::too_dark;
     if (share_of_judged(saturated) > recipe.max_saturated_share) return Reason::saturated;
     return Reason::none;
 }
 
-// Finds the pose of the part.
-Registered Pipeline::Workspace::find_pose() {
+// Looks for the part's outline. With a reference and several threads also for its pose, at the same time: it is needed
+// unless the frame cannot be judged.
+std::optional<Registered> Pipeline::Workspace::mark_part() {
+    const auto mark = [&] {
+        rim.mark(deflections, sums, mask);
+        for (std::size_t k = 0; k < mask.size(); ++k) mask[k] |= zones[k];
+    };
+    std::optional<Registered> registered;
+    if (comparison && pool->threads() > 1) {
+        std::ranges::copy(mask, comparison->without_part.begin());
+        pool->share_out(2, [&](int, int task) {
+            if (task == 0) mark();
+            else registered = find_pose(comparison->without_part);
+        });
+    } else {
+        mark();
+    }
+    return registered;
+}
+
+// The transmission of every lenslet, and the alternation of the field.
+Alternation Pipeline::Workspace::measure_light() {
+    const int rows = (pool->rows_a_band(extents.n) + kAlternationBlock - 1) / kAlternationBlock * kAlternationBlock,
+              bands = recipe.check_period ? (extents.n + rows - 1) / rows : 0;
+    for (PipelineWorker& worker : workers) worker.alternation = {};
+    pool->share_out(bands + 1, [&](int worker, int task) {
+        if (task < bands) {
+            Alternation& of_worker = workers[static_cast<std::size_t>(worker)].alternation;
+            const int first = task * rows, last = std::min(first + rows, extents.n);
+            of_worker = of_worker.or_stronger(alternation(extents, deflections, sums, mask, first, last));
+        } else if (!transmission.empty()) {
+            transmissions(sums, mask, typical_light(sums, mask, recipe.transmission_limit, scratch), transmission);
+        }
+    });
+    Alternation strongest;
+    for (const PipelineWorker& worker : workers) strongest = strongest.or_stronger(worker.alternation);
+    return strongest;
+}
+
+// Finds the pose of the part. `lit`: kDark and kSaturated of every lenslet.
+Registered Pipeline::Workspace::find_pose(std::span<const std::uint8_t> lit) {
     const Reference& reference = *recipe.reference;
-    return comparison->registrar.find(reference.maps(), deflections, sums, mask,
+    return comparison->registrar.find(reference.maps(), deflections, sums, lit,
                                       static_cast<double>(reference.sensor.electrons_per_dn), reference.parts);
 }
 
@@ -245,20 +284,17 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
     result.dark_dn = w.levels.dark;
     watch.lap(result.times.feature_ns);
     w.compute_maps(frame, watch, result.times);
-    w.rim.mark(w.deflections, w.sums, w.mask);
-    for (std::size_t k = 0; k < w.mask.size(); ++k) w.mask[k] |= w.zones[k];
-    if (!w.transmission.empty())
-        transmissions(w.sums, w.mask, typical_light(w.sums, w.mask, w.recipe.transmission_limit, w.scratch),
-                      w.transmission);
+    const std::optional<Registered> registered = w.mark_part();
+    const Alternation alternation = w.measure_light();
     watch.lap(result.times.feature_ns);
 
     result.reason = w.unfit_reason();
     if (result.reason == Reason::none)
-        result.reason = w.checks.judge(frame, {w.deflections, w.sums, w.mask}, w.rim.found());
+        result.reason = w.checks.judge(frame, {w.deflections, w.sums, w.mask}, w.rim.found(), alternation);
     result.frame = w.checks.findings();
     watch.lap(result.times.feature_ns);
     if (result.reason == Reason::none && w.comparison) {
-        result.registered = w.find_pose();
+        result.registered = registered ? *registered : w.find_pose(w.mask);
         if (!result.registered.found()) result.reason = Reason::not_registered;
         watch.lap(result.times.register_ns);
     }

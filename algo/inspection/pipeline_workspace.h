@@ -78,6 +78,7 @@ struct PipelineWorker {
     std::optional<SoaDistances> shares;         // if the EMD is bounded: for its second look at the frame
     std::optional<ReferenceComparer> comparer;  // if the recipe has a reference
     int next_row = -1;                          // the row after the last band of this frame
+    Alternation alternation;                    // of the rows of this frame that the thread looked at
 };
 
 struct Pipeline::Workspace {
@@ -125,11 +126,12 @@ struct Pipeline::Workspace {
     // The comparison with a reference.
     struct Comparison {
         Comparison(const Extents& e, const Recipe& r, MapSet maps)
-            : registrar(e), outline(r, e), defect_finder(e, r), differences(e.lenslets()), z_score(e.lenslets()),
-              compared(maps == MapSet::all ? e.lenslets() : 0) {}
+            : registrar(e), outline(r, e), defect_finder(e, r), without_part(e.lenslets()), differences(e.lenslets()),
+              z_score(e.lenslets()), compared(maps == MapSet::all ? e.lenslets() : 0) {}
         Registrar registrar;
         ReferenceOutline outline;
         ReferenceDefects defect_finder;
+        std::vector<std::uint8_t> without_part;  // the mask before the part was marked
         std::vector<Difference> differences;
         std::vector<float> z_score;
         std::vector<std::uint8_t> compared;
@@ -159,7 +161,9 @@ struct Pipeline::Workspace {
         return comparison ? kNoGradient | kOutside : kNoGradient | kNotJudged;
     }
     [[nodiscard]] Reason unfit_reason() const;
-    Registered find_pose();
+    std::optional<Registered> mark_part();
+    Alternation measure_light();
+    Registered find_pose(std::span<const std::uint8_t> lit);
     void look_again(const FrameView& frame, const Registered& registered, Stopwatch& watch, StageTimes& times);
     void find_bounded_columns(int first_row, int last_row);
     void bound_row(SoaDistances& rows, const FrameView& frame, int n, int& next);

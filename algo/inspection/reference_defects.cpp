@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "algo/frame/flood.h"
+#include "algo/frame/lenslet_scan.h"
 #include "algo/frame/mask.h"
 
 namespace hord::algo {
@@ -59,8 +60,9 @@ double square(float v) { return static_cast<double>(v) * static_cast<double>(v);
 
 ReferenceDefects::ReferenceDefects(const Extents& extents, const Recipe& recipe)
     : extents_(extents), recipe_(recipe), reference_(*recipe.reference), scores_(extents.lenslets()),
-      z_severity_(extents.lenslets()), severity_(extents.lenslets()), by_gradient_(extents.lenslets()),
-      visited_(extents.lenslets()), queue_(extents.lenslets()), used_(recipe.tolerances.size()) {
+      z_severity_(extents.lenslets()), severity_(extents.lenslets()), without_emd_(extents.lenslets()),
+      by_gradient_(extents.lenslets()), visited_(extents.lenslets()), queue_(extents.lenslets()),
+      used_(recipe.tolerances.size()) {
     found_.reserve(1000);
     defects_.reserve(1000);
 }
@@ -75,13 +77,14 @@ void ReferenceDefects::score_row(const ComparedFrame& c, int n, std::span<float>
         z_severity_[k] = 0;
         z_score[k] = 0;
         severity_[k] = 0;
+        without_emd_[k] = 0;
         by_gradient_[k] = 0;
         if ((c.mask[k] & (kOutside | kSaturated)) != 0) continue;
         const Difference& d = c.differences[k];
         if (d.has_light) scores_[k] = scores_of(d, reference_);
         z_score[k] = z_score_of(scores_[k], d, recipe_.reject_score);
         z_severity_[k] = z_score[k] / recipe_.reject_score;
-        const float others = severity_without_emd(c, k), of_emd = severity_of_emd(c, k);
+        const float others = without_emd_[k] = severity_without_emd(c, k), of_emd = severity_of_emd(c, k);
         severity_[k] = std::max(others, of_emd);
         if (of_emd > others) {
             by_gradient_[k] = of_emd;
@@ -96,9 +99,10 @@ void ReferenceDefects::score_row(const ComparedFrame& c, int n, std::span<float>
 }
 
 float ReferenceDefects::severity_now(const ComparedFrame& c, std::size_t k) const {
-    return std::max(severity_without_emd(c, k), severity_of_emd(c, k));
+    return std::max(without_emd_[k], severity_of_emd(c, k));
 }
 
+// By the scores and the slope.
 float ReferenceDefects::severity_without_emd(const ComparedFrame& c, std::size_t k) const {
     const Difference& d = c.differences[k];
     if ((c.mask[k] & (kNoGradient | kNotJudged)) != 0 || !d.has_light || c.frobenius.empty()) return z_severity_[k];
@@ -224,10 +228,11 @@ bool ReferenceDefects::tolerated(const Defect& d, const Region& r, const PoseMap
 
 FoundDefects ReferenceDefects::find(const ComparedFrame& compared, const Pose& pose, bool all_exact) {
     if (!compared.bounds.empty()) {  // what was solved
-        for (std::size_t k = 0; k < severity_.size(); ++k) {
-            if (!is_bound(compared, k) && (compared.mask[k] & (kNoGradient | kNotJudged)) == 0)
-                severity_[k] = severity_now(compared, k);
-        }
+        const auto is_solved = [bounds = compared.bounds, mask = compared.mask](std::size_t k) {
+            return (bounds[k] == 0) & ((mask[k] & (kNoGradient | kNotJudged)) == 0);
+        };
+        for_each_suiting(0, severity_.size(), is_solved,
+                         [&](std::size_t k) { severity_[k] = severity_now(compared, k); });
     }
     std::ranges::fill(visited_, std::uint8_t{0});
     std::ranges::fill(used_, 0U);
@@ -236,22 +241,30 @@ FoundDefects ReferenceDefects::find(const ComparedFrame& compared, const Pose& p
     const float grow = grow_severity();
     const PoseMap map(pose, extents_);
     float below = 0;  // the largest severity that is no defect
-    for (std::uint32_t k = 0; k < severity_.size(); ++k) {
-        if (severity_[k] < grow) {
-            if (severity_[k] > below)
-                below = std::max(below, is_bound(compared, k) ? severity_without_emd(compared, k) : severity_[k]);
-        }
-        if (severity_[k] < grow || visited_[k] != 0) continue;
-        const Region region = grow_region(k, compared);
+    const auto take_region = [&](std::size_t k) {
+        if (visited_[k] != 0) return;
+        const Region region = grow_region(static_cast<std::uint32_t>(k), compared);
         Reason reason = Reason::none;
         const Defect defect = describe(region, reason);
         if (defect.score < 1 || defect.area < std::max(recipe_.min_area, 1U) ||
             (all_exact && tolerated(defect, region, map))) {
             below = std::max(below, std::min(defect.score, 0.999F));
-            continue;
+            return;
         }
         found_.emplace_back(defect, reason);
-    }
+    };
+    const std::span<const float> severity = severity_, without = without_emd_;
+    for_each_suiting(
+        0, severity.size(), [=](std::size_t k) { return severity[k] >= grow; }, take_region);
+    // Of a bound only what is exact counts.
+    const auto take_largest = [&](auto&& is_exact) {
+        const auto exact = [=](std::size_t k) { return is_exact(k) ? severity[k] : without[k]; };
+        for_each_suiting(
+            0, severity.size(), [=, &below](std::size_t k) { return (severity[k] < grow) & (exact(k) > below); },
+            [&](std::size_t k) { below = exact(k); });
+    };
+    if (compared.bounds.empty()) take_largest([](std::size_t) { return true; });
+    else take_largest([bounds = compared.bounds](std::size_t k) { return bounds[k] == 0; });
     if (found_.empty()) return {{}, Reason::none, below};
     std::ranges::sort(found_, [](const auto& a, const auto& b) {
         if (a.first.score != b.first.score) return a.first.score > b.first.score;

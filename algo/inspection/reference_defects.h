@@ -83,6 +83,7 @@ class ReferenceDefects {
     const Reference& reference_;
     std::vector<Scores> scores_;
     std::vector<float> z_severity_, severity_;  // by the scores alone; of all
+    std::vector<float> without_emd_;            // of all but the gradient
     std::vector<float> by_gradient_;            // severity_by_gradient()
     std::vector<std::uint8_t> visited_;
     std::vector<std::uint32_t> queue_;

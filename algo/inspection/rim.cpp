@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdlib>
 #include <limits>
 
+#include "algo/frame/lenslet_scan.h"
 #include "algo/frame/mask.h"
 #include "algo/inspection/part_state.h"
 #include "common/statistics.h"
@@ -25,8 +27,6 @@ constexpr std::int64_t kFreeTolerance =
     static_cast<std::int64_t>(kFreeToleranceBins * (1 << DeflectionQ::kFractionBits));
 
 static_assert(kReached == FoundPart::kFreeField);
-
-bool close(DeflectionQ a, DeflectionQ b) { return std::abs(std::int64_t{a.raw()} - b.raw()) <= kFreeTolerance; }
 
 // The slope of the mean deflection, bin pitches a lenslet, from which a part with the recipe's limits may be rejected.
 float steepest_slope(const Recipe& recipe) {
@@ -68,9 +68,9 @@ RimFinder RimFinder::of(const Recipe& recipe, const Extents& extents) {
 
 RimFinder::RimFinder(const Extents& extents, int margin, PartForm form, float steepest_bins)
     : extents_(extents), margin_(margin), form_(form), hull_(extents), state_(extents.lenslets()),
-      region_(extents.lenslets()), queue_(extents.lenslets()), runs_(max_flood_runs(extents)),
-      free_along_(extents.lenslets()), of_rows_(static_cast<std::size_t>(extents.n)),
-      of_columns_(static_cast<std::size_t>(extents.m)), part_in_column_(static_cast<std::size_t>(extents.m)) {
+      region_(extents.lenslets()), runs_(max_flood_runs(extents)), free_along_(extents.lenslets()), of_rows_(extents.n),
+      of_columns_(extents.m), in_column_(of_columns_.first.size()), free_in_column_(in_column_.size()),
+      in_rim_(in_column_.size()), seen_(in_column_.size()) {
     for (int n = 0; n < extents.n; ++n) {
         const bool whole_row = n == 0 || n == extents.n - 1;
         for (int m = 0; m < extents.m; m += whole_row ? 1 : extents.m - 1)
@@ -140,7 +140,6 @@ bool RimFinder::find_free_light(const FieldLight& light) {
 
 // How many lenslets of `ring` show the median light of `ring`; 0 if most are dark. Sets kFree where the field shows it.
 std::size_t RimFinder::agreeing(const FieldLight& light, std::span<const std::uint32_t> ring) {
-    const auto& [deflections, sums, mask] = light;
     const auto median_of_ring = [&](auto&& value_of) -> std::int64_t {
         std::size_t count = 0;
         for (const std::uint32_t k : ring) {
@@ -156,11 +155,17 @@ std::size_t RimFinder::agreeing(const FieldLight& light, std::span<const std::ui
         median_of_ring([&](std::uint32_t k) { return std::int64_t{light.deflections[k].y.raw()}; }));
 
     free_ = {x, y};
-    for (std::size_t k = 0; k < state_.size(); ++k) {
-        const bool free = (mask[k] & kDark) == 0 && close(deflections[k].x, x) && close(deflections[k].y, y) &&
-            2 * std::int64_t{sums[k]} >= sum;
-        state_[k] = static_cast<std::uint8_t>(free ? kFree : 0);
+    const RawRange near_x(x, kFreeTolerance), near_y(y, kFreeTolerance);
+    const auto half = static_cast<std::uint32_t>((sum + 1) / 2);
+    // Local copies: a store to a byte may change anything else.
+    const auto [deflections, sums, mask] = light;
+    std::uint8_t* const state = state_.data();
+    for (std::size_t k = 0, lenslets = state_.size(); k < lenslets; ++k) {
+        const bool free = near_x.has(deflections[k].x) & near_y.has(deflections[k].y) & (sums[k] >= half);
+        state[k] = free ? kFree : 0;
     }
+    for (std::size_t k = 0, lenslets = state_.size(); k < lenslets; ++k)
+        state[k] = (mask[k] & kDark) != 0 ? 0 : state[k];
     return static_cast<std::size_t>(std::ranges::count_if(ring, [&](std::uint32_t k) { return state_[k] == kFree; }));
 }
 
@@ -192,41 +197,44 @@ void RimFinder::reach_free_field() {
     for (const std::uint32_t at : ring_) {
         if ((state_[at] & (kWide | kReached)) == kWide) mark_connected(at, kWide, kReached, Connected::at_sides);
     }
-    std::size_t k = 0;
-    for (int n = 0; n < extents_.n; ++n) {
-        for (int m = 0; m < extents_.m; ++m, ++k) {
-            if ((state_[k] & (kFree | kReached)) == kFree) {
-                extents_.for_each_around(m, n, 1, [&](int x, int y) {
-                    const std::uint8_t state = state_[extents_.index(x, y)];
-                    if ((state & (kWide | kReached)) == (kWide | kReached)) state_[k] |= kReached;
-                });
-            }
-            if ((state_[k] & kReached) == 0) state_[k] |= kUnreached;
-        }
-    }
+    const auto beside_wide = [state = state_.data()](std::size_t k) {
+        return (state[k] & (kFree | kReached)) == kFree;
+    };
+    for_each_suiting(0, state_.size(), beside_wide, [&](std::size_t k) {
+        const int m = static_cast<int>(k) % extents_.m, n = static_cast<int>(k) / extents_.m;
+        extents_.for_each_around(m, n, 1, [&](int x, int y) {
+            const std::uint8_t state = state_[extents_.index(x, y)];
+            if ((state & (kWide | kReached)) == (kWide | kReached)) state_[k] |= kReached;
+        });
+    });
+    for (std::uint8_t& state : state_) state |= (state & kReached) == 0 ? kUnreached : 0;
 }
 
 // Step 3 of a round part, first half. Sets kPart.
 void RimFinder::keep_large_parts() {
-    for (std::uint32_t k = 0; k < state_.size(); ++k) {
-        if ((state_[k] & (kUnreached | kCounted)) != kUnreached) continue;
-        const std::size_t count = mark_connected(k, kUnreached, kCounted, Connected::at_corners_too);
-        if (count * kSmallestPart < state_.size()) continue;
+    const auto not_counted = [state = state_.data()](std::size_t k) {
+        return (state[k] & (kUnreached | kCounted)) == kUnreached;
+    };
+    for_each_suiting(0, state_.size(), not_counted, [&](std::size_t k) {
+        const std::size_t count =
+            mark_connected(static_cast<std::uint32_t>(k), kUnreached, kCounted, Connected::at_corners_too);
+        if (count * kSmallestPart < state_.size()) return;
         ++regions_;
-        for (std::size_t q = 0; q < count; ++q) {
-            state_[queue_[q]] |= kPart;
-            region_[queue_[q]] = static_cast<std::uint8_t>(regions_);
-        }
-    }
+        for_each_connected([state = state_.data()](std::size_t at) { state[at] |= kPart; });
+        for_each_connected([region = region_.data(), number = static_cast<std::uint8_t>(regions_)](std::size_t at) {
+            region[at] = number;
+        });
+    });
 }
 
 // The same for outlines that need not be closed: regions that are long enough to be a piece of it. Dust is shorter.
 void RimFinder::keep_long_regions() {
-    const auto longer_side = [&](std::size_t count) {
+    const auto longer_side = [&] {
         int left = extents_.m, right = 0, top = extents_.n, bottom = 0;
-        for (const std::uint32_t k : std::span(queue_).first(count)) {
-            const int m = static_cast<int>(k) % extents_.m, n = static_cast<int>(k) / extents_.m;
-            left = std::min(left, m), right = std::max(right, m);
+        for (const FloodRun& run : std::span(runs_).first(connected_runs_)) {
+            const int n = static_cast<int>(run.row) / extents_.m;
+            left = std::min(left, static_cast<int>(run.first - run.row));
+            right = std::max(right, static_cast<int>(run.last - run.row));
             top = std::min(top, n), bottom = std::max(bottom, n);
         }
         return std::max(right - left, bottom - top) + 1;
@@ -234,49 +242,70 @@ void RimFinder::keep_long_regions() {
     int longest = 0;
     for (std::uint32_t k = 0; k < state_.size(); ++k) {
         if ((state_[k] & (kUnreached | kCounted)) != kUnreached) continue;
-        longest = std::max(longest, longer_side(mark_connected(k, kUnreached, kCounted, Connected::at_corners_too)));
+        mark_connected(k, kUnreached, kCounted, Connected::at_corners_too);
+        longest = std::max(longest, longer_side());
     }
     for (std::uint32_t k = 0; k < state_.size(); ++k) {
         if ((state_[k] & (kCounted | kPart)) != kCounted) continue;
-        const std::size_t count = mark_connected(k, kCounted, kPart, Connected::at_corners_too);
-        if (longer_side(count) * kShortestPiece >= longest) continue;
-        for (std::size_t q = 0; q < count; ++q) state_[queue_[q]] &= static_cast<std::uint8_t>(~(kPart | kCounted));
+        mark_connected(k, kCounted, kPart, Connected::at_corners_too);
+        if (longer_side() * kShortestPiece >= longest) continue;
+        for_each_connected([&](std::size_t at) { state_[at] &= static_cast<std::uint8_t>(~(kPart | kCounted)); });
     }
 }
 
-// Marks every lenslet that is connected to `seed` through lenslets with the bit `through`. Returns their number; queue_
-// holds them.
+// Marks every lenslet that is connected to `seed` through lenslets with the bit `through`. Returns their number;
+// for_each_connected() visits them.
 std::size_t RimFinder::mark_connected(std::uint32_t seed, std::uint8_t through, std::uint8_t mark,
                                       Connected connected) {
-    return flood_by_runs(
-        extents_, seed, connected, queue_, runs_,
-        [&](std::uint32_t k) { return (state_[k] & (through | mark)) == through; },
-        [&](std::uint32_t k) { state_[k] |= mark; });
+    std::uint8_t* const state = state_.data();
+    const Flooded flooded = flood_by_runs(
+        extents_, seed, connected, runs_, [=](std::size_t k) { return (state[k] & (through | mark)) == through; },
+        [=](std::size_t k) { state[k] |= mark; });
+    connected_runs_ = flooded.runs;
+    return flooded.lenslets;
+}
+
+template <class Visit>
+void RimFinder::for_each_connected(Visit&& visit) const {
+    for (const FloodRun& run : std::span(runs_).first(connected_runs_)) {
+        for (std::size_t k = run.first; k <= run.last; ++k) visit(k);
+    }
 }
 
 // Step 3 of a round part, second half. Sets kInside between lenslets of the part in a row or a column; everywhere if
 // there is no part.
 void RimFinder::enclose() {
-    const bool any = std::ranges::any_of(state_, [](std::uint8_t state) { return (state & kPart) != 0; });
+    const auto columns = static_cast<std::size_t>(extents_.m);
+    const auto none = static_cast<std::int16_t>(extents_.n);
+    std::int16_t *const first_row = of_columns_.first.data(), *const last_row = of_columns_.last.data();
+    std::ranges::fill(of_columns_.first, none);
+    std::ranges::fill(of_columns_.last, std::int16_t{-1});
+    bool any = false;
+    for (int n = 0; n < extents_.n; ++n) {
+        std::uint8_t* const row = state_.data() + extents_.index(0, n);
+        std::size_t first = 0, last = columns;
+        while (first < columns && (row[first] & kPart) == 0) ++first;
+        while (last > first && (row[last - 1] & kPart) == 0) --last;
+        of_rows_.first[static_cast<std::size_t>(n)] = static_cast<std::int16_t>(first);
+        of_rows_.last[static_cast<std::size_t>(n)] = static_cast<std::int16_t>(static_cast<int>(last) - 1);
+        any = any || first < columns;
+        const auto here = static_cast<std::int16_t>(n);
+        for (std::size_t m = first; m < last; ++m) {
+            const bool part = (row[m] & kPart) != 0;
+            first_row[m] = std::min(first_row[m], part ? here : none);
+            last_row[m] = part ? here : last_row[m];
+        }
+        for (std::size_t m = first; m < last; ++m) row[m] |= kInside;
+    }
     if (!any) {
         for (std::uint8_t& state : state_) state |= kInside | kPart;
         return;
     }
-    of_columns_.assign(of_columns_.size(), {extents_.n, -1});
-    of_rows_.assign(of_rows_.size(), {extents_.m, -1});
-    std::size_t k = 0;
     for (int n = 0; n < extents_.n; ++n) {
-        for (int m = 0; m < extents_.m; ++m, ++k) {
-            if ((state_[k] & kPart) == 0) continue;
-            of_rows_[static_cast<std::size_t>(n)].take(m);
-            of_columns_[static_cast<std::size_t>(m)].take(n);
-        }
-    }
-    k = 0;
-    for (int n = 0; n < extents_.n; ++n) {
-        for (int m = 0; m < extents_.m; ++m, ++k) {
-            if (closed_in_row(m, n) || closed_in_column(m, n)) state_[k] |= kInside;
-        }
+        std::uint8_t* const row = state_.data() + extents_.index(0, n);
+        const auto here = static_cast<std::int16_t>(n);
+        for (std::size_t m = 0; m < columns; ++m)
+            row[m] |= (here >= first_row[m]) & (here <= last_row[m]) ? kInside : 0;
     }
 }
 
@@ -289,71 +318,84 @@ void RimFinder::open_gaps(const FieldLight& light) {
         std::size_t all = 0, sharp = 0;
         [[nodiscard]] bool smooth() const { return sharp * kGapSteps < all; }
     };
-    for (std::uint32_t k = 0; k < state_.size(); ++k) {
-        if ((state_[k] & (kFreeInside | kCounted)) != kFreeInside) continue;
-        const std::size_t count = mark_connected(k, kFreeInside, kCounted, Connected::at_sides);
-        // Four lenslets in a line: the free one, and three of the part as far as they go.
-        const auto step = [&](Ends& ends, int m, int n, int dm, int dn) {
-            std::array<std::size_t, 4> at{};
-            std::size_t length = 0;
-            for (; length < at.size() && m >= 0 && n >= 0 && m < extents_.m && n < extents_.n; m += dm, n += dn) {
-                const std::size_t here = extents_.index(m, n);
-                if (length > 0 && (state_[here] & kPart) == 0) break;
-                at[length++] = here;
-            }
-            if (length < 2) return;
-            ++ends.all;
-            ends.sharp += jumps(light, at[0], at[1]) && !(length == at.size() && slope_goes_on(light, at)) ? 1 : 0;
-        };
+    // Four lenslets in a line: the free one, and three of the part as far as they go.
+    const auto step = [&](Ends& ends, int m, int n, int dm, int dn) {
+        std::array<std::size_t, 4> at{};
+        std::size_t length = 0;
+        for (; length < at.size() && m >= 0 && n >= 0 && m < extents_.m && n < extents_.n; m += dm, n += dn) {
+            const std::size_t here = extents_.index(m, n);
+            if (length > 0 && (state_[here] & kPart) == 0) break;
+            at[length++] = here;
+        }
+        if (length < 2) return;
+        ++ends.all;
+        ends.sharp += jumps(light, at[0], at[1]) && !(length == at.size() && slope_goes_on(light, at)) ? 1 : 0;
+    };
+    const auto place_of = [&](std::size_t k) { return std::div(static_cast<int>(k), extents_.m); };
+    const auto not_counted = [state = state_.data()](std::size_t k) {
+        return (state[k] & (kFreeInside | kCounted)) == kFreeInside;
+    };
+    for_each_suiting(0, state_.size(), not_counted, [&](std::size_t k) {
+        mark_connected(static_cast<std::uint32_t>(k), kFreeInside, kCounted, Connected::at_sides);
         Ends in_rows, in_columns;
-        const std::span<const std::uint32_t> gap = std::span(queue_).first(count);
-        for (const std::uint32_t at : gap) {
-            const int m = static_cast<int>(at) % extents_.m, n = static_cast<int>(at) / extents_.m;
+        for_each_connected([&](std::size_t at) {
+            const auto [n, m] = place_of(at);
             if (closed_in_row(m, n)) step(in_rows, m, n, -1, 0), step(in_rows, m, n, 1, 0);
             if (closed_in_column(m, n)) step(in_columns, m, n, 0, -1), step(in_columns, m, n, 0, 1);
-        }
-        for (const std::uint32_t at : gap) {
-            const int m = static_cast<int>(at) % extents_.m, n = static_cast<int>(at) / extents_.m;
+        });
+        for_each_connected([&](std::size_t at) {
+            const auto [n, m] = place_of(at);
             const bool inside =
                 (closed_in_row(m, n) && in_rows.smooth()) || (closed_in_column(m, n) && in_columns.smooth());
             if (!inside) state_[at] &= static_cast<std::uint8_t>(~kInside);
+        });
+    });
+}
+
+// Step 4. Flanks are rim. Any other lenslet is rim if the square window of `margin_` lenslets around it holds part and
+// other lenslets, or leaves the field.
+void RimFinder::mark_rim(std::span<std::uint8_t> mask) {
+    const auto columns = in_column_.size();
+    std::int16_t* const in_column = in_column_.data();
+    const std::uint8_t* const in_rim = in_rim_.data();
+    const auto count = [&](int n, int sign) {
+        const std::uint8_t* const row = state_.data() + extents_.index(0, n);
+        const auto one = static_cast<std::int16_t>(sign);
+        for (std::size_t m = 0; m < columns; ++m)
+            in_column[m] = static_cast<std::int16_t>(in_column[m] + ((row[m] & kInside) != 0 ? one : 0));
+    };
+    std::ranges::fill(in_column_, std::int16_t{0});
+    for (int n = 0; n < std::min(margin_, extents_.n); ++n) count(n, 1);
+    for (int n = 0; n < extents_.n; ++n) {
+        if (n + margin_ < extents_.n) count(n + margin_, 1);
+        if (n - margin_ - 1 >= 0) count(n - margin_ - 1, -1);
+        if (n < margin_ || n >= extents_.n - margin_) std::ranges::fill(in_rim_, std::uint8_t{1});
+        else find_across_outline();
+        const std::uint8_t* const row = state_.data() + extents_.index(0, n);
+        std::uint8_t* const out = mask.data() + extents_.index(0, n);
+        for (std::size_t m = 0; m < columns; ++m) {
+            const bool rim = (in_rim[m] | (row[m] & kFlank)) != 0;
+            out[m] |= static_cast<std::uint8_t>((row[m] & kInside) == 0 ? kOutside : rim ? kRim : 0);
         }
     }
 }
 
-// Step 4. Flanks are rim. Any other lenslet is rim if the square window of `margin_` lenslets around it holds part and
-// other lenslets, or leaves the field. The window's count of part lenslets is updated from row to row and column to
-// column.
-void RimFinder::mark_rim(std::span<std::uint8_t> mask) {
-    const int side = 2 * margin_ + 1;
-    const auto part_at = [&](int m, int n) { return (state_[extents_.index(m, n)] & kInside) != 0 ? 1 : 0; };
-    std::ranges::fill(part_in_column_, 0);
-    for (int n = 0; n < std::min(margin_, extents_.n); ++n) {
-        for (int m = 0; m < extents_.m; ++m) part_in_column_[static_cast<std::size_t>(m)] += part_at(m, n);
+// Sets in_rim_ for a row whose windows hold in_column_ lenslets of the part in each column.
+void RimFinder::find_across_outline() {
+    constexpr std::uint8_t kHasPart = 1, kHasOther = 2;
+    const int columns = extents_.m, margin = margin_, side = 2 * margin + 1;
+    std::ranges::fill(in_rim_, std::uint8_t{1});
+    const std::int16_t* const part = in_column_.data();
+    std::uint8_t *const seen = seen_.data(), *const in_rim = in_rim_.data();
+    for (int m = 0; m < columns; ++m)
+        seen[m] = static_cast<std::uint8_t>((part[m] != 0 ? kHasPart : 0) | (part[m] != side ? kHasOther : 0));
+    // What is seen in `width` columns, from each column on.
+    for (int width = 1; width < side;) {
+        const int more = std::min(width, side - width);
+        for (int m = 0; m + more < columns; ++m) seen[m] |= seen[m + more];
+        width += more;
     }
-    std::size_t k = 0;
-    for (int n = 0; n < extents_.n; ++n) {
-        for (int m = 0; m < extents_.m; ++m) {
-            int& column = part_in_column_[static_cast<std::size_t>(m)];
-            if (n + margin_ < extents_.n) column += part_at(m, n + margin_);
-            if (n - margin_ - 1 >= 0) column -= part_at(m, n - margin_ - 1);
-        }
-        int in_window = 0;
-        for (int m = 0; m < std::min(margin_, extents_.m); ++m)
-            in_window += part_in_column_[static_cast<std::size_t>(m)];
-        for (int m = 0; m < extents_.m; ++m, ++k) {
-            if (m + margin_ < extents_.m) in_window += part_in_column_[static_cast<std::size_t>(m + margin_)];
-            if (m - margin_ - 1 >= 0) in_window -= part_in_column_[static_cast<std::size_t>(m - margin_ - 1)];
-            const bool leaves_field =
-                m < margin_ || n < margin_ || m >= extents_.m - margin_ || n >= extents_.n - margin_;
-            const bool across_outline = in_window != 0 && in_window != side * side;
-            if ((state_[k] & kInside) == 0) {
-                mask[k] |= kOutside;
-            } else if (leaves_field || across_outline || (state_[k] & kFlank) != 0) {
-                mask[k] |= kRim;
-            }
-        }
-    }
+    for (int m = margin; m < columns - margin; ++m) in_rim[m] = seen[m - margin] == (kHasPart | kHasOther) ? 1 : 0;
 }
 
 }  // namespace hord::algo

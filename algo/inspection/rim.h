@@ -5,7 +5,6 @@
 // docs/notes/inspection.md.
 #pragma once
 
-#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -51,9 +50,8 @@ struct FoundPart {
     double deflecting = 1;
     std::span<const std::uint8_t> state = {};  // one a lenslet, valid until the next mark()
 
+    // Bit of `state`: the lenslet shows free light that is connected to that of the outermost lenslets.
     static constexpr std::uint8_t kFreeField = 4;
-    // The lenslet shows free light that is connected to that of the outermost lenslets.
-    [[nodiscard]] bool shows_free_light(std::size_t k) const { return (state[k] & kFreeField) != 0; }
 };
 
 // The light jumps between lenslets a and b: one is dark, or kJumpBins or kJumpLight is exceeded.
@@ -93,12 +91,15 @@ class RimFinder {
     void describe(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask);
     [[nodiscard]] int count_parts(Deflections deflections, std::span<const std::uint8_t> mask);
     [[nodiscard]] double sharp_share(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) const;
-    [[nodiscard]] double least_free_beside() const;
-    [[nodiscard]] double point_symmetry() const;
+    [[nodiscard]] double least_free_beside();
+    [[nodiscard]] double point_symmetry();
     double convexity();
     [[nodiscard]] double deflecting_share(Deflections deflections, std::span<const std::uint8_t> mask) const;
     void mark_rim(std::span<std::uint8_t> mask);
+    void find_across_outline();
     std::size_t mark_connected(std::uint32_t seed, std::uint8_t through, std::uint8_t mark, Connected connected);
+    template <class Visit>
+    void for_each_connected(Visit&& visit) const;
 
     Extents extents_;
     int margin_;
@@ -109,24 +110,25 @@ class RimFinder {
     enum class Sides : std::uint8_t { all, beside_columns, beside_rows } free_sides_ = Sides::all;  // show free light
     std::vector<std::uint8_t> state_;                          // of each lenslet, outline::State
     std::vector<std::uint8_t> region_;                         // number of its large region, from 1, where kPart is set
-    std::vector<std::uint32_t> queue_;                         // of the flood fill
-    std::vector<FloodRun> runs_;                               // of the flood fill
+    std::vector<FloodRun> runs_;                               // of the flood fill,
+    std::size_t connected_runs_ = 0;                           // and how many the last one found
     std::vector<std::uint8_t> free_along_;                     // kFree: the lenslet, and those beside it in its row
     std::vector<std::uint32_t> ring_;                          // the outermost lenslets,
     std::vector<std::uint32_t> beside_columns_, beside_rows_;  // and those of two sides: what lies beside a tube
     std::vector<std::int64_t> ring_values_;
-    struct Between {  // the first and the last lenslet of the part along a line; none: last < first
-        int first = 0, last = -1;
-        void take(int at) { first = std::min(first, at), last = std::max(last, at); }
-        [[nodiscard]] bool holds(int at) const { return at >= first && at <= last; }
+    struct Between {  // of each line, the first and the last lenslet of the part; none: last < first
+        explicit Between(int lines) : first(static_cast<std::size_t>(lines)), last(first.size()) {}
+        [[nodiscard]] bool holds(int line, int at) const {
+            return at >= first[static_cast<std::size_t>(line)] && at <= last[static_cast<std::size_t>(line)];
+        }
+        std::vector<std::int16_t> first, last;
     };
-    [[nodiscard]] bool closed_in_row(int m, int n) const { return of_rows_[static_cast<std::size_t>(n)].holds(m); }
-    [[nodiscard]] bool closed_in_column(int m, int n) const {
-        return of_columns_[static_cast<std::size_t>(m)].holds(n);
-    }
-    std::vector<Between> of_rows_, of_columns_;
-    std::vector<int> part_in_column_;  // lenslets of the part in the rows within the margin
-    Deflection free_;                  // median of the outermost lenslets
+    [[nodiscard]] bool closed_in_row(int m, int n) const { return of_rows_.holds(n, m); }
+    [[nodiscard]] bool closed_in_column(int m, int n) const { return of_columns_.holds(m, n); }
+    Between of_rows_, of_columns_;
+    std::vector<std::int16_t> in_column_, free_in_column_;  // numbers of lenslets
+    std::vector<std::uint8_t> in_rim_, seen_;               // of the lenslets of a row
+    Deflection free_;                                       // median of the outermost lenslets
     int regions_ = 0;
     FoundPart found_;
 };

@@ -5,6 +5,7 @@
 // - Undeflected light: lenslets whose light is deflected far also have a spot where the free light is.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <span>
 
@@ -20,15 +21,21 @@ namespace hord::algo {
 struct Alternation {
     double bins = 0;   // of the mean deflection, bin pitches
     double light = 0;  // of the light, relative to its mean
+
+    [[nodiscard]] Alternation or_stronger(const Alternation& other) const {
+        return {std::max(bins, other.bins), std::max(light, other.light)};
+    }
 };
 
 constexpr int kAlternationBlock = 8;
 constexpr int kMinAlternating = 12;         // lenslets with both neighbours, of the 24 that are read of a block
 constexpr double kAlternatingShare = 0.95;  // of these must deviate in turn: a line, such as a scratch, does not
 
-// Over the lenslets that have a HORD and are judged. Spans: one value a lenslet, row by row.
+// Over the lenslets of rows first_row to last_row - 1 that have a HORD and are judged. first_row, and last_row unless
+// it is the field's end, are multiples of kAlternationBlock. Spans: one value a lenslet of the field, row by row.
 Alternation alternation(const Extents& extents, std::span<const Deflection> deflections,
-                        std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask);
+                        std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask, int first_row,
+                        int last_row);
 
 // Median share of the light, 0..1, that stays within 1.5 bins of the free light's place (`x`, `y`: bin pitches from the
 // middle of the bins), over lenslets with a tenth of their light, and kFarShare of their light beyond 1.5 bins, farther

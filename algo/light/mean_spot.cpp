@@ -27,13 +27,20 @@ template <class Sample>
 Summed sum_of(const FrameView& frame, const Extents& e, std::uint32_t dark_dn, std::span<const std::uint32_t> lenslets,
               std::span<const Deflection> centres) {
     Summed summed;
-    for (const std::uint32_t k : lenslets) {
+    const auto samples_of = [&](std::uint32_t k, int j) {
         const int m = static_cast<int>(k) % e.m, n = static_cast<int>(k) / e.m;
+        return reinterpret_cast<const Sample*>(frame.data + (n * e.j + j) * frame.stride_bytes) + m * e.i;
+    };
+    constexpr std::size_t kAhead = 6;  // lenslets lie far apart in memory: their samples are asked for in advance
+    for (std::size_t at = 0; at < lenslets.size(); ++at) {
+        const std::uint32_t k = lenslets[at];
+        if (at + kAhead < lenslets.size()) {
+            for (int j = 0; j < e.j; ++j) __builtin_prefetch(samples_of(lenslets[at + kAhead], j));
+        }
         const int right = centres.empty() ? 0 : whole_bins(centres[k].x),
                   down = centres.empty() ? 0 : whole_bins(centres[k].y);
         for (int j = std::max(0, down); j < std::min(e.j, e.j + down); ++j) {
-            const auto* samples =
-                reinterpret_cast<const Sample*>(frame.data + (n * e.j + j) * frame.stride_bytes) + m * e.i;
+            const Sample* const samples = samples_of(k, j);
             for (int i = std::max(0, right); i < std::min(e.i, e.i + right); ++i) {
                 const auto bin = static_cast<std::size_t>((j - down) * e.i + i - right);
                 summed.samples[bin] += samples[i];

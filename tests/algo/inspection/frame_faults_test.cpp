@@ -54,7 +54,8 @@ struct Case {
         FrameChecks checks(kField, 8, recipe);
         (void)checks.levels_of(frame.view());
         part.state = state;
-        reason = checks.judge(frame.view(), {deflections, sums, mask}, part);
+        reason = checks.judge(frame.view(), {deflections, sums, mask}, part,
+                              alternation(kField, deflections, sums, mask, 0, kField.n));
         return checks.findings();
     }
     FrameFault fault() { return found().fault; }

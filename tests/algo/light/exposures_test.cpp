@@ -33,7 +33,7 @@ Field field(const Extents& e, const std::function<void(Field&, std::size_t k, in
     return f;
 }
 
-Alternation of(const Field& f) { return alternation(f.extents, f.deflections, f.sums, f.mask); }
+Alternation of(const Field& f) { return alternation(f.extents, f.deflections, f.sums, f.mask, 0, f.extents.n); }
 
 constexpr Extents kBlock{8, 8, 9, 9};
 
