@@ -32,6 +32,22 @@ void for_each_outermost(const Extents& e, Visit&& visit) {
     }
 }
 
+// The typical good part as a frame.
+Frame frame_of(const Reference& r) {
+    const Extents& e = r.extents;
+    Frame frame(e.width_px(), e.height_px(), r.bits);
+    for (std::size_t k = 0; k < e.lenslets(); ++k) {
+        const int m = static_cast<int>(k) % e.m, n = static_cast<int>(k) / e.m;
+        for (int b = 0; b < e.bins(); ++b) {
+            const int i = b % e.i, j = b / e.i;
+            const float light = r.light[k] * 0x1p-15F * r.shares[k * r.stride() + r.place(i, j)];
+            frame.set(m * e.i + i, n * e.j + j,
+                      std::min(static_cast<std::uint32_t>(light), (1U << static_cast<unsigned>(r.bits)) - 1U));
+        }
+    }
+    return frame;
+}
+
 // The widest spot along an axis of so many bins.
 double widest(float limit_bins, int bins) {
     return std::min(static_cast<double>(limit_bins), kMaxSpotOfEven * rms_of_even_light(bins));
@@ -56,19 +72,34 @@ FrameChecks::FrameChecks(const Extents& extents, int bits, const Recipe& recipe)
     if (recipe.reference) expect_light_of_reference(*recipe.reference);
 }
 
-// Free light is expected where the reference's outermost lenslets show it. Where fewer than half of them have light,
-// the middle of the bins stays.
+// Free light is expected where the outermost lenslets that the reference knows show it: parts that lie elsewhere leave
+// some at the field's border unknown. Where fewer than half of them have light, the middle of the bins stays.
+// A part whose light moves evenly from lenslet to lenslet repeats with another period than the macro-pixels: that of
+// the reference's own light is expected, too.
 void FrameChecks::expect_light_of_reference(const Reference& reference) {
     if (!(reference.extents == extents_)) return;
+    const auto is_known = [&](int m, int n) { return (reference.mask[extents_.index(m, n)] & kOutside) == 0; };
+    int left = extents_.m, right = -1, top = extents_.n, bottom = -1;  // of what is known
+    for (int n = 0; n < extents_.n; ++n) {
+        for (int m = 0; m < extents_.m; ++m) {
+            if (!is_known(m, n)) continue;
+            left = std::min(left, m), right = std::max(right, m), top = std::min(top, n), bottom = std::max(bottom, n);
+        }
+    }
     std::vector<float> x, y;
     std::size_t outermost = 0;
-    for_each_outermost(extents_, [&](std::size_t k) {
-        ++outermost;
-        if (reference.mask[k] != kValid) return;
-        x.push_back(reference.x[k]);
-        y.push_back(reference.y[k]);
-    });
-    if (2 * x.size() < outermost) return;
+    for (int n = top; n <= bottom; ++n) {
+        for (int m = left; m <= right; ++m) {
+            if (n != top && n != bottom && m != left && m != right) continue;
+            ++outermost;
+            const std::size_t k = extents_.index(m, n);
+            if (reference.mask[k] != kValid) continue;
+            x.push_back(reference.x[k]);
+            y.push_back(reference.y[k]);
+        }
+    }
+    if (check_period_) period_of_reference_ = period_.find(frame_of(reference).view());
+    if (outermost == 0 || 2 * x.size() < outermost) return;
     expected_x_ = static_cast<double>(common::lower_median(std::span(x)));
     expected_y_ = static_cast<double>(common::lower_median(std::span(y)));
 }
@@ -250,7 +281,11 @@ Reason FrameChecks::judge(const FrameView& frame, const DecodedField& field, con
         const MacroPeriod period = period_.find(frame);
         findings_.period_x = period.x;
         findings_.period_y = period.y;
-        if (!period.expected) fault = FrameFault::other_period;
+        const auto other = [](int found, int bins, int of_reference) {
+            return found != 0 && found != bins && found != of_reference;
+        };
+        if (other(period.x, extents_.i, period_of_reference_.x) || other(period.y, extents_.j, period_of_reference_.y))
+            fault = FrameFault::other_period;
     }
     const FrameFault of_part = check_part(field, part);
     if (fault == FrameFault::none) fault = of_part;

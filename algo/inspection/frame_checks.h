@@ -90,6 +90,7 @@ class FrameChecks {
     FrameFault fault_of_dark_ = FrameFault::none;
     DarkBinMeter dark_bins_;
     MacroPeriodFinder period_;
+    MacroPeriod period_of_reference_;
     std::vector<std::uint32_t> chosen_;  // lenslets whose light is measured
     std::vector<std::int64_t> scratch_;
     FrameFindings findings_;
