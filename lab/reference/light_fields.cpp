@@ -1,8 +1,10 @@
 #include "lab/reference/light_fields.h"
 
 #include <algorithm>
+#include <cmath>
 #include <fstream>
 #include <functional>
+#include <numbers>
 #include <random>
 
 #include <nlohmann/json.hpp>
@@ -12,6 +14,8 @@
 
 namespace hord::lab {
 namespace {
+
+using namespace nlohmann::literals;
 
 constexpr std::string_view kSuffix = "_raw.png";
 
@@ -39,6 +43,11 @@ Result<TracedPart> read_part(const std::filesystem::path& picture, const std::st
             return refuse("centre_lenslet is not two numbers");
         part.flaw = TracedFlaw{(*centre)[0].get<double>(), (*centre)[1].get<double>(), std::nullopt};
         if (radius != json.end() && radius->is_number()) part.flaw->radius = radius->get<double>();
+        const auto length = json.find("length_lenslets");
+        if (length != json.end() && length->is_number()) {
+            part.flaw->length = length->get<double>();
+            part.flaw->angle = json.value("/defect/deg"_json_pointer, 0.0) * std::numbers::pi / 180;
+        }
     }
     for (int y = 0; y < frame->height_px(); ++y) {
         for (int x = 0; x < frame->width_px(); ++x)
@@ -48,6 +57,12 @@ Result<TracedPart> read_part(const std::filesystem::path& picture, const std::st
 }
 
 }  // namespace
+
+double TracedFlaw::distance(double at_m, double at_n) const {
+    const double x = at_m - m, y = at_n - n, c = std::cos(angle), s = std::sin(angle);
+    const double beyond = std::max(0.0, std::abs(c * x + s * y) - length / 2);
+    return std::hypot(beyond, c * y - s * x);
+}
 
 Result<std::map<std::string, TracedFamily>> read_light_fields(const std::filesystem::path& folder) {
     std::vector<std::filesystem::path> pictures;

@@ -2,7 +2,8 @@
 // filled by the source) and NAME.json, which says what was traced.
 //
 // Keys: `part` (the family), `angular` (bins along an axis, 9 if it is missing). A part without a defect has
-// `defect_free` true. A defect has `centre_lenslet` [m, n] and `radius_lenslets`.
+// `defect_free` true. A defect has `centre_lenslet` [m, n] and `radius_lenslets`; a scratch has `length_lenslets`, too,
+// and `deg` in its `defect`, from m towards n.
 #pragma once
 
 #include <array>
@@ -24,6 +25,11 @@ constexpr double kFilledBin = 40'000;
 struct TracedFlaw {
     double m = 0, n = 0;           // lenslets
     std::optional<double> radius;  // lenslets, of a scratch half its width; none: without a size
+    double length = 0;             // lenslets, of a scratch
+    double angle = 0;              // radians, from m towards n
+
+    // Lenslets from the middle line of a scratch, or from the centre.
+    [[nodiscard]] double distance(double at_m, double at_n) const;
 };
 struct TracedPart {
     std::string name, family;

@@ -89,7 +89,7 @@ Result<algo::Recipe> learn(const std::vector<Frame>& frames, const algo::Extents
 
 void compare_with_flaw(const TracedFlaw& flaw, std::span<const algo::Defect> defects, Judged& judged) {
     const auto distance = [&](const algo::Defect& d) {
-        return std::hypot(static_cast<double>(d.m) - flaw.m, static_cast<double>(d.n) - flaw.n);
+        return flaw.distance(static_cast<double>(d.m), static_cast<double>(d.n));
     };
     const auto nearest =
         std::ranges::min_element(defects, [&](const auto& a, const auto& b) { return distance(a) < distance(b); });

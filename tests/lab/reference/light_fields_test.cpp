@@ -49,6 +49,20 @@ TEST_F(LightFields, are_sorted_into_good_parts_and_flaws_of_each_family) {
     EXPECT_EQ(lens.flawed.front().flaw->radius, 0.8);
 }
 
+// A defect anywhere along a scratch has found it.
+TEST_F(LightFields, have_scratches_with_a_length) {
+    write("plate_scratch1", R"({"part": "plate", "angular": 5, "centre_lenslet": [10, 8], "radius_lenslets": 0.04,
+        "length_lenslets": 10, "defect": {"type": "scratch", "deg": 30}})");
+    const auto families = read_light_fields(folder_);
+    ASSERT_TRUE(families) << families.error().message();
+    const TracedFlaw& scratch = *families->at("plate").flawed.front().flaw;
+    const double c = std::cos(scratch.angle), s = std::sin(scratch.angle);
+    EXPECT_NEAR(c, std::sqrt(0.75), 1e-12);
+    EXPECT_NEAR(scratch.distance(10 + 5 * c, 8 + 5 * s), 0, 1e-12);  // its end
+    EXPECT_NEAR(scratch.distance(10 + 7 * c, 8 + 7 * s), 2, 1e-12);
+    EXPECT_NEAR(scratch.distance(10 - 3 * c - 2 * s, 8 - 3 * s + 2 * c), 2, 1e-12);
+}
+
 TEST_F(LightFields, that_cannot_be_used_are_refused_with_the_file) {
     EXPECT_FALSE(read_light_fields(folder_));
     write("lens_cut0", R"({"part": "lens", "angular": 5})");  // a flaw without a place
