@@ -38,9 +38,9 @@ algo::Recipe filling_recipe() {
 Result<ToldBounds> bounds_of(std::size_t family, std::uint64_t seed, int tested) {
     ToldBounds told;
     const algo::Extents& e = kFamilyExtents;
-    const algo::FrameOfPart frame_of = [&](std::size_t k) -> Result<Frame> {
-        return draw_good_part(family, seed, kLearn, static_cast<std::uint32_t>(k));
-    };
+    std::vector<Frame> frames;  // drawn once: learning reads each some fifty times
+    for (std::uint32_t k = 0; k < kLearnedParts; ++k) frames.push_back(draw_good_part(family, seed, kLearn, k));
+    const algo::FrameOfPart frame_of = [&](std::size_t k) -> Result<Frame> { return frames[k]; };
     // As hordctl learn does.
     algo::Recipe recipe = filling_recipe();
     algo::CheckOptions checking;
