@@ -365,8 +365,9 @@ TEST_F(CommandedStation, a_command_waits_for_the_end_of_another) {
     station.answer = {CommandState::completed, CommandError::none, 0};
     EXPECT_EQ(other.command(Command::arm, 0, 0, std::chrono::milliseconds(0)).error().code, ErrorCode::busy);
     loop.on_loop([&] {
-        loop.call_after(std::chrono::milliseconds(10),
-                        [&] { desk.finish(executing, {CommandState::completed, CommandError::none, 0}); });
+        loop.call_after(std::chrono::milliseconds(10), [&] {
+            desk.finish(executing, {CommandState::completed, CommandError::none, 0});
+        });
     });
     EXPECT_TRUE(other.command(Command::arm, 0, 0, kPatience));
 }
