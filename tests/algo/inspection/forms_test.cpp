@@ -222,6 +222,73 @@ TEST(Form, of_any_kind_is_found_without_allocating) {
     }
 }
 
+// A field of 16 x 12 lenslets with what is drawn at (left, top).
+Rows in_field(const Rows& part, int left, int top) {
+    Rows field(12, std::string(16, '.'));
+    for (std::size_t n = 0; n < part.size(); ++n)
+        field[static_cast<std::size_t>(top) + n].replace(static_cast<std::size_t>(left), part[n].size(), part[n]);
+    return field;
+}
+FoundPart found_in(const Rows& part, int left = 4, int top = 3) {
+    return marked(in_field(part, left, top), PartForm::round).found;
+}
+
+TEST(FoundPart, is_described_by_its_outline) {
+    const FoundPart whole = found_in(Rows(6, "pppppppp"));
+    EXPECT_TRUE(whole.free_light);
+    EXPECT_EQ(whole.parts, 1);
+    EXPECT_EQ(whole.area, 48U);
+    EXPECT_EQ(whole.at_border, 0U);
+    for (const double one : {whole.sharp_outline, whole.free_beside, whole.symmetry, whole.convexity, whole.deflecting})
+        EXPECT_EQ(one, 1);
+    EXPECT_EQ(found_in(Rows(6, "pppppppp"), 0, 3).at_border, 6U);
+    EXPECT_EQ(found_in(Rows(6, "pppppppp"), 4, 6).at_border, 8U);
+    // A corner of 4 x 3 is missing: 36 lenslets, and no centre about which more than 24 of them meet their own images.
+    const FoundPart corner = found_in({"pppp", "pppp", "pppp", "pppppppp", "pppppppp", "pppppppp"});
+    EXPECT_EQ(corner.area, 36U);
+    EXPECT_LT(corner.symmetry, 0.75);
+    EXPECT_NEAR(corner.convexity, 36.0 / 39, 1e-9);
+    // A plus of 20 lenslets in a hull of 32: symmetric, and not convex.
+    const FoundPart plus = found_in({"..pp..", "..pp..", "pppppp", "pppppp", "..pp..", "..pp.."});
+    EXPECT_EQ(plus.area, 20U);
+    EXPECT_EQ(plus.symmetry, 1);
+    EXPECT_EQ(plus.convexity, 20.0 / 24);
+}
+
+TEST(FoundPart, has_a_sharp_outline_where_light_jumps) {
+    for (const std::string row : {"pppppppp", "hhhhhhhh", "dddddddd"})
+        EXPECT_EQ(found_in(Rows(6, row)).sharp_outline, 1);
+}
+
+TEST(FoundPart, knows_how_much_of_its_inside_deflects_light) {
+    const auto inside = [](const std::string& middle) {
+        const std::string row = "pp" + middle + "pp";
+        return found_in({"pppppppp", "pppppppp", row, row, "pppppppp", "pppppppp"}).deflecting;
+    };
+    EXPECT_EQ(inside("pppp"), 1);
+    EXPECT_EQ(inside("dddd"), 1);
+    EXPECT_NEAR(inside("...."), 1 - 8.0 / 24, 1e-9);
+    EXPECT_NEAR(inside("hhhh"), 1 - 8.0 / 24, 1e-9);  // dim, and not deflected
+    EXPECT_NEAR(inside("..hp"), 1 - 6.0 / 24, 1e-9);
+}
+
+TEST(FoundPart, has_free_light_beside_it) {
+    Rows field = in_field(Rows(6, "pppppp"), 5, 3);
+    field[5][0] = 'd';
+    EXPECT_NEAR(marked(field, PartForm::round).found.free_beside, 9.0 / 10, 1e-9);
+    field[5][15] = 'd';
+    EXPECT_NEAR(marked(field, PartForm::round).found.free_beside, 8.0 / 10, 1e-9);
+    Rows column = in_field(Rows(6, "pppppp"), 5, 3);
+    column[0][6] = 'd';
+    // Of its row; its column has six lenslets beside the part, too few to tell.
+    EXPECT_NEAR(marked(column, PartForm::round).found.free_beside, 15.0 / 16, 1e-9);
+}
+
+TEST(FoundPart, counts_parts_across_whose_gap_the_light_jumps) {
+    EXPECT_EQ(found_in(Rows(6, "ppp....ppp"), 3).parts, 2);
+    EXPECT_EQ(found_in(Rows(6, "ddd....ddd"), 3).parts, 2);
+}
+
 TEST(Plate, is_what_its_edges_enclose_though_they_have_gaps) {
     const Rows whole = {"..............", "..............", "..dddddddddd..", "..d........d..", "..d........d..",
                         "..d........d..", "..d........d..", "..dddddddddd..", "..............", ".............."};

@@ -108,5 +108,33 @@ TEST(MeanSpot, without_focus_is_as_wide_as_even_light) {
     EXPECT_NEAR(rms_of_even_light(3), 0.8165, 1e-3);
 }
 
+// One lenslet of 9 x 9 bins, and light in single bins of it.
+struct Bin {
+    int i, j;
+    std::uint32_t dn;
+};
+MeanSpot of_bins(const std::vector<Bin>& bins, std::uint32_t dark = 0, const Extents& e = {1, 1, 9, 9}) {
+    Frame frame(e.width_px(), e.height_px(), 8);
+    for (const Bin& bin : bins) frame.set(bin.i, bin.j, bin.dn);
+    const std::uint32_t lenslet = 0;
+    return mean_spot(frame.view(), e, dark, {&lenslet, 1});
+}
+
+TEST(MeanSpot, tells_the_share_of_lit_bins) {
+    EXPECT_NEAR(of_bins({{4, 4, 100}, {4, 5, 50}}).lit_share, 2.0 / 81, 1e-9);
+    EXPECT_NEAR(of_bins({{4, 4, 100}, {4, 5, 50}}, 49).lit_share, 2.0 / 81, 1e-9);
+    EXPECT_NEAR(of_bins({{4, 4, 100}, {4, 5, 50}}, 50).lit_share, 1.0 / 81, 1e-9);
+}
+
+TEST(MeanSpot, counts_what_no_way_without_a_climb_leads_to_as_a_second_spot) {
+    EXPECT_NEAR(of_bins({{4, 4, 90}, {4, 6, 10}}).second_share, 0.1, 1e-6);  // a dark bin lies between
+    EXPECT_NEAR(of_bins({{4, 4, 90}, {6, 4, 10}}).second_share, 0.1, 1e-6);
+    EXPECT_NEAR(of_bins({{4, 4, 90}, {6, 6, 10}}).second_share, 0.1, 1e-6);
+    EXPECT_NEAR(of_bins({{4, 4, 80}, {1, 4, 10}, {8, 8, 10}}).second_share, 0.2, 1e-6);
+    EXPECT_LT(of_bins({{4, 4, 90}, {4, 5, 10}}).second_share, 0.02);  // its neighbour
+    EXPECT_LT(of_bins({{4, 4, 90}, {5, 5, 10}}).second_share, 0.02);  // over a corner
+    EXPECT_LT(of_bins({{4, 4, 96}, {4, 3, 2}, {4, 5, 2}}).second_share, 1e-6);
+}
+
 }  // namespace
 }  // namespace hord::algo
