@@ -59,10 +59,10 @@ double square(float v) { return static_cast<double>(v) * static_cast<double>(v);
 }  // namespace
 
 ReferenceDefects::ReferenceDefects(const Extents& extents, const Recipe& recipe)
-    : extents_(extents), recipe_(recipe), reference_(*recipe.reference), sizer_(reference_),
-      scores_(extents.lenslets()), z_severity_(extents.lenslets()), severity_(extents.lenslets()),
-      without_emd_(extents.lenslets()), by_gradient_(extents.lenslets()), visited_(extents.lenslets()),
-      queue_(extents.lenslets()), used_(recipe.tolerances.size()) {
+    : extents_(extents), recipe_(recipe), reference_(*recipe.reference), scores_(extents.lenslets()),
+      z_severity_(extents.lenslets()), severity_(extents.lenslets()), without_emd_(extents.lenslets()),
+      by_gradient_(extents.lenslets()), visited_(extents.lenslets()), queue_(extents.lenslets()),
+      used_(recipe.tolerances.size()) {
     found_.reserve(1000);
     defects_.reserve(1000);
 }
@@ -123,9 +123,9 @@ float ReferenceDefects::severity_of_emd(const ComparedFrame& c, std::size_t k) c
     return (c.emd[k] - reference_.emd[d.at]) / (recipe_.emd_limit_bins + noise);
 }
 
-// Of the worst score, in a region of `area` lenslets.
-float ReferenceDefects::own_share(const Scores& s, const Difference& d, std::size_t area) const {
-    const Scores shares = own_shares(d, reference_, area);
+// The share of noise in the variance of the worst score.
+float ReferenceDefects::noise_share(const Scores& s, const Difference& d) const {
+    const Scores shares = noise_shares(d, reference_);
     std::size_t worst = 0;
     for (std::size_t w = 1; w < kDeviations; ++w) {
         const auto size = [&](std::size_t which) {
@@ -154,7 +154,7 @@ ReferenceDefects::Region ReferenceDefects::grow_region(std::uint32_t seed, const
         r.m += weight * m, r.n += weight * n;
         r.mm += weight * m * m, r.nn += weight * n * n, r.mn += weight * m * n;
         const bool by_gradient = in_noise > by_reference * 1.0001F;
-        r.squares += square(in_noise) * (by_gradient ? 1 : static_cast<double>(own_share(s, c.differences[k], count)));
+        r.squares += square(in_noise) * (by_gradient ? 1 : static_cast<double>(noise_share(s, c.differences[k])));
         (score(s, Deviation::light) < 0 ? r.missing_light : r.added_light) += square(score(s, Deviation::light));
         r.shift += square(score(s, Deviation::deflection_shift));
         r.scattering += square(std::max(0.0F, score(s, Deviation::scattering)));
@@ -208,27 +208,10 @@ Defect ReferenceDefects::describe(const Region& r, Reason& reason) const {
     return d;
 }
 
-// Place and size by the light. The region's lenslets are those of grow_region().
-void ReferenceDefects::measure(const ComparedFrame& compared, const PoseMap& pose, Defect& d) {
-    if (!compared.light) return;
-    const auto size = sizer_.measure(*compared.light, pose, std::span(queue_).first(d.area),
-                                     [&](std::size_t k) { return severity_[k] >= grow_severity(); });
-    if (!size) return;
-    const auto within = [](float middle, double reach, double at) {
-        return static_cast<float>(
-            std::clamp(at, static_cast<double>(middle) - reach, static_cast<double>(middle) + reach));
-    };
-    const double reach = std::sqrt(static_cast<double>(d.area));
-    d.m = within(d.m, reach, size->m), d.n = within(d.n, reach, size->n);
-    d.radius = static_cast<float>(size->radius);
-    if (d.kind != DefectKind::scratch || !(size->length >= kScratchLength)) return;
-    d.length = static_cast<float>(size->length);
-    d.width = static_cast<float>(size->area / size->length);
-}
-
 bool ReferenceDefects::tolerated(const Defect& d, const Region& r, const PoseMap& pose) {
     const auto place = pose.to_reference(static_cast<double>(d.m), static_cast<double>(d.n));
-    const float size_mm = (d.kind == DefectKind::scratch ? d.length : 2 * radius_of(d)) * recipe_.lenslet_mm;
+    const float disc = 2 * std::sqrt(static_cast<float>(d.area) * std::numbers::inv_pi_v<float>);
+    const float size_mm = (d.kind == DefectKind::scratch ? d.length : disc) * recipe_.lenslet_mm;
     const float depth_rad = std::max(r.max_shift, r.max_scattering) * recipe_.bin_rad;
     for (std::size_t t = 0; t < used_.size(); ++t) {
         const Tolerance& tolerance = recipe_.tolerances[t];
@@ -262,8 +245,7 @@ FoundDefects ReferenceDefects::find(const ComparedFrame& compared, const Pose& p
         if (visited_[k] != 0) return;
         const Region region = grow_region(static_cast<std::uint32_t>(k), compared);
         Reason reason = Reason::none;
-        Defect defect = describe(region, reason);
-        if (defect.score >= 1) measure(compared, map, defect);
+        const Defect defect = describe(region, reason);
         if (defect.score < 1 || defect.area < std::max(recipe_.min_area, 1U) ||
             (all_exact && tolerated(defect, region, map))) {
             below = std::max(below, std::min(defect.score, 0.999F));

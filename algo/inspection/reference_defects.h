@@ -6,7 +6,7 @@
 // typical good part, over their limits, not at the rim.
 // Hysteresis: a region is connected, at sides or corners, at or above `grow_score`. It is a defect if the severity of
 // one lenslet reaches 1, or if the root of the sum of its squared scores reaches `cluster_score`. In that sum a score
-// counts by what it says beyond its neighbours, because they deviate together in good parts, too (own_shares()).
+// counts by the share of noise in its variance, because neighbours deviate together by the spread of good parts.
 // Tolerances of the recipe may allow a defect. Lenslets outside the part, outside the recipe's zones, or saturated are
 // not judged.
 //
@@ -14,12 +14,10 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
 #include <span>
 #include <vector>
 
 #include "algo/inspection/defects.h"
-#include "algo/inspection/flaw_size.h"
 #include "algo/recipe/recipe.h"
 #include "algo/reference/reference.h"
 #include "algo/reference/reference_comparison.h"
@@ -34,7 +32,6 @@ struct ComparedFrame {
     std::span<const float> emd, frobenius;      // over neighbours; empty if not judged
     std::span<const std::uint8_t> mask;         // MaskBit
     std::span<const std::uint8_t> bounds = {};  // 1: `emd` is an upper bound there; empty: it is exact everywhere
-    std::optional<ComparedLight> light = {};    // to measure sizes by; without it they are those of the regions
 };
 
 class ReferenceDefects {
@@ -76,16 +73,14 @@ class ReferenceDefects {
     [[nodiscard]] float severity_now(const ComparedFrame& compared, std::size_t k) const;
     [[nodiscard]] float severity_without_emd(const ComparedFrame& compared, std::size_t k) const;
     [[nodiscard]] float severity_of_emd(const ComparedFrame& compared, std::size_t k) const;
-    [[nodiscard]] float own_share(const Scores& scores, const Difference& difference, std::size_t area) const;
+    [[nodiscard]] float noise_share(const Scores& scores, const Difference& difference) const;
     Region grow_region(std::uint32_t seed, const ComparedFrame& compared);
     [[nodiscard]] Defect describe(const Region& region, Reason& reason) const;
-    void measure(const ComparedFrame& compared, const PoseMap& pose, Defect& defect);
     [[nodiscard]] bool tolerated(const Defect& defect, const Region& region, const PoseMap& pose);
 
     Extents extents_;
     const Recipe recipe_;
     const Reference& reference_;
-    FlawSizer sizer_;
     std::vector<Scores> scores_;
     std::vector<float> z_severity_, severity_;  // by the scores alone; of all
     std::vector<float> without_emd_;            // of all but the gradient

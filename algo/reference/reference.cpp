@@ -23,14 +23,10 @@ Result<void> check(const Reference& r) {
     };
     if (!sound(r.light, 0, kSumLimit)) return refuse("light is out of range");
     if (!sound(r.x, -8, 8) || !sound(r.y, -8, 8)) return refuse("deflections are out of range");
-    for (const auto* maps : {&r.spread, &r.together}) {
-        if (!std::ranges::all_of(*maps, [&](const auto& map) { return sound(map, 0, 1e9); }))
-            return refuse("spreads are out of range");
+    for (const auto& map : r.spread) {
+        if (!sound(map, 0, 1e9)) return refuse("spreads are out of range");
     }
     if (!sound(r.emd, 0, 100) || !sound(r.frobenius, 0, 100)) return refuse("gradients are out of range");
-    if (!sound(r.form_share, 0, 1) || !sound(r.form_response, 0, kMaxFormResponse) ||
-        !std::ranges::all_of(r.form_variance, [](float v) { return v >= 0 && v <= 100; }))
-        return refuse("form is out of range");
     if (std::ranges::any_of(r.shares, [](std::uint16_t v) { return v > Reference::kMaxShare; }))
         return refuse("shares are not below 1");
     if (!(r.sensor.electrons_per_dn > 0 && r.sensor.electrons_per_dn < 1e6F && r.sensor.read_dn >= 0 &&

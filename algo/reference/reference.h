@@ -74,13 +74,7 @@ struct Reference {
     // Variance of good parts beyond noise, in the deviation's unit squared; of shape: excess of chi-square a DN of
     // light.
     std::array<std::vector<float>, kDeviations> spread;
-    // Of it, what neighbouring lenslets of a good part have in common: their covariance.
-    std::array<std::vector<float>, kDeviations> together;
     std::vector<float> emd, frobenius;  // the gradients of a typical good part
-    // How the form of good parts varies; the share of it that the mean deflection of a lenslet shows, 0 in free light
-    // to 1 inside the part; and what the fit of one lenslet (algo/reference/template_fit.h) makes of it.
-    FormVariances form_variance{};
-    std::vector<float> form_share, form_response;
 
     [[nodiscard]] std::size_t stride() const {
         return (static_cast<std::size_t>((extents.i + 2) * (extents.j + 2)) + 15) / 16 * 16;
@@ -88,7 +82,7 @@ struct Reference {
     [[nodiscard]] std::size_t place(int i, int j) const {
         return static_cast<std::size_t>((j + 1) * (extents.i + 2) + i + 1);
     }
-    [[nodiscard]] ReferenceMaps maps() const { return {light, x, y, mask, form_share, form_variance}; }
+    [[nodiscard]] ReferenceMaps maps() const { return {light, x, y, mask}; }
 };
 
 // Checks sizes and ranges. Fails with invalid_argument, naming the first problem.

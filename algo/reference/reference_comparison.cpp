@@ -57,7 +57,6 @@ ReferenceComparer::ReferenceComparer(const Reference& reference, Isa isa, std::s
     }
     clipped_ = light > 0 ? clipped / light : 0;
     find_edges();
-    form_varies_ = std::ranges::any_of(reference.form_variance, [](float v) { return v > 0; });
     floor_ = read * read + 1.0 / 12;
     const double quiet = clipped_variance(floor_, clip), empty = std::max({2 * quiet, floor_ / 16, 1.0 / 12});
     noise_ = {0, static_cast<float>(clip / gain + floor_ - quiet), static_cast<float>(std::sqrt(floor_)),
@@ -146,8 +145,7 @@ LensletSamples<Sample> ReferenceComparer::copy_of(const LensletSamples<Sample>& 
 
 void ReferenceComparer::compare_row(const FrameView& frame, std::span<const std::uint32_t> sums,
                                     std::span<const std::uint8_t> mask, int n, const PoseMap& pose, double light,
-                                    std::uint32_t dark, std::span<Difference> out, const Form& form) {
-    form_ = &form;
+                                    std::uint32_t dark, std::span<Difference> out) {
     start_row(pose, n, light);
     const Extents& e = reference_.extents;
     const auto compare_samples = [&]<class Sample>(LensletSamples<Sample>(&waiting)[kLanes]) {
@@ -273,13 +271,6 @@ void ReferenceComparer::finish(int l) {
     const auto turned = pose_->turned(gx, gy);
     out.x -= static_cast<float>(turned.m - gx);
     out.y -= static_cast<float>(turned.n - gy);
-    if (!form_varies_) return;
-    const double per_half = 1 / half_field(reference_.extents),
-                 response = static_cast<double>(reference_.form_response[out.at]);
-    const Form::Change change = form_->at((group_.at[l].m - 0.5 * (reference_.extents.m - 1)) * per_half,
-                                          (group_.at[l].n - 0.5 * (reference_.extents.n - 1)) * per_half, gx, gy);
-    out.x -= static_cast<float>(response * change.x);
-    out.y -= static_cast<float>(response * change.y);
 }
 
 // Measures a shift that is too large for the fit: by the mean over all bins.
@@ -344,14 +335,11 @@ Scores scores_of(const Difference& d, const Reference& reference) {
     return scores;
 }
 
-Scores own_shares(const Difference& d, const Reference& reference, std::size_t area) {
+Scores noise_shares(const Difference& d, const Reference& reference) {
     Scores shares{};
-    const auto others = static_cast<float>(area) - 1;
     const auto set = [&](Deviation which, float noise, float per_spread) {
         const auto w = static_cast<std::size_t>(which);
-        const float variance = noise + per_spread * reference.spread[w][d.at],
-                    correlation = std::min(1.0F, per_spread * reference.together[w][d.at] / variance);
-        shares[w] = std::min(noise / variance, 1 / (1 + others * correlation));
+        shares[w] = noise / (noise + per_spread * reference.spread[w][d.at]);
     };
     set(Deviation::light, d.light_variance, 1);
     set(Deviation::deflection_shift, 0.5F * (d.x_variance + d.y_variance), 1);

@@ -44,11 +44,10 @@ class ReferenceComparer {
                                std::shared_ptr<const ReferenceSoa> soa = nullptr);
 
     // Compares row n of a part, whose sums and masks were decoded with the reference's light levels, but `dark` as the
-    // dark level: that of this frame, DN. `light`: the part's typical light over the reference's. `form`: the part's,
-    // whose change of the deflection is no deviation. Writes one Difference a lenslet, but none of a kOutside one.
+    // dark level: that of this frame, DN. `light`: the part's typical light over the reference's. Writes one Difference
+    // a lenslet, but none of a kOutside one.
     void compare_row(const FrameView& frame, std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask,
-                     int n, const PoseMap& pose, double light, std::uint32_t dark, std::span<Difference> out,
-                     const Form& form = {});
+                     int n, const PoseMap& pose, double light, std::uint32_t dark, std::span<Difference> out);
 
   private:
     static constexpr int kLanes = kReferenceLanes;
@@ -84,14 +83,12 @@ class ReferenceComparer {
     std::vector<std::uint8_t> edge_;     // one a lenslet: 1 within two lenslets of an edge
     std::vector<float> sampled_bins_;    // reference bins from sampler_, a Reference's stride a lane
     std::vector<std::uint16_t> copied_;  // samples of lenslets at the end of the frame's lines, lane by lane
-    bool form_varies_ = false;
-    double clipped_ = 0;  // light that the dark level removes, over the light that remains
-    double floor_ = 0;    // variance of a reading
+    double clipped_ = 0;                 // light that the dark level removes, over the light that remains
+    double floor_ = 0;                   // variance of a reading
     BinNoise noise_{}, noise_at_edges_{};
 
     // Of the current row.
     const PoseMap* pose_ = nullptr;
-    const Form* form_ = nullptr;
     double light_ = 1, variance_factor_ = 1;
     BinNoise row_noise_{}, row_noise_at_edges_{};
     Group group_;
@@ -103,10 +100,8 @@ class ReferenceComparer {
 // Light and scattering are signed (less light, less spread: negative).
 using Scores = std::array<float, kDeviations>;
 Scores scores_of(const Difference& difference, const Reference& reference);
-// What each squared score of a region of `area` lenslets counts in its sum, 0..1. Neighbours in good parts deviate
-// together, too: with a correlation r between them, `area` lenslets say as much as area / (1 + (area - 1) r)
-// independent ones. r is what they have in common (Reference::together) over the variance. At most the share of noise
-// in it: beside edges the spread is what parts reach, not their variance.
-Scores own_shares(const Difference& difference, const Reference& reference, std::size_t area);
+// The share of noise in the variance of each score, 0..1. The rest is spread of good parts, by which neighbours deviate
+// together.
+Scores noise_shares(const Difference& difference, const Reference& reference);
 
 }  // namespace hord::algo

@@ -21,10 +21,6 @@ constexpr double kNoise = 3;  // standard deviations of a dark bin's reading
 constexpr std::size_t kDarkFrames = 8;
 // The spread is that of parts from the mean of the others: as many times parts are left out of it.
 constexpr std::size_t kMaxFolds = 16;
-// Before it is known how the form varies: variances of the amounts; and the standard deviations below which a mode
-// counts as constant (rounding of deflections makes 0.003 bin).
-constexpr FormVariances kFreeForm = {0.01F, 0.01F, 0.01F, 0.01F, 0.01F, 0.01F, 0.0025F};
-constexpr std::array<double, kFormModes> kMinForm = {0.003, 0.003, 0.003, 0.003, 0.003, 0.003, 0.001};
 
 // Frees a vector's memory. Sums and shares of a large light field are most of the memory of learning, and no pass needs
 // all of them.
@@ -38,8 +34,8 @@ class Learner {
     Learner(const Extents& extents, int bits, std::size_t count, const FrameOfPart& frame_of,
             const LearnOptions& options)
         : extents_(extents), count_(count), frame_of_(frame_of), options_(options), row_(extents),
-          dark_bins_(extents, bits), registrar_(extents), poses_(count), lights_(count, 1.0), forms_(count),
-          left_out_(count, false), mean_(extents) {
+          dark_bins_(extents, bits), registrar_(extents), poses_(count), lights_(count, 1.0), left_out_(count, false),
+          mean_(extents) {
         reference_.extents = extents;
         reference_.bits = bits;
         reference_.levels = options.levels;
@@ -58,10 +54,6 @@ class Learner {
     Result<bool> find_poses_from(std::size_t origin);
     void centre_poses();
     Result<void> learn_mean_hords(bool register_again);
-    class FormRegression;
-    Result<void> learn_form();
-    Result<std::optional<Form>> add_form_of(std::size_t p, ReferenceComparer& comparer, FormRegression& of_means,
-                                            FormRegression& of_fits);
     Result<void> learn_spread();
     Result<void> learn_spread_of(std::span<const std::size_t> fold, const Reference& others,
                                  std::array<std::optional<FeatureMapper>, 2>& mappers);
@@ -84,8 +76,6 @@ class Learner {
     Registrar registrar_;
     std::vector<std::optional<Pose>> poses_;
     std::vector<double> lights_;  // of a part over the reference's
-    std::vector<Form> forms_;     // relative to the reference
-    bool form_is_free_ = true;    // how the form varies is not known yet
     std::vector<bool> left_out_;
     std::vector<LeftOut> left_out_list_;
     std::size_t ticks_ = 0;
@@ -185,9 +175,7 @@ Result<Frame> Learner::decode(std::size_t of, DecodedPart& part, bool with_share
 }
 
 Registered Learner::find(const ReferenceMaps& reference, const DecodedPart& part, std::uint32_t parts) {
-    ReferenceMaps maps = reference;
-    if (form_is_free_) maps.form_variance = kFreeForm;
-    return registrar_.find(maps, part.deflections, part.sums, part.mask,
+    return registrar_.find(reference, part.deflections, part.sums, part.mask,
                            static_cast<double>(reference_.sensor.electrons_per_dn), parts);
 }
 
@@ -200,7 +188,6 @@ bool Learner::find_pose(std::size_t k, const DecodedPart& part) {
     }
     poses_[k] = found.pose;
     lights_[k] = found.light;
-    forms_[k] = found.form;
     return true;
 }
 
@@ -275,116 +262,6 @@ Result<void> Learner::learn_mean_hords(bool register_again) {
     return {};
 }
 
-// Follows the regression of deflections on the parts' forms, lenslet by lenslet.
-class Learner::FormRegression {
-  public:
-    explicit FormRegression(const Extents& extents)
-        : extents_(extents), products_(extents.lenslets()), squares_(extents.lenslets()) {}
-    void add(std::size_t k, const Form::Change& form, double x, double y) {
-        products_[k] += form.x * x + form.y * y;
-        squares_[k] += form.x * form.x + form.y * form.y;
-    }
-    // Over 3x3 lenslets; 0 where nothing was added.
-    [[nodiscard]] std::vector<float> slopes(double most) const {
-        std::vector<float> slopes(products_.size());
-        for (int n = 0; n < extents_.n; ++n) {
-            for (int m = 0; m < extents_.m; ++m) {
-                double products = 0, squares = 0;
-                extents_.for_each_around(m, n, 1, [&](int x, int y) {
-                    products += products_[extents_.index(x, y)], squares += squares_[extents_.index(x, y)];
-                });
-                slopes[extents_.index(m, n)] =
-                    squares > 0 ? static_cast<float>(std::clamp(products / squares, 0.0, most)) : 0.0F;
-            }
-        }
-        return slopes;
-    }
-
-  private:
-    Extents extents_;
-    std::vector<double> products_, squares_;
-};
-
-// How the form varies: from the parts' amounts, found with a weak prior, relative to the mean. Then which share of it
-// each lenslet shows, over all parts; twice, because the amounts depend on it.
-Result<void> Learner::learn_form() {
-    reference_.form_variance = {};
-    reference_.form_share.assign(extents_.lenslets(), 1);
-    reference_.form_response.assign(extents_.lenslets(), 1);
-    for (int again = 0; again < 2; ++again) {
-        form_is_free_ = true;
-        FormRegression of_means(extents_), of_fits(extents_);
-        ReferenceComparer comparer(reference_);
-        std::array<double, kFormModes> squares{};
-        double parts = 0;
-        for (std::size_t p = 0; p < count_; ++p) {
-            if (left_out_[p]) continue;
-            const auto found = add_form_of(p, comparer, of_means, of_fits);
-            if (!found) return tl::unexpected(found.error());
-            if (!*found) continue;
-            parts += 1;
-            for (std::size_t k = 0; k < kFormModes; ++k) squares[k] += (*found)->amounts[k] * (*found)->amounts[k];
-        }
-        form_is_free_ = false;
-        bool varies = false;
-        for (std::size_t k = 0; k < kFormModes; ++k) {
-            const double variance = parts > 1 ? squares[k] / (parts - 1) : 0;
-            const bool counts = variance >= kMinForm[k] * kMinForm[k];
-            reference_.form_variance[k] = counts ? static_cast<float>(variance) : 0;
-            varies = varies || counts;
-        }
-        if (!varies) break;
-        // A part is part of the mean and lies nearer to it than the next one.
-        const double nearer = parts / (parts - 1);
-        reference_.form_share = of_means.slopes(1);
-        reference_.form_response = of_fits.slopes(kMaxFormResponse / nearer);
-        for (float& response : reference_.form_response) response *= static_cast<float>(nearer);
-    }
-    return {};
-}
-
-// Adds what a part shows of its form; none if it cannot be registered.
-Result<std::optional<Form>> Learner::add_form_of(std::size_t p, ReferenceComparer& comparer, FormRegression& of_means,
-                                                 FormRegression& of_fits) {
-    DecodedPart part;
-    const auto frame = decode(p, part);
-    if (!frame) return tl::unexpected(frame.error());
-    const Registered found = find(reference_.maps(), part, reference_.parts);
-    if (!found.found()) return std::nullopt;
-    const PoseMap pose(found.pose, extents_);
-    const double per_half = 1 / half_field(extents_), middle_m = 0.5 * (extents_.m - 1),
-                 middle_n = 0.5 * (extents_.n - 1);
-    const auto columns = static_cast<std::size_t>(extents_.m);
-    std::vector<Difference> differences(columns);
-    for (int n = 0; n < extents_.n; ++n) {
-        const std::size_t first = extents_.index(0, n);
-        comparer.compare_row(frame->view(), std::span(part.sums).subspan(first, columns),
-                             std::span(part.mask).subspan(first, columns), n, pose, found.light, reference_.levels.dark,
-                             differences);
-        for (std::size_t m = 0; m < columns; ++m) {
-            const Difference& d = differences[m];
-            if (!d.has_hord) continue;
-            const auto q = pose.to_reference(static_cast<int>(m), n);
-            const Form::Change form =
-                found.form.at((q.m - middle_m) * per_half, (q.n - middle_n) * per_half,
-                              static_cast<double>(reference_.x[d.at]), static_cast<double>(reference_.y[d.at]));
-            of_fits.add(d.at, form, static_cast<double>(d.x), static_cast<double>(d.y));
-            // The mean deflection at the part's lenslet, by the reference's slopes around its nearest one.
-            const int column = static_cast<int>(d.at) % extents_.m, row = static_cast<int>(d.at) / extents_.m;
-            if (column < 1 || row < 1 || column + 1 >= extents_.m || row + 1 >= extents_.n) continue;
-            const auto expected = [&](const std::vector<float>& map) {
-                return static_cast<double>(map[d.at]) +
-                    (q.m - column) * 0.5 * static_cast<double>(map[d.at + 1] - map[d.at - 1]) +
-                    (q.n - row) * 0.5 * static_cast<double>(map[d.at + columns] - map[d.at - columns]);
-            };
-            const auto turned = pose.turned(expected(reference_.x), expected(reference_.y));
-            of_means.add(d.at, form, static_cast<double>(part.x[first + m]) - turned.m,
-                         static_cast<double>(part.y[first + m]) - turned.n);
-        }
-    }
-    return std::optional(found.form);
-}
-
 // Adds parts to the mean or takes them out of it.
 Result<void> Learner::change_mean(std::span<const std::size_t> fold, bool add) {
     DecodedPart part;
@@ -435,8 +312,7 @@ Result<void> Learner::learn_spread() {
 Result<void> Learner::learn_spread_of(std::span<const std::size_t> fold, const Reference& others,
                                       std::array<std::optional<FeatureMapper>, 2>& mappers) {
     ReferenceComparer comparer(others);
-    const auto columns = static_cast<std::size_t>(extents_.m);
-    std::vector<Difference> differences(extents_.lenslets());
+    std::vector<Difference> differences(static_cast<std::size_t>(extents_.m));
     DecodedPart part;
     for (const std::size_t p : fold) {
         const auto one = decode(p, part);
@@ -450,11 +326,14 @@ Result<void> Learner::learn_spread_of(std::span<const std::size_t> fold, const R
         const PoseMap pose(found.pose, extents_);
         for (int n = 0; n < extents_.n; ++n) {
             const std::size_t first = extents_.index(0, n);
-            comparer.compare_row(one->view(), std::span(part.sums).subspan(first, columns),
-                                 std::span(part.mask).subspan(first, columns), n, pose, found.light,
-                                 reference_.levels.dark, std::span(differences).subspan(first, columns), found.form);
+            comparer.compare_row(one->view(), std::span(part.sums).subspan(first, differences.size()),
+                                 std::span(part.mask).subspan(first, differences.size()), n, pose, found.light,
+                                 reference_.levels.dark, differences);
+            for (std::size_t m = 0; m < differences.size(); ++m) {
+                const std::size_t k = first + m;
+                spread_->add(static_cast<std::uint32_t>(p), differences[m], emd->values[k], frobenius->values[k]);
+            }
         }
-        spread_->add(static_cast<std::uint32_t>(p), differences, emd->values, frobenius->values);
     }
     return {};
 }
@@ -501,7 +380,6 @@ Result<Learned> Learner::run() {
     }
     for (;;) {
         if (auto done = learn_mean_hords(true); !done) return tl::unexpected(done.error());
-        if (auto done = learn_form(); !done) return tl::unexpected(done.error());
         if (auto done = learn_spread(); !done) return tl::unexpected(done.error());
         if (!calibrated_ && !spread_->empty()) {
             // Twice, because read noise does not scale with the light.

@@ -14,7 +14,6 @@ namespace {
 constexpr int kSampledSide = 40;
 constexpr int kSteps = 30;
 constexpr double kSettled = 5e-3;        // lenslets that a step moves the field's rim: the end
-constexpr double kNoGain = 1e-3;         // of the sum of squares, in variances: what moves on is not determined
 constexpr double kSwings = 1.0 / 8;      // factor of a step, after three reversals: then the halved step decides
 constexpr double kNearlySettled = 0.03;  // lenslets: from here on with the whole sample
 constexpr int kCoarseSteps = 12;
@@ -28,49 +27,39 @@ constexpr double kNoiseRidge = 4;          // weight of the prior that the refer
 constexpr double kTurnShare = 0.05;        // of the maps' changes that a turn must show: else the part is round
 constexpr double kForeignLight = 0.25, kForeignBins = 0.4;  // a sample that differs by more disagrees
 
-// Sums of a weighted least-squares problem in shift x, shift y, turn, and the amounts of the form's modes that vary.
-constexpr std::size_t kUnknowns = 3 + kFormModes;
-using Unknowns = std::array<double, kUnknowns>;
+// Sums of a weighted least-squares problem in (shift x, shift y, turn).
 struct Normal {
-    std::size_t unknowns = 3;
-    std::array<Unknowns, kUnknowns> a{};
-    Unknowns b{};
+    std::array<std::array<double, 3>, 3> a{};
+    std::array<double, 3> b{};
 
-    void add(const Unknowns& slope, double residual, double weight) {
-        for (std::size_t r = 0; r < unknowns; ++r) {
-            const double weighted = weight * slope[r];
-            for (std::size_t c = r; c < unknowns; ++c) a[r][c] += weighted * slope[c];
-            b[r] += weighted * residual;
+    void add(const std::array<double, 3>& slope, double residual, double weight) {
+        for (std::size_t r = 0; r < 3; ++r) {
+            for (std::size_t c = r; c < 3; ++c) a[r][c] += weight * slope[r] * slope[c];
+            b[r] += weight * slope[r] * residual;
         }
     }
     // By Cholesky decomposition; the priors keep the matrix positive definite.
-    [[nodiscard]] Unknowns solved(const Unknowns& right) const {
-        std::array<Unknowns, kUnknowns> l{};
-        for (std::size_t r = 0; r < unknowns; ++r) {
+    [[nodiscard]] std::array<double, 3> solved() const {
+        std::array<std::array<double, 3>, 3> l{};
+        for (std::size_t r = 0; r < 3; ++r) {
             for (std::size_t c = 0; c <= r; ++c) {
                 double sum = a[c][r];
                 for (std::size_t k = 0; k < c; ++k) sum -= l[r][k] * l[c][k];
                 l[r][c] = r == c ? std::sqrt(std::max(sum, 1e-12)) : sum / l[c][c];
             }
         }
-        Unknowns y{}, x{};
-        for (std::size_t r = 0; r < unknowns; ++r) {
-            double sum = right[r];
+        std::array<double, 3> y{}, x{};
+        for (std::size_t r = 0; r < 3; ++r) {
+            double sum = b[r];
             for (std::size_t k = 0; k < r; ++k) sum -= l[r][k] * y[k];
             y[r] = sum / l[r][r];
         }
-        for (std::size_t r = unknowns; r-- > 0;) {
+        for (std::size_t r = 3; r-- > 0;) {
             double sum = y[r];
-            for (std::size_t k = r + 1; k < unknowns; ++k) sum -= l[k][r] * x[k];
+            for (std::size_t k = r + 1; k < 3; ++k) sum -= l[k][r] * x[k];
             x[r] = sum / l[r][r];
         }
         return x;
-    }
-    // What the sums say of one unknown while the others are free: 1 over its variance.
-    [[nodiscard]] double information(std::size_t unknown) const {
-        Unknowns one{};
-        one[unknown] = 1;
-        return 1 / std::max(solved(one)[unknown], 1e-300);
     }
 };
 
@@ -151,14 +140,6 @@ const char* explain(Registered::Outcome outcome) {
     return "";
 }
 
-double farthest_form(std::uint32_t parts) {
-    constexpr double kNormal = 3.89, kCubed = kNormal * kNormal * kNormal;
-    const double freedom = std::max(parts, 4U) - 1.0;
-    const double quantile = kNormal + (kCubed + kNormal) / (4 * freedom) +
-        (5 * kCubed * kNormal * kNormal + 16 * kCubed + 3 * kNormal) / (96 * freedom * freedom);
-    return quantile * std::sqrt(1 + 1.0 / parts);
-}
-
 Registrar::Registrar(const Extents& extents) : extents_(extents) {
     const int step = std::max(1, (std::max(extents.m, extents.n) + kSampledSide / 2) / kSampledSide);
     for (const bool coarse : {true, false}) {
@@ -174,19 +155,6 @@ Registrar::Registrar(const Extents& extents) : extents_(extents) {
     if (coarse_ < kMinCoarse) coarse_ = sample_.size();
     ratios_.resize(sample_.size());
 }
-
-// The form that is found, and its modes that vary.
-struct Registrar::FormFit {
-    std::size_t count = 0;
-    std::array<std::size_t, kFormModes> modes{};
-    Form form;
-
-    explicit FormFit(const FormVariances& variances) {
-        for (std::size_t k = 0; k < kFormModes; ++k) {
-            if (variances[k] > 0) modes[count++] = k;
-        }
-    }
-};
 
 // One frame of a part.
 struct Registrar::PartMaps {
@@ -206,25 +174,22 @@ struct Registrar::Step {
     // variance), and that of the turn if every change of the maps showed in it.
     double noise_of_shift = 0, noise_of_turn = 0, all_of_turn = 0;
 
-    Step(double sine, double electrons, std::uint32_t parts, std::size_t modes)
+    Step(double sine, double electrons, std::uint32_t parts)
         : turn(sine), cosine(std::sqrt(1 - sine * sine)),
           light_noise(std::sqrt(1 / electrons + kLightFloor * kLightFloor)),
           deflection_noise(std::sqrt(0.3 / electrons + kDeflectionFloor * kDeflectionFloor)),
           light_own(0.5 / (electrons * parts * light_noise * light_noise)),
-          deflection_own(0.15 / (electrons * parts * deflection_noise * deflection_noise)) {
-        normal.unknowns = 3 + modes;
-    }
+          deflection_own(0.15 / (electrons * parts * deflection_noise * deflection_noise)) {}
 
     // One value of the part against the reference's map at (x, y) from the middle. `turned`: its change by the turn of
-    // the deflection itself; `by_form`: by each mode that varies.
-    void add(double part, const MapAt& at, double x, double y, double turned, double plain_noise, double own,
-             std::span<const double> by_form = {}) {
+    // the deflection itself.
+    void add(double part, const MapAt& at, double x, double y, double turned, double plain_noise, double own) {
         const double curvature = kCurvatureNoise * at.curvature,
                      noise = std::sqrt(plain_noise * plain_noise + curvature * curvature);
         // Of the reference at q by the pose: dq/dx = -R(-turn) e_x, dq/dturn = (y', -x') with (x', y') = q.
-        Unknowns slope{(-at.by_m * cosine + at.by_n * turn) / noise, (-at.by_m * turn - at.by_n * cosine) / noise,
-                       (at.by_m * y - at.by_n * x + turned) / noise};
-        for (std::size_t k = 0; k < by_form.size(); ++k) slope[3 + k] = by_form[k] / noise;
+        const std::array<double, 3> slope{(-at.by_m * cosine + at.by_n * turn) / noise,
+                                          (-at.by_m * turn - at.by_n * cosine) / noise,
+                                          (at.by_m * y - at.by_n * x + turned) / noise};
         const double r = (part - at.value) / noise, tail = r / kTail;
         const double weight = 1 / (1 + tail * tail);
         normal.add(slope, r, weight);
@@ -246,12 +211,9 @@ bool Registrar::update_light(std::size_t count, std::size_t used, double& typica
 // Compares the first `used` samples with the reference. Returns how many ratios of light it has left in ratios_, and in
 // `next_typical` the sum of the reference's light there.
 std::size_t Registrar::compare(const ReferenceMaps& reference, const PartMaps& part, const PoseMap& map,
-                               std::size_t used, double typical, double light_ratio, const FormFit& fit, Step& step,
-                               double& next_typical) {
+                               std::size_t used, double typical, double light_ratio, Step& step, double& next_typical) {
     CubicReader reader(extents_, reference.mask);
-    const double middle_m = 0.5 * (extents_.m - 1), middle_n = 0.5 * (extents_.n - 1),
-                 per_half = 1 / half_field(extents_);
-    std::array<double, kFormModes> by_form_x{}, by_form_y{};
+    const double middle_m = 0.5 * (extents_.m - 1), middle_n = 0.5 * (extents_.n - 1);
     const auto bins = [](DeflectionQ q) { return q.to_double_rounded(); };
     const double cosine = step.cosine, turn = step.turn;
     std::size_t count = 0;
@@ -276,29 +238,15 @@ std::size_t Registrar::compare(const ReferenceMaps& reference, const PartMaps& p
         bool foreign = std::abs(measured - light.value) > kForeignLight;
         if (has_hord) {
             const MapAt dx = reader.read(reference.x), dy = reader.read(reference.y);
-            auto expected = map.turned(dx.value, dy.value);
+            const auto expected = map.turned(dx.value, dy.value);
             const Deflection& d = part.deflections[s.k];
-            const double turned_x = -expected.n, turned_y = expected.m;
-            if (fit.count > 0) {
-                const auto at = extents_.index(floor_of(q.m + 0.5), floor_of(q.n + 0.5));
-                const double share = reference.form_share.empty() ? 1 : static_cast<double>(reference.form_share[at]);
-                const Form::Modes modes = Form::modes_at(x * per_half, y * per_half, dx.value, dy.value);
-                for (std::size_t of = 0; of < fit.count; ++of) {
-                    const std::size_t mode = fit.modes[of];
-                    by_form_x[of] = share * modes.along_x[mode], by_form_y[of] = share * modes.along_y[mode];
-                    expected.m += by_form_x[of] * fit.form.amounts[mode];
-                    expected.n += by_form_y[of] * fit.form.amounts[mode];
-                }
-            }
             // Turning the part turns its deflections, too.
             const MapAt along_x{expected.m, dx.by_m * cosine - dy.by_m * turn, dx.by_n * cosine - dy.by_n * turn,
                                 dx.curvature};
             const MapAt along_y{expected.n, dy.by_m * cosine + dx.by_m * turn, dy.by_n * cosine + dx.by_n * turn,
                                 dy.curvature};
-            step.add(bins(d.x), along_x, x, y, turned_x, step.deflection_noise, step.deflection_own,
-                     std::span(by_form_x).first(fit.count));
-            step.add(bins(d.y), along_y, x, y, turned_y, step.deflection_noise, step.deflection_own,
-                     std::span(by_form_y).first(fit.count));
+            step.add(bins(d.x), along_x, x, y, -expected.n, step.deflection_noise, step.deflection_own);
+            step.add(bins(d.y), along_y, x, y, expected.m, step.deflection_noise, step.deflection_own);
             foreign =
                 foreign || std::max(std::abs(bins(d.x) - expected.m), std::abs(bins(d.y) - expected.n)) > kForeignBins;
         }
@@ -312,12 +260,11 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
                            double electrons_per_dn, std::uint32_t parts) {
     Registered result;
     Pose& pose = result.pose;
-    FormFit fit(reference.form_variance);
-    const double reach = half_field(extents_);
+    const double reach = std::max(0.5 * (extents_.m - 1), 0.5 * (extents_.n - 1));
     double turn = 0;     // its sine
     double typical = 0;  // the reference's light, mean over the sample, DN
     double shorter = 1;  // factor of a step: reduced while the steps oscillate
-    Unknowns before{};
+    std::array<double, 3> before{};
     bool round = false;     // a turn of the part does not show in the maps; decided at the first step
     bool settling = false;  // the last steps, with the whole sample
     std::size_t used = sample_.size(), count = 0;
@@ -335,9 +282,9 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
     };
     for (int k = 0;; ++k) {
         pose.sine = turn;
-        Step step(turn, typical * result.light * electrons_per_dn, parts, fit.count);
+        Step step(turn, typical * result.light * electrons_per_dn, parts);
         double next_typical = 0;
-        count = compare(reference, {deflections, sums, mask}, PoseMap(pose, extents_), used, typical, result.light, fit,
+        count = compare(reference, {deflections, sums, mask}, PoseMap(pose, extents_), used, typical, result.light,
                         step, next_typical);
         result.disagreeing = step.compared > 0 ? step.foreign / step.compared : 1;
         const auto add_prior = [&](std::size_t unknown, double weight, double at) {
@@ -346,16 +293,9 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
         };
         add_prior(0, 1 / (kShiftPrior * kShiftPrior) + kNoiseRidge * step.noise_of_shift, pose.x);
         add_prior(1, 1 / (kShiftPrior * kShiftPrior) + kNoiseRidge * step.noise_of_shift, pose.y);
-        for (std::size_t of = 0; of < fit.count; ++of) {
-            const std::size_t mode = fit.modes[of];
-            add_prior(3 + of, 1 / static_cast<double>(reference.form_variance[mode]), fit.form.amounts[mode]);
-        }
-        // A turn that a shift or another form shows as well is not determined.
-        if (k == 0) round = step.normal.information(2) < kTurnShare * step.all_of_turn;
+        if (k == 0) round = step.normal.a[2][2] < kTurnShare * step.all_of_turn;
         add_prior(2, round ? 1e12 : 1 / (kTurnPrior * kTurnPrior) + kNoiseRidge * step.noise_of_turn, turn);
-        const auto by = step.normal.solved(step.normal.b);
-        double gained = 0;  // by the step, of the sum of squares
-        for (std::size_t u = 0; u < step.normal.unknowns; ++u) gained += by[u] * step.normal.b[u];
+        const auto by = step.normal.solved();
         const double moved = std::max(std::abs(by[0]), std::abs(by[1])) + std::abs(by[2]) * reach;
         typical = next_typical;
         if (!update_light(count, used, typical, result.light)) return result;
@@ -363,8 +303,7 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
         const double turned_back = by[0] * before[0] + by[1] * before[1] + reach * reach * by[2] * before[2];
         shorter = moved < kNearlySettled && turned_back < 0 ? 0.5 * shorter : std::min(1.0, 2 * shorter);
         before = by;
-        if (settling && (moved < kSettled || gained < kNoGain || (shorter <= kSwings && shorter * moved < kSettled)))
-            break;
+        if (settling && (moved < kSettled || (shorter <= kSwings && shorter * moved < kSettled))) break;
         if (k == kSteps) {
             if (moved < 0.1) break;  // oscillates within a tenth of a lenslet; the last steps were a quarter of that
             return outcome(Registered::Outcome::unsettled);
@@ -375,17 +314,11 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
         pose.x += shortened * by[0];
         pose.y += shortened * by[1];
         turn += shortened * by[2];
-        for (std::size_t of = 0; of < fit.count; ++of) fit.form.amounts[fit.modes[of]] += shortened * by[3 + of];
         settling = settling || moved < kNearlySettled || k >= kCoarseSteps;
         used = settling ? sample_.size() : coarse_;
         if (!(std::abs(pose.x) < 2 * kFarthestLenslets && std::abs(pose.y) < 2 * kFarthestLenslets &&
               std::abs(turn) < 2 * kFarthestSine))
             return outcome(Registered::Outcome::too_far);
-    }
-    const double farthest = farthest_form(parts);
-    for (std::size_t k = 0; k < kFormModes; ++k) {
-        const double most = farthest * std::sqrt(static_cast<double>(reference.form_variance[k]));
-        result.form.amounts[k] = std::clamp(fit.form.amounts[k], -most, most);
     }
     const bool far =
         std::abs(pose.x) > kFarthestLenslets || std::abs(pose.y) > kFarthestLenslets || std::abs(turn) > kFarthestSine;

@@ -1,6 +1,5 @@
-// Registration: finds a part's pose, and how its form differs from that of the typical good part, from its maps of
-// light and mean deflection, by robust Gauss-Newton from the reference's own pose over a regular sample of lenslets
-// (docs/notes/reference.md).
+// Registration: finds a part's pose from its maps of light and mean deflection, to a small fraction of a lenslet, by
+// robust Gauss-Newton from the reference's own pose over a regular sample of lenslets (docs/notes/reference.md).
 //
 // It fails if the steps do not converge, if the pose exceeds kFarthestLenslets or kFarthestSine, or if more than
 // kForeignShare of the samples disagree grossly (another kind of part).
@@ -15,7 +14,6 @@
 
 #include "algo/features/deflection.h"
 #include "algo/frame/extents.h"
-#include "algo/reference/form.h"
 #include "algo/reference/pose.h"
 
 namespace hord::algo {
@@ -28,23 +26,16 @@ struct ReferenceMaps {
     std::span<const float> light;  // DN
     std::span<const float> x, y;   // mean deflection, bin pitches
     std::span<const std::uint8_t> mask;
-    std::span<const float> form_share = {};  // as Reference::form_share; empty: 1 everywhere
-    FormVariances form_variance{};
 };
 
 struct Registered {
     enum class Outcome : std::uint8_t { found, too_little, too_far, foreign, unsettled };
     Outcome outcome = Outcome::too_little;
     Pose pose;
-    Form form;               // at most what good parts reach (farthest_form())
     double light = 1;        // the part's light over the reference's, median over the sample
     double disagreeing = 0;  // share of the samples that disagree grossly
     [[nodiscard]] bool found() const { return outcome == Outcome::found; }
 };
-
-// How many standard deviations of a form's amount the next good part may have, if so many `parts` were learned from:
-// one of 10,000 has more (Student's distribution).
-double farthest_form(std::uint32_t parts);
 
 // One sentence for display.
 const char* explain(Registered::Outcome outcome);
@@ -61,11 +52,10 @@ class Registrar {
 
   private:
     struct PartMaps;
-    struct FormFit;
     struct Step;
     bool update_light(std::size_t count, std::size_t used, double& typical, double& light);
     std::size_t compare(const ReferenceMaps& reference, const PartMaps& part, const PoseMap& map, std::size_t used,
-                        double typical, double light_ratio, const FormFit& fit, Step& step, double& next_typical);
+                        double typical, double light_ratio, Step& step, double& next_typical);
 
     struct SamplePoint {
         std::uint32_t k;

@@ -20,9 +20,6 @@ constexpr float kMinSpread[kDeviations] = {1e-6F, 1e-5F, 1e-5F, 0};  // rounding
 constexpr int kTailReach = 5, kEdgeReach = 2;         // lenslets
 constexpr float kJumpBins = 0.5F, kJumpLight = 0.1F;  // between neighbours of the reference
 constexpr int kMaxLevel = 15;                         // of a jump: it is 2^level times the least
-// Neighbours deviate together: lenslets that are kApart from each other, because interpolation joins those that are
-// nearer; mean over the lenslets within kTogetherReach.
-constexpr int kApart = 2, kTogetherReach = 3;
 constexpr std::size_t kClasses = (kMaxLevel + 1) * (kEdgeReach + 1);
 // The next good part may go so many times as far as the learned ones: kSafety times as all of them but one did beyond
 // the others.
@@ -48,53 +45,6 @@ double grubbs_share(double parts) {
 double median_or_0(std::vector<double> values) { return values.empty() ? 0 : common::upper_median(std::span(values)); }
 
 SpreadEstimate::SpreadEstimate(const Extents& extents) : extents_(extents), sums_(extents.lenslets()) {}
-
-void SpreadEstimate::add(std::uint32_t part, std::span<const Difference> differences, std::span<const float> emd,
-                         std::span<const float> frobenius) {
-    std::size_t k = 0;
-    for (int n = 0; n < extents_.n; ++n) {
-        for (int m = 0; m < extents_.m; ++m, ++k) {
-            add(part, differences[k], emd[k], frobenius[k]);
-            if (m + kApart < extents_.m) add_products(differences[k], differences[k + kApart]);
-            if (n + kApart < extents_.n) add_products(differences[k], differences[extents_.index(m, n + kApart)]);
-        }
-    }
-}
-
-// Noise is independent from lenslet to lenslet: it does not count, on average.
-void SpreadEstimate::add_products(const Difference& a, const Difference& b) {
-    if (!a.has_light || !b.has_light) return;
-    const bool hords = a.has_hord && b.has_hord;
-    for (Sums* const s : {&sums_[a.at], &sums_[b.at]}) {
-        const auto add = [&](Deviation which, float product) {
-            s->products[static_cast<std::size_t>(which)] += product;
-        };
-        add(Deviation::light, a.light * b.light);
-        ++s->light_pairs;
-        if (!hords) continue;
-        add(Deviation::deflection_shift, (a.x * b.x + a.y * b.y) / 2);
-        add(Deviation::scattering, a.scattering * b.scattering);
-        ++s->hord_pairs;
-    }
-}
-
-// The covariance of neighbours, mean over so many lenslets that noise is averaged out.
-std::vector<float> SpreadEstimate::together(std::size_t w) const {
-    std::vector<float> map(sums_.size(), 0);
-    if (w == static_cast<std::size_t>(Deviation::shape)) return map;
-    for (int n = 0; n < extents_.n; ++n) {
-        for (int m = 0; m < extents_.m; ++m) {
-            double sum = 0, pairs = 0;
-            extents_.for_each_around(m, n, kTogetherReach, [&](int x, int y) {
-                const Sums& s = sums_[extents_.index(x, y)];
-                sum += static_cast<double>(s.products[w]);
-                pairs += w == 0 ? s.light_pairs : s.hord_pairs;
-            });
-            if (pairs > 0) map[extents_.index(m, n)] = static_cast<float>(std::max(0.0, sum / pairs));
-        }
-    }
-    return map;
-}
 
 void SpreadEstimate::add(std::uint32_t part, const Difference& d, float emd, float frobenius) {
     if (!d.has_light) return;
@@ -270,7 +220,6 @@ void SpreadEstimate::finish(double parts, Reference& reference) const {
     for (std::size_t w = 0; w < kDeviations; ++w) {
         std::vector<float>& spread = reference.spread[w];
         spread = local_spread(w, parts);
-        reference.together[w] = together(w);
         tails.reached = reached(w, tails.edge_class);
         const double elsewhere = margin(w, parts, spread, tails, false),
                      near_jumps = margin(w, parts, spread, tails, true);

@@ -22,11 +22,10 @@ class SpreadEstimate {
   public:
     explicit SpreadEstimate(const Extents& extents);
 
-    // A part: its deviations and gradients, one a lenslet.
-    void add(std::uint32_t part, std::span<const Difference> differences, std::span<const float> emd,
-             std::span<const float> frobenius);
+    // One lenslet of a part, with its gradients where it has a HORD.
+    void add(std::uint32_t part, const Difference& difference, float emd, float frobenius);
 
-    // Writes spread, together, emd and frobenius of the reference. `parts`: how many were added.
+    // Writes spread, emd and frobenius of the reference. `parts`: how many were added.
     void finish(double parts, Reference& reference) const;
 
     // No lenslet with a HORD was added.
@@ -39,17 +38,12 @@ class SpreadEstimate {
     [[nodiscard]] std::vector<double> sole_deviations(std::size_t count, double parts) const;
 
   private:
-    void add(std::uint32_t part, const Difference& difference, float emd, float frobenius);
-    void add_products(const Difference& a, const Difference& b);
-    [[nodiscard]] std::vector<float> together(std::size_t deviation) const;
     struct Sums {
         std::array<float, kDeviations> squares{}, variance{};  // of shape: excess and its noise
         std::array<LargestByPart, kDeviations> largest{};
         float scores = 0, largest_score = 0;
         std::uint32_t largest_part = 0;
         std::uint16_t count = 0, hords = 0;
-        std::array<float, kDeviations> products{};  // of deviations of lenslets that are kApart apart
-        std::uint32_t light_pairs = 0, hord_pairs = 0;
         float emd = 0, frobenius = 0;
     };
     struct Tails {

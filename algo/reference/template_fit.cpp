@@ -354,8 +354,7 @@ float TemplateFitter::scattering_of(int lane, int i, int j) const {
         ->scattering[((j - window.top) * window.columns() + i - window.left) * work_->lanes + lane - work_->first];
 }
 
-// Corrects shift and scattering as if the largest reading of the dark bins that scattering reaches were the second
-// largest.
+// Corrects the shift as if the largest reading of the dark bins that scattering reaches were the second largest.
 void TemplateFitter::limit_largest_dark(Fits& fits, int lane) const {
     const BinRect& window = work_->window;
     float largest = 0, second = 0;
@@ -381,8 +380,6 @@ void TemplateFitter::limit_largest_dark(Fits& fits, int lane) const {
     const float b = scattering_of(lane, at_i, at_j);
     fits.x[lane] += less * (fits.xx[lane] * x + fits.xy[lane] * y + fits.xb[lane] * b);
     fits.y[lane] += less * (fits.xy[lane] * x + fits.yy[lane] * y + fits.yb[lane] * b);
-    fits.scattering[lane] +=
-        less * (0.5F * (fits.xb[lane] * x + fits.yb[lane] * y) + fits.scattering_variance[lane] * fits.light[lane] * b);
 }
 
 void TemplateFitter::fit(Fits& fits, std::uint32_t wanted) {
@@ -391,9 +388,7 @@ void TemplateFitter::fit(Fits& fits, std::uint32_t wanted) {
     for (int l = work_->first; l < work_->first + at_once_; ++l) {
         if ((wanted >> l & 1U) == 0 || fits.found[l] == 0) continue;
         const float shift2 = fits.x[l] * fits.x[l] / fits.x_variance[l] + fits.y[l] * fits.y[l] / fits.y_variance[l];
-        const float scattering2 = fits.scattering[l] * fits.scattering[l] / fits.scattering_variance[l];
-        if (std::max(shift2, scattering2) > static_cast<float>(kSignificant * kSignificant))
-            limit_largest_dark(fits, l);
+        if (shift2 > static_cast<float>(kSignificant * kSignificant)) limit_largest_dark(fits, l);
     }
 }
 

@@ -29,16 +29,12 @@ void each_value(AnyReference& r, Each&& each) {
     for (auto* v : {&r.extents.m, &r.extents.n, &r.extents.i, &r.extents.j, &r.bits}) each(*v);
     for (auto* v : {&r.levels.dark, &r.levels.min_sum, &r.levels.saturated, &r.parts}) each(*v);
     for (auto* v : {&r.sensor.electrons_per_dn, &r.sensor.read_dn, &r.sensor.clip_dn}) each(*v);
-    for (auto& variance : r.form_variance) each(variance);
 }
 template <class AnyReference, class Each>
 void each_map(AnyReference& r, Each&& each) {
     each(r.shares, r.stride());
-    for (auto* map : {&r.light, &r.x, &r.y, &r.emd, &r.frobenius, &r.form_share, &r.form_response})
-        each(*map, std::size_t{1});
-    for (auto* maps : {&r.spread, &r.together}) {
-        for (auto& map : *maps) each(map, std::size_t{1});
-    }
+    for (auto* map : {&r.light, &r.x, &r.y, &r.emd, &r.frobenius}) each(*map, std::size_t{1});
+    for (auto& map : r.spread) each(map, std::size_t{1});
     each(r.mask, std::size_t{1});
 }
 

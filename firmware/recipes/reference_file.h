@@ -11,7 +11,7 @@
 
 namespace hord::firmware {
 
-constexpr std::uint32_t kReferenceVersion = 2;
+constexpr std::uint32_t kReferenceVersion = 1;
 
 // Replaces the file durably (common/file_writing.h). Fails with io.
 Result<void> write_reference(const std::filesystem::path& file, const algo::Reference& reference);

@@ -136,8 +136,7 @@ Comparison compare(const py::object& frame, const py::object& reference, const p
             const std::size_t first = e.index(0, n);
             comparer.compare_row(field.frame.view, found.sums.subspan(first, columns),
                                  std::span<const std::uint8_t>(mask).subspan(first, columns), n, pose,
-                                 found.registered.light, found.dark_dn, std::span(differences).subspan(first, columns),
-                                 found.registered.form);
+                                 found.registered.light, found.dark_dn, std::span(differences).subspan(first, columns));
         }
     });
     const auto map = [&](auto value) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <numbers>
 #include <random>
 
 #include <fmt/format.h>
@@ -96,7 +97,7 @@ void compare_with_flaw(const TracedFlaw& flaw, std::span<const algo::Defect> def
     judged.found = true;
     if (flaw.radius.value_or(0) < kSizedFlaw) return;
     judged.place_error = distance(*nearest);
-    judged.size_error = static_cast<double>(algo::radius_of(*nearest)) - *flaw.radius;
+    judged.size_error = std::sqrt(nearest->area * std::numbers::inv_pi) - *flaw.radius;
 }
 
 class Yardstick {
@@ -288,7 +289,7 @@ Result<ExperimentReport> Yardstick::report() const {
              fmt::format("medians {:.2f} and {:.2f}", place_error, size_error)});
     }
     Table all{{"family", "name", "split", "bits", "electrons", "ripple", "light", "verdict", "reason", "score", "found",
-               "place_error", "size_error", "m", "n", "area", "radius", "kind"},
+               "place_error", "size_error", "m", "n", "area", "kind"},
               {}};
     for (const Judged& j : judged_) {
         const auto number = [](const std::optional<double>& v) { return v ? fmt::format("{:.3f}", *v) : ""; };
@@ -298,11 +299,10 @@ Result<ExperimentReport> Yardstick::report() const {
                             fmt::format("{:g}", j.exposure.light), std::string(name_of(j.verdict)),
                             std::string(name_of(j.reason)), fmt::format("{:.3f}", j.score),
                             j.flawed ? (j.found ? "yes" : "no") : "", number(j.place_error), number(j.size_error)});
-        std::vector<std::string> where(5);
+        std::vector<std::string> where(4);
         if (j.worst)
             where = {fmt::format("{:.1f}", j.worst->m), fmt::format("{:.1f}", j.worst->n),
-                     std::to_string(j.worst->area), fmt::format("{:.2f}", j.worst->radius),
-                     std::string(name_of(j.worst->kind))};
+                     std::to_string(j.worst->area), std::string(name_of(j.worst->kind))};
         all.rows.back().insert(all.rows.back().end(), where.begin(), where.end());
     }
     for (const auto& [name, table] :

@@ -99,20 +99,6 @@ std::string poses_text(const LearnReport& report) {
         x, y, turn * kDegrees);
 }
 
-std::string form_text(const algo::Reference& r) {
-    const auto amount = [&](std::size_t mode) { return std::sqrt(static_cast<double>(r.form_variance[mode])); };
-    if (std::ranges::none_of(r.form_variance, [](float v) { return v > 0; }))
-        return "The form of the parts does not vary smoothly over the whole part.";
-    return fmt::format(
-        "The form of the parts varies (standard deviations): deflection by {:.2g} bins along x and {:.2g} along y, "
-        "towards "
-        "the field's border by {:.2g} and {:.2g} bins more, its strength by {:.2g} %. This does not count as a defect, "
-        "up "
-        "to {:.1f} times as much.",
-        amount(0), amount(3), std::max(amount(1), amount(2)), std::max(amount(4), amount(5)), 100 * amount(6),
-        algo::farthest_form(r.parts));
-}
-
 }  // namespace
 
 std::vector<std::string> describe(const LearnReport& report) {
@@ -121,7 +107,6 @@ std::vector<std::string> describe(const LearnReport& report) {
     for (const algo::LeftOut& out : report.learned.left_out)
         lines.push_back(fmt::format("Left out: {}: {}.", report.frames[out.part], out.why));
     lines.push_back(poses_text(report));
-    lines.push_back(form_text(report.learned.reference));
     if (const std::string modes = modes_text(report.variation); !modes.empty()) lines.push_back(modes);
     for (std::string& line : algo::describe(report.check, report.recipe)) lines.push_back(std::move(line));
     return lines;

@@ -136,8 +136,6 @@ TEST(Reference, light_moves_as_far_along_rows_of_bins_as_along_columns) {
         r.emd.assign(e.lenslets(), 0), r.frobenius.assign(e.lenslets(), 0);
     r.mask.assign(e.lenslets(), kValid);
     for (auto& spread : r.spread) spread.assign(e.lenslets(), 1e-4F);
-    for (auto& together : r.together) together.assign(e.lenslets(), 0);
-    r.form_share.assign(e.lenslets(), 1), r.form_response.assign(e.lenslets(), 1);
     const auto weight = [](int k) { return k == 4 ? 2 : k == 3 || k == 5 ? 1 : 0; };  // of 4
     for (std::size_t k = 0; k < e.lenslets(); ++k) {
         for (int b = 0; b < e.bins(); ++b)

@@ -102,8 +102,6 @@ Reference reference_of(const Extents& e, int bits, Random& random) {
     r.x.assign(count, 0), r.y.assign(count, 0), r.mask.assign(count, kValid), r.emd.assign(count, 0),
         r.frobenius.assign(count, 0);
     for (auto& spread : r.spread) spread.assign(count, 1e-4F);
-    for (auto& together : r.together) together.assign(count, 0);
-    r.form_share.assign(count, 1), r.form_response.assign(count, 1);
     std::vector<int> weight(static_cast<std::size_t>(e.bins()));
     for (int n = 0; n < e.n; ++n) {
         for (int m = 0; m < e.m; ++m) {

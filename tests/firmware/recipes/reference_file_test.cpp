@@ -32,9 +32,6 @@ algo::Reference small() {
     r.y.assign(count, -0.5F);
     r.mask.assign(count, 0);
     for (auto& map : r.spread) map.assign(count, 1e-4F);
-    for (auto& map : r.together) map.assign(count, 2e-5F);
-    r.form_variance = {1e-3F, 0, 0, 2e-3F, 0, 0, 1e-4F};
-    r.form_share.assign(count, 0.75F), r.form_response.assign(count, 1.25F);
     r.emd.assign(count, 0.1F);
     r.frobenius.assign(count, 0.05F);
     for (std::size_t k = 0; k < count; ++k)
@@ -71,10 +68,6 @@ TEST_F(ReferenceFile, what_is_written_is_read) {
     EXPECT_EQ(a.y, b.y);
     EXPECT_EQ(a.mask, b.mask);
     EXPECT_EQ(a.spread, b.spread);
-    EXPECT_EQ(a.together, b.together);
-    EXPECT_EQ(a.form_variance, b.form_variance);
-    EXPECT_EQ(a.form_share, b.form_share);
-    EXPECT_EQ(a.form_response, b.form_response);
     EXPECT_EQ(a.emd, b.emd);
     EXPECT_EQ(a.frobenius, b.frobenius);
     EXPECT_EQ(a.parts, b.parts);
