@@ -114,7 +114,7 @@ class Sentences {
     std::map<std::uint32_t, std::string> by_part_;
 };
 
-// One run: joins each part's result with its fate, and ends when all parts have both.
+// One run: joins each part's result with its fate (simulated line), and ends when all parts have both.
 class Run {
   public:
     explicit Run(const RunOptions& options) : options_(options) {}
@@ -216,6 +216,11 @@ class Run {
         last_seen_ = service_->loop().now();
         if (!options_.vitals.empty()) vitals_.add(result);
         results_[result.arrived_ns] = result;
+        // A real line tells no fate: the station's own word is all that is known.
+        if ((service_->simulated() & kFaultPartSensor) == 0)
+            return on_fate({.arrived = hal::TimePoint(Duration(result.arrived_ns)),
+                            .kind = {},
+                            .ejected = result.reject == RejectState::confirmed});
         settle(result.arrived_ns);
     }
     void on_fate(const Backends::Fate& fate) {

@@ -116,7 +116,7 @@ TEST(Genicam, the_line_runs_with_barrier_and_light_on_the_camera) {
         "[part_sensor]\nbackend = \"camera\"\ncamera_line = \"Line1\"\n[modbus]\nport = 0\n" +
         line);
     const std::string store = folder / "store";
-    Running station("hordctl", {"run", "--config", folder / "c.toml", "--store", store});
+    Running station("hordctl", {"run", "--config", folder / "c.toml", "--store", store, "--json"});
     ASSERT_TRUE(station.says("Preoperational to Error")) << station.so_far().err;  // nobody knows what is on the line
     const std::string told = station.so_far().err, before = "registers at ";
     const std::size_t at = told.find(before) + before.size();
@@ -141,6 +141,14 @@ TEST(Genicam, the_line_runs_with_barrier_and_light_on_the_camera) {
     std::ranges::sort(parts, {}, [](const Json& one) { return one.at("part").get<int>(); });
     for (std::size_t k = 0; k < parts.size(); ++k)
         EXPECT_EQ(parts[k]["verdict"], k % 2 == 0 ? "pass" : "reject") << parts[k] << said.err;
+    // A line that is not simulated has no truth, but every part is told and counted.
+    const std::vector<Json> told_parts = lines_of(said.out);
+    ASSERT_EQ(told_parts.size(), 4U) << said.out << said.err;
+    for (const Json& one : told_parts) {
+        EXPECT_FALSE(one.contains("truth")) << one;
+        EXPECT_EQ(one["ejected"], one["verdict"] == "reject") << one;
+    }
+    EXPECT_THAT(said.err, testing::HasSubstr("(4 parts)"));
     // The barrier is heard while the camera streams.
     const Said selftest = run("hordctl", {"selftest", "--config", folder / "c.toml"});
     EXPECT_EQ(selftest.status, 0) << selftest.out << selftest.err;
