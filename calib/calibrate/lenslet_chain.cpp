@@ -4,9 +4,12 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <numbers>
 #include <numeric>
 #include <optional>
+#include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -338,12 +341,18 @@ Result<LensletChain> follow_chains(const WhiteImage& image, LocalFinders& finder
     Chains chains(image, finders, steps, pitch_px);
     // The first lenslet is one that others follow; a speck of light is not.
     constexpr std::size_t kFewest = 9;
-    std::vector<LensletPlace> places = lenslets_inside(steps, steps, 0.5 * std::max(steps.width_px, steps.height_px));
+    const std::vector<LensletPlace> places =
+        lenslets_inside(steps, steps, 0.5 * std::max(steps.width_px, steps.height_px));
     const PixelPoint seed = steps.at(steps.uv(0, 0));
-    const auto far = [&](const LensletPlace& p) { return std::hypot(p.at.x_px - seed.x_px, p.at.y_px - seed.y_px); };
-    std::sort(places.begin(), places.end(), [&](const auto& a, const auto& b) { return far(a) < far(b); });
-    for (const LensletPlace& place : places) {
-        if (chains.size() >= kFewest) break;
+    // The nearest to the seed first. Few are tried: a heap orders no more of them.
+    std::vector<std::pair<double, std::size_t>> by_distance;
+    by_distance.reserve(places.size());
+    for (std::size_t k = 0; k < places.size(); ++k)
+        by_distance.emplace_back(std::hypot(places[k].at.x_px - seed.x_px, places[k].at.y_px - seed.y_px), k);
+    std::make_heap(by_distance.begin(), by_distance.end(), std::greater<>());
+    for (; !by_distance.empty() && chains.size() < kFewest; by_distance.pop_back()) {
+        std::pop_heap(by_distance.begin(), by_distance.end(), std::greater<>());
+        const LensletPlace& place = places[by_distance.back().second];
         chains.start(place.m, place.n, place.at);
     }
     const auto smooth = [&](std::vector<Observation> seen) {
