@@ -24,18 +24,20 @@ constexpr std::array<ModelTraits, kGridModels.size()> kTraits{{{"similarity", 4}
                                                                {"quintic", 42}}};
 const ModelTraits& traits(GridModelKind model) { return kTraits[static_cast<std::size_t>(model)]; }
 
-int order_of(GridModelKind model) { return model == GridModelKind::quintic ? 5 : 3; }
-
 // Terms u^p v^q, p + q <= order, in the order 1, u, v, u2, uv, v2, ...; `coefficients` holds them in the same order.
-double polynomial(int order, const double* coefficients, double u, double v) {
-    double of_u[6], of_v[6];  // powers
+template <int order>
+double polynomial(const double* coefficients, double u, double v) {
+    double of_u[order + 1], of_v[order + 1];  // powers
     of_u[0] = of_v[0] = 1;
+#pragma GCC unroll 8
     for (int k = 1; k <= order; ++k) {
         of_u[k] = of_u[k - 1] * u;
         of_v[k] = of_v[k - 1] * v;
     }
     double sum = 0;
+#pragma GCC unroll 8
     for (int degree = 0; degree <= order; ++degree) {
+#pragma GCC unroll 8
         for (int q = 0; q <= degree; ++q) sum += *coefficients++ * of_u[degree - q] * of_v[q];
     }
     return sum;
@@ -109,11 +111,8 @@ PixelPoint LensletGrid::at(Uv where) const {
         case GridModelKind::similarity:
         case GridModelKind::similarity_radial1: point = {p[0] + p[2] * u - p[3] * v, p[1] + p[3] * u + p[2] * v}; break;
         case GridModelKind::affine: return {p[0] + p[2] * u + p[3] * v, p[1] + p[4] * u + p[5] * v};
-        case GridModelKind::cubic:
-        case GridModelKind::quintic: {
-            const int half = parameter_count(model) / 2;
-            return {polynomial(order_of(model), p, u, v), polynomial(order_of(model), p + half, u, v)};
-        }
+        case GridModelKind::cubic: return {polynomial<3>(p, u, v), polynomial<3>(p + 10, u, v)};
+        case GridModelKind::quintic: return {polynomial<5>(p, u, v), polynomial<5>(p + 21, u, v)};
         default: {
             const double w = 1.0 + p[6] * u + p[7] * v;
             point = {p[0] + (p[2] * u + p[3] * v) / w, p[1] + (p[4] * u + p[5] * v) / w};

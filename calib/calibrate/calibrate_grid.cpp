@@ -83,16 +83,20 @@ void count_from_zero(LensletGrid& grid, std::vector<Observation>& observations, 
 // only a part of the frame is lit, and low for structures of a picture that resemble lenslets.
 double neighbours_found(const LensletGrid& grid, const CentreFinder& finder,
                         const std::vector<Observation>& observations) {
-    std::vector<bool> found(static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows));
-    for (const Observation& seen : observations) found[grid.index(seen.m, seen.n)] = true;
+    std::vector<std::uint8_t> found(grid.index(0, grid.rows)), complete(found);
+    for (const Observation& seen : observations) found[grid.index(seen.m, seen.n)] = 1;
+    for (int n = 0; n < grid.rows; ++n) {
+        for (int m = 0; m < grid.columns; ++m)
+            complete[grid.index(m, n)] = finder.complete(grid.centre_px(m, n)) ? 1 : 0;
+    }
     std::int64_t neighbours = 0, measured = 0;
     for (const Observation& seen : observations) {
         for (const auto& [dm, dn] : {std::pair{1, 0}, {-1, 0}, {0, 1}, {0, -1}}) {
             const int m = seen.m + dm;
             const int n = seen.n + dn;
-            if (!grid.contains(m, n) || !finder.complete(grid.centre_px(m, n))) continue;
+            if (!grid.contains(m, n) || complete[grid.index(m, n)] == 0) continue;
             ++neighbours;
-            if (found[grid.index(m, n)]) ++measured;
+            measured += found[grid.index(m, n)];
         }
     }
     return neighbours > 0 ? static_cast<double>(measured) / static_cast<double>(neighbours) : 0;

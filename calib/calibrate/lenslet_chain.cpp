@@ -49,7 +49,9 @@ class Chains {
   public:
     Chains(const WhiteImage& image, LocalFinders& finders, const LensletGrid& steps, double pitch_px)
         : image_(image), finders_(finders), steps_(steps), pitch_(pitch_px) {
-        for (const LensletPlace& place : lenslets_inside(steps, steps)) box_.include(place.m, place.n);
+        const std::vector<LensletPlace> places = lenslets_inside(steps, steps);
+        for (const LensletPlace& place : places) box_.include(place.m, place.n);
+        nodes_.reserve(places.size() + places.size() / 8);
         const int more_m = 2 + static_cast<int>(kMargin / 2 * (box_.high_m - box_.low_m));
         const int more_n = 2 + static_cast<int>(kMargin / 2 * (box_.high_n - box_.low_n));
         box_ = {box_.low_m - more_m, box_.high_m + more_m, box_.low_n - more_n, box_.high_n + more_n};
@@ -92,12 +94,13 @@ class Chains {
         return false;
     }
 
-    // Row by row.
-    [[nodiscard]] std::vector<Observation> observations() const {
+    // Row by row; of `every` lenslets one.
+    [[nodiscard]] std::vector<Observation> observations(std::size_t every = 1) const {
         std::vector<Observation> out;
-        out.reserve(nodes_.size());
+        out.reserve(nodes_.size() / every + 1);
+        std::size_t measured = 0;
         for (const std::int32_t k : state_) {
-            if (k < 0) continue;
+            if (k < 0 || measured++ % every != 0) continue;
             const Node& node = nodes_[static_cast<std::size_t>(k)];
             out.push_back({.m = node.m,
                            .n = node.n,
@@ -125,7 +128,8 @@ class Chains {
                 const double x = (b.ideal.x - a.ideal.x) / pitch_, y = (b.ideal.y - a.ideal.y) / pitch_;
                 const double miss_x = b.off.x - a.off.x - 0.5 * ((a.by_x.x + b.by_x.x) * x + (a.by_y.x + b.by_y.x) * y);
                 const double miss_y = b.off.y - a.off.y - 0.5 * ((a.by_x.y + b.by_x.y) * x + (a.by_y.y + b.by_y.y) * y);
-                if (std::hypot(miss_x, miss_y) < kMaxTear * pitch_) parent[root(k)] = root(other);
+                if (miss_x * miss_x + miss_y * miss_y < kMaxTear * kMaxTear * pitch_ * pitch_)
+                    parent[root(k)] = root(other);
                 else tears.emplace_back(k, other);
             }
         }
@@ -347,19 +351,24 @@ Result<LensletChain> follow_chains(const WhiteImage& image, LocalFinders& finder
     // The nearest to the seed first. Few are tried: a heap orders no more of them.
     std::vector<std::pair<double, std::size_t>> by_distance;
     by_distance.reserve(places.size());
-    for (std::size_t k = 0; k < places.size(); ++k)
-        by_distance.emplace_back(std::hypot(places[k].at.x_px - seed.x_px, places[k].at.y_px - seed.y_px), k);
+    for (std::size_t k = 0; k < places.size(); ++k) {
+        const double dx = places[k].at.x_px - seed.x_px, dy = places[k].at.y_px - seed.y_px;
+        by_distance.emplace_back(dx * dx + dy * dy, k);
+    }
     std::make_heap(by_distance.begin(), by_distance.end(), std::greater<>());
     for (; !by_distance.empty() && chains.size() < kFewest; by_distance.pop_back()) {
         std::pop_heap(by_distance.begin(), by_distance.end(), std::greater<>());
         const LensletPlace& place = places[by_distance.back().second];
         chains.start(place.m, place.n, place.at);
     }
-    const auto smooth = [&](std::vector<Observation> seen) {
+    const auto smooth = [&] {
+        constexpr std::size_t kEnough = 4000;  // lenslets: more do not change the surface
+        std::vector<Observation> seen =
+            chains.observations(std::max<std::size_t>(1, (chains.size() + kEnough - 1) / kEnough));
         const int order = seen.size() >= 200 ? 3 : seen.size() >= 60 ? 2 : 1;
         return robust_polynomial(steps, seen, order);
     };
-    std::optional<LensletGrid> grid = smooth(chains.observations());
+    std::optional<LensletGrid> grid = smooth();
     // Light in separate regions: the polynomial leads from one to the next.
     const std::size_t before = chains.size();
     if (grid) {
@@ -377,7 +386,7 @@ Result<LensletChain> follow_chains(const WhiteImage& image, LocalFinders& finder
                               (v.y * of_steps.along_u.x_px - u.y * of_steps.along_v.x_px) / det};
             chains.start(place.m, place.n, place.at, by_x, by_y);
         }
-        if (chains.size() > before) grid = smooth(chains.observations());
+        if (chains.size() > before) grid = smooth();
     }
     if (!grid) {
         return fail(ErrorCode::refused, fmt::format("only {} lenslets can be measured", chains.size()),
