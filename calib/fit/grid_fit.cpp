@@ -43,7 +43,8 @@ void reject_by(const algo::LensletGrid& grid, std::span<Observation> observation
     distance.reserve(observations.size());
     for (const Observation& seen : observations) {
         const algo::PixelPoint at = grid.centre_px(seen.m, seen.n);
-        distance.push_back(std::hypot(at.x_px - seen.centre_px.x_px, at.y_px - seen.centre_px.y_px));
+        const double dx = at.x_px - seen.centre_px.x_px, dy = at.y_px - seen.centre_px.y_px;
+        distance.push_back(std::sqrt(dx * dx + dy * dy));
     }
     std::vector<double> sorted;
     for (std::size_t k = 0; k < distance.size(); ++k) {
@@ -79,15 +80,16 @@ Result<void> finish(const algo::LensletGrid& start, std::vector<Point> points, G
 
 // Statistics of the residuals of all used centres.
 void count_residuals(const std::vector<Point>& points, GridFit& fit) {
-    double x = 0;
-    double y = 0;
+    double x = 0, y = 0, farthest = 0;
     for (const Point& point : points) {
         const algo::PixelPoint at = fit.grid.at(point.uv);
         const double dx = at.x_px - point.seen.x_px;
         const double dy = at.y_px - point.seen.y_px;
         x += dx * dx;
         y += dy * dy;
-        fit.max_px = std::max(fit.max_px, std::hypot(dx, dy));
+        if (dx * dx + dy * dy <= farthest) continue;
+        farthest = dx * dx + dy * dy;
+        fit.max_px = std::hypot(dx, dy);
     }
     fit.used = static_cast<int>(points.size());
     fit.rms_x_px = std::sqrt(x / static_cast<double>(points.size()));

@@ -178,13 +178,12 @@ std::optional<Spot> CentreFinder::Kernels::measure(algo::PixelPoint at, double m
         // Done if the centre lies in the cell of its phase: the error of the gain is then negligible.
         const bool settled = std::max(std::abs(dx), std::abs(dy)) < 0.6 / phases;
         // If the steps from two cells lead into each other, the centre is half way.
-        const double step = std::hypot(next.x_px - here.x_px, next.y_px - here.y_px);
-        here = k + 1 == kMaxSteps && step < 2.0 / phases
-            ? algo::PixelPoint{0.5 * (here.x_px + next.x_px), 0.5 * (here.y_px + next.y_px)}
-            : next;
+        const bool swings =
+            k + 1 == kMaxSteps && std::hypot(next.x_px - here.x_px, next.y_px - here.y_px) < 2.0 / phases;
+        here = swings ? algo::PixelPoint{0.5 * (here.x_px + next.x_px), 0.5 * (here.y_px + next.y_px)} : next;
         const double away = std::hypot(here.x_px - at.x_px, here.y_px - at.y_px);
         if (away > most_px) return std::nullopt;
-        if (settled || (k + 1 == kMaxSteps && step < 2.0 / phases)) return Spot{here, m.amplitude, m.match, away};
+        if (settled || swings) return Spot{here, m.amplitude, m.match, away};
     }
     return std::nullopt;
 }
