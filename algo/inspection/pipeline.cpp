@@ -191,9 +191,12 @@ Result<FoundDefects> Pipeline::Workspace::find_defects(bool& bounded) {
 }
 
 // The same of a part that is compared with a reference.
-FoundDefects Pipeline::Workspace::find_differences(const Pose& pose, bool& bounded) {
+FoundDefects Pipeline::Workspace::find_differences(const FrameView& frame, const Registered& registered,
+                                                   bool& bounded) {
     ReferenceDefects& finder = comparison->defect_finder;
+    const Pose& pose = registered.pose;
     ComparedFrame compared{comparison->differences, gradient, judged_slopes(), mask};
+    compared.light = {frame, levels.dark, registered.light};
     if (!exact) return finder.find(compared, pose);
     compared.bounds = exact->bounds();
     const float grow = finder.grow_severity();
@@ -301,8 +304,8 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
     if (result.reason == Reason::none) {
         if (w.emd_bounds || w.comparison) w.look_again(frame, result.registered, watch, result.times);
         if (w.exact) w.exact->start(frame, w.levels, w.mask, w.gradient, limits, now, end_ns);
-        const Result<FoundDefects> found =
-            w.comparison ? w.find_differences(result.registered.pose, result.bounded) : w.find_defects(result.bounded);
+        const Result<FoundDefects> found = w.comparison ? w.find_differences(frame, result.registered, result.bounded)
+                                                        : w.find_defects(result.bounded);
         if (!found) return tl::unexpected(found.error());
         result.defects = found->defects;
         result.reason = found->reason;

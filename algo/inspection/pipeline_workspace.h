@@ -168,7 +168,7 @@ struct Pipeline::Workspace {
     void find_bounded_columns(int first_row, int last_row);
     void bound_row(SoaDistances& rows, const FrameView& frame, int n, int& next);
     Result<FoundDefects> find_defects(bool& bounded);
-    FoundDefects find_differences(const Pose& pose, bool& bounded);
+    FoundDefects find_differences(const FrameView& frame, const Registered& registered, bool& bounded);
 };
 
 }  // namespace hord::algo

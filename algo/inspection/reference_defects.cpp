@@ -59,10 +59,10 @@ double square(float v) { return static_cast<double>(v) * static_cast<double>(v);
 }  // namespace
 
 ReferenceDefects::ReferenceDefects(const Extents& extents, const Recipe& recipe)
-    : extents_(extents), recipe_(recipe), reference_(*recipe.reference), scores_(extents.lenslets()),
-      z_severity_(extents.lenslets()), severity_(extents.lenslets()), without_emd_(extents.lenslets()),
-      by_gradient_(extents.lenslets()), visited_(extents.lenslets()), queue_(extents.lenslets()),
-      used_(recipe.tolerances.size()) {
+    : extents_(extents), recipe_(recipe), reference_(*recipe.reference), sizer_(reference_),
+      scores_(extents.lenslets()), z_severity_(extents.lenslets()), severity_(extents.lenslets()),
+      without_emd_(extents.lenslets()), by_gradient_(extents.lenslets()), visited_(extents.lenslets()),
+      queue_(extents.lenslets()), used_(recipe.tolerances.size()) {
     found_.reserve(1000);
     defects_.reserve(1000);
 }
@@ -136,14 +136,18 @@ float ReferenceDefects::noise_share(const Scores& s, const Difference& d) const 
     return shares[worst];
 }
 
-// The connected lenslets at or above grow_score, from `seed` on.
-ReferenceDefects::Region ReferenceDefects::grow_region(std::uint32_t seed, const ComparedFrame& c) {
+// The connected lenslets at or above grow_score, from `seed` on, that are not visited; valid until the next call.
+std::span<const std::uint32_t> ReferenceDefects::take_lenslets(std::uint32_t seed) {
     const float grow = grow_severity();
     const std::size_t count = flood(extents_, seed, 1, Connected::at_corners_too, queue_, [&](std::size_t k) {
         return severity_[k] >= grow && std::exchange(visited_[k], std::uint8_t{1}) == 0;
     });
+    return std::span(queue_).first(count);
+}
+
+ReferenceDefects::Region ReferenceDefects::grow_region(std::uint32_t seed, const ComparedFrame& c) {
     Region r;
-    for (const std::uint32_t k : std::span(queue_).first(count)) {
+    for (const std::uint32_t k : take_lenslets(seed)) {
         const int m = static_cast<int>(k) % extents_.m, n = static_cast<int>(k) / extents_.m;
         const Scores& s = scores_[k];
         const float in_noise = severity_[k] * recipe_.reject_score,
@@ -208,6 +212,28 @@ Defect ReferenceDefects::describe(const Region& r, Reason& reason) const {
     return d;
 }
 
+// Place and size of the worst of found_, by the light. They are told only: no verdict depends on them.
+void ReferenceDefects::measure_worst(const ComparedLight& light, const PoseMap& pose) {
+    std::ranges::fill(visited_, std::uint8_t{0});
+    for (Found& found : std::span(found_).first(std::min(found_.size(), kMaxSized))) {
+        const auto size = sizer_.measure(light, pose, take_lenslets(found.seed),
+                                         [&](std::size_t k) { return severity_[k] >= grow_severity(); });
+        if (!size) continue;
+        Defect& d = found.defect;
+        const double reach = std::sqrt(static_cast<double>(d.area));
+        const auto within = [reach](float middle, double at) {
+            return static_cast<float>(
+                std::clamp(at, static_cast<double>(middle) - reach, static_cast<double>(middle) + reach));
+        };
+        d.m = within(d.m, size->m), d.n = within(d.n, size->n);
+        const bool scratch = d.kind == DefectKind::scratch;
+        d.radius = static_cast<float>(scratch ? std::sqrt(size->area * std::numbers::inv_pi) : size->radius);
+        if (!scratch || !(size->length >= kScratchLength)) continue;
+        d.length = static_cast<float>(size->length);
+        d.width = static_cast<float>(size->area / size->length);
+    }
+}
+
 bool ReferenceDefects::tolerated(const Defect& d, const Region& r, const PoseMap& pose) {
     const auto place = pose.to_reference(static_cast<double>(d.m), static_cast<double>(d.n));
     const float disc = 2 * std::sqrt(static_cast<float>(d.area) * std::numbers::inv_pi_v<float>);
@@ -251,7 +277,7 @@ FoundDefects ReferenceDefects::find(const ComparedFrame& compared, const Pose& p
             below = std::max(below, std::min(defect.score, 0.999F));
             return;
         }
-        found_.emplace_back(defect, reason);
+        found_.push_back({defect, reason, static_cast<std::uint32_t>(k)});
     };
     const std::span<const float> severity = severity_, without = without_emd_;
     for_each_suiting(
@@ -267,11 +293,12 @@ FoundDefects ReferenceDefects::find(const ComparedFrame& compared, const Pose& p
     else take_largest([bounds = compared.bounds](std::size_t k) { return bounds[k] == 0; });
     if (found_.empty()) return {{}, Reason::none, below};
     std::ranges::sort(found_, [](const auto& a, const auto& b) {
-        if (a.first.score != b.first.score) return a.first.score > b.first.score;
-        return std::pair(a.first.n, a.first.m) < std::pair(b.first.n, b.first.m);
+        if (a.defect.score != b.defect.score) return a.defect.score > b.defect.score;
+        return std::pair(a.defect.n, a.defect.m) < std::pair(b.defect.n, b.defect.m);
     });
-    for (const auto& [defect, reason] : found_) defects_.push_back(defect);
-    return {defects_, found_.front().second, found_.front().first.score};
+    if (compared.light) measure_worst(*compared.light, map);
+    for (const Found& found : found_) defects_.push_back(found.defect);
+    return {defects_, found_.front().reason, found_.front().defect.score};
 }
 
 std::vector<std::string> problems_of_reference(const Recipe& recipe, const Extents& extents, int bits) {

@@ -14,10 +14,12 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "algo/inspection/defects.h"
+#include "algo/inspection/flaw_size.h"
 #include "algo/recipe/recipe.h"
 #include "algo/reference/reference.h"
 #include "algo/reference/reference_comparison.h"
@@ -32,10 +34,13 @@ struct ComparedFrame {
     std::span<const float> emd, frobenius;      // over neighbours; empty if not judged
     std::span<const std::uint8_t> mask;         // MaskBit
     std::span<const std::uint8_t> bounds = {};  // 1: `emd` is an upper bound there; empty: it is exact everywhere
+    std::optional<ComparedLight> light = {};    // to measure sizes by; without it they are those of the regions
 };
 
 class ReferenceDefects {
   public:
+    static constexpr std::size_t kMaxSized = 32;  // the worst defects, whose place and size are measured by the light
+
     // Allocates all memory, for up to a thousand defects; find() allocates for more.
     ReferenceDefects(const Extents& extents, const Recipe& recipe);
 
@@ -74,20 +79,29 @@ class ReferenceDefects {
     [[nodiscard]] float severity_without_emd(const ComparedFrame& compared, std::size_t k) const;
     [[nodiscard]] float severity_of_emd(const ComparedFrame& compared, std::size_t k) const;
     [[nodiscard]] float noise_share(const Scores& scores, const Difference& difference) const;
+    std::span<const std::uint32_t> take_lenslets(std::uint32_t seed);
     Region grow_region(std::uint32_t seed, const ComparedFrame& compared);
     [[nodiscard]] Defect describe(const Region& region, Reason& reason) const;
+    void measure_worst(const ComparedLight& light, const PoseMap& pose);
     [[nodiscard]] bool tolerated(const Defect& defect, const Region& region, const PoseMap& pose);
+
+    struct Found {
+        Defect defect;
+        Reason reason = Reason::none;
+        std::uint32_t seed = 0;  // a lenslet of the region
+    };
 
     Extents extents_;
     const Recipe recipe_;
     const Reference& reference_;
+    FlawSizer sizer_;
     std::vector<Scores> scores_;
     std::vector<float> z_severity_, severity_;  // by the scores alone; of all
     std::vector<float> without_emd_;            // of all but the gradient
     std::vector<float> by_gradient_;            // severity_by_gradient()
     std::vector<std::uint8_t> visited_;
     std::vector<std::uint32_t> queue_;
-    std::vector<std::pair<Defect, Reason>> found_;
+    std::vector<Found> found_;
     std::vector<Defect> defects_;
     std::vector<std::uint32_t> used_;  // defects that each tolerance has allowed
 };

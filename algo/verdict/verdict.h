@@ -1,7 +1,9 @@
 // The result of an inspection: verdict, reason, defects. The one table of their codes and printed names.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
+#include <numbers>
 #include <string_view>
 
 namespace hord::algo {
@@ -37,7 +39,13 @@ struct Defect {
     float length = 0;  // lenslets, of a uniform bar with the region's second moments; 0: unknown
     float width = 0;   // the same
     float score = 0;   // severity: value over limit; 0: unknown
+    float radius = 0;  // lenslets, of a disc that takes or bends as much light; 0: unknown
 };
+
+// The radius that the light says; where that is unknown, of a disc of the region's area. Lenslets.
+inline float radius_of(const Defect& d) {
+    return d.radius > 0 ? d.radius : std::sqrt(static_cast<float>(d.area) * std::numbers::inv_pi_v<float>);
+}
 
 constexpr std::string_view name_of(Verdict v) {
     constexpr std::string_view names[] = {"pass", "reject", "unfit"};

@@ -76,6 +76,7 @@ store::Json inspection_json(const algo::Inspection& found, const FeatureView& fe
             defect["score"] = d.score;
             defect["length"] = d.length;
             defect["width"] = d.width;
+            defect["radius"] = algo::radius_of(d);
         }
         if (recipe.lenslet_mm > 0) {
             const auto from_middle = [&](float at, int count) {
@@ -83,6 +84,7 @@ store::Json inspection_json(const algo::Inspection& found, const FeatureView& fe
             };
             defect["x_mm"] = from_middle(d.m, extents.m);
             defect["y_mm"] = from_middle(d.n, extents.n);
+            if (recipe.reference) defect["radius_mm"] = algo::radius_of(d) * recipe.lenslet_mm;
             defect["area_mm2"] = static_cast<float>(d.area) * recipe.lenslet_mm * recipe.lenslet_mm;
         }
     }

@@ -2,18 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include <fmt/format.h>
 
 namespace hord::firmware {
 namespace {
 
-// Of scratches the length, of others the diameter of a disc of their area.
+// Of scratches the length, of others the diameter.
 float size_of(const algo::Defect& d) {
-    return d.kind == algo::DefectKind::scratch && d.length > 0
-        ? d.length
-        : 2 * std::sqrt(static_cast<float>(d.area) * std::numbers::inv_pi_v<float>);
+    return d.kind == algo::DefectKind::scratch && d.length > 0 ? d.length : 2 * algo::radius_of(d);
 }
 
 std::string length(float lenslets, const algo::Recipe& recipe) {

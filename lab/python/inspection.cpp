@@ -221,7 +221,7 @@ void add_inspection(py::module_& module) {
             "defects", [](const Inspection& i) { return to_python(i.json.at("defects")); },
             "A dict a defect, largest peak first: m, n (lenslets), area (lenslets), peak, kind; with a reference "
             "score, "
-            "length, width; x_mm, y_mm, area_mm2 if the recipe has lenslet_mm.")
+            "length, width, radius; x_mm, y_mm, area_mm2 and radius_mm if the recipe has lenslet_mm.")
         .def(
             "to_dict", [](const Inspection& i) { return to_python(i.json); },
             "The object of hordctl inspect --json, without what it says of files (frame, recipe, calibration).")

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <numbers>
 #include <random>
 
 #include <fmt/format.h>
@@ -97,7 +96,7 @@ void compare_with_flaw(const TracedFlaw& flaw, std::span<const algo::Defect> def
     judged.found = true;
     if (flaw.radius.value_or(0) < kSizedFlaw) return;
     judged.place_error = distance(*nearest);
-    judged.size_error = std::sqrt(nearest->area * std::numbers::inv_pi) - *flaw.radius;
+    judged.size_error = static_cast<double>(algo::radius_of(*nearest)) - *flaw.radius;
 }
 
 class Yardstick {

@@ -75,6 +75,8 @@ TEST(VerdictText, of_a_rejected_part_says_what_was_found_how_large_and_where) {
                 std::string("Rejected: ") + name + " of 3.4 lenslets at lenslet (25.0, 5.0), 2.5 times its limit.");
         }
     }
+    defects[0].radius = 1.2F;  // by the light
+    EXPECT_THAT(told(found), ::testing::HasSubstr(" of 2.4 lenslets "));
     defects[0].kind = algo::DefectKind::scratch;
     defects[0].length = 12;
     EXPECT_EQ(told(found), "Rejected: a scratch of 12.0 lenslets at lenslet (25.0, 5.0), 2.5 times its limit.");
