@@ -39,7 +39,8 @@ struct ComparedFrame {
 
 class ReferenceDefects {
   public:
-    static constexpr std::size_t kMaxSized = 32;  // the worst defects, whose place and size are measured by the light
+    // Place and size of the worst defects are measured by the light, up to these limits: about 5 ms.
+    static constexpr std::size_t kMaxSized = 32, kMaxSizedLenslets = 1000;  // defects; lenslets of their regions
 
     // Allocates all memory, for up to a thousand defects; find() allocates for more.
     ReferenceDefects(const Extents& extents, const Recipe& recipe);
