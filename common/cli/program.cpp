@@ -29,6 +29,17 @@ Result<void> make_folder(const std::filesystem::path& folder) {
                 "give a folder that may be written to");
 }
 
+Result<void> keep_inputs(const std::string& out, const std::vector<std::string>& inputs) {
+    for (const std::string& input : inputs) {
+        std::error_code error;
+        if (std::filesystem::equivalent(out, input, error))
+            return fail(ErrorCode::refused,
+                        "--out " + out + " is one of the files that are read: it is not overwritten",
+                        "give another --out");
+    }
+    return {};
+}
+
 CLI::Validator positive() {
     return CLI::Validator(
         [](const std::string& text) {

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 
@@ -25,6 +26,9 @@ Exit complain(const Error& error);
 
 // Creates the folder of an option such as --out if it does not exist. Fails with io.
 Result<void> make_folder(const std::filesystem::path& folder);
+
+// Fails with refused if the option --out names one of the files that the command reads.
+Result<void> keep_inputs(const std::string& out, const std::vector<std::string>& inputs);
 
 // An option for a number in [low, high], whose default --help shows.
 template <class Number, class Limit>

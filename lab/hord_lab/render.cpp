@@ -87,6 +87,7 @@ std::optional<Error> write_raw(const sim::Scene& scene, const RenderArguments& a
 }
 
 Exit run_render(const RenderArguments& arguments) {
+    if (auto kept = keep_inputs(arguments.out, {arguments.scene}); !kept) return complain(kept.error());
     auto scene = sim::load_scene(arguments.scene);
     if (!scene) return complain(scene.error());
     if (arguments.seed) scene->seed = *arguments.seed;

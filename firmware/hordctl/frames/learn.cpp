@@ -94,6 +94,7 @@ Result<algo::Variation> variation_of(const GoodFrames& frames, const algo::Learn
 }
 
 Exit run_learn(const LearnArguments& arguments) {
+    if (auto kept = keep_inputs(arguments.out, arguments.frames); !kept) return complain(kept.error());
     const auto reader = FrameReader::create(arguments.reading);
     if (!reader) return complain(reader.error());
     const auto recipe = recipe_or_default(arguments.recipe);

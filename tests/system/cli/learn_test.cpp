@@ -174,5 +174,18 @@ TEST_F(Learn, a_damaged_reference_and_too_few_parts_are_refused) {
     EXPECT_THAT(said.err, HasSubstr("checksum"));
 }
 
+TEST_F(Learn, files_that_are_read_are_not_overwritten) {
+    const std::string frame = write("good.png", part(1)), scene = folder / "scene.toml";
+    const auto size = std::filesystem::file_size(frame);
+    Said said = run("hordctl", {"learn", frame, "--out", std::string(folder / ".") + "/good.png"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("is one of the files that are read"));
+    EXPECT_EQ(std::filesystem::file_size(frame), size);
+    std::ofstream(scene) << "name = \"empty\"\n";
+    said = run("hord-lab", {"render", scene, "--out", scene});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("is one of the files that are read"));
+}
+
 }  // namespace
 }  // namespace hord::test
