@@ -66,8 +66,7 @@ FrameChecks::FrameChecks(const Extents& extents, int bits, const Recipe& recipe)
       max_offset_bins_(recipe.max_offset_bins), max_spot_bins_(recipe.max_spot_bins),
       max_second_share_(recipe.max_second_share), form_(recipe.form), check_period_(recipe.check_period),
       part_required_(recipe.part_required), symmetric_(recipe.symmetric_outline),
-      has_reference_(recipe.reference != nullptr), level_of_reference_(has_reference_ && recipe.dark_dn == 0),
-      dark_bins_(extents, bits), period_(extents) {
+      has_reference_(recipe.reference != nullptr), dark_bins_(extents, bits), period_(extents) {
     chosen_.reserve(kMaxInside);
     scratch_.resize(kMaxChosen);
     if (recipe.reference) expect_light_of_reference(*recipe.reference);
@@ -106,9 +105,7 @@ void FrameChecks::expect_light_of_reference(const Reference& reference) {
 }
 
 LightLevels FrameChecks::levels_of(const FrameView& frame) {
-    DarkBins dark = dark_bins_.measure(frame, level_of_reference_);
-    // Learning chooses at most the default level, which may be 1 DN too low for its frames. Their spread contains that.
-    if (dark.rare_dn && levels_.dark >= light_levels({}, frame.bits).dark) *dark.rare_dn -= 1;
+    const DarkBins dark = dark_bins_.measure(frame);
     const FrameLevels found = levels_above_dark_bins(levels_, dark, max_dark_rise_dn_);
     findings_ = {.dark_measured = dark.measured,
                  .pedestal_dn = static_cast<float>(dark.pedestal_dn),

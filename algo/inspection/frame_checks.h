@@ -85,7 +85,7 @@ class FrameChecks {
     std::uint32_t max_dark_rise_dn_, dark_dn_ = 0;
     float max_offset_bins_, max_spot_bins_, max_second_share_;
     PartForm form_;
-    bool check_period_, part_required_, symmetric_, has_reference_, level_of_reference_;
+    bool check_period_, part_required_, symmetric_, has_reference_;
     double expected_x_ = 0, expected_y_ = 0;  // of the free light, bin pitches
     FrameFault fault_of_dark_ = FrameFault::none;
     DarkBinMeter dark_bins_;

@@ -11,7 +11,6 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
 #include <vector>
 
 #include "algo/frame/decode.h"
@@ -24,8 +23,6 @@ constexpr int kSpotBins = 4;                  // bins along an axis that a spot 
 constexpr double kMinDarkShare = 0.25;        // of a lenslet's bins; with fewer dark bins nothing is measured
 constexpr double kDarkNoiseFactor = 3;        // a raised dark level lies so many sigma of the noise above the pedestal
 constexpr double kKeptShare = 14.0 / 15;      // of the dark bins: a given dark level that so many do not exceed is kept
-constexpr int kBinsFromSpot = 4;              // half a spot, and two bins that scattered light reaches
-constexpr double kRareShare = 0.01;           // of the far bins: so many exceed rare_dn where most read 0
 constexpr std::uint32_t kDarkRiseDn8Bit = 8;  // DN at 8 bits; at b bits 2^(b-8) times as many
 constexpr std::uint32_t default_dark_rise(int bits) { return kDarkRiseDn8Bit << (bits - 8); }
 
@@ -38,10 +35,6 @@ struct DarkBins {
     double noise_dn = 0;     // standard deviation; about 0.3, rounding alone, in a quiet frame
     double upper_dn = 0;     // kKeptShare of the dark bins are not above it
     bool at_zero = true;     // most dark bins read 0, and their noise is not known
-    // If wanted: pedestal + kDarkNoiseFactor noise - 0.5 for rounding of the bins kBinsFromSpot or more from the
-    // brightest of their lenslet, which haze hardly reaches. What kRareShare of them exceed, if most read 0 and their
-    // noise is unknown.
-    std::optional<double> rare_dn = {};
 };
 
 // The light levels to decode a frame with.
@@ -54,10 +47,6 @@ struct FrameLevels {
 // The levels given. If more than 1 - kKeptShare of the dark bins exceed the dark level, it is raised to pedestal +
 // kDarkNoiseFactor noise, rounded up. Exactly the given levels if nothing was measured or DarkBins::at_zero. Where the
 // rise is not allowed the dark level is the highest that is.
-//
-// With rare_dn the level given is that of a reference, chosen by the noise of its frames. Bins are compared one by one
-// with it, and a few readings above the level would count as scattered light. So the dark level is rare_dn, rounded up,
-// wherever that is above the level given.
 FrameLevels levels_above_dark_bins(const LightLevels& given, const DarkBins& dark, std::uint32_t max_rise_dn);
 
 class DarkBinMeter {
@@ -68,7 +57,7 @@ class DarkBinMeter {
     DarkBinMeter(const Extents& extents, int bits);
 
     // `frame` has the extents' size and the bit depth given.
-    DarkBins measure(const FrameView& frame, bool rare_wanted = false);
+    DarkBins measure(const FrameView& frame);
 
     // Calls visit(m, n) for every lenslet that measure() reads.
     template <class Visit>
@@ -81,11 +70,8 @@ class DarkBinMeter {
   private:
     template <class Sample>
     void count(const FrameView& frame);
-    template <class Sample>
-    void count_far(const FrameView& frame);
-    [[nodiscard]] double rare() const;
-    [[nodiscard]] double quantile(double wanted) const;
-    [[nodiscard]] double noise_clipped_at_zero(std::size_t step) const;
+    [[nodiscard]] double quantile(double share) const;
+    [[nodiscard]] double noise_clipped_at_zero() const;
 
     Extents extents_;
     double dark_share_;

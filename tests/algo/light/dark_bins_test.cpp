@@ -116,23 +116,6 @@ TEST(DarkBins, raise_the_level_three_sigma_above_the_pedestal_and_no_further_tha
     EXPECT_EQ(noisy.levels.dark, 3U + 2 * 8);
 }
 
-// Beside a reference few dark bins may exceed the level, by whatever fraction of a DN pedestal and noise have grown.
-TEST(DarkBins, raise_the_level_of_a_reference_until_few_exceed_it) {
-    const LightImage light = spots(kField, 200, 0.5, lens(kField, 14, 2));
-    for (const double noise : {0.2, 0.3, 0.5, 0.7, 1.0}) {
-        for (double pedestal = 0; pedestal < 2.05; pedestal += 0.1) {
-            const DarkBins dark = DarkBinMeter(kField, 8).measure(exposed(light, {pedestal, noise}, 9).view(), true);
-            for (const std::uint32_t given : {0U, 2U}) {
-                const std::uint32_t level = levels_above_dark_bins({given, 16, 255}, dark, 8).levels.dark;
-                EXPECT_GE(level + 0.5, pedestal + 2.2 * noise) << pedestal << " DN, noise " << noise << " DN";
-                // Rounding has up to half a DN of noise.
-                EXPECT_LE(level, std::max<double>(given, std::ceil(pedestal + 3.3 * std::hypot(noise, 0.5))))
-                    << pedestal << " DN, noise " << noise << " DN";
-            }
-        }
-    }
-}
-
 TEST(DarkBins, are_not_measured_where_a_spot_may_cover_nearly_all) {
     for (const Extents& e : {Extents{30, 30, 3, 3}, Extents{30, 30, 4, 4}, Extents{30, 30, 4, 5}})
         EXPECT_FALSE(measured(spots_on(5, 1, 8, 8, e), e).measured);

@@ -10,7 +10,6 @@
 #include "algo/reference/largest_by_part.h"
 #include "algo/reference/read_noise.h"
 #include "tests/algo/reference/good_parts.h"
-#include "tests/support/odd_frames.h"
 
 namespace hord::algo {
 namespace {
@@ -104,54 +103,6 @@ TEST(Learning, a_dark_level_by_the_noise_lets_the_light_change) {
     };
     EXPECT_EQ(defects_told(true, 6), 0);  // three standard deviations of 2 DN, less half a DN of rounding
     EXPECT_GT(defects_told(false, 48), 0);
-}
-
-// 8 bits, learned without a pedestal at 0.2 DN of noise, which whole DN hardly show: the reference's dark level is 0,
-// and most dark bins of the frames judged read 0, too. What they read more is no scattered light; haze is.
-TEST(Learning, pedestal_and_noise_may_grow_by_fractions_of_a_dn) {
-    const auto light_of = [](const Frame& frame) {
-        LightImage light{kField, {}};
-        for (int y = 0; y < frame.height_px(); ++y) {
-            for (int x = 0; x < frame.width_px(); ++x) light.bins.push_back(frame.view().sample(x, y) / 8.0);
-        }
-        return light;
-    };
-    std::vector<Frame> frames;
-    for (std::uint64_t k = 0; k < 16; ++k) frames.push_back(exposed(light_of(part(wobble(k))), {}, k));
-    LearnOptions options;
-    options.levels = light_levels({}, 8);
-    options.dark_from_noise = true;
-    options.electrons_per_dn = 10;
-    options.read_dn = 0;
-    auto all = learn_reference(
-        kField, 8, frames.size(), [&](std::size_t k) -> Result<Frame> { return frames[k]; }, options);
-    ASSERT_TRUE(all) << all.error().message();
-    ASSERT_EQ(all->reference.levels.dark, 0U);
-    Recipe recipe;
-    recipe.reference = std::make_shared<Reference>(std::move(all->reference));
-    auto pipeline = Pipeline::create(kField, 8, recipe);
-    ASSERT_TRUE(pipeline) << pipeline.error().message();
-    // In thirteen lenslets four ninths of the light, by 1.5 bins.
-    const LightImage good = light_of(part(wobble(100)));
-    LightImage hazy = good;
-    for (const auto& [x, y] :
-         {std::pair(-1.5, -1.5), std::pair(1.5, -1.5), std::pair(-1.5, 1.5), std::pair(1.5, 1.5)}) {
-        const LightImage scattered = light_of(part(wobble(100), [x, y](int m, int n, Spot& s) {
-            if (std::hypot(m - 20, n - 18) < 2.1) s.x += x, s.y += y;
-        }));
-        for (std::size_t k = 0; k < hazy.bins.size(); ++k) hazy.bins[k] += (scattered.bins[k] - good.bins[k]) / 9;
-    }
-    std::uint64_t seed = 100;
-    const auto expect_judged = [&](const Sensor& sensor) {
-        const auto of_good = pipeline->inspect(exposed(good, sensor, ++seed).view());
-        EXPECT_EQ(of_good->verdict, Verdict::pass)
-            << sensor.pedestal_dn << " DN, noise " << sensor.noise_dn << " DN: score " << of_good->score;
-        const auto of_hazy = pipeline->inspect(exposed(hazy, sensor, ++seed).view());
-        EXPECT_EQ(of_hazy->verdict, Verdict::reject) << sensor.pedestal_dn << " DN, noise " << sensor.noise_dn << " DN";
-    };
-    for (const double pedestal : {0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.2, 1.5, 2.0})
-        expect_judged({.pedestal_dn = pedestal});
-    for (const double noise : {0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8}) expect_judged({.noise_dn = noise});
 }
 
 // Three of the parts lack a quarter of the light in one lenslet, each in another one: as where an outline crosses.
