@@ -115,7 +115,7 @@ TEST(Alternation, begins_with_either_sort_and_leaves_out_neighbours_of_what_is_n
 // The places of a part are worse than the mean of the field: every block of 8 x 8 counts alone, also a cut one.
 TEST(Alternation, is_that_of_the_worst_block) {
     for (const auto& [left, top] : {std::pair(0, 0), std::pair(8, 0), std::pair(0, 8), std::pair(16, 16)}) {
-        const Field f = field({22, 22, 9, 9}, [&](Field& to, std::size_t k, int m, int n) {
+        const Field f = field({22, 22, 9, 9}, [left = left, top = top](Field& to, std::size_t k, int m, int n) {
             if (m >= left && n >= top && m < left + 8 && n < top + 8) to.sums[k] = m % 2 == 0 ? 1100 : 900;
         });
         EXPECT_NEAR(of(f).light, 0.1, 0.01) << left << " " << top;
