@@ -2,11 +2,11 @@
 // them. tests/system/contract tests the sensor's contract.
 #include "drivers/genicam/genicam_sensor.h"
 
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <fstream>
 #include <random>
-#include <ranges>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -635,7 +635,8 @@ TEST_F(Genicam, garbage_on_its_network_costs_the_camera_at_most) {
     for (int k = 0; k < 3000; ++k) {
         std::vector<std::uint8_t> packet(random() % 1400);
         for (std::uint8_t& byte : packet) byte = static_cast<std::uint8_t>(random());
-        std::ranges::copy(heads[random() % 3] | std::views::take(packet.size()), packet.begin());
+        const std::vector<std::uint8_t>& head = heads[random() % 3];
+        std::copy_n(head.begin(), std::min(head.size(), packet.size()), packet.begin());
         sockaddr_in to{};
         to.sin_family = AF_INET;
         to.sin_port = htons(ports[random() % ports.size()]);
