@@ -19,7 +19,7 @@ constexpr double kLargestOf = 3;     // standard errors, of the largest of some 
 constexpr double kStep = 1.02;       // from one radius that is tried to the next
 constexpr int kPlaces = 4;           // places of the opaque disc that are tried beside the centroid, each way
 constexpr double kPlaceStep = 0.07;  // lenslets
-constexpr double kLeastOpacity = 0.02;
+constexpr double kMinOpacity = 0.02;
 constexpr double kHalfDiagonal = 0.7072;  // of a lenslet
 
 // The share of a lenslet within a disc whose middle is (dm, dn) lenslets from the lenslet's, by 8x8 points.
@@ -43,8 +43,8 @@ double covered(double dm, double dn, double radius) {
 FlawSizer::FlawSizer(const Reference& reference)
     : reference_(reference), sampler_(reference, widest_isa()), bins_(reference.stride()),
       distance_(reference.extents.lenslets(), kFar) {
-    constexpr std::size_t kMost = kMaxLenslets * (2 * kRing + 1) * (2 * kRing + 1);
-    const std::size_t most = std::min(kMost, distance_.size());
+    constexpr std::size_t kMaxPlaces = kMaxLenslets * (2 * kRing + 1) * (2 * kRing + 1);
+    const std::size_t most = std::min(kMaxPlaces, distance_.size());
     near_.reserve(most), ring_.reserve(most), shares_.reserve(most);
 }
 
@@ -112,7 +112,7 @@ double FlawSizer::disc_radius(const FlawSize& size, double usual, double noise) 
     const double largest = *std::ranges::max_element(shares_);
     for (double r = opaque * kStep;; r *= kStep) {
         const double opacity = opaque * opaque / (r * r);
-        if (opacity < kLeastOpacity || opacity + kLargestOf * noise < largest) return radius;
+        if (opacity < kMinOpacity || opacity + kLargestOf * noise < largest) return radius;
         const double now = misfit(size.m, size.n, r, opacity);
         if (now < best && r >= kHalfDiagonal) best = now, radius = r;
     }

@@ -54,8 +54,8 @@ Result<void> judge(const Frame& frame, const algo::Extents& e, const algo::Recip
             else if ((found->mask[k] & algo::kNotJudged) == 0) elsewhere.push_back(value);
         }
     }
-    constexpr double kLeast = 1e-3;  // bin pitches: below it a field is even
-    if (!truth.defects.empty()) out.contrast = peak / std::max(kLeast, percentile_99(elsewhere));
+    constexpr double kMinEven = 1e-3;  // bin pitches: below it a field is even
+    if (!truth.defects.empty()) out.contrast = peak / std::max(kMinEven, percentile_99(elsewhere));
     return {};
 }
 

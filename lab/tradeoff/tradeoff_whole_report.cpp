@@ -18,7 +18,7 @@ namespace hord::lab {
 namespace {
 
 // Of a Pi 5: four Cortex-A76 at 2.4 GHz. Instructions a cycle: a range, since none was measured.
-constexpr double kArmHertz = 2.4e9, kFewestACycle = 1, kMostACycle = 2;
+constexpr double kArmHertz = 2.4e9, kMinACycle = 1, kMaxACycle = 2;
 
 double sum_of(const std::vector<double>& values) { return std::accumulate(values.begin(), values.end(), 0.0); }
 
@@ -142,8 +142,8 @@ std::string arm64_text(const std::filesystem::path& file) {
         };
         const auto text = [](double v) { return v < 9.95 ? fmt::format("{:.1f}", v) : fmt::format("{:.0f}", v); };
         for (const int lenslets : kSizes)
-            row.push_back(text(ms(lenslets, kMostACycle)) + " to " + text(ms(lenslets, kFewestACycle)));
-        row.push_back(fmt::format("{:.0f} to {:.0f}", 60e3 / ms(555, kFewestACycle), 60e3 / ms(555, kMostACycle)));
+            row.push_back(text(ms(lenslets, kMaxACycle)) + " to " + text(ms(lenslets, kMinACycle)));
+        row.push_back(fmt::format("{:.0f} to {:.0f}", 60e3 / ms(555, kMinACycle), 60e3 / ms(555, kMaxACycle)));
         table.rows.push_back(std::move(row));
     }
     return to_markdown(table);
