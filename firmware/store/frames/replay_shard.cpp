@@ -218,10 +218,16 @@ class ShardReader {
         return fail(ErrorCode::unreadable, file_.string() + " is no shard of a replay",
                     "merge files that hordctl replay --shard I/N --out FILE wrote");
     }
+    // Keeps at most kLongestLine bytes of a line that has no end.
     Result<void> next_line() {
-        if (!std::getline(in_, line_)) return identity_.archive.empty() ? foreign() : torn("its end is missing");
-        if (in_.eof() || line_.size() > kLongestLine)
-            return identity_.archive.empty() ? foreign() : torn("its last line is cut off");
+        const auto refuse = [&](const char* how) { return identity_.archive.empty() ? foreign() : torn(how); };
+        constexpr auto kEnd = std::ifstream::traits_type::eof();
+        line_.clear();
+        for (auto c = in_.rdbuf()->sbumpc(); c != '\n'; c = in_.rdbuf()->sbumpc()) {
+            if (c == kEnd) return refuse(line_.empty() ? "its end is missing" : "its last line is cut off");
+            if (line_.size() == kLongestLine) return refuse("a line is longer than 16 MB");
+            line_.push_back(static_cast<char>(c));
+        }
         sum_.add(line_);
         sum_.add("\n");
         return {};

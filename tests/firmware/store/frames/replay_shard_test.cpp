@@ -148,6 +148,22 @@ TEST(Shards, torn_at_any_byte_or_changed_in_any_are_refused) {
     EXPECT_THAT(refusal({files[0], torn}, out), HasSubstr("something follows"));
 }
 
+TEST(Shards, with_a_line_that_does_not_end_are_refused_before_it_is_read) {
+    const TempFolder folder;
+    const fs::path out = folder.path() / "out", endless = folder.path() / "endless";
+    const auto files = write_shards(folder.path(), 2, frames(6));
+    constexpr std::uintmax_t kBytes = 64U << 20U;  // of zeros, which take no room on the disk
+    const auto refused = [&](const std::string& beginning) {
+        write_text(endless, beginning);
+        fs::resize_file(endless, kBytes);
+        return refusal({files[0], endless}, out);
+    };
+    const std::string whole = read_text(files[1]);
+    EXPECT_THAT(refused(whole.substr(0, whole.find('\n') + 1)),
+                HasSubstr("endless is torn or was changed: a line is longer than 16 MB"));
+    EXPECT_THAT(refused(whole.substr(0, whole.find('\n'))), HasSubstr("endless is no shard of a replay"));
+}
+
 TEST(Shards, of_a_worker_that_is_killed_do_not_appear_and_come_out_the_same_the_second_time) {
     const TempFolder folder;
     const auto all = frames(20);
