@@ -71,6 +71,22 @@ TEST(Migration, of_older_rows_does_not_hide_that_one_was_called_bounded) {
                 ::testing::ElementsAre(::testing::HasSubstr("row 3 is not as it was written")));
 }
 
+// Tables of older files are not STRICT, and stay so.
+TEST(Migration, of_tables_that_take_any_value_leaves_the_check_to_the_readers) {
+    const TempFolder folder;
+    write(folder, Story().add_results(1, 4));
+    turn_into_version_1(folder);
+    loosen(folder);
+    sql(folder, "UPDATE results SET score = 'x' WHERE number = 2; UPDATE results SET time_us = NULL WHERE number = 3");
+    write(folder, Story(start(8)).add_results(1, 2));
+    sql(folder, "UPDATE results SET bounded = x'00' WHERE number = 5");
+    std::vector<std::int64_t> damaged;
+    for (const StoredResult& row : results(folder)) {
+        if (!row.damage.empty()) damaged.push_back(row.number);
+    }
+    EXPECT_THAT(damaged, ::testing::ElementsAre(2, 3, 5));
+}
+
 TEST(Migration, that_fails_leaves_the_older_file_as_it_was) {
     const TempFolder folder;
     write(folder, Story().add_results(1, 40));
