@@ -32,9 +32,11 @@ Result<void> SimStrobe::do_fire(const hal::StrobePulse& pulse) {
                dead = faults_.fires(InjectedFault::strobe_dead).has_value(),
                weak = faults_.fires(InjectedFault::strobe_weak).has_value();
     const auto again_after = faults_.fires(InjectedFault::strobe_double),
-               late_by = faults_.fires(InjectedFault::strobe_late);
+               late_by = faults_.fires(InjectedFault::strobe_late),
+               shorter_by = faults_.fires(InjectedFault::strobe_short);
     const TimePoint now = loop_.now();
-    hal::StrobeReport done{pulse.exposure, true, std::max(pulse.start, now) + late_by.value_or(0ns), pulse.width};
+    hal::StrobeReport done{pulse.exposure, true, std::max(pulse.start, now) + late_by.value_or(0ns),
+                           pulse.width - std::min(pulse.width, shorter_by.value_or(0ns))};
     if (now >= pulse.start + pulse.width || refused) {
         done.lit = false;
         done.width = {};

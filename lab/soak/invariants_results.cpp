@@ -40,10 +40,10 @@ constexpr std::array kPossibleCauses{
     PossibleCauses{PartReason::frame_corrupt, any_of(InjectedFault::frame_corrupt)},
     PossibleCauses{PartReason::strobe_failed,
                    any_of(InjectedFault::strobe_refused, InjectedFault::strobe_late, InjectedFault::strobe_lost,
-                          InjectedFault::process_stalled, InjectedFault::edge_bounce, InjectedFault::edge_ghost,
-                          InjectedFault::part_close, InjectedFault::encoder_slip, InjectedFault::encoder_silent,
-                          InjectedFault::belt_stop, InjectedFault::part_sensor_lost, InjectedFault::sensor_lost,
-                          InjectedFault::device_unplugged)},
+                          InjectedFault::strobe_short, InjectedFault::process_stalled, InjectedFault::edge_bounce,
+                          InjectedFault::edge_ghost, InjectedFault::part_close, InjectedFault::encoder_slip,
+                          InjectedFault::encoder_silent, InjectedFault::belt_stop, InjectedFault::part_sensor_lost,
+                          InjectedFault::sensor_lost, InjectedFault::device_unplugged)},
     PossibleCauses{
         PartReason::inspector_failed,
         any_of(InjectedFault::inspector_failed, InjectedFault::inspector_slow, InjectedFault::inspector_hangs)},
@@ -63,7 +63,7 @@ constexpr std::array kPossibleCauses{
     PossibleCauses{PartReason::too_dark,
                    any_of(InjectedFault::frame_dark, InjectedFault::strobe_dead, InjectedFault::strobe_weak,
                           InjectedFault::strobe_late, InjectedFault::frame_stale, InjectedFault::strobe_lost,
-                          InjectedFault::device_unplugged)},
+                          InjectedFault::strobe_short, InjectedFault::device_unplugged)},
     PossibleCauses{PartReason::saturated, any_of(InjectedFault::frame_saturated, InjectedFault::frame_stale)},
 };
 // Longest time from the end of a fault's effect to the verdict that it causes: a part is on the line for 0.8 s, and a

@@ -39,6 +39,7 @@ hal::Duration draw_amount(InjectedFault fault, std::uint64_t bits) {
         case InjectedFault::frame_late: return one_of({20ms, 60ms, 200ms, 400ms});
         case InjectedFault::strobe_late: return one_of({30us, 100us, 300us, 2ms});
         case InjectedFault::strobe_double: return one_of({20us, 50us, 300us});
+        case InjectedFault::strobe_short: return one_of({10us, 22us, 40us});
         case InjectedFault::edge_bounce: return one_of({200us, 2ms});
         case InjectedFault::edge_ghost: return one_of({10ms, 30ms, 55ms});
         case InjectedFault::encoder_slip: return one_of({1ms, 5ms, 20ms});

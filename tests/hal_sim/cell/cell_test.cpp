@@ -236,17 +236,19 @@ TEST_F(Cell, frame_faults_do_what_they_say_and_are_counted) {
 }
 
 TEST_F(Cell, strobe_faults_change_the_light_and_only_honest_ones_are_reported) {
-    options_.schedule.parts = 6;
+    options_.schedule.parts = 7;
     add(InjectedFault::strobe_dead, 1);
     add(InjectedFault::strobe_refused, 2);
     add(InjectedFault::strobe_weak, 3);
     add(InjectedFault::strobe_late, 4);
+    add(InjectedFault::strobe_short, 6);
     const auto& s = run();
-    EXPECT_THAT(numbers_seen(), ElementsAre(1, 0, 0, 0, 0, 6));
-    ASSERT_EQ(s.strobes.size(), 6U);
+    EXPECT_THAT(numbers_seen(), ElementsAre(1, 0, 0, 0, 0, 6, 7));
+    ASSERT_EQ(s.strobes.size(), 7U);
     std::vector<bool> lit;
     for (const auto& report : s.strobes) lit.push_back(report.lit);
-    EXPECT_THAT(lit, ElementsAre(true, true, false, true, true, true));
+    EXPECT_THAT(lit, ElementsAre(true, true, false, true, true, true, true));
+    EXPECT_EQ(s.strobes[5].width - s.strobes[6].width, 22us);
     EXPECT_EQ(s.strobes[4].start - s.strobes[3].start, 102ms);
     EXPECT_LE(cell_->strobe().longest_on(), options_.strobe.limits.max_on);
 }
