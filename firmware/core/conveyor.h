@@ -40,14 +40,14 @@ class Conveyor {
     [[nodiscard]] TimePoint reaches(std::int64_t counts) const {
         if (!known_) return TimePoint::max();
         const std::int64_t distance = counts - counts_;
-        if (step_counts_ <= 0 || step_ns_ <= 0) return distance <= 0 ? at_ : TimePoint::max();
+        if (step_counts_ <= 0) return distance <= 0 ? at_ : TimePoint::max();
         if (distance / step_counts_ > kFar.count() / step_ns_) return TimePoint::max();
         if (distance / step_counts_ < -(kFar.count() / step_ns_)) return at_ - kFar;
         return at_ + Duration(scaled(distance, step_ns_, step_counts_));
     }
     [[nodiscard]] std::int64_t counts_at(TimePoint t) const {
         const std::int64_t ns = std::clamp((t - at_).count(), -kFar.count(), kFar.count());
-        if (step_counts_ <= 0 || step_ns_ <= 0 || ns / step_ns_ > kPlausible / step_counts_) return counts_;
+        if (step_counts_ <= 0 || ns / step_ns_ > kPlausible / step_counts_) return counts_;
         return counts_ + scaled(ns, step_counts_, step_ns_);
     }
 
@@ -68,7 +68,7 @@ class Conveyor {
     TimePoint at_, base_at_;
     std::int64_t base_counts_ = 0;
     std::int64_t counts_ = 0;
-    std::int64_t step_ns_ = 0;
+    std::int64_t step_ns_ = 0;  // at least kBaseline where step_counts_ is above 0
     std::int64_t step_counts_ = 0;
 };
 

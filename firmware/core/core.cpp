@@ -106,19 +106,15 @@ void Core::carry_out(Command command, State from) {
 
 // Gives every part without a verdict `unfit`. The reject commands follow when they are due.
 void Core::flush(PartReason reason) {
-    for (std::uint32_t k = 0; k < line_.size(); ++k) {
-        Part& part = line_[k];
-        if (part.phase == Part::Phase::waiting) decide(part, PartVerdict::unfit, reason);
-    }
+    for (std::uint32_t k = 0; k < line_.size(); ++k) decide(line_[k], PartVerdict::unfit, reason);
 }
 
 void Core::reset_faults() {
     line_stop_ = false;
     trouble_ = 0;
-    failures_in_a_row_ = 0;
     faults_latched_ = 0;
     first_fault_ = 0;
-    if (started_ || plc_lost_ || outside_ != 0) fault(active_faults());
+    fault(active_faults());
 }
 
 void Core::on(const DeviceUp& event) {
@@ -140,7 +136,6 @@ void Core::on(const DeviceLost& event) {
     fault(fault_of(event.device));
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
-        if (part.phase != Part::Phase::waiting) continue;
         const bool needs_sensor = part.frame_due || !part.exposed;
         const bool needs_strobe = part.light_due || !part.exposed;
         if ((event.device == Device::sensor && needs_sensor) || (event.device == Device::strobe && needs_strobe)) {

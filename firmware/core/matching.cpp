@@ -90,7 +90,6 @@ void Core::on(const hal::StrobeReport& report) {
         return decide(*part, PartVerdict::unfit, PartReason::strobe_failed);
     }
     part->light_good = true;
-    judge_when_complete(*part);
 }
 
 void Core::on(const Judged& judged) {
@@ -101,10 +100,9 @@ void Core::on(const Judged& judged) {
     if (judged.failed) return decide(*part, PartVerdict::unfit, PartReason::inspector_failed);
     part->judged = true;
     part->judgement = judged;
-    judge_when_complete(*part);
 }
 
-// The judgement counts only when light and position were right, and before the deadline.
+// The judgement counts only when light and position were right, and before the deadline. settle() asks in each step.
 void Core::judge_when_complete(Part& part) {
     if (!part.judged || !part.light_good || !part.place_good) return;
     if (now_ >= at_ejector(part) - config_.reject_early - config_.reject_lead) {
@@ -130,10 +128,10 @@ void Core::refused(std::uint32_t number, bool Part::*pending, PartReason reason)
     Part* part = line_.find(number);
     if (part == nullptr || !(part->*pending)) return;
     part->*pending = false;
-    if (part->phase == Part::Phase::waiting) decide(*part, PartVerdict::unfit, reason);
+    decide(*part, PartVerdict::unfit, reason);
 }
 
-// The one place where a part gets its verdict.
+// The one place where a part gets its verdict; one that has it keeps it.
 void Core::decide(Part& part, PartVerdict verdict, PartReason reason) {
     if (part.phase != Part::Phase::waiting) return;
     part.phase = Part::Phase::decided;

@@ -186,6 +186,29 @@ TEST_F(Running, a_part_sensor_that_is_back_counts_from_one_again) {
     EXPECT_FALSE(rig.shot().line_stop);
 }
 
+// What it told before says nothing about its first edges.
+TEST_F(Running, a_part_sensor_that_is_back_begins_with_an_empty_place) {
+    for (const std::uint32_t first : {1U, 2U}) {
+        CoreRig one;
+        one.bring_to(State::continuous_execution);
+        one.send(hal::PartEdge{hal::PartEdge::Kind::arrives, one.now, 1, {}});
+        one.send(hal::PartEdge{hal::PartEdge::Kind::leaves, one.now, 2, {}});
+        one.send(hal::PartEdge{hal::PartEdge::Kind::arrives, one.now + std::chrono::hours(1), 3, {}});
+        one.send(DeviceLost{Device::part_sensor});
+        one.advance(kMinLineStop);
+        one.send(Command::reset);
+        one.send(DeviceUp{Device::part_sensor});
+        ASSERT_EQ(one.send(Command::arm), Answer::done);
+        ASSERT_EQ(one.send(Command::start_continuous), Answer::done);
+        const auto missed = one.shot().counters.missed;
+        one.advance(milliseconds(300));
+        one.exposures.clear();
+        one.send(hal::PartEdge{hal::PartEdge::Kind::arrives, one.now, first, {}});
+        EXPECT_EQ(one.exposures.size(), first == 1 ? 1U : 0U);
+        EXPECT_EQ(one.shot().counters.missed, missed + first - 1) << "the first of two edges was an arrival";
+    }
+}
+
 TEST_F(Running, a_sensor_that_is_back_may_number_its_frames_anew) {
     auto part = rig.part_is_seen();
     rig.judged(part, Verdict::pass);
@@ -219,6 +242,17 @@ TEST(Faults, of_the_outside_are_shown_while_they_last_and_latched_until_a_reset)
     EXPECT_EQ(rig.shot().first_fault, 0);
 }
 
+TEST_F(Running, a_reset_ends_the_faults_of_parts_that_were_not_judged) {
+    rig.part_arrives();
+    rig.advance(milliseconds(60));
+    ASSERT_EQ(rig.shot().faults_active, bits(kFaultSensor)) << "its frame did not come";
+    rig.send(LineUnknown{});
+    rig.advance(kMinLineStop);
+    ASSERT_EQ(rig.send(Command::reset), Answer::done);
+    EXPECT_EQ(rig.shot().faults_active, 0U);
+    EXPECT_EQ(rig.shot().faults_latched, 0U);
+}
+
 TEST(Faults, of_the_outside_stay_latched_in_a_halted_station) {
     CoreRig rig;
     rig.send(OutsideFaults{kFaultStore});
@@ -243,6 +277,42 @@ TEST(Heartbeat, catches_up_after_a_hold_up_and_keeps_its_phase) {
     rig.now = start + milliseconds(2000);
     rig.send(Tick{});
     EXPECT_EQ(rig.shot().station_heartbeat, 4);
+}
+
+// Whatever else the core waits for: an encoder, the end of a covered sensor, an ejector at rest.
+TEST(Heartbeat, is_not_late) {
+    CoreConfig config = quick_line();
+    config.station_heartbeat = milliseconds(1);
+    config.max_part = milliseconds(50);
+    const auto expect_soon = [](const CoreRig& rig) { EXPECT_LE(rig.core.next_wake(), rig.now + milliseconds(1)); };
+    CoreRig covered(config);
+    covered.bring_to(State::continuous_execution);
+    for (const auto kind : {hal::PartEdge::Kind::arrives, hal::PartEdge::Kind::leaves, hal::PartEdge::Kind::arrives}) {
+        covered.send(hal::PartEdge{kind, covered.now, ++covered.edges, {}});
+        covered.advance(milliseconds(30));
+    }
+    expect_soon(covered);
+
+    config.by_encoder = true;
+    CoreRig counted(config);
+    counted.bring_to(State::continuous_execution);
+    counted.belt(0);
+    counted.part_arrives();
+    expect_soon(counted);
+
+    config.by_encoder = false;
+    config.reject_pulse = milliseconds(300);
+    config.min_gap = milliseconds(301);
+    CoreRig resting(config);
+    resting.bring_to(State::continuous_execution);
+    const auto part = resting.part_is_seen();
+    resting.send(StrobeRefused{part});
+    ASSERT_TRUE(resting.advance_until_rejected(part));
+    resting.send(LineUnknown{});
+    resting.advance(kMinLineStop);
+    ASSERT_EQ(resting.send(Command::reset), Answer::done);
+    ASSERT_EQ(resting.send(Command::arm), Answer::not_yet);
+    expect_soon(resting);
 }
 
 TEST_F(Running, a_clock_that_goes_back_is_taken_to_stand) {

@@ -1,4 +1,5 @@
 // A conveyor that slows, stops and restarts: deadlines and ejection follow the encoder, not the clock.
+#include <csignal>
 #include <limits>
 
 #include "tests/firmware/core/core_rig.h"
@@ -83,15 +84,20 @@ TEST_F(Encoder, a_command_after_the_part_should_have_passed_is_late_even_if_it_h
     EXPECT_EQ(rig.only_result().reject, RejectState::late);
 }
 
-TEST_F(Encoder, a_part_that_passes_as_the_pulse_begins_is_ejected) {
-    const auto part = bad_part();
-    run(milliseconds(140), 10);
-    rig.advance(milliseconds(10));
-    ASSERT_TRUE(rig.rejected(part));
-    rig.confirmed(part);
-    rig.advance(rig.rejects[0].start - rig.now);
-    rig.belt(1800 - 1500);  // a little faster than it was
-    EXPECT_EQ(rig.only_result().reject, RejectState::confirmed);
+TEST_F(Encoder, a_part_that_passes_as_the_pulse_begins_or_ends_is_ejected) {
+    for (const bool ends : {false, true}) {
+        const auto part = bad_part();
+        run(milliseconds(140), 10);
+        rig.advance(milliseconds(10));
+        ASSERT_TRUE(rig.rejected(part));
+        rig.confirmed(part);
+        const hal::RejectCommand& pulse = rig.rejects.back();
+        rig.advance(pulse.start + (ends ? pulse.width : Duration(0)) - rig.now);
+        rig.belt(1800 - 1500);  // a little faster than it was, or slower
+        EXPECT_EQ(rig.only_result().reject, RejectState::confirmed) << ends;
+        run(milliseconds(100), 10);
+        rig.forget();
+    }
 }
 
 TEST_F(Encoder, at_half_speed_the_pulse_comes_twice_as_late) {
@@ -211,6 +217,27 @@ TEST_F(Encoder, a_slow_verdict_is_in_time_while_the_conveyor_stands) {
     EXPECT_EQ(rig.only_result().verdict, PartVerdict::pass);
 }
 
+TEST_F(Encoder, a_latency_of_more_than_an_hour_is_the_longest_one) {
+    CoreConfig config = with_encoder();
+    config.encoder_timeout = Duration::zero();  // a silent encoder is no fault
+    CoreRig one(config);
+    one.bring_to(State::continuous_execution);
+    one.belt(0);
+    one.advance(milliseconds(10));
+    one.belt(100);
+    const auto part = one.part_arrives();
+    one.advance(milliseconds(10));
+    one.belt(100);
+    one.light_comes(part);
+    one.frame_comes(part);
+    one.advance(milliseconds(10));
+    one.belt(0);  // it stands
+    one.advance(std::chrono::hours(2));
+    one.judged(part, Verdict::pass);
+    EXPECT_EQ(one.only_result().verdict, PartVerdict::pass);
+    EXPECT_EQ(one.only_result().latency_us, 0xFFFFFFFEU);
+}
+
 TEST_F(Encoder, a_conveyor_that_stops_between_command_and_ejector_stops_the_line) {
     const auto part = bad_part();
     run(milliseconds(150), 10);
@@ -232,15 +259,177 @@ TEST_F(Encoder, a_conveyor_that_speeds_up_after_the_command_stops_the_line) {
 }
 
 TEST_F(Encoder, a_silent_encoder_loses_the_parts_and_stops_the_line) {
-    const auto part = rig.part_arrives();
-    rig.advance(milliseconds(99));
+    const auto part = rig.part_is_seen();  // it waits for its judgement
+    rig.advance(milliseconds(89));
     EXPECT_FALSE(rig.shot().line_stop);
     rig.advance(milliseconds(1));
     EXPECT_TRUE(rig.shot().line_stop);
     EXPECT_EQ(rig.core.state(), State::error);
     ASSERT_FALSE(rig.results.empty());
     EXPECT_EQ(rig.results[0].part, part);
+    EXPECT_EQ(rig.results[0].reason, PartReason::device_lost);
     EXPECT_EQ(rig.shot().parts_on_line, 0U);
+}
+
+TEST_F(Encoder, is_silent_no_sooner_than_a_part_is_on_the_line) {
+    rig.advance(milliseconds(90));
+    rig.send(hal::PartEdge{hal::PartEdge::Kind::arrives, rig.now, ++rig.edges, {}});
+    rig.advance(milliseconds(60));
+    rig.send(hal::PartEdge{hal::PartEdge::Kind::arrives, rig.now, ++rig.edges, {}});
+    rig.advance(milliseconds(39));
+    EXPECT_FALSE(rig.shot().line_stop);
+    rig.advance(milliseconds(1));
+    EXPECT_TRUE(rig.shot().line_stop) << "100 ms after the first of the two";
+}
+
+// The counts may have gone on, or begun anew: the speed of before says nothing.
+TEST_F(Encoder, after_a_silent_encoder_a_place_needs_two_readings) {
+    rig.part_arrives();
+    rig.advance(milliseconds(100));
+    ASSERT_TRUE(rig.shot().line_stop);
+    rig.advance(kMinLineStop);
+    for (const Command c : {Command::reset, Command::arm, Command::start_continuous})
+        ASSERT_EQ(rig.send(c), Answer::done);
+    rig.exposures.clear();
+    rig.belt(100'000);
+    rig.part_arrives();
+    EXPECT_TRUE(rig.exposures.empty());
+}
+
+TEST_F(Encoder, after_a_halt_a_place_needs_two_readings) {
+    for (const Command c : {Command::halt, Command::reset, Command::initialise}) ASSERT_EQ(rig.send(c), Answer::done);
+    rig.devices_up();
+    for (const Command c : {Command::arm, Command::start_continuous}) ASSERT_EQ(rig.send(c), Answer::done);
+    rig.advance(milliseconds(10));
+    rig.belt(100'000);
+    rig.part_arrives();
+    EXPECT_TRUE(rig.exposures.empty());
+}
+
+TEST_F(Encoder, the_count_of_an_edge_is_a_reading) {
+    for (int k = 0; k < 4; ++k) {
+        rig.advance(milliseconds(60));
+        rig.counts += 600;
+        rig.part_arrives();
+    }
+    EXPECT_FALSE(rig.shot().line_stop) << "the encoder is not silent";
+}
+
+TEST_F(Encoder, parts_keep_their_place_while_the_run_permit_is_down) {
+    const auto part = bad_part();
+    rig.send(DeviceLost{Device::strobe});
+    EXPECT_EQ(rig.permits, std::vector<bool>{false});
+    EXPECT_FALSE(rig.shot().line_stop);
+    run(milliseconds(150), 10);
+    ASSERT_TRUE(rig.rejected(part));
+    rig.confirmed(part);
+    run(milliseconds(30), 10);
+    EXPECT_EQ(rig.only_result().reject, RejectState::confirmed);
+}
+
+TEST_F(Encoder, a_place_is_proven_by_a_reading_of_the_exposures_moment) {
+    const auto part = rig.part_arrives();
+    rig.advance(milliseconds(5));
+    rig.belt(50);
+    ASSERT_EQ(rig.exposure_of(part).start, rig.now);
+    rig.advance(milliseconds(5));
+    rig.light_comes(part);
+    rig.frame_comes(part);
+    rig.judged(part, Verdict::pass);
+    EXPECT_EQ(rig.only_result().verdict, PartVerdict::pass);
+}
+
+TEST_F(Encoder, a_belt_that_speeds_up_after_the_exposure_does_not_spoil_it) {
+    const auto part = rig.part_arrives();
+    run(milliseconds(10), 10);
+    rig.light_comes(part);
+    rig.frame_comes(part);
+    run(milliseconds(10), 40);
+    rig.judged(part, Verdict::pass);
+    EXPECT_EQ(rig.only_result().verdict, PartVerdict::pass);
+}
+
+TEST_F(Encoder, a_conveyor_that_stops_just_before_the_exposure_spoils_it) {
+    CoreConfig config = with_encoder();
+    config.exposure_counts = 1000;
+    config.transport_counts = 18'000;
+    CoreRig fast(config);
+    fast.bring_to(State::continuous_execution);
+    fast.belt(0);
+    fast.advance(milliseconds(10));
+    fast.belt(1000);
+    fast.part_arrives();
+    fast.advance(milliseconds(6));
+    ASSERT_EQ(fast.exposures.size(), 1U);
+    fast.belt(500);  // half of the way
+    fast.advance(milliseconds(5));
+    fast.belt(0);
+    EXPECT_EQ(fast.core.line()[0].result.reason, PartReason::edge_lost);
+}
+
+TEST_F(Encoder, a_part_as_far_behind_as_the_least_gap_is_not_too_close) {
+    rig.part_arrives();
+    rig.advance(milliseconds(10));
+    rig.belt(100);
+    rig.advance(milliseconds(10));
+    rig.belt(100);  // 20 ms and 200 counts
+    rig.part_arrives();
+    EXPECT_EQ(rig.exposures.size(), 2U);
+    rig.advance(milliseconds(20));
+    rig.belt(199);
+    rig.part_arrives();
+    EXPECT_EQ(rig.core.line()[2].result.reason, PartReason::parts_too_close);
+}
+
+// With these counts the distance for which a part covers the sensor is known even where an edge has none.
+TEST_F(Encoder, an_edge_without_a_possible_count_covers_no_distance) {
+    CoreConfig config = with_encoder();
+    config.max_part_counts = 300;
+    for (const auto count : {std::optional<std::int64_t>{}, {std::numeric_limits<std::int64_t>::max()}}) {
+        CoreRig one(config);
+        one.bring_to(State::continuous_execution);
+        one.belt(0);
+        one.advance(milliseconds(10));
+        one.belt(100);
+        for (int k = 0; k < 2; ++k) {
+            for (const auto kind : {hal::PartEdge::Kind::arrives, hal::PartEdge::Kind::leaves}) {
+                one.send(hal::PartEdge{kind, one.now, ++one.edges, count});
+                one.advance(milliseconds(20));
+                one.belt(200);
+            }
+        }
+        EXPECT_EQ(one.shot().counters.missed, 0U);
+        EXPECT_FALSE(one.shot().line_stop);
+    }
+}
+
+// The leaving edge of the part ahead was lost: the sensor was not covered for as long as it seems.
+TEST_F(Encoder, an_uncertain_arrival_begins_a_distance_of_its_own) {
+    CoreConfig config = with_encoder();
+    config.max_part_counts = 300;
+    CoreRig one(config);
+    one.bring_to(State::continuous_execution);
+    one.belt(0);
+    const auto edge = [&](hal::PartEdge::Kind kind) {
+        one.send(hal::PartEdge{kind, one.now, ++one.edges, one.counts});
+    };
+    const auto moves = [&] {
+        one.advance(milliseconds(30));
+        one.counts += 300;
+    };
+    edge(hal::PartEdge::Kind::arrives);
+    moves();
+    edge(hal::PartEdge::Kind::leaves);
+    moves();
+    edge(hal::PartEdge::Kind::arrives);
+    moves();
+    moves();
+    ++one.edges;
+    edge(hal::PartEdge::Kind::arrives);
+    EXPECT_FALSE(one.shot().line_stop);
+    moves();
+    one.belt(0);
+    EXPECT_FALSE(one.shot().line_stop);
 }
 
 // The covered distance counts, not the time; 0: not checked.
@@ -268,7 +457,9 @@ TEST_F(Encoder, parts_that_cover_the_sensor_for_too_many_counts_touch) {
         EXPECT_FALSE(one.shot().line_stop);
         moves(1);
         EXPECT_EQ(one.shot().line_stop, most != 0);
-        EXPECT_EQ(one.shot().counters.missed, most != 0 ? 1U : 0U);
+        EXPECT_EQ((one.shot().faults_active & kFaultPartSensor) != 0, most != 0);
+        moves(1000);
+        EXPECT_EQ(one.shot().counters.missed, most != 0 ? 1U : 0U) << "once";
     }
 }
 
@@ -315,6 +506,87 @@ TEST_F(Encoder, an_impossible_count_is_no_count) {
     EXPECT_TRUE(rig.rejected(1));
 }
 
+// More results than one step has room for.
+TEST_F(Encoder, every_part_of_a_full_line_whose_place_is_lost_gets_its_result) {
+    CoreConfig config = with_encoder();
+    config.transport_counts = 1'000'000;
+    CoreRig one(config);
+    one.bring_to(State::continuous_execution);
+    one.belt(0);
+    for (std::uint32_t k = 0; k < 2 * Actions::kCapacity; ++k) {
+        one.part_arrives();
+        one.advance(milliseconds(50));
+        one.belt(1000);
+    }
+    one.forget();
+    one.send(DeviceLost{Device::part_sensor});
+    ASSERT_EQ(one.results.size(), 2 * Actions::kCapacity);
+    for (std::uint32_t k = 0; k < one.results.size(); ++k) {
+        EXPECT_EQ(one.results[k].part, k + 1);
+        EXPECT_EQ(one.results[k].reject, RejectState::failed);
+    }
+}
+
+TEST(ActionsDeathTest, an_action_without_room_ends_the_process) {
+    Actions actions;
+    for (std::size_t k = 0; k < Actions::kCapacity; ++k) actions.push(StopDevices{});
+    EXPECT_EQ(actions.room(), 0U);
+    EXPECT_EXIT(actions.push(StopDevices{}), ::testing::KilledBySignal(SIGABRT), "");
+}
+
+TEST(Conveyor, of_which_nothing_is_known_reaches_no_count) {
+    const TimePoint t0(std::chrono::seconds(1));
+    Conveyor c;
+    c.read(t0, 500);
+    EXPECT_EQ(c.reaches(501), TimePoint::max()) << "one reading is no speed";
+    EXPECT_EQ(c.reaches(500), t0);
+    c.read(t0 + milliseconds(10), 600);
+    c.forget();
+    EXPECT_FALSE(c.known());
+    EXPECT_FALSE(c.reached(0));
+    EXPECT_EQ(c.reaches(-1), TimePoint::max());
+    EXPECT_EQ(c.reaches(0), TimePoint::max());
+    EXPECT_EQ(c.counts_at(t0), 0);
+}
+
+TEST(Conveyor, counts_of_more_than_a_lifetime_are_not_plausible) {
+    EXPECT_TRUE(Conveyor::plausible(Conveyor::kPlausible - 1));
+    EXPECT_FALSE(Conveyor::plausible(Conveyor::kPlausible));
+    EXPECT_TRUE(Conveyor::plausible(1 - Conveyor::kPlausible));
+    EXPECT_FALSE(Conveyor::plausible(-Conveyor::kPlausible));
+}
+
+TEST(Conveyor, readings_four_milliseconds_apart_give_a_speed) {
+    Conveyor c;
+    const TimePoint t0(std::chrono::seconds(1));
+    c.read(t0, 0);
+    c.read(t0 + milliseconds(4) - Duration(1), 40);
+    EXPECT_EQ(c.reaches(80), TimePoint::max());
+    c.read(t0 + milliseconds(4), 40);
+    EXPECT_EQ(c.reaches(80), t0 + milliseconds(8));
+}
+
+TEST(Conveyor, too_fast_to_be_extrapolated_is_taken_to_stand) {
+    constexpr std::int64_t kStepsAnHour = 900'000;  // of 4 ms
+    const TimePoint t0(std::chrono::seconds(1)), last = t0 + milliseconds(4), later = last + std::chrono::hours(1);
+    const std::int64_t fastest = Conveyor::kPlausible / kStepsAnHour;
+    Conveyor fast, too_fast;
+    for (Conveyor* c : {&fast, &too_fast}) c->read(t0, 0);
+    fast.read(last, fastest);
+    too_fast.read(last, fastest * 11 / 10);
+    EXPECT_EQ(fast.counts_at(later), fastest * (kStepsAnHour + 1));
+    EXPECT_EQ(too_fast.counts_at(later), fastest * 11 / 10);
+}
+
+TEST(Conveyor, that_moves_by_one_count_between_readings_moves) {
+    Conveyor c;
+    const TimePoint t0(std::chrono::seconds(1));
+    c.read(t0, 0);
+    c.read(t0 + milliseconds(10), 1);
+    EXPECT_EQ(c.reaches(3), t0 + milliseconds(30));
+    EXPECT_EQ(c.counts_at(t0 + milliseconds(30)), 3);
+}
+
 TEST(Conveyor, one_count_microseconds_after_a_reading_is_no_speed) {
     Conveyor c;
     const TimePoint t0(std::chrono::seconds(1));
@@ -337,11 +609,16 @@ TEST(Conveyor, extrapolates_the_last_two_readings_and_never_overflows) {
     EXPECT_EQ(c.reaches(std::int64_t{1} << 60), TimePoint::max());
     const TimePoint last = t0 + milliseconds(10);
     const std::int64_t in_an_hour = 36'000'000;
+    EXPECT_EQ(c.reaches(100 + in_an_hour), last + std::chrono::hours(1));
+    EXPECT_EQ(c.reaches(100 + 10'000), last + std::chrono::seconds(1));
+    EXPECT_EQ(c.reaches(100 - 10'000), last - std::chrono::seconds(1));
+    EXPECT_EQ(c.reaches(100 - in_an_hour - 50), last - std::chrono::hours(1) - milliseconds(5));
+    EXPECT_EQ(c.reaches(100 - 2 * in_an_hour), last - std::chrono::hours(1)) << "no further back";
     EXPECT_EQ(c.counts_at(last + std::chrono::hours(1)), 100 + in_an_hour);
     EXPECT_EQ(c.counts_at(last + std::chrono::hours(2)), 100 + in_an_hour) << "not extrapolated any further";
     EXPECT_EQ(c.counts_at(last - std::chrono::hours(2)), 100 - in_an_hour);
     c.read(t0 + milliseconds(20), 90);  // a decreasing count is treated as a standstill
-    EXPECT_EQ(c.reaches(100), TimePoint::max());
+    EXPECT_EQ(c.reaches(91), TimePoint::max());
     c.read(t0 + milliseconds(20), 500);  // not newer than the last reading
     EXPECT_EQ(c.reaches(100), TimePoint::max());
 }

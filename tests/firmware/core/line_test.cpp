@@ -110,7 +110,14 @@ TEST_F(Running, an_edge_told_too_late_to_expose_rejects) {
     hal::PartEdge edge{hal::PartEdge::Kind::arrives, rig.now - milliseconds(6), 1, {}};
     rig.send(edge);
     EXPECT_TRUE(rig.exposures.empty());
+    EXPECT_NE(rig.shot().faults_active & kFaultOverrun, 0U);
     expect_fail_safe(1, PartReason::strobe_failed);
+}
+
+TEST_F(Running, an_edge_told_at_the_moment_of_its_exposure_is_in_time) {
+    rig.send(hal::PartEdge{hal::PartEdge::Kind::arrives, rig.now - rig.core.config().exposure_delay, 1, {}});
+    EXPECT_EQ(rig.exposures.size(), 1U);
+    EXPECT_EQ(rig.core.line()[0].result.reason, PartReason::none);
 }
 
 TEST_F(Running, more_parts_than_the_line_may_hold_are_rejected_and_tracked) {
@@ -148,7 +155,12 @@ TEST_F(Running, beyond_the_lines_memory_the_line_stops) {
     }
     EXPECT_FALSE(one.shot().line_stop);
     one.results.clear();
+    const Counters before = one.shot().counters;
     one.part_arrives();
+    EXPECT_EQ(one.shot().counters.unfit, before.unfit + 1);
+    EXPECT_EQ(one.shot().counters.reject_commanded, before.reject_commanded + 1);
+    EXPECT_EQ(one.shot().counters.reject_failed, before.reject_failed + 1);
+    EXPECT_EQ(one.only_result().part, kLineCapacity + 1);
     EXPECT_EQ(one.only_result().reason, PartReason::line_full);
     EXPECT_EQ(one.only_result().reject, RejectState::failed);
     EXPECT_EQ(one.only_result().arrived_ns, one.now.time_since_epoch().count());
@@ -198,6 +210,7 @@ TEST_F(Running, abort_rejects_what_is_under_way) {
     rig.send(Command::abort);
     EXPECT_EQ(rig.core.state(), State::ready);
     rig.judged(part, Verdict::pass);
+    EXPECT_EQ(rig.shot().counters.inspected, 0U);
     expect_fail_safe(part, PartReason::station_not_running);
 }
 
@@ -266,9 +279,148 @@ TEST_F(Running, an_arrival_on_a_covered_sensor_does_not_hide_that_it_is_covered_
     }
 }
 
+// A line on which parts may cover the part sensor for 30 ms. The first part has come and gone.
+class Touching : public ::testing::Test {
+  protected:
+    explicit Touching(Duration max_part = milliseconds(30))
+        : rig([&] {
+              CoreConfig config = quick_line();
+              config.max_part = max_part;
+              return config;
+          }()) {
+        rig.bring_to(State::continuous_execution);
+        edge(hal::PartEdge::Kind::arrives);
+        rig.advance(milliseconds(20));
+        edge(hal::PartEdge::Kind::leaves);
+        EXPECT_TRUE(rig.advance_until_rejected(1));
+        rig.confirmed(1);
+        rig.advance(milliseconds(100));
+        rig.forget();
+    }
+    void edge(hal::PartEdge::Kind kind, Duration told_late = {}) {
+        rig.send(hal::PartEdge{kind, rig.now - told_late, ++rig.edges, {}});
+    }
+    CoreRig rig;
+};
+
+TEST_F(Touching, the_time_for_which_a_part_covers_the_sensor_begins_at_its_edge_however_late_it_is_told) {
+    edge(hal::PartEdge::Kind::arrives, milliseconds(20));
+    rig.advance(milliseconds(10));
+    rig.send(Tick{});
+    EXPECT_FALSE(rig.shot().line_stop);
+    rig.advance(Duration(1));
+    EXPECT_TRUE(rig.shot().line_stop);
+}
+
+TEST_F(Touching, an_edge_from_the_future_covers_the_sensor_from_now_on) {
+    edge(hal::PartEdge::Kind::arrives, -milliseconds(20));
+    rig.advance(milliseconds(30));
+    EXPECT_FALSE(rig.shot().line_stop);
+    rig.advance(Duration(1));
+    EXPECT_TRUE(rig.shot().line_stop);
+}
+
+TEST_F(Touching, the_part_that_hides_another_is_unfit) {
+    edge(hal::PartEdge::Kind::arrives);
+    ASSERT_EQ(rig.shot().parts_on_line, 1U);
+    rig.advance(milliseconds(30) + Duration(1));
+    EXPECT_EQ(rig.core.line()[0].result.reason, PartReason::parts_too_close);
+    EXPECT_NE(rig.shot().faults_active & kFaultPartSensor, 0U);
+}
+
+// A belt that stands keeps its part before the sensor for as long as it stands.
+TEST_F(Touching, without_the_run_permit_a_covered_sensor_hides_nothing) {
+    edge(hal::PartEdge::Kind::arrives);
+    rig.send(DeviceLost{Device::rejector});
+    rig.advance(milliseconds(100));
+    EXPECT_EQ(rig.shot().counters.missed, 0U);
+    EXPECT_EQ(rig.shot().faults_latched & kFaultPartSensor, 0U);
+}
+
+TEST_F(Touching, the_leaving_edge_itself_shows_that_the_part_was_too_long) {
+    for (const Duration covered : {milliseconds(30), milliseconds(31)}) {
+        edge(hal::PartEdge::Kind::arrives);
+        rig.now += covered;  // the process is held up
+        edge(hal::PartEdge::Kind::leaves);
+        EXPECT_EQ(rig.shot().line_stop, covered > milliseconds(30));
+    }
+}
+
+TEST_F(Touching, without_an_encoder_a_reading_counts_for_nothing) {
+    edge(hal::PartEdge::Kind::arrives);
+    rig.send(hal::EncoderReading{rig.now + std::chrono::seconds(1), 5});
+    EXPECT_FALSE(rig.shot().line_stop);
+}
+
+TEST_F(Running, an_edge_with_the_number_of_the_last_one_or_of_long_ago_hides_no_part) {
+    for (const std::uint32_t step : {0U, 1U << 31, (1U << 31) + 1, 0U - 1U}) {
+        CoreRig one;
+        one.bring_to(State::continuous_execution);
+        one.part_arrives();
+        one.advance(milliseconds(100));
+        one.send(hal::PartEdge{hal::PartEdge::Kind::arrives, one.now, one.edges + step, {}});
+        EXPECT_EQ(one.core.line()[1].result.reason, PartReason::edge_lost) << step;
+        EXPECT_EQ(one.shot().counters.missed, 0U) << step;
+        EXPECT_FALSE(one.shot().line_stop) << step;
+    }
+}
+
+TEST_F(Touching, of_two_edges_that_were_lost_one_is_a_part) {
+    rig.edges += 2;
+    edge(hal::PartEdge::Kind::arrives);
+    EXPECT_EQ(rig.shot().counters.missed, 1U);
+    EXPECT_TRUE(rig.shot().line_stop);
+}
+
+TEST_F(Running, a_part_as_far_behind_as_the_least_gap_is_not_too_close) {
+    for (const Duration gap : {rig.core.config().min_gap, rig.core.config().min_gap - Duration(1)}) {
+        CoreRig one;
+        one.bring_to(State::continuous_execution);
+        one.part_arrives();
+        one.advance(gap);
+        one.part_arrives();
+        EXPECT_EQ(one.core.line()[1].result.reason,
+                  gap == one.core.config().min_gap ? PartReason::none : PartReason::parts_too_close);
+    }
+}
+
+TEST_F(Running, the_part_ahead_is_safe_once_its_exposure_is_over) {
+    const CoreConfig& config = rig.core.config();
+    for (const Duration before : {Duration(0), Duration(1), config.exposure}) {
+        CoreRig one;
+        one.bring_to(State::continuous_execution);
+        one.part_arrives();
+        one.advance(config.exposure_delay + config.exposure - before);
+        one.part_arrives();
+        EXPECT_EQ(one.core.line()[0].result.reason,
+                  before == Duration(0) ? PartReason::none : PartReason::parts_too_close);
+    }
+}
+
+TEST_F(Running, a_part_whose_edge_is_uncertain_is_rejected_by_the_time_of_its_edge) {
+    rig.part_is_seen();
+    rig.advance(milliseconds(100));
+    rig.edges += 1;
+    const TimePoint edge = rig.now - milliseconds(10);
+    rig.send(hal::PartEdge{hal::PartEdge::Kind::arrives, edge, ++rig.edges, {}});
+    ASSERT_TRUE(rig.advance_until_rejected(2));
+    EXPECT_EQ(rig.rejects.back().start, edge + kPulseStart);
+}
+
+TEST_F(Running, a_good_part_is_on_the_line_until_a_pulse_could_not_hit_it_any_more) {
+    const TimePoint edge = rig.now;
+    rig.judged(rig.part_is_seen(), Verdict::pass);
+    const CoreConfig& config = rig.core.config();
+    rig.advance(edge + config.transport + config.reject_pulse - Duration(1) - rig.now);
+    EXPECT_EQ(rig.shot().parts_on_line, 1U);
+    rig.advance(Duration(1));
+    EXPECT_EQ(rig.shot().parts_on_line, 0U);
+}
+
 TEST_F(Running, a_part_that_was_at_the_sensor_when_it_came_up_stops_the_line) {
     rig.send(hal::PartEdge{hal::PartEdge::Kind::leaves, rig.now, 1, {}});
     EXPECT_TRUE(rig.shot().line_stop);
+    EXPECT_NE(rig.shot().faults_active & kFaultPartSensor, 0U);
     EXPECT_EQ(rig.shot().counters.missed, 1U);
 }
 
@@ -277,11 +429,15 @@ TEST(LineUnknown, stops_the_line_until_a_reset) {
     rig.send(LineUnknown{});
     EXPECT_EQ(rig.core.state(), State::error);
     EXPECT_TRUE(rig.shot().line_stop);
+    EXPECT_EQ(rig.shot().faults_latched, std::uint32_t{kFaultRejectUnconfirmed});
+    EXPECT_NE(rig.shot().first_fault, 0);
     rig.advance(kMinLineStop);
     EXPECT_EQ(rig.send(Command::reset), Answer::done);
     EXPECT_FALSE(rig.shot().line_stop);
     EXPECT_EQ(rig.core.state(), State::initialized);
     EXPECT_EQ(rig.starts.size(), 4U);
+    rig.devices_up();
+    EXPECT_EQ(rig.send(Command::arm), Answer::done);
 }
 
 }  // namespace

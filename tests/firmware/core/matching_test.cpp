@@ -26,6 +26,7 @@ TEST_F(Running, a_good_part_is_exposed_judged_and_let_go) {
     EXPECT_EQ(rig.only_result().verdict, PartVerdict::pass);
     EXPECT_EQ(rig.only_result().reject, RejectState::not_needed);
     EXPECT_EQ(rig.only_result().latency_us, 30'000U);
+    EXPECT_EQ(rig.only_result().arrived_ns, edge.time_since_epoch().count());
     EXPECT_EQ(rig.shot().parts_on_line, 1U);
     rig.advance(milliseconds(500));
     EXPECT_EQ(rig.shot().parts_on_line, 0U);
@@ -91,6 +92,38 @@ TEST_F(Running, a_judgement_by_upper_bounds_is_a_result_that_says_so) {
         EXPECT_EQ(rig.shot().last.bounded, bounded);
         rig.advance(milliseconds(500));
     }
+}
+
+TEST_F(Running, what_was_judged_is_the_result) {
+    const auto part = rig.part_is_seen();
+    rig.send(Judged{.part = part,
+                    .verdict = Verdict::reject,
+                    .reason = Reason::absorption,
+                    .defects = 3,
+                    .score = 2.5F,
+                    .position_m = 7,
+                    .position_n = 8,
+                    .recipe = 9});
+    ASSERT_TRUE(rig.advance_until_rejected(part));
+    rig.confirmed(part);
+    const PartResult& r = rig.only_result();
+    EXPECT_EQ(r.verdict, PartVerdict::reject);
+    EXPECT_EQ(r.reason, PartReason::absorption);
+    EXPECT_EQ(r.defects, 3);
+    EXPECT_EQ(r.score, 2.5F);
+    EXPECT_EQ(r.position_m, 7);
+    EXPECT_EQ(r.position_n, 8);
+    EXPECT_EQ(r.recipe, 9);
+}
+
+TEST_F(Running, the_first_of_two_judgements_counts_also_before_the_light_is_reported) {
+    const auto part = rig.part_arrives();
+    rig.advance(milliseconds(10));
+    rig.frame_comes(part);
+    rig.judged(part, Verdict::reject, Reason::absorption);
+    rig.judged(part, Verdict::pass);
+    rig.light_comes(part);
+    EXPECT_EQ(rig.core.line()[0].result.verdict, PartVerdict::reject);
 }
 
 TEST_F(Running, a_second_judgement_of_the_same_part_is_ignored) {
@@ -175,6 +208,18 @@ TEST_F(Running, light_within_its_tolerance_counts_up_to_the_limit) {
     }
 }
 
+TEST_F(Running, light_that_is_reported_after_the_part_was_given_up_changes_nothing) {
+    const auto part = rig.part_arrives();
+    rig.advance(milliseconds(10));
+    rig.frame_comes(part);
+    rig.judged(part, Verdict::pass);
+    EXPECT_EQ(rig.send(Command::abort), Answer::done);
+    rig.light_comes(part);
+    EXPECT_EQ(rig.shot().counters.inspected, 0U);
+    expect_fail_safe(part, PartReason::station_not_running);
+    EXPECT_EQ(rig.only_result().score, 0);
+}
+
 TEST_F(Running, a_stale_frame_is_nobodys_and_the_own_frame_still_counts) {
     const auto part = rig.part_arrives();
     rig.advance(milliseconds(10));
@@ -185,6 +230,33 @@ TEST_F(Running, a_stale_frame_is_nobodys_and_the_own_frame_still_counts) {
     rig.frame_comes(part);
     ASSERT_EQ(rig.inspections.size(), 1U);
     EXPECT_EQ(rig.inspections[0].frame, 2U);
+}
+
+// The oldest part that waits for its frame, and no other.
+TEST_F(Running, a_stale_frame_is_noted_on_the_part_that_may_have_lost_it) {
+    CoreConfig config = quick_line();
+    config.exposure_delay = milliseconds(40);
+    CoreRig one(config);
+    one.bring_to(State::continuous_execution);
+    std::vector<std::uint32_t> parts;
+    for (int k = 0; k < 4; ++k) {
+        parts.push_back(one.part_arrives());
+        one.advance(milliseconds(22));
+    }
+    one.advance(milliseconds(20));
+    one.light_comes(parts[0]);
+    one.frame_comes(parts[0]);          // it waits for its judgement
+    one.send(StrobeRefused{parts[1]});  // it is rejected, and its frame may still come
+    one.light_comes(parts[2]);
+    one.light_comes(parts[3]);
+    one.frame_comes_at(one.exposure_of(parts[0]).start - milliseconds(10));
+    one.advance(milliseconds(60));
+    const Line& line = one.core.line();
+    ASSERT_EQ(line.size(), 4U);
+    EXPECT_EQ(line[0].stray_frame, PartReason::none);
+    EXPECT_EQ(line[1].result.reason, PartReason::strobe_failed);
+    EXPECT_EQ(line[2].result.reason, PartReason::frame_stale);
+    EXPECT_EQ(line[3].result.reason, PartReason::frame_lost);
 }
 
 TEST_F(Running, a_stale_frame_alone_is_the_reason) {
@@ -207,6 +279,20 @@ TEST_F(Running, the_same_frame_again_is_a_duplicate_not_the_next_parts_frame) {
     EXPECT_EQ(rig.released, std::vector<FrameHandle>{9});
     rig.results.clear();
     expect_fail_safe(second, PartReason::frame_duplicate);
+}
+
+TEST_F(Running, a_frames_number_is_new_up_to_half_of_all_numbers_ahead) {
+    for (const std::uint32_t step : {(1U << 31) - 1, 1U << 31}) {
+        CoreRig one;
+        one.bring_to(State::continuous_execution);
+        one.judged(one.part_is_seen(), Verdict::pass);
+        one.advance(milliseconds(90));
+        const auto part = one.part_arrives();
+        one.advance(milliseconds(10));
+        one.frame_sequence += step - 1;
+        one.frame_comes(part);
+        EXPECT_EQ(one.inspections.size(), step < (1U << 31) ? 2U : 1U);
+    }
 }
 
 TEST_F(Running, short_and_corrupt_frames_reject_at_once) {
@@ -243,6 +329,16 @@ TEST_F(Running, a_frame_from_the_device_that_refused_its_trigger_is_not_awaited)
     rig.send(TriggerRefused{part});
     EXPECT_EQ(rig.shot().counters.unfit, 1U);
     expect_fail_safe(part, PartReason::frame_lost);
+}
+
+TEST_F(Running, a_frame_of_an_exposure_that_was_refused_is_nobodys) {
+    const auto first = rig.part_arrives();
+    rig.send(TriggerRefused{first});
+    rig.advance(milliseconds(100));
+    const auto second = rig.part_arrives();
+    rig.light_comes(second);
+    rig.frame_comes(first);
+    expect_fail_safe(second, PartReason::frame_stale);
 }
 
 TEST_F(Running, a_refused_strobe_rejects) {
@@ -320,6 +416,31 @@ TEST_F(Running, a_start_ends_the_row_of_failures) {
     }
     one.send(Judged{one.part_is_seen(), true, Verdict::pass, Reason::none, 0, 0});
     EXPECT_EQ(one.core.state(), State::single_execution);
+}
+
+TEST_F(Running, one_good_judgement_shows_that_every_device_works) {
+    const auto next = [&](CoreRig& one) {
+        one.advance(milliseconds(250));
+        one.judged(one.part_is_seen(), Verdict::pass);
+    };
+    for (const std::uint32_t trouble : {kFaultOverrun, kFaultSensor, kFaultStrobe, kFaultInspector}) {
+        CoreRig one;
+        one.bring_to(State::continuous_execution);
+        const auto part = one.part_is_seen();
+        if (trouble == kFaultInspector) one.send(Judged{.part = part, .failed = true});
+        one.advance(milliseconds(20));
+        if (trouble != kFaultInspector && trouble != kFaultOverrun) {
+            const auto other = one.part_arrives();
+            if (trouble == kFaultSensor) one.send(TriggerRefused{other});
+            if (trouble == kFaultStrobe) one.send(StrobeRefused{other});
+        }
+        for (const std::uint32_t k : {1U, 2U}) {
+            if (one.advance_until_rejected(k, milliseconds(170))) one.confirmed(k);
+        }
+        EXPECT_NE(one.shot().faults_active & trouble, 0U) << trouble;
+        next(one);
+        EXPECT_EQ(one.shot().faults_active, 0U) << trouble;
+    }
 }
 
 TEST_F(Running, one_good_judgement_clears_passing_trouble) {

@@ -38,6 +38,17 @@ TEST_F(Running, an_unconfirmed_rejection_stops_the_line) {
     }
 }
 
+TEST_F(Running, a_refused_rejection_has_failed_at_once) {
+    const auto part = rig.part_is_seen();
+    rig.judged(part, Verdict::reject, Reason::absorption);
+    rig.send(RejectRefused{part});
+    EXPECT_TRUE(rig.results.empty()) << "nobody has asked for it yet";
+    ASSERT_TRUE(rig.advance_until_rejected(part));
+    rig.send(RejectRefused{part});
+    EXPECT_EQ(rig.only_result().reject, RejectState::failed);
+    EXPECT_TRUE(rig.shot().line_stop);
+}
+
 TEST_F(Running, the_first_report_of_a_rejection_counts) {
     using Outcome = hal::RejectReport::Outcome;
     for (const Outcome first : {Outcome::failed, Outcome::late, Outcome::confirmed}) {
@@ -75,7 +86,7 @@ TEST_F(Running, a_confirmation_after_the_pulse_is_late) {
     const TimePoint edge = rig.now;
     const auto part = rig.part_is_seen();
     rig.judged(part, Verdict::reject, Reason::deflection_gradient);
-    rig.now = edge + kPulseEnd + Duration(1);
+    rig.now = edge + kPulseEnd;
     rig.send(Tick{});  // the loop was held up: the command itself is too late
     EXPECT_FALSE(rig.rejected(part));
     EXPECT_EQ(rig.only_result().reject, RejectState::late);
@@ -101,15 +112,19 @@ TEST_F(Running, what_is_acknowledged_after_the_part_was_at_the_ejector_is_late) 
 }
 
 TEST_F(Running, a_command_after_the_part_is_at_the_ejector_is_given_and_counted_late) {
-    const TimePoint edge = rig.now;
-    const auto part = rig.part_is_seen();
-    rig.judged(part, Verdict::reject, Reason::deflection_gradient);
-    rig.now = edge + milliseconds(181);
-    rig.send(Tick{});
-    EXPECT_TRUE(rig.rejected(part));
-    rig.confirmed(part);
-    EXPECT_EQ(rig.only_result().reject, RejectState::late);
-    EXPECT_TRUE(rig.shot().line_stop);
+    for (const Duration late : {Duration(0), Duration(1)}) {
+        CoreRig one;
+        one.bring_to(State::continuous_execution);
+        const TimePoint edge = one.now;
+        const auto part = one.part_is_seen();
+        one.judged(part, Verdict::reject, Reason::deflection_gradient);
+        one.now = edge + one.core.config().transport + late;
+        one.send(Tick{});
+        EXPECT_TRUE(one.rejected(part));
+        one.send(hal::RejectReport{part, hal::RejectReport::Outcome::confirmed, edge + one.core.config().transport});
+        EXPECT_EQ(one.only_result().reject, late == Duration(0) ? RejectState::confirmed : RejectState::late);
+        EXPECT_EQ(one.shot().line_stop, late != Duration(0));
+    }
 }
 
 TEST_F(Running, with_the_rejector_down_bad_parts_stop_the_line) {
@@ -202,6 +217,13 @@ TEST_F(Running, a_line_stop_is_not_seen_while_the_process_is_held_up) {
     EXPECT_FALSE(rig.shot().line_stop);
 }
 
+TEST_F(Running, the_core_wakes_when_a_reset_is_possible) {
+    rig.send(LineUnknown{});
+    const TimePoint start = rig.now;
+    rig.advance(kMinLineStop - Duration(1));
+    EXPECT_EQ(rig.core.next_wake(), start + kMinLineStop);
+}
+
 TEST_F(Running, a_line_stop_after_a_reset_is_to_be_seen_again) {
     for (int k = 0; k < 2; ++k) {
         rig.send(LineUnknown{});
@@ -275,6 +297,61 @@ TEST_F(Running, a_part_before_the_camera_when_the_line_stops_is_not_judged_by_wh
     EXPECT_EQ(far.shot().counters.unfit, 1U);
 }
 
+// A frame that was exposed while the belt ran shows its own part.
+TEST_F(Running, a_part_whose_exposure_is_over_when_the_line_stops_is_judged_by_its_frame) {
+    const CoreConfig& config = rig.core.config();
+    for (const Duration before : {Duration(0), Duration(1), config.exposure}) {
+        CoreRig one;
+        one.bring_to(State::continuous_execution);
+        const auto part = one.part_arrives();
+        one.advance(config.exposure_delay + config.exposure - before);
+        one.send(DeviceLost{Device::rejector});
+        one.advance(milliseconds(2));
+        one.light_comes(part);
+        one.frame_comes(part);
+        one.judged(part, Verdict::pass);
+        EXPECT_EQ(one.core.line()[0].result.verdict, before == Duration(0) ? PartVerdict::pass : PartVerdict::unfit);
+    }
+}
+
+TEST_F(Running, a_part_at_the_ejector_when_the_permit_falls_is_where_it_should_be) {
+    for (const Duration before : {Duration(0), Duration(1)}) {
+        CoreRig one;
+        one.bring_to(State::continuous_execution);
+        const TimePoint edge = one.now;
+        const auto part = one.part_is_seen();
+        one.judged(part, Verdict::reject, Reason::absorption);
+        one.advance(edge + one.core.config().transport - before - one.now);
+        ASSERT_TRUE(one.rejected(part));
+        one.send(DeviceLost{Device::sensor});
+        one.confirmed(part);
+        EXPECT_EQ(one.only_result().reject, before == Duration(0) ? RejectState::confirmed : RejectState::failed);
+    }
+}
+
+TEST_F(Running, a_good_part_on_its_way_needs_no_line_stop_when_the_permit_falls) {
+    rig.judged(rig.part_is_seen(), Verdict::pass);
+    rig.send(DeviceLost{Device::strobe});
+    EXPECT_EQ(rig.permits, std::vector<bool>{false});
+    EXPECT_FALSE(rig.shot().line_stop);
+}
+
+TEST(Reset, gives_a_part_that_still_waits_its_verdict) {
+    CoreConfig config = quick_line();
+    config.transport = std::chrono::seconds(2);
+    CoreRig rig(config);
+    rig.bring_to(State::continuous_execution);
+    rig.part_is_seen();
+    rig.send(DeviceLost{Device::rejector});
+    ASSERT_TRUE(rig.shot().line_stop);
+    rig.advance(kMinLineStop);
+    ASSERT_EQ(rig.shot().counters.unfit, 0U);
+    ASSERT_EQ(rig.send(Command::reset), Answer::done);
+    EXPECT_EQ(rig.only_result().verdict, PartVerdict::unfit);
+    EXPECT_EQ(rig.only_result().reason, PartReason::station_not_running);
+    EXPECT_EQ(rig.shot().counters.unfit, 1U);
+}
+
 TEST(NotRunning, parts_that_come_while_the_line_stops_are_commanded_and_keep_the_line_stopped) {
     CoreRig rig;
     rig.bring_to(State::error);
@@ -311,6 +388,7 @@ TEST(NotRunning, parts_are_rejected_and_counted_where_the_rejector_is_up) {
         ASSERT_TRUE(rig.rejected(part)) << name_of(state);
         rig.confirmed(part);
         EXPECT_EQ(rig.only_result().reason, PartReason::station_not_running);
+        EXPECT_EQ(rig.only_result().latency_us, 0U) << "decided at its edge";
         EXPECT_EQ(rig.shot().counters.reject_confirmed, 1U);
         EXPECT_FALSE(rig.shot().line_stop);
     }
