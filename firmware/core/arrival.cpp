@@ -22,7 +22,7 @@ bool Core::continues(const hal::PartEdge& edge) {
         const std::uint32_t parts = !leaves_seen_ ? lost : (lost + odd) / 2;
         counters_.missed += parts;
         keep_active(kFaultPartSensor);
-        if (parts > 0) stop_the_line();
+        if (parts > 0) stop_the_line({LineStopCause::part_sensor_lost});
     }
     return false;
 }
@@ -53,7 +53,7 @@ void Core::on(const hal::PartEdge& edge) {
 void Core::part_was_there() {
     ++counters_.missed;
     keep_active(kFaultPartSensor);
-    stop_the_line();
+    stop_the_line({LineStopCause::untracked_part});
 }
 
 // The part sensor is covered for longer than any part takes: a second part touches the newest one. Its position is
@@ -69,7 +69,7 @@ void Core::look_for_touching_parts(TimePoint at, std::int64_t counts) {
     ++counters_.missed;
     keep_active(kFaultPartSensor);
     if (line_.size() > 0) decide(line_[line_.size() - 1], PartVerdict::unfit, PartReason::parts_too_close);
-    stop_the_line();
+    stop_the_line({LineStopCause::untracked_part});
 }
 
 void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
@@ -86,7 +86,7 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
         ++counters_.reject_commanded;
         ++counters_.reject_failed;
         record(result);
-        stop_the_line();
+        stop_the_line({LineStopCause::untracked_part, number});
         return;
     }
     const bool counted = edge.counts && Conveyor::plausible(*edge.counts);
@@ -104,7 +104,7 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
     part.result.part = number;
     part.result.arrived_ns = arrived.time_since_epoch().count();
 
-    if (part.place_lost) stop_the_line();
+    if (part.place_lost) stop_the_line({LineStopCause::place_lost, number});
 
     const bool position_known = !config_.by_encoder || counted;
     if (accepting()) {
@@ -186,17 +186,17 @@ void Core::on(const hal::EncoderReading& reading) {
 void Core::lose_permit() {
     if (config_.by_encoder) return;
     permit_lost_at_ = now_;
-    covered_ = false;  // on a standing belt the covered time means nothing
-    bool any = false;
+    covered_ = false;        // on a standing belt the covered time means nothing
+    std::uint32_t lost = 0;  // number of the first part whose place is lost
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
         if (now_ < at_ejector(part)) part.place_lost = true;
-        any = any || (part.place_lost && part.phase != Part::Phase::complete);
+        if (lost == 0 && part.place_lost && part.phase != Part::Phase::complete) lost = part.number();
         if (part.phase == Part::Phase::waiting && now_ < part.exposure_start + config_.exposure) {
             decide(part, PartVerdict::unfit, PartReason::station_not_running);
         }
     }
-    if (any) stop_the_line();
+    if (lost != 0) stop_the_line({LineStopCause::place_lost, lost});
 }
 
 // Reset: a person has looked at the line and removed the parts whose position was lost. Their tracking ends.

@@ -111,6 +111,7 @@ void Core::flush(PartReason reason) {
 
 void Core::reset_faults() {
     line_stop_ = false;
+    line_stop_why_ = {};
     trouble_ = 0;
     faults_latched_ = 0;
     first_fault_ = 0;
@@ -144,7 +145,7 @@ void Core::on(const DeviceLost& event) {
     }
     if (event.device == Device::part_sensor) {
         if (config_.by_encoder) lose_position();
-        if (executing(state_)) stop_the_line();  // parts may pass undetected
+        if (executing(state_)) stop_the_line({LineStopCause::part_sensor_lost});  // parts may pass undetected
     }
     go(Trigger::fault);
 }
@@ -190,15 +191,20 @@ void Core::fault(std::uint32_t bits) {
     }
 }
 
-void Core::stop_the_line() {
-    if (!std::exchange(line_stop_, true)) line_stop_unseen_ = kMinLineStop;
+void Core::stop_the_line(LineStop why) {
+    if (!std::exchange(line_stop_, true)) {
+        line_stop_unseen_ = kMinLineStop;
+        line_stop_why_ = why;
+    }
     fault(kFaultRejectUnconfirmed);
     go(Trigger::line_stop);
 }
 
 Snapshot Core::snapshot() const {
     return {.state = state_,
+            .taken_ns = now_.time_since_epoch().count(),
             .line_stop = line_stop_,
+            .line_stop_why = line_stop_why_,
             .run_permit = run_permit_,
             .faults_active = active_faults(),
             .faults_latched = faults_latched_,

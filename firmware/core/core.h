@@ -47,6 +47,7 @@ class Core {
     [[nodiscard]] bool all_devices_up() const { return up_ == kDeviceFaults; }
     [[nodiscard]] Snapshot snapshot() const;
     [[nodiscard]] bool line_stop() const { return line_stop_; }
+    [[nodiscard]] std::uint32_t faults_latched() const { return faults_latched_; }
     [[nodiscard]] bool run_permit() const { return run_permit_; }
     [[nodiscard]] const Counters& counters() const { return counters_; }
     [[nodiscard]] const CoreConfig& config() const { return config_; }
@@ -62,7 +63,7 @@ class Core {
     void on(const PlcBack&) { plc_lost_ = false; }
     void on(const OutsideFaults& event);
     [[nodiscard]] bool without_plc(PlcPolicy policy) const { return plc_lost_ && config_.plc_policy == policy; }
-    void on(const LineUnknown&) { stop_the_line(); }
+    void on(const LineUnknown&) { stop_the_line({LineStopCause::line_unknown}); }
     void go(Cause cause);
     void carry_out(Command command, State from);
     void flush(PartReason reason);
@@ -72,7 +73,7 @@ class Core {
     [[nodiscard]] std::uint32_t active_faults() const;
     void fault(std::uint32_t bits);
     void keep_active(std::uint32_t bits);
-    void stop_the_line();
+    void stop_the_line(LineStop why);
 
     // arrival.cpp
     void on(const hal::PartEdge& edge);
@@ -125,6 +126,7 @@ class Core {
     bool run_permit_ = false;
     TimePoint permit_lost_at_ = TimePoint::min();  // without encoder: when the run permit was withdrawn last
     bool line_stop_ = false;
+    LineStop line_stop_why_;
     Duration line_stop_unseen_{};  // until a reset may clear the line stop
     bool draining_ = false;
     bool single_taken_ = false;

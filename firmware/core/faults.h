@@ -132,6 +132,29 @@ constexpr std::uint32_t faults_from(FaultSource source) {
 inline constexpr std::uint32_t kOpticsFaults = faults_from(FaultSource::optics);
 inline constexpr std::uint32_t kOutsideFaults = faults_from(FaultSource::service) | kOpticsFaults;
 
+// Why the line stop was raised: the first cause since the last reset.
+enum class LineStopCause : std::uint8_t {
+    none,
+    reject_failed,     // the rejection of `part` was not confirmed
+    reject_late,       // the rejection of `part` came too late
+    place_lost,        // the run permit was withdrawn while `part` was on the line: its place is not known
+    untracked_part,    // a part came that the station cannot follow: `part`, or one without a number (0)
+    part_sensor_lost,  // the part sensor was lost, or missed edges
+    encoder_silent,
+    line_unknown,  // nothing proves that the line is empty
+};
+struct LineStop {
+    LineStopCause cause = LineStopCause::none;
+    std::uint32_t part = 0;  // 0: none, or not known
+    bool operator==(const LineStop&) const = default;
+};
+
+// For people: "the rejection of part 12 was not confirmed". Empty without a line stop.
+std::string text_of(const LineStop& why);
+
+// What is said of a fault when it comes: name, meaning, why (of a line stop), cure.
+std::string text_of(const FaultInfo& fault, const LineStop& why = {});
+
 // The names of the bits that are set, ", " between them; "none" for 0.
 std::string names_of_faults(std::uint32_t bits);
 

@@ -24,7 +24,7 @@ void Core::settle() {
         if (now_ >= silent_at && line_[0].passed_ejector != TimePoint::min()) {
             keep_active(kFaultPartSensor);
             lose_position();
-            stop_the_line();
+            stop_the_line({LineStopCause::encoder_silent});
         } else {
             next_wake_ = std::min(next_wake_, silent_at);
         }
@@ -152,7 +152,10 @@ void Core::complete(Part& part, RejectState outcome) {
     }
     record(part.result);
     const bool unconfirmed = outcome == RejectState::failed || outcome == RejectState::late;
-    if (unconfirmed && !part.abandoned) stop_the_line();
+    if (unconfirmed && !part.abandoned) {
+        const bool late = outcome == RejectState::late;
+        stop_the_line({late ? LineStopCause::reject_late : LineStopCause::reject_failed, part.number()});
+    }
 }
 
 void Core::record(PartResult& result) {

@@ -152,7 +152,9 @@ struct PartResult {
 
 struct Snapshot {
     State state = State::preoperational;
-    bool line_stop = false;  // a rejection ended failed or late, or parts on the line are not tracked; until a reset
+    std::int64_t taken_ns = 0;  // station time of the core's last step
+    bool line_stop = false;     // a rejection ended failed or late, or parts on the line are not tracked; until a reset
+    LineStop line_stop_why = {};
     bool run_permit = false;
     std::uint32_t faults_active = 0, faults_latched = 0;
     std::uint16_t first_fault = 0;  // bit number + 1; 0: none

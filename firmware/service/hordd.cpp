@@ -102,6 +102,9 @@ class Daemon {
   private:
     ServiceWatchers watchers() {
         ServiceWatchers all;
+        all.fault = [this](std::uint32_t raised, const Snapshot& now) {
+            station_journal_.raised(raised, now.line_stop_why);
+        };
         all.state = [this](State from, State to) {
             station_journal_.state(from, to, service_ ? service_->snapshot().faults_active : 0);
             if (service_) service_->loop().post([this] { notify_status(); });
@@ -127,7 +130,8 @@ class Daemon {
                              std::array{Field{"HORD_SIMULATED", simulated_}});
         }
         sd_notify(0, "READY=1");
-        notify_status_again();
+        notify_status();
+        service_->loop().call_after(kStatusEvery, [this] { notify_status_again(); });
         std::uint64_t watchdog_us = 0;
         if (sd_watchdog_enabled(0, &watchdog_us) > 0) {
             check_liveness_every(microseconds(static_cast<std::int64_t>(watchdog_us / 4)));
@@ -141,12 +145,13 @@ class Daemon {
     }
 
     void notify_status_again() {
+        const Snapshot now = service_->snapshot();
+        station_journal_.faults(now.faults_active, now.line_stop_why);
         notify_status();
         service_->loop().call_after(kStatusEvery, [this] { notify_status_again(); });
     }
     void notify_status() {
         const Snapshot now = service_->snapshot();
-        station_journal_.faults(now.faults_active);
         const Counters& c = now.counters;
         const std::string status =
             fmt::format("{}{}, {} parts: {} pass, {} reject, {} unfit; faults: {}{}", name_of(now.state),

@@ -112,12 +112,12 @@ void write_to_journal(const Entry& entry, std::string_view message, std::span<co
 }
 
 void StationJournal::state(State from, State to, std::uint32_t active) {
-    faults(active);
+    faults(to == State::error ? active : active & reported_);
     write_(entry_of(JournalEvent::state), fmt::format("{} to {}", name_of(from), name_of(to)),
            std::array{Field{"HORD_STATE", std::string(name_of(to))}, Field{"HORD_FROM", std::string(name_of(from))}});
 }
 
-void StationJournal::faults(std::uint32_t active) {
+void StationJournal::faults(std::uint32_t active, const LineStop& why) {
     const std::uint32_t before = std::exchange(reported_, active);
     if (active == before) return;
     for (const FaultInfo& fault : kFaultTable) {
@@ -125,7 +125,7 @@ void StationJournal::faults(std::uint32_t active) {
         if (is == was) continue;
         const std::array field{Field{"HORD_FAULT", std::string(fault.name)}};
         if (is) {
-            write_(entry_of(fault.bit), fmt::format("fault {}: {}: {}", fault.name, fault.meaning, fault.cure), field);
+            write_(entry_of(fault.bit), "fault " + text_of(fault, why), field);
         } else {
             write_(entry_of(JournalEvent::fault_cleared), fmt::format("fault {} is over", fault.name), field);
         }

@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 
+#include "firmware/core/faults.h"
 #include "firmware/core/station_types.h"
 
 namespace hord::firmware {
@@ -56,9 +57,13 @@ class StationJournal {
     using Write = std::function<void(const Entry& entry, std::string_view message, std::span<const Field> fields)>;
     explicit StationJournal(Write to) : write_(std::move(to)) {}
 
-    // `active`: the FaultBits at that time. Their changes are written first, so that Error follows its cause.
+    // `active`: the FaultBits at that time. Those that are over are written first, and before Error those that came,
+    // too. In other states devices may just be opening: faults() tells of them when they stay away.
     void state(State from, State to, std::uint32_t active);
-    void faults(std::uint32_t active);  // writes those that came or went since the last call
+    // Writes those that came or went since the last call. `why`: of the line stop, if there is one.
+    void faults(std::uint32_t active, const LineStop& why = {});
+    // Writes those that were not told before; they may be over before faults() is called next.
+    void raised(std::uint32_t bits, const LineStop& why) { faults(reported_ | bits, why); }
 
   private:
     Write write_;

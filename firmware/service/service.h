@@ -28,6 +28,8 @@ namespace hord::firmware {
 struct ServiceWatchers {
     std::function<void(const PartResult&)> result;  // a part's final result
     std::function<void(State from, State to)> state;
+    // The FaultBits `raised` were latched; before the change of state that they cause.
+    std::function<void(std::uint32_t raised, const Snapshot&)> fault;
     std::function<void(const NumberedRecipe&)> recipe;  // another recipe is in use; not called for the first one
     std::function<void()> reload;                       // SIGHUP; empty: the signal is not handled
     std::function<void(const Error&)> trouble;          // to be logged once
@@ -102,6 +104,7 @@ class Service final : public StationObserver, public InspectionObserver {
     void publish_again();         // schedules itself again
     void publish_health_again();  // schedules itself again
     void on_result(const PartResult& result) override;
+    void on_fault(std::uint32_t raised, const Snapshot& now) override;
     void on_state(State from, State to) override;
     void on_trouble(const Error& error) override;
     void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) override;

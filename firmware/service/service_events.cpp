@@ -56,6 +56,10 @@ void Service::on_result(const PartResult& result) {
     if (watchers_.result) watchers_.result(result);
 }
 
+void Service::on_fault(std::uint32_t raised, const Snapshot& now) {
+    if (watchers_.fault) watchers_.fault(raised, now);
+}
+
 void Service::on_state(State from, State to) {
     loop_->post([this] {
         publish();

@@ -34,6 +34,8 @@ class StationObserver {
   public:
     virtual ~StationObserver() = default;
     virtual void on_result(const PartResult& result) = 0;  // final: passed, or the outcome of its rejection is known
+    // The FaultBits `raised` were latched; before on_state() of the same step.
+    virtual void on_fault(std::uint32_t /*raised*/, const Snapshot& /*now*/) {}
     virtual void on_state(State /*from*/, State /*to*/) {}
     virtual void on_step(State /*before*/, const Event& /*event*/) {}  // after every step of the core and its actions
     virtual void on_trouble(const Error& /*error*/) {}                 // a device failed or refused: to be logged once

@@ -320,6 +320,10 @@ void SimulatedLine::publish_soon() {
     });
 }
 
+void SimulatedLine::on_fault(std::uint32_t raised, const Snapshot& now) {
+    if (alive()) store_observer_->fault(raised, now.line_stop_why);
+}
+
 void SimulatedLine::on_state(State from, State to) {
     if (!alive()) return;
     store_observer_->state(from, to, snapshot().faults_active);

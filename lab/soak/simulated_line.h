@@ -93,6 +93,7 @@ class SimulatedLine final : public StationObserver {
     void reset_line();
     void watch_line_stop();
     void on_result(const PartResult& result) override;
+    void on_fault(std::uint32_t raised, const Snapshot& now) override;
     void on_state(State from, State to) override;
     void on_step(State before, const Event& event) override;
     [[nodiscard]] bool alive() const { return process_ && process_->alive; }

@@ -253,6 +253,8 @@ void StoreObserver::read(const store::AcknowledgeRecord& record) {
 
 void StoreObserver::state(State from, State to, std::uint32_t active) { story_.state(from, to, active); }
 
+void StoreObserver::fault(std::uint32_t raised, const LineStop& why) { story_.raised(raised, why); }
+
 void StoreObserver::check_faults() {
     fault_timer_ = loop_.call_after(milliseconds(1000), [this] { check_faults(); });
     const std::uint32_t active = station_->snapshot().faults_active;

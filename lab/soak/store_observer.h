@@ -52,6 +52,7 @@ class StoreObserver final : public ResultSink {
     void on_change(const Change& change) override;
     void on_inspection(std::uint32_t, const FrameView&, const algo::Inspection&) override {}
     void state(State from, State to, std::uint32_t active);
+    void fault(std::uint32_t raised, const LineStop& why);
 
     // Call before each command: its record must name the state at this point.
     void before_command() { state_at_command_ = journal_state_; }

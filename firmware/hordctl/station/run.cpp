@@ -79,11 +79,10 @@ Config with_room(double parts_per_second) {
 }
 
 // Each fault with its meaning and cure.
-std::vector<std::string> fault_lines(std::uint32_t faults) {
+std::vector<std::string> fault_lines(std::uint32_t faults, const LineStop& why) {
     std::vector<std::string> lines;
     for (const FaultInfo& fault : kFaultTable) {
-        if ((faults & fault.bit) != 0)
-            lines.push_back(fmt::format("FAULT {}: {}: {}", fault.name, fault.meaning, fault.cure));
+        if ((faults & fault.bit) != 0) lines.push_back("FAULT " + text_of(fault, why));
     }
     return lines;
 }
@@ -174,8 +173,13 @@ class Run {
         watchers.line_over = [this] { on_line_over(); };
         watchers.state = [this](State from, State to) {
             say(fmt::format("{} to {}", name_of(from), name_of(to)));
-            if (to != State::error || !service_) return;
-            for (const std::string& fault : fault_lines(service_->snapshot().faults_active)) say(fault);
+            // Those that led to Error have been told; others are still active from before.
+            const std::uint32_t told = std::exchange(told_, 0U);
+            if (to == State::error && service_) tell(service_->snapshot().faults_active & ~told, {});
+        };
+        watchers.fault = [this](std::uint32_t raised, const Snapshot& now) {
+            tell(raised, now.line_stop_why);
+            told_ |= raised;
         };
         watchers.trouble = [this](const Error& error) { say(error.message()); };
         watchers.recipe = [this](const NumberedRecipe& recipe) { on_recipe(recipe); };
@@ -209,6 +213,10 @@ class Run {
         progress_.reset();
         fmt::print(stderr, "hordctl: {}\n", line);
         progress_ = std::make_unique<Progress>("parts", options_.line.parts == 0);
+    }
+
+    void tell(std::uint32_t faults, const LineStop& why) {
+        for (const std::string& line : fault_lines(faults, why)) say(line);
     }
 
     void on_result(const PartResult& result) {
@@ -314,7 +322,7 @@ class Run {
         if (stands) {
             fmt::print(out, "the station ended in {}{}\n", name_of(last.state),
                        last.line_stop ? ", line stop raised" : "");
-            for (const std::string& fault : fault_lines(last.faults_active | last.faults_latched))
+            for (const std::string& fault : fault_lines(last.faults_active | last.faults_latched, last.line_stop_why))
                 fmt::print(out, "{}\n", fault);
         }
         if (!picture) return complain(picture.error());
@@ -334,6 +342,7 @@ class Run {
     std::map<std::int64_t, PartResult> results_;  // by arrival, until their fate is known
     std::map<std::int64_t, Backends::Fate> fates_;
     std::size_t settled_ = 0, resets_ = 0;
+    std::uint32_t told_ = 0;                 // FaultBits, since the last change of state
     std::optional<Duration> first_arrival_;  // since the loop's epoch
     hal::TimePoint last_seen_{};
     bool line_over_ = false, ending_ = false;

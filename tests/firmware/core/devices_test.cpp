@@ -335,6 +335,7 @@ TEST_F(Running, halt_gives_up_every_part_and_tells_the_devices_once) {
     EXPECT_FALSE(rig.shot().run_permit);
     EXPECT_TRUE(rig.permits.empty()) << "StopDevices switches the permit off";
     EXPECT_TRUE(rig.shot().line_stop) << "a part was on its way";
+    EXPECT_EQ(rig.shot().line_stop_why, (LineStop{LineStopCause::place_lost, part + 1})) << "the first one is good";
     EXPECT_EQ(rig.shot().counters.unfit, 1U);
     rig.advance(milliseconds(200));
     EXPECT_EQ(rig.only_result().reject, RejectState::failed);

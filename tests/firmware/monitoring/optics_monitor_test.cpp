@@ -168,6 +168,27 @@ TEST(OpticsMonitor, the_journal_tells_each_fault_with_an_id_of_its_own_and_its_e
     EXPECT_THAT(told[3].second, HasSubstr("fault dust is over"));
 }
 
+TEST(StationJournal, tells_a_fault_when_it_is_raised_and_why_the_line_is_stopped) {
+    std::vector<std::string> told;
+    StationJournal story(
+        [&](const Entry&, std::string_view message, std::span<const Field>) { told.emplace_back(message); });
+    const std::uint32_t opening = kFaultSensor | kFaultRejector;
+    story.state(State::preoperational, State::initialized, opening);
+    EXPECT_THAT(told, testing::ElementsAre("Preoperational to Initialized")) << "devices that are just opening";
+    story.raised(kFaultRejectUnconfirmed, {LineStopCause::place_lost, 12});
+    story.state(State::continuous_execution, State::halted, kFaultRejectUnconfirmed);
+    story.state(State::halted, State::preoperational, 0);
+    ASSERT_EQ(told.size(), 5U);
+    EXPECT_THAT(told[1],
+                HasSubstr("the line is stopped (the run permit was withdrawn while part 12 was on the line: its place "
+                          "is not known): take the parts"));
+    EXPECT_EQ(told[2], "ContinuousExecution to Halted");
+    EXPECT_EQ(told[3], "fault reject-unconfirmed is over");
+    story.state(State::ready, State::error, kFaultSensor);
+    EXPECT_THAT(told[5], HasSubstr("fault sensor: "));
+    EXPECT_EQ(told[6], "Ready to Error");
+}
+
 TEST(OpticsMonitor, the_registers_show_it) {
     Line line;
     RegisterServerModel image({});

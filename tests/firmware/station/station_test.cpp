@@ -20,11 +20,15 @@ struct Observer final : StationObserver {
     std::vector<PartResult> results;
     std::vector<State> states;
     std::vector<Error> troubles;
-    std::vector<FrameHandle> frames;  // that the core was told of
+    std::vector<std::pair<std::uint32_t, std::string>> faults;  // raised, and why the line is stopped
+    std::vector<FrameHandle> frames;                            // that the core was told of
     void on_step(State, const Event& event) override {
         if (const auto* frame = std::get_if<FrameArrived>(&event)) frames.push_back(frame->frame);
     }
     void on_result(const PartResult& result) override { results.push_back(result); }
+    void on_fault(std::uint32_t raised, const Snapshot& now) override {
+        faults.emplace_back(raised, text_of(now.line_stop_why));
+    }
     void on_state(State, State to) override { states.push_back(to); }
     void on_trouble(const Error& error) override { troubles.push_back(error); }
 };
@@ -396,6 +400,22 @@ TEST_F(StationTest, a_silent_encoder_gives_up_a_long_line_at_once) {
     loop.run_for(config.encoder_timeout);
     EXPECT_EQ(observer.results.size(), std::size_t{kParts});
     EXPECT_TRUE(station->snapshot().line_stop);
+}
+
+TEST_F(StationTest, a_halt_with_a_part_on_the_line_tells_the_fault_and_why_before_it_is_halted) {
+    run();
+    EXPECT_TRUE(observer.faults.empty()) << "devices that were not open yet are no fault";
+    part();
+    ASSERT_EQ(station->request(Command::halt), Answer::done);
+    ASSERT_EQ(observer.faults.size(), 1U);
+    EXPECT_EQ(observer.faults[0].first, std::uint32_t{kFaultRejectUnconfirmed});
+    EXPECT_EQ(observer.faults[0].second,
+              "the run permit was withdrawn while part 1 was on the line: its place is not known");
+    EXPECT_EQ(observer.states.back(), State::halted);
+    loop.run_for(milliseconds(300));
+    ASSERT_EQ(station->request(Command::reset), Answer::done);
+    EXPECT_EQ(observer.faults.size(), 1U);
+    EXPECT_EQ(text_of(station->snapshot().line_stop_why), "");
 }
 
 TEST_F(StationTest, halt_closes_what_reset_and_initialise_open_again) {
