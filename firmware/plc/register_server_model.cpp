@@ -29,6 +29,22 @@ std::optional<std::uint32_t> percentile(std::span<std::uint32_t> values, std::si
     return common::nth_smallest(values, (values.size() * percent + 99) / 100 - 1);
 }
 
+// Parts a minute, from the mean interval of the arrivals within a minute of the newest one (two at least). After three
+// intervals without a result the time since then (`waiting_ns`) counts as the interval; after a minute besides, the
+// pace is 0. None: fewer than two arrivals. `arrivals_ns` is sorted.
+std::optional<double> pace(std::span<std::int64_t> arrivals_ns, std::int64_t waiting_ns) {
+    constexpr std::int64_t kMinute_ns = 60'000'000'000;
+    if (arrivals_ns.size() < 2) return std::nullopt;
+    std::ranges::sort(arrivals_ns);
+    const std::int64_t newest = arrivals_ns.back();
+    const auto from = std::min(std::ranges::lower_bound(arrivals_ns, newest - kMinute_ns), arrivals_ns.end() - 2);
+    const std::int64_t interval_ns = (newest - *from) / (arrivals_ns.end() - 1 - from);
+    if (waiting_ns > 3 * interval_ns + kMinute_ns) return 0;
+    const std::int64_t counted_ns = waiting_ns > 3 * interval_ns ? waiting_ns : interval_ns;
+    if (counted_ns == 0) return std::nullopt;
+    return static_cast<double>(kMinute_ns) / static_cast<double>(counted_ns);
+}
+
 }  // namespace
 
 RegisterServerModel::RegisterServerModel(StationIdentity identity, PlcInterface* plc_interface)
@@ -41,6 +57,7 @@ void RegisterServerModel::publish(const Snapshot& snapshot, std::span<const Part
         if (result.sequence <= state_.newest.sequence) return;
         ring_[result.sequence % kRingSlots] = result;
         state_.newest = result;
+        state_.newest_at_ns = snapshot.taken_ns;
     };
     for (const PartResult& result : results) add(result);
     add(snapshot.last);
@@ -55,28 +72,26 @@ StationNow RegisterServerModel::now() {
 ResultStatistics RegisterServerModel::statistics() {
     std::array<std::uint32_t, kRingSlots> latency, reject;
     std::size_t latencies = 0, rejects = 0;
-    std::int64_t first_ns = 0, last_ns = 0;
+    std::array<std::int64_t, kRingSlots> arrival_ns;
+    std::int64_t waiting_ns = 0;
     {
         const std::lock_guard lock(mutex_);
+        waiting_ns = state_.snapshot.taken_ns - state_.newest_at_ns;
         for (const PartResult& result : ring_) {
             if (result.sequence == 0) continue;
-            first_ns = latencies == 0 ? result.arrived_ns : std::min(first_ns, result.arrived_ns);
-            last_ns = latencies == 0 ? result.arrived_ns : std::max(last_ns, result.arrived_ns);
+            arrival_ns[latencies] = result.arrived_ns;
             latency[latencies++] = result.latency_us;
             if (result.reject_latency_us != 0) reject[rejects++] = result.reject_latency_us;
         }
     }
     const auto all = std::span(latency).first(latencies), rejected = std::span(reject).first(rejects);
-    ResultStatistics now{.latency_p50_us = percentile(all, 50),
-                         .latency_p99_us = percentile(all, 99),
-                         .latency_max_us = percentile(all, 100),
-                         .reject_p50_us = percentile(rejected, 50),
-                         .reject_p99_us = percentile(rejected, 99),
-                         .reject_max_us = percentile(rejected, 100),
-                         .parts_per_minute = {}};
-    if (last_ns > first_ns)
-        now.parts_per_minute = 60e9 * static_cast<double>(latencies - 1) / static_cast<double>(last_ns - first_ns);
-    return now;
+    return {.latency_p50_us = percentile(all, 50),
+            .latency_p99_us = percentile(all, 99),
+            .latency_max_us = percentile(all, 100),
+            .reject_p50_us = percentile(rejected, 50),
+            .reject_p99_us = percentile(rejected, 99),
+            .reject_max_us = percentile(rejected, 100),
+            .parts_per_minute = pace(std::span(arrival_ns).first(latencies), waiting_ns)};
 }
 
 Exception RegisterServerModel::read_registers(std::uint16_t address, std::span<std::uint16_t> out) {

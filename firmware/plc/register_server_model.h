@@ -42,7 +42,8 @@ class RegisterServerModel : public modbus::RegisterModel {
     struct State {
         Snapshot snapshot;
         PartResult newest;
-        RegisterExtras extras;  // without what read_registers() adds: statistics and the PLC's side
+        std::int64_t newest_at_ns = 0;  // station time at which `newest` was published
+        RegisterExtras extras;          // without what read_registers() adds: statistics and the PLC's side
     };
     template <class Report>
     void set(Report RegisterExtras::*member, const Report& report) {

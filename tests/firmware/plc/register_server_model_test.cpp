@@ -142,6 +142,45 @@ TEST_F(Image, latencies_and_the_rate_are_those_of_the_results) {
     EXPECT_THAT(read(8404, 13), ElementsAre(0, 150, 0, 297, 0, 300, 0, 250, 0, 495, 0, 500, 600));
 }
 
+TEST_F(Image, the_pace_falls_when_no_part_comes) {
+    const auto pace = [&](std::int64_t second) {
+        Snapshot snapshot = snapshot_of(State::ready, 100, result_of(100));
+        snapshot.taken_ns = second * 1'000'000'000;
+        image.publish(snapshot);
+        return read(8416, 1)[0];
+    };
+    const std::vector last{result_of(99), result_of(100)};
+    publish_results(1, 98);
+    Snapshot snapshot = snapshot_of(State::ready, 100, last.back());
+    snapshot.taken_ns = 101'000'000'000;
+    image.publish(snapshot, last);
+    EXPECT_EQ(pace(101), 600) << "one a second";
+    EXPECT_EQ(pace(104), 600) << "three intervals";
+    EXPECT_EQ(pace(111), 60) << "ten seconds";
+    EXPECT_EQ(pace(164), 10);
+    EXPECT_EQ(pace(165), 0);
+    EXPECT_EQ(pace(4000), 0);
+}
+
+TEST_F(Image, the_pace_is_that_of_the_line_that_runs_again) {
+    publish_results(1, 10);
+    std::vector<PartResult> later{result_of(11), result_of(12), result_of(13)};
+    later[0].arrived_ns = 4'000'000'000'000;
+    later[1].arrived_ns = 4'002'000'000'000;
+    later[2].arrived_ns = 4'004'000'000'000;
+    image.publish(snapshot_of(State::ready, 13, later.back()), later);
+    EXPECT_EQ(read(8416, 1)[0], 300) << "the hour without parts is not counted";
+}
+
+TEST_F(Image, a_slow_line_has_a_pace) {
+    PartResult first = result_of(1), second = result_of(2);
+    second.arrived_ns = first.arrived_ns + 200'000'000'000;
+    image.publish(snapshot_of(State::ready, 1, first));
+    EXPECT_EQ(read(8416, 1)[0], 0xFFFF);
+    image.publish(snapshot_of(State::ready, 2, second));
+    EXPECT_EQ(read(8416, 1)[0], 3);
+}
+
 TEST_F(Image, parts_that_were_not_rejected_have_no_part_in_the_times_of_rejections) {
     PartResult passed = result_of(1), rejected = result_of(2);
     passed.reject_latency_us = 0;
