@@ -14,14 +14,18 @@ struct KindText {
     const char* name;
     const char* belongs;  // where a file of this kind is given
 };
-constexpr std::array<KindText, 7> kTexts{{
+constexpr std::array<KindText, 10> kTexts{{
     {FileKind::image, "an image", "hordctl inspect, learn and tune take frames"},
-    {FileKind::reference, "a learned reference", "give it as --reference, or name it in a recipe's [reference]"},
-    {FileKind::calibration, "a calibration", "give it as --grid, or name it in inspection.grid"},
-    {FileKind::recipe, "a recipe", "give it as --recipe, or name it in inspection.recipe"},
+    {FileKind::reference, "a learned reference",
+     "give it to hordctl as --reference, or name it in a recipe's [reference]"},
+    {FileKind::calibration, "a calibration", "give it to hordctl as --grid, or name it in hordd.toml: inspection.grid"},
+    {FileKind::recipe, "a recipe", "give it to hordctl as --recipe, or name it in hordd.toml: inspection.recipe"},
     {FileKind::configuration, "a station's configuration", "give it to hordd, or to hordctl run, selftest and latency"},
     {FileKind::page, "the page's configuration", "give it to hord-page"},
     {FileKind::mqtt, "a configuration of hord-mqtt", "give it to hord-mqtt"},
+    {FileKind::scene, "a scene of the simulated cell", "give it to hord-lab: render, scene, design"},
+    {FileKind::stations, "a list of stations", "give it to hord-page as --stations"},
+    {FileKind::tilts, "a list of tilted frames", "give it to hordctl calibrate as --tilts"},
 }};
 
 const KindText& text_of(FileKind kind) { return kTexts[static_cast<std::size_t>(kind) - 1]; }
@@ -48,6 +52,9 @@ FileKind kind_of(std::string_view bytes) {
     }
     if (has_line(bytes, "[broker]") || has_line(bytes, "[sparkplug]")) return FileKind::mqtt;
     if (has_line(bytes, "[page]")) return FileKind::page;
+    if (has_line(bytes, "[[station]]")) return FileKind::stations;
+    if (has_line(bytes, "[[tilt]]")) return FileKind::tilts;
+    if (has_line(bytes, "[camera]") || has_line(bytes, "[[defect]]")) return FileKind::scene;
     if (has_line(bytes, "[limits]") || has_line(bytes, "rim_margin =")) return FileKind::recipe;
     return FileKind::unknown;
 }

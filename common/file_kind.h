@@ -18,6 +18,9 @@ enum class FileKind : std::uint8_t {
     configuration,  // hordd.toml
     page,           // page.toml
     mqtt,           // mqtt.toml
+    scene,          // of the simulated cell
+    stations,       // of hord-page --stations
+    tilts,          // of hordctl calibrate
 };
 
 // By a file's first bytes.

@@ -109,7 +109,8 @@ std::optional<std::string> read_file(const fs::path& file) {
 
 Error cannot_read(const fs::path& file) {
     const int reason = errno;
-    return {ErrorCode::unreadable, fmt::format("{}: cannot be read ({})", file.string(), std::strerror(reason)),
+    return {reason == ENOENT ? ErrorCode::not_found : ErrorCode::unreadable,
+            fmt::format("{}: cannot be read ({})", file.string(), std::strerror(reason)),
             reason == EISDIR ? "give a file of this folder" : "check that the file exists and may be read"};
 }
 

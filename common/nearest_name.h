@@ -10,29 +10,32 @@
 
 namespace hord::common {
 
-// Levenshtein distance.
+// Insertions, deletions, replacements and swaps of neighbours (optimal string alignment).
 inline std::size_t edit_distance(std::string_view a, std::string_view b) {
-    std::vector<std::size_t> row(b.size() + 1);
-    for (std::size_t k = 0; k < row.size(); ++k) row[k] = k;
+    std::vector<std::size_t> before, above(b.size() + 1), row(b.size() + 1);
+    for (std::size_t k = 0; k < above.size(); ++k) above[k] = k;
     for (std::size_t y = 1; y <= a.size(); ++y) {
-        std::size_t diagonal = row[0];
         row[0] = y;
         for (std::size_t x = 1; x <= b.size(); ++x) {
-            const std::size_t above = row[x];
-            row[x] = std::min({above + 1, row[x - 1] + 1, diagonal + (a[y - 1] == b[x - 1] ? 0U : 1U)});
-            diagonal = above;
+            row[x] = std::min({above[x] + 1, row[x - 1] + 1, above[x - 1] + (a[y - 1] == b[x - 1] ? 0U : 1U)});
+            if (y > 1 && x > 1 && a[y - 1] == b[x - 2] && a[y - 2] == b[x - 1])
+                row[x] = std::min(row[x], before[x - 2] + 1);
         }
+        before = above;
+        above = row;
     }
-    return row[b.size()];
+    return above[b.size()];
 }
 
-// None: no name of `names` is similar.
+// None: no name of `names` is similar. One edit for every three letters is allowed, and one at least; hyphens in front
+// do not count.
 template <class Names>
 std::optional<std::string> nearest_name(std::string_view misspelt, const Names& names) {
     const auto nearest = std::min_element(names.begin(), names.end(), [&](const auto& a, const auto& b) {
         return edit_distance(a, misspelt) < edit_distance(b, misspelt);
     });
-    if (nearest == names.end() || edit_distance(*nearest, misspelt) > std::max<std::size_t>(2, misspelt.size() / 3))
+    const std::size_t letters = misspelt.size() - std::min(misspelt.find_first_not_of('-'), misspelt.size());
+    if (nearest == names.end() || edit_distance(*nearest, misspelt) > std::max<std::size_t>(1, letters / 3))
         return std::nullopt;
     return std::string(*nearest);
 }

@@ -13,9 +13,7 @@
 
 namespace hord::common {
 
-tl::unexpected<Error> TomlProblems::as_error() const {
-    return fail(ErrorCode::invalid_argument, fmt::format("{}", fmt::join(lines_, "\n")));
-}
+tl::unexpected<Error> TomlProblems::as_error() const { return fail(code_, fmt::format("{}", fmt::join(lines_, "\n"))); }
 
 struct TomlTable::Node {
     // Shared by all tables of the file.
@@ -74,12 +72,26 @@ struct TomlTable::Node {
     }
 };
 
+// Whether the column (from 1) is behind the last character of the line (from 1).
+static bool ends_line(std::string_view text, std::size_t line, std::size_t column) {
+    for (; line > 1 && text.find('\n') != std::string_view::npos; --line) text.remove_prefix(text.find('\n') + 1);
+    const auto end = std::min(text.find('\n'), text.size());
+    return column > std::min(text.find('\r'), end);
+}
+
 TomlTable TomlTable::parse_text(std::string_view text, std::string_view name, TomlProblems& problems) {
     auto file = std::make_shared<toml::table>();
     try {
         *file = toml::parse(text, name);
     } catch (const toml::parse_error& error) {
-        problems.add(fmt::format("{}:{}: not valid TOML: {}", name, error.source().begin.line, error.description()));
+        const auto at = error.source().begin;
+        if (ends_line(text, at.line, at.column) &&
+            error.description().find("control characters") != std::string_view::npos) {
+            problems.add(
+                fmt::format("{}:{}: a text is not closed: write its second quote on the same line", name, at.line));
+        } else {
+            problems.add(fmt::format("{}:{}: not valid TOML: {}", name, at.line, error.description()));
+        }
     }
     const toml::table* root = file.get();
     return TomlTable(std::make_shared<Node>(Node{std::move(file), root, std::string(name), "", &problems, {}, {}}));
@@ -92,7 +104,7 @@ Result<void> refuse_blank(std::string_view text, const std::filesystem::path& fi
 
 TomlTable TomlTable::parse_file(const std::filesystem::path& file, TomlProblems& problems) {
     const auto text = read_file(file);
-    if (!text) problems.add(cannot_read(file).message());
+    if (!text) problems.add(cannot_read(file));
     else if (auto fine = refuse_blank(*text, file); !fine) problems.add(fine.error().message());
     return parse_text(text.value_or(""), file.string(), problems);
 }

@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include "calib/tilts/tilts.h"
+#include "common/file_kind.h"
 #include "common/file_writing.h"
 #include "common/toml_fields.h"
 
@@ -29,6 +30,8 @@ void angle(common::TomlTable& table, std::string_view axis, double& value) {
 }  // namespace
 
 Result<TiltList> parse_tilts(std::string_view text, std::string_view name) {
+    if (auto right = common::require_kind(text, name, common::FileKind::tilts); !right)
+        return tl::unexpected(right.error());
     common::TomlProblems problems;
     auto root = common::TomlTable::parse_text(text, name, problems);
     TiltList list;

@@ -30,11 +30,31 @@ Result<void> make_folder(const std::filesystem::path& folder);
 // Fails with refused if the option --out names one of the files that the command reads.
 Result<void> keep_inputs(const std::string& out, const std::vector<std::string>& inputs);
 
+// As CLI::Range, for numbers that people type: "abc" is told to be no number.
+template <class Limit>
+CLI::Validator in_range(Limit low, Limit high) {
+    const auto digits = [](Limit limit) {
+        std::string text = std::to_string(limit);  // of a floating-point number: with six decimals
+        if (text.find('.') == std::string::npos) return text;
+        text.erase(text.find_last_not_of('0') + 1);
+        if (text.back() == '.') text.pop_back();
+        return text;
+    };
+    CLI::Validator range = CLI::Range(low, high);
+    range.operation([low, high, limits = digits(low) + " to " + digits(high)](const std::string& text) {
+        double number = 0;
+        if (!CLI::detail::lexical_cast(text, number)) return "\"" + text + "\" is no number: give " + limits;
+        const bool inside = number >= static_cast<double>(low) && number <= static_cast<double>(high);
+        return inside ? std::string() : text + " is not in the range " + limits;
+    });
+    return range;
+}
+
 // An option for a number in [low, high], whose default --help shows.
 template <class Number, class Limit>
 CLI::Option* add_number(CLI::App& command, const std::string& name, Number& value, const std::string& help, Limit low,
                         Limit high) {
-    return command.add_option(name, value, help)->check(CLI::Range(low, high))->capture_default_str();
+    return command.add_option(name, value, help)->check(in_range(low, high))->capture_default_str();
 }
 
 // Any number above 0, in place of CLI::PositiveNumber: that one prints its limits with 300 digits.

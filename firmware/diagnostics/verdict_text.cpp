@@ -129,8 +129,8 @@ std::string period_fault(const algo::FrameFindings& f, const algo::Extents& e) {
     }
     const int i = f.period_x == 0 ? e.i : f.period_x, j = f.period_y == 0 ? e.j : f.period_y;
     return fmt::format(
-        "the light repeats every {} x {} samples, not every {} x {}: give --macro {}x{}, or calibrate "
-        "again",
+        "the light repeats every {} x {} samples, not every {} x {}: give --macro {}x{}; of the sensor's own lenslet "
+        "frame give --grid with its calibration (hordctl calibrate), or calibrate again",
         i, j, e.i, e.j, i, j);
 }
 

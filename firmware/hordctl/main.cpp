@@ -1,15 +1,33 @@
 // hordctl: the station's tool for people.
 #include <algorithm>
+#include <string>
 #include <string_view>
 
 #include <fmt/format.h>
 
+#include "firmware/core/commands.h"
+#include "firmware/core/enum_values.h"
 #include "firmware/hordctl/commands.h"
 
 namespace {
 
 // Commands that hord-lab has now.
 constexpr std::string_view kMovedToLab[] = {"experiment", "soak", "scene", "render"};
+
+// How a station is told `word`, a command of the PLC or its beginning. Empty: it is none.
+std::string station_command_for(std::string_view word) {
+    using namespace hord::firmware;
+    std::string names;
+    for (const Command command : kValuesOf<Command>) {
+        const std::string_view name = name_of(command);
+        if (command == Command::teach || (name != word && !name.starts_with(std::string(word) + "_"))) continue;
+        if (command == Command::use_recipe) return "call hordctl recipe use NUMBER";
+        if (command == Command::commit_recipe)
+            return "a PLC sends it (docs/plc.md); a file's: hordctl recipe use NUMBER";
+        names += (names.empty() ? "call hordctl command " : " or ") + std::string(name);
+    }
+    return names;
+}
 
 }  // namespace
 
@@ -20,6 +38,10 @@ int main(int argc, char** argv) {
         return static_cast<int>(
             complain({ErrorCode::invalid_argument, fmt::format("{} is a command of hord-lab", argv[1]),
                       fmt::format("call hord-lab {} with the same options", argv[1])}));
+    }
+    if (const std::string cure = argc > 1 ? station_command_for(argv[1]) : ""; !cure.empty()) {
+        return static_cast<int>(
+            complain({ErrorCode::invalid_argument, fmt::format("{} is a command of the station", argv[1]), cure}));
     }
     CLI::App program{"hordctl: inspect, learn, run and watch an inspection cell for transparent parts"};
     program.set_version_flag("--version", "hordctl " HORD_VERSION);

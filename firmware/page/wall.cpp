@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "common/file_kind.h"
 #include "common/toml_fields.h"
 
 namespace hord::firmware::page {
@@ -37,6 +38,8 @@ WallStation read_station(TomlTable& table) {
 }  // namespace
 
 Result<std::vector<WallStation>> load_stations(const std::filesystem::path& file) {
+    if (auto right = common::require_kind(file, common::FileKind::stations); !right)
+        return tl::unexpected(right.error());
     TomlProblems problems;
     TomlTable root = TomlTable::parse_file(file, problems);
     std::vector<WallStation> stations;

@@ -30,7 +30,7 @@ struct Counter {
 constexpr Counter kCounters[] = {
     {"parts", &SoakReport::parts},
     {"episodes", &SoakReport::episodes},
-    {"results", &SoakReport::results},
+    {"results the station told", &SoakReport::results},
     {"hours of production", &SoakReport::virtual_s, 3600},
     {"line stops", &SoakReport::line_stops},
     {"resets", &SoakReport::resets},

@@ -6,6 +6,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "common/nearest_name.h"
+
 namespace hord::common {
 namespace {
 
@@ -84,6 +86,36 @@ TEST(TomlFields, letters_of_any_language_are_no_values_and_may_stand_in_strings)
         EXPECT_THAT(problems.lines(), ElementsAre());
         EXPECT_EQ(text, letter);
     }
+}
+
+TEST(NearestName, is_one_edit_in_three_letters_away_at_most) {
+    const std::vector<std::string> names{"name", "host", "--good", "--last", "--macro", "transport_ms"};
+    EXPECT_EQ(nearest_name("nmae", names), "name");
+    EXPECT_EQ(nearest_name("hots", names), "host");
+    EXPECT_EQ(nearest_name("--macroo", names), "--macro");
+    EXPECT_EQ(nearest_name("transport", names), "transport_ms");
+    for (const char* far : {"page", "--foo", "--part", "x", "--"})
+        EXPECT_EQ(nearest_name(far, names), std::nullopt) << far;
+}
+
+TEST(TomlFields, a_text_that_is_not_closed_is_told) {
+    for (const char* text :
+         {"a = 1\nname = \"lens\nb = 2\n", "a = 1\nname = 'lens\n", "a = 1\nname = \"lens\r\nb = 2\n"}) {
+        TomlProblems problems;
+        (void)TomlTable::parse_text(text, "a.toml", problems);
+        EXPECT_THAT(problems.lines(),
+                    ElementsAre("a.toml:2: a text is not closed: write its second quote on the same line"))
+            << text;
+    }
+    TomlProblems problems;
+    (void)TomlTable::parse_text("name = \"a\x01z\"\n", "a.toml", problems);
+    EXPECT_THAT(problems.lines(), ElementsAre(HasSubstr("a.toml:1: not valid TOML")));
+}
+
+TEST(TomlFields, a_missing_file_is_not_found) {
+    TomlProblems problems;
+    (void)TomlTable::parse_file("/none/a.toml", problems);
+    EXPECT_EQ(problems.as_error().value().code, ErrorCode::not_found);
 }
 
 TEST(TomlFields, a_missing_file_and_a_syntax_error_are_problems) {

@@ -46,9 +46,11 @@ std::string cure_of(modbus::Client& station, CommandError error) {
         case CommandError::device_down: return "see the active faults: hordctl status";
         case CommandError::plc_lost: return "the PLC's heartbeat is missing: check the PLC, or change plc.policy";
         case CommandError::not_yet:
-            return "parts are still on the line, or the ejector is still acting: stop the feed and try again in a "
-                   "moment";
-        case CommandError::no_such_recipe: return "see the station's recipes: hordctl recipe list";
+            return "a line stop is newer than 200 ms, parts are on the line, or the ejector still acts: stop the feed "
+                   "and try again in a moment";
+        case CommandError::no_such_recipe:
+            return "no usable recipe of the station's folder has this number: name the folder in hordd.toml "
+                   "(inspection.recipes), and see what is in it: hordctl recipe list FOLDER";
         case CommandError::wrong_checksum: return "the recipe is not the one that was meant";
         case CommandError::cancelled: return "abort, halt or another recipe ended it: teach again";
         case CommandError::bad_argument: return "see the station's journal for what is wrong with it";

@@ -18,6 +18,7 @@
 #include "firmware/service/realtime.h"
 #include "firmware/service/service.h"
 #include "firmware/store/results/json_text.h"
+#include "firmware/store/results/sqlite_store.h"
 
 namespace hord::firmware {
 namespace {
@@ -130,7 +131,14 @@ class Run {
             if (!listen) return complain(listen.error());
             config->modbus = *listen;
         }
-        if (!options_.store.empty()) config->store.folder = options_.store;
+        if (!options_.store.empty()) {
+            config->store.folder = options_.store;
+            // A service goes on without its store; who names one here wants it. Rendering takes longer than this check.
+            if (auto usable = store::open_sqlite_store(options_.store); !usable) return complain(usable.error());
+        }
+        if (!options_.out.empty()) {
+            if (auto made = make_folder(options_.out); !made) return complain(made.error());
+        }
         if (!options_.state.empty()) {
             if (auto made = make_folder(options_.state); !made) return complain(made.error());
             config->state_folder = options_.state;

@@ -3,6 +3,7 @@
 #include <array>
 #include <map>
 
+#include "common/file_kind.h"
 #include "common/toml_fields.h"
 #include "hal_sim/optics/scene/scene_fields.h"
 
@@ -156,6 +157,7 @@ void read_dust(std::vector<TomlTable>& tables, std::vector<Dust>& dust) {
 }  // namespace
 
 Result<Scene> load_scene(const std::filesystem::path& file) {
+    if (auto right = common::require_kind(file, common::FileKind::scene); !right) return tl::unexpected(right.error());
     TomlProblems wrong;
     Scene scene;
     scene.name = file.stem().string();

@@ -159,9 +159,11 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
         {part(FrameFault::no_flanks),
          "the edges of the tube show no flank on both sides: show it whole, or set [part] form if it is none"},
         {unfit(Reason::unexpected_geometry, {.period_x = 3, .period_y = 5}),
-         "the light repeats every 3 x 5 samples, not every 9 x 9: give --macro 3x5, or calibrate again"},
+         "the light repeats every 3 x 5 samples, not every 9 x 9: give --macro 3x5; of the sensor's own lenslet frame "
+         "give --grid with its calibration (hordctl calibrate), or calibrate again"},
         {unfit(Reason::unexpected_geometry, {.period_x = 3}),
-         "the light repeats every 3 x 9 samples, not every 9 x 9: give --macro 3x9, or calibrate again"},
+         "the light repeats every 3 x 9 samples, not every 9 x 9: give --macro 3x9; of the sensor's own lenslet frame "
+         "give --grid with its calibration (hordctl calibrate), or calibrate again"},
     };
     for (const auto& [found, why] : all) EXPECT_EQ(told(found), "Not judged: " + why + ".");
 }

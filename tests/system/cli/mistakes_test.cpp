@@ -76,6 +76,12 @@ TEST(Mistakes, on_the_command_line_are_named) {
     refused({"results", "--reason", "verdict-lat"}, "no reason is called \"verdict-lat\"");
     refused({"tune", "--good", "a", "--bad", "b", "--budget", "-1"}, "--budget: -1 is not above 0");
     refused({"watch", "--count", "-1"}, "--count");
+    refused({"reset"}, "reset is a command of the station: call hordctl command reset");
+    refused({"start"}, "call hordctl command start_single or start_continuous");
+    refused({"use_recipe", "7"}, "call hordctl recipe use NUMBER");
+    refused({"status", "--timeout", "abc"}, "--timeout: \"abc\" is no number: give 1 to 60000: see hordctl status");
+    refused({"run", "--rate", "5e9"}, "--rate: 5e9 is not in the range 0.1 to 1000");
+    refused({"run", "--simulate", "--foo"}, "\"--foo\" is not known: see hordctl run --help");
 }
 
 TEST(Mistakes, a_file_of_another_kind_is_called_what_it_is) {
@@ -107,6 +113,26 @@ TEST(Mistakes, a_file_of_another_kind_is_called_what_it_is) {
     refused("hordd", {"--check", "--config", page}, "is the page's configuration, and a station's");
     refused("hordd", {"--check", "--config", mqtt}, "is a configuration of hord-mqtt, and a station's");
     refused("hordd", {"--check", "--config", recipe}, "is a recipe, and a station's configuration is needed");
+    const std::string scene = std::filesystem::path(HORD_SOURCE_DIR) / "hal_sim/scenes/lens.toml",
+                      out = folder / "o.png";
+    for (const auto& [program, arguments] : std::vector<std::pair<std::string, std::vector<std::string>>>{
+             {"hordctl", {"recipe", "check", scene}},
+             {"hordctl", {"recipe", "seal", scene}},
+             {"hordctl", {"inspect", scene}},
+             {"hordctl", {"inspect", image, "--recipe", scene}},
+             {"hordctl", {"inspect", image, "--grid", scene}},
+             {"hordctl", {"run", "--simulate", "--config", scene}},
+             {"hordd", {"--check", "--config", scene}},
+             {"hord-safe", {"--config", scene}},
+             {"hord-page", {"--check", "--config", scene}},
+             {"hord-page", {"--stations", scene}},
+             {"hord-mqtt", {"--check", "--config", scene}}})
+        refused(program, arguments, "lens.toml is a scene of the simulated cell, and ");
+    refused("hord-lab", {"render", station, "--out", out},
+            "is a station's configuration, and a scene of the simulated");
+    refused("hord-lab", {"render", recipe, "--out", out},
+            "a scene of the simulated cell is needed: give it to hordctl");
+    refused("hord-page", {"--stations", station}, "is a station's configuration, and a list of stations is needed");
 }
 
 TEST(Mistakes, a_macro_pixel_that_does_not_divide_the_frame_names_those_that_do) {

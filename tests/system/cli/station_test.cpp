@@ -110,6 +110,9 @@ TEST(Run, that_comes_into_error_says_which_fault_and_its_cure_and_status_names_b
     EXPECT_EQ(status["faults"][0]["name"], "rejector");
     EXPECT_EQ(status["faults"][0]["active"], true);
     EXPECT_THAT(status["faults"][0]["cure"].get<std::string>(), HasSubstr("check its supply"));
+    EXPECT_THAT(run("hordctl", {"recipe", "use", "7", "--modbus", address}).err,
+                HasSubstr("refused: no_such_recipe: no usable recipe of the station's folder has this number: name the "
+                          "folder in hordd.toml (inspection.recipes)"));
 
     // On a terminal of 60 columns no line of the page is longer.
     const Said page = run("/usr/bin/script",
