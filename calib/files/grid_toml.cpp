@@ -228,11 +228,11 @@ Result<GridFile> parse_grid(std::string_view text, std::string_view name) {
     if (auto right = common::require_kind(text, name, common::FileKind::calibration); !right)
         return tl::unexpected(right.error());
     if (text.size() < head || text.substr(0, kChecksumKey.size()) != kChecksumKey) {
-        return fail(ErrorCode::invalid_argument, fmt::format("{}:1: no checksum", name),
+        return fail(ErrorCode::unreadable, fmt::format("{}:1: no checksum", name),
                     "this is no calibration file; make one with hordctl calibrate");
     }
     if (text.substr(kChecksumKey.size(), kDigits) != fmt::format("{:016x}", fnv1a(text.substr(head)))) {
-        return fail(ErrorCode::invalid_argument,
+        return fail(ErrorCode::unreadable,
                     fmt::format("{}: the checksum does not fit: the file was changed after it was made", name),
                     "restore the file, or calibrate again");
     }

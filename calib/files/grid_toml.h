@@ -51,7 +51,8 @@ struct GridFile {
 void add_directions(GridFile& file, const DirectionFit& fit);
 [[nodiscard]] std::string to_toml(const GridFile& file);
 
-// Fails with invalid_argument (all problems, with file and line) or `unsupported` (another version).
+// Fails with invalid_argument (all problems, with file and line; another kind of file), unreadable (no checksum, or a
+// wrong one) or unsupported (another version).
 Result<GridFile> parse_grid(std::string_view text, std::string_view name);
 
 // Writes a temporary file and renames it: readers see the old file or the complete new one. Fails with io.

@@ -107,7 +107,7 @@ Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesys
     };
     const auto read = common::read_file(file);
     if (!read)
-        return fail(ErrorCode::not_found, file.string() + " cannot be opened",
+        return fail(errno == ENOENT ? ErrorCode::not_found : ErrorCode::unreadable, file.string() + " cannot be opened",
                     "give a file that hordctl learn has written");
     const std::string& text = *read;
     if (text.size() < kMagic.size() + 8 || !text.starts_with(kMagic))

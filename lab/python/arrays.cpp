@@ -25,8 +25,9 @@ py::array read_only(py::array array) {
 }
 
 ArrayFrame frame_of(const py::array& array, int bits) {
+    // array_t compares the byte order, too; big-endian samples are copied below.
     const bool narrow = py::isinstance<py::array_t<std::uint8_t>>(array);
-    if (!narrow && !py::isinstance<py::array_t<std::uint16_t>>(array)) {
+    if (!narrow && (array.dtype().kind() != 'u' || array.itemsize() != sizeof(std::uint16_t))) {
         refuse("a frame of type " + py::str(array.dtype()).cast<std::string>() + " is not supported",
                "give unsigned samples: uint8, or uint16 for 9 to 16 bits");
     }

@@ -100,7 +100,7 @@ void add_calibration(py::module_& module) {
                 return without_gil([&] { return Calibration{unwrap(calib::read_grid(file)), {}}; });
             },
             py::arg("file"),
-            "Reads what hordctl calibrate or save() wrote. Raises NotFound, InvalidArgument, Unsupported.")
+            "Reads what hordctl calibrate or save() wrote. Raises NotFound, Unreadable, InvalidArgument, Unsupported.")
         .def(
             "save",
             [](const Calibration& c, const std::filesystem::path& file) {

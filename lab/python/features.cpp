@@ -16,6 +16,8 @@
 namespace hord::lab::python {
 namespace {
 
+using DarkLevel = std::optional<std::uint32_t>;  // DN; none: the recipe's
+
 // The HORDs of a light field: masses, sums, mean deflections.
 struct Hords {
     py::array_t<std::uint16_t> masses;
@@ -25,10 +27,10 @@ struct Hords {
 };
 
 // decode_row() over all rows; the masses only if `with_masses`.
-Hords decode_hords(const LightField& field, const py::object& recipe, const py::object& dark_dn, bool with_masses) {
+Hords decode_hords(const LightField& field, const py::object& recipe, DarkLevel dark_dn, bool with_masses) {
     const algo::Extents& e = field.extents;
     algo::LightLevels levels = light_levels(recipe_of(recipe).recipe, field.frame.view.bits);
-    if (!dark_dn.is_none()) levels.dark = dark_dn.cast<std::uint32_t>();
+    if (dark_dn) levels.dark = *dark_dn;
     Hords out{with_masses ? py::array_t<std::uint16_t>({e.n, e.m, e.j, e.i}) : py::array_t<std::uint16_t>(),
               py::array_t<std::uint32_t>({e.n, e.m}), py::array_t<std::uint8_t>({e.n, e.m}),
               py::array_t<double>({e.n, e.m}), py::array_t<double>({e.n, e.m})};
@@ -77,7 +79,7 @@ py::array_t<double> shares(const Hords& h) {
 
 // The transmission of the whole field: no lenslet is taken as rim or outside.
 Map transmission(const LightField& field, const firmware::NumberedRecipe& recipe, const py::object& recipe_given) {
-    const Hords hords = decode_hords(field, recipe_given, py::none(), false);
+    const Hords hords = decode_hords(field, recipe_given, std::nullopt, false);
     const auto count = static_cast<std::size_t>(hords.sums.size());
     const std::span sums(hords.sums.data(), count);
     const std::span mask(hords.mask.data(), count);
@@ -133,7 +135,7 @@ Map feature(const LightField& field, const std::string& name, const py::object& 
     return out;
 }
 
-py::tuple deflection(const LightField& field, const py::object& recipe, const py::object& dark_dn) {
+py::tuple deflection(const LightField& field, const py::object& recipe, DarkLevel dark_dn) {
     const Hords hords = decode_hords(field, recipe, dark_dn, false);
     return py::make_tuple(hords.x, hords.y, hords.mask);
 }
@@ -169,6 +171,12 @@ double distance(const std::string& name, const py::array& first, const py::array
         a.shape(0) > algo::kMaxBins || a.shape(1) > algo::kMaxBins) {
         refuse("the two HORDs are not of one number of bins", "give masses [j, i] of the same shape");
     }
+    // Distance gives 0 for a HORD without light and leaves it to its caller to mask those.
+    const auto has_light = [](const Masses& masses) {
+        return std::ranges::any_of(std::span(masses.data(), static_cast<std::size_t>(masses.size())),
+                                   [](std::uint16_t mass) { return mass > 0; });
+    };
+    if (!has_light(a) || !has_light(b)) return std::nan("");
     const auto hord = [](const Masses& masses) {
         std::uint32_t sum = 0;
         for (py::ssize_t k = 0; k < masses.size(); ++k) sum += masses.data()[k];
@@ -192,7 +200,7 @@ void add_features(py::module_& module) {
     auto field = module.attr("LightField").cast<py::class_<LightField>>();
     field.def(
         "hords",
-        [](const LightField& f, const py::object& recipe, const py::object& dark_dn) {
+        [](const LightField& f, const py::object& recipe, DarkLevel dark_dn) {
             return decode_hords(f, recipe, dark_dn, true);
         },
         py::arg("recipe") = py::none(), py::arg("dark_dn") = py::none(),
@@ -214,7 +222,7 @@ Raises InvalidArgument: no such feature, a reference of another size.)");
                R"(The distance between two HORDs, float. a, b: masses [j, i], 3 to 15 bins a side.
 
 a, b: whole numbers 0 to 65535, not shares. name: a distance of FEATURES, over HORDs: emd ... max-sliced.
-Its unit is that of the feature's Map. 0 if either has no light. Raises InvalidArgument.)");
+Its unit is that of the feature's Map. NaN if either has no light. Raises InvalidArgument.)");
 }
 
 }  // namespace hord::lab::python

@@ -1,6 +1,9 @@
 // `import hord`: the light field and what is computed from it, for Python and NumPy (lab/python/hord/__init__.py).
 #include "lab/python/module.h"
 
+#include <algorithm>
+#include <cctype>
+
 #include "algo/features/feature.h"
 #include "algo/frame/mask.h"
 
@@ -20,6 +23,27 @@ const char* class_of(ErrorCode code) {
     }
 }
 
+// The sentences are hordctl's: its options become Python's arguments, "--read-dn" read_dn and "--macro" bins.
+std::string with_arguments(std::string text) {
+    constexpr std::string_view kTool = "to hordctl as --";
+    if (const auto at = text.find(kTool); at != std::string::npos) text.replace(at, kTool.size(), "as --");
+    std::string out;
+    for (std::size_t at = 0; at < text.size();) {
+        const bool option = text.compare(at, 2, "--") == 0 && at + 2 < text.size() && std::islower(text[at + 2]) != 0 &&
+            (at == 0 || text[at - 1] == ' ' || text[at - 1] == '(');
+        if (!option) {
+            out += text[at++];
+            continue;
+        }
+        const auto end = std::min(text.find_first_not_of("abcdefghijklmnopqrstuvwxyz-", at + 2), text.size());
+        std::string name = text.substr(at + 2, end - at - 2);
+        std::ranges::replace(name, '-', '_');
+        out += name == "macro" ? "bins" : name;
+        at = end;
+    }
+    return out;
+}
+
 // pybind11 wants this signature.
 void raise_failure(std::exception_ptr pointer) {  // NOLINT(performance-unnecessary-value-param)
     try {
@@ -27,7 +51,7 @@ void raise_failure(std::exception_ptr pointer) {  // NOLINT(performance-unnecess
     } catch (const Failure& failure) {
         const Error& error = failure.error;
         const py::object type = py::module_::import("hord.errors").attr(class_of(error.code));
-        PyErr_SetObject(type.ptr(), py::make_tuple(error.what, error.cure).ptr());
+        PyErr_SetObject(type.ptr(), py::make_tuple(with_arguments(error.what), with_arguments(error.cure)).ptr());
     }
 }
 

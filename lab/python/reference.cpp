@@ -31,9 +31,26 @@ Frame copy_of(const FrameView& view) {
     return copy;
 }
 
-LearnedParts learn(const py::sequence& frames, const py::object& recipe, std::optional<float> electrons_per_dn,
+// The frames as a list: a generator would be at its end after the first reading. One frame, or a path, is refused: its
+// letters or rows would be taken as frames.
+py::list list_of(const py::object& frames) {
+    const bool one = py::isinstance<py::str>(frames) || py::isinstance<py::bytes>(frames) ||
+        py::hasattr(frames, "__fspath__") || py::isinstance<LightField>(frames) ||
+        (py::isinstance<py::array>(frames) && frames.cast<py::array>().ndim() < 3);
+    if (one || !py::hasattr(frames, "__iter__")) {
+        const auto type = py::str(py::type::of(frames).attr("__name__")).cast<std::string>();
+        throw py::type_error(
+            fmt::format("hord.learn: frames is a list of LightFields, arrays or files, not {}: give for "
+                        "example sorted(glob.glob(\"good/*.png\"))",
+                        type));
+    }
+    return py::list(frames);
+}
+
+LearnedParts learn(const py::object& given, const py::object& recipe, std::optional<float> electrons_per_dn,
                    std::optional<float> read_dn, float pedestal_dn, const py::object& bins, const py::object& grid,
                    int bits, int threads) {
+    const py::list frames = list_of(given);
     if (py::len(frames) == 0) refuse("there is no frame to learn from", "give frames of at least 8 good parts");
     const auto field = [&](std::size_t part) { return field_of(frames[part], bins, grid, bits); };
     const LightField first = field(0);
@@ -239,7 +256,7 @@ void add_reference(py::module_& module) {
                py::arg("bins") = py::none(), py::arg("grid") = py::none(), py::arg("bits") = 0, py::arg("threads") = 1,
                R"(A reference from frames of at least 8 good parts: the same, to the bit, as hordctl learn makes.
 
-frames: a sequence of LightFields, arrays or files. Each is read several times.
+frames: a list of LightFields, arrays or files (any iterable). Each is read several times.
 recipe: its light levels are used. electrons_per_dn, read_dn: of the sensor; None: estimated from the frames.
 pedestal_dn: what the camera adds to every sample, DN. bins, grid, bits: as of decode(). Releases the GIL.
 

@@ -49,7 +49,10 @@ from ._hord import (
     learn,
     read,
 )
+from .plain import make_plain as _make_plain
 from .errors import Error, InvalidArgument, IoError, NotFound, Refused, Unreadable, Unsupported
+
+_make_plain(globals())
 
 __all__ = [
     "AT_LIMIT", "BORDER", "DARK", "FEATURES", "OUTSIDE", "RIM", "SATURATED",

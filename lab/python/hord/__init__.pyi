@@ -1,7 +1,7 @@
 """Types of `hord`. What each thing means is in its docstring: help(hord.inspect)."""
 
 import os
-from typing import Any, Optional, Sequence, Union
+from typing import Any, Iterable, Optional, Sequence, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -259,7 +259,7 @@ def inspect(
     maps: str = "judged",
 ) -> Inspection: ...
 def learn(
-    frames: Sequence[Frame],
+    frames: Iterable[Frame],
     recipe: Union[Recipe, File, None] = None,
     electrons_per_dn: Optional[float] = None,
     read_dn: Optional[float] = None,

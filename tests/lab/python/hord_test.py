@@ -1,5 +1,5 @@
 """`import hord` against NumPy's own arithmetic, and against hordctl on the same frames: the same bits."""
-import sys, threading, time, unittest
+import pathlib, sys, threading, time, unittest
 
 import numpy as np
 
@@ -43,6 +43,14 @@ class LightField(unittest.TestCase):
         for field in inside, turned:
             np.testing.assert_array_equal(field.samples, hord.decode(frame).samples)
             self.assertEqual(hord.inspect(field).score, hord.inspect(bubble).score)
+
+    def test_big_endian_samples_are_copied(self):
+        frame = pixels(cell.render("deep", BUBBLE, bits=12)).astype(np.uint16)
+        field = hord.decode(frame.astype(">u2"), bits=12)
+        np.testing.assert_array_equal(field.samples, hord.decode(frame, bits=12).samples)
+        self.assertEqual(field.samples.dtype, np.dtype(np.uint16))
+        again = hord.from_samples(hord.decode(frame, bits=12).samples.astype(">u2"), bits=12)
+        np.testing.assert_array_equal(again.samples, field.samples)
 
     def test_samples_lead_back_to_the_field(self):
         field = hord.read(bubble)
@@ -373,6 +381,73 @@ class Errors(unittest.TestCase):
                 hord.distance("emd", wrong, b)
         with self.assertRaisesRegex(hord.InvalidArgument, "use one of emd, .*, cramer-von-mises, max-sliced$"):
             hord.distance("transmission", a, b)
+
+    def test_a_hord_without_light_has_no_distance(self):
+        dark, lit = np.zeros((9, 9), np.uint16), np.ones((9, 9), np.uint16)
+        for pair in (dark, lit), (lit, dark), (dark, dark):
+            for name in "emd", "hellinger", "max-sliced":
+                self.assertTrue(np.isnan(hord.distance(name, *pair)))
+        self.assertEqual(hord.distance("emd", lit, lit), 0)
+
+    def test_what_does_not_exist_is_not_found(self):
+        field = hord.decode(np.zeros((90, 90), np.uint8))
+        none = cell.path("none")
+        for call in (lambda: hord.read(none), lambda: hord.inspect(none), lambda: hord.learn([none] * 8), lambda: hord.Recipe.load(none),
+                     lambda: hord.inspect(field, recipe=none), lambda: hord.Reference.load(none), lambda: hord.inspect(field, reference=none),
+                     lambda: hord.Calibration.load(none), lambda: hord.decode(np.zeros((90, 90), np.uint8), grid=none),
+                     lambda: field.save(cell.path("none/x.png"))):
+            with self.assertRaises(hord.NotFound):
+                call()
+        for load in hord.Reference.load, hord.Calibration.load, hord.read:
+            with self.assertRaises(hord.Unreadable):
+                load(cell.path("."))
+        for load in hord.Reference.load, hord.Calibration.load, hord.read:
+            with self.assertRaises(hord.Error) as caught:
+                load(cell.write("text", "no such file"))
+            self.assertNotIsInstance(caught.exception, (hord.NotFound, hord.InvalidArgument))
+
+    def test_arguments_that_do_not_fit_are_named(self):
+        frame = np.zeros((90, 90), np.uint8)
+        field = hord.decode(frame)
+        for call, words in (
+            (lambda: hord.read(3), "^hord.read: file is the path of a file, not int$"),
+            (lambda: hord.decode([[1, 2], [3, 4]]), "^hord.decode: frame is a NumPy array, not list$"),
+            (lambda: hord.decode(frame, bin=(9, 9)), r"^hord.decode has no argument bin: did you mean bins\?$"),
+            (lambda: hord.decode(frame, bits="8"), "^hord.decode: bits is a whole number, not str$"),
+            (lambda: hord.inspect(), r"^hord.inspect: missing a required argument: 'frame': see help\(hord.inspect\)$"),
+            (lambda: hord.inspect(field, None, None, None, None, 0, 1, "judged", 4), "^hord.inspect: too many positional arguments"),
+            (lambda: field.feature(3), "^hord.LightField.feature: name is a text, not int$"),
+            (lambda: field.hords(dark_dn=-1), "^hord.LightField.hords: dark_dn cannot be -1$"),
+            (lambda: field.deflection(dark_dn="x"), "dark_dn is a whole number, not str$"),
+            (lambda: hord.learn([frame] * 8, read_dn="x"), "^hord.learn: read_dn is a number, not str$"),
+            (lambda: hord.distance("emd", 3, frame), "^hord.distance: a is a NumPy array, not int$"),
+            (lambda: hord.calibrate("white.png"), "^hord.calibrate: white is a NumPy array, not str$"),
+            (lambda: hord.calibrate(frame, tilts=[frame]), r"^hord.calibrate: tilts is a list of \(array, number, number\)$"),
+            (lambda: hord.Inspector(threads="2"), "^hord.Inspector: threads is a whole number, not str$"),
+            (lambda: hord.Recipe("lens.toml"), "^hord.Recipe: too many positional arguments"),
+            (lambda: hord.Recipe.parse(3), "^hord.Recipe.parse: text is a text, not int$"),
+            (lambda: hord.LightField(), r"^a LightField is not made by hand: see help\(hord.LightField\)$"),
+            (lambda: hord.learn("good"), "^hord.learn: frames is a list of .*, not str: give for example sorted"),
+            (lambda: hord.learn(pathlib.Path("good")), "^hord.learn: frames is a list"),
+            (lambda: hord.learn(frame), "^hord.learn: frames is a list of .*, not ndarray"),
+            (lambda: hord.learn(3), "^hord.learn: frames is a list of .*, not int"),
+        ):
+            with self.assertRaisesRegex(TypeError, words):
+                call()
+
+    def test_options_have_the_names_of_arguments(self):
+        noise = np.random.default_rng(1).integers(20, 100, (90, 90)).astype(np.uint8)
+        with self.assertRaisesRegex(hord.InvalidArgument, "in DN, with read_dn$"):
+            hord.learn(noise for _ in range(8))
+        recipe = cell.write("kind.toml", 'schema = 1\nname = "a"\nnumber = 7\n[limits]\nemd_bins = 1.0\n')
+        with self.assertRaisesRegex(hord.Unreadable, "kind.toml is a recipe, and an image is needed: give it as recipe, or name"):
+            hord.read(recipe)
+
+    def test_help_shows_the_arguments(self):
+        import inspect
+
+        self.assertEqual(list(inspect.signature(hord.decode).parameters), ["frame", "bins", "grid", "bits"])
+        self.assertEqual(inspect.signature(hord.inspect).parameters["maps"].default, "judged")
 
 
 if __name__ == "__main__":
