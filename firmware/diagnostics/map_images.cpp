@@ -228,24 +228,40 @@ void draw_legend(cv::Mat& sheet, NoData reason, int left, int y) {
     write_text(sheet, text_of(reason), {left + kSide + 6, y + 10}, 0.36);
 }
 
+// Circle and label of a defect, in pixels of the enlarged map.
+struct Mark {
+    cv::Point centre;
+    int radius = 0;
+    std::string label;
+    cv::Point text;  // of the label: its left end on the base line
+    int width = 0;   // of the label
+};
+
+// `columns`: width of the enlarged map, px.
+Mark mark_of(const algo::Defect& defect, std::size_t k, std::span<const std::string> labels, int zoom, int columns) {
+    Mark mark;
+    mark.centre = {static_cast<int>((defect.m + 0.5F) * static_cast<float>(zoom)),
+                   static_cast<int>((defect.n + 0.5F) * static_cast<float>(zoom))};
+    const double radius_lenslets = std::sqrt(static_cast<double>(defect.area) / 3.14159) + 2.0;
+    mark.radius = std::max(8, static_cast<int>(radius_lenslets * zoom));
+    mark.label = k < labels.size() ? fmt::format("{} {}", k + 1, labels[k]) : std::to_string(k + 1);
+    mark.width = cv::getTextSize(mark.label, cv::FONT_HERSHEY_SIMPLEX, 0.45, 1, nullptr).width;
+    const int right = mark.centre.x + mark.radius + 3, left = std::max(0, std::min(right, columns - mark.width - 2));
+    const int below = left < right ? mark.radius + 14 : 4;  // where it does not fit beside the circle
+    mark.text = {left, mark.centre.y + below};
+    return mark;
+}
+
 void draw_defects(cv::Mat& map, std::span<const algo::Defect> defects, std::span<const std::string> labels, int zoom) {
     for (std::size_t k = 0; k < std::min(defects.size(), kMaxMarked); ++k) {
-        const algo::Defect& defect = defects[k];
-        const cv::Point centre(static_cast<int>((defect.m + 0.5F) * static_cast<float>(zoom)),
-                               static_cast<int>((defect.n + 0.5F) * static_cast<float>(zoom)));
-        const double radius_lenslets = std::sqrt(static_cast<double>(defect.area) / 3.14159) + 2.0;
-        const int radius = std::max(8, static_cast<int>(radius_lenslets * zoom));
-        cv::circle(map, centre, radius + 1, cv::Scalar(255, 255, 255), 3, cv::LINE_AA);
-        cv::circle(map, centre, radius, kMark, 2, cv::LINE_AA);
-        const std::string label = k < labels.size() ? fmt::format("{} {}", k + 1, labels[k]) : std::to_string(k + 1);
-        const int width = cv::getTextSize(label, cv::FONT_HERSHEY_SIMPLEX, 0.45, 1, nullptr).width;
-        const int right = centre.x + radius + 3, left = std::max(0, std::min(right, map.cols - width - 2));
-        const int below = left < right ? radius + 14 : 4;  // where it does not fit beside the circle
-        if (k < labels.size()) {                           // legible on any colour
-            cv::putText(map, label, {left, centre.y + below}, cv::FONT_HERSHEY_SIMPLEX, 0.45, cv::Scalar(255, 255, 255),
-                        3, cv::LINE_AA);
+        const Mark mark = mark_of(defects[k], k, labels, zoom, map.cols);
+        cv::circle(map, mark.centre, mark.radius + 1, cv::Scalar(255, 255, 255), 3, cv::LINE_AA);
+        cv::circle(map, mark.centre, mark.radius, kMark, 2, cv::LINE_AA);
+        if (k < labels.size()) {  // legible on any colour
+            cv::putText(map, mark.label, mark.text, cv::FONT_HERSHEY_SIMPLEX, 0.45, cv::Scalar(255, 255, 255), 3,
+                        cv::LINE_AA);
         }
-        write_text(map, label, {left, centre.y + below}, 0.45, kMark);
+        write_text(map, mark.label, mark.text, 0.45, kMark);
     }
 }
 
@@ -313,6 +329,18 @@ Picture draw(const MapPicture& what, algo::Map map, std::span<const std::uint8_t
 PicturePoint point_in_picture(const algo::Extents& extents, float m, float n) {
     const auto zoom = static_cast<float>(enlargement(std::max(extents.m, extents.n)));
     return {kAxisWidth + static_cast<int>((m + 0.5F) * zoom), kTitleHeight + static_cast<int>((n + 0.5F) * zoom)};
+}
+
+PictureBox mark_in_picture(const algo::Extents& extents, std::span<const algo::Defect> defects,
+                           std::span<const std::string> labels, std::size_t k) {
+    constexpr int kLetters = 12, kOutline = 3, kDescent = 5;  // px, of the label
+    const int zoom = enlargement(std::max(extents.m, extents.n));
+    const Mark mark = mark_of(defects[k], k, labels, zoom, extents.m * zoom);
+    const cv::Point reach(mark.radius + 5, mark.radius + 5);  // with the outline of the circle
+    const cv::Rect all = cv::Rect(mark.centre - reach, mark.centre + reach) |
+        cv::Rect(mark.text.x - kOutline, mark.text.y - kLetters - kOutline, mark.width + 2 * kOutline,
+                 kLetters + kDescent + 2 * kOutline);
+    return {all.x + kAxisWidth, all.y + kTitleHeight, all.width, all.height};
 }
 
 Picture draw(const std::string& title, const FrameView& frame, const algo::Extents& extents) {

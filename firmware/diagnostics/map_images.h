@@ -63,6 +63,13 @@ struct PicturePoint {
 };
 PicturePoint point_in_picture(const algo::Extents& extents, float m, float n);
 
+// The pixels that circle and label of defect `k` take in such a picture. It may reach beyond the picture's edges.
+struct PictureBox {
+    int x = 0, y = 0, width = 0, height = 0;
+};
+PictureBox mark_in_picture(const algo::Extents& extents, std::span<const algo::Defect> defects,
+                           std::span<const std::string> labels, std::size_t k);
+
 // The raw frame, as grey, reduced to about the size of a map's picture and stretched to its brightest pixel.
 Picture draw(const std::string& title, const FrameView& frame, const algo::Extents& extents);
 

@@ -1,8 +1,10 @@
+// Every address of the page and its answer, in one file of more than 450 lines: what may be asked is seen in one place.
 #include "firmware/page/pages.h"
 
 #include <algorithm>
 #include <cctype>
 #include <chrono>
+#include <span>
 #include <utility>
 
 #include <fmt/format.h>
@@ -18,9 +20,6 @@ using store::Json;
 using store::to_text;
 
 constexpr std::string_view kBearer = "Bearer ";
-constexpr algo::DefectKind kDefectKinds[] = {algo::DefectKind::scattering, algo::DefectKind::absorbing,
-                                             algo::DefectKind::surface, algo::DefectKind::scratch,
-                                             algo::DefectKind::unknown};
 constexpr const char* kNoStore =
     "No results are stored yet. They appear here when the station runs with a store that this page may read.";
 constexpr const char* kNoRecipe = "No recipe is stored yet. It appears here when the station has run with its store.";
@@ -59,6 +58,27 @@ std::string field(const Fields& fields, const std::string& name) {
     return at == fields.end() ? std::string() : at->second;
 }
 
+// The names in the query that an address understands. Others are refused: ignoring one would show something else.
+std::span<const std::string_view> query_of(std::string_view path) {
+    static constexpr std::string_view kSpan[] = {"span"}, kMap[] = {"map"};
+    if (path == "/api/results" || path == "/api/results.csv") return kFilters;
+    if (path == "/api/history" || path == "/api/scores" || path == "/api/counts") return kSpan;
+    if (path.starts_with("/parts/")) return kMap;
+    return {};
+}
+
+// Only what is asked of the station; a page's address may carry what other programs add.
+std::optional<Reply> refuse_unknown_query(const Request& request) {
+    if (!request.path.starts_with("/api/") && !request.path.starts_with("/parts/")) return std::nullopt;
+    const auto known = query_of(request.path);
+    for (const auto& [name, value] : request.query) {
+        if (std::ranges::find(known, name) != known.end()) continue;
+        return refusal(400, fmt::format("{} has no \"{}\"", request.path.substr(0, 40), name.substr(0, 40)),
+                       known.empty() ? std::string("leave it out") : fmt::format("use {}", fmt::join(known, ", ")));
+    }
+    return std::nullopt;
+}
+
 // Whether `span` asks for the longer of two spans; without it, the shorter one.
 Result<bool> longer_span(const Fields& fields, const char* shorter, const char* longer) {
     const std::string span = field(fields, "span");
@@ -91,6 +111,16 @@ std::optional<Command> command_of(std::string_view name) {
     return command == Command::commit_recipe || command == Command::teach ? std::nullopt : command;
 }
 
+constexpr std::string_view kTeach = name_of(Command::teach);
+const std::string kCommandsOfThePage = [] {
+    std::string names;
+    for (const Command command : kValuesOf<Command>) {
+        if (command_of(name_of(command)))
+            names += (names.empty() ? "use one of " : ", ") + std::string(name_of(command));
+    }
+    return names;
+}();
+
 const char* cure_of(CommandError error) {
     switch (error) {
         case CommandError::not_in_this_state: return "the station is in another state: see its state";
@@ -98,7 +128,9 @@ const char* cure_of(CommandError error) {
         case CommandError::plc_lost: return "the PLC's heartbeat is missing: check the PLC";
         case CommandError::not_yet:
             return "parts are still on the line, or the ejector is still acting: try again in a moment";
-        case CommandError::no_such_recipe: return "the station has no recipe of this number";
+        case CommandError::no_such_recipe:
+            return "no usable recipe of the station's folder has this number (inspection.recipes in hordd.toml; "
+                   "hordctl recipe list); the station's journal says why";
         case CommandError::wrong_checksum: return "the recipe is not the one that was meant";
         default: return "see the station's journal";
     }
@@ -184,6 +216,7 @@ Reply Pages::get(const Request& request) {
             : refusal(404, "a wall of stations has nothing at this address", "ask the station's own page");
     }
     if (path == "/metrics") return metrics();
+    if (auto refused = refuse_unknown_query(request)) return std::move(*refused);
     if (path == "/api/page") {
         Json page = deps_.live.page_json();
         page["actions"] = !deps_.tokens.empty();
@@ -388,10 +421,17 @@ Reply Pages::execute(const Request& request) {
     const auto name = body["command"].get<std::string>();
     const auto command = command_of(name);
     const auto argument = number_in(body, "argument"), argument2 = number_in(body, "argument2");
-    if (!command || !argument || !argument2) {
-        return refuse_command(400, "there is no such command, or its arguments are no whole numbers",
-                              "use start_continuous, stop, abort, reset, self_test, use_recipe ...", request);
+    if (!command) {
+        const bool known = command_named(name).has_value();
+        return refuse_command(400, known ? "the page does not send this command" : "there is no such command",
+                              name == kTeach ? "at the station: hordctl teach; or from the PLC"
+                                  : known    ? "commit_recipe is the PLC's; a recipe's number is taken by use_recipe"
+                                             : kCommandsOfThePage.c_str(),
+                              request);
     }
+    if (!argument || !argument2)
+        return refuse_command(400, "an argument is no whole number of 0 to 4294967295",
+                              "send {\"command\":\"use_recipe\",\"argument\":7}", request);
     const auto done = deps_.command(*command, *argument, *argument2, *who);
     const bool completed = done && done->state == CommandState::completed;
     {

@@ -82,7 +82,9 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
         const algo::Defect& d = exact->defects[k];
         const PicturePoint at = point_in_picture(extents, d.m, d.n);
         Json defect{{"words", labels[k]}, {"m", d.m}, {"n", d.n}, {"kind", algo::name_of(d.kind)}};
+        const PictureBox mark = mark_in_picture(extents, exact->defects, labels, k);
         defect["at"] = {at.x, at.y};  // in the picture, px
+        defect["mark"] = {mark.x, mark.y, mark.width, mark.height};
         if (recipe.lenslet_mm > 0) {  // from the middle of the field, as in the recipe's zones
             defect["x_mm"] = (d.m - 0.5F * static_cast<float>(extents.m - 1)) * recipe.lenslet_mm;
             defect["y_mm"] = (d.n - 0.5F * static_cast<float>(extents.n - 1)) * recipe.lenslet_mm;

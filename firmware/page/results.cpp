@@ -5,9 +5,12 @@
 #include <chrono>
 #include <cstring>
 #include <ranges>
+#include <set>
 
 #include <fmt/format.h>
 
+#include "firmware/core/enum_values.h"
+#include "firmware/core/station_types.h"
 #include "firmware/store/results/export.h"
 #include "firmware/store/results/records.h"
 
@@ -33,11 +36,26 @@ bool is_word(std::string_view text) {
     return std::all_of(text.begin(), text.end(), [](unsigned char c) { return c >= 0x20 && c != 0x7F; });
 }
 
-// Refuses unknown and malformed filters: ignoring one would show wrong rows.
+// One of the names that `values` have: else the error lists them.
+template <class Values>
+Result<void> one_of(const std::string& name, const std::string& value, const Values& values) {
+    std::vector<std::string_view> names;
+    for (const auto& one : values) names.push_back(name_of(one));
+    if (std::ranges::find(names, value) != names.end()) return {};
+    return fail(ErrorCode::invalid_argument, fmt::format("{} cannot be \"{}\"", name, value.substr(0, 40)),
+                fmt::format("use one of {}", fmt::join(names, ", ")));
+}
+
+// Refuses unknown, repeated and malformed filters: ignoring one would show wrong rows.
 Result<store::ResultFilter> filter_of(const Fields& fields, std::int64_t usual, std::int64_t most) {
     store::ResultFilter filter;
     filter.newest = usual;
     for (const auto& [name, value] : fields) {
+        if (std::ranges::find(kFilters, name) == std::end(kFilters))
+            return fail(ErrorCode::invalid_argument, "there is no filter \"" + name.substr(0, 40) + "\"",
+                        fmt::format("use {}", fmt::join(kFilters, ", ")));
+        if (fields.count(name) > 1)
+            return fail(ErrorCode::invalid_argument, name + " is given more than once", "give it once");
         if (value.empty()) continue;
         const auto wrong = [&name = name, &value = value](const char* cure) {
             return fail(ErrorCode::invalid_argument, fmt::format("{} cannot be \"{}\"", name, value.substr(0, 40)),
@@ -46,11 +64,18 @@ Result<store::ResultFilter> filter_of(const Fields& fields, std::int64_t usual, 
         if (value.size() > kLongestValue || !is_word(value))
             return fail(ErrorCode::invalid_argument, name.substr(0, 20) + " is too long, or holds what is no text",
                         "write at most 100 characters");
-        if (name == "verdict") filter.verdict = value;
-        else if (name == "reason") filter.reason = value;
-        else if (name == "kind") filter.kind = value;
-        else if (name == "recipe") filter.recipe = value;
-        else if (name == "part") {
+        if (name == "verdict") {
+            if (auto known = one_of(name, value, kValuesOf<PartVerdict>); !known) return tl::unexpected(known.error());
+            filter.verdict = value;
+        } else if (name == "reason") {
+            if (auto known = one_of(name, value, kValuesOf<PartReason>); !known) return tl::unexpected(known.error());
+            filter.reason = value;
+        } else if (name == "kind") {
+            if (auto known = one_of(name, value, kDefectKinds); !known) return tl::unexpected(known.error());
+            filter.kind = value;
+        } else if (name == "recipe") {
+            filter.recipe = value;
+        } else if (name == "part") {
             filter.part = whole<std::uint32_t>(value);
             if (!filter.part) return wrong("write a part's number");
         } else if (name == "before") {
@@ -63,13 +88,10 @@ Result<store::ResultFilter> filter_of(const Fields& fields, std::int64_t usual, 
                             fmt::format("write 1 to {}", most));
             }
             filter.newest = *limit;
-        } else if (name == "since" || name == "until") {
+        } else {
             const auto time = store::parse_utc(value, store::utc_now());
             if (!time) return tl::unexpected(time.error());
             (name == "since" ? filter.since : filter.until) = *time;
-        } else {
-            return fail(ErrorCode::invalid_argument, "there is no filter \"" + name.substr(0, 40) + "\"",
-                        "use verdict, reason, kind, recipe, part, since, until, before, limit");
         }
     }
     return filter;
@@ -118,10 +140,26 @@ Result<Json> Results::search(const Fields& fields) {
     filter->newest = *filter->newest + 1;  // one more, to know whether there are more
     const auto found = read(*filter, &store::StoreReader::each_result);
     if (!found) return tl::unexpected(found.error());
+    if (found->empty() && !filter->recipe.empty()) {
+        if (auto known = refuse_unknown_recipe(filter->recipe); !known) return tl::unexpected(known.error());
+    }
     Json rows = Json::array();
     for (auto row = found->rbegin(); row != found->rend() && rows.size() < limit; ++row)
         rows.push_back(store::to_json(*row));
     return Json{{"rows", std::move(rows)}, {"more", found->size() > limit}};
+}
+
+Result<void> Results::refuse_unknown_recipe(const std::string& name) {
+    store::ResultFilter filter;
+    filter.what = "recipe";
+    const auto changes = read(filter, &store::StoreReader::each_change);
+    if (!changes) return tl::unexpected(changes.error());
+    std::set<std::string> names;
+    for (const StoredChange& change : *changes) names.insert(change.name);
+    if (names.contains(name)) return {};
+    return fail(ErrorCode::invalid_argument, fmt::format("recipe cannot be \"{}\"", name.substr(0, 40)),
+                names.empty() ? std::string("no recipe is stored yet: leave it out")
+                              : fmt::format("use one of {}", fmt::join(names, ", ")));
 }
 
 Result<std::string> Results::csv(const Fields& fields) {
@@ -129,6 +167,9 @@ Result<std::string> Results::csv(const Fields& fields) {
     if (!filter) return tl::unexpected(filter.error());
     const auto found = read(*filter, &store::StoreReader::each_result);
     if (!found) return tl::unexpected(found.error());
+    if (found->empty() && !filter->recipe.empty()) {
+        if (auto known = refuse_unknown_recipe(filter->recipe); !known) return tl::unexpected(known.error());
+    }
     std::string text = store::csv_head_of_results() + "\r\n";
     for (const StoredResult& row : *found) text += store::to_csv(row) + "\r\n";
     return text;

@@ -15,6 +15,7 @@
 #include <string_view>
 #include <vector>
 
+#include "algo/verdict/verdict.h"
 #include "common/result.h"
 #include "firmware/store/results/json_text.h"
 #include "firmware/store/results/store_reader.h"
@@ -29,6 +30,15 @@ struct PartKey {
 };
 std::optional<PartKey> parse_part_key(std::string_view text);
 
+// The kinds of defects that results may be searched by.
+inline constexpr algo::DefectKind kDefectKinds[] = {algo::DefectKind::scattering, algo::DefectKind::absorbing,
+                                                    algo::DefectKind::surface, algo::DefectKind::scratch,
+                                                    algo::DefectKind::unknown};
+
+// The filters of search() and csv().
+inline constexpr std::string_view kFilters[] = {"verdict", "reason", "kind",   "recipe", "part",
+                                                "since",   "until",  "before", "limit"};
+
 using Fields = std::multimap<std::string, std::string>;  // the decoded query of an address
 
 class Results {
@@ -38,8 +48,8 @@ class Results {
     explicit Results(std::filesystem::path folder) : folder_(std::move(folder)) {}
 
     // verdict, reason, kind, recipe, part, since, until (as `hordctl results`), before (a number: older ones), limit.
-    // {"rows":[newest first],"more":true}. Fails with invalid_argument, naming the field; not_found, timeout, busy, and
-    // as the store.
+    // {"rows":[newest first],"more":true}. Fails with invalid_argument, naming the field and its valid values;
+    // not_found, timeout, busy, and as the store.
     Result<store::Json> search(const Fields& fields);
 
     // The same filters, as CSV, the newest rows, oldest first; limit: 1 to kMaxCsvRows, which is the default.
@@ -71,6 +81,9 @@ class Results {
     // The rows that the store's `each` finds.
     template <class Row>
     Result<std::vector<Row>> read(const store::ResultFilter& filter, Each<Row> each);
+
+    // Nothing was found: fails with invalid_argument, naming the recipes, if no recipe of the store has this name.
+    Result<void> refuse_unknown_recipe(const std::string& name);
 
     // {"step_s"} and what `fill` adds to it of the last `span`, by periods of `step`.
     using Fill =

@@ -8,7 +8,7 @@ const kCharts = [
   { title: "Verdicts", axis: "parts a minute", series: [["pass_per_minute", "pass"], ["reject_per_minute", "reject"], ["unfit_per_minute", "unfit"]] },
   { title: "Part sensor to verdict", axis: "ms", series: [["latency_p50_ms", "median"], ["latency_p99_ms", "99th percentile"]] },
   { title: "Part sensor to confirmed rejection", axis: "ms", series: [["reject_p99_ms", "99th percentile"]] },
-  { title: "Lenslet grid", axis: "px", series: [["drift_px", "drift"], ["residual_px", "calibration residual"]] },
+  { title: "Lenslet grid", axis: "px", series: [["drift_px", "drift"], ["residual_px", "calibration residual"]], limit: 0.08, limitWords: "grid-drift fault" },
   { title: "Brightest samples of kept frames", axis: "% of full scale", series: [["light_percent", "light"]] },
 ];
 // From the store, by steps of 5 s or 5 minutes: a part at or above its limit does not pass.
@@ -25,7 +25,7 @@ function svgElement(name, attributes, text) {
 function shortNumber(value) {
   if (value === null || value === undefined) return "–";
   const size = Math.abs(value);
-  return size >= 100 ? value.toFixed(0) : size >= 10 ? value.toFixed(1) : size >= 1 ? value.toFixed(2) : size === 0 ? "0" : value.toFixed(3);
+  return size >= 100 ? value.toFixed(0) : size >= 10 ? value.toFixed(1) : size >= 1 ? value.toFixed(2) : size === 0 ? "0" : String(Number(value.toPrecision(2)));
 }
 
 // A round number at or above `value`.
@@ -49,13 +49,13 @@ function drawAxes(svg, chart, low, high, y, from_s, end, span_s, known_values) {
   const { width, height, left, right, top, bottom } = kChart, middle = (low + high) / 2, foot = height - bottom;
   for (const value of [low, middle, high]) {
     svg.append(svgElement("path", { class: "axis", d: `M${left} ${y(value)}H${width - right}` }));
-    svg.append(svgElement("text", { x: left - 4, y: y(value) + (value === high ? 8 : 3), "text-anchor": "end" }, shortNumber(value)));
+    if (known_values) svg.append(svgElement("text", { x: left - 4, y: y(value) + (value === high ? 8 : 3), "text-anchor": "end" }, shortNumber(value)));
   }
   svg.append(svgElement("path", { class: "axis", d: `M${left} ${top}V${foot}` }));
   svg.append(svgElement("text", { class: "label", transform: `translate(10 ${(top + foot) / 2}) rotate(-90)`, "text-anchor": "middle" }, chart.axis));
   if (chart.limit) {
     svg.append(svgElement("path", { class: "limit", d: `M${left} ${y(chart.limit)}H${width - right}` }));
-    svg.append(svgElement("text", { class: "limit-text", x: width - right, y: y(chart.limit) - 3, "text-anchor": "end" }, "limit"));
+    svg.append(svgElement("text", { class: "limit-text", x: width - right, y: y(chart.limit) - 3, "text-anchor": "end" }, chart.limitWords || "limit"));
   }
   if (!known_values) { svg.append(svgElement("text", { x: (left + width) / 2, y: foot - 30, "text-anchor": "middle" }, "no data yet")); }
   if (!end) return;

@@ -31,13 +31,20 @@ function showCommands(state) {
     button.classList.toggle("next", name === state.next || (name === "bring_up" && allowed.has(name)));
   });
   const next = { reset: "Check the line, then Acknowledge and reset. Bring up comes after it.", initialise: "Next: Bring up (initialise, arm, start), or Initialise alone.", arm: "Next: Bring up (arm, start), or Arm alone.", start_continuous: "Next: Start." }[state.next];
+  if (seen.actions === false) say("actions-none", elsewhere(state));
   say("actions-next", !state.up ? "No command is possible: the station does not answer." : next || "The station inspects. It can be stopped.");
+}
+
+// A page without tokens has nothing to press: where the next command is given.
+function elsewhere(state) {
+  const next = state.up && state.next ? `Next is ${state.next}${state.next === "reset" ? ", when somebody has checked the line" : ""}: at the PLC's panel, or at the station with hordctl command ${state.next}. ` : "";
+  return `This page only shows. ${next}To allow commands here, name a file of tokens in page.toml.`;
 }
 
 // Sends one command: {ok, reason, words}.
 async function send(name) {
   try {
-    const reply = await fetch("/api/command", { method: "POST", headers: { "Content-Type": "application/json", Authorization: `Bearer ${$("token").value}` }, body: JSON.stringify({ command: name }) });
+    const reply = await fetch("/api/command", { method: "POST", headers: { "Content-Type": "application/json", Authorization: `Bearer ${$("token").value}` }, body: JSON.stringify({ command: name }), signal: AbortSignal.timeout(kPatience_ms) });
     const body = await reply.json();
     return { ok: reply.ok, reason: body.reason || "", words: reply.ok ? `Done: ${body.done}.` : `Refused: ${body.error}${body.cure ? ". " + body.cure : ""}` };
   } catch (error) { return { ok: false, reason: "", words: `Not sent: ${error.message}` }; }

@@ -10,8 +10,11 @@ function element(name, text, className) {
 }
 // Text that has not changed is not written again: a screen reader would repeat it.
 function say(id, text) { if ($(id).textContent !== text) $(id).textContent = text; }
+const kPatience_ms = 15000;  // for an answer of this page's server: nothing says "loading" for ever
 async function ask(address) {
-  const reply = await fetch(address, { cache: "no-store" });
+  const reply = await fetch(address, { cache: "no-store", signal: AbortSignal.timeout(kPatience_ms) }).catch((error) => {
+    throw new Error(error.name === "TimeoutError" ? `This page's server has not answered for ${kPatience_ms / 1000} s.` : "This page's server does not answer.");
+  });
   const body = await reply.json();
   if (!reply.ok) throw new Error(body.cure ? `${body.error}: ${body.cure}` : body.error);
   return body;

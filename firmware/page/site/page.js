@@ -150,11 +150,14 @@ const shownOf = (found) => found.defect_count > found.defects.length ? ` ${found
 // Where a defect is: in mm where the recipe knows the size of a lenslet, else in lenslets.
 const placeOf = (d) => known(d.x_mm) ? `x ${d.x_mm.toFixed(2)} mm, y ${d.y_mm.toFixed(2)} mm` : `lenslet (${d.m.toFixed(0)}, ${d.n.toFixed(0)})`;
 
-// The picture's whole, or a defect enlarged.
-const kZoom = 4;
-function zoomTo(image, at) {
-  image.style.transformOrigin = at ? `${100 * at[0] / image.naturalWidth}% ${100 * at[1] / image.naturalHeight}%` : "";
-  image.style.transform = at ? `scale(${kZoom})` : "";
+// The picture's whole, or a defect enlarged: so far that its circle and its label are seen whole.
+const kZoom = 4, kZoomMargin = 4;  // px of the picture
+function zoomTo(image, mark) {
+  if (!mark) { image.style.transform = ""; return; }
+  const [x, y, wide, tall] = mark, W = image.naturalWidth, H = image.naturalHeight;
+  const zoom = Math.max(1, Math.min(kZoom, W / (wide + 2 * kZoomMargin), H / (tall + 2 * kZoomMargin)));
+  const start = (middle) => Math.min(Math.max(middle - 0.5 / zoom, 0), 1 - 1 / zoom);
+  image.style.transform = `translate(${-100 * zoom * start((x + wide / 2) / W)}%, ${-100 * zoom * start((y + tall / 2) / H)}%) scale(${zoom})`;
 }
 function defectList(list, found, image) {
   zoomTo(image, null);
@@ -167,7 +170,7 @@ function defectList(list, found, image) {
       const on = button.getAttribute("aria-pressed") !== "true";
       for (const other of list.querySelectorAll("button")) other.setAttribute("aria-pressed", "false");
       button.setAttribute("aria-pressed", String(on));
-      zoomTo(image, on ? d.at : null);
+      zoomTo(image, on ? d.mark : null);
       image.dataset.zoomed = on ? String(k + 1) : "";
     });
     item.append(button);
@@ -266,7 +269,7 @@ async function showPart(key, mapName = "") {
     $("part-choice").replaceChildren();
     $("part-links").replaceChildren();
     delete $("part-links").dataset.key;
-    $("part").showModal();
+    if (!$("part").open) $("part").showModal();
   }
   try {
     const { result: stored, no_result, found, no_frame, key: part_key } = await ask(`/parts/${key}/part.json${mapName ? `?map=${encodeURIComponent(mapName)}` : ""}`);
@@ -413,8 +416,10 @@ async function loadPage() {
   const kinds = document.querySelector('[name="kind"]');
   if (kinds.options.length === 1) kinds.append(...all.kinds.map((kind) => element("option", kind)));
   if (!shifts.length) { shifts = all.shifts; showCounts(); }
+  seen.actions = all.actions;
   $("actions").hidden = !all.actions;
   $("actions-none").hidden = all.actions;
+  showCommands(all.state);
   say("version", `hord-page ${all.version}`);
   document.documentElement.dataset.loaded = "yes";
 }
@@ -435,6 +440,7 @@ function follow() {
 }
 
 follow();
+setTimeout(() => { if ($("link").textContent === "connecting") loadPage().then(() => say("link", "no events yet; the page was loaded once")).catch((error) => say("link", error.message)); }, 5000);
 showCharts();
 showChanges();
 search();

@@ -46,6 +46,35 @@ bool same(const cv::Mat& image, const Picture& picture) {
         image.isContinuous() && std::memcmp(image.data, picture.bgr.data(), picture.bgr.size()) == 0;
 }
 
+// What is drawn for a defect lies inside the box that is told, and reaches its edges.
+TEST(Pictures, the_mark_of_a_defect_takes_the_pixels_that_are_told) {
+    const Sample s = sample();
+    const MapPicture what = scale_to("EMD", "bins", s.map, s.mask, 0.5F);
+    const Picture plain = draw(what, s.map, s.mask, kExtents, {});
+    for (const float m : {1.0F, static_cast<float>(kExtents.m) - 2.0F}) {
+        const std::vector<algo::Defect> defects{{.m = m, .n = 4, .area = 3}};
+        const std::vector<std::string> labels{"scratch 8.4 lenslets"};
+        const Picture marked = draw(what, s.map, s.mask, kExtents, defects, labels);
+        const PictureBox box = mark_in_picture(kExtents, defects, labels, 0);
+        int left = marked.width, top = marked.height, right = 0, bottom = 0;
+        for (int y = 0; y < marked.height; ++y) {
+            for (int x = 0; x < marked.width; ++x) {
+                const auto at = static_cast<std::size_t>(3 * (y * marked.width + x));
+                if (std::equal(&marked.bgr[at], &marked.bgr[at] + 3, &plain.bgr[at])) continue;
+                left = std::min(left, x), top = std::min(top, y);
+                right = std::max(right, x + 1), bottom = std::max(bottom, y + 1);
+            }
+        }
+        ASSERT_LT(left, right);
+        EXPECT_LE(box.x, left);
+        EXPECT_LE(box.y, top);
+        EXPECT_GE(box.x + box.width, right);
+        EXPECT_GE(box.y + box.height, bottom);
+        EXPECT_LE(left - box.x, 45) << "beyond the map's edge at most";
+        EXPECT_LE(box.x + box.width - right, 45);
+    }
+}
+
 TEST(Pictures, a_png_holds_the_pixels_that_were_drawn) {
     const TempFolder folder;
     const Picture picture = drawn(sample());

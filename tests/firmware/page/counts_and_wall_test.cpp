@@ -27,6 +27,38 @@ TEST(PageResults, are_downloaded_as_csv_by_the_same_filters) {
     EXPECT_EQ(Json::parse(page.get("/api/counts", {{"span", "7d"}}).body)["step_s"], 3600);
 }
 
+TEST(PageResults, refuse_a_filter_that_no_result_can_meet_and_name_those_that_can) {
+    SmallPage page;
+    const auto refused = [&](const char* path, const Fields& query, const char* error, const char* cure) {
+        const Reply reply = page.get(path, query);
+        EXPECT_EQ(reply.status, 400) << path << " " << reply.body;
+        const Json told = Json::parse(reply.body);
+        EXPECT_EQ(told.value("error", ""), error);
+        EXPECT_THAT(told.value("cure", ""), HasSubstr(cure));
+    };
+    for (const char* path : {"/api/results", "/api/results.csv"}) {
+        refused(path, {{"verdict", "bad"}}, "verdict cannot be \"bad\"", "use one of pass, reject, unfit");
+        refused(path, {{"reason", "late"}}, "reason cannot be \"late\"", "neighbours-disagree, deflection-gradient");
+        refused(path, {{"kind", "bubble"}}, "kind cannot be \"bubble\"",
+                "use one of scattering, absorbing, surface, scratch, unknown");
+        refused(path, {{"recipe", "lense"}}, "recipe cannot be \"lense\"", "use one of lens");
+        refused(path, {{"part", "x"}}, "part cannot be \"x\"", "a part's number");
+        refused(path, {{"before", "x"}}, "before cannot be \"x\"", "a result's number");
+        refused(path, {{"limit", "0"}}, "limit cannot be \"0\"", "write 1 to ");
+        refused(path, {{"verdict", "pass"}, {"verdict", "reject"}}, "verdict is given more than once", "once");
+        refused(path, {{"verdct", "pass"}}, (std::string(path) + " has no \"verdct\"").c_str(), "use verdict, reason");
+        EXPECT_EQ(page.get(path, {{"since", "soon"}}).status, 400);
+        EXPECT_EQ(page.get(path, {{"recipe", "lens"}, {"verdict", ""}, {"until", "2000-01-01"}}).status, 200)
+            << "a known recipe without results of that time";
+    }
+    for (const char* path : {"/api/counts", "/api/scores", "/api/history"})
+        refused(path, {{"days", "1"}}, (std::string(path) + " has no \"days\"").c_str(), "use span");
+    for (const char* path : {"/api/state", "/api/page", "/api/recipe", "/api/changes"})
+        refused(path, {{"x", "1"}}, (std::string(path) + " has no \"x\"").c_str(), "leave it out");
+    refused("/parts/10/found.json", {{"maps", "emd"}}, "/parts/10/found.json has no \"maps\"", "use map");
+    EXPECT_EQ(page.get("/", {{"x", "1"}}).status, 200);
+}
+
 TEST(PageResults, give_the_trend_of_scores) {
     SmallPage page;
     EXPECT_EQ(page.get("/api/scores", {{"span", "7d"}}).status, 400);

@@ -56,6 +56,20 @@ TEST(PageRequests, the_page_learns_every_reason_that_its_search_offers) {
     EXPECT_EQ(reasons.back(), name_of(PartReason::plc_lost));
 }
 
+TEST(PageRequests, a_command_that_the_page_does_not_send_is_refused_with_the_place_that_does) {
+    SmallPage page;
+    const auto told = [&](const char* body) { return Json::parse(page.reply_to(page.command(body)).body); };
+    EXPECT_EQ(told(R"({"command":"teach"})")["error"], "the page does not send this command");
+    EXPECT_THAT(told(R"({"command":"teach"})")["cure"].get<std::string>(), HasSubstr("hordctl teach"));
+    EXPECT_THAT(told(R"({"command":"commit_recipe"})")["cure"].get<std::string>(), HasSubstr("the PLC's"));
+    EXPECT_EQ(told(R"({"command":"jump"})")["error"], "there is no such command");
+    EXPECT_THAT(
+        told(R"({"command":"jump"})")["cure"].get<std::string>(),
+        HasSubstr("use one of initialise, arm, disarm, start_single, start_continuous, stop, abort, halt, reset"));
+    EXPECT_THAT(told(R"({"command":"use_recipe","argument":-1})")["error"].get<std::string>(),
+                HasSubstr("no whole number of 0 to 4294967295"));
+}
+
 TEST(PageRequests, two_on_one_connection_are_answered_one_after_the_other) {
     SmallPage page;
     const std::string one = "GET /api/state HTTP/1.1\r\nHost: localhost\r\n\r\n";

@@ -104,7 +104,14 @@ def commands(browser, keeper, out):
         showCommands({ ...real, up: true, next: "", commands: ["stop"] });
         document.documentElement.dataset.whenRunning = document.getElementById("actions-said").textContent;
         showCommands(real);
+        seen.actions = false;  // a page without tokens has nothing to press: it says where the reset is given
+        showCommands(stopped);
+        document.documentElement.dataset.readOnly = document.getElementById("actions-none").textContent;
+        seen.actions = true;
+        showCommands(real);
     """)
+    words = browser.run("return document.documentElement.dataset.readOnly")
+    check("Next is reset" in words and "hordctl command reset" in words and "page.toml" in words, f"a page that only shows says: {words}")
     said = browser.run("return [document.documentElement.dataset.whileStopped, document.documentElement.dataset.whenRunning]")
     check(said == ["Stopped: the station is Error.", "The line runs again."], f"of the last command: {said}")
 
@@ -137,9 +144,17 @@ def figures(browser, page, out):
     wait_for("results with local time", lambda: browser.run("document.getElementById('search').requestSubmit(); return /Z\\d{4}-.* local/.test(document.querySelector('#found tbody td:nth-child(2)')?.textContent || '')"))
     check("local)" in browser.run(TEXT, "reject-facts"), "the last reject has no local time")
     wait_for("charts", lambda: browser.run("return document.querySelectorAll('.chart svg path.s0').length") == 7)
+    drift = browser.run("""
+        const figure = document.createElement('figure'), now = Date.now() / 1000, chart = kCharts.find((c) => c.title === 'Lenslet grid');
+        drawChart(figure, chart, { fields: ['drift_px', 'residual_px'], rows: [[now - 5, 0.0004, null], [now, 0.0007, null]] }, 900);
+        const small = [...figure.querySelectorAll('text[text-anchor=end]')].map((t) => t.textContent);
+        drawChart(figure, chart, { fields: ['drift_px', 'residual_px'], rows: [[now, null, null]] }, 900);
+        return [small, [...figure.querySelectorAll('svg text')].map((t) => t.textContent)];""")
+    check({"0", "0.05", "0.1", "grid-drift fault"} <= set(drift[0]), f"the axis of the drift: {drift[0]}")
+    check("no data yet" in drift[1] and "0" not in drift[1], f"the axis without values: {drift[1]}")
     axes = browser.run("return [...document.querySelectorAll('.chart svg')].map((s) => s.querySelectorAll('.label').length)")
     check(axes == [1] * 7, f"axes with a label: {axes}")
-    check(browser.run("return document.querySelectorAll('.chart .limit').length") == 1, "the scores have no limit")
+    check(browser.run("return document.querySelectorAll('.chart .limit').length") == 2, "the scores and the drift have no limit")
     browser.run("document.querySelector('.chart svg').scrollIntoView({block: 'center'})")
     trend = "return document.querySelector('.chart path.s0')?.getAttribute('d').length || 0"
     before = wait_for("a trend of scores", lambda: browser.run(trend) if browser.run(trend) > 30 else None)
@@ -160,6 +175,15 @@ def pictures(browser, out):
     wait_for(f"the picture of result {part}", lambda: browser.run("const m = document.getElementById('part-map'); return !m.hidden && m.naturalWidth > 0 && document.querySelectorAll('#part-defects button').length > 0"))
     browser.run("document.querySelector('#part-defects button').click()")
     check("scale(" in browser.run("return document.getElementById('part-map').style.transform"), "a defect is not enlarged")
+    # Circle and label are inside the frame whole.
+    inside = browser.run_async("""
+        const image = document.getElementById('part-map'), frame = image.parentElement.getBoundingClientRect(), box = image.getBoundingClientRect(), done = arguments[1];
+        ask(`/parts/${arguments[0]}/part.json`).then(({ found }) => {
+          const [x, y, w, h] = found.defects[0].mark, scale = box.width / image.naturalWidth;
+          const left = box.left + scale * x, top = box.top + scale * y;
+          done([left >= frame.left - 1, top >= frame.top - 1, left + scale * w <= frame.right + 1, top + scale * h <= frame.bottom + 1]);
+        });""", part)
+    check(all(inside), f"the enlarged defect's label is cut: {inside}")
     browser.screenshot(out / "zoom.png", 1280, 800, False)
     browser.run("document.querySelector('#part-defects button').click()")
     check(browser.run("return document.getElementById('part-map').style.transform") == "", "the whole picture does not come back")
