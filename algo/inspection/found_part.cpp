@@ -38,10 +38,50 @@ void RimFinder::describe(Deflections deflections, Sums sums, std::span<const std
         count_suiting(0, state_.size(), [state = state_.data()](std::size_t k) { return (state[k] & kPart) != 0; });
     for (const std::uint32_t k : ring_) found_.at_border += (state_[k] & kPart) != 0 ? 1 : 0;
     found_.parts = regions_ == 1 ? 1 : count_parts(deflections, mask);
+    found_.islands = count_islands(sums, mask);
     found_.sharp_outline = sharp_share(deflections, sums, mask);
     found_.free_beside = least_free_beside();
     found_.symmetry = point_symmetry();
     found_.convexity = convexity();
+}
+
+// An island has no lenslet of the part, nor of what that encloses: what lies there is judged. A quarter of its middle,
+// the lenslets whose neighbours all belong to it, has most of the free light, which is bent or enclosed; of one that
+// the field's border cuts all lenslets count, because its own free light is reached. The hull of a plate's edges may
+// hold several plates: each is an outline of its own around free light.
+int RimFinder::count_islands(Sums sums, std::span<const std::uint8_t> mask) {
+    constexpr std::uint8_t kOfPart = kPart | kInside;
+    for (std::uint8_t& state : state_) state &= static_cast<std::uint8_t>(~kCounted);
+    const auto not_counted = [state = state_.data()](std::size_t k) {
+        return (state[k] & (kUnreached | kCounted)) == kUnreached;
+    };
+    int islands = 0, outlines = 0;
+    for_each_suiting(0, state_.size(), not_counted, [&](std::size_t k) {
+        const std::size_t count =
+            mark_connected(static_cast<std::uint32_t>(k), kUnreached, kCounted, Connected::at_corners_too);
+        if (count * kDustOfPart < found_.area) return;
+        std::size_t bright = 0, middle = 0, bright_middle = 0, free_middle = 0;
+        bool of_part = false, at_border = false;
+        for_each_connected([&](std::size_t at) {
+            const int m = static_cast<int>(at) % extents_.m, n = static_cast<int>(at) / extents_.m;
+            of_part = of_part || (state_[at] & kOfPart) != 0;
+            at_border = at_border || m == 0 || n == 0 || m == extents_.m - 1 || n == extents_.n - 1;
+            const bool is_bright = (mask[at] & kDark) == 0 && 4 * std::int64_t{sums[at]} >= 3 * free_light_;
+            bright += is_bright ? 1 : 0;
+            bool surrounded = true;
+            extents_.for_each_around(m, n, 1, [&](int x, int y) {
+                surrounded = surrounded && (state_[extents_.index(x, y)] & kUnreached) != 0;
+            });
+            if (!surrounded) return;
+            ++middle;
+            bright_middle += is_bright ? 1 : 0;
+            free_middle += (state_[at] & kFree) != 0 ? 1 : 0;
+        });
+        const bool is_clear = (middle > 0 && 4 * bright_middle >= middle) || (at_border && 4 * bright >= count);
+        islands += !of_part && is_clear ? 1 : 0;
+        outlines += of_part && 2 * free_middle > middle ? 1 : 0;
+    });
+    return islands + (form_ == PartForm::plate ? std::max(outlines - 1, 0) : 0);
 }
 
 // Joins regions that face each other across free light if most lenslets along the gap deflect light little more than

@@ -247,7 +247,7 @@ FrameFault FrameChecks::check_holder(const DecodedField& field) const {
 }
 
 FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& part) {
-    findings_.parts = part.parts;
+    findings_.parts = part.parts + part.islands;
     findings_.sharp_share = static_cast<float>(part.sharp_outline);
     findings_.free_beside = static_cast<float>(part.free_beside);
     findings_.symmetry = static_cast<float>(part.symmetry);
@@ -262,6 +262,7 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     if (part.lacks_flanks) return FrameFault::no_flanks;
     if (part.parts == 0) return part.free_light ? FrameFault::nothing : check_holder(field);
     if (part.free_light && part.sharp_outline < kMinSharpOutline) return FrameFault::no_outline;
+    if (part.islands > 0) return FrameFault::several;
     // Tubes and plates may leave the field, and a plate may show its edges alone.
     if (form_ == PartForm::tube && part.deflecting < kMinDeflectingShare) return FrameFault::hollow;
     if (form_ != PartForm::round) return FrameFault::none;

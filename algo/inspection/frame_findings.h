@@ -53,7 +53,7 @@ struct FrameFindings {
 
     int period_x = 0, period_y = 0;  // samples between repetitions; 0: not clear, or not measured because all is well
 
-    int parts = 0;          // regions of at least 1/16 of the field
+    int parts = 0;          // regions of at least 1/16 of the field, and smaller ones beside them that are no dust
     float border_cut = 0;   // outermost lenslets of the field that belong to a part, over the part's diameter
     float sharp_share = 0;  // share of the part's outline across which the light jumps
     float free_beside = 1;  // least share of free light beside the part in a row or column

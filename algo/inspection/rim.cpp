@@ -155,6 +155,7 @@ std::size_t RimFinder::agreeing(const FieldLight& light, std::span<const std::ui
         median_of_ring([&](std::uint32_t k) { return std::int64_t{light.deflections[k].y.raw()}; }));
 
     free_ = {x, y};
+    free_light_ = sum;
     const RawRange near_x(x, kFreeTolerance), near_y(y, kFreeTolerance);
     const auto half = static_cast<std::uint32_t>((sum + 1) / 2);
     // Local copies: a store to a byte may change anything else.
@@ -265,13 +266,6 @@ std::size_t RimFinder::mark_connected(std::uint32_t seed, std::uint8_t through, 
     return flooded.lenslets;
 }
 
-template <class Visit>
-void RimFinder::for_each_connected(Visit&& visit) const {
-    for (const FloodRun& run : std::span(runs_).first(connected_runs_)) {
-        for (std::size_t k = run.first; k <= run.last; ++k) visit(k);
-    }
-}
-
 // Step 3 of a round part, second half. Sets kInside between lenslets of the part in a row or a column; everywhere if
 // there is no part.
 void RimFinder::enclose() {
@@ -307,11 +301,26 @@ void RimFinder::enclose() {
         for (std::size_t m = 0; m < columns; ++m)
             row[m] |= (here >= first_row[m]) & (here <= last_row[m]) ? kInside : 0;
     }
+    if (form_ == PartForm::round) enclose_hull();
+}
+
+// A part that stands askew encloses lenslets that have it on both sides in neither their row nor their column: the ends
+// of the free middle of a cylinder lens. open_gaps() takes back what is no inside of the part.
+void RimFinder::enclose_hull() {
+    hull_.take(state_, kPart);
+    hull_.close();
+    std::size_t k = 0;
+    for (std::size_t n = 0; n < static_cast<std::size_t>(extents_.n); ++n) {
+        for (int m = 0; m < extents_.m; ++m, ++k) {
+            if (hull_.contains(n, m)) state_[k] |= kInside;
+        }
+    }
 }
 
 // Step 3, the end: free light between lenslets of the part that lies across a jump of the light from them is a gap,
 // such as a notch, and no inside of the part. (The flat middle of a cylinder lens: there the light changes slowly.)
-// What is between lenslets of a row, and what is between those of a column, is looked at for itself. Clears kInside.
+// What is between lenslets of a row, and what is between those of a column, is looked at for itself. What only the hull
+// encloses is inside where the rest of its region is. Clears kInside.
 void RimFinder::open_gaps(const FieldLight& light) {
     constexpr std::uint8_t kFreeInside = kInside | kReached;
     struct Ends {
@@ -337,19 +346,51 @@ void RimFinder::open_gaps(const FieldLight& light) {
     };
     for_each_suiting(0, state_.size(), not_counted, [&](std::size_t k) {
         mark_connected(static_cast<std::uint32_t>(k), kFreeInside, kCounted, Connected::at_sides);
-        Ends in_rows, in_columns;
+        Ends in_rows, in_columns, in_hull;  // in_hull: of lenslets that only the hull encloses
         for_each_connected([&](std::size_t at) {
             const auto [n, m] = place_of(at);
-            if (closed_in_row(m, n)) step(in_rows, m, n, -1, 0), step(in_rows, m, n, 1, 0);
-            if (closed_in_column(m, n)) step(in_columns, m, n, 0, -1), step(in_columns, m, n, 0, 1);
+            const bool in_row = closed_in_row(m, n), in_column = closed_in_column(m, n),
+                       in_neither = !in_row && !in_column;
+            Ends &of_row = in_row ? in_rows : in_hull, &of_column = in_column ? in_columns : in_hull;
+            if (in_row || in_neither) step(of_row, m, n, -1, 0), step(of_row, m, n, 1, 0);
+            if (in_column || in_neither) step(of_column, m, n, 0, -1), step(of_column, m, n, 0, 1);
         });
         for_each_connected([&](std::size_t at) {
             const auto [n, m] = place_of(at);
-            const bool inside =
-                (closed_in_row(m, n) && in_rows.smooth()) || (closed_in_column(m, n) && in_columns.smooth());
+            const bool in_row = closed_in_row(m, n), in_column = closed_in_column(m, n);
+            const bool inside = (in_row && in_rows.smooth()) || (in_column && in_columns.smooth()) ||
+                (!in_row && !in_column && (in_hull.smooth() || in_rows.smooth() || in_columns.smooth()));
             if (!inside) state_[at] &= static_cast<std::uint8_t>(~kInside);
         });
     });
+    close_islands();
+}
+
+// An island, dark for example, that only the hull encloses is inside where the free light around it is.
+void RimFinder::close_islands() {
+    const auto is_island = [state = state_.data()](std::size_t k) {
+        return (state[k] & (kInside | kUnreached | kPart | kFlank)) == (kInside | kUnreached);
+    };
+    const auto is_closed = [&](std::size_t k) {
+        const auto [n, m] = std::div(static_cast<int>(k), extents_.m);
+        return closed_in_row(m, n) || closed_in_column(m, n);
+    };
+    for_each_suiting(0, state_.size(), is_island, [&](std::size_t k) {
+        if (is_closed(k)) return;
+        mark_connected(static_cast<std::uint32_t>(k), kInside | kUnreached, kFlank, Connected::at_corners_too);
+        bool inside = false;
+        for_each_connected([&](std::size_t at) {
+            const auto [n, m] = std::div(static_cast<int>(at), extents_.m);
+            extents_.for_each_around(m, n, 1, [&](int x, int y) {
+                inside = inside || (state_[extents_.index(x, y)] & (kInside | kReached)) == (kInside | kReached);
+            });
+        });
+        if (inside) return;
+        for_each_connected([&](std::size_t at) {
+            if (!is_closed(at)) state_[at] &= static_cast<std::uint8_t>(~kInside);
+        });
+    });
+    for (std::uint8_t& state : state_) state &= static_cast<std::uint8_t>(~kFlank);
 }
 
 // Step 4. Flanks are rim. Any other lenslet is rim if the square window of `margin_` lenslets around it holds part and

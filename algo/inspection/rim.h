@@ -25,6 +25,7 @@ constexpr int kSmallestPart = 16;            // a part covers at least 1/kSmalle
 constexpr double kJumpBins = 0.25;           // light jumps between two lenslets if its mean deflection changes by more
 constexpr double kJumpLight = 1.25;          // or its sum by more than this factor
 constexpr int kMinBeside = 8;                // lenslets beside the part in a row or column that tell something
+constexpr std::size_t kDustOfPart = 64;      // an island beside the part below 1/kDustOfPart of its area is dust
 
 // What mark() found. `parts`: regions of at least 1/kSmallestPart of the field. Regions between which the light changes
 // smoothly count once: the two flanks of a cylinder lens, whose middle shows free light. A tube or a plate is 1. A web
@@ -34,6 +35,9 @@ struct FoundPart {
     bool free_light = false;
     bool lacks_flanks = false;  // the edges of a tube were found, but not a flank on both sides
     int parts = 0;
+    // Islands in the free field beside the part, of at least 1/kDustOfPart of its area, that let light through: smaller
+    // parts. Dust is opaque.
+    int islands = 0;
     std::size_t area = 0;       // lenslets of all parts
     std::size_t at_border = 0;  // of these, outermost lenslets of the field
     double sharp_outline = 0;   // share of the outline, in steps from lenslet to lenslet, where the light jumps
@@ -87,8 +91,11 @@ class RimFinder {
     void keep_long_regions();
     void find_part(const FieldLight& light);
     void enclose();
+    void enclose_hull();
     void open_gaps(const FieldLight& light);
+    void close_islands();
     void describe(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask);
+    [[nodiscard]] int count_islands(Sums sums, std::span<const std::uint8_t> mask);
     [[nodiscard]] int count_parts(Deflections deflections, std::span<const std::uint8_t> mask);
     [[nodiscard]] double sharp_share(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) const;
     [[nodiscard]] double least_free_beside();
@@ -99,7 +106,11 @@ class RimFinder {
     void find_across_outline();
     std::size_t mark_connected(std::uint32_t seed, std::uint8_t through, std::uint8_t mark, Connected connected);
     template <class Visit>
-    void for_each_connected(Visit&& visit) const;
+    void for_each_connected(Visit&& visit) const {
+        for (const FloodRun& run : std::span(runs_).first(connected_runs_)) {
+            for (std::size_t k = run.first; k <= run.last; ++k) visit(k);
+        }
+    }
 
     Extents extents_;
     int margin_;
@@ -128,7 +139,8 @@ class RimFinder {
     Between of_rows_, of_columns_;
     std::vector<std::int16_t> in_column_, free_in_column_;  // numbers of lenslets
     std::vector<std::uint8_t> in_rim_, seen_;               // of the lenslets of a row
-    Deflection free_;                                       // median of the outermost lenslets
+    Deflection free_;                                       // median of the outermost lenslets,
+    std::int64_t free_light_ = 0;                           // and of their light, DN
     int regions_ = 0;
     FoundPart found_;
 };

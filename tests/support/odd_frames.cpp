@@ -285,6 +285,30 @@ void add_part_kinds(std::vector<Kind>& kinds) {
     kinds.push_back(of_light("two parts, corner to corner", [=](const Extents& e) {
         return two(e, lens_at(e, -0.22, -0.22, 0.22), lens_at(e, 0.22, 0.22, 0.22));
     }));
+    struct Place {
+        const char* name;
+        double right, down;
+    };
+    for (const double size : {0.45, 0.3, 0.2}) {
+        for (const Place at :
+             {Place{"in a corner", -0.38, 0.38}, Place{"beside it", 0.1, -0.42}, Place{"at the border", 0.49, -0.05}}) {
+            kinds.push_back(
+                of_light("a part and a second one of " + std::to_string(size).substr(0, 4) + " of its size, " + at.name,
+                         [=](const Extents& e) {
+                             return two(e, lens_at(e, -0.04, 0.04, 0.3), lens_at(e, at.right, at.down, 0.3 * size));
+                         }));
+        }
+        kinds.push_back(of_light(
+            "a part and a plate of " + std::to_string(size).substr(0, 4) + " of its size", [=](const Extents& e) {
+                const Lens part = lens_at(e, 0, 0, 0.3), plate = lens_at(e, -0.36, -0.36, 0.3 * size);
+                return spots(e, kPeakDn, kSpread, [=](int m, int n) {
+                    Spot spot = of_lens(part, m, n);
+                    const double far = std::max(std::abs(m - plate.m), std::abs(n - plate.n));
+                    if (std::abs(far - plate.radius) < 0.6) spot.light = 0;
+                    return spot;
+                });
+            }));
+    }
     kinds.push_back(of_light("half a part at the field's left border",
                              [](const Extents& e) { return lens_light(e, lens_at(e, -0.5)); }));
     kinds.push_back(of_light("half a part at the field's lower border",

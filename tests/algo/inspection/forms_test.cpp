@@ -366,6 +366,35 @@ Verdict verdict_on(const Frame& frame, const Extents& e, const Recipe& recipe) {
     return seen->verdict;
 }
 
+// A smaller part beside the part: what lets light through. Dust is opaque, or below a 64th of the part.
+TEST(Parts, that_are_smaller_count_and_dust_does_not) {
+    Rows lens = repeated("........................................", 24);
+    for (std::size_t n = 3; n < 21; ++n) lens[n].replace(3, 18, 18, 'p');
+    const auto with = [&](std::size_t size, char what, std::size_t m = 30) {
+        Rows rows = lens;
+        for (std::size_t n = 8; n < 8 + size; ++n) rows[n].replace(m, size, size, what);
+        return marked(rows, PartForm::round).found;
+    };
+    EXPECT_EQ(marked(lens, PartForm::round).found.islands, 0);
+    for (const std::size_t size : {3U, 4U, 6U, 7U}) {  // 8: a region of 1/16 of the field
+        EXPECT_EQ(with(size, 'p').islands, 1) << size;
+        EXPECT_EQ(with(size, '+', 40 - size).islands, 1) << size;  // cut by the border
+        EXPECT_EQ(with(size, 'd').islands, 0) << size;             // opaque
+    }
+    EXPECT_EQ(with(2, 'p').islands, 0);  // 4 of 324 lenslets
+    // Two plates: the hull of both encloses the field between them.
+    for (const std::size_t size : {4U, 6U, 8U}) {
+        Rows plates = lens;
+        for (std::size_t n = 4; n < 20; ++n) plates[n].replace(4, 16, 16, '.');
+        for (std::size_t n = 3; n < 21; ++n) plates[n][3] = plates[n][20] = 'd';
+        plates[3].replace(3, 18, 18, 'd'), plates[20].replace(3, 18, 18, 'd');
+        EXPECT_EQ(marked(plates, PartForm::plate).found.islands, 0);
+        for (std::size_t n = 8; n < 8 + size; ++n) plates[n].replace(28, size, size, 'd');
+        for (std::size_t n = 9; n < 7 + size; ++n) plates[n].replace(29, size - 2, size - 2, '.');
+        EXPECT_EQ(marked(plates, PartForm::plate).found.islands, 1) << size;
+    }
+}
+
 // The statements of the notes.
 TEST(Notes, of_plates_and_webs_are_true) {
     const Extents e{40, 40, 9, 9};

@@ -1,7 +1,10 @@
 // Frames that show nothing to judge never pass; good parts do. The kinds of frames: tests/support/odd_frames.h.
 #include "algo/inspection/frame_checks.h"
 
+#include <array>
+#include <cmath>
 #include <cstdlib>
+#include <filesystem>
 #include <iomanip>
 #include <iostream>
 #include <map>
@@ -115,6 +118,9 @@ TEST(FrameChecks, give_the_reason) {
         {"lens of 3x3 bins", {Reason::unexpected_geometry, other_period}},
         {"empty field of 3x3 bins", {Reason::unexpected_geometry, other_period}},
         {"two parts", {Reason::no_part, several}},
+        {"a part and a second one of 0.45 of its size, in a corner", {Reason::no_part, several}},
+        {"a part and a second one of 0.20 of its size, in a corner", {Reason::no_part, several}},
+        {"a part and a plate of 0.30 of its size", {Reason::no_part, several}},
         {"half a part at the field's left border", {Reason::no_part, cut_by_field}},
         {"half a part in the middle of the field", {Reason::no_part, lopsided}},
         {"a part that fills the field", {Reason::no_part, fills_field}},
@@ -255,6 +261,39 @@ TEST(FrameChecks, reject_a_dark_lenslet_wherever_it_lies_on_a_cylinder_lens) {
         EXPECT_EQ(inspected(e, cylinder(-1, -1)).verdict, Verdict::pass);
         for (int m = 10; m <= 34; ++m)
             EXPECT_EQ(inspected(e, cylinder(m, 20)).verdict, Verdict::reject) << m << ", rim " << rim_bins;
+    }
+}
+
+// The free middle of a cylinder lens that stands askew is enclosed in no row or column at its ends.
+TEST(FrameChecks, reject_a_dark_lenslet_on_a_cylinder_lens_that_stands_askew) {
+    const Extents e{45, 45, 9, 9};
+    const double half = 0.3 * e.m, middle = middle_m(e);
+    for (const double degrees : {45.0, 30.0, 10.0}) {
+        for (const double rim_bins : {1.0, 2.5}) {
+            const double right = std::cos(degrees * 3.14159265 / 180), down = std::sin(degrees * 3.14159265 / 180);
+            const auto across = [&](int m, int n) { return right * (m - middle) + down * (n - middle); };
+            const auto along = [&](int m, int n) { return right * (n - middle) - down * (m - middle); };
+            const auto cylinder = [&](int dark_m, int dark_n) {
+                return exposed(spots(e, 200, 0.6,
+                                     [&](int m, int n) {
+                                         if (m == dark_m && n == dark_n) return Spot{0, 0, 0};
+                                         const double u = across(m, n);
+                                         const double bins = -u / half * rim_bins;
+                                         const bool inside = std::abs(u) < half && std::abs(along(m, n)) < half;
+                                         return inside ? Spot{bins * right, bins * down, 0.95} : Spot{};
+                                     }),
+                               {}, 1);
+            };
+            EXPECT_EQ(inspected(e, cylinder(-1, -1)).verdict, Verdict::pass) << degrees << ", rim " << rim_bins;
+            for (int n = 0; n < e.n; ++n) {
+                for (int m = 0; m < e.m; ++m) {
+                    // At both ends of the middle, three lenslets and a half inside the outline.
+                    if (std::abs(across(m, n)) > 6 || std::abs(std::abs(along(m, n)) - (half - 4.2)) > 0.7) continue;
+                    EXPECT_EQ(inspected(e, cylinder(m, n)).verdict, Verdict::reject)
+                        << m << ", " << n << ": " << degrees << " degrees, rim " << rim_bins;
+                }
+            }
+        }
     }
 }
 

@@ -84,6 +84,7 @@ TEST(FrameFaults, of_the_part_have_limits) {
     };
     const Limit limits[] = {
         {"parts", [](FoundPart& p) { p.parts = 1; }, [](FoundPart& p) { p.parts = 2; }, several},
+        {"islands", [](FoundPart& p) { p.islands = 0; }, [](FoundPart& p) { p.islands = 1; }, several},
         {"no part", [](FoundPart& p) { p.parts = 1; }, [](FoundPart& p) { p.parts = 0; }, nothing},
         {"outline", [](FoundPart& p) { p.sharp_outline = 0.5; }, [](FoundPart& p) { p.sharp_outline = 0.499; },
          no_outline},
