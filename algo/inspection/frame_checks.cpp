@@ -63,9 +63,9 @@ double least_of_outline(double of_fine_one, std::size_t area) {
 
 FrameChecks::FrameChecks(const Extents& extents, int bits, const Recipe& recipe)
     : extents_(extents), levels_(light_levels(recipe, bits)), max_dark_rise_dn_(max_dark_rise(recipe, bits)),
-      max_offset_bins_(recipe.max_offset_bins), max_spot_bins_(recipe.max_spot_bins),
-      max_second_share_(recipe.max_second_share), form_(recipe.form), check_period_(recipe.check_period),
-      part_required_(recipe.part_required), symmetric_(recipe.symmetric_outline),
+      dark_level_(kind_of_dark_level(recipe)), max_offset_bins_(recipe.max_offset_bins),
+      max_spot_bins_(recipe.max_spot_bins), max_second_share_(recipe.max_second_share), form_(recipe.form),
+      check_period_(recipe.check_period), part_required_(recipe.part_required), symmetric_(recipe.symmetric_outline),
       has_reference_(recipe.reference != nullptr), dark_bins_(extents, bits), period_(extents) {
     chosen_.reserve(kMaxInside);
     scratch_.resize(kMaxChosen);
@@ -106,10 +106,13 @@ void FrameChecks::expect_light_of_reference(const Reference& reference) {
 
 LightLevels FrameChecks::levels_of(const FrameView& frame) {
     const DarkBins dark = dark_bins_.measure(frame);
-    const FrameLevels found = levels_above_dark_bins(levels_, dark, max_dark_rise_dn_);
+    const FrameLevels found = levels_above_dark_bins(levels_, dark, max_dark_rise_dn_, dark_level_);
     findings_ = {.dark_measured = dark.measured,
                  .pedestal_dn = static_cast<float>(dark.pedestal_dn),
-                 .dark_noise_dn = static_cast<float>(dark.noise_dn)};
+                 .dark_noise_dn = static_cast<float>(dark.noise_dn),
+                 .wanted_dark_dn = static_cast<float>(found.wanted_dn),
+                 .dark_limit_dn = static_cast<float>(levels_.dark + max_dark_rise_dn_),
+                 .noise_limit_dn = static_cast<float>(levels_.dark + 2 * max_dark_rise_dn_)};
     fault_of_dark_ = !found.pedestal_allowed ? FrameFault::pedestal
         : !found.noise_allowed               ? FrameFault::noise
                                              : FrameFault::none;

@@ -83,6 +83,7 @@ class FrameChecks {
     Extents extents_;
     LightLevels levels_;
     std::uint32_t max_dark_rise_dn_, dark_dn_ = 0;
+    DarkLevel dark_level_;
     float max_offset_bins_, max_spot_bins_, max_second_share_;
     PartForm form_;
     bool check_period_, part_required_, symmetric_, has_reference_;

@@ -39,6 +39,8 @@ struct FrameFindings {
     bool dark_measured = false;  // lenslets have dark bins enough to measure them
     float pedestal_dn = 0;       // median of the dark bins
     float dark_noise_dn = 0;     // their standard deviation, rounding included
+    // The dark level that both ask for, and what is allowed: of the pedestal alone, and of that level.
+    float wanted_dark_dn = 0, dark_limit_dn = 0, noise_limit_dn = 0;
 
     bool in_free_light = false;  // spot and offset are those of the free light; else of all lit lenslets
     bool spot_measured = false;

@@ -9,7 +9,8 @@ namespace hord::algo {
 namespace {
 
 constexpr double kOneSigma = 0.158655;  // share of a normal distribution below -1 sigma
-constexpr double kShapeFactor = 1.5;    // between the zeros that clipped noise has and those that are counted
+constexpr double kRoundingVariance = 1.0 / 12;
+constexpr double kShapeFactor = 1.5;  // between the zeros that clipped noise has and those that are counted
 
 double below_normal(double sigmas) { return 0.5 * std::erfc(-sigmas / std::sqrt(2.0)); }
 
@@ -19,12 +20,20 @@ double share_of_dark_bins(const Extents& e) {
     return 1 - static_cast<double>(std::min(e.i, kSpotBins) * std::min(e.j, kSpotBins)) / e.bins();
 }
 
-FrameLevels levels_above_dark_bins(const LightLevels& given, const DarkBins& dark, std::uint32_t max_rise_dn) {
+FrameLevels levels_above_dark_bins(const LightLevels& given, const DarkBins& dark, std::uint32_t max_rise_dn,
+                                   DarkLevel kind) {
     FrameLevels result{given};
     if (!dark.measured || dark.at_zero) return result;
     const double highest = static_cast<double>(given.dark) + 2.0 * max_rise_dn;
-    if (static_cast<double>(given.dark) + 0.5 >= dark.upper_dn) return result;
     const double level = std::ceil(dark.pedestal_dn + kDarkNoiseFactor * dark.noise_dn);
+    result.wanted_dn = level;
+    // A sample of v DN stands for v +- 0.5 DN, so that rounding is no noise above the level. Of a chosen level the
+    // quantile alone would take the bins beside narrow spots, which are dark, too, for the brightest dark ones.
+    const double noise = std::sqrt(std::max(dark.noise_dn * dark.noise_dn - kRoundingVariance, 0.0)),
+                 upper = kind == DarkLevel::by_default
+        ? dark.pedestal_dn + kDarkNoiseFactor * noise
+        : std::max(dark.upper_dn, dark.pedestal_dn + kKeptSigmas * dark.noise_dn);
+    if (static_cast<double>(given.dark) + 0.5 >= upper) return result;
     result.pedestal_allowed = dark.pedestal_dn <= static_cast<double>(given.dark) + max_rise_dn + 0.5;
     result.noise_allowed = level <= highest;
     result.levels.dark = std::max(given.dark, static_cast<std::uint32_t>(std::min(level, highest)));

@@ -19,10 +19,12 @@
 
 namespace hord::algo {
 
-constexpr int kSpotBins = 4;                  // bins along an axis that a spot may cover
-constexpr double kMinDarkShare = 0.25;        // of a lenslet's bins; with fewer dark bins nothing is measured
-constexpr double kDarkNoiseFactor = 3;        // a raised dark level lies so many sigma of the noise above the pedestal
-constexpr double kKeptShare = 14.0 / 15;      // of the dark bins: a given dark level that so many do not exceed is kept
+constexpr int kSpotBins = 4;            // bins along an axis that a spot may cover
+constexpr double kMinDarkShare = 0.25;  // of a lenslet's bins; with fewer dark bins nothing is measured
+constexpr double kDarkNoiseFactor = 3;  // a raised dark level lies so many sigma of the noise above the pedestal
+// A dark level that somebody chose is kept if so many of the dark bins do not exceed it, and if it lies so many sigma
+// above the pedestal, which says the same of normal noise.
+constexpr double kKeptShare = 14.0 / 15, kKeptSigmas = 1.5;
 constexpr std::uint32_t kDarkRiseDn8Bit = 8;  // DN at 8 bits; at b bits 2^(b-8) times as many
 constexpr std::uint32_t default_dark_rise(int bits) { return kDarkRiseDn8Bit << (bits - 8); }
 
@@ -42,12 +44,17 @@ struct FrameLevels {
     LightLevels levels;
     bool pedestal_allowed = true;  // the pedestal is at most max_rise_dn above the given dark level
     bool noise_allowed = true;     // pedestal and noise together take at most twice that
+    double wanted_dn = 0;          // the dark level that pedestal and noise ask for; 0: not measured
 };
 
+enum class DarkLevel : std::uint8_t { chosen, by_default };
+
 // The levels given. If more than 1 - kKeptShare of the dark bins exceed the dark level, it is raised to pedestal +
-// kDarkNoiseFactor noise, rounded up. Exactly the given levels if nothing was measured or DarkBins::at_zero. Where the
-// rise is not allowed the dark level is the highest that is.
-FrameLevels levels_above_dark_bins(const LightLevels& given, const DarkBins& dark, std::uint32_t max_rise_dn);
+// kDarkNoiseFactor noise, rounded up; a level by default already if it lies below that without the noise of rounding.
+// Exactly the given levels if nothing was measured or DarkBins::at_zero. Where the rise is not allowed the dark level
+// is the highest that is.
+FrameLevels levels_above_dark_bins(const LightLevels& given, const DarkBins& dark, std::uint32_t max_rise_dn,
+                                   DarkLevel kind = DarkLevel::chosen);
 
 class DarkBinMeter {
   public:

@@ -105,6 +105,10 @@ LightLevels light_levels(const Recipe& recipe, int bits) {
             recipe.saturated_dn == 0 ? full_scale : recipe.saturated_dn};
 }
 
+DarkLevel kind_of_dark_level(const Recipe& recipe) {
+    return recipe.dark_dn == 0 && recipe.reference == nullptr ? DarkLevel::by_default : DarkLevel::chosen;
+}
+
 std::vector<std::string> notes(const Recipe& recipe) {
     std::vector<std::string> messages;
     const bool alone = recipe.reference == nullptr;

@@ -146,6 +146,8 @@ float limit_of_gradient(const Recipe& recipe);
 // The recipe's light levels at a bit depth, in DN.
 struct LightLevels;  // algo/frame/decode.h
 LightLevels light_levels(const Recipe& recipe, int bits);
+enum class DarkLevel : std::uint8_t;                          // algo/light/dark_bins.h
+DarkLevel kind_of_dark_level(const Recipe& recipe);           // that of a reference counts as chosen
 std::uint32_t max_dark_rise(const Recipe& recipe, int bits);  // DN
 
 // What single frames cannot judge of the recipe's form of part, one sentence each; empty if there is nothing to say.

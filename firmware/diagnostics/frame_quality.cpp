@@ -34,8 +34,9 @@ Result<FrameQuality> quality_of(const FrameView& frame, const algo::Extents& ext
     if (auto checked = algo::check_frame(frame, extents, frame.bits); !checked) return tl::unexpected(checked.error());
     const algo::LightLevels given = algo::light_levels(recipe, frame.bits);
     const algo::DarkBins dark = algo::DarkBinMeter(extents, frame.bits).measure(frame);
-    const algo::LightLevels levels =
-        algo::levels_above_dark_bins(given, dark, algo::max_dark_rise(recipe, frame.bits)).levels;
+    const algo::LightLevels levels = algo::levels_above_dark_bins(given, dark, algo::max_dark_rise(recipe, frame.bits),
+                                                                  algo::kind_of_dark_level(recipe))
+                                         .levels;
     FrameQuality quality;
     double total = 0, lit = 0, saturated = 0;
     std::vector<double> peaks, spots;

@@ -62,6 +62,30 @@ TEST(DarkBins, at_zero_leave_the_level_as_it_was) {
     }
 }
 
+// Nobody chose the level: noise above it would be light.
+TEST(DarkBins, raise_a_level_by_default_three_sigma_above_the_pedestal) {
+    for (const double noise : {2.0, 3.0, 4.0, 5.0}) {
+        const FrameLevels levels =
+            levels_above_dark_bins(kLevels, measured(spots_on(0, noise, 4)), 8, DarkLevel::by_default);
+        EXPECT_NEAR(levels.levels.dark, 3 * noise + 0.8, 0.4 * noise);
+        EXPECT_TRUE(levels.pedestal_allowed && levels.noise_allowed);
+        EXPECT_EQ(levels.wanted_dn, levels.levels.dark);
+    }
+    for (const auto& [pedestal, noise] : {std::pair(0.0, 0.0), std::pair(0.0, 1.0), std::pair(3.0, 0.0)}) {
+        const DarkBins dark = measured(spots_on(pedestal, noise, 4));
+        EXPECT_EQ(levels_above_dark_bins(kLevels, dark, 8, DarkLevel::by_default).levels.dark, kLevels.dark);
+    }
+}
+
+// Of narrow spots nearly all bins are dark, and a fifteenth of those beyond kSpotBins is much of the noise.
+TEST(DarkBins, beside_narrow_spots_do_not_keep_a_chosen_level_below_their_noise) {
+    const Frame frame = exposed(spots(kField, 200, 0.3, lens(kField, 14, 2)), {0, 4}, 4);
+    const DarkBins dark = measured(frame);
+    EXPECT_LT(dark.upper_dn, 7.5);
+    EXPECT_NEAR(levels_above_dark_bins({7, 16, 255}, dark, 8).levels.dark, 7, 0);   // above 1.5 sigma
+    EXPECT_NEAR(levels_above_dark_bins({3, 16, 255}, dark, 8).levels.dark, 13, 1);  // below
+}
+
 TEST(DarkBins, whose_noise_is_clipped_at_zero_show_it_above_zero) {
     for (const int bits : {8, 12, 16}) {
         const double scale = ((1 << bits) - 1) / 255.0;
