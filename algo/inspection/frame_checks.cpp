@@ -20,7 +20,7 @@ bool is_light(FrameFault fault) { return fault >= FrameFault::pedestal && fault 
 
 Reason reason_of(FrameFault fault) {
     if (fault == FrameFault::none) return Reason::none;
-    if (fault == FrameFault::other_period || fault == FrameFault::split_spots) return Reason::unexpected_geometry;
+    if (fault >= FrameFault::other_period && fault <= FrameFault::turned) return Reason::unexpected_geometry;
     return is_light(fault) ? Reason::unexpected_light : Reason::no_part;
 }
 
@@ -228,6 +228,36 @@ double min_symmetry(std::size_t area) { return least_of_outline(0.95, area); }
 // Pieces that are missing between others, of the share f of the whole part, take f.
 double min_convexity(std::size_t area) { return least_of_outline(0.9, area); }
 
+// Light behind a part is deflected by the slopes of an optical path, which have no curl. Light that lies turned about a
+// place has: x grows downwards as much as y falls to the right. Planes are fitted to both deflections of the outermost
+// lenslets that have a HORD.
+double FrameChecks::turn_of_bins(const DecodedField& field) const {
+    struct Sums {
+        double n = 0, m = 0, mm = 0, x = 0, xx = 0, xm = 0;
+        void add(double at, double value) {
+            ++n, m += at, mm += at * at, x += value, xx += value * value, xm += at * value;
+        }
+        [[nodiscard]] double slope() const { return (xm - m * x / n) / (mm - m * m / n); }
+        // Of the rest, mean square.
+        [[nodiscard]] double rest() const { return (xx - x * x / n - slope() * (xm - m * x / n)) / n; }
+    };
+    Sums x_down, y_right;
+    std::size_t outermost = 0;
+    for_each_outermost(extents_, [&](std::size_t k) {
+        ++outermost;
+        if ((field.mask[k] & kNoHord) != 0) return;
+        const int m = static_cast<int>(k) % extents_.m, n = static_cast<int>(k) / extents_.m;
+        x_down.add(n, field.deflections[k].x.to_double_rounded());
+        y_right.add(m, field.deflections[k].y.to_double_rounded());
+    });
+    if (2 * x_down.n < static_cast<double>(outermost)) return 0;
+    const double drift = 0.5 * (x_down.slope() - y_right.slope());  // bin pitches a lenslet
+    constexpr double kMaxRest = kFreeToleranceBins * kFreeToleranceBins;
+    const bool is_plane = x_down.rest() < kMaxRest && y_right.rest() < kMaxRest;
+    const bool is_turn = std::abs(x_down.slope() + y_right.slope()) < std::abs(drift);
+    return is_plane && is_turn ? drift / std::max(extents_.i, extents_.j) : 0;
+}
+
 // Without free light: an opaque holder leaves the outermost lenslets dark, and the part is what is lit inside it. It
 // shows itself by deflecting light; a hole without a part, or a window in a hole, does not.
 FrameFault FrameChecks::check_holder(const DecodedField& field) const {
@@ -290,6 +320,11 @@ Reason FrameChecks::judge(const FrameView& frame, const DecodedField& field, con
         };
         if (other(period.x, extents_.i, period_of_reference_.x) || other(period.y, extents_.j, period_of_reference_.y))
             fault = FrameFault::other_period;
+    }
+    if (max_offset_bins_ > 0 && fault == FrameFault::none && !part.free_light) {
+        findings_.turned_rad = static_cast<float>(turn_of_bins(field));
+        const int half = std::max(extents_.width_px(), extents_.height_px()) / 2;
+        if (std::abs(findings_.turned_rad) * static_cast<float>(half) > max_offset_bins_) fault = FrameFault::turned;
     }
     const FrameFault of_part = check_part(field, part);
     if (fault == FrameFault::none) fault = of_part;

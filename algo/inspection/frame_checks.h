@@ -75,6 +75,8 @@ class FrameChecks {
     FrameFault check_exposures(const FrameView& frame, const DecodedField& field, const Alternation& alternation);
     FrameFault check_part(const DecodedField& field, const FoundPart& part);
     FrameFault check_holder(const DecodedField& field) const;
+    // The turn of the outermost lenslets' light about the field's middle, rad; 0 where it does not follow a plane.
+    [[nodiscard]] double turn_of_bins(const DecodedField& field) const;
     template <class Suits>
     void choose_lenslets(std::size_t lenslets, std::size_t most, Suits suits);
     void expect_light_of_reference(const Reference& reference);

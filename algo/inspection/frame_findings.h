@@ -12,6 +12,7 @@ enum class FrameFault : std::uint8_t {
     // Reason::unexpected_geometry
     other_period,  // the light repeats with another period than the macro-pixels' size
     split_spots,   // the light lies at opposite edges of the bins: the macro-pixels drift against the frame
+    turned,        // the bins are turned against the frame: the free light drifts as no part deflects it
     // Reason::unexpected_light
     pedestal,     // the dark bins read more than is allowed: fog, black level
     noise,        // pedestal and noise of the dark bins together take more than is allowed
@@ -52,6 +53,7 @@ struct FrameFindings {
     float split_share = 0;                              // of the judged lenslets, light at opposite edges of the bins
     float glare_share = 0;                              // of the judged lenslets, far brighter than free light
     float lit_share = 0;                                // of the bins
+    float turned_rad = 0;                               // of the bins against the frame, where there is no free light
 
     int period_x = 0, period_y = 0;  // samples between repetitions; 0: not clear, or not measured because all is well
 

@@ -101,21 +101,54 @@ void Pipeline::Workspace::bound_row(SoaDistances& rows, const FrameView& frame, 
     emd_bounds->row(rows, n, mask.data() + extents.index(0, n), gradient_left_out(), gradients);
 }
 
-// Why the frame cannot be judged; none if it can.
-Reason Pipeline::Workspace::unfit_reason() const {
+LensletCounts Pipeline::Workspace::count_lenslets() const {
     const auto count = [this](std::uint8_t bits_set, std::uint8_t value) {
         return count_suiting(0, mask.size(),
                              [=, of = mask.data()](std::size_t k) { return (of[k] & bits_set) == value; });
     };
-    const std::size_t judged = count(kNotJudged, 0), lit = count(kNotJudged | kDark, 0),
-                      saturated = count(kNotJudged | kSaturated, kSaturated);
-    if (judged == 0) return Reason::nothing_to_see;
-    const auto share_of_judged = [&](std::size_t lenslets) {
-        return static_cast<float>(lenslets) / static_cast<float>(judged);
+    return {count(kNotJudged, 0), count(kNotJudged | kDark, 0), count(kNotJudged | kSaturated, kSaturated)};
+}
+
+// Why the frame cannot be judged; none if it can.
+Reason Pipeline::Workspace::unfit_reason(const LensletCounts& lenslets) const {
+    if (lenslets.judged == 0) return Reason::nothing_to_see;
+    const auto share_of_judged = [&](std::size_t of_judged) {
+        return static_cast<float>(of_judged) / static_cast<float>(lenslets.judged);
     };
-    if (lit == 0 || share_of_judged(lit) < recipe.min_lit_share) return Reason::too_dark;
-    if (share_of_judged(saturated) > recipe.max_saturated_share) return Reason::saturated;
+    if (lenslets.lit == 0 || share_of_judged(lenslets.lit) < recipe.min_lit_share) return Reason::too_dark;
+    if (share_of_judged(lenslets.saturated) > recipe.max_saturated_share) return Reason::saturated;
     return Reason::none;
+}
+
+// A pixel changes one lenslet, and the gradients of those beside it: larger defects are none of one sample.
+LoneSample Pipeline::Workspace::lone_sample(const FrameView& frame, const Defect& defect, float noise_dn) const {
+    constexpr std::uint32_t kMaxArea = 9;  // lenslets
+    constexpr float kMinSigmas = 6;        // above the dark level, which lies about three above the pedestal
+    if (defect.area > kMaxArea) return {};
+    const auto above_dark = [&](int x, int y) {
+        const std::uint32_t sample = frame.sample(x, y);
+        return sample > levels.dark ? sample - levels.dark : 0U;
+    };
+    const auto least = std::max(1U, static_cast<std::uint32_t>(std::ceil(kMinSigmas * noise_dn)));
+    LoneSample found;
+    int number = 0;
+    const auto look_at = [&](int x, int y) {
+        const std::uint32_t dn = above_dark(x, y);
+        if (dn < least) return;
+        for (int b = std::max(y - 1, 0); b <= std::min(y + 1, frame.height_px - 1); ++b) {
+            for (int a = std::max(x - 1, 0); a <= std::min(x + 1, frame.width_px - 1); ++a) {
+                if ((a != x || b != y) && above_dark(a, b) > 0) return;
+            }
+        }
+        found = {x, y, dn};
+        ++number;
+    };
+    extents.for_each_around(static_cast<int>(std::lround(defect.m)), static_cast<int>(std::lround(defect.n)), 2,
+                            [&](int m, int n) {
+                                for (int b = 0; b < extents.bins(); ++b)
+                                    look_at(m * extents.i + b % extents.i, n * extents.j + b / extents.i);
+                            });
+    return number == 1 ? found : LoneSample{};
 }
 
 // Looks for the part's outline. With a reference and several threads also for its pose, at the same time: it is needed
@@ -291,7 +324,8 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
     const Alternation alternation = w.measure_light();
     watch.lap(result.times.feature_ns);
 
-    result.reason = w.unfit_reason();
+    result.lenslets = w.count_lenslets();
+    result.reason = w.unfit_reason(result.lenslets);
     if (result.reason == Reason::none)
         result.reason = w.checks.judge(frame, {w.deflections, w.sums, w.mask}, w.rim.found(), alternation);
     result.frame = w.checks.findings();
@@ -319,6 +353,8 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
             result.compared = compared;
         }
     }
+    if (!result.defects.empty())
+        result.lone_sample = w.lone_sample(frame, result.defects.front(), result.frame.dark_noise_dn);
     if (result.verdict == Verdict::unfit && w.emd_bounds) std::ranges::fill(w.gradient, 0.0F);
     watch.lap(result.times.decide_ns);
     total.lap(result.times.total_ns);

@@ -52,6 +52,20 @@ struct InspectionLimits {
 // search for the largest one would solve them all.
 constexpr float kInsignificantScore = 0.02F;
 
+// Numbers of lenslets.
+struct LensletCounts {
+    std::size_t judged = 0;              // inside the part and its zones, the rim left out
+    std::size_t lit = 0, saturated = 0;  // of these: with light enough for a HORD (saturated ones too); saturated
+};
+
+// A sample that stands alone in the worst defect: far above the dark level, and all samples around it at that level.
+// Light makes spots of several bins, so that a pixel of the sensor may be warm. Not seen where raw frames are resampled
+// into bins that share the pixel.
+struct LoneSample {
+    int x = 0, y = 0;      // column and row in Inspection::macro_pixels, samples
+    std::uint32_t dn = 0;  // above the dark level; 0: there is none
+};
+
 struct Inspection {
     FrameView macro_pixels;  // the frame that was given, or, of a raw one, what was decoded from it
     Verdict verdict = Verdict::unfit;
@@ -61,6 +75,8 @@ struct Inspection {
     bool out_of_time = false;             // it was the limit of time: another run may give other values
     std::uint32_t dark_dn = 0;            // DN, the level that was subtracted from every sample of this frame
     FrameFindings frame;                  // what the checks of the whole frame found
+    LensletCounts lenslets;               // of the part
+    LoneSample lone_sample;               // of a rejected part
     std::span<const Defect> defects;      // largest peak first
     std::optional<Feature> compares;      // the distance between neighbours that the recipe chooses
     Map gradient;                         // the gradient of that distance, in its unit (unit_of)

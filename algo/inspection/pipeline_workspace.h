@@ -160,7 +160,9 @@ struct Pipeline::Workspace {
     [[nodiscard]] std::uint8_t gradient_left_out() const {
         return comparison ? kNoGradient | kOutside : kNoGradient | kNotJudged;
     }
-    [[nodiscard]] Reason unfit_reason() const;
+    [[nodiscard]] LensletCounts count_lenslets() const;
+    [[nodiscard]] Reason unfit_reason(const LensletCounts& lenslets) const;
+    [[nodiscard]] LoneSample lone_sample(const FrameView& frame, const Defect& defect, float noise_dn) const;
     std::optional<Registered> mark_part();
     Alternation measure_light();
     Registered find_pose(std::span<const std::uint8_t> lit);

@@ -2,23 +2,21 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include <fmt/format.h>
+
+#include "algo/inspection/frame_checks.h"
 
 namespace hord::firmware {
 namespace {
 
-// Of scratches the length, of others the diameter.
-float size_of(const algo::Defect& d) {
-    return d.kind == algo::DefectKind::scratch && d.length > 0 ? d.length : 2 * algo::radius_of(d);
-}
-
-std::string length(float lenslets, const algo::Recipe& recipe) {
+std::string length_text(float lenslets, const algo::Recipe& recipe) {
     return recipe.lenslet_mm > 0 ? fmt::format("{:.2g} mm", lenslets * recipe.lenslet_mm)
                                  : fmt::format("{:.1f} lenslets", lenslets);
 }
 
-std::string place(const algo::Defect& d, const algo::Recipe& recipe, const algo::Extents& e) {
+std::string place_text(const algo::Defect& d, const algo::Recipe& recipe, const algo::Extents& e) {
     const float m = d.m - 0.5F * static_cast<float>(e.m - 1), n = d.n - 0.5F * static_cast<float>(e.n - 1);
     if (recipe.lenslet_mm > 0) return fmt::format("({:.2f}, {:.2f}) mm", m * recipe.lenslet_mm, n * recipe.lenslet_mm);
     return fmt::format("lenslet ({:.1f}, {:.1f})", d.m, d.n);
@@ -39,11 +37,15 @@ std::string_view what_is(algo::DefectKind kind) {
 std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe) {
     switch (f.fault) {
         case algo::FrameFault::pedestal:
-            return fmt::format("the dark bins read {:.1f} DN: keep stray light out, or lower the sensor's black level",
-                               f.pedestal_dn);
+            return fmt::format(
+                "the dark bins read {:.1f} DN (at most {:.0f}): keep stray light out, lower the sensor's black level, "
+                "or raise [light] max_dark_rise_dn",
+                f.pedestal_dn, f.dark_limit_dn);
         case algo::FrameFault::noise:
-            return fmt::format("the dark bins vary by {:.1f} DN about {:.1f} DN: see to the sensor's gain and cooling",
-                               f.dark_noise_dn, f.pedestal_dn);
+            return fmt::format(
+                "the frame is too noisy: the dark bins vary by {:.1f} DN about {:.1f} DN, and {:.0f} DN would have to "
+                "be subtracted (at most {:.0f}): lower the sensor's gain, cool it, or raise [light] max_dark_rise_dn",
+                f.dark_noise_dn, f.pedestal_dn, f.wanted_dark_dn, f.noise_limit_dn);
         case algo::FrameFault::off_centre: {
             const bool across = std::abs(f.x_bins) >= std::abs(f.y_bins);
             const float by = across ? f.x_bins : f.y_bins;
@@ -75,8 +77,11 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
                 "reflection, or stray light",
                 100 * f.glare_share);
         default:
-            return "a row or column of lenslets shows no free light: look for lost rows of the frame, something "
-                   "across the field, or a part that reaches from border to border";
+            return fmt::format(
+                "a row or column of lenslets shows free light in {:.0f} % of what lies beside the part (at least "
+                "{:.0f} %): look for lost rows of the frame, something across the field, a part that reaches from "
+                "border to border, or bins that do not lie where the light does (calibrate again)",
+                100 * f.free_beside, 100 * algo::kMinFreeBeside);
     }
 }
 
@@ -115,8 +120,9 @@ std::string missing_part(const algo::FrameFindings& f) {
                 "[part] form = \"plate\" if it is flat",
                 100 * (1 - f.deflecting));
         default:
-            return "no free light surrounds the part: show the whole part, or set [part] form = \"web\" if it fills "
-                   "the field";
+            return "no free light surrounds the part: show the whole part, calibrate again if free light does "
+                   "surround it (the bins then do not lie where the light does), or set [part] form = \"web\" if it "
+                   "fills the field";
     }
 }
 
@@ -127,6 +133,12 @@ std::string period_fault(const algo::FrameFindings& f, const algo::Extents& e) {
             "against the frame: give the frame as the sensor recorded it, or calibrate again",
             100 * f.split_share);
     }
+    if (f.fault == algo::FrameFault::turned) {
+        return fmt::format(
+            "the free light drifts as if the bins were turned against the frame by {:.2f} degrees: calibrate again, or "
+            "set the camera straight",
+            f.turned_rad * 180 / std::numbers::pi_v<float>);
+    }
     const int i = f.period_x == 0 ? e.i : f.period_x, j = f.period_y == 0 ? e.j : f.period_y;
     return fmt::format(
         "the light repeats every {} x {} samples, not every {} x {}: give --macro {}x{}; of the sensor's own lenslet "
@@ -136,17 +148,53 @@ std::string period_fault(const algo::FrameFindings& f, const algo::Extents& e) {
 
 std::string why_unfit(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& extents) {
     switch (found.reason) {
-        case algo::Reason::too_dark: return "there is too little light";
-        case algo::Reason::saturated: return "too many lenslets are saturated";
+        case algo::Reason::too_dark:
+            return fmt::format(
+                "{} of {} lenslets of the part have light enough (at least {:.2g} %): check that the light flashes "
+                "while the sensor exposes, and raise its current, the exposure or the gain",
+                found.lenslets.lit, found.lenslets.judged, 100 * recipe.min_lit_share);
+        case algo::Reason::saturated:
+            return fmt::format(
+                "{} of {} lenslets of the part are saturated (at most {:.2g} %): lower the exposure, the light's "
+                "current or the gain",
+                found.lenslets.saturated, found.lenslets.judged, 100 * recipe.max_saturated_share);
         case algo::Reason::no_part: return missing_part(found.frame);
         case algo::Reason::unexpected_light: return light_fault(found.frame, recipe);
         case algo::Reason::unexpected_geometry: return period_fault(found.frame, extents);
         case algo::Reason::not_registered: return algo::explain(found.registered.outcome);
-        default: return "no lenslet is left to judge";
+        default:
+            return "no lenslet is left to judge: the part is too small for its rim margin, or the zones leave nothing "
+                   "of it; lower [part] rim_margin, or see to the zones";
     }
 }
 
+// What the reason of a reject may be beside a defect, as a sentence of its own; "": nothing.
+std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
+    const algo::LoneSample& lone = found.lone_sample;
+    if (lone.dn > 0) {
+        return fmt::format(
+            " Sample ({}, {}) of the macro-pixels alone reads {} DN more than all around it: if it does in every "
+            "frame, a "
+            "pixel of the sensor is warm there; have the camera correct it, or cool the sensor.",
+            lone.x, lone.y, lone.dn);
+    }
+    if (recipe.form != algo::PartForm::round || recipe.reference || found.defects.size() < 2) return "";
+    const auto [shorter, longer] = std::minmax(found.defects[0].length, found.defects[1].length);
+    const auto is_line = [](const algo::Defect& d) { return d.kind == algo::DefectKind::scratch; };
+    const bool flanks = is_line(found.defects[0]) && is_line(found.defects[1]) &&
+        3 * shorter >= static_cast<float>(std::min(e.m, e.n)) && 4 * longer <= 5 * shorter;
+    return flanks
+        ? " Two lines of one length may be the flanks of a tube: set [part] form = \"tube\" if the part is one."
+        : "";
+}
+
 }  // namespace
+
+float size_of(const algo::Defect& d) {
+    return d.kind == algo::DefectKind::scratch && d.length > 0 ? d.length : 2 * algo::radius_of(d);
+}
+
+std::string size_text(const algo::Defect& d, const algo::Recipe& recipe) { return length_text(size_of(d), recipe); }
 
 std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& extents) {
     if (found.verdict == algo::Verdict::unfit) return fmt::format("Not judged: {}.", why_unfit(found, recipe, extents));
@@ -157,16 +205,16 @@ std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, c
         return fmt::format("Passed: the worst place reaches {:.0f} % of its limit.{}", 100 * found.score, bounds);
     const algo::Defect& d = found.defects.front();
     std::string text = fmt::format("Rejected: {} of {} at {}, {:.1f} times its limit", what_is(d.kind),
-                                   length(size_of(d), recipe), place(d, recipe, extents), found.score);
+                                   size_text(d, recipe), place_text(d, recipe, extents), found.score);
     const std::size_t more = found.defects.size() - 1;
     if (more > 0) text += fmt::format("; {} weaker {}", more, more == 1 ? "one" : "ones");
-    return text + "." + bounds;
+    return text + "." + bounds + hint(found, recipe, extents);
 }
 
 std::vector<std::string> labels_of(const algo::Inspection& found, const algo::Recipe& recipe) {
     std::vector<std::string> labels;
     for (const algo::Defect& d : found.defects) {
-        labels.push_back(fmt::format("{} {}{}", name_of(d.kind), length(size_of(d), recipe),
+        labels.push_back(fmt::format("{} {}{}", name_of(d.kind), size_text(d, recipe),
                                      d.score > 0 ? fmt::format(", {:.1f}x", d.score) : ""));
     }
     return labels;

@@ -14,6 +14,11 @@ namespace hord::firmware {
 // what was found, and the cure.
 std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& extents);
 
+// The one size of a defect that people are told, lenslets: of scratches the length, of others the diameter of the disc
+// that takes or bends as much light (algo::radius_of).
+float size_of(const algo::Defect& defect);
+std::string size_text(const algo::Defect& defect, const algo::Recipe& recipe);  // "0.9 mm", "2.3 lenslets"
+
 // "scattering 0.9 mm, 4.2x": kind, size and how far over its limit; one a defect.
 std::vector<std::string> labels_of(const algo::Inspection& found, const algo::Recipe& recipe);
 

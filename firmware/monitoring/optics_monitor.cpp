@@ -33,8 +33,11 @@ std::string describe_dust(const OpticsMonitor::View& view) {
         fmt::format("the same place responds in {:.0f} % of the last {} parts: {}, {} lenslet{}", 100 * largest.share,
                     view.window_parts, place_of(view, largest), largest.lenslets, largest.lenslets == 1 ? "" : "s");
     if (view.dust->specks > 1) text += fmt::format(", and {} more", view.dust->specks - 1);
-    if (largest.tells_apart) return text + "; the parts moved and it did not: dust on the optics";
-    return text + "; dust on the optics, or the same flaw in every part";
+    // A pixel changes the gradients of the lenslets around its own.
+    const char* const pixel =
+        largest.lenslets <= 9 ? "; a warm pixel of the sensor does the same: have the camera correct it" : "";
+    if (largest.tells_apart) return text + "; the parts moved and it did not: dust on the optics" + pixel;
+    return text + "; dust on the optics, or the same flaw in every part" + pixel;
 }
 
 std::string describe_light(FaultBit fault, const OpticsMonitor::View& view) {

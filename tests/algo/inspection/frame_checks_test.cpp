@@ -15,6 +15,7 @@
 #include "algo/frame/mask.h"
 #include "algo/inspection/pipeline.h"
 #include "hal_sim/optics/camera/render.h"
+#include "hal_sim/optics/scene/scene.h"
 #include "tests/support/odd_frames.h"
 
 namespace hord::algo {
@@ -241,6 +242,95 @@ TEST(FrameChecks, leave_the_dark_level_of_a_frame_without_pedestal) {
     }
     const Frame raised = exposed(spots(kUsual, 200, 0.6, lens(kUsual, 42, 3)), {6, 0.6}, 1);
     EXPECT_NEAR(inspected(kUsual, raised).dark_dn, 8.5, 0.5);
+}
+
+// Light that lies turned about the middle by some hundredths of a degree is off the bins at the field's borders.
+TEST(FrameChecks, tell_bins_that_are_turned_against_the_frame) {
+    const auto found = [](double turn_rad, double rim_bins) {
+        const auto part = lens(kUsual, 42, rim_bins);
+        const double middle = middle_m(kUsual);
+        return inspected(
+            kUsual,
+            exposed(
+                spots(kUsual, 200, 0.6,
+                      [&](int m, int n) {
+                          const Spot s = part(m, n);
+                          return Spot{s.x + 9 * turn_rad * (n - middle), s.y - 9 * turn_rad * (m - middle), s.light};
+                      }),
+                {}, 1));
+    };
+    for (const double degrees : {-0.2, -0.1, 0.1, 0.2}) {
+        for (const double rim_bins : {0.0, 2.5}) {
+            const double turn_rad = degrees * 3.14159265 / 180;
+            const Inspection turned = found(turn_rad, rim_bins);
+            EXPECT_EQ(turned.reason, Reason::unexpected_geometry) << degrees << ": " << told(turned);
+            EXPECT_EQ(turned.frame.fault, FrameFault::turned);
+            EXPECT_NEAR(static_cast<double>(turned.frame.turned_rad), turn_rad, 0.1 * std::abs(turn_rad));
+        }
+    }
+    EXPECT_EQ(found(0, 2.5).verdict, Verdict::pass);
+    // A lens that fills the field, a cylinder lens that stands askew, a wedge: no turn.
+    const double middle = middle_m(kUsual);
+    for (const auto& slopes :
+         {std::array{0.04, 0.0, 0.0, 0.04}, std::array{0.02, 0.02, 0.02, 0.02}, std::array{0.0, 0.03, 0.03, 0.0}}) {
+        const Frame frame = exposed(spots(kUsual, 200, 0.6,
+                                          [&](int m, int n) {
+                                              return Spot{slopes[0] * (m - middle) + slopes[1] * (n - middle),
+                                                          slopes[2] * (m - middle) + slopes[3] * (n - middle), 1};
+                                          }),
+                                    {}, 1);
+        EXPECT_EQ(inspected(kUsual, frame).frame.fault, FrameFault::fills_field);
+    }
+}
+
+// Read noise up to 6 DN: a good part passes, or the frame is too noisy. It is never a defect.
+TEST(FrameChecks, take_read_noise_for_no_defect_beside_a_bevel) {
+    auto scene = sim::load_scene(std::filesystem::path(HORD_SOURCE_DIR) / "hal_sim/scenes/plate.toml");
+    ASSERT_TRUE(scene) << scene.error().message();
+    scene->noise.electrons_per_dn = 10;
+    const auto plate = sim::render(*scene);
+    ASSERT_TRUE(plate);
+    const LightImage round = spots(kUsual, 200, 0.6, lens(kUsual, 42, 3)),
+                     narrow = spots(kUsual, 200, 0.35, lens(kUsual, 42, 3));
+    int passed = 0;
+    for (const double noise_dn : {2.0, 3.0, 4.0, 5.0, 6.0}) {
+        scene->noise.read_e = 10 * noise_dn;
+        const auto check = [&](const Frame& frame, PartForm form) {
+            Recipe recipe;
+            recipe.form = form;
+            const Inspection found = inspected(kUsual, frame, recipe);
+            EXPECT_TRUE(found.verdict == Verdict::pass || found.frame.fault == FrameFault::noise)
+                << noise_dn << " DN: " << told(found);
+            passed += found.verdict == Verdict::pass ? 1 : 0;
+        };
+        check(sim::expose(*plate, *scene, 1), PartForm::plate);
+        check(sim::expose(*plate, *scene, 2), PartForm::plate);
+        check(exposed(round, {0, noise_dn}, 1), PartForm::round);
+        check(exposed(narrow, {0, noise_dn}, 1), PartForm::round);
+    }
+    EXPECT_GE(passed, 4 * 4);  // of 6 DN some are too noisy
+}
+
+// A warm pixel far from every spot has no neighbour; a second spot of light has.
+TEST(FrameChecks, tell_a_sample_that_stands_alone_in_a_defect) {
+    const LightImage part = spots(kUsual, 200, 0.6, lens(kUsual, 42, 3));
+    Frame frame = exposed(part, {}, 1);
+    auto pipeline = Pipeline::create(kUsual, 8, {});
+    ASSERT_TRUE(pipeline);
+    const auto lone = [&] {
+        const auto found = pipeline->inspect(frame.view());
+        EXPECT_TRUE(found);
+        EXPECT_EQ(found->verdict, Verdict::reject);
+        return std::tuple(found->lone_sample.x, found->lone_sample.y, found->lone_sample.dn);
+    };
+    const int x = 55 * 9 + 8, y = 50 * 9 + 1;
+    frame.set(x, y, 120);
+    EXPECT_EQ(lone(), std::tuple(x, y, 117U));
+    frame.set(x, y + 1, 20);  // light of a spot beside it
+    EXPECT_EQ(std::get<2>(lone()), 0U);
+    frame.set(x, y + 1, 0);
+    frame.set(x + 9, y + 9, 120);  // another one
+    EXPECT_EQ(std::get<2>(lone()), 0U);
 }
 
 // The middle of a cylinder lens shows free light that is open at its ends. It is judged, and so is what lies beside it.

@@ -91,24 +91,77 @@ TEST(VerdictText, of_a_rejected_part_says_what_was_found_how_large_and_where) {
                 ::testing::EndsWith("; 2 weaker ones. Some values are bounds: the limit of work was reached."));
 }
 
+TEST(VerdictText, of_a_lone_sample_says_that_the_pixel_may_be_warm) {
+    algo::Inspection found;
+    found.verdict = Verdict::reject;
+    found.score = 2.5F;
+    const std::vector<algo::Defect> defects{{.m = 25, .n = 5, .area = 4, .peak = 1}};
+    found.defects = defects;
+    found.lone_sample = {230, 47, 117};
+    EXPECT_THAT(
+        told(found),
+        ::testing::EndsWith(" 2.5 times its limit. Sample (230, 47) of the macro-pixels alone reads 117 DN more "
+                            "than all around it: if it does in every frame, a pixel of the sensor is warm "
+                            "there; have the camera correct it, or cool the sensor."));
+}
+
+TEST(VerdictText, of_two_lines_of_one_length_names_the_form_of_a_tube) {
+    algo::Inspection found;
+    found.verdict = Verdict::reject;
+    found.reason = Reason::absorption;
+    const auto tells_tube = [&](float first, float second, algo::DefectKind kind, algo::PartForm form) {
+        const std::vector<algo::Defect> defects{
+            {.area = 90, .kind = algo::DefectKind::scratch, .length = first, .width = 3},
+            {.area = 90, .kind = kind, .length = second, .width = 3}};
+        found.defects = defects;
+        algo::Recipe alone = recipe(false);
+        alone.form = form;
+        return explain(found, alone, kField).find("form = \"tube\"") != std::string::npos;
+    };
+    using algo::DefectKind;
+    EXPECT_TRUE(tells_tube(20, 19, DefectKind::scratch, algo::PartForm::round));
+    EXPECT_FALSE(tells_tube(20, 19, DefectKind::scratch, algo::PartForm::tube));
+    EXPECT_FALSE(tells_tube(20, 19, DefectKind::absorbing, algo::PartForm::round));
+    EXPECT_FALSE(tells_tube(20, 12, DefectKind::scratch, algo::PartForm::round));
+    EXPECT_FALSE(tells_tube(9, 9, DefectKind::scratch, algo::PartForm::round));
+}
+
 TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
     const auto light = [](FrameFault fault) {
         return unfit(Reason::unexpected_light,
                      {.fault = fault,
                       .pedestal_dn = 12.34F,
                       .dark_noise_dn = 5.6F,
+                      .wanted_dark_dn = 30,
+                      .dark_limit_dn = 11,
+                      .noise_limit_dn = 19,
                       .spot_x_bins = 1.5F,
                       .spot_y_bins = 1.25F,
-                      .second_share = 0.071F});
+                      .second_share = 0.071F,
+                      .free_beside = 0.25F});
     };
     const auto part = [](FrameFault fault) { return unfit(Reason::no_part, {.fault = fault, .parts = 2}); };
+    const auto lenslets = [](Reason reason) {
+        algo::Inspection found = unfit(reason);
+        found.lenslets = {.judged = 500, .lit = 12, .saturated = 34};
+        return found;
+    };
     const std::vector<std::pair<algo::Inspection, std::string>> all{
-        {unfit(Reason::too_dark), "there is too little light"},
-        {unfit(Reason::saturated), "too many lenslets are saturated"},
-        {unfit(Reason::nothing_to_see), "no lenslet is left to judge"},
+        {lenslets(Reason::too_dark),
+         "12 of 500 lenslets of the part have light enough (at least 5 %): check that the light flashes while the "
+         "sensor exposes, and raise its current, the exposure or the gain"},
+        {lenslets(Reason::saturated),
+         "34 of 500 lenslets of the part are saturated (at most 2 %): lower the exposure, the light's current or the "
+         "gain"},
+        {unfit(Reason::nothing_to_see),
+         "no lenslet is left to judge: the part is too small for its rim margin, or the zones leave nothing of it; "
+         "lower [part] rim_margin, or see to the zones"},
         {light(FrameFault::pedestal),
-         "the dark bins read 12.3 DN: keep stray light out, or lower the sensor's black level"},
-        {light(FrameFault::noise), "the dark bins vary by 5.6 DN about 12.3 DN: see to the sensor's gain and cooling"},
+         "the dark bins read 12.3 DN (at most 11): keep stray light out, lower the sensor's black level, or raise "
+         "[light] max_dark_rise_dn"},
+        {light(FrameFault::noise),
+         "the frame is too noisy: the dark bins vary by 5.6 DN about 12.3 DN, and 30 DN would have to be subtracted "
+         "(at most 19): lower the sensor's gain, cool it, or raise [light] max_dark_rise_dn"},
         {light(FrameFault::wide_spot),
          "spots are 1.5 x 1.2 bins wide (at most 1.0): focus the collimator and the lenslets, or raise [light] "
          "max_spot_bins for a wide source"},
@@ -128,9 +181,12 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
          "stray "
          "light"},
         {light(FrameFault::interrupted),
-         "a row or column of lenslets shows no free light: look for lost rows of the frame, something across the "
-         "field, "
-         "or a part that reaches from border to border"},
+         "a row or column of lenslets shows free light in 25 % of what lies beside the part (at least 50 %): look for "
+         "lost rows of the frame, something across the field, a part that reaches from border to border, or bins that "
+         "do not lie where the light does (calibrate again)"},
+        {unfit(Reason::unexpected_geometry, {.fault = FrameFault::turned, .turned_rad = 0.0349F}),
+         "the free light drifts as if the bins were turned against the frame by 2.00 degrees: calibrate again, or set "
+         "the camera straight"},
         {part(FrameFault::nothing),
          "nothing in the field is large enough to be a part (a sixteenth of it): check that the part was there, and "
          "the "
@@ -139,7 +195,8 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
          "90 % of what the outline encloses shows free light, as if nothing were in it: check the part, or set [part] "
          "form = \"plate\" if it is flat"},
         {part(FrameFault::fills_field),
-         "no free light surrounds the part: show the whole part, or set [part] form = \"web\" if it fills the field"},
+         "no free light surrounds the part: show the whole part, calibrate again if free light does surround it (the "
+         "bins then do not lie where the light does), or set [part] form = \"web\" if it fills the field"},
         {part(FrameFault::no_outline),
          "the light changes slowly everywhere, as no part's outline does: check the lamp and the optics"},
         {part(FrameFault::several),

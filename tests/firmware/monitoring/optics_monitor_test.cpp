@@ -125,7 +125,7 @@ TEST(OpticsMonitor, dust_is_told_with_lenslet_and_mm_and_again_when_it_lies_else
     EXPECT_THAT(told.what,
                 HasSubstr("in 100 % of the last 25 parts: lenslet (30, 10), at (2.10, -1.10) mm from the field's "
                           "middle, 1 lenslet;"));
-    EXPECT_THAT(told.what, HasSubstr("dust on the optics, or the same flaw in every part"));
+    EXPECT_THAT(told.what, HasSubstr("dust on the optics, or the same flaw in every part; a warm pixel of the sensor"));
     EXPECT_THAT(told.cure, HasSubstr("clean the lenslet array"));
     EXPECT_FALSE(line.windows(3)) << "told once";
     line.speck(30, 10, 1);
