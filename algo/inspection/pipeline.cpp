@@ -13,13 +13,18 @@
 namespace hord::algo {
 namespace {
 
-std::vector<std::string> problems_of(const LightLevels& levels, int bits) {
+std::vector<std::string> problems_of(const LightLevels& levels, const Extents& extents, int bits) {
     std::vector<std::string> messages;
     const std::uint32_t full_scale = (1U << bits) - 1U;
     const std::string of_bits = " of " + std::to_string(bits) + "-bit samples, " + std::to_string(full_scale);
     if (levels.saturated > full_scale) messages.push_back("saturated_dn must be at most the full scale" + of_bits);
     if (levels.dark >= levels.saturated)
         messages.push_back("dark_dn must be below saturated_dn, or the full scale" + of_bits);
+    const std::uint64_t most = std::uint64_t{full_scale} * static_cast<std::uint64_t>(extents.bins());
+    if (levels.min_sum > most) {
+        messages.push_back("min_sum_dn " + std::to_string(levels.min_sum) + " is more than a lenslet of " +
+                           std::to_string(extents.bins()) + " bins can hold, " + std::to_string(most));
+    }
     return messages;
 }
 
@@ -257,7 +262,8 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
     if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
     std::vector<std::string> messages = problems(recipe, extents);
-    for (std::string& message : problems_of(light_levels(recipe, bits), bits)) messages.push_back(std::move(message));
+    for (std::string& message : problems_of(light_levels(recipe, bits), extents, bits))
+        messages.push_back(std::move(message));
     for (std::string& message : problems_of_reference(recipe, extents, bits)) messages.push_back(std::move(message));
     if (!messages.empty()) return fail(ErrorCode::invalid_argument, "recipe \"" + recipe.name + "\"", joined(messages));
     auto pool = RowThreadPool::create(threads);

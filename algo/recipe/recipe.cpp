@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "algo/frame/decode.h"
 #include "algo/light/dark_bins.h"
@@ -9,6 +10,9 @@
 
 namespace hord::algo {
 namespace {
+
+// Lenslets: a defect of 4 x 4 is a whole bubble or speck, and no longer noise of single lenslets.
+constexpr std::uint32_t kLargeMinArea = 16;
 
 void check_zone(const Zone& zone, std::size_t number, float lenslet_mm, std::vector<std::string>& messages) {
     const std::string name = "zone " + std::to_string(number + 1) + ": ";
@@ -119,6 +123,17 @@ std::vector<std::string> notes(const Recipe& recipe) {
         messages.emplace_back(
             "a plate is found by its edges: one whose edges neither darken nor deflect light looks "
             "like an empty field; for such plates write [part] present = \"unchecked\"");
+    constexpr std::uint32_t kSumOf9x9 = 81 * 255;
+    if (recipe.min_sum_dn > kSumOf9x9)
+        messages.push_back("min_sum_dn " + std::to_string(recipe.min_sum_dn) +
+                           " is more than 9x9 bins of 8 bits can hold, " + std::to_string(kSumOf9x9) +
+                           ": such frames are refused");
+    if (recipe.min_area > kLargeMinArea)
+        messages.push_back("defects of fewer than " + std::to_string(recipe.min_area) +
+                           " lenslets pass (min_area), and all of them where the part has fewer: a dark spot " +
+                           std::to_string(static_cast<int>(
+                               std::lround(2 * std::sqrt(recipe.min_area * std::numbers::inv_pi_v<double>)))) +
+                           " lenslets across; choose a smaller min_area, or raise the limits instead");
     if (!recipe.part_required)
         messages.emplace_back("whether a part is there is not checked: a frame of the empty field can pass");
     return messages;

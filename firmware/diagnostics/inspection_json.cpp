@@ -12,7 +12,7 @@ namespace {
 using store::Json;
 
 struct Statistics {
-    float p50 = 0, p99 = 0, max = 0;
+    float min = 0, p50 = 0, p99 = 0, max = 0;
     std::size_t valid = 0;  // 0: the others are not known
 };
 
@@ -27,13 +27,13 @@ Statistics statistics_of(const FeatureView& view) {
     const auto at = [&](double share) {
         return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
     };
-    return {at(0.50), at(0.99), values.back(), values.size()};
+    return {values.front(), at(0.50), at(0.99), values.back(), values.size()};
 }
 
 Json to_json(const FeatureView& feature, double bin_rad) {
     const Statistics s = statistics_of(feature);
     const auto known = [&](auto value) { return s.valid > 0 ? Json(value) : Json(); };
-    Json json{{"name", feature.name}, {"unit", feature.unit}, {"p50", known(s.p50)},
+    Json json{{"name", feature.name}, {"unit", feature.unit}, {"min", known(s.min)}, {"p50", known(s.p50)},
               {"p99", known(s.p99)},  {"max", known(s.max)},  {"valid", s.valid}};
     if (bin_rad > 0 && (feature.unit == "bin pitches" || feature.unit == "bin pitches a lenslet")) {
         json["bin_rad"] = bin_rad;
@@ -72,6 +72,7 @@ store::Json inspection_json(const algo::Inspection& found, const FeatureView& fe
     for (std::size_t k = 0; k < found.defects.size(); ++k) {
         const algo::Defect& d = found.defects[k];
         Json& defect = defects[k];
+        defect["size"] = size_of(d);
         if (recipe.reference) {
             defect["score"] = d.score;
             defect["length"] = d.length;
@@ -82,6 +83,7 @@ store::Json inspection_json(const algo::Inspection& found, const FeatureView& fe
             const auto from_middle = [&](float at, int count) {
                 return (at - 0.5F * static_cast<float>(count - 1)) * recipe.lenslet_mm;
             };
+            defect["size_mm"] = size_of(d) * recipe.lenslet_mm;
             defect["x_mm"] = from_middle(d.m, extents.m);
             defect["y_mm"] = from_middle(d.n, extents.n);
             if (recipe.reference) defect["radius_mm"] = algo::radius_of(d) * recipe.lenslet_mm;

@@ -1,5 +1,7 @@
 #include "firmware/hordctl/frames/frame_reader.h"
 
+#include <algorithm>
+
 #include <fmt/format.h>
 
 #include "calib/files/grid_toml.h"
@@ -68,6 +70,23 @@ Result<FrameReader> FrameReader::create(const FrameOptions& options) {
     return reader;
 }
 
+namespace {
+
+int fewer_bits(const FrameView& frame) {
+    if (frame.bits != 16) return 0;
+    std::uint32_t largest = 0;
+    for (int y = 0; y < frame.height_px; ++y) {
+        for (int x = 0; x < frame.width_px; ++x) largest = std::max(largest, frame.sample(x, y));
+    }
+    if (largest < 256) return 0;  // no light at any depth
+    for (const int bits : {10, 12, 14}) {
+        if (largest < 1U << static_cast<unsigned>(bits)) return bits;
+    }
+    return 0;
+}
+
+}  // namespace
+
 // The note against the options that were given.
 Result<void> FrameReader::compare(const drivers::FrameGeometry& noted, const std::string& file) const {
     const auto refuse = [&](const std::string& given, const std::string& cure) {
@@ -98,6 +117,7 @@ Result<MacroPixelFrame> FrameReader::read(const std::string& file) const {
     }
     MacroPixelFrame out{std::move(read->frame), {}, GeometryFrom::program};
     if (!options_.macro.empty()) out.geometry_from = GeometryFrom::option;
+    if (!noted && options_.bits == 0) out.fewer_bits = fewer_bits(out.frame.view());
     if (noted && noted->kind == drivers::FrameKind::macro_pixels) {
         if (options_.macro.empty()) out.geometry_from = GeometryFrom::frame;
         out.extents = noted->grid;

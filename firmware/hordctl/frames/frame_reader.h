@@ -40,6 +40,8 @@ struct MacroPixelFrame {
     Frame frame;
     algo::Extents extents;
     GeometryFrom geometry_from = GeometryFrom::program;
+    // Of a frame of 16 bits whose depth nobody told: 10, 12 or 14 bits that hold all its samples; 0: none do.
+    int fewer_bits = 0;
 };
 
 // The calibration of --grid.

@@ -73,16 +73,23 @@ Json to_json(const std::string& frame, const MacroPixelFrame& read, const Json& 
     return json;
 }
 
+// " No sample exceeds 4095: ...", of a frame that cannot be judged; "" else.
+std::string bits_hint(const MacroPixelFrame& read, const algo::Inspection& found) {
+    if (found.verdict != algo::Verdict::unfit || read.fewer_bits == 0) return "";
+    return fmt::format(" No sample exceeds {}: if the sensor records {} bits, give --bits {}.",
+                       (1 << read.fewer_bits) - 1, read.fewer_bits, read.fewer_bits);
+}
+
 void print_for_people(const std::string& file, const MacroPixelFrame& read, const algo::Inspection& found,
                       const algo::Recipe& recipe) {
     std::string where;
     for (std::size_t k = 0; k < std::min<std::size_t>(found.defects.size(), 3); ++k) {
         const algo::Defect& d = found.defects[k];
-        where += fmt::format("{}({:.1f}, {:.1f}) {} lenslets", where.empty() ? " at " : ", ", d.m, d.n, d.area);
+        where += fmt::format("{}({:.1f}, {:.1f}) of {}", where.empty() ? " at " : ", ", d.m, d.n, size_text(d, recipe));
     }
     fmt::print("{:<32} {:<7} {:<14} score {:.2f}, {} defect{}{}\n", file, name_of(found.verdict), name_of(found.reason),
                found.score, found.defects.size(), found.defects.size() == 1 ? "" : "s", where);
-    fmt::print("    {}\n", explain(found, recipe, read.extents));
+    fmt::print("    {}{}\n", explain(found, recipe, read.extents), bits_hint(read, found));
     if (read.geometry_from == GeometryFrom::frame)
         fmt::print("    {}x{} bins a lenslet, as the frame says\n", read.extents.i, read.extents.j);
 }
@@ -168,6 +175,7 @@ class Inspector {
         auto feature = view(frame.view(), *found, views);
         if (!feature) return tl::unexpected(about(file, feature.error()));
         Json json = to_json(file, *read, inspection_json(*found, *feature, reader_.bin_rad(), recipe_, read->extents));
+        json["explain"] = json["explain"].get<std::string>() + bits_hint(*read, *found);
         json["recipe"] = recipe_json_;
         json["calibration"] = calibration_json(reader_.calibration());
         if (options_.json) fmt::print("{}\n", store::to_text(json));

@@ -412,6 +412,28 @@ TEST(Notes, of_plates_and_webs_are_true) {
     EXPECT_TRUE(notes(Recipe{}).empty());
 }
 
+TEST(Notes, say_that_a_large_least_area_passes_defects_and_which_sum_no_lenslet_holds) {
+    Recipe recipe;
+    recipe.min_area = 16;
+    EXPECT_TRUE(notes(recipe).empty());
+    recipe.min_area = 12321;
+    ASSERT_EQ(notes(recipe).size(), 1U);
+    EXPECT_NE(notes(recipe)[0].find("fewer than 12321 lenslets pass"), std::string::npos);
+    EXPECT_NE(notes(recipe)[0].find("125 lenslets across"), std::string::npos);
+    recipe = {};
+    recipe.min_sum_dn = 81 * 255;
+    EXPECT_TRUE(notes(recipe).empty());
+    const Extents e{20, 20, 9, 9};
+    EXPECT_TRUE(Pipeline::create(e, 8, recipe));
+    ++recipe.min_sum_dn;
+    EXPECT_EQ(notes(recipe).size(), 1U);
+    const auto refused = Pipeline::create(e, 8, recipe);
+    ASSERT_FALSE(refused);
+    EXPECT_NE(refused.error().message().find("min_sum_dn 20656 is more than a lenslet of 81 bins can hold, 20655"),
+              std::string::npos);
+    EXPECT_TRUE(Pipeline::create(e, 10, recipe));
+}
+
 // A small speck anywhere on a web is found, at the field's border, too.
 TEST(Web, with_a_dark_lenslet_anywhere_is_rejected) {
     const Extents e{30, 30, 9, 9};

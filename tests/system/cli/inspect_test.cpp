@@ -7,6 +7,7 @@
 #include <sstream>
 #include <tuple>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
@@ -72,7 +73,7 @@ TEST(Inspect, json_is_one_object_a_line_with_every_promised_key) {
     EXPECT_THAT(json["explain"].get<std::string>(), HasSubstr("Passed"));
     for (const char* key : {"frame", "reason", "score", "defects", "light", "feature", "ms"})
         EXPECT_TRUE(json.contains(key)) << key;
-    for (const char* key : {"unit", "p50", "p99", "max"}) EXPECT_TRUE(json["feature"].contains(key)) << key;
+    for (const char* key : {"unit", "min", "p50", "p99", "max"}) EXPECT_TRUE(json["feature"].contains(key)) << key;
     for (const char* key : {"decode", "hord", "feature", "decide", "total"})
         EXPECT_TRUE(json["ms"].contains(key)) << key;
     EXPECT_EQ(json["schema"], 1);
@@ -265,6 +266,39 @@ void expect_refusal(const std::vector<std::string>& arguments, const std::string
     EXPECT_EQ(lines(said.err), 1U) << said.err;
     EXPECT_THAT(said.err, HasSubstr(thing));
     EXPECT_THAT(said.err, HasSubstr(cure));
+}
+
+TEST(Inspect, a_defect_has_one_size_in_the_text_and_in_json) {
+    const TemporaryFolder folder;
+    Frame frame = plain_frame();
+    for (int y = 6 * 9; y < 9 * 9; ++y) {
+        for (int x = 8 * 9; x < 11 * 9; ++x) frame.set(x, y, 0);
+    }
+    const std::string file = write(folder, "a.png", frame);
+    const Json json = Json::parse(run("hordctl", {"inspect", file, "--json"}).out);
+    ASSERT_EQ(json["verdict"], "reject");
+    const std::string size = fmt::format(" of {:.1f} lenslets", json["defects"][0]["size"].get<float>());
+    EXPECT_THAT(json["explain"].get<std::string>(), HasSubstr(size));
+    const std::string text = run("hordctl", {"inspect", file}).out;
+    EXPECT_THAT(text.substr(0, text.find('\n')), HasSubstr(size));
+    EXPECT_THAT(text.substr(text.find('\n')), HasSubstr(size));
+}
+
+// 12-bit samples as they are in 16-bit files.
+TEST(Inspect, names_the_bits_of_a_frame_that_is_dark_for_its_depth) {
+    const TemporaryFolder folder;
+    const Frame deep = plain_frame();
+    Frame frame(deep.width_px(), deep.height_px(), 16);
+    for (int y = 0; y < frame.height_px(); ++y) {
+        for (int x = 0; x < frame.width_px(); ++x) frame.set(x, y, 16 * deep.view().sample(x, y));
+    }
+    const std::string file = write(folder, "a.png", frame);
+    const Said said = run("hordctl", {"inspect", file});
+    EXPECT_EQ(said.status, 3);
+    EXPECT_THAT(said.out, HasSubstr("lenslets of the part have light enough (at least 5 %)"));
+    EXPECT_THAT(said.out, HasSubstr("No sample exceeds 4095: if the sensor records 12 bits, give --bits 12."));
+    EXPECT_THAT(run("hordctl", {"inspect", file, "--json"}).out, HasSubstr("give --bits 12"));
+    EXPECT_EQ(run("hordctl", {"inspect", file, "--bits", "12"}).status, 0);
 }
 
 TEST(Inspect, refuses_a_missing_file) { expect_refusal({"/nonexistent/a.png"}, "/nonexistent/a.png", ""); }

@@ -69,6 +69,8 @@ TEST(Recipes, that_single_frames_cannot_judge_in_full_are_noted_and_can_be_used)
             "learn`\n"));
     EXPECT_THAT(checked("[part]\nform = \"web\"\n"), HasSubstr("note: whether a part is there is not checked"));
     EXPECT_THAT(checked("[part]\nform = \"plate\"\n"), HasSubstr("note: a plate is found by its edges"));
+    EXPECT_THAT(checked("[limits]\nmin_area = 12321\n"), HasSubstr("note: defects of fewer than 12321 lenslets pass"));
+    EXPECT_THAT(checked("[light]\nmin_sum_dn = 100000\n"), HasSubstr("such frames are refused"));
     EXPECT_EQ(checked("name = \"bottle\"\n").find("note"), std::string::npos);
 }
 
