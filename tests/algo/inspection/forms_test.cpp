@@ -395,6 +395,17 @@ TEST(Parts, that_are_smaller_count_and_dust_does_not) {
     }
 }
 
+// A corner is missing: the hull encloses half of it, and dust that lies there is outside as the free light around it
+// is.
+TEST(Parts, that_lack_a_corner_do_not_enclose_dust_that_lies_there) {
+    Rows rows = repeated("..............................", 30);
+    for (std::size_t n = 3; n < 27; ++n) rows[n].replace(3, n < 17 ? 10 : 24, n < 17 ? 10 : 24, 'p');
+    for (std::size_t n = 10; n < 14; ++n) rows[n].replace(16, 4, 4, 'd');
+    const Marked part = marked(rows, PartForm::round);
+    EXPECT_EQ(part.rows[11], "ooorjjjjjjjjr" + std::string(17, 'o'));
+    EXPECT_EQ(part.rows[20], "ooor" + std::string(22, 'j') + "rooo");
+}
+
 // The statements of the notes.
 TEST(Notes, of_plates_and_webs_are_true) {
     const Extents e{40, 40, 9, 9};
