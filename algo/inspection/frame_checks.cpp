@@ -14,6 +14,7 @@ namespace {
 
 constexpr std::size_t kMaxChosen = 256, kMaxInside = 1024;  // lenslets whose light is measured
 constexpr std::size_t kMinChosen = 8;
+constexpr std::uint32_t kMaxKnownRise8Bit = 2;  // DN at 8 bits; a sensor of which most dark bins read 0 needs no more
 constexpr double kPi = 3.141592653589793;
 
 bool is_light(FrameFault fault) { return fault >= FrameFault::pedestal && fault <= FrameFault::interrupted; }
@@ -69,7 +70,9 @@ FrameChecks::FrameChecks(const Extents& extents, int bits, const Recipe& recipe)
       has_reference_(recipe.reference != nullptr), dark_bins_(extents, bits), period_(extents) {
     chosen_.reserve(kMaxInside);
     scratch_.resize(kMaxChosen);
-    if (recipe.reference) expect_light_of_reference(*recipe.reference);
+    if (!recipe.reference) return;
+    expect_light_of_reference(*recipe.reference);
+    if (recipe.dark_dn == 0 && recipe.reference->extents == extents) known_dark_ = {*recipe.reference, dark_bins_};
 }
 
 // Free light is expected where the outermost lenslets that the reference knows show it: parts that lie elsewhere leave
@@ -106,7 +109,11 @@ void FrameChecks::expect_light_of_reference(const Reference& reference) {
 
 LightLevels FrameChecks::levels_of(const FrameView& frame) {
     const DarkBins dark = dark_bins_.measure(frame);
-    const FrameLevels found = levels_above_dark_bins(levels_, dark, max_dark_rise_dn_, dark_level_);
+    FrameLevels found = levels_above_dark_bins(levels_, dark, max_dark_rise_dn_, dark_level_);
+    if (known_dark_.any()) {
+        const std::uint32_t by_fractions = levels_.dark + (kMaxKnownRise8Bit << static_cast<unsigned>(frame.bits - 8));
+        found.levels.dark = known_dark_.level_of(frame, levels_.dark, std::max(found.levels.dark, by_fractions));
+    }
     findings_ = {.dark_measured = dark.measured,
                  .pedestal_dn = static_cast<float>(dark.pedestal_dn),
                  .dark_noise_dn = static_cast<float>(dark.noise_dn),

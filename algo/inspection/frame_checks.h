@@ -13,6 +13,7 @@
 #include "algo/features/deflection.h"
 #include "algo/frame/decode.h"
 #include "algo/inspection/frame_findings.h"
+#include "algo/inspection/known_dark_bins.h"
 #include "algo/inspection/rim.h"
 #include "algo/light/dark_bins.h"
 #include "algo/light/exposures.h"
@@ -51,8 +52,9 @@ class FrameChecks {
     // Keeps what it needs of the recipe, and of its reference where the free light lies.
     FrameChecks(const Extents& extents, int bits, const Recipe& recipe);
 
-    // The light levels for this frame: the recipe's, with the dark level raised to the frame's own dark bins. Reads the
-    // lenslets that for_each_sampled() visits.
+    // The light levels for this frame: the recipe's, with the dark level raised to the frame's own dark bins, and where
+    // it is the reference's, to the bins that the reference knows to be dark. Reads the lenslets that
+    // for_each_sampled() visits.
     LightLevels levels_of(const FrameView& frame);
     template <class Visit>
     void for_each_sampled(Visit&& visit) const {
@@ -92,6 +94,7 @@ class FrameChecks {
     double expected_x_ = 0, expected_y_ = 0;  // of the free light, bin pitches
     FrameFault fault_of_dark_ = FrameFault::none;
     DarkBinMeter dark_bins_;
+    KnownDarkBins known_dark_;  // where the dark level is the reference's
     MacroPeriodFinder period_;
     MacroPeriod period_of_reference_;
     std::vector<std::uint32_t> chosen_;  // lenslets whose light is measured
