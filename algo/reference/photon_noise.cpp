@@ -14,7 +14,9 @@ namespace {
 
 constexpr std::size_t kMinChosen = 60, kMaxChosen = 600;  // lenslets
 constexpr std::size_t kShareChosen = 20;                  // one of so many
-constexpr double kLitNoises = 20;                  // a sample counts from so many standard deviations of reading on
+// A sample counts from so many standard deviations of reading on; where too few lenslets have two of them, from half
+// as many on.
+constexpr double kLitNoises = 20, kLitNoisesAtLeast = 10;
 constexpr double kMaxNoises = 6;                   // of the reference's own noise: the flattest places change less
 constexpr double kMaxRatio = 3;                    // of the median place's variance
 constexpr double kMinGain = 1e-3, kMaxGain = 1e5;  // electrons a DN
@@ -53,49 +55,74 @@ std::vector<FlatPlace> flattest(const Reference& r) {
     return places;
 }
 
+// The noise of the reference's mean deflections at these places, bins: from second differences, to which a slope adds
+// nothing. Photons, and readings above the dark level.
+double deflection_noise_at(const Reference& r, const std::vector<FlatPlace>& places) {
+    std::vector<double> second;
+    for (const FlatPlace& place : places) {
+        for (const std::vector<float>* map : {&r.x, &r.y}) {
+            for (const std::size_t step : {std::size_t{1}, static_cast<std::size_t>(r.extents.m)})
+                second.push_back(std::abs(
+                    static_cast<double>((*map)[place.k - step] - 2 * (*map)[place.k] + (*map)[place.k + step])));
+        }
+    }
+    return 1.4826 * common::upper_median(std::span(second)) / std::sqrt(6.0);
+}
+
+struct LitBin {
+    int x, y;  // of its sample
+    double sample = 0, sum = 0, squares = 0;
+};
+struct LitPlace {
+    std::size_t first = 0, end = 0;   // of its bins
+    double expected = 0, scales = 0;  // DN; sum over the frames
+};
+struct LitBins {
+    std::vector<LitBin> bins;
+    std::vector<LitPlace> places;  // with two bins and more
+};
+
+// The bins of these places with at least `lit` DN above the pedestal.
+LitBins lit_bins(const Reference& r, const std::vector<FlatPlace>& places, double lit) {
+    const Extents& e = r.extents;
+    LitBins found;
+    for (const FlatPlace& flat : places) {
+        LitPlace place{.first = found.bins.size()};
+        const int left = static_cast<int>(flat.k) % e.m * e.i, top = static_cast<int>(flat.k) / e.m * e.j;
+        for (int b = 0; b < e.bins(); ++b) {
+            const int i = b % e.i, j = b / e.i;
+            const double light =
+                static_cast<double>(r.light[flat.k]) * 0x1p-15 * r.shares[flat.k * r.stride() + r.place(i, j)] +
+                static_cast<double>(r.sensor.clip_dn);
+            if (light < lit) continue;
+            found.bins.push_back({left + i, top + j});
+            place.expected += light;
+        }
+        place.end = found.bins.size();
+        if (place.end - place.first > 1) found.places.push_back(place);
+    }
+    return found;
+}
+
 }  // namespace
 
 Result<std::optional<float>> electrons_per_dn_of(
     const Reference& reference, double pedestal_dn, std::size_t count,
     const std::function<Result<std::optional<Frame>>(std::size_t part)>& frame_of) {
-    const Extents& e = reference.extents;
     const std::vector<FlatPlace> places = flattest(reference);
     if (places.size() < kMinChosen) return std::nullopt;
-    const double read = static_cast<double>(reference.sensor.read_dn), reading = read * read + 1.0 / 12,
-                 lit = kLitNoises * std::sqrt(reading);
-    // The lit bins of the places, place by place.
-    struct LitBin {
-        int x, y;  // of its sample
-        double sample = 0, sum = 0, squares = 0;
-    };
-    struct Place {
-        std::size_t first = 0, end = 0;   // of its bins
-        double expected = 0, scales = 0;  // DN; sum over the frames
-    };
-    std::vector<LitBin> bins;
-    std::vector<Place> chosen;
-    for (const FlatPlace& flat : places) {
-        Place place{.first = bins.size()};
-        const int left = static_cast<int>(flat.k) % e.m * e.i, top = static_cast<int>(flat.k) / e.m * e.j;
-        for (int b = 0; b < e.bins(); ++b) {
-            const int i = b % e.i, j = b / e.i;
-            const double light = static_cast<double>(reference.light[flat.k]) * 0x1p-15 *
-                reference.shares[flat.k * reference.stride() + reference.place(i, j)];
-            if (light < lit) continue;
-            bins.push_back({left + i, top + j});
-            place.expected += light;
-        }
-        place.end = bins.size();
-        if (place.end - place.first > 1) chosen.push_back(place);
-    }
-    if (chosen.size() < kMinChosen) return std::nullopt;
+    const double read = static_cast<double>(reference.sensor.read_dn), reading = read * read + 1.0 / 12;
+    LitBins lit = lit_bins(reference, places, kLitNoises * std::sqrt(reading));
+    if (lit.places.size() < kMinChosen) lit = lit_bins(reference, places, kLitNoisesAtLeast * std::sqrt(reading));
+    if (lit.places.size() < kMinChosen) return std::nullopt;
+    std::vector<LitBin>& bins = lit.bins;
     double frames = 0;
     for (std::size_t part = 0; part < count; ++part) {
         const auto frame = frame_of(part);
         if (!frame) return tl::unexpected(frame.error());
         if (!*frame) continue;
         const FrameView view = (*frame)->view();
-        for (Place& place : chosen) {
+        for (LitPlace& place : lit.places) {
             const auto of_place = std::span(bins).subspan(place.first, place.end - place.first);
             double light = 0;
             for (LitBin& bin : of_place) light += bin.sample = view.sample(bin.x, bin.y) - pedestal_dn;
@@ -115,13 +142,13 @@ Result<std::optional<float>> electrons_per_dn_of(
     };
     std::vector<Noise> noises;
     std::vector<double> ratios;
-    for (const Place& place : chosen) {
-        const double scale = place.scales / frames, lit_bins = static_cast<double>(place.end - place.first);
+    for (const LitPlace& place : lit.places) {
+        const double scale = place.scales / frames, of_place = static_cast<double>(place.end - place.first);
         double variance = 0, light = 0;
         for (const LitBin& bin : std::span(bins).subspan(place.first, place.end - place.first)) {
             const double mean = bin.sum / frames, share = mean / place.expected;
             variance += (bin.squares - frames * mean * mean) / (frames - 1) -
-                scale * scale * reading * (1 - 2 * share + lit_bins * share * share);
+                scale * scale * reading * (1 - 2 * share + of_place * share * share);
             light += scale * mean * (1 - share);
         }
         noises.push_back({variance, light});
@@ -135,10 +162,11 @@ Result<std::optional<float>> electrons_per_dn_of(
     }
     const double gain =
         all.light > 0 ? std::clamp(all.light / std::max(all.variance, 1e-12), kMinGain, kMaxGain) : kMaxGain;
-    // Differences of the reference's own mean deflections, by noise alone: about 0.6 bin over the root of its
-    // electrons.
-    const double electrons = gain * static_cast<double>(reference.light[places.back().k]) * frames;
-    if (places.back().change > kMaxNoises * (0.6 / std::sqrt(electrons) + 1.0 / (1 << 12))) return std::nullopt;
+    // The reference's own mean deflections change by noise, too: photons alone give about 0.6 bin over the root of
+    // their number.
+    const double electrons = gain * static_cast<double>(reference.light[places.back().k]) * frames,
+                 noise = std::max(0.6 / std::sqrt(electrons), deflection_noise_at(reference, places));
+    if (places.back().change > kMaxNoises * (noise + 1.0 / (1 << 12))) return std::nullopt;
     return static_cast<float>(gain);
 }
 

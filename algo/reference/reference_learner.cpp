@@ -80,6 +80,7 @@ class Learner {
     std::vector<LeftOut> left_out_list_;
     std::size_t ticks_ = 0;
     bool calibrated_ = false;  // the sensor's electrons a DN are known
+    bool gain_unsure_ = false;
 
     ReferenceMean mean_;
     double typical_light_ = 1;  // of the parts of the mean
@@ -389,14 +390,14 @@ Result<Learned> Learner::run() {
                     std::clamp(static_cast<double>(reference_.sensor.electrons_per_dn) / ratio, 1e-3, 1e5));
                 if (auto done = learn_spread(); !done) return tl::unexpected(done.error());
             }
-            calibrated_ = true;
+            calibrated_ = gain_unsure_ = true;
         }
         if (!name_outliers()) break;
         if (auto fine = enough(); !fine) return tl::unexpected(fine.error());
     }
     options_.progress(1);
     reference_.parts = static_cast<std::uint32_t>(left());
-    return Learned{std::move(reference_), std::move(left_out_list_), std::move(poses_)};
+    return Learned{std::move(reference_), std::move(left_out_list_), std::move(poses_), gain_unsure_};
 }
 
 }  // namespace

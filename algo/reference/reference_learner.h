@@ -44,6 +44,8 @@ struct Learned {
     Reference reference;
     std::vector<LeftOut> left_out;
     std::vector<std::optional<Pose>> poses;  // of the parts, relative to the reference; none if left out
+    // No place of the field shows photon noise alone: form and ripple are counted as noise in the electrons a DN.
+    bool gain_unsure = false;
 };
 
 // The frame of part 0..count-1, macro-pixels. Any error ends the learning.

@@ -136,6 +136,12 @@ Exit run_learn(const LearnArguments& arguments) {
         .distinct = distinct,
         .check = {},
         .variation = {}};
+    if (learned->gain_unsure) {
+        report.summary +=
+            ". No place of the field shows photon noise alone, so the electrons a DN count form and ripple as noise "
+            "and "
+            "may be several times too low: give the sensor's with --electrons-per-dn";
+    }
     std::vector<std::filesystem::path> written;
     if (arguments.check) {
         algo::CheckOptions checking;

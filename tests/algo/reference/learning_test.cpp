@@ -68,6 +68,60 @@ TEST(Learning, estimates_the_sensors_gain_whatever_else_varies) {
     EXPECT_NEAR(static_cast<double>(all->reference.sensor.electrons_per_dn), kGain, 0.2 * kGain);
 }
 
+// 8 bits, 20 electrons a DN, 10 electrons of read noise: readings in dark bins move the reference's mean deflections
+// more than photons do, and beside the middle bin of a spot there is little light. The part deflects no light.
+TEST(Learning, estimates_the_sensors_gain_where_reading_is_much_of_the_noise) {
+    constexpr double kGain = 20, kReadDn8 = 0.5;
+    const auto narrow = [](int x, int y) {
+        const int i = std::abs(x % 9 - 4), j = std::abs(y % 9 - 4), m = x / 9, n = y / 9;
+        const double light = m > 10 && m < 30 && n > 10 && n < 28 ? 0.9 : 1;
+        return light * (i + j == 0 ? 230.0 : i + j == 1 ? 12.5 : 0.0);
+    };
+    for (const double pedestal : {0.0, 3.0}) {
+        std::vector<Frame> frames;
+        for (std::uint64_t k = 0; k < 12; ++k) {
+            std::mt19937_64 random(k + 1);
+            std::normal_distribution<double> normal;
+            Frame frame(kField.width_px(), kField.height_px(), 8);
+            for (int y = 0; y < frame.height_px(); ++y) {
+                for (int x = 0; x < frame.width_px(); ++x) {
+                    const double light = narrow(x, y),
+                                 v = light + std::hypot(std::sqrt(light / kGain), kReadDn8) * normal(random) + pedestal;
+                    frame.set(x, y, static_cast<std::uint32_t>(std::clamp(std::lround(v), 0L, 255L)));
+                }
+            }
+            frames.push_back(std::move(frame));
+        }
+        LearnOptions options;
+        options.levels = light_levels({}, 8);
+        options.dark_from_noise = true;
+        options.read_dn = kReadDn8;
+        options.pedestal_dn = static_cast<float>(pedestal);
+        const auto all = learn_reference(
+            kField, 8, frames.size(), [&](std::size_t k) -> Result<Frame> { return frames[k]; }, options);
+        ASSERT_TRUE(all) << all.error().message();
+        EXPECT_FALSE(all->gain_unsure) << pedestal;
+        EXPECT_NEAR(static_cast<double>(all->reference.sensor.electrons_per_dn), kGain, 0.2 * kGain) << pedestal;
+    }
+}
+
+TEST(Learning, says_where_form_counts_as_noise) {
+    std::vector<Frame> frames;  // deflections change everywhere, and no two parts have the same power
+    const auto strip = [&](std::size_t k) {
+        return drawn(kField, kBits, 1300, [&](int m, int n) {
+            return Spot{(0.12 + 0.0005 * static_cast<double>(k)) * (m - 20), 0.08 * (n - 18), 1};
+        });
+    };
+    for (std::size_t k = 0; k < 12; ++k) frames.push_back(seen(strip(k), k));
+    const auto estimated = learn(
+        frames.size(), [&](std::size_t k) { return frames[k]; }, std::nullopt);
+    ASSERT_TRUE(estimated) << estimated.error().message();
+    EXPECT_TRUE(estimated->gain_unsure);
+    const auto given = learn(frames.size(), [&](std::size_t k) { return frames[k]; });
+    ASSERT_TRUE(given) << given.error().message();
+    EXPECT_FALSE(given->gain_unsure);
+}
+
 // The default dark level, 48 DN at 12 bits, removes another share of every bin at another light. Counts the defects
 // that are told inside good parts, two lenslets and more from the rim.
 TEST(Learning, a_dark_level_by_the_noise_lets_the_light_change) {
