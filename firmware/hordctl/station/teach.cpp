@@ -45,6 +45,9 @@ Exit run_teach(const TeachOptions& options) {
     const bool now = in_use && (std::uint32_t{(*in_use)[0]} << 16U | (*in_use)[1]) == reply->result;
     fmt::print("taught: the recipe with its reference, CRC-32 {:08X}, is {}\n", reply->result,
                now ? "in use" : "in use as soon as the line is stopped and empty");
+    fmt::print(
+        "The station's journal names the parts that were left out, that repeat others, or that the recipe would reject "
+        "(journalctl -u hordd).\n");
     return Exit::good;
 }
 

@@ -57,6 +57,33 @@ TEST(VerdictText, of_a_part_that_passed_says_how_near_to_its_limit_it_came) {
               "Passed: the worst place reaches 42 % of its limit. Some values are bounds: the time ran out.");
 }
 
+// A shift of all light against the reference, as moved optics make, looks like a surface all over the part.
+TEST(VerdictText, of_a_surface_says_where_the_light_beside_the_part_moved_too) {
+    algo::Inspection found;
+    found.verdict = Verdict::reject;
+    const std::vector<algo::Defect> surface{{.kind = algo::DefectKind::surface}},
+        absorbing{{.kind = algo::DefectKind::absorbing}};
+    found.defects = surface;
+    found.frame.in_free_light = true;
+    found.frame.x_bins = 0.03F, found.frame.y_bins = -0.04F;
+    found.registered.outcome = algo::Registered::Outcome::found;
+    EXPECT_THAT(told(found),
+                ::testing::HasSubstr("The free light beside the part moved by 0.05 bins, too: see whether the "
+                                     "optics moved"));
+    const auto silent = [](const algo::Inspection& i) {
+        EXPECT_THAT(told(i), ::testing::Not(::testing::HasSubstr("moved")));
+    };
+    algo::Inspection other = found;
+    other.defects = absorbing;
+    silent(other);
+    other = found, other.frame.x_bins = 0.014F, other.frame.y_bins = 0;
+    silent(other);
+    other = found, other.frame.in_free_light = false;
+    silent(other);
+    other = found, other.registered = {};
+    silent(other);
+}
+
 TEST(VerdictText, of_a_rejected_part_says_what_was_found_how_large_and_where) {
     algo::Inspection found;
     found.verdict = Verdict::reject;
