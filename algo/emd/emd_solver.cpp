@@ -53,6 +53,28 @@ void put(const ResidualSide<Mass>& side, Mass* to_mass, std::uint8_t* to_bin) {
 
 }  // namespace
 
+// A problem for the simplex: a copy, so that it can wait for another one.
+struct WaitingProblem {
+    int rows = 0, cols = 0;
+    std::array<double, kMaxBinCount> supply, demand;
+    std::array<std::uint8_t, kMaxBinCount> row_bin, col_bin;
+    double mass = 0;  // S_a * S_b
+    double* out = nullptr;
+
+    template <class Mass>
+    void copy(const ResidualSide<Mass>& row_side, const ResidualSide<Mass>& col_side) {
+        rows = row_side.count;
+        cols = col_side.count;
+        std::copy_n(row_side.mass.begin(), rows, supply.begin());
+        std::copy_n(col_side.mass.begin(), cols, demand.begin());
+        std::copy_n(row_side.bin.begin(), rows, row_bin.begin());
+        std::copy_n(col_side.bin.begin(), cols, col_bin.begin());
+    }
+    [[nodiscard]] Transport transport() const {
+        return {rows, cols, supply.data(), demand.data(), row_bin.data(), col_bin.data()};
+    }
+};
+
 struct EmdSolver::State {
     State(const GroundDistance& g, Isa isa)
         : ground(g),
@@ -79,9 +101,8 @@ struct EmdSolver::State {
     void solve_batch(MassSolver<Mass>& masses, std::size_t shape);
     template <class Mass>
     double improve(const TransportBatch<Mass>& batch, const TransportAnswer<Mass>& answer, int lane);
-    template <class Mass>
-    double by_simplex(const ResidualSide<Mass>& rows, const ResidualSide<Mass>& cols);
-    double by_simplex(const Transport& problem, const TransportStep* start);
+    void solve_waiting();
+    double cost_of(const TransportSimplex::Outcome& outcome);
 
     GroundDistance ground;
     TransportSimplex simplex;
@@ -91,6 +112,8 @@ struct EmdSolver::State {
     DoubleMasses double_masses;
     SolveKnapsackBatch solve_knapsack;
     KnapsackBatch knapsacks;
+    std::array<WaitingProblem, 2> waiting;  // for the simplex, which solves two together
+    std::size_t waiting_count = 0;
     Counters counters;
 };
 
@@ -124,7 +147,11 @@ void EmdSolver::State::submit_as(MassSolver<Mass>& masses, const Hord& a, const 
     if (rows.count == 1) {
         *out = from_one(rows, cols) / mass;
     } else if (cols.count > kMaxBatchSide) {
-        *out = by_simplex(rows, cols) / mass;
+        WaitingProblem& problem = waiting[waiting_count++];
+        problem.copy(rows, cols);
+        problem.mass = mass;
+        problem.out = out;
+        if (at_once || waiting_count == waiting.size()) solve_waiting();
     } else {
         const std::size_t shape = masses.batches.shape(rows.count, cols.count);
         BatchedProblem<Mass>& problem = masses.batches.add(shape);
@@ -198,20 +225,21 @@ double EmdSolver::State::improve(const TransportBatch<Mass>& batch, const Transp
                               static_cast<std::int16_t>(std::max(child, parent) - kFirstColumnNode), child < parent};
     }
     const auto& [row_bin, col_bin] = batch.problem[lane].bin;
-    return by_simplex({batch.rows, batch.cols, nullptr, nullptr, row_bin, col_bin}, steps.data());
+    return cost_of(simplex.solve({batch.rows, batch.cols, nullptr, nullptr, row_bin, col_bin}, steps.data()));
 }
 
-template <class Mass>
-double EmdSolver::State::by_simplex(const ResidualSide<Mass>& rows, const ResidualSide<Mass>& cols) {
-    std::array<double, kMaxBinCount> supply, demand;
-    std::copy_n(rows.mass.begin(), rows.count, supply.begin());
-    std::copy_n(cols.mass.begin(), cols.count, demand.begin());
-    return by_simplex({rows.count, cols.count, supply.data(), demand.data(), rows.bin.data(), cols.bin.data()},
-                      nullptr);
+// One or two problems.
+void EmdSolver::State::solve_waiting() {
+    if (waiting_count == 2) {
+        const auto outcomes = simplex.solve_two({waiting[0].transport(), waiting[1].transport()});
+        for (std::size_t k = 0; k < 2; ++k) *waiting[k].out = cost_of(outcomes[k]) / waiting[k].mass;
+    } else {
+        *waiting[0].out = cost_of(simplex.solve(waiting[0].transport())) / waiting[0].mass;
+    }
+    waiting_count = 0;
 }
 
-double EmdSolver::State::by_simplex(const Transport& problem, const TransportStep* start) {
-    const auto outcome = simplex.solve(problem, start);
+double EmdSolver::State::cost_of(const TransportSimplex::Outcome& outcome) {
     ++counters.simplex;
     counters.pivots += static_cast<std::uint64_t>(outcome.pivots);
     counters.unproven += outcome.proven ? 0U : 1U;
@@ -225,6 +253,7 @@ void EmdSolver::State::finish() {
         }
     };
     if (knapsacks.filled > 0) solve_knapsack_batch();
+    if (waiting_count > 0) solve_waiting();
     solve_rest(int32_masses);
     solve_rest(double_masses);
 }

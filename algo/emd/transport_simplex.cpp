@@ -1,6 +1,7 @@
 #include "algo/emd/transport_simplex.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 
 #include "algo/emd/transport_cells.h"
@@ -34,10 +35,24 @@ constexpr int kMaxWords = 15;  // of 32 arcs: two sides of 15 x 15 bins
 
 }  // namespace
 
+// Memory of one problem until its tree is built.
+struct TransportProblemSpace {
+    explicit TransportProblemSpace(int side) : start(size(side)) {
+        // Reading the last row by more vectors than it has stays inside.
+        cell.resize(size(side * (side + TransportStartSpace::kMaxVectors * kLanes)));
+        for (auto* values : {&row_begin, &col_bin}) values->resize(size(side));
+    }
+    AlignedVector<std::int32_t> cell;       // integer costs, rows x stride
+    AlignedVector<std::int32_t> row_begin;  // offset of a row in the cost tables
+    AlignedVector<std::int32_t> col_bin;    // bin of a column, padding included
+    TransportStartSpace start;
+};
+
 struct TransportWorkspace {
     TransportWorkspace(const double* costs, int max_bins, double largest_cost)
         : bins(max_bins), tolerance(largest_cost * TransportSimplex::kTolerance),
-          scale(largest_cost > 0 ? TransportCosts::kMaxCost / largest_cost : 0), start(size(padded(max_bins))) {
+          scale(largest_cost > 0 ? TransportCosts::kMaxCost / largest_cost : 0),
+          of_problem{TransportProblemSpace(padded(max_bins)), TransportProblemSpace(padded(max_bins))} {
         const int side = padded(bins);
         cost.resize(size(bins * (bins + 1)), kNoCost);
         rough_cost.resize(cost.size(), kPadding);
@@ -48,8 +63,6 @@ struct TransportWorkspace {
                 rough_cost[size(i * (bins + 1) + j)] = static_cast<std::int32_t>(c * scale);
             }
         }
-        cell.resize(size(side * side));
-        for (auto* values : {&row_begin, &col_bin}) values->resize(size(side));
         flow.resize(size(2 * side));
         path.resize(size(2 * side * kMaxWords));
         dual.resize(size(2 * side));
@@ -62,16 +75,12 @@ struct TransportWorkspace {
     AlignedVector<double> cost;              // bins x (bins + 1); bin number `bins` is padding
     AlignedVector<std::int32_t> rough_cost;  // the same as integers
 
-    AlignedVector<std::int32_t> cell;       // integer costs, rows x stride
-    AlignedVector<std::int32_t> row_begin;  // offset of a row in the cost tables
-    AlignedVector<std::int32_t> col_bin;    // bin of a column, padding included
+    std::array<TransportProblemSpace, 2> of_problem;
 
     // The tree.
     AlignedVector<std::int32_t> path, dual;
     AlignedVector<double> flow;
     AlignedVector<TransportArc> arcs;
-
-    TransportStartSpace start;
 };
 
 namespace {
@@ -110,18 +119,19 @@ struct Problem {
     using Ints = typename Cells::Ints;
 
     TransportWorkspace& w;
+    TransportProblemSpace& own;
     const Transport& p;
     const Cells cells;
     const int first_column;  // among nodes
 
-    HORD_ALWAYS_INLINE Problem(TransportWorkspace& workspace, const Transport& problem)
-        : w(workspace), p(problem), cells(problem.rows, problem.cols, workspace.cell.data()),
-          first_column(padded(problem.rows)) {}
+    HORD_ALWAYS_INLINE Problem(TransportWorkspace& workspace, int number, const Transport& problem)
+        : w(workspace), own(workspace.of_problem[size(number)]), p(problem),
+          cells(problem.rows, problem.cols, own.cell.data()), first_column(padded(problem.rows)) {}
 
     // `coarser`: number of low bits that costs lose.
     HORD_ALWAYS_INLINE void gather_costs(int coarser) {
-        std::int32_t* const bin = w.col_bin.data();
-        std::int32_t* const begin = w.row_begin.data();
+        std::int32_t* const bin = own.col_bin.data();
+        std::int32_t* const begin = own.row_begin.data();
         for (int i = 0; i < p.rows; ++i) begin[i] = p.row_bin[i] * (w.bins + 1);
         for (int j = 0; j < p.cols; ++j) bin[j] = p.col_bin[j];
         for (int j = p.cols; j < cells.stride; ++j) bin[j] = w.bins;
@@ -149,7 +159,7 @@ struct Problem {
         return cells.row(arc.row)[arc.column - first_column];
     }
     HORD_ALWAYS_INLINE double exact_cost(const TransportArc& arc) const {
-        return w.cost.data()[w.row_begin.data()[arc.row] + w.col_bin.data()[arc.column - first_column]];
+        return w.cost.data()[own.row_begin.data()[arc.row] + own.col_bin.data()[arc.column - first_column]];
     }
 
     template <int Words>
@@ -320,8 +330,6 @@ struct Problem {
     }
 
     HORD_ALWAYS_INLINE Outcome solve(const TransportStep* start) {
-        gather_costs(0);
-        if (start == nullptr) start = TransportStart<Bytes>{cells, w.start}.find(p.supply, p.demand);
         const int arcs = p.rows + p.cols - 1;
         if (arcs <= 30) return solve_with<1>(start);
         if (arcs <= 64) return solve_with<2>(start);
@@ -331,10 +339,50 @@ struct Problem {
     }
 };
 
+// Finds the starting plans of one or two problems. Vectors: of columns of the larger one.
+template <int Vectors, int Bytes>
+HORD_ALWAYS_INLINE void find_starts(TransportWorkspace& w, const Transport* problem, int problems) {
+    const auto start = [&](int k) __attribute__((always_inline)) {
+        return TransportStart<Vectors, Bytes>(Problem<Bytes>(w, k, problem[k]).cells, w.of_problem[size(k)].start,
+                                              problem[k].supply, problem[k].demand);
+    };
+    auto last = start(problems - 1);
+    if (problems == 2) {
+        auto first = start(0);
+        while (!first.is_found() && !last.is_found()) {
+            first.serve();
+            last.serve();
+        }
+        while (!first.is_found()) first.serve();
+    }
+    while (!last.is_found()) last.serve();
+}
+
 template <int Bytes>
-HORD_ALWAYS_INLINE Outcome solve_body(TransportWorkspace& workspace, const Transport& problem,
-                                      const TransportStep* start) {
-    return Problem<(Bytes < 32 ? Bytes : 32)>(workspace, problem).solve(start);
+HORD_ALWAYS_INLINE void solve_body(TransportWorkspace& w, const Transport* problem, int problems,
+                                   const TransportStep* start, Outcome* outcome) {
+    constexpr int kBytes = Bytes < 32 ? Bytes : 32;
+    int cols = 0;
+    for (int k = 0; k < problems; ++k) {
+        Problem<kBytes>(w, k, problem[k]).gather_costs(0);
+        cols = max(cols, problem[k].cols);
+    }
+    if (start == nullptr) {
+        // No case for one vector: problems of up to eight columns come with a plan (algo/emd/transport_batch.h).
+        switch (padded(cols) / kLanes) {
+            case 1:
+            case 2: find_starts<2, kBytes>(w, problem, problems); break;
+            case 3: find_starts<3, kBytes>(w, problem, problems); break;
+            case 4: find_starts<4, kBytes>(w, problem, problems); break;
+            case 5: find_starts<5, kBytes>(w, problem, problems); break;
+            case 6: find_starts<6, kBytes>(w, problem, problems); break;
+            default: find_starts<0, kBytes>(w, problem, problems);
+        }
+    }
+    for (int k = 0; k < problems; ++k) {
+        outcome[k] = Problem<kBytes>(w, k, problem[k])
+                         .solve(start != nullptr ? start : w.of_problem[size(k)].start.steps.data());
+    }
 }
 
 HORD_FOR_EACH_ISA(solve_for, solve_body)
@@ -345,7 +393,15 @@ TransportSimplex::TransportSimplex(const double* cost, int bins, double largest_
     : workspace_(common::make_opaque<TransportWorkspace>(cost, bins, largest_cost)), solve_(solve_for(isa)) {}
 
 Outcome TransportSimplex::solve(const Transport& problem, const TransportStep* start) {
-    return solve_(*workspace_, problem, start);
+    Outcome outcome;
+    solve_(*workspace_, &problem, 1, start, &outcome);
+    return outcome;
+}
+
+std::array<Outcome, 2> TransportSimplex::solve_two(const std::array<Transport, 2>& problems) {
+    std::array<Outcome, 2> outcomes;
+    solve_(*workspace_, problems.data(), 2, nullptr, outcomes.data());
+    return outcomes;
 }
 
 }  // namespace hord::algo

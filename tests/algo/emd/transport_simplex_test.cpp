@@ -1,6 +1,7 @@
 #include "algo/emd/transport_simplex.h"
 
 #include <algorithm>
+#include <array>
 #include <tuple>
 
 #include <gtest/gtest.h>
@@ -126,6 +127,36 @@ TEST(TransportSimplex, begins_with_the_cells_of_least_reduced_cost) {
             }
             EXPECT_LE(differ, kProblems / 8)
                 << cols << " columns: " << found << " pivots, " << given << " from the plain start";
+        }
+    }
+}
+
+// Of any two sizes, with vectors in registers and in memory; few units make ties.
+TEST(TransportSimplex, solves_two_problems_with_the_bits_of_one_after_the_other) {
+    Random random(7);
+    constexpr int kBins = 70;
+    for (int n = 0; n < 300; ++n) {
+        const auto small = [&] { return pick(random, 2, n % 3 == 0 ? kBins : 30); };
+        std::array<Problem, 2> p = {Problem(random, kBins, kBins), Problem(random, kBins, kBins)};
+        std::array<Transport, 2> both;
+        for (std::size_t k = 0; k < 2; ++k) {
+            const int rows = small(), cols = small();
+            Problem part(random, rows, cols);
+            part.share_out(random, n % 2 == 0 ? 100000 : std::max(rows, cols) + n);
+            p[k].supply = part.supply;
+            p[k].demand = part.demand;
+            both[k] = {rows, cols, p[k].supply.data(), p[k].demand.data(), p[k].row_bin.data(), p[k].col_bin.data()};
+        }
+        for (const Isa isa : {Isa::portable, Isa::avx2, Isa::avx512}) {
+            if (!has(isa)) continue;
+            auto simplex = p[0].simplex(isa);
+            const auto together = simplex.solve_two(both);
+            for (std::size_t k = 0; k < 2; ++k) {
+                const auto alone = simplex.solve(both[k]);
+                ASSERT_TRUE(together[k].proven) << n;
+                ASSERT_EQ(together[k].cost, alone.cost) << n;
+                ASSERT_EQ(together[k].pivots, alone.pivots) << n;
+            }
         }
     }
 }
