@@ -6,6 +6,8 @@
 
 #if defined(__SSE2__)
 #include <emmintrin.h>
+#elif defined(__aarch64__)
+#include <arm_neon.h>
 #endif
 
 #include "algo/frame/extents.h"
@@ -52,6 +54,14 @@ class OccupiedBins {
         };
         return static_cast<std::uint64_t>(_mm_movemask_epi8(_mm_packs_epi16(eight(a, b), eight(a + 8, b + 8)))) ^
             0xFFFFU;
+#elif defined(__aarch64__)
+        // Each lit lane becomes its bit; the sum of the lanes holds them all.
+        const auto eight = [](const std::uint16_t* p, const std::uint16_t* q) {
+            static constexpr std::uint16_t kBits[] = {1, 2, 4, 8, 16, 32, 64, 128};
+            const uint16x8_t light = vorrq_u16(vld1q_u16(p), vld1q_u16(q));
+            return std::uint64_t{vaddvq_u16(vandq_u16(vtstq_u16(light, light), vld1q_u16(kBits)))};
+        };
+        return eight(a, b) | eight(a + 8, b + 8) << 8;
 #else
         std::uint64_t bits = 0;
         for (int k = 0; k < 16; ++k) bits |= std::uint64_t{(a[k] | b[k]) != 0} << k;
