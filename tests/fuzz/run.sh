@@ -13,7 +13,8 @@ for name in "$@"; do
     rm -f "$found"/crash-* "$found"/oom-* "$found"/timeout-* "$found"/leak-*
     case $name in  # files may be long; a framer holds one frame, and a message or an answer is short
         framer_*) max_len=1024 ;;
-        camera | command | dispatcher | mqtt | page_request | rows | strobe_reply) max_len=4096 ;;
+        camera | command | dispatcher | mqtt | page_request | strobe_reply) max_len=4096 ;;
+        rows) max_len=512 ;;     # each change is an update of a row
         verdict) max_len=64 ;;  # a recipe and eight changes
         *) max_len=16384 ;;
     esac
