@@ -264,11 +264,25 @@ TEST_F(Encoder, a_silent_encoder_loses_the_parts_and_stops_the_line) {
     EXPECT_FALSE(rig.shot().line_stop);
     rig.advance(milliseconds(1));
     EXPECT_TRUE(rig.shot().line_stop);
+    EXPECT_NE(rig.shot().faults_active & kFaultPartSensor, 0U);
     EXPECT_EQ(rig.core.state(), State::error);
     ASSERT_FALSE(rig.results.empty());
     EXPECT_EQ(rig.results[0].part, part);
     EXPECT_EQ(rig.results[0].reason, PartReason::device_lost);
     EXPECT_EQ(rig.shot().parts_on_line, 0U);
+}
+
+// The next part would be lost in the same way.
+TEST_F(Encoder, that_is_silent_stops_the_line_even_if_every_part_on_it_is_good) {
+    const auto part = rig.part_arrives();
+    rig.advance(milliseconds(10));
+    rig.belt(100);
+    rig.light_comes(part);
+    rig.frame_comes(part);
+    rig.judged(part, Verdict::pass);
+    ASSERT_EQ(rig.only_result().verdict, PartVerdict::pass);
+    rig.advance(milliseconds(100));
+    EXPECT_TRUE(rig.shot().line_stop);
 }
 
 TEST_F(Encoder, is_silent_no_sooner_than_a_part_is_on_the_line) {

@@ -336,6 +336,26 @@ TEST_F(Running, a_good_part_on_its_way_needs_no_line_stop_when_the_permit_falls)
     EXPECT_FALSE(rig.shot().line_stop);
 }
 
+// More results than one step has room for.
+TEST(Reset, ends_the_story_of_every_part_of_a_full_line_at_once) {
+    CoreConfig config = quick_line();
+    config.transport = std::chrono::hours(1);
+    config.max_parts = 100;
+    config.max_failures_in_a_row = 0;
+    CoreRig rig(config);
+    rig.bring_to(State::continuous_execution);
+    for (std::uint32_t k = 0; k < config.max_parts; ++k) {
+        rig.part_arrives();
+        rig.advance(milliseconds(100));
+    }
+    rig.send(DeviceLost{Device::rejector});
+    rig.advance(kMinLineStop);
+    rig.forget();
+    ASSERT_EQ(rig.send(Command::reset), Answer::done);
+    EXPECT_EQ(rig.results.size(), config.max_parts);
+    EXPECT_EQ(rig.shot().parts_on_line, config.max_parts) << "they may still be there";
+}
+
 TEST(Reset, gives_a_part_that_still_waits_its_verdict) {
     CoreConfig config = quick_line();
     config.transport = std::chrono::seconds(2);

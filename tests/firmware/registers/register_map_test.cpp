@@ -98,6 +98,22 @@ TEST(Registers, values_beyond_the_range_stop_short_of_the_sentinel) {
     EXPECT_EQ(image[14], 0xFFFE);
 }
 
+TEST(Registers, signed_values_keep_their_sign_and_stop_short_of_the_sentinel) {
+    const auto decoded = [](double value) {
+        RegisterExtras extras;
+        extras.health.processor_celsius = extras.health.optics.dark_drift_dn = value;
+        std::vector<std::string> texts;
+        const auto readings = decode(*find_block(BlockId::health), image_of(BlockId::health, example(), {}, extras));
+        for (const Reading& r : readings.value()) {
+            if (r.what->name == "processor" || r.what->name == "dark_drift") texts.push_back(r.text);
+        }
+        return texts;
+    };
+    EXPECT_THAT(decoded(-12.5), ElementsAre("-12.5", "-12.50"));
+    EXPECT_THAT(decoded(1e12), ElementsAre("3276.7", "21474836.47"));
+    EXPECT_THAT(decoded(-1e12), ElementsAre("-3276.7", "-21474836.47"));
+}
+
 TEST(Registers, decoding_gives_back_names_units_and_values) {
     const StationIdentity identity{.firmware = "0.1.0", .serial = "H-0042", .boot_id = 0xDEADBEEF};
     std::string text;
@@ -199,6 +215,7 @@ TEST(Registers, every_format_is_known_by_its_name) {
     for (const char* name : {"md", "csv", "json", "telegraf"}) {
         EXPECT_THAT(format_registers(name), HasSubstr("reject_confirmed"));
     }
+    EXPECT_THAT(format_registers("csv"), HasSubstr(",degC,0.1,r,\"temperature\",\"\"\n"));
     EXPECT_THAT(format_registers("st"), HasSubstr("HORD_COUNTERS_REJECT_CONFIRMED : UINT := 156;"));
 }
 
