@@ -17,6 +17,7 @@
 #include <thread>
 #include <vector>
 
+#include "algo/ageing/drift.h"
 #include "algo/frame/grid_decoder.h"
 #include "algo/inspection/pipeline.h"
 #include "algo/reference/reference_learner.h"
@@ -30,6 +31,7 @@ using namespace hord::bench;
 
 constexpr int kBins = 9;
 constexpr double kMinOfSum = 80, kAimOfSum = 50, kMinTwo = 1.85, kAimTwo = 1.95;
+constexpr double kMaxDriftShare = 0.02;  // of the whole way
 
 double ms_of(clockid_t clock) {
     timespec now{};
@@ -75,6 +77,9 @@ struct Kind {
     std::optional<algo::GridDecoder> decoder;
     algo::Recipe recipe;
     std::unique_ptr<Way> one, two, other;
+    Frame decoded;  // of `raw`
+    std::uint32_t dark_dn = 0;
+    std::optional<algo::DriftEstimator> drift;
 
     explicit Kind(bool hexagonal) : name(hexagonal ? "hexagonal" : "square") {
         const algo::LensletGrid grid = raw_grid(hexagonal);
@@ -95,11 +100,14 @@ struct Kind {
         recipe.reference = std::make_shared<const algo::Reference>(std::move(learned.reference));
         raw = drawn_raw(grid, 0.03, 0.02, 7);
         with_defect = drawn_raw(grid, 0.03, 0.02, 7, true);
+        decoded = value_of(decoder->decode(raw.view()));
+        dark_dn = learning.levels.dark;
+        drift = value_of(algo::DriftEstimator::create(decoder->extents(), learning.levels));
         one = std::make_unique<Way>(*decoder, recipe, 1);
         other = std::make_unique<Way>(*decoder, recipe, 1);
         two = std::make_unique<Way>(*decoder, recipe, 2);
     }
-    std::vector<double> cpu, one_ms, two_ms, pair_ms;
+    std::vector<double> cpu, one_ms, two_ms, pair_ms, drift_ms;
     std::vector<algo::StageTimes> stages;
 };
 
@@ -107,6 +115,9 @@ void measure(Kind& kind) {
     double begin = cpu_ms();
     kind.stages.push_back(kind.one->inspect(kind.raw, now_ns).times);
     kind.cpu.push_back(cpu_ms() - begin);
+    begin = cpu_ms();
+    for (int k = 0; k < algo::DriftEstimator::kWindow; ++k) kind.drift->add(kind.decoded.view(), kind.dark_dn);
+    kind.drift_ms.push_back((cpu_ms() - begin) / algo::DriftEstimator::kWindow);
     begin = elapsed_ms();
     kind.one->inspect(kind.raw);
     kind.one_ms.push_back(elapsed_ms() - begin);
@@ -208,5 +219,14 @@ int main(int argc, char** argv) {
         std::printf("| %s | %.2fx | %.2fx | %.2fx | %.2fx | %s | %.2fx | %.2fx |\n", kind.name.c_str(), by_median,
                     quietest, kMinTwo, kAimTwo, reached(std::min(by_median, quietest), kMinTwo, kAimTwo, false),
                     median(machine), 2 * least(kind.one_ms) / least(kind.pair_ms));
+    }
+    std::printf(
+        "\nThe drift check (algo/ageing/drift.h), which a frame pays beside this: mean of a window of %d frames\n\n"
+        "| lattice | drift check, ms | of the whole way | at most | |\n|---|---|---|---|---|\n",
+        algo::DriftEstimator::kWindow);
+    for (const Kind& kind : kinds) {
+        const double share = median(kind.drift_ms) / median(kind.cpu);
+        std::printf("| %s | %.3f | %.2f %% | %.0f %% | %s |\n", kind.name.c_str(), median(kind.drift_ms), 100 * share,
+                    100 * kMaxDriftShare, share <= kMaxDriftShare ? "reached" : "not reached");
     }
 }
