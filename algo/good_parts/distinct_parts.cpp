@@ -214,4 +214,38 @@ std::string describe(const DistinctParts::Groups& g) {
     return text + ". Each part counts once.";
 }
 
+namespace {
+
+// The dark level that the learner will choose (docs/notes/reference.md).
+std::uint32_t dark_level(const LearnOptions& options) {
+    if (!options.dark_from_noise) return options.levels.dark;
+    const double level = static_cast<double>(options.pedestal_dn) + 3 * static_cast<double>(options.read_dn) - 0.5;
+    return std::min(options.levels.dark, static_cast<std::uint32_t>(std::max(1.0, std::ceil(level))));
+}
+
+}  // namespace
+
+Result<PartsToLearn> parts_to_learn(const Extents& extents, std::size_t count, const FrameOfPart& frame_of,
+                                    const LearnOptions& options) {
+    DistinctParts distinct(extents, dark_level(options));
+    for (std::size_t k = 0; k < count; ++k) {
+        const auto frame = frame_of(k);
+        if (!frame) return tl::unexpected(frame.error());
+        if (auto fine = check_frame(frame->view(), extents, frame->bits()); !fine) return tl::unexpected(fine.error());
+        distinct.add(frame->view());
+    }
+    const DistinctParts::Groups groups = distinct.groups();
+    PartsToLearn parts;
+    parts.repeated = describe(groups);
+    for (std::size_t k = 0; k < count; ++k) {
+        if (groups.part_of[k] == parts.frames.size()) parts.frames.push_back(k);
+    }
+    if (groups.parts >= Reference::kMinParts) return parts;
+    const std::string more = std::to_string(Reference::kMinParts - groups.parts);
+    return fail(ErrorCode::invalid_argument,
+                (parts.repeated.empty() ? std::to_string(count) + " frames to learn from." : parts.repeated) +
+                    " A reference needs " + std::to_string(Reference::kMinParts) + " distinct good parts",
+                "give frames of at least " + more + " more, each of another part or of one that was placed anew");
+}
+
 }  // namespace hord::algo

@@ -17,7 +17,9 @@
 #include <vector>
 
 #include "algo/frame/extents.h"
+#include "algo/reference/reference_learner.h"
 #include "common/frame.h"
+#include "common/result.h"
 
 namespace hord::algo {
 
@@ -56,5 +58,15 @@ class DistinctParts {
 
 // One sentence; empty if every frame shows a part of its own.
 std::string describe(const DistinctParts::Groups& groups);
+
+// The frames to learn a reference from: the first of each part. Else copies of a bad part would support each other.
+struct PartsToLearn {
+    std::vector<std::size_t> frames;  // indices, ascending
+    std::string repeated;             // describe(DistinctParts::Groups)
+};
+// Of `count` macro-pixel frames. `options` has the frames' noise and levels. Fails with invalid_argument, saying how
+// many more are needed, if they show fewer than Reference::kMinParts distinct parts, and with any error of `frame_of`.
+Result<PartsToLearn> parts_to_learn(const Extents& extents, std::size_t count, const FrameOfPart& frame_of,
+                                    const LearnOptions& options);
 
 }  // namespace hord::algo

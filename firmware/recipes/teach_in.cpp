@@ -305,22 +305,26 @@ Result<TeachResult> LineTeachIn::learn() {
     // As `hordctl learn` does; if every bin has light, a fifth of the dark level (algo/recipe/recipe.h).
     const auto read = algo::read_noise_of(options_.extents, options.levels, session_->parts, frame_of);
     options.read_dn = read.value_or(static_cast<float>(options.levels.dark) / 5);
-    auto learned = algo::learn_reference(options_.extents, options_.bits, session_->parts, frame_of, options);
-    if (cancelled_) return tl::unexpected(cancelled_error());
-    if (!learned) {
-        const Error& e = learned.error();
+    const auto refused = [&](const Error& e) -> Result<TeachResult> {
         return fail(e.code, fmt::format("no reference can be learned from these {} parts: {}", session_->parts, e.what),
                     e.cure + ", and teach again");
-    }
+    };
+    const auto parts = algo::parts_to_learn(options_.extents, session_->parts, frame_of, options);
+    if (cancelled_) return tl::unexpected(cancelled_error());
+    if (!parts) return refused(parts.error());
+    auto learned = algo::learn_reference(
+        options_.extents, options_.bits, parts->frames.size(),
+        [&](std::size_t k) { return frame_of(parts->frames[k]); }, options);
+    if (cancelled_) return tl::unexpected(cancelled_error());
+    if (!learned) return refused(learned.error());
     std::vector<bool> left_out(session_->parts, false);
     for (const algo::LeftOut& out : learned->left_out) {
-        left_out[out.part] = true;
+        const std::size_t frame = parts->frames[out.part];
+        left_out[frame] = true;
         result.remarks += fmt::format("{}part {} was left out: {}", result.remarks.empty() ? "" : "; ",
-                                      session_->numbers[out.part], out.why);
+                                      session_->numbers[frame], out.why);
     }
-    const auto repeated = repeated_parts(options.levels.dark);
-    if (!repeated) return tl::unexpected(repeated.error());
-    if (!repeated->empty()) result.remarks += (result.remarks.empty() ? "" : "; ") + *repeated;
+    if (!parts->repeated.empty()) result.remarks += (result.remarks.empty() ? "" : "; ") + parts->repeated;
     result.recipe.recipe.reference = std::make_shared<const algo::Reference>(std::move(learned->reference));
     auto judged = inspect_again(result.recipe.recipe, left_out);
     if (!judged) return tl::unexpected(judged.error());
@@ -335,17 +339,6 @@ Result<TeachResult> LineTeachIn::learn() {
         return tl::unexpected(written ? cancelled_error() : written.error());
     }
     return result;
-}
-
-// What the frames of the teach-in repeat: copies and repeated exposures of a part that did not move. Empty: nothing.
-Result<std::string> LineTeachIn::repeated_parts(std::uint32_t dark_dn) const {
-    algo::DistinctParts distinct(options_.extents, dark_dn);
-    for (std::size_t k = 0; k < session_->parts; ++k) {
-        const auto frame = read_spooled(k);
-        if (!frame) return tl::unexpected(frame.error());
-        distinct.add(frame->view());
-    }
-    return describe(distinct.groups());
 }
 
 // Inspects the learned parts with the new recipe. Returns which of them it would reject; fails if it would reject most.

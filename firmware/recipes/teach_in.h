@@ -105,7 +105,6 @@ class LineTeachIn final : public TeachIn {
     [[nodiscard]] Result<void> spool();
     void report_progress(std::size_t taken);
     [[nodiscard]] Result<TeachResult> learn();
-    [[nodiscard]] Result<std::string> repeated_parts(std::uint32_t dark_dn) const;
     [[nodiscard]] Result<std::string> inspect_again(const algo::Recipe& recipe, const std::vector<bool>& left_out);
     [[nodiscard]] Result<Frame> read_spooled(std::size_t k) const;
     [[nodiscard]] std::filesystem::path spool_file(std::size_t k) const;

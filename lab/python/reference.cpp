@@ -1,9 +1,11 @@
 #include "lab/python/reference.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
 
+#include "algo/good_parts/distinct_parts.h"
 #include "algo/inspection/pipeline.h"
 #include "algo/reference/read_noise.h"
 #include "algo/reference/reference_comparison.h"
@@ -80,10 +82,22 @@ LearnedParts learn(const py::object& given, const py::object& recipe, std::optio
         options.threads = threads;
         options.read_dn =
             read_dn ? *read_dn : unwrap(algo::read_noise_of(first.extents, options.levels, count, frame_of_part));
-        auto learned = unwrap(algo::learn_reference(first.extents, depth, count, frame_of_part, options));
+        const algo::PartsToLearn parts = unwrap(algo::parts_to_learn(first.extents, count, frame_of_part, options));
+        auto learned = unwrap(algo::learn_reference(
+            first.extents, depth, parts.frames.size(),
+            [&](std::size_t part) { return frame_of_part(parts.frames[part]); }, options));
         out.reference.reference = std::make_shared<const algo::Reference>(std::move(learned.reference));
-        for (const algo::LeftOut& one : learned.left_out) out.left_out.emplace_back(one.part, one.why);
-        out.poses = std::move(learned.poses);
+        out.poses.resize(count);
+        std::vector<bool> learned_from(count, false);
+        for (std::size_t k = 0; k < parts.frames.size(); ++k) {
+            learned_from[parts.frames[k]] = true;
+            out.poses[parts.frames[k]] = learned.poses[k];
+        }
+        for (const algo::LeftOut& one : learned.left_out) out.left_out.emplace_back(parts.frames[one.part], one.why);
+        for (std::size_t k = 0; k < count; ++k) {
+            if (!learned_from[k]) out.left_out.emplace_back(k, "it shows the same part as an earlier frame");
+        }
+        std::ranges::sort(out.left_out);
     });
     return out;
 }
@@ -260,7 +274,8 @@ frames: a list of LightFields, arrays or files (any iterable). Each is read seve
 recipe: its light levels are used. electrons_per_dn, read_dn: of the sensor; None: estimated from the frames.
 pedestal_dn: what the camera adds to every sample, DN. bins, grid, bits: as of decode(). Releases the GIL.
 
-Raises InvalidArgument: frames that differ in size or depth, fewer than 8 parts left; and as decode() and read() do.)");
+A part counts once: left_out names the frames that repeat one.
+Raises InvalidArgument: frames that differ in size or depth, fewer than 8 distinct parts left; and as decode() and read() do.)");
     py::class_<Comparison>(module, "Comparison", "A part beside the reference. NaN: nothing to compare.")
         .def_readonly("found", &Comparison::found, "Whether the part was registered; if not, all values are NaN.")
         .def_readonly("outcome", &Comparison::outcome, "One sentence on the registration.")

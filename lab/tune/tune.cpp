@@ -412,6 +412,12 @@ Result<Tuned> Tuner::run(const std::vector<std::string>& good, const std::vector
         }
     }
     number_parts();
+    if (tuned_.parts.parts < kMinGood) {
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("{} At least {} distinct good parts are needed", describe(tuned_.parts), kMinGood),
+                    fmt::format("give frames of at least {} more, each of another part or of one that was placed anew",
+                                kMinGood - tuned_.parts.parts));
+    }
     const Values values = limits();
     std::size_t reference_index = 0;
     for (MeasuredFeatureSet& measured : tuned_.feature_sets) {

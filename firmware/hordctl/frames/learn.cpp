@@ -1,8 +1,7 @@
 // hordctl learn: a reference from frames of good parts, and what these parts support.
-#include <algorithm>
-#include <cmath>
 #include <filesystem>
 #include <memory>
+#include <numeric>
 #include <optional>
 
 #include <fmt/format.h>
@@ -51,35 +50,6 @@ struct GoodFrames {
     }
 };
 
-// The dark level that the learner will choose (docs/notes/reference.md).
-std::uint32_t dark_level(const algo::LearnOptions& options) {
-    if (!options.dark_from_noise) return options.levels.dark;
-    const double level = static_cast<double>(options.pedestal_dn) + 3 * static_cast<double>(options.read_dn) - 0.5;
-    return std::min(options.levels.dark, static_cast<std::uint32_t>(std::max(1.0, std::ceil(level))));
-}
-
-Result<algo::DistinctParts::Groups> distinct_parts(const GoodFrames& frames, const algo::LearnOptions& options) {
-    algo::DistinctParts distinct(frames.extents, dark_level(options));
-    for (std::size_t k = 0; k < frames.files.size(); ++k) {
-        const auto frame = frames(k);
-        if (!frame) return tl::unexpected(frame.error());
-        distinct.add(frame->view());
-    }
-    return distinct.groups();
-}
-
-// Keeps the first frame of each part. Of fewer parts than a reference needs, all frames are kept.
-void keep_one_a_part(GoodFrames& frames, algo::DistinctParts::Groups& groups) {
-    if (groups.parts == frames.files.size() || groups.parts < algo::Reference::kMinParts) return;
-    std::vector<std::string> files;
-    for (std::size_t k = 0; k < frames.files.size(); ++k) {
-        if (groups.part_of[k] == files.size()) files.push_back(frames.files[k]);
-    }
-    frames.files = std::move(files);
-    groups.part_of.clear();
-    for (std::size_t k = 0; k < groups.parts; ++k) groups.part_of.push_back(k);
-}
-
 Result<algo::Variation> variation_of(const GoodFrames& frames, const algo::Learned& learned) {
     algo::VariationMeter meter(learned.reference);
     for (std::size_t k = 0, added = 0; k < frames.files.size() && added < algo::VariationMeter::kMaxParts; ++k) {
@@ -115,10 +85,11 @@ Exit run_learn(const LearnArguments& arguments) {
         : algo::read_noise_of(frames.extents, options.levels, frames.files.size(), frames);
     if (!read_dn) return complain(read_dn.error());
     options.read_dn = *read_dn;
-    auto groups = distinct_parts(frames, options);
-    if (!groups) return complain(groups.error());
-    const std::string distinct = describe(*groups);
-    keep_one_a_part(frames, *groups);
+    const auto parts = algo::parts_to_learn(frames.extents, frames.files.size(), frames, options);
+    if (!parts) return complain(parts.error());
+    std::vector<std::string> one_a_part;
+    for (const std::size_t k : parts->frames) one_a_part.push_back(frames.files[k]);
+    frames.files = std::move(one_a_part);
     const auto learned = algo::learn_reference(frames.extents, frames.bits, frames.files.size(), frames, options);
     if (!learned) return complain(learned.error());
     if (auto done = write_reference(arguments.out, learned->reference); !done) return complain(done.error());
@@ -133,7 +104,7 @@ Exit run_learn(const LearnArguments& arguments) {
                                arguments.out, r.extents.m, r.extents.n, r.extents.i, r.extents.j, r.parts,
                                frames.files.size(), options.electrons_per_dn ? "given" : "estimated",
                                r.sensor.electrons_per_dn, arguments.read_dn ? "given" : "estimated", r.sensor.read_dn),
-        .distinct = distinct,
+        .distinct = parts->repeated,
         .check = {},
         .variation = {}};
     if (learned->gain_unsure) {
@@ -151,10 +122,12 @@ Exit run_learn(const LearnArguments& arguments) {
         checking.recipe = recipe->recipe;
         checking.trials = static_cast<std::size_t>(arguments.trials);
         checking.progress = [&](double done) { progress->show(0.25 + 0.75 * done); };
+        std::vector<std::size_t> part_of(frames.files.size());
+        std::iota(part_of.begin(), part_of.end(), std::size_t{0});
         std::vector<bool> used(frames.files.size(), true);
         for (const algo::LeftOut& out : learned->left_out) used[out.part] = false;
-        auto check = algo::check_reference(frames.extents, frames.bits, frames.files.size(), frames, groups->part_of,
-                                           used, checking);
+        auto check =
+            algo::check_reference(frames.extents, frames.bits, frames.files.size(), frames, part_of, used, checking);
         if (check) report.check = std::move(*check);
         else report.check.not_checked = check.error().what;
         auto variation = variation_of(frames, *learned);
@@ -171,7 +144,7 @@ Exit run_learn(const LearnArguments& arguments) {
         for (const std::string& line : describe(report)) fmt::print("{}\n", line);
     } else {
         fmt::print("{}\n", report.summary);
-        if (!distinct.empty()) fmt::print("{}\n", distinct);
+        if (!parts->repeated.empty()) fmt::print("{}\n", parts->repeated);
         for (const algo::LeftOut& out : learned->left_out)
             fmt::print("Left out: {}: {}.\n", frames.files[out.part], out.why);
     }

@@ -54,5 +54,28 @@ TEST(DistinctParts, parts_in_other_poses_or_of_another_form_count_each) {
     EXPECT_EQ(describe(placed.groups()), "");
 }
 
+// A reference is learned from the first frame of each part, and only if they are enough.
+TEST(DistinctParts, to_learn_from_are_the_first_frame_of_each) {
+    LearnOptions options;
+    options.levels.dark = kDark;
+    const auto of_parts = [&](std::size_t parts, std::size_t count) {
+        return parts_to_learn(
+            kDrawn, count, [=](std::size_t k) -> Result<Frame> { return draw(placed_part(k % parts + 1)); }, options);
+    };
+    const auto enough = of_parts(8, 10);
+    ASSERT_TRUE(enough) << enough.error().message();
+    EXPECT_EQ(enough->frames, (std::vector<std::size_t>{0, 1, 2, 3, 4, 5, 6, 7}));
+    EXPECT_EQ(enough->repeated,
+              "10 frames show 8 distinct parts: 2 are copies of earlier ones. Each part counts once.");
+    const auto few = of_parts(7, 10);
+    ASSERT_FALSE(few);
+    EXPECT_EQ(few.error().code, ErrorCode::invalid_argument);
+    EXPECT_EQ(
+        few.error().message(),
+        "10 frames show 7 distinct parts: 3 are copies of earlier ones. Each part counts once. A reference needs 8 "
+        "distinct good parts: give frames of at least 1 more, each of another part or of one that was placed anew");
+    EXPECT_EQ(of_parts(7, 7).error().what, "7 frames to learn from. A reference needs 8 distinct good parts");
+}
+
 }  // namespace
 }  // namespace hord::algo

@@ -114,6 +114,30 @@ TEST_F(TeachInTest, says_that_frames_repeat_a_part) {
     EXPECT_THAT(outcomes[0]->remarks, HasSubstr("12 frames show 9 distinct parts: 3 are copies of earlier ones"));
 }
 
+TEST_F(TeachInTest, copies_of_a_bad_part_do_not_support_each_other) {
+    open(loop);
+    ASSERT_TRUE(begin(12));
+    good_parts(1, 9);
+    for (std::uint32_t k = 10; k < 13; ++k) inspected(k, drawn_lens(50, true));
+    ASSERT_EQ(outcomes.size(), 1U);
+    ASSERT_TRUE(outcomes[0]) << outcomes[0].error().message();
+    EXPECT_EQ(outcomes[0]->recipe.recipe.reference->parts, 9U);
+    EXPECT_THAT(outcomes[0]->remarks, HasSubstr("part 10 was left out"));
+    EXPECT_EQ(verdict_of(drawn_lens(101, true), outcomes[0]->recipe), algo::Verdict::reject);
+}
+
+TEST_F(TeachInTest, frames_of_too_few_parts_teach_nothing) {
+    open(loop);
+    ASSERT_TRUE(begin(9));
+    for (std::uint32_t k = 1; k < 10; ++k) inspected(k, drawn_lens(k % 3));
+    ASSERT_EQ(outcomes.size(), 1U);
+    ASSERT_FALSE(outcomes[0]);
+    EXPECT_EQ(outcomes[0].error().code, ErrorCode::invalid_argument);
+    EXPECT_THAT(outcomes[0].error().what, HasSubstr("9 frames show 3 distinct parts"));
+    EXPECT_THAT(outcomes[0].error().cure, HasSubstr("at least 5 more"));
+    EXPECT_THAT(files(), IsEmpty());
+}
+
 TEST_F(TeachInTest, learns_from_the_next_parts_what_tells_good_from_bad) {
     open(loop);
     ASSERT_TRUE(begin(9));

@@ -94,7 +94,7 @@ class TeachService : public ::testing::Test {
         config.optics.window_parts = 25;
         SimulationOptions simulation;
         simulation.good_share = good_share;
-        simulation.variety = 3;
+        simulation.variety = 16;
         simulation.cache = std::string(HORD_BIN_DIR) + "/../service-cache";
         fs::create_directories(simulation.cache);
         std::map<std::int64_t, PartResult> results;
@@ -155,13 +155,13 @@ class TeachService : public ::testing::Test {
     std::atomic<int> passes{0}, rejects{0};
 };
 
-TEST_F(TeachService, learns_from_twelve_parts_judges_by_them_and_still_does_after_a_restart) {
+TEST_F(TeachService, learns_from_distinct_parts_judges_by_them_and_still_does_after_a_restart) {
     std::uint32_t taught = 0;
     live(1, [&](Plc& plc) {
         EXPECT_EQ(plc.read32(111), configured);
         modbus::Client::Reply reply;
         EXPECT_TRUE(plc.sees([&] {
-            reply = plc.command(Command::teach, 12);
+            reply = plc.command(Command::teach, 24);
             return reply.error != CommandError::not_in_this_state;  // until the station can be started
         }));
         EXPECT_EQ(reply.state, CommandState::completed) << reply.error_name;

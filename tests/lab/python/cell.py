@@ -57,7 +57,9 @@ class Cell:
         return frame
 
     def good_parts(self, count):
-        return [self.render(f"good{k}", seed=100 + k) for k in range(count)]
+        """Each lies a little differently: exposures of one part would count once."""
+        poses = [(0.3 * np.sin(5 * k), 0.3 * np.cos(7 * k)) for k in range(count)]
+        return [self.render(f"good{k}", f"[pose]\nx_mm = {x:.3f}\ny_mm = {y:.3f}\n", seed=100 + k) for k, (x, y) in enumerate(poses)]
 
 
 def pixels(file):

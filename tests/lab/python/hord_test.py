@@ -203,9 +203,18 @@ class Learning(unittest.TestCase):
         with self.assertRaises(ValueError):
             reference.light[0, 0] = 0
 
+    def test_copies_of_a_bad_part_do_not_support_each_other(self):
+        good, bad = cell.good_parts(9), cell.render("bad", BUBBLE, seed=7)
+        learned = hord.learn([bad, *good, bad, bad])
+        self.assertEqual(learned.reference.parts, 9)
+        self.assertEqual([part for part, _ in learned.left_out], [0, 10, 11])
+        self.assertIn("the same part as an earlier frame", learned.left_out[1][1])
+
     def test_too_few_parts_are_refused(self):
         with self.assertRaises(hord.InvalidArgument) as caught:
             hord.learn([lens] * 3)
+        self.assertIn("3 frames show 1 distinct part", str(caught.exception))
+        self.assertIn("at least 7 more", str(caught.exception))
         self.assertEqual(str(caught.exception), hordctl("learn", lens, lens, lens, "--out", cell.path("few.hordref"))[2].strip().splitlines()[-1].removeprefix("hordctl: "))
 
 
@@ -280,14 +289,15 @@ class Threads(unittest.TestCase):
         """Another thread runs Python in the middle of a call. Threads are not switched by the interpreter here: the other
         one runs only while this one has released the GIL. On a busy machine it may come too late: try again."""
         field = hord.from_samples(np.tile(hord.read(bubble).samples, (4, 4, 1, 1)))
-        reference = hord.learn([lens] * 8, electrons_per_dn=10, read_dn=0.6).reference
+        good = cell.good_parts(8)
+        reference = hord.learn(good, electrons_per_dn=10, read_dn=0.6).reference
         before = sys.getswitchinterval()
         sys.setswitchinterval(100)
         try:
             self.assertFalse(any(self.runs_during(lambda: sum(range(1000000))) for _ in range(20)), "a call that holds the GIL")
             for call in (lambda: field.feature("emd"), lambda: field.hords(), lambda: field.deflection(),
                          lambda: hord.inspect(field, maps="exact"), lambda: hord.compare(bubble, reference),
-                         lambda: hord.learn([lens] * 8, electrons_per_dn=10, read_dn=0.6), lambda: hord.calibrate(white_frame())):
+                         lambda: hord.learn(good, electrons_per_dn=10, read_dn=0.6), lambda: hord.calibrate(white_frame())):
                 self.assertTrue(any(self.runs_during(call) for _ in range(200)), "no other thread ran while this one computed")
         finally:
             sys.setswitchinterval(before)

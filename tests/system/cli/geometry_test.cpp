@@ -135,7 +135,15 @@ TEST_F(Told, a_sidecar_tells_where_the_format_cannot) {
 
 TEST_F(Told, learn_and_tune_compare_it) {
     std::vector<std::string> good, arguments{"learn"};
-    for (int k = 0; k < 8; ++k) good.push_back(noted("good/" + std::to_string(k) + ".png", kFive));
+    for (int k = 0; k < 8; ++k) {  // distinct parts: light moves to the right, more so in later ones
+        good.push_back(noted("good/" + std::to_string(k) + ".png", kFive));
+        Frame part = spots(kFive);
+        for (int y = 2; y < part.height_px(); y += 5) {
+            for (int x = 3; x < part.width_px(); x += 5)
+                part.set(x, y, 50U + static_cast<std::uint32_t>(2 * (k + 1) * x / part.width_px()));
+        }
+        EXPECT_TRUE(drivers::write_frame(good.back(), part.view(), kFive));
+    }
     arguments.insert(arguments.end(), good.begin(), good.end());
     arguments.insert(arguments.end(), {"--out", folder / "r.hordref"});
     auto with_macro = arguments;

@@ -159,6 +159,20 @@ TEST_F(Learn, a_recipe_names_its_reference_and_tolerates_in_mm) {
         EXPECT_THAT(refused.err, HasSubstr(problem));
 }
 
+// Copies and repeated exposures are no parts: a reference of fewer than eight distinct ones is not written.
+TEST_F(Learn, as_many_files_of_fewer_parts_are_refused) {
+    std::vector<std::string> arguments{"learn"};
+    for (int k = 0; k < 9; ++k)
+        arguments.push_back(write("good" + std::to_string(k) + ".png", part(static_cast<std::uint64_t>(k % 3) + 1)));
+    arguments.insert(arguments.end(),
+                     {"--bits", "12", "--electrons-per-dn", "1", "--read-dn", "2", "--out", reference});
+    const Said said = run("hordctl", arguments);
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("9 frames show 3 distinct parts: 6 are copies of earlier ones"));
+    EXPECT_THAT(said.err, HasSubstr("needs 8 distinct good parts: give frames of at least 5 more"));
+    EXPECT_FALSE(std::filesystem::exists(reference));
+}
+
 TEST_F(Learn, a_damaged_reference_and_too_few_parts_are_refused) {
     EXPECT_EQ(learn(7).status, 2);
     ASSERT_EQ(learn(8).status, 0);
