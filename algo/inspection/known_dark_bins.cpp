@@ -42,7 +42,8 @@ std::vector<bool> dark_bins_of(const Reference& r, int m, int n) {
 
 }  // namespace
 
-KnownDarkBins::KnownDarkBins(const Reference& reference, const DarkBinMeter& sampled) {
+KnownDarkBins::KnownDarkBins(const Reference& reference, const DarkBinMeter& sampled)
+    : rare_share_(reference.sensor.read_dn > 0 ? kRareShare : kRareShareOfQuiet) {
     const Extents& e = reference.extents;
     const int columns = (std::min(e.m, DarkBinMeter::kSampled) + kBlock - 1) / kBlock;
     std::map<int, std::vector<Place>> of_blocks;
@@ -75,7 +76,7 @@ void KnownDarkBins::find_levels(const FrameView& frame, std::uint32_t lowest) {
             const auto* const line = reinterpret_cast<const Sample*>(frame.data + places_[k].y * frame.stride_bytes);
             if (const std::uint32_t reading = line[places_[k].x]; reading > lowest) above_.push_back(reading);
         }
-        const auto allowed = static_cast<std::size_t>(kRareShare * static_cast<double>(block.end - block.first));
+        const auto allowed = static_cast<std::size_t>(rare_share_ * static_cast<double>(block.end - block.first));
         if (above_.size() <= allowed) {
             levels_.push_back(lowest);
             continue;

@@ -17,11 +17,13 @@
 
 namespace hord::algo {
 
-constexpr double kRareShare = 0.005;  // of the readings in bins without light may exceed the dark level
+// So many of the readings in bins without light may exceed the dark level. Where the reference's read noise is too
+// small to be seen (0; below 0.25 DN), its level is not by noise, and up to 2 % of its own readings exceeded it.
+constexpr double kRareShare = 0.005, kRareShareOfQuiet = 0.015;
 
 class KnownDarkBins {
   public:
-    static constexpr int kBinsFromLight = 2, kLensletsAround = 3;
+    static constexpr int kBinsFromLight = 3, kLensletsAround = 3;
     static constexpr int kBlock = 6;                  // sampled lenslets a side; blocks are compared with each other
     static constexpr std::size_t kMinReadings = 200;  // of a block; with fewer its level is not known
     static constexpr std::size_t kMinBlocks = 4;
@@ -33,7 +35,7 @@ class KnownDarkBins {
 
     [[nodiscard]] bool any() const { return blocks_.size() >= kMinBlocks; }
 
-    // The lowest level, `lowest`..`highest` DN, that at most kRareShare of the readings exceed in a quarter of the
+    // The lowest level, `lowest`..`highest` DN, that at most a rare share of the readings exceeds in a quarter of the
     // blocks. `lowest` if there are fewer than kMinBlocks blocks.
     std::uint32_t level_of(const FrameView& frame, std::uint32_t lowest, std::uint32_t highest);
 
@@ -47,6 +49,7 @@ class KnownDarkBins {
     struct Block {
         std::size_t first, end;  // of its places
     };
+    double rare_share_ = kRareShare;
     std::vector<Place> places_;
     std::vector<Block> blocks_;
     std::vector<std::uint32_t> levels_, above_;  // one a block; readings above the lowest level

@@ -69,10 +69,22 @@ TEST(KnownDarkBins, give_the_level_that_one_reading_of_two_hundred_exceeds) {
     EXPECT_NEAR(level_of(exposed(20, 10, spot, 12), 5, 99, spot_reference(12)), 20 + 2.58 * 10, 3);
 }
 
+// A read noise below 0.25 DN is not seen when a reference is learned: 0.6 % of its readings exceeded its level.
+TEST(KnownDarkBins, of_a_quiet_sensor_let_through_what_they_did_when_it_was_learned) {
+    Reference quiet = spot_reference();
+    quiet.sensor.read_dn = 0;
+    EXPECT_EQ(level_of(exposed(0, 0.2, spot), 0, 9, quiet), 0U);    // 0.6 %
+    EXPECT_EQ(level_of(exposed(0.1, 0.2, spot), 0, 9, quiet), 1U);  // 2.3 %
+}
+
 TEST(KnownDarkBins, are_not_those_that_good_parts_light) {
-    // Light beside the middle of every lenslet: where the reference has it, and one bin from there.
+    // Light where the reference has it and one or two bins from there, as haze over the whole field gives.
     const auto wide = [](int x, int y) { return std::abs(x % 9 - 4) <= 2 && std::abs(y % 9 - 4) <= 2 ? 33 : 0; };
     EXPECT_EQ(level_of(exposed(0, 0.1, wide), 0, 9), 0U);
+    const auto haze = [](int x, int y) {
+        return spot(x, y) + (std::abs(x % 9 - 4) <= 3 && std::abs(y % 9 - 4) <= 3 ? 2.0 : 0.0);
+    };
+    EXPECT_EQ(level_of(exposed(0, 0.1, haze), 0, 9), 0U);
     // Good parts light another bin two lenslets away: a part that lies aside may light it here.
     Reference moved = spot_reference();
     for (int n = 0; n < kSpots.n; ++n) {
