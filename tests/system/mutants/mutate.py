@@ -333,13 +333,13 @@ class Workshop:
         self.tests = []  # (program, filter): first the fast tests of each program, then the others
         slow = []
         for test in self.room.tests:
-            program = self.link(test, self.objects, self.folder / test)
+            program = self.link(test, self.folder / test)
             fast_names, slow_names = self.time_tests(program)
             self.tests.append((program, fast_names))
             slow.append((program, slow_names))
         self.tests += [(program, names) for program, names in slow if names]
         if self.room.soak:
-            self.soak = self.link("mutant-none", self.objects, self.folder / "soak")
+            self.soak = self.link("mutant-none", self.folder / "soak")
             self.cpu_s = max(self.cpu_s, 20)
 
     def compile(self, source, like, out, *flags):
@@ -369,11 +369,11 @@ class Workshop:
                 self.settle(file, by_file[file], lambda o: self.compile(here, ROOT / file, out, "-O1"))
                 return str(out)
 
-            self.objects = list(pool.map(one, sources))
+            self.objects = dict(zip(sources, pool.map(one, sources)))
             choice = self.folder / "choice.cpp"
             choice.write_text(CHOICE)
             run(["c++", "-c", str(choice), "-o", str(self.folder / "choice.o")])
-            self.objects.append(str(self.folder / "choice.o"))
+            self.choice = str(self.folder / "choice.o")
 
             def test(file):
                 out = self.folder / (file.replace("/", "_") + ".o")
@@ -416,8 +416,11 @@ class Workshop:
         first = next(k for k, w in enumerate(words) if w.endswith((".o", ".a")))
         return words[:first], words[first:]
 
-    def link(self, target, objects, out):
+    def link(self, target, out):
         head, tail = self.link_command(target)
+        # A program that does not use a source's folder may not have what the source uses.
+        linked = {os.path.dirname(w) for w in tail}
+        objects = [self.choice] + [o for source, o in self.objects.items() if os.path.dirname(source) in linked]
         tail = [self.replaced.get(w, w) for w in tail]
         done = run([*head, "-fuse-ld=gold", "-Wl,--allow-multiple-definition", *objects, *tail, "-o", str(out)])
         if done.returncode != 0:
