@@ -27,12 +27,9 @@ FrameLevels levels_above_dark_bins(const LightLevels& given, const DarkBins& dar
     const double highest = static_cast<double>(given.dark) + 2.0 * max_rise_dn;
     const double level = std::ceil(dark.pedestal_dn + kDarkNoiseFactor * dark.noise_dn);
     result.wanted_dn = level;
-    // A sample of v DN stands for v +- 0.5 DN, so that rounding is no noise above the level. Of a chosen level the
-    // quantile alone would take the bins beside narrow spots, which are dark, too, for the brightest dark ones.
+    // A sample of v DN stands for v +- 0.5 DN, so that rounding is no noise above the level.
     const double noise = std::sqrt(std::max(dark.noise_dn * dark.noise_dn - kRoundingVariance, 0.0)),
-                 upper = kind == DarkLevel::by_default
-        ? dark.pedestal_dn + kDarkNoiseFactor * noise
-        : std::max(dark.upper_dn, dark.pedestal_dn + kKeptSigmas * dark.noise_dn);
+                 upper = kind == DarkLevel::by_default ? dark.pedestal_dn + kDarkNoiseFactor * noise : dark.upper_dn;
     if (static_cast<double>(given.dark) + 0.5 >= upper) return result;
     result.pedestal_allowed = dark.pedestal_dn <= static_cast<double>(given.dark) + max_rise_dn + 0.5;
     result.noise_allowed = level <= highest;

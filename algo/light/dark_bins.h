@@ -19,12 +19,10 @@
 
 namespace hord::algo {
 
-constexpr int kSpotBins = 4;            // bins along an axis that a spot may cover
-constexpr double kMinDarkShare = 0.25;  // of a lenslet's bins; with fewer dark bins nothing is measured
-constexpr double kDarkNoiseFactor = 3;  // a raised dark level lies so many sigma of the noise above the pedestal
-// A dark level that somebody chose is kept if so many of the dark bins do not exceed it, and if it lies so many sigma
-// above the pedestal, which says the same of normal noise.
-constexpr double kKeptShare = 14.0 / 15, kKeptSigmas = 1.5;
+constexpr int kSpotBins = 4;              // bins along an axis that a spot may cover
+constexpr double kMinDarkShare = 0.25;    // of a lenslet's bins; with fewer dark bins nothing is measured
+constexpr double kDarkNoiseFactor = 3;    // a raised dark level lies so many sigma of the noise above the pedestal
+constexpr double kKeptShare = 14.0 / 15;  // of the dark bins: a chosen dark level that so many do not exceed is kept
 constexpr std::uint32_t kDarkRiseDn8Bit = 8;  // DN at 8 bits; at b bits 2^(b-8) times as many
 constexpr std::uint32_t default_dark_rise(int bits) { return kDarkRiseDn8Bit << (bits - 8); }
 

@@ -77,15 +77,6 @@ TEST(DarkBins, raise_a_level_by_default_three_sigma_above_the_pedestal) {
     }
 }
 
-// Of narrow spots nearly all bins are dark, and a fifteenth of those beyond kSpotBins is much of the noise.
-TEST(DarkBins, beside_narrow_spots_do_not_keep_a_chosen_level_below_their_noise) {
-    const Frame frame = exposed(spots(kField, 200, 0.3, lens(kField, 14, 2)), {0, 4}, 4);
-    const DarkBins dark = measured(frame);
-    EXPECT_LT(dark.upper_dn, 7.5);
-    EXPECT_NEAR(levels_above_dark_bins({7, 16, 255}, dark, 8).levels.dark, 7, 0);   // above 1.5 sigma
-    EXPECT_NEAR(levels_above_dark_bins({3, 16, 255}, dark, 8).levels.dark, 13, 1);  // below
-}
-
 TEST(DarkBins, whose_noise_is_clipped_at_zero_show_it_above_zero) {
     for (const int bits : {8, 12, 16}) {
         const double scale = ((1 << bits) - 1) / 255.0;
