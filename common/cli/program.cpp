@@ -74,8 +74,12 @@ std::string number_problem(const std::string& text, bool whole, bool natural) {
     if (!CLI::detail::lexical_cast(text, sign) && !CLI::detail::lexical_cast(text, magnitude))
         return "\"" + text + "\" is no whole number";
     if (natural && text.starts_with('-')) return text + " is below 0";
-    constexpr std::size_t kMaxDigits = 19;
-    if (decimal && text.size() - digits > kMaxDigits) return text + " is out of range";
+    if (decimal) {  // CLI11 takes a larger one for the largest
+        const std::string_view most = natural ? "18446744073709551615" : "9223372036854775807",
+                               number_text = std::string_view(text).substr(digits);
+        if (number_text.size() > most.size() || (number_text.size() == most.size() && number_text > most))
+            return text + " is out of range";
+    }
     if (decimal && text[digits] == '0' && digits + 1 < text.size()) return text + " begins with 0: write it without";
     return {};
 }

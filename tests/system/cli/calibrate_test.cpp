@@ -190,5 +190,16 @@ TEST(Soak, a_short_one_keeps_every_promise_and_the_same_seed_gives_the_same_run)
     EXPECT_EQ(first.out, run("hord-lab", arguments).out);
 }
 
+// Half of all episodes have a seed above the largest signed number.
+TEST(Soak, every_episode_that_a_violation_names_can_be_run_again) {
+    const auto episode = [](const char* seed) {
+        return run("hord-lab", {"soak", "--parts", "10", "--line", "timed", "--episode", seed});
+    };
+    EXPECT_EQ(episode("18446744073709551615").status, 0);
+    const Said refused = episode("18446744073709551616");
+    EXPECT_EQ(refused.status, 2);
+    EXPECT_THAT(refused.err, HasSubstr("18446744073709551616 is out of range"));
+}
+
 }  // namespace
 }  // namespace hord::test
