@@ -65,7 +65,8 @@ struct CameraPortSensor::Stream final : CameraStream, CameraPort::Listener, std:
 
 CameraPortSensor::CameraPortSensor(hal::EventLoop& loop, const CameraPortOptions& options,
                                    std::unique_ptr<CameraPort> port, const CameraFormat& format)
-    : CameraSensor(loop, options.name), port_(std::move(port)), software_trigger_(options.software_trigger) {
+    : CameraSensor(loop, options.name, options.triggers, options.cure_of_silence), port_(std::move(port)),
+      commands_(options.triggers == CameraTriggers::command && !options.strobe_commands) {
     format_ = {format.width_px, format.height_px, format.grey.bits, options.buffers - 1};  // one stays with the camera
     stride_bytes_ = format.stride_bytes;
     layout_ = format.grey.layout;
@@ -92,6 +93,7 @@ Result<void> CameraPortSensor::do_start(Listener& listener) {
     stream->keep = std::move(*memory);
     stream->memory = *stream->keep;
     stream_ = stream;
+    silent_since_.reset();
     auto begun = begin(std::move(stream), -1, listener);
     if (!begun) do_stop();
     else if (edges_ != nullptr) edges_->on_camera_streams();
@@ -100,17 +102,20 @@ Result<void> CameraPortSensor::do_start(Listener& listener) {
 
 Result<void> CameraPortSensor::do_trigger(const hal::ExposureRequest& exposure) {
     auto done = CameraSensor::do_trigger(exposure);
-    if (done && waiting_.size() == 1) watch_for_silence();
-    if (done && software_trigger_) {
-        loop_.call_at(exposure.start, [stream = stream_] {
-            if (stream->sensor != nullptr) (void)stream->port.trigger();  // its failure shows as silence
+    if (!done) return done;
+    if (triggers_ != CameraTriggers::command) expect_frame_after(exposure.start + exposure.length);
+    if (commands_) {
+        loop_.call_at(exposure.start, [stream = stream_, number = exposure.exposure] {
+            if (stream->sensor != nullptr) (void)stream->sensor->expose(number);  // its failure shows as a lost frame
         });
     }
     return done;
 }
 
-Result<void> CameraPortSensor::expose() {
+Result<void> CameraPortSensor::expose(std::uint32_t exposure) {
     if (!streams()) return fail(ErrorCode::disconnected, name_ + " does not stream", "start the sensor");
+    if (auto begun = begin_command(exposure); !begun) return begun;
+    expect_frame_after(loop_.now());
     return port_->trigger();
 }
 
@@ -120,16 +125,19 @@ void CameraPortSensor::on_lost(const Error& error) {
 }
 
 // An open trigger reserves a buffer, so the camera could deliver a frame.
+void CameraPortSensor::expect_frame_after(hal::TimePoint time) {
+    if (silent_since_) return;
+    silent_since_ = time;
+    watch_for_silence();
+}
+
 void CameraPortSensor::watch_for_silence() {
-    const auto due = [this] {
-        return std::max(waiting_.front().start + waiting_.front().length, last_frame_) + kSilence;
-    };
     loop_.cancel(silence_timer_);
-    silence_timer_ = loop_.call_at(due(), [this, due] {
+    silence_timer_ = loop_.call_at(*silent_since_ + kSilence, [this] {
         on_ready();  // for frames that came while the loop was busy
-        if (!is_running() || waiting_.empty()) return;
-        if (due() > loop_.now()) return watch_for_silence();
-        lose(name_ + " gives no frames any more");
+        if (!is_running() || !silent_since_) return;
+        if (*silent_since_ + kSilence > loop_.now()) return watch_for_silence();
+        lose(name_ + " gives no frames any more", cure_of_silence_ + "; stop it and start it again");
     });
 }
 
@@ -141,11 +149,13 @@ void CameraPortSensor::on_ready() {
         if (!is_running() || stream != stream_) return;  // the listener stopped the sensor
     }
     while (const auto frame = stream->frames.pop()) {
-        last_frame_ = loop_.now();
+        silent_since_.reset();
         if (exposures_ != nullptr) exposures_->on_exposure(*frame);
         if (!is_running() || stream != stream_) return;
         deliver(*frame);
         if (!is_running() || stream != stream_) return;  // the listener stopped the sensor
+        if (!waiting_.empty() && triggers_ != CameraTriggers::command)
+            expect_frame_after(std::max(waiting_.front().start + waiting_.front().length, loop_.now()));
     }
     if (const auto why = stream->reasons.pop()) lose(name_ + " " + *why);
 }

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "drivers/camera_process/camera_port.h"
@@ -15,7 +16,9 @@ namespace hord::drivers {
 struct CameraPortOptions {
     std::string name = "the camera";  // for messages
     int buffers = 4;                  // one less can be lent at the same time
-    bool software_trigger = false;    // the station triggers each exposure when it is due
+    CameraTriggers triggers = CameraTriggers::unknown;
+    bool strobe_commands = false;  // CameraTriggers::command: a CameraStrobe commands; else trigger() does
+    std::string cure_of_silence = "check what triggers it, and its cable";  // where triggers bring no frame
 };
 
 class CameraPortSensor final : public CameraSensor {
@@ -49,11 +52,11 @@ class CameraPortSensor final : public CameraSensor {
                                                           std::unique_ptr<CameraPort> port);
     ~CameraPortSensor() override;
 
-    // Loop thread, all four. expose() sends a software trigger, whatever CameraPortOptions::software_trigger says.
+    // Loop thread, all four. expose() sends the software trigger of `exposure`.
     void tell_exposures(ExposureListener* listener) { exposures_ = listener; }
     void tell_edges(EdgeListener* listener) { edges_ = listener; }
     [[nodiscard]] bool streams() const { return stream_ != nullptr && is_running(); }
-    Result<void> expose();
+    Result<void> expose(std::uint32_t exposure);
 
   private:
     struct Stream;
@@ -64,15 +67,16 @@ class CameraPortSensor final : public CameraSensor {
     void do_stop() override;
     void on_lost(const Error& error) override;
     void on_ready() override;  // frames from the camera's thread
+    void expect_frame_after(hal::TimePoint time);
     void watch_for_silence();
 
     const std::unique_ptr<CameraPort> port_;
-    const bool software_trigger_;
+    const bool commands_;  // trigger() does
     ExposureListener* exposures_ = nullptr;
     EdgeListener* edges_ = nullptr;
     std::shared_ptr<Stream> stream_;  // null when stopped
     hal::EventLoop::TimerId silence_timer_{};
-    hal::TimePoint last_frame_{};  // its arrival, triggered or not
+    std::optional<hal::TimePoint> silent_since_;  // a frame is awaited; the first one since the last frame came
 };
 
 }  // namespace hord::drivers

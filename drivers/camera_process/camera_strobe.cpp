@@ -75,7 +75,7 @@ void CameraStrobe::begin(const StrobePulse& pulse) {
     if (now >= pulse.start + pulse.width) return report_not_lit(pulse);
     triggered_ = Triggered{pulse, now};
     frame_timer_ = loop_.call_after(exposure_ + kPatience, [this] { give_up_on_frame(); });
-    if (const auto done = camera_.expose(); !done) give_up_on_frame();
+    if (const auto done = camera_.expose(pulse.exposure); !done) give_up_on_frame();
 }
 
 // Lit at an unknown time, or not at all: it rests as if it had just ended.

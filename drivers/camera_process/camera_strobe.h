@@ -27,8 +27,8 @@ class CameraStrobe final : public hal::Strobe, private CameraPortSensor::Exposur
     static constexpr std::size_t kMaxPending = 64;  // pulses accepted and not yet begun
     static constexpr hal::Duration kPatience = std::chrono::seconds(1);
 
-    // `camera` is triggered by software from here alone (CameraPortOptions::software_trigger is false), exposes for
-    // `exposure`, and outlives the strobe. It may be started after the strobe; fire() fails until then.
+    // `camera` is triggered by software from here alone (CameraPortOptions::strobe_commands), exposes for `exposure`,
+    // and outlives the strobe. It may be started after the strobe; fire() fails until then.
     CameraStrobe(hal::EventLoop& loop, CameraPortSensor& camera, const hal::LightLimits& limits,
                  hal::Duration exposure);
     ~CameraStrobe() override;

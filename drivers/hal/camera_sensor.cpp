@@ -6,6 +6,11 @@
 #include "drivers/hal/packed_samples.h"
 
 namespace hord::drivers {
+namespace {
+
+constexpr hal::Duration kOverdue = std::chrono::milliseconds(250);  // a frame that is awaited so long does not come
+
+}  // namespace
 
 Result<void> CameraSensor::check_buffers(int buffers) {
     if (buffers >= kMinBuffers && buffers <= kMaxBuffers) return {};
@@ -30,6 +35,7 @@ Result<void> CameraSensor::begin(std::shared_ptr<CameraStream> stream, int fd, L
     listener_ = &listener;
     lost_ = false;
     waiting_.clear();
+    commanded_.reset();
     untriggered_ = 0;
     const std::scoped_lock lock(mutex_);
     ++generation_;
@@ -45,29 +51,77 @@ Result<void> CameraSensor::watch(int fd) {
 
 Result<void> CameraSensor::do_trigger(const hal::ExposureRequest& request) {
     if (lost_) return fail(ErrorCode::disconnected, name_ + " is gone", "stop it and start it again");
+    if (triggers_ == CameraTriggers::command) forget_what_was_not_commanded();
+    if (commanded_ && loop_.now() - commanded_->at > kOverdue && request.start < commanded_->at + kPatience)
+        return fail(ErrorCode::busy,
+                    name_ + ": the frame of its last trigger has not come for " +
+                        std::to_string((loop_.now() - commanded_->at) / std::chrono::milliseconds(1)) + " ms",
+                    cure_of_silence_);
     const std::scoped_lock lock(mutex_);
     const auto lent = std::ranges::count_if(lent_, [&](const auto& lease) { return lease.second == stream_; });
     if (static_cast<std::size_t>(lent) + waiting_.size() >= static_cast<std::size_t>(format_.buffers)) {
+        const bool overdue = !waiting_.empty() && loop_.now() - waiting_.front().start > kOverdue;
+        if (overdue && lent == 0) {
+            const bool comes = last_delivery_ > waiting_.front().start;
+            return fail(ErrorCode::busy,
+                        name_ + ": the last " + std::to_string(waiting_.size()) + " exposures brought " +
+                            (comes ? "frames whose time stamps are before their triggers" : "no frame"),
+                        comes ? "look whether the camera's clock stands still or was set; switch the camera off and on"
+                              : cure_of_silence_);
+        }
         return fail(ErrorCode::busy, name_ + ": every buffer is lent or filling",
-                    "give frames back sooner, or set more sensor.buffers");
+                    "give frames back sooner, or set more sensor.buffers" +
+                        (lent == 0 ? "; if no frame comes at all, " + cure_of_silence_ : ""));
     }
     waiting_.push_back(request);
     return {};
 }
 
-void CameraSensor::deliver(const CameraFrame& frame) {
+void CameraSensor::forget_what_was_not_commanded() {
+    std::erase_if(waiting_, [this](const hal::ExposureRequest& request) {
+        return (!commanded_ || commanded_->exposure != request.exposure) &&
+            request.start + request.length < loop_.now();
+    });
+}
+
+Result<void> CameraSensor::begin_command(std::uint32_t exposure) {
+    const auto its = std::ranges::find(waiting_, exposure, &hal::ExposureRequest::exposure);
+    if (commanded_ && loop_.now() - commanded_->at < kPatience) {
+        if (its != waiting_.end()) waiting_.erase(its);
+        return fail(ErrorCode::busy, name_ + ": the frame of the trigger before has not come",
+                    "leave more time between parts, or look why frames take so long");
+    }
+    waiting_.erase(waiting_.begin(), its == waiting_.end() ? waiting_.begin() : its);
+    commanded_ = Commanded{exposure, loop_.now()};
+    return {};
+}
+
+CameraSensor::Match CameraSensor::match(const CameraFrame& frame) {
     const auto began = [&](const hal::ExposureRequest& exposure) {
         return frame.stamp_of_start ? frame.stamp : frame.stamp - exposure.length;
     };
+    if (triggers_ == CameraTriggers::command) {
+        if (!commanded_) return {waiting_.end()};
+        const auto its = std::ranges::find(waiting_, commanded_->exposure, &hal::ExposureRequest::exposure);
+        if ((its == waiting_.end() ? frame.stamp : began(*its)) < commanded_->at) return {waiting_.end()};
+        return {its, std::exchange(commanded_, std::nullopt)->exposure};
+    }
     while (waiting_.size() > 1 && began(waiting_[1]) >= waiting_[1].start) waiting_.erase(waiting_.begin());
     const bool triggered = !waiting_.empty() && began(waiting_.front()) >= waiting_.front().start;
+    return {triggered ? waiting_.begin() : waiting_.end()};
+}
+
+void CameraSensor::deliver(const CameraFrame& frame) {
+    last_delivery_ = loop_.now();
+    const Match its = match(frame);
+    const bool triggered = its.trigger != waiting_.end();
     std::shared_ptr<CameraStream> stream;
     std::uint32_t slot = 0;
     {
         const std::scoped_lock lock(mutex_);
         stream = stream_;
         if (frame.buffer >= stream->memory.size()) return lose(name_ + " named a buffer that does not exist");
-        if (!triggered) {
+        if (!triggered && triggers_ == CameraTriggers::unknown) {
             ++untriggered_;
             if (const auto queued = stream->queue(frame.buffer); !queued) lose(name_ + ": " + queued.error().what);
             return;
@@ -75,11 +129,13 @@ void CameraSensor::deliver(const CameraFrame& frame) {
         slot = generation_ * static_cast<std::uint32_t>(kMaxBuffers) + frame.buffer;
         lent_[slot] = stream;
     }
-    hal::FrameInfo info{.sequence = frame.sequence - untriggered_,
-                        .exposure_start = began(waiting_.front()),
-                        .bytes_used = frame.bytes_used,
-                        .corrupt = frame.corrupt};
-    waiting_.erase(waiting_.begin());
+    hal::FrameInfo info{
+        .sequence = frame.sequence - untriggered_,
+        .exposure_start = frame.stamp_of_start || !triggered ? frame.stamp : frame.stamp - its.trigger->length,
+        .bytes_used = frame.bytes_used,
+        .corrupt = frame.corrupt,
+        .exposure = its.exposure};
+    if (triggered) waiting_.erase(its.trigger);
     const FrameView view = view_of(*stream, frame.buffer, info.bytes_used);
     listener_->on_frame(hal::FrameLease(*this, slot, view, info));
 }
@@ -121,11 +177,11 @@ void CameraSensor::do_give_back(std::uint32_t slot) noexcept {
     lent_.erase(lease);  // the last lease of an earlier stream frees it
 }
 
-void CameraSensor::lose(const std::string& what) {
+void CameraSensor::lose(const std::string& what, const std::string& cure) {
     if (std::exchange(lost_, true)) return;
     loop_.unwatch(watch_);
     waiting_.clear();
-    const Error why{ErrorCode::disconnected, what, "check its cable; stop it and start it again"};
+    const Error why{ErrorCode::disconnected, what, cure};
     lost_timer_ = loop_.call_after({}, [this, why] { listener_->on_sensor_lost(why); });
     on_lost(why);
 }

@@ -30,6 +30,7 @@ struct FrameInfo {
     TimePoint exposure_start;    // device timestamp
     std::size_t bytes_used = 0;  // fewer than the format needs: a short frame
     bool corrupt = false;        // the device flagged an error
+    std::uint32_t exposure = 0;  // ExposureRequest::exposure whose trigger made it; 0: the device cannot tell
 };
 
 class Sensor;

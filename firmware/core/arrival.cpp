@@ -145,6 +145,7 @@ TimePoint Core::expose_when_due(Part& part) {
     }
     part.exposed = true;
     part.exposure_start = start;
+    part.asked_at = now_;
     part.place_good = !config_.by_encoder;
     if (now_ > start) {  // too late: the part has passed the camera
         keep_active(kFaultOverrun);

@@ -259,6 +259,11 @@ std::vector<std::string> problems(const CoreConfig& c) {
     refuse(2 * c.frame_window >= c.min_gap,
            "timing.frame_window_us is " + ms(c.frame_window) + ", half of line.min_gap_ms or more",
            "shorten it, else a frame may belong to two parts");
+    refuse(!c.by_encoder && c.frame_window > c.exposure_delay,
+           "timing.frame_window_us is " + ms(c.frame_window) + ", longer than line.exposure_delay_ms, " +
+               ms(c.exposure_delay),
+           "shorten it, or set the camera further behind the part sensor and raise exposure_delay_ms: else it admits "
+           "frames from before the part's own edge");
     refuse(c.strobe_delay + c.strobe > c.exposure,
            "the light ends " + ms(c.strobe_delay + c.strobe) + " after the exposure's start, the exposure " +
                ms(c.exposure),

@@ -97,7 +97,7 @@ class Core {
     void on(const InspectRefused& event) { refused(event.part, &Part::inspecting, PartReason::inspector_failed); }
     void refused(std::uint32_t number, bool Part::*pending, PartReason reason);
     void note_stray_frame(PartReason stray_frame);
-    [[nodiscard]] Part* exposed_at(TimePoint exposure_start);
+    [[nodiscard]] Part* owner_of(const hal::FrameInfo& frame);
     void judge_when_complete(Part& part);
     void decide(Part& part, PartVerdict verdict, PartReason reason);
     void count_trouble(PartReason reason);

@@ -36,6 +36,7 @@ struct Part {
     std::int64_t edge_counts = 0;    // with encoder: at the edge
     std::int64_t target_counts = 0;  // with encoder: when the part is at the ejector
     TimePoint exposure_start;
+    TimePoint asked_at;  // when exposure and light were requested
     Judged judgement;
 
     TimePoint eject_start;                        // of the commanded pulse

@@ -31,8 +31,10 @@ std::uint32_t to_us(Duration d) {
 
 }  // namespace
 
-// A frame belongs to the part whose exposure was requested at its time stamp; one frame a part. A stray frame is noted
-// on the oldest part that waits for its frame: if that one never comes, the stray frame's kind is the reason.
+// One frame a part. A second frame in a part's window makes it unfit: nobody knows which of the two shows it. A frame
+// that answers a part's trigger outside its window makes it unfit, too: it has used up the trigger, and no other comes.
+// Another stray frame is noted on the oldest part that waits for its frame: if that one never comes, the stray frame's
+// kind is the reason.
 void Core::on(const FrameArrived& event) {
     const std::uint32_t step = event.info.sequence - last_frame_;
     const bool repeated = frames_seen_ && (step == 0 || step >= (1U << 31));
@@ -40,11 +42,13 @@ void Core::on(const FrameArrived& event) {
         frames_seen_ = true;
         last_frame_ = event.info.sequence;
     }
-    Part* part = repeated ? nullptr : exposed_at(event.info.exposure_start);
-    if (part == nullptr) {
-        note_stray_frame(repeated ? PartReason::frame_duplicate : PartReason::frame_stale);
+    Part* part = repeated ? nullptr : owner_of(event.info);
+    if (part == nullptr || !part->frame_due) {
         actions_->push(ReleaseFrame{event.frame});
-        return;
+        if (part != nullptr) decide(*part, PartVerdict::unfit, PartReason::frame_duplicate);
+        if (!repeated && event.info.exposure != 0)
+            return refused(event.info.exposure, &Part::frame_due, PartReason::frame_stale);
+        return note_stray_frame(repeated ? PartReason::frame_duplicate : PartReason::frame_stale);
     }
     part->frame_due = false;
     if (part->phase != Part::Phase::waiting) {  // already rejected for another reason
@@ -58,16 +62,22 @@ void Core::on(const FrameArrived& event) {
     }
 }
 
-Part* Core::exposed_at(TimePoint exposure_start) {
+// The part whose exposure was requested at the frame's time stamp, and not after it; where the device knows whose
+// trigger made the frame, that part alone. A part that still waits for its frame goes before one that has it.
+Part* Core::owner_of(const hal::FrameInfo& frame) {
+    Part* has_one = nullptr;
     for (std::uint32_t k = 0; k < line_.size(); ++k) {
         Part& part = line_[k];
-        if (!part.frame_due) continue;
-        if (!differs_by_more(exposure_start.time_since_epoch(), part.exposure_start.time_since_epoch(),
-                             config_.frame_window)) {
-            return &part;
+        if (!part.exposed || frame.exposure_start < part.asked_at) continue;
+        if (frame.exposure != 0 && frame.exposure != part.number()) continue;
+        if (differs_by_more(frame.exposure_start.time_since_epoch(), part.exposure_start.time_since_epoch(),
+                            config_.frame_window)) {
+            continue;
         }
+        if (part.frame_due) return &part;
+        has_one = &part;
     }
-    return nullptr;
+    return has_one;
 }
 
 void Core::note_stray_frame(PartReason stray_frame) {

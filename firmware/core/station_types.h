@@ -62,8 +62,8 @@ enum class PartReason : std::uint16_t {
 
     verdict_late = 16,         // no verdict by the deadline
     frame_lost = 17,           // no frame came
-    frame_stale = 18,          // the frame was exposed before this part's strobe
-    frame_duplicate = 19,      // the device delivered the same frame again
+    frame_stale = 18,          // the frame was not exposed within the window of this part's exposure
+    frame_duplicate = 19,      // the same frame came again, or two frames in this part's window
     frame_short = 20,          // fewer bytes than a frame
     frame_corrupt = 21,        // flagged by the device
     strobe_failed = 22,        // the light did not come, or came at the wrong time

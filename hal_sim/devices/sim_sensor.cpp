@@ -56,10 +56,13 @@ Result<void> SimSensor::do_trigger(const hal::ExposureRequest& request) {
         return {};  // accepted; the loss is reported later
     }
     slot->state.store(State::exposing, std::memory_order_relaxed);
+    const Duration late_by = faults_.fires(InjectedFault::trigger_late).value_or(0ns);
+    slot->trigger = request.exposure;
     slot->info = {.sequence = ++sequence_,
-                  .exposure_start = std::max(request.start, loop_.now()),
+                  .exposure_start = std::max(request.start, loop_.now()) + late_by,
                   .bytes_used = slot->samples.size(),
-                  .corrupt = false};
+                  .corrupt = false,
+                  .exposure = faults_.names(InjectedFault::trigger_late) ? request.exposure : 0};
     slot->end = slot->info.exposure_start + request.length;
     slot->timer = loop_.call_at(slot->end, [this, number = number_of(*slot)] { exposed(number); });
     return {};
@@ -95,18 +98,22 @@ void SimSensor::exposed(std::uint32_t number) {
         std::vector<std::byte> fresh(slot.view.data, slot.view.data + last_samples_.size());
         hal::FrameInfo info = slot.info;
         const std::uint64_t fresh_part = part;
+        const std::uint32_t fresh_trigger = slot.trigger;
         if (stale) {  // before the first frame the old one is dark
             std::copy(last_samples_.begin(), last_samples_.end(), slot.samples.begin());
             slot.view.data = slot.samples.data();
             slot.info.exposure_start =
                 last_info_.sequence == 0 ? slot.info.exposure_start - 1s : last_info_.exposure_start;
+            slot.info.exposure = last_info_.exposure;
+            slot.trigger = last_trigger_;
             part = last_part_;
         }
         last_samples_.swap(fresh);
         last_info_ = info;
         last_part_ = fresh_part;
+        last_trigger_ = fresh_trigger;
     }
-    seen_[slot.info.sequence % seen_.size()] = {slot.info.sequence, part};
+    seen_[slot.info.sequence % seen_.size()] = {slot.info.sequence, part, slot.trigger};
 
     slot.info.corrupt = faults_.fires(InjectedFault::frame_corrupt).has_value();
     if (dropped) {

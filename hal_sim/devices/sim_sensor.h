@@ -35,6 +35,12 @@ class SimSensor final : public hal::Sensor {
         return seen.sequence == sequence ? seen.part : 0;
     }
 
+    // ExposureRequest::exposure whose trigger made it, by the frame's sequence; 0: older than 64 frames.
+    [[nodiscard]] std::uint32_t true_trigger_of(std::uint32_t sequence) const {
+        const Seen& seen = seen_[sequence % seen_.size()];
+        return seen.sequence == sequence ? seen.trigger : 0;
+    }
+
     // The device is unplugged now; start() fails for this long.
     void unplug(hal::Duration gone_for) {
         if (listener_ != nullptr) lose(gone_for);
@@ -47,12 +53,14 @@ class SimSensor final : public hal::Sensor {
         std::vector<std::byte> samples;
         FrameView view;
         hal::FrameInfo info;
+        std::uint32_t trigger = 0;
         hal::TimePoint end;
         hal::EventLoop::TimerId timer{};
     };
     struct Seen {
         std::uint32_t sequence = 0;
         std::uint64_t part = 0;
+        std::uint32_t trigger = 0;
     };
     Result<void> do_start(Listener& listener) override;
     Result<void> do_trigger(const hal::ExposureRequest& request) override;
@@ -92,6 +100,7 @@ class SimSensor final : public hal::Sensor {
     std::vector<std::byte> last_samples_;
     hal::FrameInfo last_info_;
     std::uint64_t last_part_ = 0;
+    std::uint32_t last_trigger_ = 0;
 };
 
 }  // namespace hord::sim

@@ -69,8 +69,10 @@ enum class InjectedFault : std::uint8_t {
     plc_walks,  // each arrival        the PLC commands the station to a random state and leaves it there for `amount`
                 // (1.5 s)
     strobe_short,  // each pulse          lit for `amount` less (22 us); reported so
+    trigger_late,  // each exposure       the camera obeys its trigger `amount` late (60 ms), and says which trigger it
+                   // was
 };
-inline constexpr std::size_t kInjectedFaults = static_cast<std::size_t>(InjectedFault::strobe_short) + 1;
+inline constexpr std::size_t kInjectedFaults = static_cast<std::size_t>(InjectedFault::trigger_late) + 1;
 
 std::string_view name_of(InjectedFault fault);  // "frame-drop"
 std::optional<InjectedFault> injected_fault_named(std::string_view name);

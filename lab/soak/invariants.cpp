@@ -253,12 +253,17 @@ void Invariants::strobe_reported(const hal::StrobeReport& report) {
     evidence.light_correct = report.lit && off <= rules_.core.strobe_window && wide <= rules_.core.strobe_window;
 }
 
-void Invariants::submitted(std::uint32_t station_part, const hal::FrameInfo& frame, std::uint64_t true_part) {
+void Invariants::submitted(std::uint32_t station_part, const hal::FrameInfo& frame, const FrameTruth& truth) {
     Evidence& evidence = evidence_of(station_part);
     if (evidence.submitted)
         broken(Promise::own_data, "two frames were inspected for station part " + std::to_string(station_part));
     evidence.submitted = true;
-    evidence.true_part = true_part;
+    if (truth.trigger != station_part) {
+        broken(Promise::own_data,
+               "the frame of the trigger for station part " + std::to_string(truth.trigger) +
+                   " was inspected for station part " + std::to_string(station_part));
+    }
+    evidence.true_part = truth.part;
     const TimePoint asked = evidence.pulse.start - rules_.core.strobe_delay;
     const Duration off = frame.exposure_start > asked ? frame.exposure_start - asked : asked - frame.exposure_start;
     evidence.frame_correct =

@@ -72,7 +72,11 @@ class Invariants {
     void edge_delivered(const hal::PartEdge& edge);
     void lit(const hal::StrobePulse& pulse);
     void strobe_reported(const hal::StrobeReport& report);
-    void submitted(std::uint32_t station_part, const hal::FrameInfo& frame, std::uint64_t true_part);
+    struct FrameTruth {
+        std::uint64_t part = 0;     // that it shows
+        std::uint32_t trigger = 0;  // the station part whose exposure request made it
+    };
+    void submitted(std::uint32_t station_part, const hal::FrameInfo& frame, const FrameTruth& truth);
     void judged(const Judged& judged);
     void rejecting(const hal::RejectCommand& command);
     void rejecting_done(bool accepted);

@@ -65,6 +65,7 @@ hal::Duration draw_amount(InjectedFault fault, std::uint64_t bits) {
         case InjectedFault::inspector_hangs: return one_of({400ms, 700ms, 1500ms});
         case InjectedFault::device_unplugged: return one_of({100ms, 300ms, 700ms});
         case InjectedFault::plc_walks: return one_of({400ms, 1500ms, 2500ms});
+        case InjectedFault::trigger_late: return one_of({1ms, 20ms, 60ms, 99ms, 101ms});
         case InjectedFault::clock_set: return one_of({2ms, 1000ms, 3600000ms});
         default: return {};
     }

@@ -71,7 +71,11 @@ class SimulatedLine::ObservedInspector final : public Inspector, Inspector::List
     }
     Result<void> submit(std::uint32_t part, hal::FrameLease frame) override {
         const hal::FrameInfo info = frame.info();
-        if (line_.alive()) line_.invariants_->submitted(part, info, line_.cell_->sensor().true_part_of(info.sequence));
+        if (line_.alive()) {
+            const sim::SimSensor& sensor = line_.cell_->sensor();
+            line_.invariants_->submitted(part, info,
+                                         {sensor.true_part_of(info.sequence), sensor.true_trigger_of(info.sequence)});
+        }
         return inner_->submit(part, std::move(frame));
     }
     void stop() override { inner_->stop(); }

@@ -35,8 +35,10 @@ struct TestStream final : CameraStream {
 
 class TestCamera final : public CameraSensor {
   public:
-    using CameraSensor::check_buffers, CameraSensor::deliver, CameraSensor::lose, CameraSensor::is_running;
-    explicit TestCamera(hal::EventLoop& loop) : CameraSensor(loop, "the camera") {
+    using CameraSensor::begin_command, CameraSensor::check_buffers, CameraSensor::deliver, CameraSensor::lose,
+        CameraSensor::is_running;
+    explicit TestCamera(hal::EventLoop& loop, CameraTriggers triggers = CameraTriggers::unknown)
+        : CameraSensor(loop, "the camera", triggers, "look at its wire") {
         format_ = {kWidth, kHeight, 8, 2};
         stride_bytes_ = kWidth;
     }
@@ -125,6 +127,110 @@ TEST_F(Camera, a_trigger_whose_frame_never_came_is_forgotten_when_the_next_one_i
     EXPECT_EQ(frames[0].info().exposure_start, at(10ms));
     frame(11ms, 1);
     EXPECT_EQ(frames.size(), 1U) << "no trigger is open";
+}
+
+// A camera that makes a frame for each trigger and for nothing else.
+class TriggeredCamera : public ::testing::Test, public hal::SensorListener {
+  protected:
+    lab::VirtualTime loop;
+    std::optional<TestCamera> camera;
+    std::vector<hal::FrameInfo> frames;
+    std::uint32_t sequence = 0;
+
+    void on_frame(hal::FrameLease frame) override { frames.push_back(frame.info()); }
+    void on_sensor_lost(const Error&) override { ADD_FAILURE(); }
+
+    void start(CameraTriggers triggers) {
+        camera.emplace(loop, triggers);
+        ASSERT_TRUE(camera->start(*this));
+    }
+    Result<void> trigger(std::uint32_t exposure) { return camera->trigger({exposure, loop.now(), 1ms}); }
+    void frame() { camera->deliver({0, ++sequence, loop.now(), true, 8, false}); }
+};
+
+TEST_F(TriggeredCamera, a_late_frame_uses_up_its_command_and_is_not_the_next_ones) {
+    start(CameraTriggers::command);
+    const hal::TimePoint asked = loop.now();
+    ASSERT_TRUE(trigger(15));
+    ASSERT_TRUE(camera->begin_command(15));
+    loop.run_for(50ms);
+    ASSERT_TRUE(trigger(16)) << "what was asked for is not commanded yet";
+    EXPECT_EQ(camera->begin_command(16).error().code, ErrorCode::busy);
+    loop.run_for(2ms);
+    frame();
+    ASSERT_EQ(frames.size(), 1U);
+    EXPECT_EQ(frames[0].exposure, 15U);
+    EXPECT_EQ(frames[0].exposure_start, asked + 52ms);
+    loop.run_for(50ms);
+    ASSERT_TRUE(trigger(17));
+    ASSERT_TRUE(camera->begin_command(17));
+    loop.run_for(1ms);
+    frame();
+    ASSERT_EQ(frames.size(), 2U);
+    EXPECT_EQ(frames[1].exposure, 17U);
+}
+
+TEST_F(TriggeredCamera, a_frame_that_never_comes_holds_commands_back_for_the_patience_alone) {
+    start(CameraTriggers::command);
+    for (std::uint32_t k = 1; k <= 8; ++k) {
+        ASSERT_TRUE(trigger(2 * k - 1)) << k;
+        ASSERT_TRUE(camera->begin_command(2 * k - 1)) << k;
+        loop.run_for(250ms);
+        ASSERT_TRUE(trigger(2 * k)) << k;
+        EXPECT_FALSE(camera->begin_command(2 * k)) << k;
+        loop.run_for(CameraSensor::kPatience - 250ms - hal::Duration(1));
+        EXPECT_THAT(trigger(2 * k).error().message(), HasSubstr("has not come for 999 ms: look at its wire")) << k;
+        loop.run_for(hal::Duration(1));
+    }
+    ASSERT_TRUE(trigger(99));
+    ASSERT_TRUE(camera->begin_command(99));
+    frame();
+    ASSERT_EQ(frames.size(), 1U);
+    EXPECT_EQ(frames[0].exposure, 99U);
+}
+
+TEST_F(TriggeredCamera, a_frame_from_before_the_command_is_delivered_as_nobodys) {
+    start(CameraTriggers::command);
+    frame();
+    loop.run_for(1ms);
+    ASSERT_TRUE(trigger(1));
+    ASSERT_TRUE(camera->begin_command(1));
+    camera->deliver({0, ++sequence, loop.now() - hal::Duration(1), true, 8, false});
+    frame();
+    frame();
+    ASSERT_EQ(frames.size(), 4U);
+    for (const int nobodys : {0, 1, 3}) EXPECT_EQ(frames[static_cast<std::size_t>(nobodys)].exposure, 0U) << nobodys;
+    EXPECT_EQ(frames[2].exposure, 1U);
+    EXPECT_THAT(camera->stream->queued, ElementsAre(0, 0, 0, 0));
+}
+
+TEST_F(TriggeredCamera, a_second_frame_of_a_wires_pulse_is_delivered_as_nobodys) {
+    start(CameraTriggers::wire);
+    ASSERT_TRUE(trigger(1));
+    frame();
+    frame();
+    ASSERT_EQ(frames.size(), 2U);
+    EXPECT_EQ(frames[1].sequence, frames[0].sequence + 1);
+}
+
+TEST_F(TriggeredCamera, that_sends_nothing_or_frames_from_before_is_said_not_to_lack_buffers) {
+    start(CameraTriggers::wire);
+    for (const bool frames_come : {false, true}) {
+        const hal::TimePoint stands_still = loop.now() - 1ms;
+        loop.run_for(1s);
+        for (std::uint32_t k = 0; k < 2; ++k) {
+            ASSERT_TRUE(trigger(k + 1));
+            loop.run_for(200ms);
+            if (frames_come) camera->deliver({0, ++sequence, stands_still, true, 8, false});
+        }
+        const Error error = trigger(3).error();
+        EXPECT_EQ(error.code, ErrorCode::busy);
+        EXPECT_THAT(error.message(),
+                    HasSubstr(frames_come ? "frames whose time stamps are before their triggers" : "brought no frame"));
+        EXPECT_THAT(error.cure, HasSubstr(frames_come ? "clock" : "look at its wire"));
+        camera->stop();
+        ASSERT_TRUE(camera->start(*this));
+    }
 }
 
 TEST_F(Camera, buffers_that_are_lent_or_filling_are_counted) {

@@ -64,10 +64,22 @@ TEST(CoreConfig, every_rule_holds_up_to_its_limit) {
         {"early and pulse", [](CoreConfig& c) { c.reject_early = c.reject_pulse - Duration(1); },
          [](CoreConfig& c) { c.reject_early = c.reject_pulse; },
          "rejector.early_ms is 15 ms, the pulse is over after 15 ms: shorten early_ms or lengthen pulse_ms"},
-        {"window and gap", [](CoreConfig& c) { c.frame_window = c.min_gap / 2 - Duration(1); },
-         [](CoreConfig& c) { c.frame_window = c.min_gap / 2; },
+        {"window and gap",
+         [](CoreConfig& c) {
+             c.exposure_delay = milliseconds(10);
+             c.frame_window = c.min_gap / 2 - Duration(1);
+         },
+         [](CoreConfig& c) {
+             c.exposure_delay = milliseconds(10);
+             c.frame_window = c.min_gap / 2;
+         },
          "timing.frame_window_us is 10 ms, half of line.min_gap_ms or more: shorten it, else a frame may belong to two "
          "parts"},
+        {"window and edge", [](CoreConfig& c) { c.frame_window = c.exposure_delay; },
+         [](CoreConfig& c) { c.frame_window = c.exposure_delay + Duration(1000); },
+         "timing.frame_window_us is 5.001 ms, longer than line.exposure_delay_ms, 5 ms: shorten it, or set the camera "
+         "further behind the part sensor and raise exposure_delay_ms: else it admits frames from before the part's own "
+         "edge"},
         {"light and exposure", [](CoreConfig& c) { c.exposure = microseconds(300); },
          [](CoreConfig& c) { c.exposure = microseconds(299); },
          "the light ends 0.3 ms after the exposure's start, the exposure 0.299 ms: lengthen timing.exposure_us or "

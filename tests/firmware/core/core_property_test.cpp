@@ -40,9 +40,9 @@ class Shadow {
     struct Shown {
         TimePoint arrived;
         bool exposed = false;
-        TimePoint exposure_start;
+        TimePoint exposure_start, asked_at;
         bool own_frame = false, own_light = false, judged_pass = false;
-        bool light_told = false;
+        bool light_told = false, doubtful = false;
         bool commanded = false, recorded = false;
     };
 
@@ -117,6 +117,7 @@ class Shadow {
                 if (chance(3)) f.info.sequence = frame_ -= static_cast<std::uint32_t>(pick(2));
                 if (chance(3)) f.info.bytes_used = 999;
                 if (chance(3)) f.info.corrupt = true;
+                if (chance(40)) f.info.exposure = chance(90) ? part : any_part();
                 return f;
             }
             case 9:
@@ -216,6 +217,13 @@ class Shadow {
             fresh_ = !frames_seen_ || static_cast<std::int32_t>(frame->info.sequence - highest_frame_) > 0;
             if (fresh_) highest_frame_ = frame->info.sequence;
             frames_seen_ = true;
+            for (auto& [number, p] : parts_) {
+                const bool in_window = p.exposed && frame->info.exposure_start >= p.asked_at &&
+                    abs(frame->info.exposure_start - p.exposure_start) <= config_.frame_window;
+                const bool named = frame->info.exposure == 0 || frame->info.exposure == number;
+                if (fresh_ && !config_.by_encoder && p.own_frame && !p.recorded && in_window && named)
+                    p.doubtful = true;
+            }
         }
         const auto* up = std::get_if<DeviceUp>(&event);
         if (up != nullptr && up->device == Device::sensor) frames_seen_ = false;
@@ -233,6 +241,7 @@ class Shadow {
             EXPECT_LE(exposure->start, now_ + config_.trigger_lead);
             p.exposed = true;
             p.exposure_start = exposure->start;
+            p.asked_at = now_;
         } else if (const auto* inspect = std::get_if<Inspect>(&action)) {
             const auto* frame = std::get_if<FrameArrived>(&event);
             ASSERT_NE(frame, nullptr);
@@ -241,6 +250,8 @@ class Shadow {
             EXPECT_FALSE(p.own_frame) << "a second frame for part " << inspect->part;
             EXPECT_TRUE(fresh_ && !frame->info.corrupt && frame->info.bytes_used >= config_.frame_bytes);
             EXPECT_LE(abs(frame->info.exposure_start - p.exposure_start), config_.frame_window);
+            EXPECT_GE(frame->info.exposure_start, p.asked_at);
+            EXPECT_TRUE(frame->info.exposure == 0 || frame->info.exposure == inspect->part);
             p.own_frame = true;
             EXPECT_FALSE(std::exchange(frame_given_back, true));
         } else if (const auto* release = std::get_if<ReleaseFrame>(&action)) {
@@ -271,6 +282,7 @@ class Shadow {
         if (r.verdict == PartVerdict::pass) {
             EXPECT_TRUE(p.own_frame && p.own_light && p.judged_pass)
                 << "part " << r.part << " passed without valid data of its own";
+            EXPECT_FALSE(p.doubtful) << "part " << r.part << " passed, and two frames were in its window";
             EXPECT_FALSE(p.commanded);
             EXPECT_FALSE(plc_lost_ && config_.plc_policy == PlcPolicy::reject_all) << "passed without the PLC";
             EXPECT_EQ(r.reject, RejectState::not_needed);

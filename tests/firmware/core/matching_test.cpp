@@ -295,6 +295,52 @@ TEST_F(Running, a_frames_number_is_new_up_to_half_of_all_numbers_ahead) {
     }
 }
 
+// The trigger of the first part is obeyed late, while the second is about to be exposed.
+TEST_F(Running, a_frame_that_names_another_parts_trigger_is_never_the_next_parts) {
+    const auto first = rig.part_arrives();
+    rig.advance(milliseconds(40));
+    const auto second = rig.part_arrives();
+    rig.advance(milliseconds(10));
+    rig.light_comes(second);
+    rig.send(FrameArrived{1, {1, rig.exposure_of(second).start - milliseconds(1), 1000, false, first}});
+    EXPECT_TRUE(rig.inspections.empty());
+    EXPECT_EQ(rig.shot().counters.unfit, 1U) << "the late frame has used up the trigger of the first";
+    rig.send(FrameArrived{2, {2, rig.exposure_of(second).start, 1000, false, second}});
+    ASSERT_EQ(rig.inspections.size(), 1U);
+    EXPECT_EQ(rig.inspections[0].part, second);
+    EXPECT_EQ(rig.inspections[0].frame, 2U);
+    rig.judged(second, Verdict::pass);
+    EXPECT_EQ(rig.shot().counters.pass, 1U);
+    expect_fail_safe(first, PartReason::frame_stale);
+}
+
+TEST_F(Running, of_two_frames_in_one_window_none_is_chosen) {
+    const auto part = rig.part_arrives();
+    rig.advance(milliseconds(10));
+    rig.light_comes(part);
+    rig.frame_comes_at(rig.exposure_of(part).start - milliseconds(1));
+    ASSERT_EQ(rig.inspections.size(), 1U);
+    rig.frame_comes_at(rig.exposure_of(part).start + milliseconds(2));
+    EXPECT_EQ(rig.released.size(), 1U);
+    rig.judged(part, Verdict::pass);
+    EXPECT_EQ(rig.shot().counters.pass, 0U);
+    expect_fail_safe(part, PartReason::frame_duplicate);
+}
+
+TEST_F(Running, a_frame_from_before_its_request_is_not_the_parts_whatever_the_window) {
+    CoreConfig config = quick_line();
+    config.frame_window = config.exposure_delay;
+    config.trigger_lead = milliseconds(2);
+    for (const bool before : {true, false}) {
+        CoreRig one(config);
+        one.bring_to(State::continuous_execution);
+        const auto part = one.part_arrives();
+        one.advance(milliseconds(10));
+        one.frame_comes_at(one.exposure_of(part).start - config.trigger_lead - Duration(before ? 1 : 0));
+        EXPECT_EQ(one.inspections.size(), before ? 0U : 1U);
+    }
+}
+
 TEST_F(Running, short_and_corrupt_frames_reject_at_once) {
     for (const bool corrupt : {false, true}) {
         CoreRig one;
