@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "firmware/station/timing_mismatch.h"
+
 namespace hord::firmware {
 namespace {
 
@@ -31,12 +33,14 @@ struct Station::DeviceListener final : hal::PartSensor::Listener,
     void on_part_sensor_lost(const Error& error) override { lost(Device::part_sensor, error); }
     void on_strobe(const hal::StrobeReport& report) override {
         if (report.exposure == Station::kTestPart) return station.test_lit(report);
+        station.tell(report);
         station.process(report);
     }
     void on_strobe_lost(const Error& error) override { lost(Device::strobe, error); }
     void on_frame(hal::FrameLease frame) override {
         const hal::FrameInfo info = frame.info();
         if (station.test_frame(frame)) return;
+        station.tell(info);
         station.process(FrameArrived{station.lend(std::move(frame)), info});
     }
     void on_sensor_lost(const Error& error) override { lost(Device::sensor, error); }
@@ -298,6 +302,17 @@ void Station::set_timer() {
         timer_ = hal::EventLoop::TimerId::none;
         process(Tick{});
     });
+}
+
+// Once a second at most: the next part's is the same.
+template <class Told>
+void Station::tell(const Told& told) {
+    const TimePoint now = cell_.loop.now();
+    if (now < quiet_until_) return;
+    const auto mismatch = mismatch_of(told, core_.line(), core_.config());
+    if (!mismatch) return;
+    quiet_until_ = now + milliseconds(1000);
+    report(*mismatch);
 }
 
 void Station::report(const Error& error) {

@@ -107,6 +107,8 @@ class Station {
     void end_test();
     void set_timer();
     void report(const Error& error);
+    template <class Told>
+    void tell(const Told& told);  // by how much a frame or light missed its time
     void try_to_run();
     [[nodiscard]] FrameHandle lend(hal::FrameLease frame);
     hal::FrameLease take_back(FrameHandle handle);
@@ -122,6 +124,7 @@ class Station {
     bool wants_to_run_ = false;
     bool rejector_started_ = false;
     std::vector<hal::FrameLease> loans_;  // by FrameHandle
+    TimePoint quiet_until_{};             // for tell()
     struct Test {
         FlashTest result;
         TimePoint exposure_start;

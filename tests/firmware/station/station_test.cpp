@@ -136,6 +136,30 @@ TEST_F(StationTest, a_full_inspector_rejects_and_gives_the_frame_back) {
     EXPECT_THAT(observer.troubles[0].message(), HasSubstr("queue is full"));
 }
 
+TEST_F(StationTest, a_frame_or_light_that_misses_its_time_is_told_with_the_key_to_change) {
+    run();
+    part();
+    loop.run_for(milliseconds(40));
+    const auto& pulse = strobe.pulses.back();
+    strobe.listener->on_strobe({pulse.exposure, true, pulse.start - milliseconds(5), pulse.width});
+    ASSERT_EQ(observer.troubles.size(), 1U);
+    EXPECT_THAT(observer.troubles[0].what,
+                HasSubstr("the light of part 1 began 5 ms before it was due; the tolerance is 0.1 ms "
+                          "(timing.strobe_window_us)"));
+    sensor.deliver(sensor.requests.back().start + milliseconds(23));
+    EXPECT_EQ(observer.troubles.size(), 1U) << "no part waits any more";
+    loop.run_for(milliseconds(360));
+    rejector.listener->on_reject({1, hal::RejectReport::Outcome::confirmed, loop.now()});
+    loop.run_for(milliseconds(600));
+    part();
+    loop.run_for(milliseconds(40));
+    sensor.deliver(sensor.requests.back().start + milliseconds(23));
+    sensor.deliver(sensor.requests.back().start + milliseconds(24));
+    ASSERT_EQ(observer.troubles.size(), 2U) << "once a second";
+    EXPECT_THAT(observer.troubles[1].what, HasSubstr("a frame was exposed 23 ms after the trigger of part 2"));
+    EXPECT_THAT(observer.troubles[1].what, HasSubstr("the window is 2 ms (timing.frame_window_us)"));
+}
+
 TEST_F(StationTest, a_rejector_that_refuses_stops_the_line) {
     answer.judged.verdict = algo::Verdict::reject;
     run();

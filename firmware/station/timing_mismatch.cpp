@@ -1,0 +1,70 @@
+#include "firmware/station/timing_mismatch.h"
+
+#include <cmath>
+
+namespace hord::firmware {
+namespace {
+
+std::string ms(Duration time) {
+    std::string text = std::to_string(std::abs(static_cast<double>(time.count())) / 1e6);
+    text.erase(text.find('.') + 4);  // whole microseconds
+    text.erase(text.find_last_not_of('0') + 1);
+    if (text.back() == '.') text.pop_back();
+    return text + " ms";
+}
+
+template <class Waits>
+const Part* oldest(const Line& line, Waits waits) {
+    for (std::uint32_t k = 0; k < line.size(); ++k) {
+        if (line[k].phase == Part::Phase::waiting && waits(line[k])) return &line[k];
+    }
+    return nullptr;
+}
+
+bool outside(Duration off, Duration window) { return off > window || -off > window; }
+
+const char* side(Duration off) { return off > Duration::zero() ? " after " : " before "; }
+
+}  // namespace
+
+std::optional<Error> mismatch_of(const hal::FrameInfo& frame, const Line& line, const CoreConfig& config) {
+    const Part* const part = oldest(line, [&](const Part& one) {
+        return one.frame_due && (frame.exposure == 0 || frame.exposure == one.number());
+    });
+    if (part == nullptr) return std::nullopt;
+    for (std::uint32_t k = 0; frame.exposure == 0 && k < line.size(); ++k) {
+        if (line[k].exposed && !outside(frame.exposure_start - line[k].exposure_start, config.frame_window))
+            return std::nullopt;
+    }
+    const Duration off = frame.exposure_start - part->exposure_start;
+    if (!outside(off, config.frame_window)) return std::nullopt;
+    const std::string number = std::to_string(part->number());
+    return Error{
+        ErrorCode::timeout,
+        (frame.exposure != 0 ? "the frame of part " + number + " was exposed " + ms(off) + side(off) + "its trigger"
+                             : "a frame was exposed " + ms(off) + side(off) + "the trigger of part " + number +
+                 ", which waits for its frame") +
+            "; the window is " + ms(config.frame_window) + " (timing.frame_window_us)",
+        "if the camera is as late for each part, raise line.exposure_delay_ms and then timing.frame_window_us; if "
+        "for some, look what delays its trigger"};
+}
+
+std::optional<Error> mismatch_of(const hal::StrobeReport& report, const Line& line, const CoreConfig& config) {
+    const Part* const part =
+        oldest(line, [&](const Part& one) { return one.light_due && one.number() == report.exposure; });
+    if (part == nullptr || !report.lit) return std::nullopt;
+    const Duration off = report.start - (part->exposure_start + config.strobe_delay);
+    const Duration longer = report.width - config.strobe;
+    const bool late = outside(off, config.strobe_window);
+    if (!late && !outside(longer, config.strobe_window)) return std::nullopt;
+    return Error{ErrorCode::timeout,
+                 "the light of part " + std::to_string(part->number()) +
+                     (late ? " began " + ms(off) + side(off) + "it was due"
+                           : " was " + ms(longer) + (longer > Duration::zero() ? " longer" : " shorter") +
+                              " than timing.strobe_us") +
+                     "; the tolerance is " + ms(config.strobe_window) + " (timing.strobe_window_us)",
+                 "look what delays the strobe; a light that a command over the network fires needs a tolerance of some "
+                 "milliseconds"};
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,17 @@
+// By how much a frame or a light missed the time at which its part was exposed, as a sentence with the key to change.
+// The core decides on the part; this is for the person who reads the journal.
+#pragma once
+
+#include <optional>
+
+#include "common/result.h"
+#include "firmware/core/core_config.h"
+#include "firmware/core/line.h"
+
+namespace hord::firmware {
+
+// Before the core gets the event. None: it was in time, or no part waits for it.
+std::optional<Error> mismatch_of(const hal::FrameInfo& frame, const Line& line, const CoreConfig& config);
+std::optional<Error> mismatch_of(const hal::StrobeReport& report, const Line& line, const CoreConfig& config);
+
+}  // namespace hord::firmware
