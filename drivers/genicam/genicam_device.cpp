@@ -14,6 +14,7 @@
 
 #include <netinet/in.h>
 #include <sys/mman.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -53,15 +54,38 @@ std::size_t frame_bytes(const GreyFormat& format, std::size_t samples) {
     }
 }
 
-// What the kernel gives of a receive buffer: net.core.rmem_max limits it, and the service does not see /proc/sys.
-int granted_socket_buffer(int bytes) {
-    const common::UniqueFd socket(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+// Sets a receive buffer. Returns what the kernel gives: net.core.rmem_max limits it, and the service does not see
+// /proc/sys.
+int set_receive_buffer(int socket, int bytes) {
     int given = 0;
     socklen_t size = sizeof given;
-    if (!socket || ::setsockopt(socket.get(), SOL_SOCKET, SO_RCVBUF, &bytes, sizeof bytes) != 0 ||
-        ::getsockopt(socket.get(), SOL_SOCKET, SO_RCVBUF, &given, &size) != 0)
+    if (::setsockopt(socket, SOL_SOCKET, SO_RCVBUF, &bytes, sizeof bytes) != 0 ||
+        ::getsockopt(socket, SOL_SOCKET, SO_RCVBUF, &given, &size) != 0)
         return 0;
     return given / 2;  // the kernel doubles the value for its own use
+}
+
+int granted_socket_buffer(int bytes) {
+    const common::UniqueFd socket(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+    return socket ? set_receive_buffer(socket.get(), bytes) : 0;
+}
+
+// This process's UDP socket on `port`; -1: none. Aravis does not give its stream's socket away.
+int udp_socket_on(std::uint16_t port) {
+    rlimit limit{};
+    const int end =
+        ::getrlimit(RLIMIT_NOFILE, &limit) == 0 ? static_cast<int>(std::min<rlim_t>(limit.rlim_cur, 65'536)) : 1024;
+    for (int fd = 0; fd < end; ++fd) {
+        sockaddr_in own{};
+        socklen_t size = sizeof own;
+        int type = 0;
+        socklen_t type_size = sizeof type;
+        if (::getsockname(fd, reinterpret_cast<sockaddr*>(&own), &size) == 0 && own.sin_family == AF_INET &&
+            ntohs(own.sin_port) == port && ::getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &type_size) == 0 &&
+            type == SOCK_DGRAM)
+            return fd;
+    }
+    return -1;
 }
 
 // Memory that the station maps, too.
@@ -164,6 +188,7 @@ class GenicamDevice final : public CameraDevice {
         camera_ = std::move(taken->camera);
         name_ = std::move(taken->name);
         device_ = arv_camera_get_device(camera_.get());
+        if (auto done = check_socket_buffer(); !done) return tl::unexpected(done.error());
         const auto format = choose_format();
         if (!format) return tl::unexpected(format.error());
         for (const auto& [feature, value] : features_of(*format)) {
@@ -257,6 +282,8 @@ class GenicamDevice final : public CameraDevice {
         arv_camera_gv_set_stream_options(camera_.get(), ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
         ArvFailure failed;
         if (request_.packet_bytes == 0) {
+            // A camera that cannot test packets keeps what it has, also from another program or configuration.
+            arv_camera_gv_set_packet_size(camera_.get(), kEthernetMtu, ArvFailure().out());
             arv_camera_gv_auto_packet_size(camera_.get(), failed.out());
         } else {
             arv_camera_gv_set_packet_size(camera_.get(), request_.packet_bytes, failed.out());
@@ -388,16 +415,24 @@ class GenicamDevice final : public CameraDevice {
         const int wanted = request_.socket_buffer_bytes > 0
             ? request_.socket_buffer_bytes
             : static_cast<int>(std::clamp<std::size_t>(payload_, kMinSocketBytes, kMaxSocketBytes));
-        const int given = granted_socket_buffer(wanted);
-        if (given < request_.socket_buffer_bytes) {
-            return fail(ErrorCode::unsupported,
-                        "the kernel gives a socket " + std::to_string(given) + " of the " + std::to_string(wanted) +
-                            " bytes of sensor.socket_buffer_bytes",
-                        "sysctl net.core.rmem_max=" + std::to_string(wanted) + ", and in /etc/sysctl.d to keep it");
-        }
         g_object_set(stream_.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size", wanted,
                      nullptr);
-        return given;
+        // Aravis sets it at the first packet: too late for the first burst.
+        const int socket = udp_socket_on(arv_gv_stream_get_port(ARV_GV_STREAM(stream_.get())));
+        if (socket >= 0) return set_receive_buffer(socket, wanted);
+        say("its socket was not found: until its first packet it has the buffer of net.core.rmem_default");
+        return granted_socket_buffer(wanted);
+    }
+
+    // Of a socket that is not the stream's: so that the station does not open where the stream would not start.
+    [[nodiscard]] Result<void> check_socket_buffer() const {
+        const int wanted = request_.socket_buffer_bytes;
+        const int given = wanted > 0 && arv_camera_is_gv_device(camera_.get()) ? granted_socket_buffer(wanted) : wanted;
+        if (given >= wanted) return {};
+        return fail(ErrorCode::unsupported,
+                    "the kernel gives a socket " + std::to_string(given) + " of the " + std::to_string(wanted) +
+                        " bytes of sensor.socket_buffer_bytes",
+                    "sysctl net.core.rmem_max=" + std::to_string(wanted) + ", and in /etc/sysctl.d to keep it");
     }
 
     void tell_start(const CameraFormat& format, int socket_bytes) {

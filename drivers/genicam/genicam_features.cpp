@@ -1,6 +1,7 @@
 #include "drivers/genicam/genicam_features.h"
 
 #include <charconv>
+#include <cmath>
 #include <optional>
 #include <sstream>
 #include <vector>
@@ -42,6 +43,9 @@ class Feature {
     Result<void> set() {
         ArvGcNode* const node = arv_device_get_feature(device_, name_.c_str());
         if (node == nullptr || !ARV_IS_GC_FEATURE_NODE(node)) return unknown();
+        if (ARV_IS_GC_CATEGORY(node))
+            return fail(ErrorCode::invalid_argument, name_ + " is a category, a group of features",
+                        "name one of its features");
         if (arv_device_is_feature_available(device_, name_.c_str(), failed_.out()) == FALSE) {
             return fail(ErrorCode::unsupported, "feature " + name_ + " is not available as the camera is set",
                         "set the feature that it depends on first: features are set in the order of the file");
@@ -68,7 +72,12 @@ class Feature {
     [[nodiscard]] Result<void> unknown() const {
         std::vector<std::string> names;
         add_names(ARV_DOM_NODE(arv_device_get_genicam(device_)), names);
-        const auto nearest = common::nearest_name(name_, names);
+        // "Gain" of a camera that has GainRaw is no misspelling.
+        std::string longer;
+        for (const std::string& name : names) {
+            if (name.starts_with(name_) && (longer.empty() || name.size() < longer.size())) longer = name;
+        }
+        const auto nearest = longer.empty() ? common::nearest_name(name_, names) : std::optional(longer);
         return fail(ErrorCode::unsupported, "the camera has no feature \"" + name_ + "\"",
                     nearest ? "did you mean " + *nearest + "?" : "look its name up in the camera's manual");
     }
@@ -101,7 +110,7 @@ class Feature {
         double low = 0, high = 0;
         arv_device_get_float_feature_bounds(device_, name_.c_str(), &low, &high, failed_.out());
         const auto number = number_of<double>(value_);
-        if (!number || *number < low || *number > high) return wrong(range(low, high));
+        if (!number || !std::isfinite(*number) || *number < low || *number > high) return wrong(range(low, high));
         arv_device_set_float_feature_value(device_, name_.c_str(), *number, failed_.out());
         return done();
     }
@@ -111,7 +120,8 @@ class Feature {
         const gint64 step = arv_device_get_integer_feature_increment(device_, name_.c_str(), failed_.out());
         const auto number = number_of<gint64>(value_);
         if (!number || *number < low || *number > high || (step > 1 && (*number - low) % step != 0))
-            return wrong(range(low, high) + (step > 1 ? " in steps of " + std::to_string(step) : ""));
+            return wrong("a whole number, " + range(low, high) +
+                         (step > 1 ? " in steps of " + std::to_string(step) : ""));
         arv_device_set_integer_feature_value(device_, name_.c_str(), *number, failed_.out());
         return done();
     }

@@ -8,6 +8,8 @@
 
 namespace hord::drivers {
 
+constexpr int kSmallestGvspPacket = 576;  // bytes
+
 enum class CameraTrigger : std::uint8_t { line, software, free };
 
 struct GenicamSensorOptions {

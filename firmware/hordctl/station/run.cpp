@@ -326,7 +326,10 @@ class Run {
         const std::vector<Error> lost = service_->close();
         for (const Error& error : lost) fmt::print(stderr, "hordctl: {}\n", error.message());
         const Snapshot& last = *last_snapshot_;
-        const bool stands = last.line_stop || last.state == State::error;
+        // Of a device that never started the station waits for ever, in no state of an error.
+        const bool waits = (last.state == State::preoperational || last.state == State::initialized) &&
+            (last.faults_active & kDeviceFaults) != 0;
+        const bool stands = last.line_stop || last.state == State::error || waits;
         if (stands) {
             fmt::print(out, "the station ended in {}{}\n", name_of(last.state),
                        last.line_stop ? ", line stop raised" : "");

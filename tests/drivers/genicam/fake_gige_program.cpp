@@ -1,14 +1,15 @@
 // A GigE Vision camera for tests: Aravis's fake camera, with the features that it lacks of a real one.
 //     hord_fake_gige ADDRESS SERIAL [name=USER_NAME] [lost=RATIO] [latch=no] [broken-xml] [formats=8] [lines]
 //                    [size=WIDTHxHEIGHT] [still] [wire] [events[=value]] [FRAME.png ...]
+//                    [late=MS]
 //                    and of the network: [mtu=BYTES] [delay=MS] [reorder=N] [block-zero] [lose-event=N] [twice]
 // ADDRESS is one of this machine's. Frames: the files, one after the other; without files, sample (x, y) of the n-th
 // frame is (x + 3 y + n) of the format's bits; `still` draws one frame only, and counts in its first sample. `size`: of
-// its sensor. `lines`: it has LineSelector, LineMode and LineSource. `wire`: TriggerSource Line1, an input that SIGUSR1
-// activates and SIGUSR2 deactivates; software triggers then do nothing. `events`: it tells the edges of this input as
-// events, which the description numbers by their ports or (`value`) by their features' values. A message is sent until
-// it is answered; the N-th one is lost (`lose-event`), or each comes twice (`twice`). The network is network_between.h.
-// Prints "ready" and runs until it is killed.
+// its sensor. `late`: it obeys every third trigger so much later. `lines`: it has LineSelector, LineMode and
+// LineSource. `wire`: TriggerSource Line1, an input that SIGUSR1 activates and SIGUSR2 deactivates; software triggers
+// then do nothing. `events`: it tells the edges of this input as events, which the description numbers by their ports
+// or (`value`) by their features' values. A message is sent until it is answered; the N-th one is lost (`lose-event`),
+// or each comes twice (`twice`). The network is network_between.h. Prints "ready" and runs until it is killed.
 #include <array>
 #include <atomic>
 #include <csignal>
@@ -44,6 +45,7 @@ struct Content {
     std::vector<Frame> files;
     std::uint64_t made = 0;
     bool still = false;
+    unsigned late_ms = 0;
 };
 
 int bits_of(ArvPixelFormat format) {
@@ -88,6 +90,10 @@ void fill(ArvBuffer* buffer, void* user_data, guint32, guint32, ArvPixelFormat f
     auto* const data = static_cast<std::uint8_t*>(const_cast<void*>(arv_buffer_get_data(buffer, &unused)));
     const int width = arv_buffer_get_image_width(buffer), height = arv_buffer_get_image_height(buffer);
     const std::uint64_t number = content.made++;
+    if (content.late_ms > 0 && number % 3 == 2) {
+        g_usleep(content.late_ms * 1000UL);
+        arv_buffer_set_timestamp(buffer, static_cast<guint64>(g_get_real_time()) * 1000);
+    }
     const Frame* const file = content.files.empty() ? nullptr : &content.files[number % content.files.size()];
     const unsigned mask = (1U << bits_of(format)) - 1U;
     // The camera keeps one buffer for all frames.
@@ -245,7 +251,12 @@ void on_signal(int signal) {
 }  // namespace
 
 int main(int argc, char** argv) {
-    if (argc < 3) return 2;
+    if (argc < 3) {
+        std::fprintf(stderr,
+                     "usage: hord_fake_gige ADDRESS SERIAL [OPTION ...] [FRAME.png ...]; the options are at the top "
+                     "of tests/drivers/genicam/fake_gige_program.cpp\n");
+        return 2;
+    }
     const std::string address = argv[1], serial = argv[2];
     std::string name;
     double lost = 0;
@@ -270,6 +281,7 @@ int main(int argc, char** argv) {
         else if (argument.starts_with("lose-event=")) input.lose = std::stoul(argument.substr(11));
         else if (argument == "still") content.still = true;
         else if (std::sscanf(argument.c_str(), "size=%ux%u", &width, &height) == 2) continue;
+        else if (std::sscanf(argument.c_str(), "late=%u", &content.late_ms) == 1) continue;
         else if (argument.starts_with("mtu=")) network.mtu_bytes = std::stoul(argument.substr(4));
         else if (argument == "block-zero") network.block_zero = true;
         else if (argument.starts_with("delay="))
