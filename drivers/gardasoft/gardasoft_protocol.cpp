@@ -66,6 +66,9 @@ Error error_of(int number, std::string_view command) {
             return {ErrorCode::refused, what + ", it does not know the command",
                     "this backend is for controllers of the RT series: check the model and its firmware"};
         case 5:
+            if (!command.starts_with("RT"))  // it sets none of our values
+                return {ErrorCode::refused, what + ", it has changed a value",
+                        "read the controller's events, then switch it off and on"};
             return {ErrorCode::refused, what + ", it has changed a value",
                     "set timing.strobe_us, strobe.delay_us and strobe.channel.brightness_percent within its ranges"};
         default: return {ErrorCode::refused, what, "see the error codes in the controller's manual"};
@@ -121,7 +124,7 @@ Result<ChannelState> parse_channel(std::string_view text) {
     unsigned found = 0;
     const auto bad = [&] {
         return fail(ErrorCode::unreadable,
-                    fmt::format("the strobe controller describes a channel as \"{}\"", text.substr(0, 120)),
+                    fmt::format("the strobe controller describes a channel as {:?}", text.substr(0, 120)),
                     "is it a Gardasoft controller of the RT series?");
     };
     // False: no such value, or the field is there twice.

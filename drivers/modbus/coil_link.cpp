@@ -245,8 +245,13 @@ Result<std::string> CoilLink::identify() {
     }
     close();
     if (answer.size() < head + 2) return fail(ErrorCode::timeout, what + " does not say what it is", "see its label");
-    if (answer[head] != 43 || answer.size() < head + 7)
-        return fail(ErrorCode::unsupported, what + " has no device identification", "see its label");
+    constexpr int kRefused = 43 | 0x80;
+    const bool described = answer[head] == 43 && answer[head + 1] == 14 && answer.size() >= head + 7;
+    const bool of_modbus = address_.serial || (answer[2] == 0 && answer[3] == 0);
+    if (!of_modbus || (answer[head] != kRefused && !described))
+        return fail(ErrorCode::unreadable, what + " answers, and not as a Modbus module does",
+                    "check its address and port: modules listen on port 502");
+    if (!described) return fail(ErrorCode::unsupported, what + " has no device identification", "see its label");
     std::string text;
     std::size_t at = head + 7;
     for (int left = answer[head + 6]; left > 0 && at + 2 <= answer.size(); --left) {

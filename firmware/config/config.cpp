@@ -103,13 +103,27 @@ void read_plc(TomlTable plc, PlcConfig& value, CoreConfig& core) {
     ms(plc, "timeout_ms", value.timeout, 200, 60'000);
 }
 
-void read_inspection(TomlTable inspection, InspectionConfig& value, const std::filesystem::path& folder) {
+// Without a calibration the frame is divided into macro-pixels; of a GenICam camera any region can be taken.
+void check_macro(TomlTable& inspection, const InspectionConfig& value, const SensorConfig& sensor) {
+    const auto* const camera = std::get_if<drivers::GenicamSensorOptions>(&sensor);
+    if (camera == nullptr || !value.grid.empty() ||
+        (camera->width_px % value.bins_i == 0 && camera->height_px % value.bins_j == 0))
+        return;
+    inspection.problem("macro",
+                       "of " + std::to_string(value.bins_i) + "x" + std::to_string(value.bins_j) +
+                           " does not divide the frame of sensor.width_px and height_px",
+                       "make them whole lenslets, or name the calibration in inspection.grid");
+}
+
+void read_inspection(TomlTable inspection, InspectionConfig& value, const std::filesystem::path& folder,
+                     const SensorConfig& sensor) {
     macro(inspection, "macro", value.bins_i, value.bins_j);
     value.grid = path(inspection, "grid", folder);
     value.recipe = path(inspection, "recipe", folder);
     value.recipes = path(inspection, "recipes", folder, "recipes");
     inspection.integer("threads", value.threads, 1, 64);
     inspection.integer("queue", value.queue, 1, 256);
+    check_macro(inspection, value, sensor);
 }
 
 void read_optics(TomlTable optics, OpticsConfig& value) {
@@ -162,7 +176,7 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
     read_modbus(root.table("modbus"), config.modbus);
     read_serial(root.table("serial"), config.serial);
     read_plc(root.table("plc"), config.plc, config.core);
-    read_inspection(root.table("inspection"), config.inspection, folder);
+    read_inspection(root.table("inspection"), config.inspection, folder, config.sensor);
     read_optics(root.table("optics"), config.optics);
     read_store(root.table("store"), config.store, folder);
     root.refuse_unknown_keys();

@@ -1,6 +1,7 @@
 #include "firmware/config/device_sections.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "drivers/hal/camera_sensor.h"
@@ -33,6 +34,45 @@ void check_gpio_line(TomlTable& table, const drivers::GpioLine& line) {
 
 namespace {
 
+// What would be set and have no effect. A value that is the default is no setting: a file may hold every key.
+void refuse_other_cameras_keys(TomlTable& sensor, int backend, const drivers::V4l2SensorOptions& video,
+                               const std::string& camera, bool green) {
+    constexpr int kV4l2 = 2, kLibcamera = 3, kGenicam = 4;
+    if (backend < kV4l2) return;
+    const auto refuse = [&](bool set, const char* key, const char* cure) {
+        if (set) sensor.problem(key, "has no effect with this backend", cure);
+    };
+    refuse(backend == kGenicam && !video.controls.empty(), "control",
+           "set a GenICam camera's features, in [[sensor.feature]]");
+    refuse(backend != kLibcamera && green, "green", "take it out: only colour frames of libcamera need it");
+    refuse(backend != kV4l2 && video.device != drivers::V4l2SensorOptions{}.device, "device",
+           "take it out, and name the camera in sensor.camera");
+    refuse(backend == kV4l2 && !camera.empty(), "camera", "take it out, and name the video device in sensor.device");
+}
+
+void check_genicam_format(TomlTable& sensor, const drivers::GenicamSensorOptions& options) {
+    static constexpr std::array<std::pair<std::string_view, int>, 8> kFormats{{{"Mono8", 8},
+                                                                               {"Mono10", 10},
+                                                                               {"Mono10p", 10},
+                                                                               {"Mono10Packed", 10},
+                                                                               {"Mono12", 12},
+                                                                               {"Mono12p", 12},
+                                                                               {"Mono12Packed", 12},
+                                                                               {"Mono16", 16}}};
+    if (options.pixel_format.empty()) return;
+    const auto* const known =
+        std::ranges::find(kFormats, options.pixel_format, &std::pair<std::string_view, int>::first);
+    if (known == kFormats.end())
+        sensor.problem("pixel_format", "is no grey format that the station reads",
+                       "use Mono8, Mono10, Mono10p, Mono10Packed, Mono12, Mono12p, Mono12Packed or Mono16; or leave it "
+                       "out");
+    else if (known->second != options.bits)
+        sensor.problem("pixel_format",
+                       "has samples of " + std::to_string(known->second) + " bits, and sensor.bits is " +
+                           std::to_string(options.bits),
+                       "change one of them, or leave pixel_format out");
+}
+
 // The keys of a GenICam camera alone; `options` has those that all cameras share.
 void read_genicam(TomlTable& sensor, bool chosen, drivers::GenicamSensorOptions& options) {
     sensor.integer("offset_x_px", options.offset_x_px, 0, 65'535);
@@ -41,6 +81,9 @@ void read_genicam(TomlTable& sensor, bool chosen, drivers::GenicamSensorOptions&
     sensor.choice("trigger", {"line", "software", "free"}, options.trigger);
     sensor.text("trigger_source", options.trigger_source);
     sensor.integer("packet_bytes", options.packet_bytes, 0, 16'000);
+    if (options.packet_bytes > 0 && options.packet_bytes < drivers::kSmallestGvspPacket)
+        sensor.problem("packet_bytes", "is smaller than every GigE Vision camera's packets",
+                       "set 0, which negotiates it, or 576 to the MTU of the whole way");
     sensor.integer("socket_buffer_bytes", options.socket_buffer_bytes, 0, 1 << 30);
     for (TomlTable& feature : sensor.tables("feature")) {
         auto& [name, value] = options.features.emplace_back();
@@ -48,12 +91,25 @@ void read_genicam(TomlTable& sensor, bool chosen, drivers::GenicamSensorOptions&
         feature.scalar("value", value);
         if (name.empty()) feature.problem("name", "is missing", "name the feature as the camera's manual does");
         if (!feature.has("value")) feature.problem("value", "is missing", "say what the feature is set to");
+        for (const auto& [of_camera, key] : {std::pair("PixelFormat", "sensor.pixel_format"),
+                                             {"Width", "sensor.width_px"},
+                                             {"Height", "sensor.height_px"},
+                                             {"OffsetX", "sensor.offset_x_px"},
+                                             {"OffsetY", "sensor.offset_y_px"}}) {
+            if (chosen && name == of_camera)
+                feature.problem("name", "would override " + std::string(key), "set " + std::string(key) + " instead");
+        }
     }
     if (chosen && options.trigger == drivers::CameraTrigger::line && options.trigger_source.empty()) {
         sensor.problem("trigger_source", "is missing",
                        "name the camera's input that the strobe's line triggers, such as \"Line1\"; or set trigger to "
                        "\"software\" or \"free\"");
     }
+    if (chosen && options.trigger == drivers::CameraTrigger::line && options.trigger_source == "Software")
+        sensor.problem("trigger_source", "is no input",
+                       "name the camera's input, such as \"Line1\"; or set trigger to "
+                       "\"software\"");
+    if (chosen) check_genicam_format(sensor, options);
 }
 
 }  // namespace
@@ -93,6 +149,7 @@ void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::p
                                           .bits = video.bits,
                                           .buffers = video.buffers};
     read_genicam(sensor, backend == 4, genicam);
+    refuse_other_cameras_keys(sensor, backend, video, camera, green);
     if (backend == 4) value = genicam;
     if (backend == 2) value = video;
     if (backend == 3)
@@ -399,7 +456,7 @@ void read_camera_barrier(TomlTable& table, const CameraInput& input, const CoreC
         table.problem(kKey, "has no encoder, and line.tracking is \"encoder\"",
                       "track by time, or use part_sensor.backend = \"gpio\"");
     if (camera == nullptr) return table.problem(kKey, "needs a GenICam camera", "set sensor.backend to \"genicam\"");
-    if (input.line == camera->light_line)
+    if (!input.line.empty() && input.line == camera->light_line)
         table.problem("camera_line", "is the light's output, too", "wire barrier and light to lines of their own");
     camera->barrier_line = input.line;
 }

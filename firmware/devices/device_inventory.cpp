@@ -116,6 +116,15 @@ std::string size_lines(const ListedFormat& format) {
                                 : fmt::format("width_px = {}\nheight_px = {}\n", format.width_px, format.height_px);
 }
 
+// The largest region of whole lenslets of inspection.macro's default, in steps that cameras have.
+std::string region_lines(const ListedFormat& format) {
+    constexpr int kStep = 9 * 8;
+    if (format.width_px < kStep || format.height_px < kStep) return size_lines(format);
+    return fmt::format("width_px = {}  # of {} x {}: whole lenslets of inspection.macro (9x9)\nheight_px = {}\n",
+                       format.width_px / kStep * kStep, format.width_px, format.height_px,
+                       format.height_px / kStep * kStep);
+}
+
 std::string trigger_lines(const std::vector<std::string>& triggers) {
     const auto line = std::ranges::find_if(triggers, [](const std::string& one) { return one.starts_with("Line"); });
     if (line != triggers.end())
@@ -265,6 +274,11 @@ InventorySection module_section(const hal::Clock& clock, const InventoryOptions&
         return section;
     }
     item.text = found->text;
+    if (found->text.starts_with("HORD HORD station")) {
+        item.problem = "is a station, not a rejector";
+        item.cure = "give the address of the rejector's module";
+        return section;
+    }
     if (found->profile.empty()) {
         item.problem = "does not say what it is";
         item.cure = "see its label, and the table of profiles in docs/hardware.md";
@@ -315,7 +329,8 @@ InventoryItem describe_camera(const ListedCamera& camera, const std::string& bac
     const std::string head = fmt::format("[sensor]\nbackend = \"{}\"\n{} = {}\n", backend,
                                          backend == "v4l2" ? "device" : "camera", toml_text(camera.name));
     if (const ListedFormat* const grey = best_format(camera)) {
-        item.config = head + size_lines(*grey) + fmt::format("bits = {}  # {}\n", grey->bits, grey->name) +
+        item.config = head + (backend == "genicam" ? region_lines(*grey) : size_lines(*grey)) +
+            fmt::format("bits = {}  # {}\n", grey->bits, grey->name) +
             (backend == "genicam" ? trigger_lines(camera.triggers) : "");
         return item;
     }

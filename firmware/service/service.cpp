@@ -102,7 +102,13 @@ Result<NumberedRecipe> Service::first_recipe() {
 Result<algo::Extents> Service::open_grid(const hal::SensorFormat& format) {
     const InspectionConfig& inspection = config_.inspection;
     if (inspection.grid.empty())
-        return algo::extents_of_frame(format.width_px, format.height_px, inspection.bins_i, inspection.bins_j);
+        return algo::extents_of_frame(format.width_px, format.height_px, inspection.bins_i, inspection.bins_j)
+            .map_error([](Error error) {
+                error.cure =
+                    "set sensor.width_px and height_px to whole lenslets, inspection.macro to the bins of one, or "
+                    "inspection.grid to the calibration";
+                return error;
+            });
     const auto kept = config_.state_folder.empty() ? std::filesystem::path() : config_.state_folder / kCalibrationInUse;
     if (auto done = assign(grid_, use_calibration(inspection.grid, kept, format, inspection.bins_i, inspection.bins_j));
         !done) {

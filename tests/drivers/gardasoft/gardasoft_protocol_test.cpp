@@ -62,6 +62,11 @@ TEST(GardasoftProtocol, the_settings_of_a_channel_are_read_as_the_manual_prints_
     EXPECT_EQ(other->rated_a, 0.5);
 }
 
+TEST(GardasoftProtocol, what_is_no_text_is_quoted_as_text) {
+    EXPECT_EQ(parse_channel(std::string_view("a\xff\0\r\n", 5)).error().what,
+              "the strobe controller describes a channel as \"a\\xff\\x00\\r\\n\"");
+}
+
 TEST(GardasoftProtocol, settings_that_are_cut_or_changed_are_unreadable) {
     const std::string whole = "CH1,MD1,S 50.0, 0.0,DL1.000ms,PU1.000ms,RT 0.0us,IP1,FL0,CS0.000A,RA0.500A";
     ASSERT_TRUE(parse_channel(whole));

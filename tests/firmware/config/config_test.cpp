@@ -29,6 +29,27 @@ std::string text_of(const std::filesystem::path& file) {
     return text.str();
 }
 
+TEST(Config, what_a_camera_or_its_backend_cannot_do_is_refused_by_the_check) {
+    const std::string genicam = "[sensor]\nbackend = \"genicam\"\ntrigger = \"software\"\n";
+    const std::pair<std::string, const char*> cases[] = {
+        {genicam + "[[sensor.control]]\nname = \"Gain\"\nvalue = 1\n", "[[sensor.feature]]"},
+        {genicam + "green = true\n", "only colour frames of libcamera"},
+        {genicam + "device = \"/dev/video3\"\n", "name the camera in sensor.camera"},
+        {"[sensor]\nbackend = \"v4l2\"\ncamera = \"A\"\n", "name the video device in sensor.device"},
+        {genicam + "pixel_format = \"Mono9\"\n", "is no grey format"},
+        {genicam + "pixel_format = \"Mono8\"\nbits = 12\n", "has samples of 8 bits, and sensor.bits is 12"},
+        {genicam + "width_px = 1000\nheight_px = 999\n", "of 9x9 does not divide the frame"},
+        {genicam + "packet_bytes = 10\n", "is smaller than every GigE Vision camera's packets"},
+        {genicam + "[[sensor.feature]]\nname = \"PixelFormat\"\nvalue = \"Mono8\"\n", "sensor.pixel_format instead"},
+        {"[sensor]\nbackend = \"genicam\"\ntrigger_source = \"Software\"\n", "trigger to \"software\""},
+    };
+    for (const auto& [text, said] : cases) EXPECT_THAT(problems_of(text), HasSubstr(said)) << text;
+    const std::string every_key_at_its_default = "device = \"/dev/video0\"\ngreen = false\ncamera = \"\"\n";
+    EXPECT_TRUE(parse_config(genicam + every_key_at_its_default, "test.toml", {}, NamedBackends::optional));
+    EXPECT_TRUE(parse_config(genicam + "width_px = 1000\nheight_px = 999\n[inspection]\ngrid = \"grid.toml\"\n",
+                             "test.toml", {}, NamedBackends::optional));
+}
+
 TEST(Config, an_empty_file_is_the_defaults_and_they_can_be_used) {
     const auto config = parse("");
     ASSERT_TRUE(config) << config.error().what;

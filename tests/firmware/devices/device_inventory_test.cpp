@@ -2,9 +2,15 @@
 // replaces hord-camera. Every suggested line must be one that the configuration accepts.
 #include "firmware/devices/device_inventory.h"
 
+#include <array>
+#include <thread>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
 
+#include "common/unique_fd.h"
 #include "drivers/event_loop/event_loop_sd.h"
 #include "drivers/libcamera/libcamera_request.h"
 #include "firmware/config/config.h"
@@ -120,7 +126,7 @@ TEST_F(Inventory, of_a_camera_suggests_its_deepest_grey_format_and_its_trigger) 
     const auto genicam =
         std::get<drivers::GenicamSensorOptions>(parsed(describe_camera(camera, "genicam").config).sensor);
     EXPECT_EQ(genicam.camera, "S1");
-    EXPECT_EQ(std::tie(genicam.width_px, genicam.height_px, genicam.bits), std::make_tuple(2048, 1536, 12));
+    EXPECT_EQ(std::tie(genicam.width_px, genicam.height_px, genicam.bits), std::make_tuple(2016, 1512, 12));
     EXPECT_EQ(genicam.trigger, drivers::CameraTrigger::line);
     EXPECT_EQ(genicam.trigger_source, "Line1");
     camera.triggers = {"Software"};
@@ -188,6 +194,64 @@ INSTANTIATE_TEST_SUITE_P(Of, InventoryOfModule,
                                            Kind{test::ModuleKind::wago, "WAGO 750-352", "wago-750"},
                                            Kind{test::ModuleKind::moxa, "E1213", "moxa-iologik"},
                                            Kind{test::ModuleKind::adam, "", "plain-coils"}));
+
+// Gives every request the same answer; empty: the request itself.
+class Server {
+  public:
+    explicit Server(std::string answer)
+        : answer_(std::move(answer)), socket_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+        sockaddr_in own{};
+        own.sin_family = AF_INET;
+        own.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+        socklen_t size = sizeof own;
+        EXPECT_EQ(::bind(socket_.get(), reinterpret_cast<sockaddr*>(&own), size), 0);
+        EXPECT_EQ(::listen(socket_.get(), 4), 0);
+        EXPECT_EQ(::getsockname(socket_.get(), reinterpret_cast<sockaddr*>(&own), &size), 0);
+        port = ntohs(own.sin_port);
+        thread_ = std::thread([this] { run(); });
+    }
+    ~Server() {
+        ::shutdown(socket_.get(), SHUT_RDWR);
+        thread_.join();
+    }
+    int port = 0;
+
+  private:
+    void run() {
+        for (;;) {
+            const common::UniqueFd client(::accept(socket_.get(), nullptr, nullptr));
+            if (!client) return;
+            std::array<char, 300> request{};
+            const ssize_t count = ::recv(client.get(), request.data(), request.size(), 0);
+            const std::string_view sent(request.data(), static_cast<std::size_t>(std::max<ssize_t>(count, 0)));
+            const std::string_view answer = answer_.empty() ? sent : std::string_view(answer_);
+            (void)::send(client.get(), answer.data(), answer.size(), MSG_NOSIGNAL);
+        }
+    }
+    const std::string answer_;
+    const common::UniqueFd socket_;
+    std::thread thread_;
+};
+
+TEST_F(Inventory, of_what_is_no_rejectors_module_no_lines_are_proposed) {
+    const std::string station = "HORD station";
+    const std::string objects = std::string("\0\4HORD\1", 7) + static_cast<char>(station.size()) + station;
+    const std::string text = std::string("\1\x2B\x0E\1\x83\0\0\2", 8) + objects;
+    const std::pair<std::string, const char*> cases[] = {
+        {"HTTP/1.1 400 Bad Request\r\nServer: x\r\n\r\n<html>", "not as a Modbus module does"},
+        {"", "not as a Modbus module does"},
+        {std::string("\0\0\0\0\0", 5) + static_cast<char>(text.size()) + text, "is a station, not a rejector"},
+    };
+    for (const auto& [answer, said] : cases) {
+        const Server server(answer);
+        options_.module = drivers::ModuleAddress{.port = server.port};
+        options_.patience = std::chrono::seconds(5);
+        const auto items = section("module").items;
+        ASSERT_EQ(items.size(), 1U);
+        EXPECT_THAT(items[0].problem, HasSubstr(said));
+        EXPECT_THAT(items[0].config, IsEmpty()) << said;
+    }
+}
 
 TEST_F(Inventory, of_a_module_that_is_not_there_names_its_address_and_a_cure) {
     auto module = std::move(*test::ModbusModule::open(*loop_));
