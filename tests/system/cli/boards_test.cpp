@@ -60,6 +60,12 @@ TEST(Boards, the_page_and_the_package_have_every_example) {
     }
 }
 
+TEST(Boards, the_trial_with_a_genicam_camera_passes_the_check_and_is_on_the_page) {
+    const Said said = run("hordd", {"--check", "--config", (kDeploy / "try-genicam.toml").string()});
+    EXPECT_EQ(said.status, 0) << said.out << said.err;
+    EXPECT_THAT(text_of(kDeploy.parent_path() / "docs/hardware.md"), HasSubstr("(../deploy/try-genicam.toml)"));
+}
+
 // A device that an example names must be one that the unit may open.
 TEST(Boards, the_unit_may_open_what_small_boards_have) {
     const std::string unit = text_of(kDeploy / "hordd.service");
