@@ -202,7 +202,8 @@ int main(int argc, char** argv) {
     program.add_flag("--catalog", options.catalog,
                      "Only print the journal's catalogue: every message id, what it means and what to do");
     program.footer(
-        "Exit status: 0 stopped as asked, 2 a device or a port cannot be used, or usage, 3 stopped as asked, but "
+        "Exit status: 0 stopped as asked, 2 a device or a port cannot be used, another station uses the state folder, "
+        "or usage, 3 stopped as asked, but "
         "results "
         "or frames could not be stored, 78 the configuration cannot be used.\n"
         "Example: hordd --config deploy/hordd.toml");

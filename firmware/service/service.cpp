@@ -193,6 +193,9 @@ void Service::connect(NumberedRecipe recipe) {
 }
 
 Result<void> Service::open_all(const SimulationOptions& simulation) {
+    if (!config_.state_folder.empty()) {
+        if (auto done = assign(state_lock_, StateLock::take(config_.state_folder)); !done) return done;
+    }
     if (auto done = assign(loop_, SdEventLoop::open()); !done) return done;
     opened_at_ = loop_->now();
     identity_ = identity_of(config_, simulation);
@@ -200,8 +203,8 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
     if (watchers_.reload) {
         if (auto done = loop_->on_signal(SIGHUP, [this] { watchers_.reload(); }); !done) return done;
     }
-    // The ports come first: the quickest check. A simulated cell renders for seconds and nobody answers meanwhile: its
-    // own ports are closed until it is ready.
+    // The ports come before the devices: a quick check. A simulated cell renders for seconds and nobody answers
+    // meanwhile: its own ports are closed until it is ready.
     prepare_registers();
     if (auto done = open_servers(); !done) return done;
     const bool renders =

@@ -19,6 +19,7 @@
 #include "firmware/plc/register_server_model.h"
 #include "firmware/recipes/teach_in.h"
 #include "firmware/station/empty_line_proof.h"
+#include "firmware/station/state_lock.h"
 #include "firmware/station/station.h"
 #include "firmware/store/recorder/store_setup.h"
 
@@ -45,7 +46,8 @@ struct ListenSockets {
 
 class Service final : public StationObserver, public InspectionObserver {
   public:
-    // Opens devices and ports; nothing runs yet. Fails as the devices and servers do. The destructor halts: lights off,
+    // Opens devices and ports; nothing runs yet. Fails as the devices and servers do, and with busy, before anything is
+    // written, if another station uses the state folder. The destructor halts: lights off,
     // outputs safe.
     static Result<std::unique_ptr<Service>> open(const Config& config, const SimulationOptions& simulation,
                                                  ServiceWatchers watchers, const ListenSockets& sockets = {});
@@ -117,6 +119,7 @@ class Service final : public StationObserver, public InspectionObserver {
 
     // Destroyed in reverse order: servers first, then the station (halts), the devices, the loop.
     Config config_;
+    StateLock state_lock_;  // of the state folder
     ListenSockets sockets_;
     ServiceWatchers watchers_;
     std::unique_ptr<SdEventLoop> loop_;

@@ -403,7 +403,8 @@ void add_run(CLI::App& program, Exit& status) {
         ->needs(simulate);  // a real line is reset by a person only
     command->add_flag("--json", options->json, "Print one JSON object a part; the report goes to stderr");
     command->footer(
-        "Exit status: 0 every part got its verdict, 2 bad configuration or a port that is taken, 3 the station ended "
+        "Exit status: 0 every part got its verdict, 2 bad configuration, or a port or a state folder that another "
+        "station uses, 3 the station ended "
         "in an error, or results or frames could not be stored.\n"
         "Example: hordctl run --simulate --parts 200 --modbus 127.0.0.1:1502");
     command->callback([options, &status] { status = Run(*options).go(); });

@@ -383,6 +383,25 @@ TEST_F(Service, proves_an_empty_line_at_an_orderly_end_and_at_no_other) {
     }
 }
 
+TEST_F(Service, a_second_station_on_the_same_state_folder_is_refused_before_it_writes) {
+    write_config("[station]\nautostart = false\n");
+    const auto state = folder.path() / "state";
+    std::filesystem::create_directories(state);
+    const std::vector<std::string> arguments = under({"STATE_DIRECTORY=" + state.string()});
+    Running service("/usr/bin/env", arguments);
+    ASSERT_TRUE(service.says("Preoperational to Initialized", kPatience)) << service.so_far().err;
+    const std::string why = "state folder " + state.string() + " is in use by process ";
+    const Said second = run("/usr/bin/env", arguments);
+    EXPECT_EQ(second.status, 2);
+    EXPECT_THAT(second.err, HasSubstr(why));
+    const Said simulated =
+        run("hordctl", {"run", "--simulate", "--parts", "1", "--modbus", "127.0.0.1:0", "--state", state});
+    EXPECT_EQ(simulated.status, 2);
+    EXPECT_THAT(simulated.err, HasSubstr(why));
+    EXPECT_THAT(simulated.err, HasSubstr("(hordd): stop it or name another folder"));
+    EXPECT_FALSE(std::filesystem::exists(state / "line-empty")) << "a false proof";
+}
+
 TEST_F(Service, refuses_a_bad_configuration_with_a_status_that_systemd_does_not_repeat) {
     write_config("", "prot = 0\n");
     for (const char* only : {"--check", ""}) {

@@ -1,0 +1,26 @@
+// Lock of a state folder: one station at a time writes there.
+//
+// The kernel holds the lock (flock) on the file `station.lock` and ends it with the process, also when that is killed.
+// The file stays; it names the last owner.
+#pragma once
+
+#include <filesystem>
+
+#include "common/result.h"
+#include "common/unique_fd.h"
+
+namespace hord::firmware {
+
+class StateLock {
+  public:
+    // Fails with busy if another station holds the lock. Nothing is held, without an error, of a folder whose file
+    // cannot be opened (missing, read-only, full): its other files tell that, and the station goes on.
+    [[nodiscard]] static Result<StateLock> take(const std::filesystem::path& folder);
+
+    [[nodiscard]] bool held() const { return static_cast<bool>(file_); }
+
+  private:
+    common::UniqueFd file_;
+};
+
+}  // namespace hord::firmware
