@@ -188,7 +188,8 @@ TEST_F(Genicam, a_socket_buffer_above_what_the_kernel_gives_is_refused_before_th
     GenicamSensorOptions options = software();
     options.socket_buffer_bytes = 1 << 30;
     const Error error = refusal(options);
-    EXPECT_THAT(error.message(), AllOf(HasSubstr("sensor.socket_buffer_bytes"), HasSubstr("net.core.rmem_max")));
+    EXPECT_THAT(error.message(),
+                AllOf(HasSubstr("sensor.socket_buffer_bytes"), HasSubstr("sysctl net.core.rmem_max=1073741824")));
 }
 
 TEST_F(Genicam, a_negotiated_packet_size_does_not_depend_on_what_was_set_before) {
@@ -317,11 +318,6 @@ TEST_F(Genicam, what_the_camera_does_not_have_is_refused_with_what_it_has) {
     options.trigger = CameraTrigger::line;
     options.trigger_source = "Line9";
     EXPECT_THAT(refusal(options).message(), AllOf(HasSubstr("TriggerSource"), HasSubstr("Line0, Software")));
-    options = software();
-    options.socket_buffer_bytes = 1 << 30;
-    const auto opened = open(options);
-    ASSERT_TRUE(opened);
-    EXPECT_THAT(sensor_->start(ear_).error().message(), HasSubstr("sysctl net.core.rmem_max=1073741824"));
     // And what it has is set.
     options = software();
     options.features = {{"ExposureTimeAbs", "500"}, {"GainRaw", "3"}, {"GainAuto", "Off"}, {"TestBoolean", "true"}};
