@@ -432,6 +432,9 @@ Reply Pages::execute(const Request& request) {
     if (!argument || !argument2)
         return refuse_command(400, "an argument is no whole number of 0 to 4294967295",
                               "send {\"command\":\"use_recipe\",\"argument\":7}", request);
+    if (*command == firmware::Command::use_recipe && !body.contains("argument"))
+        return refuse_command(400, "use_recipe needs the recipe's number",
+                              "send {\"command\":\"use_recipe\",\"argument\":7}", request);
     const auto done = deps_.command(*command, *argument, *argument2, *who);
     const bool completed = done && done->state == CommandState::completed;
     {

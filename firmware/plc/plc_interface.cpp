@@ -68,6 +68,12 @@ bool may_interrupt(std::uint16_t code) {
     return command == Command::stop || command == Command::abort || command == Command::halt;
 }
 
+// The commands of which an argument that is left out does not mean 0.
+bool needs_argument(std::uint16_t code) {
+    const auto command = static_cast<Command>(code);
+    return command == Command::use_recipe || command == Command::commit_recipe;
+}
+
 // A teach needs parts, and parts need other commands to start the station.
 bool goes_on_beside_others(std::uint16_t code) { return static_cast<Command>(code) == Command::teach; }
 
@@ -137,9 +143,10 @@ PlcInterface::Remembered& PlcInterface::remember(Client& client, const CommandRe
 
 Exception PlcInterface::write_command(const modbus::Origin& origin, const StationNow& now,
                                       std::span<const std::uint16_t> values) {
-    if (values.size() < 4) return Exception::illegal_value;  // token, boot, code; the arguments may be left out
+    if (values.size() < 4) return Exception::illegal_value;  // token, boot, code
     CommandRequest request{.token = double_word(values), .boot = values[2], .code = values[3]};
-    if (values.size() >= 6) request.argument = double_word(values.subspan(4));
+    const bool has_argument = values.size() >= 6;
+    if (has_argument) request.argument = double_word(values.subspan(4));
     if (values.size() >= 8) request.argument2 = double_word(values.subspan(6));
     if (values.size() > 8) {
         const auto who = printable_text(values.subspan(8));
@@ -182,15 +189,16 @@ Exception PlcInterface::write_command(const modbus::Origin& origin, const Statio
 
     // Remembered before it is executed, so that a reentrant write of this token does nothing.
     Remembered& mine = remember(client, request);
-    mine.set(execute(origin, now, request), clock_.now());
+    mine.set(execute(origin, now, request, has_argument), clock_.now());
     shown_ = mine;
     return Exception::none;
 }
 
-CommandOutcome PlcInterface::execute(const modbus::Origin& origin, const StationNow& now,
-                                     const CommandRequest& request) {
+CommandOutcome PlcInterface::execute(const modbus::Origin& origin, const StationNow& now, const CommandRequest& request,
+                                     bool has_argument) {
     const auto refuse = [](CommandError error) { return CommandOutcome{CommandState::failed, error, 0}; };
     if (request.boot != 0 && request.boot != (options_.boot_id & 0xFFFFU)) return refuse(CommandError::other_boot);
+    if (!has_argument && needs_argument(request.code)) return refuse(CommandError::bad_argument);
     if (static_cast<Command>(request.code) == Command::commit_recipe) {
         if (executing(now.state)) return refuse(CommandError::not_in_this_state);
         if (request.argument != crc32_of(staged_words_)) return refuse(CommandError::wrong_checksum);

@@ -39,7 +39,7 @@ class PlcHandler {
   public:
     virtual ~PlcHandler() = default;
     // Every command, once a token; stop, abort and halt each time they are written; unknown codes, too. commit_recipe
-    // only with the right checksum, while the station does not execute.
+    // only with the right checksum, while the station does not execute; it and use_recipe only with an argument.
     virtual CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) = 0;
     // The PLC acknowledges the results up to `sequence`. none: accepted; busy: not stored yet, repeat; device_failure:
     // they cannot be stored now.
@@ -112,7 +112,7 @@ class PlcInterface {
     modbus::Exception write_plc(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
                                 std::span<const std::uint16_t> values);
     [[nodiscard]] CommandOutcome execute(const modbus::Origin& origin, const StationNow& now,
-                                         const CommandRequest& request);
+                                         const CommandRequest& request, bool has_argument);
     [[nodiscard]] Client& client_at(std::string_view peer);
     [[nodiscard]] const Remembered* kept_reply(const Client& client, const CommandRequest& request) const;
     Remembered& remember(Client& client, const CommandRequest& request);

@@ -68,6 +68,7 @@ TEST(PageRequests, a_command_that_the_page_does_not_send_is_refused_with_the_pla
         HasSubstr("use one of initialise, arm, disarm, start_single, start_continuous, stop, abort, halt, reset"));
     EXPECT_THAT(told(R"({"command":"use_recipe","argument":-1})")["error"].get<std::string>(),
                 HasSubstr("no whole number of 0 to 4294967295"));
+    EXPECT_EQ(told(R"({"command":"use_recipe"})")["error"], "use_recipe needs the recipe's number");
 }
 
 TEST(PageRequests, two_on_one_connection_are_answered_one_after_the_other) {
@@ -201,7 +202,7 @@ TEST(PageCommands, are_not_taken_from_another_site_or_in_another_form) {
     EXPECT_EQ(with([](Request& r) { r.method = "GET"; }), 404);
     for (const char* body :
          {"", "stop", "[]", "{}", R"({"command":5})", R"({"command":"explode"})", R"({"command":"commit_recipe"})",
-          R"({"command":"teach"})", R"({"command":"use_recipe","argument":-1})",
+          R"({"command":"teach"})", R"({"command":"use_recipe"})", R"({"command":"use_recipe","argument":-1})",
           R"({"command":"use_recipe","argument":4294967296})", R"({"command":"use_recipe","argument":"7"})",
           "{\"command\":\"st\xff\"}"}) {
         EXPECT_EQ(with([&](Request& r) { r.body = body; }), 400) << body;

@@ -243,6 +243,18 @@ TEST_F(PlcSimulator, only_a_whole_command_is_a_command) {
     EXPECT_EQ(station.commands.size(), 1U);
 }
 
+// An argument that is left out is not recipe 0.
+TEST_F(PlcSimulator, a_recipe_is_taken_only_with_the_argument_that_names_it) {
+    for (const Command code : {Command::use_recipe, Command::commit_recipe}) {
+        const auto token = static_cast<std::uint16_t>(code);
+        ASSERT_EQ(write(8002, {0, token, 0, token}), Exception::none);
+        EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, token, token, 3, 4)) << "bad_argument";
+    }
+    EXPECT_THAT(station.commands, IsEmpty());
+    ASSERT_EQ(write(8002, {0, 1, 0, 23, 0, 0}), Exception::none) << "argument2 may be left out";
+    EXPECT_EQ(station.commands.size(), 1U) << "recipe 0, as it was written";
+}
+
 TEST_F(PlcSimulator, while_a_command_is_executing_only_stopping_is_accepted) {
     station.answer = {CommandState::executing, CommandError::none, 0};
     ASSERT_EQ(command(5, Command::self_test), Exception::none);
