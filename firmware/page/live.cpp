@@ -154,7 +154,7 @@ Json Live::state_locked() const {
     const std::uint32_t active = now_.up ? now_.snapshot.bits(BlockId::status, "faults_active") : 0,
                         latched = now_.up ? now_.snapshot.bits(BlockId::status, "faults_latched") : 0;
     for (const char* bit : {"line_stop", "run_permit", "plc_lost", "results_overrun"})
-        json[bit] = now_.up && now_.snapshot.status_bit(bit);
+        json[bit] = now_.up ? Json(now_.snapshot.status_bit(bit)) : Json();  // null: not known
     const std::uint32_t simulated = now_.up ? now_.snapshot.bits(BlockId::status, "simulated") : 0;
     json["simulated"] = simulated != 0 ? names_of_faults(simulated) : "";
     json["faults_active"] = faults_of(active);
