@@ -22,6 +22,8 @@ inline constexpr std::array kFound{
     Found{"touching-parts-unseen", "no-bad-part-passes", 7461442279635777055U, 34, LineProfile::encoder,
           "part-touching@24"},
     Found{"token-forgotten", "commands-once", 9950621557077242515U, 41, LineProfile::encoder, "plc-repeats@40"},
+    Found{"permit-with-an-empty-line", "lawful-states", 17162889060386944605U, 3, LineProfile::encoder,
+          "restart-ordered@1,plc-commands@2"},
     Found{"lost-edges-run-on", "no-bad-part-passes", 3439141232638176491U, 43, LineProfile::encoder, "edge-lost@33"},
     Found{"a reset of before the line stop cleared it in the same instant", "no-bad-part-passes", 12420840632199476735U,
           32, LineProfile::encoder, "plc-walks@19+1500000us,plc-walks@23+1500000us,process-stalled@23+400000us"},
