@@ -40,6 +40,23 @@ TEST_F(PlcCommands, lead_the_station_from_power_up_to_execution_and_back) {
     EXPECT_EQ(read32(8029), 11U);  // commands done
 }
 
+TEST_F(PlcCommands, a_halt_stops_the_line_only_for_a_part_that_did_not_pass) {
+    open();
+    const auto line_stop = [&] { return (read(103, 1)[0] & 4U) != 0; };
+    for (const bool passed : {false, true}) {
+        edges = 0;  // the part sensor counts from its start
+        running();
+        part();
+        if (passed) light_and_frame();
+        EXPECT_FALSE(line_stop());
+        EXPECT_EQ(command(Command::halt), CommandError::none);
+        EXPECT_EQ(line_stop(), !passed);
+        pass(milliseconds(2000));
+        EXPECT_EQ(line_stop(), !passed);
+        EXPECT_EQ(command(Command::reset), CommandError::none);
+    }
+}
+
 TEST_F(PlcCommands, a_repeated_start_does_not_start_again) {
     open();
     ready();
