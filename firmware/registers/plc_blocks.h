@@ -42,7 +42,9 @@ inline constexpr Register kReply[] = {
            "CRC-32 of the recipe now in use; teach: parts taken so far, and when completed the CRC-32 of the recipe "
            "with its new reference; else 0",
            plc_bits<&PlcView::reply, &CommandReply::result>),
-    number(8029, Type::u32, "commands_done", "", "commands executed since this boot; repeats do not count",
+    number(8029, Type::u32, "commands_done", "",
+           "commands that the station executed or refused since this boot; those that REPLY refuses before (token, "
+           "boot, checksum, argument left out) and repeats do not count",
            plc<&PlcView::commands_done>),
 };
 
