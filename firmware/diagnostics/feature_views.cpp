@@ -14,11 +14,13 @@ namespace hord::firmware {
 
 using algo::Feature;
 
-std::string unit_for_people(Feature feature) {
+std::string unit_for_people(Feature feature, bool against_reference) {
     if (feature == Feature::transmission) return "of the typical lenslet";
     const std::string_view unit = algo::unit_of(feature);
     if (!unit.empty()) return std::string(unit);
-    return feature == Feature::bhattacharyya ? "-ln of the overlap" : "0 to 1";
+    if (feature == Feature::bhattacharyya) return "-ln of the overlap";
+    const bool of_two_directions = !against_reference && (feature == Feature::hellinger || feature == Feature::chi2);
+    return of_two_directions ? "0 to 1.41" : "0 to 1";
 }
 
 std::vector<float> with_no_data(algo::Map map, std::span<const std::uint8_t> mask, std::uint8_t no_value) {

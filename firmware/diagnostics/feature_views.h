@@ -38,8 +38,9 @@ struct FeatureView {
     [[nodiscard]] bool is_judged(std::size_t k) const { return (mask[k] & (no_value | not_judged)) == 0; }
 };
 
-// "bin pitches", "of the typical lenslet", "0 to 1", ...
-std::string unit_for_people(algo::Feature feature);
+// "bin pitches", "of the typical lenslet", "0 to 1", ... A distance over neighbours is the root of two squares, one a
+// direction, so what is at most 1 against a reference is at most 1.41 there.
+std::string unit_for_people(algo::Feature feature, bool against_reference = false);
 
 // NaN where there is no value.
 std::vector<float> with_no_data(algo::Map map, std::span<const std::uint8_t> mask, std::uint8_t no_value);

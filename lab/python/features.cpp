@@ -115,7 +115,7 @@ Map feature(const LightField& field, const std::string& name, const py::object& 
     }
     const int bits = field.frame.view.bits;
     Map out{name,
-            firmware::unit_for_people(choice->feature),
+            firmware::unit_for_people(choice->feature, choice->against_reference),
             py::array_t<float>({field.extents.n, field.extents.m}),
             py::array_t<std::uint8_t>({field.extents.n, field.extents.m}),
             algo::kNoGradient,

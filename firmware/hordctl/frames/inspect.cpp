@@ -306,7 +306,8 @@ class Inspector {
         mask_.assign(map->mask.begin(), map->mask.end());
         for (std::size_t k = 0; k < mask_.size(); ++k)
             mask_[k] = static_cast<std::uint8_t>(mask_[k] | (found.mask[k] & algo::kNotJudged));
-        FeatureView result{.name = feature_, .title = feature_, .unit = unit_for_people(choice_.feature)};
+        FeatureView result{
+            .name = feature_, .title = feature_, .unit = unit_for_people(choice_.feature, choice_.against_reference)};
         result.map = map->values;
         result.mask = mask_;
         return result;

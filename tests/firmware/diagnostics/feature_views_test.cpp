@@ -89,6 +89,12 @@ TEST(Views, of_a_dark_lenslet_have_its_transmission_and_no_gradient) {
     EXPECT_NE(views.find(kSums)->mask[kPlace + 1] & algo::kAtLimit, 0);  // a saturated sum is a lower limit
 }
 
+TEST(Views, name_the_range_of_an_overlap_by_what_it_is_taken_over) {
+    EXPECT_EQ(unit_for_people(algo::Feature::chi2), "0 to 1.41");
+    EXPECT_EQ(unit_for_people(algo::Feature::hellinger, true), "0 to 1");
+    EXPECT_EQ(unit_for_people(algo::Feature::anisotropy), "0 to 1");
+}
+
 TEST(Views, of_a_frame_without_light_have_no_transmission) {
     Made made;
     std::ranges::fill(made.transmission, 0.0F);  // none is typical
