@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 
 #include <fmt/format.h>
@@ -50,6 +51,18 @@ Result<void> complete(ResultsOptions& options) {
     return {};
 }
 
+// Fails with invalid_argument if no recipe of this name was ever in use.
+Result<void> check_recipe(StoreReader& reader, const std::string& name) {
+    std::set<std::string> known;
+    store::ResultFilter recipes;
+    recipes.what = "recipe";
+    if (auto done = reader.each_change(recipes, [&](const store::StoredChange& row) { known.insert(row.name); }); !done)
+        return done;
+    if (known.empty() || known.contains(name)) return {};
+    return fail(ErrorCode::invalid_argument, "no recipe of this store is called \"" + name + "\"",
+                fmt::format("use one of {}", fmt::join(known, ", ")));
+}
+
 // Prints row by row: a year of results does not fit in memory.
 Exit list(ResultsOptions options, bool changes) {
     if (auto done = complete(options); !done) return complain(done.error());
@@ -71,6 +84,9 @@ Exit list(ResultsOptions options, bool changes) {
     const auto done =
         changes ? (*reader)->each_change(options.filter, print) : (*reader)->each_result(options.filter, print);
     if (!done) return complain(done.error());
+    if (rows == 0 && !changes && !options.filter.recipe.empty()) {
+        if (auto known = check_recipe(**reader, options.filter.recipe); !known) return complain(known.error());
+    }
     if (rows == 0) fmt::print(stderr, "hordctl: no row of {} is as asked for\n", options.folder);
     if (damaged == 0) return Exit::good;
     return complain({ErrorCode::unreadable,

@@ -64,6 +64,10 @@ TEST(Store, of_a_simulated_line_holds_every_part_verifies_and_replays_to_the_bit
     EXPECT_EQ(lines(run("hordctl", {"results", "--store", store, "--last", "3", "--format", "csv"}).out), 1U + 3U);
     EXPECT_THAT(run("hordctl", {"results", "changes", "--store", store}).out, HasSubstr("start"));
 
+    const Said mistyped = run("hordctl", {"results", "--store", store, "--recipe", "defualt"});
+    EXPECT_EQ(mistyped.status, 2);
+    EXPECT_THAT(mistyped.err, HasSubstr("no recipe of this store is called \"defualt\": use one of default"));
+
     const Said verified = run("hordctl", {"results", "verify", "--store", store});
     EXPECT_EQ(verified.status, 0) << verified.out;
     EXPECT_THAT(verified.out, HasSubstr("results: 12 rows, 1 to 12"));
