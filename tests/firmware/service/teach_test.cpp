@@ -170,7 +170,7 @@ TEST_F(TeachService, learns_from_distinct_parts_judges_by_them_and_still_does_af
         (void)plc.command(Command::stop);
         EXPECT_TRUE(plc.sees([&] { return plc.read32(111) == taught; }));
     });
-    EXPECT_THAT(files(), ElementsAre("recipe-in-use.toml", "references/taught-7-1.hordref"));
+    EXPECT_THAT(files(), ElementsAre("recipe-in-use.toml", "references/taught-7-1.hordref", "station.lock"));
 
     passes = rejects = 0;
     live(0.5, [&](Plc& plc) {
@@ -187,7 +187,7 @@ TEST_F(TeachService, learns_from_distinct_parts_judges_by_them_and_still_does_af
     EXPECT_GE(count(false, judged_bad), 4U);
     EXPECT_EQ(count(true, judged_bad), 0U);
     EXPECT_EQ(count(false, passed), 0U);
-    EXPECT_THAT(files(), ElementsAre("recipe-in-use.toml", "references/taught-7-1.hordref"));
+    EXPECT_THAT(files(), ElementsAre("recipe-in-use.toml", "references/taught-7-1.hordref", "station.lock"));
 }
 
 }  // namespace
