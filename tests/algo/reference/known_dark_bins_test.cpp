@@ -171,7 +171,8 @@ TEST_F(GrownPedestal, rejects_no_good_part_and_hides_no_flaw) {
                                            {0.5, 1.0},
                                            {0.3, 4.0},
                                            {0.5, 6.0}}) {
-        const auto verdict = [&](const std::function<void(int, int, Spot&)>& flaw) {
+        const auto verdict = [&, pedestal = pedestal,
+                              read_e = read_e](const std::function<void(int, int, Spot&)>& flaw) {
             ++seed;
             return pipeline->inspect(seen_by(part(wobble(seed), flaw), pedestal, read_e, seed).view())->verdict;
         };
