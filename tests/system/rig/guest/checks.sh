@@ -282,7 +282,7 @@ chip_goes() {
 # A camera that only libcamera supports, in the installed service; it is removed and comes back.
 libcamera_disconnect() {
     cp /etc/hord/hordd.toml /tmp/hordd.toml
-    sed -i 's|^backend = "v4l2"|backend = "libcamera"\ngreen = true|; s|^width_px = .*|width_px = 90|; s|^height_px = .*|height_px = 90|' /etc/hord/hordd.toml
+    sed -i 's|^backend = "v4l2"|backend = "libcamera"\ngreen = true|; s|^width_px = .*|width_px = 90|; s|^height_px = .*|height_px = 90|; /^device = /d' /etc/hord/hordd.toml
     start_world /tmp/libcamera --parts 1000 --person 127.0.0.1:502 || return 1
     follow_journal
     systemctl restart --no-block hordd
