@@ -25,7 +25,7 @@ if [ ! -s "$out/mutants.txt" ]; then
             *) echo "| $name | $(head -1 "$patch") | ${said%% parts*} | ${caught%%:*} |" ;;
         esac
     done >"$out/mutants.new"
-    echo "The same program without a bug: $("$bin/tests/system/mutants/mutant-none" || true)." >>"$out/mutants.new"
+    echo "The same program without a bug: $("$bin/tests/system/mutants/mutant-none" || true) (commit $(git describe --always --dirty))." >>"$out/mutants.new"
     mv "$out/mutants.new" "$out/mutants.txt"
 fi
 if [ ! -s "$out/soak.txt" ]; then
@@ -47,7 +47,8 @@ indented() { sed 's/^/    /; s/ *$//'; }
     echo
     echo "Each is a patch in \`tests/system/mutants/\`, applied to a copy of the file by the build; the test"
     echo "\`Mutant.NAME\` fails unless the soak catches it."
-    echo "\`parts\`: how many had come when the first promise was broken (seed 1, episodes of 500 parts)."
+    echo "\`parts\`: how many had come when the first promise was broken (seed 1, episodes of 500 parts). A new fault in the"
+    echo "soak changes what a seed draws, and with it these numbers."
     echo
     echo "| bug | what it is | parts | promise broken |"
     echo "|---|---|---:|---|"
