@@ -2,12 +2,15 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstring>
 #include <utility>
 
 #include "algo/emd/knapsack_batch.h"
 #include "algo/emd/residual.h"
 #include "algo/emd/sparse_hord.h"
+#include "algo/emd/transport_cells.h"
+#include "algo/emd/transport_lanes.h"
 #include "algo/emd/transport_simplex.h"
 #include "common/fixed.h"
 
@@ -26,11 +29,13 @@ double total(const ResidualSide<Mass>& side) {
 // The residual and the batches of problems with one type of masses.
 template <class Mass>
 struct MassSolver {
-    MassSolver(FindResidual<Mass> find_it, Isa isa) : find(find_it), solve(transport_kernel<Mass>(isa)) {}
+    MassSolver(FindResidual<Mass> find_it, Isa isa)
+        : find(find_it), solve(transport_kernel<Mass>(isa)), pivot(lanes_kernel<Mass>(isa)) {}
 
     FindResidual<Mass> find;
     Residual<Mass> residual;
     SolveTransportBatch<Mass> solve;
+    PivotLanes<Mass> pivot;
     TransportAnswer<Mass> answer;
     TransportBatches<Mass> batches;
 };
@@ -82,10 +87,10 @@ struct EmdSolver::State {
                                                                               ground.largest() *
                                                                                   TransportSimplex::kTolerance},
           sparse(sparse_kernels(ground.is_metric() ? widest(isa) : Isa::portable)),
-          int32_masses(find_residual_for(widest(isa)), isa), double_masses(find_residual<double>, isa),
-          solve_knapsack(knapsack_kernel(isa)) {}
+          int32_masses(find_residual_for(widest(isa)), widest(isa)), double_masses(find_residual<double>, widest(isa)),
+          solve_knapsack(knapsack_kernel(widest(isa))) {}
 
-    // For kernels with an instruction of the widest set.
+    // For kernels that are vectors throughout, or have an instruction of the widest set.
     static Isa widest(Isa isa) { return isa == Isa::portable ? isa : widest_isa(); }
 
     void submit(const Hord& a, const Hord& b, double* out, bool at_once);
@@ -101,6 +106,8 @@ struct EmdSolver::State {
     void solve_batch(MassSolver<Mass>& masses, std::size_t shape);
     template <class Mass>
     double improve(const TransportBatch<Mass>& batch, const TransportAnswer<Mass>& answer, int lane);
+    template <class Mass>
+    void pivot_unproven(MassSolver<Mass>& masses, const TransportBatch<Mass>& batch);
     void solve_waiting();
     double cost_of(const TransportSimplex::Outcome& outcome);
 
@@ -208,9 +215,27 @@ void EmdSolver::State::solve_batch(MassSolver<Mass>& masses, std::size_t shape) 
     TransportAnswer<Mass>& answer = masses.answer;
     counters.transport += static_cast<std::uint64_t>(batch.filled);
     masses.solve(batch, costs, answer);
+    pivot_unproven(masses, batch);
     for (int lane = 0; lane < batch.filled; ++lane) {
         double& out = *batch.problem[lane].out;  // still the divisor S_a * S_b
         out = (answer.proven[lane] ? answer.cost[lane] : improve(batch, answer, lane)) / out;
+    }
+}
+
+// Many unproven lanes are solved together.
+template <class Mass>
+void EmdSolver::State::pivot_unproven(MassSolver<Mass>& masses, const TransportBatch<Mass>& batch) {
+    TransportAnswer<Mass>& answer = masses.answer;
+    std::uint32_t unproven = 0;
+    for (int lane = 0; lane < batch.filled; ++lane) unproven |= (answer.proven[lane] ? 0U : 1U) << lane;
+    if (std::popcount(unproven) < kFewestLanes) return;
+    LaneOutcome outcome;
+    const double scale = TransportCosts::kMaxCost / ground.largest();
+    masses.pivot(answer, batch.rows, batch.cols, unproven, scale, costs.tolerance, outcome);
+    for (std::uint32_t rest = outcome.solved; rest != 0; rest &= rest - 1) {
+        const int lane = std::countr_zero(rest);
+        answer.cost[lane] = cost_of({outcome.cost[lane], outcome.pivots[lane]});
+        answer.proven[lane] = true;
     }
 }
 

@@ -8,7 +8,7 @@
 namespace hord::algo {
 namespace {
 
-constexpr int kCells = kMaxBatchSide * kFirstColumnNode;
+constexpr int kCells = kMaxBatchCells;
 constexpr std::int32_t kCellBits = 0xFF;
 static_assert(kCells <= kCellBits + 1);
 constexpr float kClosed = std::numeric_limits<float>::infinity();
@@ -28,6 +28,7 @@ struct Batch {
     Mass mass[kBatchNodes][kBatchLanes];
     double cost[kCells][kBatchLanes];
     float key[kCells][kBatchLanes];
+    double dual[kBatchNodes][kBatchLanes];
 
     HORD_ALWAYS_INLINE Batch(const TransportBatch<Mass>& batch, const TransportBatchCosts& c,
                              TransportAnswer<Mass>& out)
@@ -246,7 +247,6 @@ struct Batch {
     // The proof: duals from the last step backwards, and no reduced cost below zero. The cost is computed from the
     // duals.
     HORD_ALWAYS_INLINE void prove(const std::int32_t (*served)[kBatchLanes]) {
-        double dual[kBatchNodes][kBatchLanes];
         double* const duals = dual[0];
         const double* const cell_costs = cost[0];
         const int steps = rows + cols - 1;
@@ -299,6 +299,17 @@ struct Batch {
         order_cells();
         serve(served);
         prove(served);
+        int unproven = 0;
+        for (int l = 0; l < b.filled; ++l) unproven += answer.proven[l] ? 0 : 1;
+        if (unproven >= kFewestLanes) hand_over();
+    }
+
+    HORD_ALWAYS_INLINE void hand_over() {
+        for (int i = 0; i < rows; ++i) {
+            for (int j = 0; j < cols; ++j) Doubles::load(cost[cell(i, j)]).store(answer.cell_cost[cell(i, j)]);
+            Doubles::load(dual[i]).store(answer.dual[i]);
+        }
+        for (int j = 0; j < cols; ++j) Doubles::load(dual[column(j)]).store(answer.dual[column(j)]);
     }
 };
 

@@ -19,10 +19,12 @@ namespace hord::algo {
 
 constexpr int kMaxBatchSide = 12;  // rows, and columns
 constexpr int kBatchLanes = 16;    // problems of a batch
+constexpr int kFewestLanes = 5;    // unproven plans that are solved together (algo/emd/transport_lanes.h)
 
 // Nodes are numbered: rows from 0, columns from kFirstColumnNode; cells: row * kFirstColumnNode + column.
 constexpr int kFirstColumnNode = 16;
 constexpr int kBatchNodes = kFirstColumnNode + kMaxBatchSide;
+constexpr int kMaxBatchCells = kMaxBatchSide * kFirstColumnNode;
 constexpr int kMaxBatchSteps = 2 * kMaxBatchSide - 1;
 
 // [0] rows, [1] columns. Masses are positive; rows and columns have the same sum. Two full cache lines for
@@ -77,6 +79,10 @@ struct TransportAnswer {
     // Where it is not, the plan (TransportStep): each step uses up `child`, which exchanges `flow` with `parent`.
     std::int32_t child[kMaxBatchSteps][kBatchLanes], parent[kMaxBatchSteps][kBatchLanes];
     Mass flow[kMaxBatchSteps][kBatchLanes];
+    // If at least kFewestLanes are not: costs of the cells, and duals of the nodes. A cell of the plan costs the sum of
+    // its two duals.
+    double cell_cost[kMaxBatchCells][kBatchLanes];
+    double dual[kBatchNodes][kBatchLanes];
 };
 
 struct TransportBatchCosts {

@@ -19,6 +19,7 @@ struct TransportCosts {
     static constexpr std::int32_t kMaxCost = 1 << 27;
     static constexpr std::int32_t kPadding = 1 << 30;                                  // cost of padding columns
     static constexpr std::int32_t kNoCell = std::numeric_limits<std::int32_t>::max();  // above all cells
+    static constexpr std::int32_t kMaxDual = 1 << 29;  // keeps reduced costs < 2^31, and those of padding > 0
 
     static constexpr int padded(int count) { return (count + kLanes - 1) / kLanes * kLanes; }
 };

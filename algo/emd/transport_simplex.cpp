@@ -20,7 +20,7 @@ constexpr int kPivotsPerNode = 200;
 constexpr int kRowsToPrice = 48;  // problems with more rows price
 constexpr int kRowsAtOnce = 20;   // this many at a time
 constexpr std::int32_t kPadding = TransportCosts::kPadding;
-constexpr std::int32_t kMaxDual = 1 << 29;  // keeps reduced costs < 2^31, and those of padding > 0
+constexpr std::int32_t kMaxDual = TransportCosts::kMaxDual;
 // Bits that costs lose each time duals leave that range. At most three times: a path of 449 arcs sums at most 225 costs
 // of up to 2^21, which is within the range.
 constexpr int kCoarserBits = 2;

@@ -68,11 +68,11 @@ struct Vec<T, Count, Bytes, std::index_sequence<I...>> {
     HORD_ALWAYS_INLINE Vec operator^(const Vec& b) const { return {{(part[I] ^ b.part[I])...}}; }
     HORD_ALWAYS_INLINE Vec operator>>(int bits) const { return {{(part[I] >> bits)...}}; }
     // Masks: all bits of a lane set where true, else none.
-    HORD_ALWAYS_INLINE Vec equal_to(const Vec& b) const { return {{(part[I] == b.part[I])...}}; }
-    HORD_ALWAYS_INLINE Vec greater_than(const Vec& b) const { return {{(part[I] > b.part[I])...}}; }
+    HORD_ALWAYS_INLINE Vec equal_to(const Vec& b) const { return {{as_lanes(part[I] == b.part[I])...}}; }
+    HORD_ALWAYS_INLINE Vec greater_than(const Vec& b) const { return {{as_lanes(part[I] > b.part[I])...}}; }
     HORD_ALWAYS_INLINE Vec<std::int32_t, Count, Bytes> less_than(const Vec& b) const
         requires(sizeof(T) == sizeof(std::int32_t)) {
-        return {{static_cast<Vector<std::int32_t, Bytes>>(part[I] < b.part[I])...}};
+        return {{as_lanes(static_cast<Vector<std::int32_t, Bytes>>(part[I] < b.part[I]))...}};
     }
     HORD_ALWAYS_INLINE friend Vec select(const Vec& mask, const Vec& yes, const Vec& no) {
         return {{((mask.part[I] & yes.part[I]) | (~mask.part[I] & no.part[I]))...}};
@@ -115,6 +115,15 @@ struct Vec<T, Count, Bytes, std::index_sequence<I...>> {
     }
 
   private:
+    // A mask of 64 bytes whose origin the compiler does not know: GCC 12 combines two comparisons lane by lane, in
+    // general registers.
+    template <class Mask>
+    HORD_ALWAYS_INLINE static Mask as_lanes(Mask mask) {
+#if defined(__x86_64__)
+        if constexpr (Bytes == 64) asm("" : "+v"(mask));
+#endif
+        return mask;
+    }
     template <std::size_t... L>
     HORD_ALWAYS_INLINE static V broadcast_lane_0(V v, std::index_sequence<L...>) {
         return __builtin_shufflevector(v, v, static_cast<int>(L * 0)...);
