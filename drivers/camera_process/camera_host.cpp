@@ -30,7 +30,7 @@ class EventSender final : public CameraPort::Listener {
     void on_camera_edge(const CameraEdge& edge) noexcept override {
         add({.what = CameraEvent::What::edge, .edge = edge});
     }
-    void on_camera_gone(std::string_view why) noexcept override {
+    void on_camera_gone(std::string_view why, std::string_view) noexcept override {
         CameraEvent event;
         std::ranges::copy(why.substr(0, event.why.size() - 1), event.why.begin());
         add(event);
@@ -57,7 +57,7 @@ class EventSender final : public CameraPort::Listener {
 };
 
 [[noreturn]] void exit_without_camera(EventSender& events, const std::string& why) {
-    events.on_camera_gone(why);
+    events.on_camera_gone(why, {});
     ::_exit(0);
 }
 

@@ -52,8 +52,9 @@ class CameraPort {
       public:
         virtual void on_camera_frame(const CameraFrame& frame) noexcept = 0;
         virtual void on_camera_edge(const CameraEdge&) noexcept {}
-        // May be called more than once. `why`: the end of the sentence "the camera ...", empty where it is not known.
-        virtual void on_camera_gone(std::string_view why) noexcept = 0;
+        // May be called more than once. `why`: the end of the sentence "the camera ..."; `cure`: what to do about it.
+        // Empty where they are not known.
+        virtual void on_camera_gone(std::string_view why, std::string_view cure) noexcept = 0;
 
       protected:
         ~Listener() = default;
@@ -69,7 +70,8 @@ class CameraPort {
     // also after stop(). Fails as look() does, and with an unknown or refused control.
     virtual Result<std::shared_ptr<const Memory>> start(Listener& listener) = 0;
 
-    // Any thread, between start() and stop(). Queues a buffer to be filled again; does not block.
+    // Any thread, between start() and stop(). Queues a buffer to be filled again; does not block. Fails with
+    // disconnected (the camera is gone: the listener hears why), busy.
     virtual Result<void> queue(std::uint32_t buffer) = 0;
 
     // The same. A software trigger: the exposure begins as soon as the camera gets it. Its failure shows as a camera

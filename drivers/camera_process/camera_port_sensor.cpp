@@ -40,10 +40,18 @@ struct CameraPortSensor::Stream final : CameraStream, CameraPort::Listener, std:
     CameraPortSensor* sensor;  // loop's thread; null when stopped
     ThreadSafeQueue<CameraFrame> frames;
     ThreadSafeQueue<CameraEdge> edges;
-    ThreadSafeQueue<std::string> reasons;  // why it is gone
+    struct Loss {
+        std::string why, cure;
+    };
+    ThreadSafeQueue<Loss> losses;
     std::shared_ptr<const CameraPort::Memory> keep;
 
-    Result<void> queue(std::uint32_t buffer) override { return port.queue(buffer); }
+    Result<void> queue(std::uint32_t buffer) override {
+        auto queued = port.queue(buffer);
+        // Of a camera that is gone the listener hears why.
+        if (!queued && queued.error().code == ErrorCode::disconnected) return {};
+        return queued;
+    }
     void on_camera_frame(const CameraFrame& frame) noexcept override {
         frames.push(frame);
         wake();
@@ -52,8 +60,8 @@ struct CameraPortSensor::Stream final : CameraStream, CameraPort::Listener, std:
         edges.push(edge);
         wake();
     }
-    void on_camera_gone(std::string_view why) noexcept override {
-        reasons.push(std::string(why.empty() ? "was disconnected" : why));
+    void on_camera_gone(std::string_view why, std::string_view cure) noexcept override {
+        losses.push({std::string(why.empty() ? "was disconnected" : why), std::string(cure)});
         wake();
     }
     void wake() {
@@ -157,7 +165,10 @@ void CameraPortSensor::on_ready() {
         if (!waiting_.empty() && triggers_ != CameraTriggers::command)
             expect_frame_after(std::max(waiting_.front().start + waiting_.front().length, loop_.now()));
     }
-    if (const auto why = stream->reasons.pop()) lose(name_ + " " + *why);
+    const auto loss = stream->losses.pop();
+    if (!loss) return;
+    if (loss->cure.empty()) lose(name_ + " " + loss->why);
+    else lose(name_ + " " + loss->why, loss->cure);
 }
 
 void CameraPortSensor::do_stop() {

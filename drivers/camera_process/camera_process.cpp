@@ -5,6 +5,7 @@
 #include <csignal>
 #include <cstring>
 #include <optional>
+#include <string>
 #include <thread>
 #include <utility>
 
@@ -25,7 +26,34 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr auto kTimeToEnd = 2s;  // then the process is killed
+constexpr auto kTimeToEnd = 2s;        // then the process is killed
+constexpr auto kTimeToSayHow = 500ms;  // from the end of its connection to the end of the process
+
+struct Ending {
+    std::string how;  // "was killed by signal 9 (Killed)"
+    std::string cure;
+};
+
+// How a child process that is ending, but not reaped, ended. None: it did not end within `patience`. Any thread.
+std::optional<Ending> ending_of(pid_t pid, hal::Duration patience) {
+    const std::string again = "; a new one is started at the next reset";
+    const auto until = std::chrono::steady_clock::now() + patience;
+    siginfo_t ended{};
+    while (::waitid(P_PID, static_cast<id_t>(pid), &ended, WEXITED | WNOHANG | WNOWAIT) == 0 && ended.si_pid == 0) {
+        if (std::chrono::steady_clock::now() >= until) return std::nullopt;
+        std::this_thread::sleep_for(1ms);
+    }
+    if (ended.si_pid == 0) return std::nullopt;  // somebody else reaped it
+    if (ended.si_code == CLD_EXITED)
+        return Ending{"ended with exit status " + std::to_string(ended.si_status),
+                      "look at its last lines in the journal" + again};
+    const char* const name = sigdescr_np(ended.si_status);
+    return Ending{
+        "was killed by signal " + std::to_string(ended.si_status) + " (" + (name == nullptr ? "unknown" : name) + ")",
+        (ended.si_status == SIGKILL ? "look who killed it, and whether memory ran out (journalctl -k)"
+                                    : "it crashed: report it, with its last lines in the journal") +
+            again};
+}
 
 struct Mapped {
     CameraPort::Memory memory;
@@ -81,17 +109,13 @@ class CameraChild {
     CameraChild& operator=(const CameraChild&) = delete;
 
     [[nodiscard]] int socket() const { return socket_.get(); }
+    [[nodiscard]] pid_t pid() const { return pid_; }
 
     // Closes the connection, waits for the process to end, and kills it after `patience`.
     void end(hal::Duration patience) {
         if (pid_ == 0) return;
         ::shutdown(socket_.get(), SHUT_WR);
-        const auto until = std::chrono::steady_clock::now() + patience;
-        siginfo_t ended{};
-        while (::waitid(P_PID, static_cast<id_t>(pid_), &ended, WEXITED | WNOHANG | WNOWAIT) == 0 &&
-               ended.si_pid == 0 && std::chrono::steady_clock::now() < until) {
-            std::this_thread::sleep_for(2ms);
-        }
+        (void)ending_of(pid_, patience);
         ::kill(pid_,
                SIGKILL);  // safe also after its end: it is reaped below, so its id is not reused
         while (::waitpid(pid_, nullptr, 0) < 0 && errno == EINTR) {
@@ -113,10 +137,12 @@ Result<CameraAnswer> ask(std::unique_ptr<CameraChild>& child, const std::filesys
     child = std::move(*started);
     auto answer = receive_answer(child->socket(), patience);
     if (answer) return std::move(*answer);
+    const auto ending = ending_of(child->pid(), kTimeToSayHow);
     child->end({});
-    return fail(ErrorCode::io,
-                program.filename().string() + ", which holds the camera, ended or hung when it was asked for it",
-                "look at its lines in the journal");
+    const std::string holder = program.filename().string() + ", which holds the camera, ";
+    if (ending) return fail(ErrorCode::io, holder + ending->how + " when it was asked for it", ending->cure);
+    return fail(ErrorCode::io, holder + "gave no answer that can be read when it was asked for it",
+                "look at its last lines in the journal");
 }
 
 class CameraProcess final : public CameraPort {
@@ -140,7 +166,8 @@ class CameraProcess final : public CameraPort {
             return memory;
         }
         stopping_ = false;
-        reader_ = std::thread([this, &listener, socket = child_->socket()] { read(listener, socket); });
+        reader_ = std::thread(
+            [this, &listener, socket = child_->socket(), pid = child_->pid()] { read(listener, socket, pid); });
         return memory;
     }
 
@@ -158,8 +185,11 @@ class CameraProcess final : public CameraPort {
     Result<void> tell(std::uint32_t order) {
         if (::send(child_->socket(), &order, sizeof order, MSG_DONTWAIT | MSG_NOSIGNAL) !=
             static_cast<ssize_t>(sizeof order)) {
-            return fail(ErrorCode::disconnected, "the camera's process takes no order",
-                        "stop the sensor and start it again");
+            const bool full = errno == EAGAIN;
+            return fail(
+                full ? ErrorCode::busy : ErrorCode::disconnected,
+                "its process " + program_.filename().string() + (full ? " takes no order" : " does not run any more"),
+                "look at its last lines in the journal; a new one is started at the next reset");
         }
         return {};
     }
@@ -193,17 +223,24 @@ class CameraProcess final : public CameraPort {
         return std::shared_ptr<const Memory>(mapped, &mapped->memory);
     }
 
-    void read(Listener& listener, int socket) {
+    void read(Listener& listener, int socket, pid_t pid) {
         for (;;) {
             CameraEvent event;
             const ssize_t count = ::recv(socket, &event, sizeof event, 0);
             if (count < 0 && errno == EINTR) continue;
             if (stopping_) return;
-            if (count != static_cast<ssize_t>(sizeof event)) return listener.on_camera_gone({});
+            if (count != static_cast<ssize_t>(sizeof event)) return tell_end(listener, pid);
             if (event.what == CameraEvent::What::frame) listener.on_camera_frame(event.frame);
             else if (event.what == CameraEvent::What::edge) listener.on_camera_edge(event.edge);
-            else return listener.on_camera_gone({event.why.data(), ::strnlen(event.why.data(), event.why.size())});
+            else return listener.on_camera_gone({event.why.data(), ::strnlen(event.why.data(), event.why.size())}, {});
         }
+    }
+
+    void tell_end(Listener& listener, pid_t pid) const {
+        const std::string its = "is lost: its process " + program_.filename().string() + " ";
+        if (const auto ending = ending_of(pid, kTimeToSayHow))
+            return listener.on_camera_gone(its + ending->how, ending->cure);
+        listener.on_camera_gone(its + "closed its connection", "look at its last lines in the journal");
     }
 
     const std::string request_;

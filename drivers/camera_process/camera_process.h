@@ -1,8 +1,8 @@
 // The station's side of a camera that another process (hord-camera, hord-genicam) holds. The buffers are shared memory.
 // A thread of this process reports the frames; it has the scheduling policy of the thread that calls start().
 //
-// Each look() and each start() begins a new process. When it ends, the camera is lost. A process that does not answer
-// or does not end in time is killed.
+// Each look() and each start() begins a new process. When it ends, the camera is lost, and the loss says how it ended.
+// A process that does not answer or does not end in time is killed.
 #pragma once
 
 #include <filesystem>

@@ -123,7 +123,8 @@ void CameraSensor::deliver(const CameraFrame& frame) {
         if (frame.buffer >= stream->memory.size()) return lose(name_ + " named a buffer that does not exist");
         if (!triggered && triggers_ == CameraTriggers::unknown) {
             ++untriggered_;
-            if (const auto queued = stream->queue(frame.buffer); !queued) lose(name_ + ": " + queued.error().what);
+            if (const auto queued = stream->queue(frame.buffer); !queued)
+                lose(name_ + ": " + queued.error().what, queued.error().cure);
             return;
         }
         slot = generation_ * static_cast<std::uint32_t>(kMaxBuffers) + frame.buffer;

@@ -293,7 +293,7 @@ class LibcameraDevice final : public CameraDevice {
         if (request->status() == libcamera::Request::RequestCancelled) {
             // Cancelled by stop(), or the camera accepts no buffer any more. libcamera reports its loss later, and only
             // to a process that may listen to the kernel's device events.
-            if (streams_) listener_->on_camera_gone({});
+            if (streams_) listener_->on_camera_gone({}, {});
             return;
         }
         const libcamera::FrameMetadata& metadata = request->buffers().begin()->second->metadata();
@@ -307,7 +307,7 @@ class LibcameraDevice final : public CameraDevice {
         frame.stamp = hal::TimePoint(hal::Duration(start ? *start : static_cast<std::int64_t>(metadata.timestamp)));
         listener_->on_camera_frame(frame);
     }
-    void on_disconnected() { listener_->on_camera_gone({}); }
+    void on_disconnected() { listener_->on_camera_gone({}, {}); }
 
     const LibcameraSensorOptions request_;
     std::string id_;

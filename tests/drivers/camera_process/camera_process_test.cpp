@@ -34,10 +34,11 @@ class Heard final : public CameraPort::Listener {
         frames_.push_back(frame);
         changed_.notify_all();
     }
-    void on_camera_gone(std::string_view why) noexcept override {
+    void on_camera_gone(std::string_view why, std::string_view cure) noexcept override {
         const std::scoped_lock lock(mutex_);
         ++gone_;
         why_ = why;
+        cure_ = cure;
         changed_.notify_all();
     }
     bool wait_for_frames(std::size_t count) {
@@ -56,6 +57,10 @@ class Heard final : public CameraPort::Listener {
         const std::scoped_lock lock(mutex_);
         return why_;
     }
+    std::string cure() {
+        const std::scoped_lock lock(mutex_);
+        return cure_;
+    }
     int gone() {
         const std::scoped_lock lock(mutex_);
         return gone_;
@@ -66,7 +71,7 @@ class Heard final : public CameraPort::Listener {
     std::condition_variable changed_;
     std::vector<CameraFrame> frames_;
     int gone_ = 0;
-    std::string why_;
+    std::string why_, cure_;
 };
 
 std::unique_ptr<CameraPort> camera_called(const std::string& name, hal::Duration patience = kPatience) {
@@ -74,12 +79,13 @@ std::unique_ptr<CameraPort> camera_called(const std::string& name, hal::Duration
 }
 
 // Child processes that were not reaped yet.
-int children() {
+std::vector<pid_t> children_pids() {
     std::ifstream in("/proc/self/task/" + std::to_string(gettid()) + "/children");
-    int count = 0;
-    for (std::string pid; in >> pid;) ++count;
-    return count;
+    std::vector<pid_t> pids;
+    for (pid_t pid = 0; in >> pid;) pids.push_back(pid);
+    return pids;
 }
+std::size_t children() { return children_pids().size(); }
 
 TEST(CameraProcess, shares_the_cameras_memory_and_fills_buffers_again) {
     const auto port = camera_called("works");
@@ -101,7 +107,7 @@ TEST(CameraProcess, shares_the_cameras_memory_and_fills_buffers_again) {
     }
     port->stop();
     EXPECT_EQ(heard.gone(), 0);
-    EXPECT_EQ(children(), 0);
+    EXPECT_EQ(children(), 0U);
     EXPECT_NE((**memory)[0][0], std::byte{0}) << "memory that is held stays readable";
 }
 
@@ -117,8 +123,8 @@ TEST(CameraProcess, lists_the_cameras_that_it_could_hold) {
     EXPECT_EQ(refused.error().message(), "no library: install it");
     const auto hung = list_cameras("hangs", kProgram, 200ms);
     ASSERT_FALSE(hung);
-    EXPECT_THAT(hung.error().what, HasSubstr("ended or hung"));
-    EXPECT_EQ(children(), 0);
+    EXPECT_THAT(hung.error().what, HasSubstr("gave no answer"));
+    EXPECT_EQ(children(), 0U);
 }
 
 TEST(CameraProcess, that_dies_is_a_camera_that_is_gone_and_the_next_start_has_another) {
@@ -129,11 +135,53 @@ TEST(CameraProcess, that_dies_is_a_camera_that_is_gone_and_the_next_start_has_an
         ASSERT_TRUE(heard.wait_for_frames(1));
         EXPECT_TRUE(port->queue(heard.frame(0).buffer));
         ASSERT_TRUE(heard.wait_until_gone());
-        EXPECT_FALSE(port->queue(0));
+        const auto refused = port->queue(0);
+        ASSERT_FALSE(refused);
+        EXPECT_THAT(refused.error().what, HasSubstr("does not run any more"));
+        EXPECT_EQ(heard.why(), "is lost: its process hord_fake_camera was killed by signal 6 (Aborted)");
+        EXPECT_THAT(heard.cure(), HasSubstr("report it"));
         port->stop();
         EXPECT_EQ(heard.gone(), 1);
-        EXPECT_EQ(children(), 0);
+        EXPECT_EQ(children(), 0U);
     }
+}
+
+TEST(CameraProcess, that_ends_or_is_killed_is_told_as_that_and_not_as_a_cable) {
+    for (const bool killed : {true, false}) {
+        const auto port = camera_called("exits");
+        Heard heard;
+        ASSERT_TRUE(port->start(heard));
+        ASSERT_TRUE(heard.wait_for_frames(1));
+        ASSERT_EQ(children(), 1U);
+        if (killed) ::kill(children_pids().front(), SIGKILL);
+        else EXPECT_TRUE(port->queue(heard.frame(0).buffer));
+        ASSERT_TRUE(heard.wait_until_gone());
+        EXPECT_EQ(heard.why(),
+                  std::string("is lost: its process hord_fake_camera ") +
+                      (killed ? "was killed by signal 9 (Killed)" : "ended with exit status 3"));
+        EXPECT_THAT(heard.cure(), AllOf(HasSubstr(killed ? "memory" : "journal"), HasSubstr("reset")));
+        port->stop();
+        EXPECT_EQ(children(), 0U);
+    }
+}
+
+// What the station says of it.
+TEST(CameraProcess, that_is_killed_is_the_loss_of_the_sensor_with_its_own_cure) {
+    const auto loop = std::move(*firmware::SdEventLoop::open());
+    auto sensor = CameraPortSensor::open(*loop, {.buffers = 2}, camera_called("works"));
+    ASSERT_TRUE(sensor) << sensor.error().message();
+    struct Ear final : hal::Sensor::Listener {
+        void on_frame(hal::FrameLease) override {}
+        void on_sensor_lost(const Error& error) override { lost = error; }
+        std::optional<Error> lost;
+    } ear;
+    ASSERT_TRUE((*sensor)->start(ear));
+    ASSERT_EQ(children(), 1U);
+    ::kill(children_pids().front(), SIGKILL);
+    ASSERT_TRUE(loop->run_until([&] { return ear.lost.has_value(); }, kPatience));
+    EXPECT_THAT(ear.lost->message(),
+                AllOf(HasSubstr("signal 9 (Killed)"), HasSubstr("journalctl -k"), testing::Not(HasSubstr("cable"))));
+    (*sensor)->stop();
 }
 
 TEST(CameraProcess, of_a_camera_that_was_unplugged_says_so_and_ends) {
@@ -143,7 +191,7 @@ TEST(CameraProcess, of_a_camera_that_was_unplugged_says_so_and_ends) {
     ASSERT_TRUE(heard.wait_until_gone());
     port->stop();
     EXPECT_EQ(heard.gone(), 1);
-    EXPECT_EQ(children(), 0);
+    EXPECT_EQ(children(), 0U);
 }
 
 TEST(CameraProcess, hands_software_triggers_on_and_says_why_the_camera_is_gone) {
@@ -163,7 +211,7 @@ TEST(CameraProcess, that_does_not_stop_is_killed) {
     ASSERT_TRUE(heard.wait_for_frames(1));
     port->stop();
     EXPECT_EQ(heard.gone(), 0);
-    EXPECT_EQ(children(), 0);
+    EXPECT_EQ(children(), 0U);
 }
 
 TEST(CameraProcess, that_says_nothing_or_dies_when_asked_is_an_error_and_is_not_left_behind) {
@@ -172,8 +220,10 @@ TEST(CameraProcess, that_says_nothing_or_dies_when_asked_is_an_error_and_is_not_
         const auto format = camera_called(name, patience)->look();
         ASSERT_FALSE(format);
         EXPECT_EQ(format.error().code, ErrorCode::io);
-        EXPECT_THAT(format.error().message(), AllOf(HasSubstr("hord_fake_camera"), HasSubstr("journal")));
-        EXPECT_EQ(children(), 0);
+        EXPECT_THAT(format.error().message(),
+                    AllOf(HasSubstr("hord_fake_camera"), HasSubstr("journal"),
+                          HasSubstr(name == "hangs" ? "gave no answer" : "was killed by signal 6 (Aborted)")));
+        EXPECT_EQ(children(), 0U);
     }
 }
 

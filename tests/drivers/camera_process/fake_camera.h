@@ -122,7 +122,7 @@ class FakeCameraPort final : public CameraPort {
             camera_->woken.wait_for(lock, std::chrono::milliseconds(2),
                                     [this] { return stopping_ || !camera_->there; });
             if (stopping_) return;
-            if (!camera_->there) return listener.on_camera_gone("was unplugged");
+            if (!camera_->there) return listener.on_camera_gone("was unplugged", {});
             if (camera_->silent || camera_->queued.empty() || camera_->triggers == 0)
                 continue;  // waits for a buffer, so that a slow test sees no gap
             ++camera_->sequence;
