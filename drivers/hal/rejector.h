@@ -30,6 +30,8 @@ class RejectorListener {
   public:
     virtual void on_reject(const RejectReport& report) = 0;  // exactly one for every accepted reject()
     virtual void on_rejector_link(bool up, const Error& why_down) = 0;
+    // Before the report of a command that failed although the link is up: why.
+    virtual void on_reject_failed(const Error&) {}
 
   protected:
     ~RejectorListener() = default;

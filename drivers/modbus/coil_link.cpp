@@ -35,6 +35,8 @@ bool is_damage(int error) {
     return error == EMBBADCRC || error == EMBBADDATA || error == EMBMDATA || error == EMBBADSLAVE || error == EMBBADEXC;
 }
 
+constexpr const char* kLine = "the line's cable, termination and shield";
+
 }  // namespace
 
 void CoilLink::CloseContext::operator()(modbus_t* context) const {
@@ -107,13 +109,48 @@ void CoilLink::close() {
 }
 
 tl::unexpected<Error> CoilLink::failed(const std::string& what, int error) {
-    if (is_exception(error)) {
-        return fail(ErrorCode::refused, what + ": " + modbus_strerror(error),
-                    "check the address and the module's own fault display");
+    const std::string said = what + ": " + modbus_strerror(error);
+    switch (error) {
+        case EMBXILFUN:
+        case EMBXILADD:
+        case EMBXILVAL:
+            return fail(
+                ErrorCode::refused, said + " (the module answers and has no such output or register)",
+                "check rejector.unit, rejector.profile and the coils and registers in [rejector]" + how_to_ask());
+        case EMBXGPATH:
+        case EMBXGTAR:
+            return fail(ErrorCode::refused, said + " (a gateway answers, not the module behind it)",
+                        "check rejector.unit, and the module's power and cable behind the gateway");
+        default: break;
     }
+    if (is_exception(error)) return fail(ErrorCode::refused, said, "check the module's own fault display");
     close();
-    return fail(error == ETIMEDOUT ? ErrorCode::timeout : ErrorCode::disconnected, what + ": " + modbus_strerror(error),
-                "check the module's power and cable; the driver keeps trying");
+    if (is_damage(error) && address_.serial)
+        return fail(
+            ErrorCode::disconnected, said + " (the answer is damaged or none of Modbus)",
+            std::string("check rejector.baud, rejector.parity and rejector.unit against the module's settings; then ") +
+                kLine);
+    if (is_damage(error))
+        return fail(ErrorCode::disconnected, said + " (the answer is none of Modbus)",
+                    std::string("is the rejector's module really at ") + name() +
+                        "? Check rejector.host, rejector.port and "
+                        "rejector.unit" +
+                        how_to_ask());
+    if (error == ECONNRESET)
+        return fail(ErrorCode::disconnected, said,
+                    "check the module's power, how many connections it accepts, and that the rejector's module is "
+                    "really at " +
+                        name() + "; the driver keeps trying");
+    if (error == ETIMEDOUT)
+        return fail(
+            ErrorCode::timeout, what + ": no answer within " + std::to_string(timeout_ / 1ms) + " ms",
+            "check the module's power and cable, rejector.unit and rejector.response_timeout_ms; the driver keeps "
+            "trying");
+    return fail(ErrorCode::disconnected, said, "check the module's power and cable; the driver keeps trying");
+}
+
+std::string CoilLink::how_to_ask() const {
+    return address_.serial ? "" : "; hordctl devices --module " + name() + " asks it what it is";
 }
 
 void CoilLink::keep_gap() const {
@@ -161,8 +198,7 @@ Result<void> CoilLink::exchange(const std::string& what, Again again, Request re
         if (!address_.serial || (!damaged && error != ETIMEDOUT)) return failed(what, error);
         discard(damaged ? gap_ : timeout);
         if (again == Again::no) {
-            return fail(ErrorCode::io, what + ": " + modbus_strerror(error),
-                        "check the line's cable, termination and shield");
+            return fail(ErrorCode::io, what + ": " + modbus_strerror(error), std::string("check ") + kLine);
         }
         if (attempt == 1) return failed(what, error);
     }
@@ -216,8 +252,11 @@ Result<void> CoilLink::write(int coil, bool on, std::optional<int> read_at) {
     if (!written) acknowledged_ = clock_.now();
     if ((value != 0) == on) return {};
     if (!written) return written;
-    return fail(ErrorCode::refused, which("coil", coil) + " does not read back as written",
-                "check that nothing else writes it, that the output is not forced, and rejector.profile");
+    return fail(
+        ErrorCode::refused,
+        which("coil", coil) + " answered, but reads back " + (on ? "0" : "1") + " where " + (on ? "1" : "0") +
+            " was written" + (back_at == coil ? "" : " (it is read at coil " + std::to_string(back_at) + ")"),
+        "check rejector.profile, that nothing else writes the coil, and that the output is not forced" + how_to_ask());
 }
 
 Result<std::string> CoilLink::identify() {

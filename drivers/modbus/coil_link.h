@@ -74,6 +74,7 @@ class CoilLink {
     std::size_t read_bytes(std::span<std::uint8_t> bytes, hal::Duration wait) const;
     void discard(hal::Duration silence);
     [[nodiscard]] std::string which(const char* thing, int number) const;
+    [[nodiscard]] std::string how_to_ask() const;  // to be appended to a cure
 
     const hal::Clock& clock_;
     const ModuleAddress address_;

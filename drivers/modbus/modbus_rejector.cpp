@@ -94,6 +94,10 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
     }
     void report(const Job& job, Outcome outcome) { report(job, outcome, now()); }
 
+    void tell_failure(const Error& why) {
+        send([this, why] { listener->on_reject_failed(why); });
+    }
+
     void report_link(bool up, const Error& why_down = {}) {
         if (reported_link == up) return;
         reported_link = up;
@@ -147,7 +151,10 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
         const bool written = succeeded(module.start_pulse(), &error);
         // Also after a refused write the pulse is ended: the output may have moved.
         if (module.link().connected()) pulse_end = std::max(until, pulse_end.value_or(until));
-        if (!written) return report(job, Outcome::failed);
+        if (!written) {
+            if (module.link().connected()) tell_failure(error);
+            return report(job, Outcome::failed);
+        }
         if (now() >= until) return report(job, Outcome::late);
         const TimePoint acknowledged = module.link().acknowledged();
         if (options.confirm_input < 0) return report(job, Outcome::confirmed, acknowledged);
@@ -200,7 +207,13 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
 
     void fail_unconfirmed() {
         while (!unconfirmed.empty() && unconfirmed.front().until <= now()) {
-            report(unconfirmed.front().job, Outcome::failed);
+            const Job& job = unconfirmed.front().job;
+            tell_failure({ErrorCode::timeout,
+                          "the confirm sensor (input " + std::to_string(options.confirm_input) + ") did not see part " +
+                              std::to_string(job.command.part) + " within " +
+                              std::to_string(options.confirm_within / 1ms) + " ms of its pulse",
+                          "check the valve and its air, the sensor, and rejector.confirm_within_ms"});
+            report(job, Outcome::failed);
             unconfirmed.erase(unconfirmed.begin());
         }
     }

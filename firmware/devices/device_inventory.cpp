@@ -13,6 +13,7 @@
 #include "drivers/genicam/genicam_request.h"
 #include "drivers/libcamera/libcamera_request.h"
 #include "drivers/v4l2/v4l2_listing.h"
+#include "firmware/config/module_profiles.h"
 #include "firmware/devices/device_factory.h"
 
 namespace hord::firmware {
@@ -279,9 +280,15 @@ InventorySection module_section(const hal::Clock& clock, const InventoryOptions&
         item.cure = "give the address of the rejector's module";
         return section;
     }
+    std::string others;
+    for (const ModuleProfile& profile : module_profiles().subspan(1))
+        others += (others.empty() ? "" : ", ") + std::string(profile.name);
     if (found->profile.empty()) {
         item.problem = "does not say what it is";
-        item.cure = "see its label, and the table of profiles in docs/hardware.md";
+        item.cure = fmt::format(
+            "see its label, and set rejector.profile: {} for any module with coils, or {} (the table of modules in "
+            "docs/hardware.md)",
+            module_profiles().front().name, others);
     }
     const int output = found->first_output;
     item.config = fmt::format(
@@ -289,7 +296,7 @@ InventorySection module_section(const hal::Clock& clock, const InventoryOptions&
         "the "
         "ejector is wired\nrun_permit_coil = {}  # as the run permit is wired\n",
         toml_text(at.host), at.port, at.unit, found->profile.empty() ? "plain-coils" : found->profile,
-        found->profile.empty() ? "  # advantech-adam-6000 does not say what it is, either" : "", output, output + 1);
+        found->profile.empty() ? "  # or " + others + ": see its label" : "", output, output + 1);
     return section;
 }
 

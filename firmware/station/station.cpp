@@ -49,6 +49,7 @@ struct Station::DeviceListener final : hal::PartSensor::Listener,
         if (!up) return lost(Device::rejector, why_down);
         station.process(DeviceUp{Device::rejector});
     }
+    void on_reject_failed(const Error& why) override { station.report(why); }
     void on_judged(const Judged& judged) override {
         if (judged.part == Station::kTestPart) return station.test_judged(judged);
         station.process(judged);

@@ -156,6 +156,14 @@ void add_devices(CLI::App& program, Exit& status) {
     auto options = std::make_shared<DevicesOptions>();
     command->add_option("--module", options->module, "Also ask the Modbus module at HOST[:PORT] what it is; only reads")
         ->type_name("HOST[:PORT]");
+    command
+        ->add_option_function<std::string>(
+            "--modbus",
+            [](const std::string&) {
+                throw CLI::ValidationError(
+                    "--modbus", "names a station in other commands; to ask a Modbus module, give --module HOST[:PORT]");
+            })
+        ->group("");  // not in the help
     add_number(*command, "--unit", options->unit, "The module's unit", 1, 255);
     command->add_flag("--json", options->json, "One JSON object");
     command->add_option("--root", options->inventory.root, "Look in this folder's dev, proc and sys")

@@ -167,7 +167,7 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
         if (auto done = strobe_->start(*this); !done) return done;
         if (auto done = rejector_->start(*this); !done) return done;
         if (!loop_->run_until([&] { return link_up_; }, std::chrono::seconds(5)))
-            return fail(ErrorCode::timeout, "the rejector does not answer: " + why_down_.what, why_down_.cure);
+            return fail(ErrorCode::timeout, "the rejector's link does not come up: " + why_down_.what, why_down_.cure);
         return open_edges();
     }
 

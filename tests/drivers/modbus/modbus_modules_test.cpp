@@ -37,6 +37,8 @@ TEST_F(Module, of_wago_with_the_plain_profile_confirms_nothing) {
     play({.kind = test::ModuleKind::wago}, "plain-coils");
     start_and_wait();
     EXPECT_EQ(reject(1), Outcome::failed) << "its inputs were read for its outputs";
+    ASSERT_EQ(ear_.failures.size(), 1U);
+    EXPECT_THAT(ear_.failures[0].cure, HasSubstr("rejector.profile"));
 }
 
 TEST_F(Module, of_wago_has_its_watchdog_started_and_kept_alive_over_tcp_and_serial) {
@@ -220,6 +222,8 @@ TEST_F(Chute, a_part_that_never_arrives_leaves_its_command_unconfirmed_although_
     EXPECT_EQ(reject(1, 600ms), Outcome::failed);
     EXPECT_EQ(times_on(kEjector), 1);
     EXPECT_TRUE(ear_.up);
+    ASSERT_EQ(ear_.failures.size(), 1U);
+    EXPECT_EQ(ear_.failures[0].what, "the confirm sensor (input 3) did not see part 1 within 400 ms of its pulse");
 }
 
 TEST_F(Chute, a_sensor_that_is_covered_all_the_time_confirms_nothing) {

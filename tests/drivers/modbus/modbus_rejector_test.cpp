@@ -3,6 +3,7 @@
 
 #include "hal_sim/cell/cell.h"
 #include "tests/drivers/modbus/rejector_bench.h"
+#include "tests/support/answering_server.h"
 
 namespace hord::drivers {
 namespace {
@@ -27,6 +28,7 @@ TEST_F(Rejector, a_module_that_is_silent_from_the_start_is_down_and_does_not_hol
     start();
     ASSERT_TRUE(run_until([&] { return ear_.changes == 1; }));
     EXPECT_FALSE(ear_.up);
+    EXPECT_THAT(ear_.why_down.message(), AllOf(HasSubstr("no answer within 400 ms"), HasSubstr("rejector.unit")));
     EXPECT_EQ(reject(1), Outcome::failed);
     module_->misbehave(ModuleFault::none);
     expect_recovered();
@@ -94,7 +96,10 @@ TEST_F(Rejector, a_refusal_fails_the_command_and_keeps_the_link) {
     start_and_wait();
     module_->misbehave(ModuleFault::exception, 1);
     EXPECT_EQ(reject(1), Outcome::failed);
+    ASSERT_EQ(ear_.failures.size(), 1U);
+    EXPECT_THAT(ear_.failures[0].message(), HasSubstr("the module's own fault display"));
     EXPECT_EQ(reject(2), Outcome::confirmed);
+    EXPECT_EQ(ear_.failures.size(), 1U);
     EXPECT_EQ(module_->connections(), 1);
     EXPECT_EQ(ear_.changes, 1);
 }
@@ -104,6 +109,45 @@ TEST_F(Rejector, a_coil_that_does_not_read_back_as_written_is_not_confirmed) {
     module_->misbehave(ModuleFault::stuck, 1);
     EXPECT_EQ(reject(1), Outcome::failed);
     EXPECT_EQ(times_on(kEjector), 0);
+    const std::string at = "127.0.0.1:" + std::to_string(options_.address.port);
+    ASSERT_EQ(ear_.failures.size(), 1U);
+    EXPECT_EQ(ear_.failures[0].what,
+              "coil 0 of the rejector module at " + at + " answered, but reads back 0 where 1 was written");
+    EXPECT_THAT(ear_.failures[0].cure, AllOf(HasSubstr("rejector.profile"), HasSubstr("devices --module " + at)));
+}
+
+TEST_F(Rejector, what_answers_and_is_not_the_module_is_told_as_that_and_not_as_silence) {
+    const auto refusal = [](char code) {
+        return [code](const std::string& sent) {
+            if (sent.size() < 8) return std::string();
+            const char function = static_cast<char>(static_cast<unsigned char>(sent[7]) | 0x80U);
+            return sent.substr(0, 2) + std::string("\0\0\0\3", 4) + sent[6] + function + code;
+        };
+    };
+    struct Case {
+        std::function<std::string(const std::string&)> answer;
+        const char *what, *cure;
+    };
+    const Case cases[] = {
+        {[](const std::string&) { return std::string("HTTP/1.1 400 Bad Request\r\n\r\n"); },
+         "the answer is none of Modbus", "is the rejector's module really at 127.0.0.1:"},
+        {[](const std::string&) { return std::string(); }, "Connection reset", "really at 127.0.0.1:"},
+        {refusal(1), "no such output", "rejector.profile"},
+        {refusal(2), "no such output", "hordctl devices --module"},
+        {refusal(10), "a gateway answers", "rejector.unit"},
+        {refusal(11), "a gateway answers", "behind the gateway"},
+    };
+    for (const Case& one : cases) {
+        const test::AnsweringServer server(one.answer);
+        options_.address.port = server.port();
+        ear_ = {};
+        start();
+        ASSERT_TRUE(run_until([&] { return ear_.changes == 1; }));
+        EXPECT_THAT(ear_.why_down.what, HasSubstr(one.what));
+        EXPECT_THAT(ear_.why_down.cure, HasSubstr(one.cure));
+        rejector_->stop();
+        rejector_.reset();
+    }
 }
 
 TEST_F(Rejector, a_connection_closed_in_the_middle_fails_the_command_and_is_made_anew) {

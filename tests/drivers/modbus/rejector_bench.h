@@ -28,7 +28,9 @@ struct Ear final : hal::Rejector::Listener {
         ++changes;
         if (!is_up) losses.push_back((why_down = why).what);
     }
+    void on_reject_failed(const Error& why) override { failures.push_back(why); }
     std::vector<hal::RejectReport> reports;
+    std::vector<Error> failures;
     bool up = false;
     int changes = 0;
     Error why_down;

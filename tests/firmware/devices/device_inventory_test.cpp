@@ -2,18 +2,13 @@
 // replaces hord-camera. Every suggested line must be one that the configuration accepts.
 #include "firmware/devices/device_inventory.h"
 
-#include <array>
-#include <thread>
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <netinet/in.h>
-#include <sys/socket.h>
 
-#include "common/unique_fd.h"
 #include "drivers/event_loop/event_loop_sd.h"
 #include "drivers/libcamera/libcamera_request.h"
 #include "firmware/config/config.h"
+#include "tests/support/answering_server.h"
 #include "tests/support/modbus_module/modbus_module.h"
 #include "tests/support/temp_folder.h"
 
@@ -21,6 +16,7 @@ namespace hord::firmware {
 namespace {
 
 namespace fs = std::filesystem;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using testing_support::TempFolder;
@@ -186,6 +182,11 @@ TEST_P(InventoryOfModule, asks_it_what_it_is_and_writes_nothing) {
     EXPECT_THAT(items[0].config, HasSubstr("profile = \"" + std::string(GetParam().profile) + "\""));
     EXPECT_EQ(std::get<drivers::ModbusRejectorOptions>(parsed(items[0].config).rejector).address.port, module->port());
     EXPECT_EQ(module->misbehaved(), 0) << "it wrote";
+    if (items[0].text.empty()) {
+        EXPECT_THAT(
+            items[0].cure,
+            AllOf(HasSubstr("rejector.profile: plain-coils"), HasSubstr("wago-750, moxa-iologik, advantech-adam")));
+    }
     EXPECT_THAT(module->history(), IsEmpty());
 }
 
@@ -194,44 +195,6 @@ INSTANTIATE_TEST_SUITE_P(Of, InventoryOfModule,
                                            Kind{test::ModuleKind::wago, "WAGO 750-352", "wago-750"},
                                            Kind{test::ModuleKind::moxa, "E1213", "moxa-iologik"},
                                            Kind{test::ModuleKind::adam, "", "plain-coils"}));
-
-// Gives every request the same answer; empty: the request itself.
-class Server {
-  public:
-    explicit Server(std::string answer)
-        : answer_(std::move(answer)), socket_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
-        sockaddr_in own{};
-        own.sin_family = AF_INET;
-        own.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-        socklen_t size = sizeof own;
-        EXPECT_EQ(::bind(socket_.get(), reinterpret_cast<sockaddr*>(&own), size), 0);
-        EXPECT_EQ(::listen(socket_.get(), 4), 0);
-        EXPECT_EQ(::getsockname(socket_.get(), reinterpret_cast<sockaddr*>(&own), &size), 0);
-        port = ntohs(own.sin_port);
-        thread_ = std::thread([this] { run(); });
-    }
-    ~Server() {
-        ::shutdown(socket_.get(), SHUT_RDWR);
-        thread_.join();
-    }
-    int port = 0;
-
-  private:
-    void run() {
-        for (;;) {
-            const common::UniqueFd client(::accept(socket_.get(), nullptr, nullptr));
-            if (!client) return;
-            std::array<char, 300> request{};
-            const ssize_t count = ::recv(client.get(), request.data(), request.size(), 0);
-            const std::string_view sent(request.data(), static_cast<std::size_t>(std::max<ssize_t>(count, 0)));
-            const std::string_view answer = answer_.empty() ? sent : std::string_view(answer_);
-            (void)::send(client.get(), answer.data(), answer.size(), MSG_NOSIGNAL);
-        }
-    }
-    const std::string answer_;
-    const common::UniqueFd socket_;
-    std::thread thread_;
-};
 
 TEST_F(Inventory, of_what_is_no_rejectors_module_no_lines_are_proposed) {
     const std::string station = "HORD station";
@@ -243,8 +206,8 @@ TEST_F(Inventory, of_what_is_no_rejectors_module_no_lines_are_proposed) {
         {std::string("\0\0\0\0\0", 5) + static_cast<char>(text.size()) + text, "is a station, not a rejector"},
     };
     for (const auto& [answer, said] : cases) {
-        const Server server(answer);
-        options_.module = drivers::ModuleAddress{.port = server.port};
+        const test::AnsweringServer server([&](const std::string& sent) { return answer.empty() ? sent : answer; });
+        options_.module = drivers::ModuleAddress{.port = server.port()};
         options_.patience = std::chrono::seconds(5);
         const auto items = section("module").items;
         ASSERT_EQ(items.size(), 1U);

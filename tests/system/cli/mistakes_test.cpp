@@ -69,6 +69,7 @@ TEST(Mistakes, on_the_command_line_are_named) {
     refused({}, "no command is given: see hordctl --help");
     refused({"recipe"}, "no command is given: see hordctl recipe --help");
     refused({"devices", "--module", "host:seven"}, "--module host:seven is no address");
+    refused({"devices", "--modbus", "192.168.1.30"}, "to ask a Modbus module, give --module HOST[:PORT]");
     refused({"run", "--simulate", "--seed", "010"}, "010 begins with 0");
     refused({"latency", "--simulate", "--edges", "010"}, "010 begins with 0");
     refused({"inspect", "none.png", "--macro", "4294967305x9"}, "--macro 4294967305x9 is not a macro-pixel size");

@@ -98,7 +98,9 @@ TEST(Run, that_comes_into_error_says_which_fault_and_its_cure_and_status_names_b
         "[rejector]\nbackend = \"modbus\"\nport = " + std::to_string(refusing.port()) + "\n[modbus]\nport = 0\n");
     Running station("hordctl", {"run", "--config", folder / "c.toml", "--variety", "1"});
     ASSERT_TRUE(station.says("to Error", kRendering)) << station.so_far().err;
-    ASSERT_TRUE(station.says("FAULT rejector: the rejector's module does not answer: check its supply"));
+    ASSERT_TRUE(
+        station.says("FAULT rejector: the rejector's module does not answer, refuses, or does not hold its "
+                     "outputs as written: see the message before it; check its supply"));
     const std::string err = station.so_far().err;
     const auto at = err.find("registers at ") + 13;
     const std::string address = err.substr(at, err.find('\n', at) - at);

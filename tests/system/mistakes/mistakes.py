@@ -145,6 +145,7 @@ MISTAKES = [
         "hordctl status --modbus 127.0.0.1:9",
         "hordctl command reset --modbus 127.0.0.1:9",
         "hordctl devices --module host:seven",
+        "hordctl devices --modbus 192.168.1.30",
         "hordctl results --store missing",
         "hordctl results --store . --reason verdict-lat",
         "hordctl replay --store missing",
