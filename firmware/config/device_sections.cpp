@@ -36,14 +36,33 @@ namespace {
 
 // What would be set and have no effect. A value that is the default is no setting: a file may hold every key.
 void refuse_other_cameras_keys(TomlTable& sensor, int backend, const drivers::V4l2SensorOptions& video,
-                               const std::string& camera, bool green) {
+                               const drivers::GenicamSensorOptions& genicam, bool green) {
     constexpr int kV4l2 = 2, kLibcamera = 3, kGenicam = 4;
-    if (backend < kV4l2) return;
+    const std::string& camera = genicam.camera;
     const auto refuse = [&](bool set, const char* key, const char* cure) {
         if (set) sensor.problem(key, "has no effect with this backend", cure);
     };
-    refuse(backend == kGenicam && !video.controls.empty(), "control",
-           "set a GenICam camera's features, in [[sensor.feature]]");
+    const bool set_by_controls = backend == kV4l2 || backend == kLibcamera;
+    refuse(!set_by_controls && !video.controls.empty(), "control",
+           backend == kGenicam ? "set a GenICam camera's features, in [[sensor.feature]]"
+                               : "take it out: only cameras of v4l2 and libcamera have controls");
+    refuse(backend != kGenicam && !genicam.features.empty(), "feature",
+           set_by_controls ? "set this camera's controls, in [[sensor.control]]; only GenICam cameras have features"
+                           : "take it out, or set sensor.backend to \"genicam\"");
+    if (backend < kV4l2) return;
+    if (backend != kGenicam) {
+        const drivers::GenicamSensorOptions unset;
+        const char* const cure = "take it out: only GenICam cameras have it";
+        refuse(genicam.offset_x_px != unset.offset_x_px, "offset_x_px", cure);
+        refuse(genicam.offset_y_px != unset.offset_y_px, "offset_y_px", cure);
+        refuse(genicam.pixel_format != unset.pixel_format, "pixel_format",
+               "take it out: sensor.bits chooses the format");
+        refuse(genicam.trigger != unset.trigger, "trigger",
+               "take it out: the strobe's wire triggers this camera, or it runs free");
+        refuse(genicam.trigger_source != unset.trigger_source, "trigger_source", cure);
+        refuse(genicam.packet_bytes != unset.packet_bytes, "packet_bytes", cure);
+        refuse(genicam.socket_buffer_bytes != unset.socket_buffer_bytes, "socket_buffer_bytes", cure);
+    }
     refuse(backend != kLibcamera && green, "green", "take it out: only colour frames of libcamera need it");
     refuse(backend != kV4l2 && video.device != drivers::V4l2SensorOptions{}.device, "device",
            "take it out, and name the camera in sensor.camera");
@@ -149,7 +168,7 @@ void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::p
                                           .bits = video.bits,
                                           .buffers = video.buffers};
     read_genicam(sensor, backend == 4, genicam);
-    refuse_other_cameras_keys(sensor, backend, video, camera, green);
+    refuse_other_cameras_keys(sensor, backend, video, genicam, green);
     if (backend == 4) value = genicam;
     if (backend == 2) value = video;
     if (backend == 3)

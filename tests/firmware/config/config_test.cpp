@@ -42,8 +42,20 @@ TEST(Config, what_a_camera_or_its_backend_cannot_do_is_refused_by_the_check) {
         {genicam + "packet_bytes = 10\n", "is smaller than every GigE Vision camera's packets"},
         {genicam + "[[sensor.feature]]\nname = \"PixelFormat\"\nvalue = \"Mono8\"\n", "sensor.pixel_format instead"},
         {"[sensor]\nbackend = \"genicam\"\ntrigger_source = \"Software\"\n", "trigger to \"software\""},
+        {"[sensor]\n[[sensor.control]]\nname = \"gain\"\nvalue = 1\n", "only cameras of v4l2 and libcamera"},
     };
     for (const auto& [text, said] : cases) EXPECT_THAT(problems_of(text), HasSubstr(said)) << text;
+    const std::string feature = "[[sensor.feature]]\nname = \"Gain\"\nvalue = 3\n";
+    for (const char* backend : {"simulated", "frames", "v4l2", "libcamera"}) {
+        const std::string text = std::string("[sensor]\nfolder = \"f\"\nbackend = \"") + backend + "\"\n";
+        EXPECT_THAT(problems_of(text + feature), HasSubstr("sensor.feature: has no effect with this backend")) << text;
+    }
+    const std::string video = "[sensor]\nbackend = \"v4l2\"\n";
+    for (const char* line : {"offset_x_px = 8", "offset_y_px = 8", "pixel_format = \"Mono8\"", "trigger = \"software\"",
+                             "trigger_source = \"Line1\"", "packet_bytes = 1500", "socket_buffer_bytes = 1000000"}) {
+        const std::string key = std::string(line).substr(0, std::string(line).find(' '));
+        EXPECT_THAT(problems_of(video + line + "\n"), HasSubstr("sensor." + key + ": has no effect")) << line;
+    }
     const std::string every_key_at_its_default = "device = \"/dev/video0\"\ngreen = false\ncamera = \"\"\n";
     EXPECT_TRUE(parse_config(genicam + every_key_at_its_default, "test.toml", {}, NamedBackends::optional));
     EXPECT_TRUE(parse_config(genicam + "width_px = 1000\nheight_px = 999\n[inspection]\ngrid = \"grid.toml\"\n",
@@ -276,7 +288,7 @@ TEST(Config, the_documented_keys_of_real_devices_are_known_and_at_their_defaults
     ASSERT_NE(begin, std::string::npos);
     ASSERT_NE(end, std::string::npos);
     std::istringstream lines(text.substr(begin, end - begin));
-    std::string part;
+    std::string part, features = "[sensor]\nbackend = \"genicam\"\ntrigger = \"free\"\n";
     for (std::string line, table; std::getline(lines, line);) {
         if (line.starts_with("# folder")) continue;
         if (line.starts_with("# ")) line.erase(0, 2);
@@ -285,10 +297,12 @@ TEST(Config, the_documented_keys_of_real_devices_are_known_and_at_their_defaults
         if (table == "[part_sensor" && line.starts_with("chip =")) line = "chip = \"label\"";
         if (table == "[part_sensor" && line.starts_with("line =")) line = "line = \"6\"";
         if (line.starts_with("backend =")) line = table == "[sensor" ? "backend = \"v4l2\"" : "backend = \"gpio\"";
-        part += line + "\n";
+        (table == "[[sensor.feature" ? features : part) += line + "\n";
     }
-    const auto config = parse(part);
+    const auto config = parse(part), camera = parse(features);
     ASSERT_TRUE(config) << config.error().what;
+    ASSERT_TRUE(camera) << camera.error().what;
+    EXPECT_EQ(std::get<drivers::GenicamSensorOptions>(camera->sensor).features.size(), 1U);
     drivers::V4l2SensorOptions video;
     video.controls = {{"Exposure", 100}};
     EXPECT_EQ(config->sensor, SensorConfig(video));
