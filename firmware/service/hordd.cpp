@@ -11,6 +11,8 @@
 
 #include "calib/files/grid_toml.h"
 #include "common/cli/program.h"
+#include "common/toml_fields.h"
+#include "firmware/config/path_check.h"
 #include "firmware/core/faults.h"
 #include "firmware/recipes/recipe_folder.h"
 #include "firmware/service/journal.h"
@@ -197,8 +199,10 @@ int main(int argc, char** argv) {
     program.add_option("--config", options.config, "Configuration (TOML)")->capture_default_str();
     add_number(program, "--realtime", options.realtime,
                "Run the timing thread under SCHED_FIFO with this priority; 0: not", 0, 99);
-    program.add_flag("--check", options.check,
-                     "Only read the configuration, its recipe and its calibration, and say what is wrong with them");
+    program.add_flag(
+        "--check", options.check,
+        "Only read the configuration, its recipe and its calibration, look at the folders that it names, and say "
+        "what is wrong with them");
     program.add_flag("--catalog", options.catalog,
                      "Only print the journal's catalogue: every message id, what it means and what to do");
     program.footer(
@@ -215,16 +219,18 @@ int main(int argc, char** argv) {
     if (options.check) {
         const auto config = read_config(options);
         if (!config) return refuse_configuration(config.error());
-        const auto recipe = recipe_or_default(config->inspection.recipe);
-        if (!recipe) return refuse_configuration(recipe.error());
+        common::TomlProblems found;
+        const auto use = [&](const auto& result) {
+            if (!result) found.add(result.error());
+        };
+        use(recipe_or_default(config->inspection.recipe));
         // There need not be a folder of recipes.
-        if (const auto all = list_recipes(config->inspection.recipes)) {
-            if (const auto unique = check_numbers(*all); !unique) return refuse_configuration(unique.error());
-        }
-        if (!config->inspection.grid.empty()) {
-            const auto grid = calib::read_grid(config->inspection.grid);
-            if (!grid) return refuse_configuration(grid.error());
-        }
+        if (const auto all = list_recipes(config->inspection.recipes)) use(check_numbers(*all));
+        if (!config->inspection.grid.empty()) use(calib::read_grid(config->inspection.grid));
+        const auto folders = check_folders(*config);
+        use(folders);
+        if (!found.empty()) return refuse_configuration(found.as_error().value());
+        for (const std::string& folder : *folders) fmt::print("{}\n", folder);
         fmt::print("{} can be used\n", options.config);
         return end_output(0);
     }

@@ -1,0 +1,17 @@
+// The folders that a configuration names, as they are on this machine now.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "common/result.h"
+#include "firmware/config/config.h"
+
+namespace hord::firmware {
+
+// A sentence for each folder: that this user may read or write it, or that the station will create it. Creates and
+// writes nothing. Fails with io: all folders that cannot be used, one a line with its key and cure. Files of recipes
+// and calibrations are for their readers to check.
+Result<std::vector<std::string>> check_folders(const Config& config);
+
+}  // namespace hord::firmware

@@ -1,0 +1,103 @@
+// The folders that a configuration names: there, to be created, or impossible, each with its key.
+#include "firmware/config/path_check.h"
+
+#include <filesystem>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include "tests/support/temp_folder.h"
+
+namespace hord::firmware {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::AllOf;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing_support::TempFolder;
+
+class FolderCheck : public testing::Test {
+  protected:
+    FolderCheck() {
+        config_.file = root_.path() / "hordd.toml";
+        config_.inspection.recipes = root_.path() / "recipes";
+    }
+    std::string problem() const {
+        const auto checked = check_folders(config_);
+        return checked ? "none" : checked.error().message();
+    }
+    std::vector<std::string> good() const {
+        return check_folders(config_).value_or(std::vector<std::string>{"refused"});
+    }
+
+    TempFolder root_;
+    Config config_;
+};
+
+TEST_F(FolderCheck, a_store_is_there_or_can_be_created_and_which_is_said) {
+    EXPECT_THAT(good(), IsEmpty()) << "without a folder the store is in the state folder";
+    config_.store.folder = root_.path() / "store";
+    EXPECT_THAT(good(), ElementsAre(AllOf(HasSubstr("store.folder"), HasSubstr("may create it"))));
+    EXPECT_FALSE(fs::exists(config_.store.folder));
+    fs::create_directory(config_.store.folder);
+    EXPECT_THAT(good(), ElementsAre(HasSubstr("may write it")));
+    config_.store.folder += "/";
+    EXPECT_THAT(good(), ElementsAre(HasSubstr("may write it")));
+}
+
+TEST_F(FolderCheck, a_store_that_cannot_be_is_refused_unless_it_is_switched_off) {
+    config_.store.folder = root_.path() / "missing" / "store/";
+    EXPECT_THAT(problem(), AllOf(HasSubstr("store.folder"), HasSubstr("missing does not exist: create that folder")));
+    root_.write("file", "x");
+    config_.store.folder = root_.path() / "file";
+    EXPECT_THAT(problem(), HasSubstr("file is not a folder"));
+    config_.store.folder = root_.path() / "file" / "store";
+    EXPECT_THAT(problem(), HasSubstr("store.folder"));
+    config_.store.enabled = false;
+    EXPECT_EQ(problem(), "none");
+}
+
+TEST_F(FolderCheck, what_this_user_may_not_do_is_said_with_his_name) {
+    config_.store.folder = root_.path() / "locked";
+    fs::create_directory(config_.store.folder);
+    fs::permissions(config_.store.folder, fs::perms{0555});
+    fs::permissions(root_.path(), fs::perms{0755});
+    const bool root = ::geteuid() == 0;
+    if (root) {
+        ASSERT_EQ(::seteuid(65534), 0);
+    }
+    const std::string existing = problem();
+    config_.store.folder /= "store";
+    const std::string below = problem();
+    if (root) {
+        ASSERT_EQ(::seteuid(0), 0);
+    }
+    EXPECT_THAT(existing, AllOf(HasSubstr("cannot be written by user "), HasSubstr("denied")));
+    EXPECT_THAT(below, AllOf(HasSubstr("store.folder"), HasSubstr("cannot be "), HasSubstr("denied")));
+}
+
+TEST_F(FolderCheck, all_folders_are_looked_at_and_all_problems_said) {
+    const fs::path missing = root_.path() / "missing";
+    config_.sensor = FrameFolder{missing};
+    config_.inspection.recipes = missing;
+    config_.state_folder = root_.write("file", "x");
+    config_.store.folder = missing / "store";
+    const std::string all = problem();
+    for (const char* key : {"sensor.folder", "inspection.recipes", "$STATE_DIRECTORY", "store.folder"})
+        EXPECT_THAT(all, HasSubstr(key));
+    config_ = {};
+    config_.sensor = SimulatedSensor{root_.path() / "file"};
+    EXPECT_THAT(problem(), AllOf(HasSubstr("sensor.scenes"), HasSubstr("is not a folder")));
+}
+
+TEST_F(FolderCheck, the_recipes_folder_that_no_key_names_need_not_exist) {
+    EXPECT_EQ(problem(), "none");
+    root_.write("recipes", "x");
+    EXPECT_THAT(problem(), AllOf(HasSubstr("inspection.recipes"), HasSubstr("is not a folder")));
+}
+
+}  // namespace
+}  // namespace hord::firmware
