@@ -8,6 +8,7 @@ namespace hord::drivers::gardasoft {
 namespace {
 
 using namespace std::chrono_literals;
+using testing::AllOf;
 using testing::HasSubstr;
 
 const GardasoftChannel kChannel{
@@ -41,8 +42,13 @@ TEST(GardasoftProtocol, an_error_says_the_command_the_number_and_the_cure) {
     EXPECT_EQ(invalid.error().code, ErrorCode::refused);
     EXPECT_THAT(invalid.error().message(), HasSubstr("\"TR3\" with Err 1"));
     EXPECT_THAT(invalid.error().cure, HasSubstr("fewer outputs"));
-    EXPECT_THAT(text_of_reply("RT1,1,0,50", "Err 5\r\n>").error().what, HasSubstr("changed a value"));
+    const Error changed = text_of_reply("RT1,1,0,50", "Err 5\r\n>").error(),
+                other = text_of_reply("GR", "Err 5>").error();
+    EXPECT_THAT(changed.message(), AllOf(HasSubstr("changed a value"), HasSubstr("within its ranges")));
+    EXPECT_THAT(other.message(), AllOf(HasSubstr("changed a value"), HasSubstr("switch it off and on")));
     EXPECT_THAT(text_of_reply("XX", "Err 2>").error().cure, HasSubstr("RT series"));
+    const Error unknown = text_of_reply("RS1,0", "RS1,0Err 17\n\r>").error();
+    EXPECT_THAT(unknown.message(), AllOf(HasSubstr("\"RS1,0\" with Err 17"), HasSubstr("controller's manual")));
     EXPECT_EQ(text_of_reply("VR", "VR").error().code, ErrorCode::unreadable);
 }
 

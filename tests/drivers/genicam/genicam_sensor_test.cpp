@@ -326,6 +326,28 @@ TEST_F(Genicam, what_the_camera_does_not_have_is_refused_with_what_it_has) {
     EXPECT_TRUE(frame());
 }
 
+TEST_F(Genicam, what_is_no_value_of_a_feature_is_refused_with_what_it_takes) {
+    const FakeGige camera;
+    struct Case {
+        const char *name, *value, *what, *cure;
+    };
+    const Case cases[] = {
+        {"AnalogControl", "1", "AnalogControl is a category", "name one of its features"},
+        {"ExposureTimeAbs", "nan", "cannot be \"nan\"", " to "},
+        {"GainRaw", "3.0", "cannot be \"3.0\"", "use a whole number, 0 to 10"},
+        {"GainRaw", "11", "cannot be \"11\"", "use a whole number, 0 to 10"},
+        {"AcquisitionStop", "false", "cannot be \"false\"", "use true: it is a command"},
+        {"Gain", "3", "no feature \"Gain\"", "did you mean GainRaw?"},
+    };
+    for (const Case& one : cases) {
+        GenicamSensorOptions options = software();
+        options.features = {{one.name, one.value}};
+        const Error said = refusal(options);
+        EXPECT_THAT(said.what, HasSubstr(one.what)) << one.value;
+        EXPECT_THAT(said.cure, HasSubstr(one.cure)) << one.name << " = " << one.value;
+    }
+}
+
 TEST_F(Genicam, that_has_no_format_of_the_bits_is_refused_with_its_formats) {
     const FakeGige camera({"127.0.0.1", "S1", "formats=8"});
     GenicamSensorOptions options = software();

@@ -479,7 +479,10 @@ TEST(Config, a_light_barrier_on_the_cameras_input_is_told_to_the_camera) {
     EXPECT_EQ(std::get<drivers::GenicamSensorOptions>(config->sensor).barrier_line, "Line1");
 
     EXPECT_THAT(problems_of(camera + barrier), HasSubstr("name the camera's input"));
-    EXPECT_THAT(problems_of(barrier + line), HasSubstr("sensor.backend to \"genicam\""));
+    for (const char* sensor :
+         {"", "[sensor]\nbackend = \"v4l2\"\n", "[sensor]\nbackend = \"frames\"\nfolder = \"f\"\n"})
+        EXPECT_THAT(problems_of(sensor + barrier + line),
+                    HasSubstr("part_sensor.backend: needs a GenICam camera: set sensor.backend to \"genicam\""));
     EXPECT_THAT(problems_of(camera + barrier + line + "[line]\ntracking = \"encoder\"\n"), HasSubstr("has no encoder"));
     EXPECT_THAT(problems_of("[timing]\nstrobe_delay_us = 0\n" + camera + barrier + line +
                             "[strobe]\nbackend = \"camera\"\n" + line),

@@ -402,6 +402,24 @@ TEST_F(Service, a_second_station_on_the_same_state_folder_is_refused_before_it_w
     EXPECT_FALSE(std::filesystem::exists(state / "line-empty")) << "a false proof";
 }
 
+TEST_F(Service, that_could_not_store_its_results_ends_with_a_status_of_its_own) {
+    write_config();
+    const auto state = folder.path() / "state";
+    std::filesystem::create_directories(state / "store");
+    std::ofstream(state / "store/results.db") << std::string(10'000, 'x');
+    NotifySocket manager(folder / "notify");
+    Running service("/usr/bin/env",
+                    under({"NOTIFY_SOCKET=" + (folder / "notify"), "STATE_DIRECTORY=" + state.string()}));
+    ASSERT_TRUE(service.says("results.db is damaged", kPatience)) << service.so_far().err;
+    std::string status = manager.hears("STATUS=ContinuousExecution");
+    while (status.find(", 0 parts") != std::string::npos) status = manager.hears("STATUS=ContinuousExecution");
+    ASSERT_NE(status, "") << service.so_far().err;
+    const Said said = service.stop(SIGTERM);
+    EXPECT_EQ(said.status, 3);
+    EXPECT_THAT(said.err, HasSubstr("stopped as asked; "));
+    EXPECT_THAT(said.err, HasSubstr("could not be stored before the end"));
+}
+
 TEST_F(Service, refuses_a_bad_configuration_with_a_status_that_systemd_does_not_repeat) {
     write_config("", "prot = 0\n");
     for (const char* only : {"--check", ""}) {
