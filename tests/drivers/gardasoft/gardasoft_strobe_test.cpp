@@ -1,6 +1,8 @@
 // The strobe behind a Gardasoft controller, on a simulated controller over real sockets and a pseudo-terminal.
 #include "drivers/gardasoft/gardasoft_strobe.h"
 
+#include <stdexcept>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -46,11 +48,12 @@ class GardasoftStrobeTest : public testing::Test {
     auto open(std::unique_ptr<hal::Strobe> trigger = nullptr) {
         return GardasoftStrobe::open(*loop_, options_, std::move(trigger));
     }
+    // Throws if it does not start: a test that went on would have no strobe.
     void open_and_start() {
         auto opened = open();
-        ASSERT_TRUE(opened) << opened.error().message();
+        if (!opened) throw std::runtime_error(opened.error().message());
         strobe_ = std::move(*opened);
-        ASSERT_TRUE(strobe_->start(ear_));
+        if (const auto started = strobe_->start(ear_); !started) throw std::runtime_error(started.error().message());
     }
     Result<void> fire(std::uint32_t channels = 1, hal::Duration ahead = 5ms) {
         return strobe_->fire({++exposure_, channels, loop_->now() + ahead, kPulse});

@@ -1,15 +1,17 @@
 // A GigE Vision camera for tests: Aravis's fake camera, with the features that it lacks of a real one.
 //     hord_fake_gige ADDRESS SERIAL [name=USER_NAME] [lost=RATIO] [latch=no] [broken-xml] [formats=8] [lines]
 //                    [size=WIDTHxHEIGHT] [still] [wire] [events[=value]] [FRAME.png ...]
-//                    [late=MS]
+//                    [late=MS] [test-packets]
 //                    and of the network: [mtu=BYTES] [delay=MS] [reorder=N] [block-zero] [lose-event=N] [twice]
 // ADDRESS is one of this machine's. Frames: the files, one after the other; without files, sample (x, y) of the n-th
 // frame is (x + 3 y + n) of the format's bits; `still` draws one frame only, and counts in its first sample. `size`: of
 // its sensor. `late`: it obeys every third trigger so much later. `lines`: it has LineSelector, LineMode and
-// LineSource. `wire`: TriggerSource Line1, an input that SIGUSR1 activates and SIGUSR2 deactivates; software triggers
-// then do nothing. `events`: it tells the edges of this input as events, which the description numbers by their ports
-// or (`value`) by their features' values. A message is sent until it is answered; the N-th one is lost (`lose-event`),
-// or each comes twice (`twice`). The network is network_between.h. Prints "ready" and runs until it is killed.
+// LineSource. `test-packets`: it sends a packet of its packet size when it is told to, by which that is negotiated.
+// `wire`: TriggerSource Line1, an input that SIGUSR1 activates and SIGUSR2 deactivates; software triggers then do
+// nothing. `events`: it tells the edges of this input as events, which the description numbers by their ports or
+// (`value`) by their features' values. A message is sent until it is answered; the N-th one is lost (`lose-event`), or
+// each comes twice (`twice`). The network is network_between.h. Prints "ready" and runs until it is killed.
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <csignal>
@@ -38,6 +40,8 @@ using hord::Frame;
 
 constexpr std::uint32_t kLatchValue = 0x3008, kUserName = 0x00E8, kSensorHeight = 0x118, kSensorWidth = 0x11C;
 constexpr std::uint32_t kSoftwareTrigger = 0x30C, kEventNotification = 0x3114;
+constexpr std::uint32_t kStreamPort = 0x0D00, kPacketSize = 0x0D04, kStreamAddress = 0x0D18,
+                        kFireTestPacket = 1U << 31U;
 constexpr std::uint32_t kChannelCount = 0x0900, kChannelPort = 0x0B00, kChannelAddress = 0x0B10;
 constexpr unsigned kRising = 0x9011, kFalling = 0x9012;
 
@@ -128,7 +132,8 @@ std::string event(const std::string& name, unsigned id, bool by_value) {
 }
 
 struct Has {
-    bool latch = true, all_formats = true, lines = false, wire = false, events = false, numbered_by_value = false;
+    bool latch = true, all_formats = true, lines = false, test_packets = false, wire = false, events = false,
+         numbered_by_value = false;
 };
 
 std::string description(ArvFakeCamera* camera, const Has& has) {
@@ -181,6 +186,13 @@ std::string description(ArvFakeCamera* camera, const Has& has) {
                       choice("LineSelector", {"Line1", "Line2"}, "0x3100") +
                           choice("LineMode", {"Input", "Output"}, "0x3104") +
                           choice("LineSource", {"Off", "ExposureActive"}, "0x3108"));
+    }
+    if (has.test_packets) {
+        insert_before(
+            "</RegisterDescription>",
+            "<Command Name=\"GevSCPSFireTestPacket\" NameSpace=\"Standard\"><pValue>TestPacketRegister</pValue>"
+            "<CommandValue>1</CommandValue></Command>" +
+                reg("TestPacketRegister", "0x3300", "4"));
     }
     if (has.latch) {
         insert_before("</RegisterDescription>",
@@ -242,6 +254,32 @@ class Input {
     bool twice_now_ = false;
 };
 
+// Sends a packet of the packet size, unfragmented, if it was told to.
+void fire_test_packet(ArvFakeCamera* camera) {
+    guint32 size = 0, port = 0, to_address = 0;
+    arv_fake_camera_read_register(camera, kPacketSize, &size);
+    if ((size & kFireTestPacket) == 0) return;
+    arv_fake_camera_write_register(camera, kPacketSize, size & ~kFireTestPacket);
+    arv_fake_camera_read_register(camera, kStreamPort, &port);
+    arv_fake_camera_read_register(camera, kStreamAddress, &to_address);
+    constexpr std::size_t kHeaders = 20 + 8;  // IP and UDP
+    std::vector<char> bytes(std::max<std::size_t>(size & 0xFFFFU, kHeaders) - kHeaders);
+    static const int socket = ::socket(AF_INET, SOCK_DGRAM, 0);
+    const int whole = IP_PMTUDISC_DO;
+    ::setsockopt(socket, IPPROTO_IP, IP_MTU_DISCOVER, &whole, sizeof whole);
+    sockaddr_in to{};
+    to.sin_family = AF_INET;
+    to.sin_port = htons(static_cast<std::uint16_t>(port & 0xFFFFU));
+    to.sin_addr.s_addr = htonl(to_address);
+    iovec part{bytes.data(), bytes.size()};
+    msghdr message{};
+    message.msg_name = &to;
+    message.msg_namelen = sizeof to;
+    message.msg_iov = &part;
+    message.msg_iovlen = 1;
+    (void)::sendmsg(socket, &message, 0);  // by the network between, as the frames
+}
+
 int edges[2];  // a pipe
 void on_signal(int signal) {
     const char edge = signal == SIGUSR1 ? 1 : 0;
@@ -274,6 +312,7 @@ int main(int argc, char** argv) {
         else if (argument == "broken-xml") broken = true;
         else if (argument == "formats=8") has.all_formats = false;
         else if (argument == "lines") has.lines = true;
+        else if (argument == "test-packets") has.test_packets = true;
         else if (argument == "wire") has.wire = input.triggers = true;
         else if (argument == "events") has.events = input.tells = true;
         else if (argument == "events=value") has.events = has.numbered_by_value = input.tells = true;
@@ -325,6 +364,7 @@ int main(int argc, char** argv) {
     for (;;) {
         const guint64 time = GUINT64_TO_BE(static_cast<guint64>(g_get_real_time()) * 1000);
         arv_fake_camera_write_memory(inner, kLatchValue, sizeof time, &time);
+        if (has.test_packets) fire_test_packet(inner);
         char edge = 0;
         if (::read(edges[0], &edge, 1) == 1) input.change(inner, edge != 0);
         ::usleep(200);

@@ -8,6 +8,7 @@
 #include <fstream>
 #include <map>
 #include <random>
+#include <stdexcept>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -88,12 +89,12 @@ class Genicam : public testing::Test {
         EXPECT_FALSE(opened);
         return opened ? Error{} : opened.error();
     }
+    // Throws if it does not start: an assertion here would end this function alone, and the test would go on without a
+    // sensor.
     void start(const GenicamSensorOptions& options) {
-        const auto opened = open(options);
-        ASSERT_TRUE(opened) << opened.error().message();
+        if (const auto opened = open(options); !opened) throw std::runtime_error(opened.error().message());
         ear_.commands = options.trigger == CameraTrigger::software;
-        const auto started = sensor_->start(ear_);
-        ASSERT_TRUE(started) << started.error().message();
+        if (const auto started = sensor_->start(ear_); !started) throw std::runtime_error(started.error().message());
     }
     bool run_until(const std::function<bool()>& done, hal::Duration within = 30s) {
         return loop_->run_until(done, within);
@@ -206,6 +207,21 @@ TEST_F(Genicam, a_negotiated_packet_size_does_not_depend_on_what_was_set_before)
     EXPECT_THAT(said,
                 AllOf(HasSubstr("packets of 576 bytes (as configured)"), HasSubstr("bytes (negotiated)"),
                       testing::Not(HasSubstr("packets of 576 bytes (negotiated)"))));
+}
+
+// A way that carries jumbo frames, and one that does not.
+TEST_F(Genicam, the_largest_packet_that_passes_is_negotiated_and_frames_of_it_are_whole) {
+    for (const int mtu : {9000, 1500}) {
+        const FakeGige camera({"127.0.0.1", "S1", "test-packets", "mtu=" + std::to_string(mtu)});
+        testing::internal::CaptureStderr();
+        start(software(320, 240));
+        const hal::FrameLease one = frame();
+        sensor_->stop();
+        EXPECT_THAT(testing::internal::GetCapturedStderr(),
+                    HasSubstr("packets of " + std::to_string(mtu) + " bytes (negotiated)"));
+        ASSERT_TRUE(one);
+        EXPECT_FALSE(one.info().corrupt);
+    }
 }
 
 // Firmware that goes from block 65535 to 0, not to 1.
