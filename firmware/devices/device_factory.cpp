@@ -50,6 +50,7 @@ sim::CellOptions cell_options(const Config& config, const SimulationOptions& sim
         options.sensor.buffers, config.inspection.threads + config.inspection.queue + 2);  // exposing, and read out
     options.strobe.limits = {config.strobe.limits.max_on, config.strobe.limits.min_rest, config.strobe.channels};
     options.strobe.nominal_pulse = core.strobe;
+    options.rejector.permit_moves_belt = true;
     return options;
 }
 
@@ -214,8 +215,9 @@ class ChosenBackends final : public Backends {
             options.map = {};
             options.module_pulse = options.watchdog = {};
             options.confirm_input = -1;
-            // The coils move the simulated ejector and the belt. The belt stops when the run permit drops, as a PLC
-            // stops it; before the first permit it runs.
+            // The coils move the simulated ejector and the belt. The belt moves while the run permit is up, as a PLC
+            // moves it.
+            if (cell_ && options.permit_coil >= 0) cell_->world().halt();
             module_->on_coil([this, ejector = options.ejector_coil, permit = options.permit_coil,
                               acts_at = !options.energise_to_pass](int moved, bool on, hal::TimePoint at) {
                 if (!cell_) return;

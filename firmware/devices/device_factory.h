@@ -74,7 +74,8 @@ class Backends {
     [[nodiscard]] virtual hal::Sensor& sensor() = 0;
     [[nodiscard]] virtual hal::Rejector& rejector() = 0;
 
-    // Starts the simulated line's belt. No effect when it moves, or on a real line.
+    // Starts the simulated line's belt: with a simulated rejector it moves while the rejector has the run permit, else
+    // from now on. No effect when it has been started, or on a real line.
     virtual void start_line() = 0;
     // Simulated line: starts or stops putting parts on it, as a PLC does while the station executes.
     virtual void feed_line(bool on) = 0;

@@ -289,11 +289,6 @@ std::vector<Error> Service::close() {
     return recorder_ ? recorder_->finish() : std::vector<Error>();
 }
 
-void Service::look_after_line() {
-    backends_->clear_line();
-    station_->request(Command::reset);
-}
-
 std::string Service::registers_address() const { return server_->address(); }
 
 }  // namespace hord::firmware

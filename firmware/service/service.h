@@ -52,8 +52,9 @@ class Service final : public StationObserver, public InspectionObserver {
     static Result<std::unique_ptr<Service>> open(const Config& config, const SimulationOptions& simulation,
                                                  ServiceWatchers watchers, const ListenSockets& sockets = {});
 
-    // Runs until stop(), SIGINT or SIGTERM. The simulated line starts when the station executes, and after `kLineWaits`
-    // in any state.
+    // Runs until stop(), SIGINT or SIGTERM. The belt of a simulated line moves while the station gives the run permit.
+    // With a real rejector, whose outputs the simulation does not see, it moves from the first execution on, and after
+    // `kLineWaits` in any state. A reset out of Error or Halted takes all parts off it, as a person at the line does.
     Result<void> run();
     static constexpr Duration kLineWaits = milliseconds(3000);
 
@@ -68,8 +69,8 @@ class Service final : public StationObserver, public InspectionObserver {
     // Fails if the new recipe cannot be used; then nothing has changed.
     Result<std::vector<std::string>> reload(const Config& next);
 
-    // Loop thread, simulated line only. Acts as a person at a stopped line: removes the parts and resets the station.
-    void look_after_line();
+    // Loop thread, simulated line only. Acts as a person at a stopped line.
+    void reset_line() { station_->request(Command::reset); }
 
     // Simulated line only: the telecentric picture of a part (Backends::telecentric_view). Any thread.
     [[nodiscard]] Result<std::vector<float>> telecentric_view(std::size_t look) const {
@@ -108,6 +109,7 @@ class Service final : public StationObserver, public InspectionObserver {
     void on_result(const PartResult& result) override;
     void on_fault(std::uint32_t raised, const Snapshot& now) override;
     void on_state(State from, State to) override;
+    void on_step(State before, const Event& event) override;
     void on_trouble(const Error& error) override;
     void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection) override;
     void on_bounded(bool out_of_time);  // an inspection reached a limit

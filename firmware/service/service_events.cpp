@@ -76,6 +76,12 @@ void Service::on_state(State from, State to) {
     if (watchers_.state) watchers_.state(from, to);
 }
 
+void Service::on_step(State before, const Event& event) {
+    const auto* const command = std::get_if<Command>(&event);
+    const bool looked_after = (before == State::error || before == State::halted) && station_->core().state() != before;
+    if (looked_after && command != nullptr && *command == Command::reset) backends_->clear_line();
+}
+
 void Service::on_trouble(const Error& error) {
     if (watchers_.trouble) watchers_.trouble(error);
 }

@@ -34,6 +34,7 @@ World::~World() {
 void World::start() {
     if (conveyor_) return;
     conveyor_.emplace(conveyor_options_, seed_, loop_.now());
+    if (!may_move_) conveyor_->halt(loop_.now());
     last_front_mm_ = schedule_.first_mm - schedule_.pitch_mm;
     draw_part();
     plan();

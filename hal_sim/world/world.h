@@ -78,10 +78,10 @@ class World {
 
     void watch(Watchers watchers) { watchers_ = std::move(watchers); }
 
-    // Starts the belt at the loop's now(). Call once.
+    // Starts the belt at the loop's now(), or at resume() after a halt(). Call once.
     void start();
 
-    // Stops and starts the belt: the run permit.
+    // Stops and starts the belt: the run permit. Without a call it has its permit.
     void halt();
     void resume();
 

@@ -255,16 +255,23 @@ class Run {
         if (line_over_ && fates_.empty() && results_.empty()) end();
     }
 
+    // For a device that never started the station waits for ever, in no state of an error.
+    static bool waits_for_device(const Snapshot& now) {
+        return (now.state == State::preoperational || now.state == State::initialized) &&
+            (now.faults_active & kDeviceFaults) != 0;
+    }
+
     // A stopped line brings no more parts. With --reset-after it is reset as by a person; otherwise the run ends.
     void watch_for_line_stop(int seconds_stopped) {
         const Snapshot now = service_->snapshot();
-        int stopped = now.line_stop || now.state == State::error ? seconds_stopped + 1 : 0;
+        const bool waits = waits_for_device(now);
+        int stopped = waits || now.line_stop || now.state == State::error ? seconds_stopped + 1 : 0;
         if (options_.reset_after_s > 0 && stopped > options_.reset_after_s) {
             stopped = 0;
             ++resets_;
-            service_->look_after_line();
+            service_->reset_line();
         }
-        if (options_.reset_after_s == 0 && stopped > kWaitsForReset) return end();
+        if (options_.reset_after_s == 0 && stopped > (waits ? kWaitsForDevice : kWaitsForReset)) return end();
         service_->loop().call_after(milliseconds(1000), [this, stopped] { watch_for_line_stop(stopped); });
     }
 
@@ -326,10 +333,7 @@ class Run {
         const std::vector<Error> lost = service_->close();
         for (const Error& error : lost) fmt::print(stderr, "hordctl: {}\n", error.message());
         const Snapshot& last = *last_snapshot_;
-        // Of a device that never started the station waits for ever, in no state of an error.
-        const bool waits = (last.state == State::preoperational || last.state == State::initialized) &&
-            (last.faults_active & kDeviceFaults) != 0;
-        const bool stands = last.line_stop || last.state == State::error || waits;
+        const bool stands = last.line_stop || last.state == State::error || waits_for_device(last);
         if (stands) {
             fmt::print(out, "the station ended in {}{}\n", name_of(last.state),
                        last.line_stop ? ", line stop raised" : "");
@@ -341,7 +345,7 @@ class Run {
         return stands || !lost.empty() ? Exit::unfit : Exit::good;
     }
 
-    static constexpr int kWaitsForReset = 5;  // seconds
+    static constexpr int kWaitsForReset = 5, kWaitsForDevice = 10;  // seconds
 
     const RunOptions& options_;
     std::unique_ptr<Service> service_;

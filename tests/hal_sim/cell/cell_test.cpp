@@ -97,6 +97,26 @@ TEST_F(Cell, is_over_once_the_last_part_is_past_the_exit_also_if_that_part_was_e
     EXPECT_EQ(over, 1);
 }
 
+TEST_F(Cell, without_its_run_permit_the_belt_stands_from_the_start) {
+    options_.schedule.parts = 1;
+    auto made = SimulatedCell::make(loop_, frames_, options_);
+    ASSERT_TRUE(made) << made.error().message();
+    cell_ = std::move(*made);
+    hal::TimePoint came{};
+    cell_->watch({.part_edge = [&](const PartRecord&, bool arrives, hal::TimePoint at) {
+        if (arrives) came = at;
+    }});
+    cell_->world().halt();
+    cell_->start();
+    loop_.run_for(1h);
+    EXPECT_EQ(came, hal::TimePoint{});
+    EXPECT_TRUE(cell_->world().stands());
+    const hal::TimePoint permitted = loop_.now();
+    cell_->world().resume();
+    loop_.run_for(1h);
+    EXPECT_EQ(came, permitted + options_.travel(options_.schedule.first_mm));
+}
+
 TEST_F(Cell, without_feed_no_part_comes_and_afterwards_they_come_as_far_apart_as_before) {
     options_.schedule.parts = 3;
     std::vector<double> fronts_mm;

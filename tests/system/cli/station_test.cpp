@@ -372,6 +372,33 @@ TEST(Plc, brings_the_station_up_takes_results_changes_the_recipe_and_tests_it) {
     EXPECT_EQ(station.stop(SIGINT).status, 0);
 }
 
+// A person at a simulated line: the belt waits for the first start, and a reset finds an empty line. Each halt comes
+// while a part covers the part sensor.
+TEST(Plc, halts_resets_and_brings_up_a_simulated_line_again_and_again) {
+    const TemporaryFolder folder;
+    std::ofstream(folder / "c.toml") << "[station]\nautostart = false\n" << kRoomyLine;
+    Running station("hordctl",
+                    {"run", "--simulate", "--config", folder / "c.toml", "--rate", "2", "--variety", "1", "--modbus",
+                     "127.0.0.1:0"});
+    ASSERT_TRUE(station.says("registers at", kRendering)) << station.so_far().err;
+    Plc plc(port_of(station.so_far()));
+    const auto seen = [&] { return plc.read32(142); };
+    // Longer than Service::kLineWaits, and the way of a part to the part sensor.
+    const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(3500);
+    while (std::chrono::steady_clock::now() < until) ASSERT_EQ(seen(), 0U) << "the belt moves without a run permit";
+    for (int round = 0; round < 2; ++round) {
+        ASSERT_TRUE(plc.comes([&] { return plc.command(2) == 0; })) << station.so_far().err;
+        ASSERT_EQ(plc.command(5), 0) << station.so_far().err;
+        const std::uint32_t before = seen();
+        ASSERT_TRUE(plc.comes([&] { return seen() >= before + 2; })) << station.so_far().err;
+        ASSERT_TRUE(plc.state_is(8)) << station.so_far().err;
+        ASSERT_EQ(plc.command(8), 0);
+        ASSERT_TRUE(plc.comes([&] { return plc.command(9) == 0; })) << station.so_far().err;  // the stop was seen
+        ASSERT_EQ(plc.command(1), 0);
+    }
+    EXPECT_THAT(station.so_far().err, testing::Not(HasSubstr("to Error"))) << "no part was left on the belt";
+}
+
 // With no time for an exact distance, the third part's score is a bound.
 TEST(Run, a_score_that_is_a_bound_is_told_as_one_by_line_registers_and_store) {
     const TemporaryFolder folder;
