@@ -20,18 +20,17 @@ std::optional<Command> command_named(std::string_view name) {
     return std::nullopt;
 }
 
-std::string possible_commands_text(State state) {
+std::string possible_commands_text(State state, bool (*offered)(Command)) {
     const auto next = next_command(state);
     std::string text = "the station is " + std::string(name_of(state)) + ": ";
-    if (next) text += "next is " + std::string(name_of(*next)) + "; possible are also ";
-    else text += "possible are ";
-    const char* comma = "";
+    std::string others;
     for (const Command command : kValuesOf<Command>) {
-        if (command == next || !is_possible(state, command)) continue;
-        text += comma + std::string(name_of(command));
-        comma = ", ";
+        if (command == next || !is_possible(state, command) || (offered != nullptr && !offered(command))) continue;
+        others += (others.empty() ? "" : ", ") + std::string(name_of(command));
     }
-    return text;
+    if (!next) return text + "possible are " + others;
+    text += "next is " + std::string(name_of(*next));
+    return others.empty() ? text : text + "; possible are also " + others;
 }
 
 }  // namespace hord::firmware

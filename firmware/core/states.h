@@ -99,7 +99,8 @@ constexpr std::optional<Command> next_command(State state) {
     return std::nullopt;
 }
 
-// For people: "the station is Halted: next is reset; possible are also commit_recipe, use_recipe".
-std::string possible_commands_text(State state);
+// For people: "the station is Halted: next is reset; possible are also commit_recipe, use_recipe". `offered`: names
+// only those that the asking program sends; null: all.
+std::string possible_commands_text(State state, bool (*offered)(Command) = nullptr);
 
 }  // namespace hord::firmware

@@ -43,11 +43,12 @@ Json rows_of(const RegisterSnapshot& snapshot) {
     return json;
 }
 
-// The names of the commands that the state allows.
-Json commands_of(State state) {
+// The names of the commands of the page that the state allows. While a device is down the station refuses to be armed.
+Json commands_of(State state, bool device_down) {
     Json list = Json::array();
     for (const Command command : kValuesOf<Command>) {
-        if (is_possible(state, command)) list.push_back(name_of(command));
+        if (command == Command::arm && device_down) continue;
+        if (page_offers(command) && is_possible(state, command)) list.push_back(name_of(command));
     }
     return list;
 }
@@ -164,9 +165,9 @@ Json Live::state_locked() const {
     json["next"] = json["possible"] = Json();
     if (const auto state = now_.up ? now_.snapshot.number(BlockId::status, "state") : std::nullopt) {
         const auto now = static_cast<State>(static_cast<std::uint16_t>(*state));
-        json["commands"] = commands_of(now);
+        json["commands"] = commands_of(now, (active & kDeviceFaults) != 0);
         if (const auto next = next_command(now)) json["next"] = name_of(*next);
-        json["possible"] = possible_commands_text(now);
+        json["possible"] = possible_commands_text(now, page_offers);
     }
     json["devices_down"] = (active & kDeviceFaults) != 0 ? names_of_faults(active & kDeviceFaults) : "";
     json["light_share"] = now_.light ? Json(*now_.light) : Json();

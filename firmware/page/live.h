@@ -12,12 +12,17 @@
 #include <vector>
 
 #include "common/result.h"
+#include "firmware/core/commands.h"
 #include "firmware/page/history.h"
 #include "firmware/page/viewers.h"
 #include "firmware/registers/register_snapshot.h"
 #include "firmware/store/results/json_text.h"
 
 namespace hord::firmware::page {
+
+// The commands that the page sends: a recipe is selected by number, its limits are set and a reference is taught
+// elsewhere.
+constexpr bool page_offers(Command command) { return command != Command::commit_recipe && command != Command::teach; }
 
 // One result of the register ring, for the page.
 struct RingResult {
@@ -78,7 +83,7 @@ class Live {
     Viewers& viewers_;
     mutable std::mutex mutex_;
     Figures now_;
-    Error trouble_{ErrorCode::disconnected, "the station was not asked yet", ""};
+    Error trouble_{ErrorCode::disconnected, "waiting for the station's first data", ""};
     std::deque<RingResult> strip_;
     store::Json picture_;  // of the newest reject; null: none
     History history_;

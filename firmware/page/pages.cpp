@@ -105,10 +105,9 @@ std::string host_alone(std::string_view host) {
     return lower(name);
 }
 
-// The commands that the page offers. A recipe is selected by number; its limits cannot be set on the page.
 std::optional<Command> command_of(std::string_view name) {
     const auto command = command_named(name);
-    return command == Command::commit_recipe || command == Command::teach ? std::nullopt : command;
+    return command && page_offers(*command) ? command : std::nullopt;
 }
 
 constexpr std::string_view kTeach = name_of(Command::teach);

@@ -76,7 +76,9 @@ Reading take(const Register& row, std::span<const std::uint16_t> words) {
     if (row.type == RegisterType::s16) whole = static_cast<std::int16_t>(raw);
     if (row.type == RegisterType::s32) whole = static_cast<std::int32_t>(raw);
     if (whole == sentinel_of(row.type)) return reading;
-    reading.number = static_cast<double>(whole) * row.scale;
+    // Scales below 1 are powers of ten: the quotient is the double nearest to the decimal number, and prints as it.
+    reading.number =
+        row.scale < 1 ? static_cast<double>(whole) / std::round(1 / row.scale) : static_cast<double>(whole) * row.scale;
 
     if (is_bits(row.type) && !row.values.empty()) {
         std::vector<std::string> on;

@@ -1,5 +1,7 @@
 // What the page answers to requests: ordinary, malicious, too large, from another site. Through the same parsing as
 // from a socket.
+#include <regex>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
@@ -254,10 +256,38 @@ TEST(PageCommands, a_refusal_by_the_state_names_the_next_command) {
     page.answer = {CommandState::failed, CommandError::not_in_this_state, 0, "not_in_this_state"};
     const Json told = Json::parse(page.reply_to(page.command(R"({"command":"arm"})")).body);
     EXPECT_EQ(told["reason"], "not_in_this_state");
-    EXPECT_EQ(told["cure"], "the station is ContinuousExecution: possible are stop, abort, halt, teach");
+    EXPECT_EQ(told["cure"], "the station is ContinuousExecution: possible are stop, abort, halt");
     const Json state = Json::parse(page.get("/api/state").body);
-    EXPECT_EQ(state["commands"], Json({"stop", "abort", "halt", "teach"}));
+    EXPECT_EQ(state["commands"], Json({"stop", "abort", "halt"})) << "the page refuses to send teach";
     EXPECT_TRUE(state["next"].is_null());
+}
+
+TEST(PageCommands, a_station_whose_device_is_down_is_not_offered_to_be_armed) {
+    SmallPage page;
+    const auto offered = [&](std::uint32_t faults) {
+        page.live.set_station(example_snapshot(State::initialized, faults));
+        return page.live.state_json();
+    };
+    EXPECT_EQ(offered(0)["commands"], Json({"arm", "halt", "reset", "self_test", "use_recipe"}));
+    EXPECT_EQ(offered(kFaultSensor)["commands"], Json({"halt", "reset", "self_test", "use_recipe"}));
+    EXPECT_EQ(page.live.state_json()["next"], "arm") << "after the sensor is there";
+    EXPECT_EQ(page.live.state_json()["devices_down"], "sensor");
+}
+
+TEST(PageState, numbers_are_written_as_short_as_they_can_be) {
+    SmallPage page;
+    page.live.set_station(example_snapshot());
+    const std::string text = page.get("/api/state").body;
+    EXPECT_FALSE(std::regex_search(text, std::regex(R"(\d\.\d{8})"))) << text;
+    EXPECT_NE(text.find("\"staged_emd_limit\":0.7,"), std::string::npos) << text;
+}
+
+TEST(PageState, before_the_first_answer_of_the_station_it_says_that_it_waits) {
+    SmallPage page;
+    const Json state = page.live.state_json();
+    EXPECT_EQ(state["up"], false);
+    EXPECT_EQ(state["trouble"]["what"], "waiting for the station's first data");
+    EXPECT_EQ(state["commands"], Json::array());
 }
 
 }  // namespace

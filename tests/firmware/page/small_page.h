@@ -124,15 +124,16 @@ class SmallPage {
 };
 
 // A station's answers.
-inline RegisterSnapshot example_snapshot() {
+inline RegisterSnapshot example_snapshot(State state = State::continuous_execution,
+                                         std::uint32_t faults = kFaultLightLevel) {
     StationIdentity identity;
     identity.firmware = "0.1.0";
     identity.boot_id = kBoot;
     Snapshot snapshot;
-    snapshot.state = State::continuous_execution;
+    snapshot.state = state;
     snapshot.run_permit = true;
-    snapshot.faults_active = kFaultLightLevel;
-    snapshot.faults_latched = kFaultLightLevel | kFaultRejector;
+    snapshot.faults_active = faults;
+    snapshot.faults_latched = faults | kFaultRejector;
     snapshot.counters.seen = 12;
     snapshot.counters.pass = 9;
     RegisterExtras extras;
@@ -150,6 +151,7 @@ inline RegisterSnapshot example_snapshot() {
     extras.statistics = {1, 2, 3, 4, 5, 6, 90.5};
     extras.plc.emplace();
     extras.plc->plc_heartbeat_age_ms = 20;
+    extras.plc->staged.emd_limit_mbins = 700;
     RegisterSnapshot blocks;
     for (const BlockId id : {BlockId::ident, BlockId::status, BlockId::counters, BlockId::plc, BlockId::recipe,
                              BlockId::health, BlockId::calibration}) {
