@@ -30,7 +30,8 @@ function showCommands(state) {
     button.disabled = !allowed.has(name);
     button.classList.toggle("next", name === state.next || (name === "bring_up" && allowed.has(name)));
   });
-  const next = { reset: "Check the line, then Acknowledge and reset. Bring up comes after it.", initialise: "Next: Bring up (initialise, arm, start), or Initialise alone.", arm: "Next: Bring up (arm, start), or Arm alone.", start_continuous: "Next: Start." }[state.next];
+  const waits = state.devices_down ? ` The station waits for ${state.devices_down}.` : "";
+  const next = { reset: "Check the line, then Acknowledge and reset. Bring up comes after it.", initialise: "Next: Bring up (initialise, arm, start), or Initialise alone.", arm: waits ? `Next: Bring up (arm, start).${waits}` : "Next: Bring up (arm, start), or Arm alone.", start_continuous: "Next: Start." }[state.next];
   if (seen.actions === false) say("actions-none", elsewhere(state));
   say("actions-next", !state.up ? "No command is possible: the station does not answer." : next || "The station inspects. It can be stopped.");
 }

@@ -48,7 +48,8 @@ const kStates = {
 
 function degreeOf(state) {
   const name = state.rows.status ? state.rows.status.state : "";
-  if (!state.up) return ["alarm", `${state.trouble.what}. ${state.trouble.cure ? "Cure: " + state.trouble.cure + "." : ""}`];
+  if (!state.up && !state.trouble.cure) return ["note", "Waiting for the station's first data."];  // it was not asked yet
+  if (!state.up) return ["alarm", `${state.trouble.what}. Cure: ${state.trouble.cure}.`];
   if (state.line_stop) return ["alarm", "LINE STOP: a bad part may have passed the ejector. Take the parts behind it off the line, then reset."];
   if (name === "Error") return ["alarm", kStates.Error];
   if (state.faults_active.length) return ["warning", `${kStates[name] || name} Fault: ${state.faults_active.map((f) => f.name).join(", ")}.`];

@@ -36,7 +36,7 @@ function showState(state) {
   document.title = `${degree === "good" ? "" : name + " – "}HORD station`;
   const lamp = (text, on, bad) => `${text}|${on ? (bad ? "bad" : "on") : ""}`;
   document.documentElement.dataset.up = state.up;
-  const lamps = !state.up ? [lamp("Signals: not known", false), lamp("Values below: the last known ones", false)] : [lamp(state.run_permit ? "Run permit: given" : "Run permit: not given", state.run_permit), lamp(state.line_stop ? "LINE STOP" : "No line stop", state.line_stop, true)];
+  const lamps = !state.up ? [lamp("Signals: not known", false), ...(state.rows.ident ? [lamp("Values below: the last known ones", false)] : [])] : [lamp(state.run_permit ? "Run permit: given" : "Run permit: not given", state.run_permit), lamp(state.line_stop ? "LINE STOP" : "No line stop", state.line_stop, true)];
   if (state.simulated) lamps.push(lamp(`SIMULATED: ${state.simulated}`, true, true));
   if (state.plc_lost) lamps.push(lamp("PLC lost", true, true));
   if (state.results_overrun) lamps.push(lamp("Results lost", true, true));
@@ -47,6 +47,8 @@ function showState(state) {
   }
   showFaults(state);
   if (!state.rows.ident) return;
+  say("strip-none", "No part has been inspected yet.");
+  if (!seen.reject && !seen.wanted) say("reject-words", "No reject has been seen yet.");
   const r = state.rows, counters = r.counters || {}, health = r.health || {}, calibration = r.calibration || {}, recipe = r.recipe || {};
   say("serial", `${r.ident.serial && r.ident.serial !== "-" ? r.ident.serial + " " : ""}${r.ident.firmware || ""}`);
   figures("counts", [["seen", counters.seen, ""], ["pass", counters.pass, ""], ["reject", counters.reject, ""], ["unfit", counters.unfit, ""], ["passed without a verdict", counters.missed, ""],
@@ -101,6 +103,7 @@ function takeResult(result) {
   seen.results.set(result.key, result);
   addToStrip(result);
   $("strip-none").hidden = true;
+  if (page.empty) { page.empty = false; setTimeout(search, 1000); }  // the store begins: it writes ten times a second
   if (result.verdict === "pass") return;
   seen.reject = result;
   seen.rejectsNotAnnounced += 1;
@@ -302,11 +305,23 @@ function timeCell(text) {
   return cell;
 }
 
-let page = { fields: "", oldest: null };
+const kSearchHelp = "Empty fields do not filter.";
+let page = { fields: "", oldest: null, search: 0, refused: false, empty: false };
+// Beside a refusal, what was found before would be taken for the answer.
+function clearFound() {
+  $("found").tBodies[0].replaceChildren();
+  $("found").hidden = $("csv").hidden = true;
+  $("older").disabled = $("newest").disabled = true;
+  $("csv").removeAttribute("href");
+}
 async function search(before) {
+  const mine = ++page.search;
+  page.refused = page.empty = false;
+  $("csv").hidden = true;
   say("search-said", "Searching ...");
   try {
     const found = await ask(`/api/results?limit=50&${page.fields}${before ? `&before=${before}` : ""}`);
+    if (mine !== page.search) return;  // a later search was asked meanwhile
     const rows = found.rows.map((r) => {
       const row = element("tr"), number = element("td"), open = element("button", String(r.number));
       open.type = "button";
@@ -326,12 +341,16 @@ async function search(before) {
     $("older").disabled = !found.more;
     $("newest").disabled = !before;
     say("search-said", rows.length ? `${rows.length} results${found.more ? ", and there are older ones" : ""}.` : found.note || "Nothing was found.");
-    $("csv").hidden = Boolean(found.note);
+    page.empty = $("csv").hidden = Boolean(found.note);
     $("csv").href = `/api/results.csv?${page.fields}`;
   } catch (error) {
+    if (mine !== page.search) return;
+    page.refused = true;
+    clearFound();
     say("search-said", error.message);
   }
 }
+$("search").addEventListener("input", () => { if (page.refused) { page.refused = false; say("search-said", kSearchHelp); } });
 $("search").addEventListener("submit", (event) => {
   event.preventDefault();
   page.fields = new URLSearchParams([...new FormData(event.target)].filter(([, value]) => value.trim() !== "").map(([name, value]) => [name, value.trim()])).toString();

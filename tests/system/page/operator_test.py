@@ -25,7 +25,10 @@ def empty(bin_dir, out, folder):
     page = Page(bin_dir, folder, 1, TOKEN)
     browser = Browser(folder)
     try:
+        before = get(page, "/")  # what is seen until the first data come
+        check(before.count("Waiting for the station's first data.") == 5 and "No part" not in before and "tokens" not in before, "the page says what it does not know yet")
         load(browser, page)
+        check(browser.run("return degreeOf({up: false, trouble: {what: 'waiting', cure: ''}, rows: {}})") == ["note", "Waiting for the station's first data."], "a station that was not asked yet is an alarm")
         wait_for("the table says that there is no store", lambda: "No results are stored yet" in browser.run(TEXT, "search-said"))
         wait_for("the counts say so, too", lambda: "No results are stored yet" in browser.run(TEXT, "counts-said"))
         wait_for("the changes say so, too", lambda: "Nothing is recorded yet" in browser.run(TEXT, "changes"))
@@ -34,6 +37,7 @@ def empty(bin_dir, out, folder):
         words = browser.run("return document.body.innerText")
         check(str(folder) not in words and "store.sqlite" not in words, "the empty page shows paths of files")
         check(browser.run("return [...document.querySelectorAll('[data-command]')].every((b) => b.disabled)"), "commands are offered to a station that does not answer")
+        check("No part" not in words and "No reject" not in words and "last known" not in words, "something is said of a station that has never answered")
         check_console(browser)
         browser.screenshot(out / "empty-1280.png", 1280, 800, False, whole=True)
     finally:
@@ -169,6 +173,26 @@ def figures(browser, page, out):
     browser.run("document.getElementById('charts-card').scrollIntoView()")
 
 
+def searches(browser):
+    """A refusal stands alone: without rows, link and buttons of the search before it, and no longer than its reason."""
+    seen = lambda: browser.run("return [document.getElementById('search-said').textContent, document.querySelectorAll('#found tbody tr').length, document.getElementById('found').hidden, document.getElementById('csv').checkVisibility(), document.getElementById('csv').getAttribute('href')]")
+    ask = lambda since: browser.run("const since = document.querySelector('[name=since]'); since.value = arguments[0]; since.dispatchEvent(new Event('input', {bubbles: true})); document.getElementById('search').requestSubmit()", since)
+    ask("12h")
+    wait_for("results of the last hours", lambda: seen()[1] > 0 and seen()[3:] == [True, "/api/results.csv?since=12h"])
+    check_console(browser)
+    ask("never")
+    wait_for("the refusal alone", lambda: "never" in seen()[0] and seen()[1:] == [0, True, False, None])
+    browser.run("document.querySelector('[name=since]').dispatchEvent(new Event('input', {bubbles: true}))")
+    check(seen()[0] == "Empty fields do not filter.", f"of a field that is being corrected: {seen()[0]}")
+    # The answer to a search that is out of date is not shown, whenever it comes.
+    ask("never")
+    ask("24h")
+    wait_for("the later search", lambda: seen()[1] > 0 and seen()[3:] == [True, "/api/results.csv?since=24h"])
+    complaints = [entry["message"] for entry in browser.log() if entry["level"] in ("SEVERE", "WARNING")]
+    check(complaints and all("400" in text for text in complaints), f"the console complains: {complaints}")  # of the refusals
+    ask("")
+
+
 def pictures(browser, out):
     """Another map, the light, a defect enlarged."""
     part = wait_for("a part with a defect in the table", lambda: browser.run("document.querySelector('[name=verdict]').value = 'reject'; document.getElementById('search').requestSubmit(); const r = [...document.querySelectorAll('#found tbody tr')].find((r) => r.cells[3].textContent === 'reject' && Number(r.cells[6].textContent) > 0); if (r) r.querySelector('button').click(); return r ? r.cells[0].textContent : null"))
@@ -202,6 +226,7 @@ def work(bin_dir, out, folder):
         load(browser, line.page)
         fold(browser, out)
         figures(browser, line.page, out)
+        searches(browser)
         browser.screenshot(out / "figures-1280.png", 1280, 800, False, whole=True)
         pictures(browser, out)
         check_console(browser)
