@@ -56,11 +56,18 @@ std::error_code ensure_folder(const fs::path& folder) {
     return made ? made : read ? read : std::make_error_code(std::errc::not_a_directory);
 }
 
-Result<void> write_atomically(const fs::path& file, std::span<const std::uint8_t> bytes) {
+namespace {
+
+Result<void> check_folder_of(const fs::path& file) {
     const fs::path folder = file.parent_path();
-    if (std::error_code error; !folder.empty() && !fs::is_directory(folder, error)) {
-        return fail(ErrorCode::not_found, "the folder " + folder.string() + " does not exist", "create it first");
-    }
+    if (std::error_code error; folder.empty() || fs::is_directory(folder, error)) return {};
+    return fail(ErrorCode::not_found, "the folder " + folder.string() + " does not exist", "create it first");
+}
+
+}  // namespace
+
+Result<void> write_atomically(const fs::path& file, std::span<const std::uint8_t> bytes) {
+    if (auto fine = check_folder_of(file); !fine) return fine;
     if (auto fine = check_replaceable(file); !fine) return fine;
     const int error = replace_file(file, ".part", 0666, false, std::as_bytes(bytes));
     if (error == 0) return {};
@@ -69,6 +76,7 @@ Result<void> write_atomically(const fs::path& file, std::span<const std::uint8_t
 }
 
 Result<void> write_durably(const fs::path& file, std::string_view text) {
+    if (auto fine = check_folder_of(file); !fine) return fine;
     if (auto fine = check_replaceable(file); !fine) return fine;
     int error = replace_file(file, ".new", 0644, true, std::as_bytes(std::span(text)));
     if (error == 0) error = sync_folder_of(file);

@@ -35,8 +35,8 @@ Result<void> check_replaceable(const std::filesystem::path& file);
 Result<void> write_atomically(const std::filesystem::path& file, std::span<const std::uint8_t> bytes);
 
 // Writes FILE.XXXXXXXX.new, syncs it, renames it and syncs the folder: after a power cut the file is the old or the new
-// one. Fails with refused (as check_replaceable()) and io; both name the file. The old file is unchanged and the new
-// one removed then, unless only the folder's sync failed.
+// one. Fails with not_found (the folder), refused (as check_replaceable()) and io; the last two name the file. The old
+// file is unchanged and the new one removed then, unless only the folder's sync failed.
 Result<void> write_durably(const std::filesystem::path& file, std::string_view text);
 
 // Steps of the above. Each returns 0 or errno. replace_file() writes FILE, 8 random digits and the suffix,

@@ -13,7 +13,10 @@
 
 namespace hord::common {
 
-tl::unexpected<Error> TomlProblems::as_error() const { return fail(code_, fmt::format("{}", fmt::join(lines_, "\n"))); }
+tl::unexpected<Error> TomlProblems::as_error() const {
+    if (last_ && lines_.size() == 1) return tl::unexpected(*last_);
+    return fail(last_ ? last_->code : ErrorCode::invalid_argument, fmt::format("{}", fmt::join(lines_, "\n")));
+}
 
 struct TomlTable::Node {
     // Shared by all tables of the file.
@@ -105,7 +108,7 @@ Result<void> refuse_blank(std::string_view text, const std::filesystem::path& fi
 TomlTable TomlTable::parse_file(const std::filesystem::path& file, TomlProblems& problems) {
     const auto text = read_file(file);
     if (!text) problems.add(cannot_read(file));
-    else if (auto fine = refuse_blank(*text, file); !fine) problems.add(fine.error().message());
+    else if (auto fine = refuse_blank(*text, file); !fine) problems.add(fine.error());
     return parse_text(text.value_or(""), file.string(), problems);
 }
 

@@ -28,17 +28,18 @@ class TomlProblems {
   public:
     void add(std::string line) { lines_.push_back(std::move(line)); }
     void add(const Error& error) {
-        code_ = error.code;
+        last_ = error;
         lines_.push_back(error.message());
     }
     [[nodiscard]] bool empty() const { return lines_.empty(); }
     [[nodiscard]] const std::vector<std::string>& lines() const { return lines_; }
-    // invalid_argument, or the code of the last Error; `what` holds every problem, one a line.
+    // The only problem, if it is an Error. Else invalid_argument, or the code of the last Error; `what` holds every
+    // problem, one a line.
     [[nodiscard]] tl::unexpected<Error> as_error() const;
 
   private:
     std::vector<std::string> lines_;
-    ErrorCode code_ = ErrorCode::invalid_argument;
+    std::optional<Error> last_;
 };
 
 // Fails with invalid_argument for a file of no text, as a disk that was full leaves it: its defaults are not meant.

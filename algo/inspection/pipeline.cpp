@@ -264,8 +264,12 @@ Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe
     std::vector<std::string> messages = problems(recipe, extents);
     for (std::string& message : problems_of(light_levels(recipe, bits), extents, bits))
         messages.push_back(std::move(message));
-    for (std::string& message : problems_of_reference(recipe, extents, bits)) messages.push_back(std::move(message));
+    for (std::string& message : problems_of_reference(recipe)) messages.push_back(std::move(message));
     if (!messages.empty()) return fail(ErrorCode::invalid_argument, "recipe \"" + recipe.name + "\"", joined(messages));
+    // The reference may have been given without the recipe: it is named, not the recipe.
+    if (const auto other = mismatches_of_reference(recipe, extents, bits); !other.empty())
+        return fail(ErrorCode::invalid_argument, joined(other),
+                    "give the reference that was learned from such frames, or learn one (hordctl learn)");
     auto pool = RowThreadPool::create(threads);
     if (!pool) return tl::unexpected(pool.error());
     std::vector<PipelineWorker> workers;

@@ -305,7 +305,7 @@ FoundDefects ReferenceDefects::find(const ComparedFrame& compared, const Pose& p
     return {defects_, found_.front().reason, found_.front().defect.score};
 }
 
-std::vector<std::string> problems_of_reference(const Recipe& recipe, const Extents& extents, int bits) {
+std::vector<std::string> problems_of_reference(const Recipe& recipe) {
     std::vector<std::string> messages;
     const auto level = [&](float value, const char* name) {
         if (!(value > 0 && value <= 1000)) messages.push_back(std::string(name) + " must be above 0, at most 1000");
@@ -321,6 +321,11 @@ std::vector<std::string> problems_of_reference(const Recipe& recipe, const Exten
         if (recipe.lenslet_mm == 0) messages.emplace_back("a tolerance in mm needs lenslet_mm");
         if (t.deepest_rad > 0 && recipe.bin_rad == 0) messages.emplace_back("a tolerance in radians needs bin_rad");
     }
+    return messages;
+}
+
+std::vector<std::string> mismatches_of_reference(const Recipe& recipe, const Extents& extents, int bits) {
+    std::vector<std::string> messages;
     if (recipe.reference) {
         const Reference& r = *recipe.reference;
         const auto size = [](const Extents& e) {

@@ -107,7 +107,10 @@ class ReferenceDefects {
     std::vector<std::uint32_t> used_;  // defects that each tolerance has allowed
 };
 
-// All problems of a recipe's reference, its limits and tolerances, one message each; empty if they can be used.
-std::vector<std::string> problems_of_reference(const Recipe& recipe, const Extents& extents, int bits);
+// All problems of a recipe's limits of scores and its tolerances, one message each; empty if they can be used.
+std::vector<std::string> problems_of_reference(const Recipe& recipe);
+
+// In what the frames differ from those that the recipe's reference was learned from, one message each.
+std::vector<std::string> mismatches_of_reference(const Recipe& recipe, const Extents& extents, int bits);
 
 }  // namespace hord::algo

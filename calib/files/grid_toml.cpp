@@ -150,10 +150,7 @@ void read_shifts(common::TomlTable table, algo::LensletGrid& grid, LensletShifts
 }
 
 Result<void> replace(const std::filesystem::path& path, std::string_view text) {
-    const auto done = common::write_atomically(path, {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
-    if (done || done.error().code == ErrorCode::refused) return done;
-    return fail(ErrorCode::io, fmt::format("{}: cannot be written", path.string()),
-                "check that the folder exists, may be written and is not full");
+    return common::write_atomically(path, {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
 }
 
 // The oldest version that can say it: older programs read the file then.

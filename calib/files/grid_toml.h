@@ -55,7 +55,8 @@ void add_directions(GridFile& file, const DirectionFit& fit);
 // wrong one) or unsupported (another version).
 Result<GridFile> parse_grid(std::string_view text, std::string_view name);
 
-// Writes a temporary file and renames it: readers see the old file or the complete new one. Fails with io.
+// Writes a temporary file and renames it: readers see the old file or the complete new one. Fails as
+// common::write_atomically().
 Result<void> write_grid(const std::filesystem::path& path, const GridFile& file);
 Result<GridFile> read_grid(const std::filesystem::path& path);
 

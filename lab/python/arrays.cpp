@@ -16,6 +16,11 @@ std::filesystem::path path_of(const py::object& given, const char* wanted) {
         const auto type = py::str(py::type::of(given).attr("__name__")).cast<std::string>();
         throw py::type_error(fmt::format("{}, not {}", wanted, type));
     }
+    const py::object path = py::module_::import("os").attr("fspath")(given);
+    if (path.attr("__contains__")(py::isinstance<py::bytes>(path) ? py::object(py::bytes("\0", 1)) : py::str("\0", 1))
+            .cast<bool>()) {
+        refuse("the path " + py::repr(path).cast<std::string>() + " holds a NUL character", "no file has such a name");
+    }
     return given.cast<std::filesystem::path>();
 }
 

@@ -106,7 +106,9 @@ void add_calibration(py::module_& module) {
             [](const Calibration& c, const std::filesystem::path& file) {
                 without_gil([&] { unwrap(calib::write_grid(file, c.file)); });
             },
-            py::arg("file"), "Writes the calibration file (TOML), which hordctl --grid and hordd read. Raises IoError.")
+            py::arg("file"),
+            "Writes the calibration file (TOML), which hordctl --grid and hordd read. Raises NotFound, "
+            "Refused or IoError.")
         .def_property_readonly("centres", &centres,
                                "Lenslet centres [n, m, 2], float64: x and y in pixels of the raw frame, (0, 0) the "
                                "centre of its top-left pixel. Not all need lie inside the frame.")

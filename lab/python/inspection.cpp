@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "algo/inspection/pipeline.h"
+#include "algo/maps/row_thread_pool.h"
 #include "firmware/diagnostics/feature_views.h"
 #include "firmware/diagnostics/inspection_json.h"
 #include "firmware/diagnostics/verdict_text.h"
@@ -72,6 +73,9 @@ class Inspector {
   public:
     Inspector(const py::object& recipe, const py::object& reference, int threads, const std::string& maps)
         : recipe_(recipe_of(recipe)), threads_(threads), maps_(map_set_of(maps)) {
+        constexpr int kMax = algo::RowThreadPool::kMaxThreads;
+        if (threads < 1 || threads > kMax)
+            refuse(fmt::format("threads={} is not possible", threads), fmt::format("use 1 to {}", kMax));
         if (!reference.is_none()) {
             recipe_.recipe.reference = reference_of(reference);
             recipe_.reference_file.clear();

@@ -214,7 +214,9 @@ void add_reference_class(py::module_& module) {
             [](const H& h, const std::filesystem::path& file) {
                 without_gil([&] { unwrap(firmware::write_reference(file, *h.reference)); });
             },
-            py::arg("file"), "Writes the file that hordctl --reference and recipes name. Raises IoError.")
+            py::arg("file"),
+            "Writes the file that hordctl --reference and recipes name. Raises NotFound, Refused or "
+            "IoError.")
         .def_property_readonly(
             "shape",
             [](const H& h) {

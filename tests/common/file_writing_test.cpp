@@ -75,7 +75,12 @@ TEST(WholeFile, replaces_the_old_one_or_leaves_it_and_nothing_beside_it) {
     ASSERT_TRUE(write_atomically(file, Bytes{1, 2, 3}));
     ASSERT_TRUE(write_atomically(file, Bytes{4}));
     EXPECT_EQ(TempFolder::read(file), "\x04");
-    EXPECT_EQ(write_atomically(folder.path() / "no" / "f", Bytes{1}).error().code, ErrorCode::not_found);
+    const auto nowhere = folder.path() / "no" / "f";
+    for (const auto& done : {write_atomically(nowhere, Bytes{1}), write_durably(nowhere, "1")}) {
+        ASSERT_FALSE(done);
+        EXPECT_EQ(done.error().code, ErrorCode::not_found);
+        EXPECT_THAT(done.error().what, HasSubstr(nowhere.parent_path().string()));
+    }
     std::filesystem::create_directory(folder.path() / "taken");  // a folder is not replaced
     const auto taken = write_atomically(folder.path() / "taken", Bytes{1});
     ASSERT_FALSE(taken);

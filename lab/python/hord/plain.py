@@ -9,6 +9,8 @@ import os
 
 import numpy
 
+from .errors import InvalidArgument
+
 # What pybind11 calls a type in a signature: what is accepted, and its words.
 _TYPES = {
     "str": (str, "a text"),
@@ -57,7 +59,10 @@ def _problem(name, value, kind):
         return None
     types, words = _TYPES[kind]
     if not isinstance(value, types) or (isinstance(value, bool) and kind != "bool"):
-        return f"{name} is {words}, not {type(value).__name__}"
+        is_file = kind == "numpy.ndarray" and isinstance(value, (str, os.PathLike))
+        return f"{name} is {words}, not {type(value).__name__}" + (": read the file first, for example numpy.asarray(PIL.Image.open(file))" if is_file else "")
+    if kind == "os.PathLike" and "\0" in str(value):
+        raise InvalidArgument(f"the path {os.fspath(value)!r} holds a NUL character", "no file has such a name")
     if kind == "int" and not 0 <= value < 2**31:
         return f"{name} cannot be {value}"
     return None

@@ -406,8 +406,9 @@ class Errors(unittest.TestCase):
                      lambda: hord.inspect(field, recipe=none), lambda: hord.Reference.load(none), lambda: hord.inspect(field, reference=none),
                      lambda: hord.Calibration.load(none), lambda: hord.decode(np.zeros((90, 90), np.uint8), grid=none),
                      lambda: field.save(cell.path("none/x.png"))):
-            with self.assertRaises(hord.NotFound):
+            with self.assertRaises(hord.NotFound) as caught:
                 call()
+            self.assertTrue(caught.exception.cure, caught.exception)
         for load in hord.Reference.load, hord.Calibration.load, hord.read:
             with self.assertRaises(hord.Unreadable):
                 load(cell.path("."))
@@ -415,6 +416,27 @@ class Errors(unittest.TestCase):
             with self.assertRaises(hord.Error) as caught:
                 load(cell.write("text", "no such file"))
             self.assertNotIsInstance(caught.exception, (hord.NotFound, hord.InvalidArgument))
+
+    def test_what_is_saved_into_no_folder_names_the_folder(self):
+        learned = hord.learn(cell.good_parts(8), electrons_per_dn=10, read_dn=0.6).reference
+        for thing in hord.decode(np.zeros((90, 90), np.uint8)), learned, hord.calibrate(white_frame()):
+            with self.assertRaisesRegex(hord.NotFound, "^the folder .*/none does not exist: create it first$"):
+                thing.save(cell.path("none/x"))
+
+    def test_a_reference_of_other_frames_is_named_not_the_recipe(self):
+        learned = hord.learn(cell.good_parts(8), electrons_per_dn=10, read_dn=0.6).reference
+        for call in hord.inspect, hord.compare:
+            with self.assertRaisesRegex(hord.InvalidArgument, "^the reference was learned from .* lenslets of 9x9 bins, the frames have 10x10 .*: give the reference that was"):
+                call(np.zeros((90, 90), np.uint8), reference=learned)
+
+    def test_impossible_threads_and_paths_are_refused_at_once(self):
+        for threads in -1, 0, 65, 10**6:
+            with self.assertRaisesRegex(hord.InvalidArgument, f"^threads={threads} is not possible: use 1 to 64$"):
+                hord.Inspector(threads=threads)
+        for call in (hord.read, hord.inspect, hord.Recipe.load, hord.Reference.load, hord.decode(np.zeros((90, 90), np.uint8)).save,
+                     lambda path: hord.inspect(lens, recipe=path), lambda path: hord.inspect(lens, reference=pathlib.Path(path))):
+            with self.assertRaisesRegex(hord.InvalidArgument, r"^the path 'g1.x00\.png' holds a NUL character: no file has such a name$"):
+                call("g1\0.png")
 
     def test_arguments_that_do_not_fit_are_named(self):
         frame = np.zeros((90, 90), np.uint8)
@@ -431,7 +453,7 @@ class Errors(unittest.TestCase):
             (lambda: field.deflection(dark_dn="x"), "dark_dn is a whole number, not str$"),
             (lambda: hord.learn([frame] * 8, read_dn="x"), "^hord.learn: read_dn is a number, not str$"),
             (lambda: hord.distance("emd", 3, frame), "^hord.distance: a is a NumPy array, not int$"),
-            (lambda: hord.calibrate("white.png"), "^hord.calibrate: white is a NumPy array, not str$"),
+            (lambda: hord.calibrate("white.png"), r"^hord.calibrate: white is a NumPy array, not str: read the file first, for example numpy.asarray\(PIL.Image.open\(file\)\)$"),
             (lambda: hord.calibrate(frame, tilts=[frame]), r"^hord.calibrate: tilts is a list of \(array, number, number\)$"),
             (lambda: hord.Inspector(threads="2"), "^hord.Inspector: threads is a whole number, not str$"),
             (lambda: hord.Recipe("lens.toml"), "^hord.Recipe: too many positional arguments"),
