@@ -14,7 +14,7 @@ struct PartEdge {
     Kind kind = Kind::arrives;
     TimePoint at;                        // the kernel's (or the simulated world's) time stamp, not the time of reading
     std::uint32_t sequence = 0;          // counts edges from 1; a gap means that edges were lost
-    std::optional<std::int64_t> counts;  // encoder position at the edge, counts; none without an encoder
+    std::optional<std::int64_t> counts;  // encoder position at the edge; its zero may be another after each start()
 };
 
 // Delivered at a fixed rate, also while the conveyor stands: a missing reading means that the position is lost.

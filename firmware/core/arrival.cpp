@@ -124,7 +124,8 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
 bool Core::comes_too_close(TimePoint at, std::int64_t counts) {
     if (last_arrival_ == TimePoint::min()) return false;
     const bool close_in_time = at - last_arrival_ < config_.min_gap;
-    const bool close_in_space = config_.by_encoder && counts - last_arrival_counts_ < config_.min_gap_counts;
+    const bool close_in_space =
+        config_.by_encoder && last_arrival_counts_ && counts - *last_arrival_counts_ < config_.min_gap_counts;
     if (!close_in_time && !close_in_space) return false;
     if (line_.size() > 0) {
         Part& ahead = line_[line_.size() - 1];
@@ -212,6 +213,7 @@ void Core::abandon_lost_places() {
 
 // The positions of all parts are unknown: parts to be rejected cannot be.
 void Core::lose_position() {
+    last_arrival_counts_.reset();
     flush(PartReason::device_lost);
     for (std::uint32_t k = 0; k < line_.size(); ++k) line_[k].passed_ejector = TimePoint::min();
     conveyor_.forget();

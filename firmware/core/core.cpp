@@ -121,12 +121,12 @@ void Core::reset_faults() {
 void Core::on(const DeviceUp& event) {
     if (!started_) return;  // a report from before the halt
     up_ |= fault_of(event.device);
-    if (event.device == Device::part_sensor) {  // its sequence numbers begin at 1 again
+    if (event.device == Device::part_sensor) {  // its sequence numbers begin at 1 again, and its counts at 0
         last_edge_ = 0;
         last_kind_ = hal::PartEdge::Kind::leaves;
         last_edge_at_ = TimePoint::min();
         covered_ = false;
-        conveyor_.forget();
+        if (config_.by_encoder) lose_position();
     }
     if (event.device == Device::sensor) frames_seen_ = false;
 }

@@ -143,7 +143,7 @@ class Core {
     std::uint32_t accepted_on_line_ = 0;
     TimePoint ejector_rests_at_ = TimePoint::min();  // end of the last pulse commanded
     TimePoint last_arrival_ = TimePoint::min();
-    std::int64_t last_arrival_counts_ = 0;
+    std::optional<std::int64_t> last_arrival_counts_;  // none: the encoder has counted anew since
     TimePoint last_edge_at_ = TimePoint::min();
     std::uint32_t last_edge_ = 0;  // sequence number; 0: none since the part sensor came up
     hal::PartEdge::Kind last_kind_ = hal::PartEdge::Kind::leaves;

@@ -14,6 +14,7 @@ Result<void> SimPartSensor::do_start(Listener& listener) {
     sequence_ = 0;
     if (options_.encoder_counts_per_mm > 0) {
         encoder_timer_ = loop_.call_after(options_.encoder_every, [this] { read_encoder(); });
+        zero_mm_ = world_.belt_mm(loop_.now()) - slipped_mm_;
     }
     return {};
 }
@@ -26,7 +27,8 @@ void SimPartSensor::do_stop() {
 }
 
 std::int64_t SimPartSensor::counts_at(TimePoint at) {
-    return static_cast<std::int64_t>(std::floor((world_.belt_mm(at) - slipped_mm_) * options_.encoder_counts_per_mm));
+    const double moved_mm = world_.belt_mm(at) - slipped_mm_ - zero_mm_;
+    return static_cast<std::int64_t>(std::floor(moved_mm * options_.encoder_counts_per_mm));
 }
 
 void SimPartSensor::read_encoder() {

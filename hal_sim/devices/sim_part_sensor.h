@@ -48,6 +48,7 @@ class SimPartSensor final : public hal::PartSensor {
     Pending<hal::PartEdge> pending_;
     std::uint32_t sequence_ = 0;
     double slipped_mm_ = 0;
+    double zero_mm_ = 0;  // where the encoder counts from: it starts at 0 with the device, as that of a GPIO line
     bool swallow_departure_ = false;
     hal::TimePoint back_at_{}, silent_until_{};
     hal::EventLoop::TimerId encoder_timer_{}, lost_timer_{};

@@ -320,6 +320,42 @@ TEST_F(Encoder, after_a_halt_a_place_needs_two_readings) {
     EXPECT_TRUE(rig.exposures.empty());
 }
 
+// Halt and start up again: the part sensor's edges are numbered from 1 again, and its encoder counts from 0.
+TEST_F(Encoder, after_a_halt_counts_have_nothing_to_do_with_those_before) {
+    const auto before = bad_part();
+    run(milliseconds(150), 10);
+    rig.confirmed(before);
+    run(milliseconds(100), 10);
+    ASSERT_EQ(rig.shot().parts_on_line, 0U);
+    rig.forget();
+    for (const Command c : {Command::halt, Command::reset, Command::initialise}) ASSERT_EQ(rig.send(c), Answer::done);
+    rig.edges = 0;
+    rig.counts = 0;
+    rig.devices_up();
+    for (const Command c : {Command::arm, Command::start_continuous}) ASSERT_EQ(rig.send(c), Answer::done);
+    run(milliseconds(50), 10);
+    const auto part = bad_part();
+    EXPECT_TRUE(rig.results.empty());
+    run(milliseconds(150), 10);
+    ASSERT_TRUE(rig.rejected(part)) << "it was taken for too close to the part before the halt";
+    rig.confirmed(part);
+    run(milliseconds(30), 10);
+    EXPECT_EQ(rig.only_result().reason, PartReason::deflection_gradient);
+}
+
+TEST_F(Encoder, a_halt_loses_the_places_of_parts_also_if_the_station_starts_at_once) {
+    const auto part = bad_part();
+    for (const Command c : {Command::halt, Command::reset, Command::initialise}) ASSERT_EQ(rig.send(c), Answer::done);
+    EXPECT_FALSE(rig.shot().line_stop) << "the encoder is not silent for long enough";
+    rig.edges = 0;
+    rig.counts = 0;
+    rig.devices_up();
+    EXPECT_EQ(rig.only_result().part, part);
+    EXPECT_EQ(rig.only_result().reject, RejectState::failed);
+    EXPECT_TRUE(rig.shot().line_stop);
+    EXPECT_TRUE(rig.rejects.empty());
+}
+
 TEST_F(Encoder, the_count_of_an_edge_is_a_reading) {
     for (int k = 0; k < 4; ++k) {
         rig.advance(milliseconds(60));
