@@ -71,8 +71,10 @@ enum class InjectedFault : std::uint8_t {
     strobe_short,  // each pulse          lit for `amount` less (22 us); reported so
     trigger_late,  // each exposure       the camera obeys its trigger `amount` late (60 ms), and says which trigger it
                    // was
+    plc_orders,    // each arrival        the operator stops the line by one to three commands; `amount` (1 s) after
+                   // the last one it is started again
 };
-inline constexpr std::size_t kInjectedFaults = static_cast<std::size_t>(InjectedFault::trigger_late) + 1;
+inline constexpr std::size_t kInjectedFaults = static_cast<std::size_t>(InjectedFault::plc_orders) + 1;
 
 std::string_view name_of(InjectedFault fault);  // "frame-drop"
 std::optional<InjectedFault> injected_fault_named(std::string_view name);

@@ -78,8 +78,9 @@ void World::plan() {
             next_at_ = at;
         }
     };
-    consider(Next::exit, next_exit_, geometry_.exit_mm);
-    consider(Next::departure, next_departure_, schedule_.part_length_mm);
+    // A part that the feeder holds has not arrived: it neither leaves the sensor nor the line.
+    if (next_exit_ < next_arrival_) consider(Next::exit, next_exit_, geometry_.exit_mm);
+    if (next_departure_ < next_arrival_) consider(Next::departure, next_departure_, schedule_.part_length_mm);
     if (!unfed_since_mm_) consider(Next::arrival, next_arrival_, 0);
     if (next_ != Next::nothing) timer_ = loop_.call_at(next_at_, [this] { act(); });
 }

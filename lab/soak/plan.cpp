@@ -44,7 +44,7 @@ hal::Duration draw_amount(InjectedFault fault, std::uint64_t bits) {
         case InjectedFault::edge_ghost: return one_of({10ms, 30ms, 55ms});
         case InjectedFault::encoder_slip: return one_of({1ms, 5ms, 20ms});
         case InjectedFault::encoder_silent: return one_of({12ms, 80ms, 300ms});
-        case InjectedFault::reject_late: return one_of({3ms, 12ms, 100ms});
+        case InjectedFault::reject_late: return one_of({3ms, 9ms, 12ms, 100ms});
         case InjectedFault::reject_twice: return one_of({20ms, 60ms});
         case InjectedFault::part_removed: return one_of({40ms, 150ms, 300ms, 700ms});
         case InjectedFault::belt_stop: return one_of({30ms, 300ms, 1500ms});
@@ -64,6 +64,7 @@ hal::Duration draw_amount(InjectedFault fault, std::uint64_t bits) {
         case InjectedFault::disk_full: return one_of({1000ms, 3000ms, 5000ms});
         case InjectedFault::inspector_hangs: return one_of({400ms, 700ms, 1500ms});
         case InjectedFault::device_unplugged: return one_of({100ms, 300ms, 700ms});
+        case InjectedFault::plc_orders: return one_of({100ms, 1000ms, 2500ms});
         case InjectedFault::plc_walks: return one_of({400ms, 1500ms, 2500ms});
         case InjectedFault::trigger_late: return one_of({1ms, 20ms, 60ms, 99ms, 101ms});
         case InjectedFault::clock_set: return one_of({2ms, 1000ms, 3600000ms});
@@ -89,6 +90,9 @@ EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts) {
         const auto fault = static_cast<InjectedFault>(sim::random_bits(seed, kPlanStream, n++) % sim::kInjectedFaults);
         if (std::find(faults.begin(), faults.end(), fault) == faults.end()) faults.push_back(fault);
     }
+    const bool ordered = sim::random_bits(seed, kPlanStream, 998) % 2 == 0;
+    if (ordered && std::find(faults.begin(), faults.end(), InjectedFault::plc_orders) == faults.end())
+        faults.push_back(InjectedFault::plc_orders);
     EpisodePlan plan = draw_plan(seed, parts, faults);
     plan.real = sim::random_bits(seed, kPlanStream, 999) % 50 == 0;
     return plan;
@@ -104,7 +108,7 @@ EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts, const std::vector
         const std::uint64_t all = opportunities(fault, parts);
         const std::uint64_t first = std::min(all / 4, together * all / parts + draw() % 3);
         constexpr double kRates[] = {0.002, 0.01, 0.03};
-        const double rate = rare(fault) ? 0.002 : kRates[draw() % 3];
+        const double rate = rare(fault) ? 0.002 : fault == InjectedFault::plc_orders ? 0.01 : kRates[draw() % 3];
         plan.faults.push_back({fault, 1, first, first, draw_amount(fault, draw())});
         plan.faults.push_back({fault, rate, first + 1, all, draw_amount(fault, draw())});
     }

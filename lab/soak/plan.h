@@ -23,7 +23,8 @@ struct EpisodePlan {
 };
 
 // One to four faults. Each fires at least once, early in the episode and near the others, and then at random until nine
-// tenths of it; in the last tenth the line must recover. One episode in fifty shows real parts.
+// tenths of it; in the last tenth the line must recover. In half of the episodes the operator stops the line besides.
+// One episode in fifty shows real parts.
 EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts);
 // The same with these faults.
 EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts, const std::vector<sim::InjectedFault>& faults);

@@ -243,13 +243,12 @@ void PlcSimulator::repeat_a_command() {
 
 // A random command in any state. The PLC recovers the station half a second later at the earliest.
 void PlcSimulator::misuse_commands() {
-    idle_until_ = loop_.now() + milliseconds(500);
+    leave_alone(milliseconds(500));
     send_random_command();
 }
 
 void PlcSimulator::send_random_command() { command_with_care(static_cast<Command>(1 + draw() % 9)); }
 
-// Before a reset after line stop the parts are taken off.
 void PlcSimulator::command_with_care(Command code) {
     if (code == Command::reset && endpoint_ != nullptr && endpoint_->station().snapshot().line_stop) take_parts_off_();
     command(code);
@@ -262,7 +261,7 @@ void PlcSimulator::walk_states(Duration amount) {
                                   State::single_execution};
     const State target = kTargets[draw() % kTargets.size()];
     const std::uint64_t behaviour = draw() % 3;
-    idle_until_ = loop_.now() + amount;
+    leave_alone(amount);
     for (int k = 0; k < 6 && endpoint_ != nullptr; ++k) {
         const auto next = first_command(endpoint_->station().core().state(), target);
         if (!next) break;

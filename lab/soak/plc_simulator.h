@@ -90,6 +90,11 @@ class PlcSimulator {
     void misuse_commands();
     void walk_states(Duration amount);
 
+    // For the operator. Before a reset after line stop the parts are taken off.
+    void command_with_care(Command code);
+    // The PLC starts a stopped station only after this time.
+    void leave_alone(Duration amount) { idle_until_ = loop_.now() + amount; }
+
   private:
     using Words = std::vector<std::uint16_t>;
     [[nodiscard]] std::uint64_t draw() { return sim::random_bits(seed_, 0x97C5, drawn_++); }
@@ -98,7 +103,6 @@ class PlcSimulator {
     void command(Command code, bool meant_for_this_boot = true);
     void recover_station();
     void send_random_command();
-    void command_with_care(Command code);
     void check_status();
     void check_results();
 

@@ -119,6 +119,11 @@ Result<void> SimulatedLine::assemble() {
                   .ejector = {}});
     plc_.emplace(loop_, *invariants_, *store_observer_, options_.cell.seed);
     plc_->clear_with([this] { take_parts_off(); });
+    orders_.emplace(
+        loop_, *plc_, options_.cell.seed,
+        OrderedStops::Effects{
+            .feed = [this](bool on) { cell_->world().feed(on); },
+            .interferes = [this](Duration amount) { invariants_->fault(InjectedFault::plc_orders, amount); }});
     loop_.call_after(PlcSimulator::kCycle, [this] { plc_cycle(); });
     return start_process(false);
 }
@@ -214,6 +219,8 @@ void SimulatedLine::part_arrives(const sim::PartRecord& part) {
     if (faults.fires(InjectedFault::plc_commands)) loop_.call_after({}, [this] { plc_->misuse_commands(); });
     if (const auto amount = faults.fires(InjectedFault::plc_walks))
         loop_.call_after({}, [this, stays = *amount] { plc_->walk_states(stays); });
+    if (const auto amount = faults.fires(InjectedFault::plc_orders))
+        loop_.call_after({}, [this, stays = *amount] { orders_->order(stays); });
     if (const auto amount = faults.fires(InjectedFault::device_unplugged)) unplug_something(*amount);
     if (faults.fires(InjectedFault::plc_nonsense)) loop_.call_after({}, [this] { plc_->write_nonsense(); });
     if (faults.fires(InjectedFault::scada_floods)) plc_->read_everything();
@@ -341,6 +348,7 @@ void SimulatedLine::on_step(State before, const Event& event) {
     if (!alive()) return;
     coverage_.stepped(before, event);
     invariants_->stepped(before, event);
+    orders_->stepped(process_->station->core());
 }
 
 }  // namespace hord::lab

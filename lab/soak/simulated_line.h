@@ -14,6 +14,7 @@
 #include "lab/soak/coverage.h"
 #include "lab/soak/device_proxies.h"
 #include "lab/soak/invariants.h"
+#include "lab/soak/ordered_stops.h"
 #include "lab/soak/plc_simulator.h"
 #include "lab/soak/store_observer.h"
 #include "lab/stand_in/stand_in_inspector.h"
@@ -106,6 +107,7 @@ class SimulatedLine final : public StationObserver {
     std::unique_ptr<Invariants> invariants_;
     std::optional<StoreObserver> store_observer_;
     std::optional<PlcSimulator> plc_;
+    std::optional<OrderedStops> orders_;
     std::optional<Process> process_;
     bool line_started_ = false;
     bool reset_scheduled_ = false;

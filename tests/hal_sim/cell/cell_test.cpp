@@ -120,17 +120,23 @@ TEST_F(Cell, without_its_run_permit_the_belt_stands_from_the_start) {
 TEST_F(Cell, without_feed_no_part_comes_and_afterwards_they_come_as_far_apart_as_before) {
     options_.schedule.parts = 3;
     std::vector<double> fronts_mm;
+    int ends = 0, gone = 0;
     auto made = SimulatedCell::make(loop_, frames_, options_);
     ASSERT_TRUE(made) << made.error().message();
     cell_ = std::move(*made);
-    cell_->watch({.part_edge = [&](const PartRecord& part, bool arrives, hal::TimePoint) {
-        if (arrives) fronts_mm.push_back(part.front_mm);
-        if (part.number == 1 && !arrives) cell_->world().feed(false);
-    }});
+    cell_->watch({.part_edge =
+                      [&](const PartRecord& part, bool arrives, hal::TimePoint) {
+                          if (arrives) fronts_mm.push_back(part.front_mm);
+                          ends += arrives ? 0 : 1;
+                          if (part.number == 1 && !arrives) cell_->world().feed(false);
+                      },
+                  .part_gone = [&](const PartRecord&) { ++gone; }});
     station_.emplace(*cell_, options_);
     cell_->start();
     loop_.run_for(1h);
     ASSERT_EQ(fronts_mm.size(), 1U);
+    EXPECT_EQ(ends, 1) << "a part that has not come uncovered the sensor";
+    EXPECT_EQ(gone, 1) << "a part that has not come left the line";
     cell_->world().feed(true);
     cell_->world().feed(true);
     loop_.run_for(1h);

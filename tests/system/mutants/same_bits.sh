@@ -10,7 +10,7 @@ objects=build/unoptimised
 mkdir -p "$objects"
 for file in firmware/core/*.cpp firmware/station/station.cpp lab/stand_in/stand_in_inspector.cpp hal_sim/cell/cell.cpp \
             hal_sim/world/{world,conveyor,fault_injection,frame_source}.cpp lab/virtual_time/virtual_time.cpp hal_sim/devices/*.cpp \
-            lab/soak/{invariants,invariants_results,device_proxies,simulated_line,plan,plc_simulator,store_observer,soak}.cpp; do
+            lab/soak/{invariants,invariants_results,device_proxies,simulated_line,plan,ordered_stops,plc_simulator,store_observer,soak}.cpp; do
     echo "$file"
 done | xargs -P "$(nproc)" -I FILE sh -c 'g++ -std=gnu++20 -O0 -ffp-contract=off -I. -c FILE -o '"$objects"'/$(echo FILE | tr / _).o'
 libraries=$(grep -A14 '^build tests/system/mutants/mutant-none:' build/release/build.ninja | sed -n 's/.*LINK_LIBRARIES = //p')
