@@ -218,6 +218,7 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     out.shape = shape_of(*image, out);
     out.light_roughness = light_roughness(out.fit.grid, out.observations);
     out.light_following = light_following(out.fit.grid, out.observations);
+    out.smooth_residuals = smooth_residuals(out.fit.grid, out.observations);
     if (auto fine = check_white_frame(*image, out); !fine) return tl::unexpected(fine.error());
     out.warnings = warnings_about(out);
     report(1);

@@ -38,6 +38,13 @@ struct LightFollowing {
     double px = 0;     // RMS of that part
 };
 
+// How far residuals are alike from neighbour to neighbour: those of misplaced lenslets are not, those of bent light
+// are.
+struct SmoothResiduals {
+    double correlation = 0;  // of neighbours, -1..1
+    double px = 0;           // RMS of the common part
+};
+
 struct GridCalibration {
     Lattice lattice;                        // before the fit
     GridFit fit;                            // grid, candidate models, covariance, residuals
@@ -62,6 +69,7 @@ struct GridCalibration {
     PatternShape shape;
     double light_roughness = 0;  // RMS difference of a lenslet's light from its neighbours', over its own
     LightFollowing light_following;
+    SmoothResiduals smooth_residuals;
     std::vector<std::string> warnings;  // sentences for a person: the grid is usable, but something is unusual
 
     struct Node {

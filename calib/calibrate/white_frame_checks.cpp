@@ -41,7 +41,10 @@ constexpr double kMaxFollowed = 0.3;     // of the residuals' power: what gradie
 constexpr double kMinFollowed = 0.0002;  // of a pitch: explained residuals that matter
 constexpr double kMaxOff = 0.08;         // of the found lenslets
 constexpr double kMaxBend = 0.005;       // of a pitch: by polynomials beyond every lens model
-constexpr double kMaxMissing = 0.1;      // of the complete lenslets
+// Of neighbours' residuals: four standard deviations of that of kFewestFollowing independent pairs.
+constexpr double kMaxAlike = 0.3;
+constexpr double kMaxCommon = 0.002;  // of a pitch: the common part of residuals; 0.02 bins of nine
+constexpr double kMaxMissing = 0.1;   // of the complete lenslets
 
 constexpr const char* kCure = "record evenly lit lenslets, without a part in the light, in focus";
 
@@ -391,6 +394,37 @@ LightFollowing light_following(const LensletGrid& grid, std::span<const Observat
     return {gr * gr / (gg * rr), std::abs(gr) / std::sqrt(gg * count)};
 }
 
+SmoothResiduals smooth_residuals(const LensletGrid& grid, std::span<const Observation> observations) {
+    struct Residual {
+        double x = 0, y = 0;
+        bool known = false;
+    };
+    std::vector<Residual> residuals(grid.index(0, grid.rows));
+    for (const Observation& seen : observations) {
+        if (!grid.contains(seen.m, seen.n) || !(seen.used || seen.displaced)) continue;
+        const PixelPoint model = grid.at(grid.uv(seen.m, seen.n));  // without shifts of single lenslets
+        residuals[grid.index(seen.m, seen.n)] = {seen.centre_px.x_px - model.x_px, seen.centre_px.y_px - model.y_px,
+                                                 true};
+    }
+    double products = 0, squares = 0;
+    int pairs = 0;
+    for (int n = 0; n < grid.rows; ++n) {
+        for (int m = 0; m < grid.columns; ++m) {
+            const Residual& a = residuals[grid.index(m, n)];
+            for (const auto& [dm, dn] : {std::pair{1, 0}, {0, 1}}) {
+                if (!a.known || !grid.contains(m + dm, n + dn)) continue;
+                const Residual& b = residuals[grid.index(m + dm, n + dn)];
+                if (!b.known) continue;
+                products += a.x * b.x + a.y * b.y;
+                squares += (a.x * a.x + a.y * a.y + b.x * b.x + b.y * b.y) / 2;
+                ++pairs;
+            }
+        }
+    }
+    if (pairs < kFewestFollowing || !(squares > 0)) return {};
+    return {products / squares, std::sqrt(std::max(0.0, products) / pairs)};
+}
+
 Result<void> check_white_frame(const WhiteImage& image, const GridCalibration& calibration) {
     const auto refuse = [](std::string what, const char* cure = kCure) {
         return fail(ErrorCode::refused, std::move(what), cure);
@@ -463,6 +497,14 @@ std::vector<std::string> warnings_about(const GridCalibration& calibration) {
             fmt::format("the centres follow the light, by {:.3f} px rms: something in the light is brighter on "
                         "one side of a lenslet; take objects out of the light",
                         following.px));
+    }
+    const SmoothResiduals& smooth = calibration.smooth_residuals;
+    if (smooth.correlation > kMaxAlike && smooth.px > kMaxCommon * calibration.pitch_px) {
+        out.push_back(
+            fmt::format("the centres are off the grid together with their neighbours, by {:.3f} px rms: lenslets are "
+                        "not misplaced so, bent light moves centres so; take objects out of the light, and use "
+                        "collimated or diffuse light without other optics",
+                        smooth.px));
     }
     if (calibration.rejected > kMaxOff * calibration.found) {
         out.push_back(

@@ -22,6 +22,8 @@ double light_roughness(const algo::LensletGrid& grid, std::span<const Observatio
 
 LightFollowing light_following(const algo::LensletGrid& grid, std::span<const Observation> observations);
 
+SmoothResiduals smooth_residuals(const algo::LensletGrid& grid, std::span<const Observation> observations);
+
 // Refuses what is no white frame, or a grid that does not fit all of the frame, with reason and cure. `calibration` has
 // the fit and the counts up to here.
 Result<void> check_white_frame(const WhiteImage& image, const GridCalibration& calibration);

@@ -173,6 +173,29 @@ TEST(NotSilentlyWrong, aberrated_spots_are_warned_of) {
     EXPECT_THAT(calibration->warnings, Contains(HasSubstr("aberrated")));
 }
 
+// A weak lens in the light moves the centres behind it by up to a pixel, and the single lenslets' shifts follow it.
+// Lenslets that are misplaced by as much have shifts that differ from neighbour to neighbour.
+TEST(NotSilentlyWrong, light_bent_together_is_told_from_misplaced_lenslets) {
+    const auto warnings = [](const White& white) {
+        const auto calibration = calibrate_grid(test::draw(white).frame.view());
+        EXPECT_TRUE(calibration) << calibration.error().message();
+        EXPECT_GT(calibration->fit.shifts.rms_px, 0.05);
+        return calibration ? calibration->warnings : std::vector<std::string>{};
+    };
+    const auto lens = [](double x, double y) {
+        const double u = (x - 300) / 200, v = (y - 300) / 200;
+        return u * u + v * v < 1 ? std::pair(u, v) : std::pair(0.0, 0.0);
+    };
+    White white{.width_px = 600, .height_px = 600, .pitch_px = 18.6, .rotation_deg = 2};
+    white.deflect = lens;
+    EXPECT_THAT(warnings(white), Contains(HasSubstr("together with their neighbours")));
+    white.deflect = [](double x, double) { return std::pair(0.1 * std::sin(kTurn * x / 110), 0.0); };
+    EXPECT_THAT(warnings(white), Contains(HasSubstr("together with their neighbours")));
+    white.deflect = nullptr;
+    white.misplaced_px = 0.15;
+    EXPECT_THAT(warnings(white), IsEmpty());
+}
+
 TEST(NotSilentlyWrong, missing_lenslets_are_warned_of) {
     White white{.width_px = 700, .height_px = 700, .pitch_px = 18.7, .rotation_deg = 2};
     white.light = [](double x, double y) { return x > 350 && y > 350 ? 0.0 : 1.0; };
