@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 #include <utility>
 
 #include <fmt/format.h>
@@ -17,11 +18,15 @@
 namespace hord::lab {
 namespace {
 
+constexpr std::array<std::string_view, kContrasts> kContrastNames{"EMD", "Jacobian", "light"};
+constexpr double kSeen = 2;    // a defect with less contrast is not seen
+constexpr double kPlain = 10;  // contrasts above are clear: their changes do not matter
+
 struct Features {
     std::vector<float> emd, jacobian, light;
     std::vector<std::uint8_t> mask;
     algo::Verdict verdict{};
-    double contrast = 0;
+    Contrasts contrast{};
     int false_defects = 0;
 };
 
@@ -31,6 +36,38 @@ bool is_near(const Truth& truth, double m, double n) {
 }
 
 double percentile_99(std::vector<double>& of);
+
+// The least 99th percentile that counts: bin pitches, bin pitches a lenslet, share of light. Below it a field is even.
+constexpr Contrasts kMinEven{1e-3, 5e-4, 0.01};
+
+// Largest value of a feature at true defects over the 99th percentile of the other judged lenslets.
+Contrasts contrast_of(const Features& of, const algo::Extents& e, std::span<const std::uint8_t> not_judged,
+                      const Truth& truth) {
+    if (truth.defects.empty()) return {};
+    const auto even = [&](std::size_t k) { return (not_judged[k] & algo::kNotJudged) == 0; };
+    std::vector<float> lit;
+    for (std::size_t k = 0; k < of.light.size(); ++k) {
+        if (even(k)) lit.push_back(of.light[k]);
+    }
+    const double typical = lit.empty() ? 1.0 : std::max(1.0F, common::upper_median(std::span(lit)));
+    Contrasts peak{};
+    std::array<std::vector<double>, kContrasts> elsewhere;
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            const std::size_t k = e.index(m, n);
+            const bool near = is_near(truth, m, n), gradient = (of.mask[k] & algo::kNoGradient) == 0;
+            const Contrasts value{gradient ? static_cast<double>(of.emd[k]) : 0,
+                                  gradient ? static_cast<double>(of.jacobian[k]) : 0,
+                                  std::abs(1 - static_cast<double>(of.light[k]) / typical)};
+            for (std::size_t f = 0; f < kContrasts; ++f) {
+                if (near) peak[f] = std::max(peak[f], value[f]);
+                else if (even(k) && (f == kContrasts - 1 || gradient)) elsewhere[f].push_back(value[f]);
+            }
+        }
+    }
+    for (std::size_t f = 0; f < kContrasts; ++f) peak[f] /= std::max(kMinEven[f], percentile_99(elsewhere[f]));
+    return peak;
+}
 
 // What the recipe says of the frame.
 Result<void> judge(const Frame& frame, const algo::Extents& e, const algo::Recipe& recipe, const Truth& truth,
@@ -43,19 +80,7 @@ Result<void> judge(const Frame& frame, const algo::Extents& e, const algo::Recip
     out.false_defects = static_cast<int>(std::ranges::count_if(found->defects, [&](const algo::Defect& defect) {
         return !is_near(truth, static_cast<double>(defect.m), static_cast<double>(defect.n));
     }));
-    double peak = 0;
-    std::vector<double> elsewhere;
-    for (int n = 0; n < e.n; ++n) {
-        for (int m = 0; m < e.m; ++m) {
-            const std::size_t k = e.index(m, n);
-            if ((out.mask[k] & algo::kNoGradient) != 0) continue;
-            const auto value = static_cast<double>(out.emd[k]);
-            if (is_near(truth, m, n)) peak = std::max(peak, value);
-            else if ((found->mask[k] & algo::kNotJudged) == 0) elsewhere.push_back(value);
-        }
-    }
-    constexpr double kMinEven = 1e-3;  // bin pitches: below it a field is even
-    if (!truth.defects.empty()) out.contrast = peak / std::max(kMinEven, percentile_99(elsewhere));
+    out.contrast = contrast_of(out, e, found->mask, truth);
     return {};
 }
 
@@ -220,10 +245,27 @@ Result<void> leave_out(SceneNeeds& needs, const sim::Scene& scene, bool of_senso
 
 double FeatureChange::largest() const { return std::max({emd, jacobian, transmission}); }
 
+double FeatureChange::contrast_change(std::size_t f) const {
+    const double a = std::min(contrast[f], kPlain), b = std::min(contrast_without[f], kPlain);
+    return std::max(a, b) < kSeen ? 0 : std::abs(a - b) / std::max(1.0, std::min(a, b));
+}
+
+std::size_t FeatureChange::shown() const {
+    std::size_t most = 0, clearest = 0;
+    for (std::size_t f = 1; f < kContrasts; ++f) {
+        if (contrast_change(f) > contrast_change(most)) most = f;
+        if (contrast[f] > contrast[clearest]) clearest = f;
+    }
+    if (contrast_change(most) > kContrastChange) return most;
+    return std::max(contrast[clearest], contrast_without[clearest]) < kSeen ? kContrasts : clearest;
+}
+
 std::string_view FeatureChange::matters(double tolerance) const {
     if (verdict != verdict_without) return "verdict";
     if (false_defects != false_defects_without) return "false defects";
-    if (std::abs(contrast - contrast_without) > kContrastChange * contrast) return "contrast";
+    for (std::size_t f = 0; f < kContrasts; ++f) {
+        if (contrast_change(f) > kContrastChange) return "contrast";
+    }
     return largest() > tolerance ? "field" : "";
 }
 
@@ -231,6 +273,14 @@ std::vector<Effect> SceneNeeds::required() const {
     std::vector<Effect> out;
     for (const EffectNeed& need : effects) {
         if (need.named && need.required) out.push_back(need.effect);
+    }
+    return out;
+}
+
+std::vector<Effect> SceneNeeds::spare() const {
+    std::vector<Effect> out;
+    for (const EffectNeed& need : effects) {
+        if (need.named && !need.required) out.push_back(need.effect);
     }
     return out;
 }
@@ -296,7 +346,7 @@ std::string table_of(const SceneNeeds& needs) {
         "{} lenslets off the rims; verdict {}; render {:.0f} ms, exposure {:.0f} ms of processor time; change of the "
         "field: 99th percentile\n\n",
         needs.lenslets, name_of(needs.verdict), needs.render_ms, needs.expose_ms);
-    out += fmt::format("{:<13} {:>9} {:>14} {:>12} {:>16} {:>13} {:>15} {:>9}  {}\n", "effect", "EMD, bins",
+    out += fmt::format("{:<13} {:>9} {:>14} {:>12} {:>16} {:>18} {:>15} {:>9}  {}\n", "effect", "EMD, bins",
                        "Jacobian, bins", "light, share", "verdict", "contrast", "false defects", "cost, ms", "");
     bool said_typical = false;
     for (const EffectNeed& need : needs.effects) {
@@ -306,14 +356,15 @@ std::string table_of(const SceneNeeds& needs) {
         const std::string verdict = c.verdict == c.verdict_without
             ? std::string("-")
             : fmt::format("{}, else {}", name_of(c.verdict), name_of(c.verdict_without));
-        const std::string contrast = c.contrast == 0 && c.contrast_without == 0
+        const std::size_t seen = c.shown();
+        const std::string contrast = seen == kContrasts
             ? std::string("-")
-            : fmt::format("{:.3g} / {:.3g}", c.contrast, c.contrast_without);
-        out += fmt::format("{:<13} {:>9.4f} {:>14.4f} {:>12.4f} {:>16} {:>13} {:>15} {:>9.1f}  {}\n",
+            : fmt::format("{}: {:.3g} / {:.3g}", kContrastNames[seen], c.contrast[seen], c.contrast_without[seen]);
+        out += fmt::format("{:<13} {:>9.4f} {:>14.4f} {:>12.4f} {:>16} {:>18} {:>15} {:>9.1f}  {}\n",
                            name_of(need.effect), c.emd, c.jacobian, c.transmission, verdict, contrast,
                            fmt::format("{} / {}", c.false_defects, c.false_defects_without), need.cost_ms,
                            !need.required   ? std::string()
-                               : need.named ? fmt::format("required{}{}", why.empty() ? "" : ": ", why)
+                               : need.named ? fmt::format("required: {}", why.empty() ? "with those left out" : why)
                                             : fmt::format("name it: {}", why));
     }
     const auto listed = [](const std::vector<Effect>& effects) {
@@ -321,16 +372,21 @@ std::string table_of(const SceneNeeds& needs) {
         for (const Effect effect : effects) set += (set.empty() ? "" : ", ") + std::string(name_of(effect));
         return set;
     };
-    const std::string set = listed(needs.required()), missing = listed(needs.missing());
+    const std::string set = listed(needs.required()), missing = listed(needs.missing()), spare = listed(needs.spare());
     out += fmt::format(
-        "\nContrast and false defects: with / without the effect.\n"
+        "\nContrast (of the feature that sees the defects best, or changes most; -: no feature sees the defects) and "
+        "false defects: with / "
+        "without "
+        "the effect.\n"
         "At a tolerance of {} this scene requires: {}.\n",
         needs.tolerance, set.empty() ? "none of the effects that it names" : set);
     if (said_typical)
         out += fmt::format("It does not name, and at typical values would need: {}.\n",
                            missing.empty() ? "nothing" : missing);
-    out += fmt::format("Without all others: EMD {:.4f}, Jacobian {:.4f}, light {:.4f}.\n", needs.left_out.emd,
-                       needs.left_out.jacobian, needs.left_out.transmission);
+    if (!spare.empty()) {
+        out += fmt::format("It can do without {}: without all of them EMD {:.4f}, Jacobian {:.4f}, light {:.4f}.\n",
+                           spare, needs.left_out.emd, needs.left_out.jacobian, needs.left_out.transmission);
+    }
     return out;
 }
 

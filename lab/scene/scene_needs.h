@@ -3,8 +3,10 @@
 //
 // An effect is required if it changes the verdict of the recipe, the number of false defects (away from true ones), the
 // contrast of a true defect by more than kContrastChange, or the field by more than the tolerance. The first three see
-// what is too small for a percentile: a grain of dust, one more dark lenslet. The contrast is the largest EMD gradient
-// at true defects over the 99th percentile of the other judged lenslets.
+// what is too small for a percentile: a grain of dust, one more dark lenslet. The contrast is the largest value of a
+// feature at true defects over the 99th percentile of the other judged lenslets, for each of the three features below;
+// of the light, of its difference from the median. It counts from 2 to 10: below, the defect is not seen; above, it is
+// clear.
 //
 // The change of the field is the 99th percentile of its absolute value over the lenslets off the rims (labels 0, 1 and
 // 3 of the scene's truth), the largest of three features:
@@ -17,6 +19,7 @@
 // by all removed effects together stays within the tolerance. A smaller set of other effects may exist.
 #pragma once
 
+#include <array>
 #include <functional>
 #include <string>
 #include <vector>
@@ -28,14 +31,21 @@
 
 namespace hord::lab {
 
+constexpr std::size_t kContrasts = 3;  // EMD gradient, Jacobian, light
+using Contrasts = std::array<double, kContrasts>;
+
 struct FeatureChange {
     double emd = 0, jacobian = 0, transmission = 0;  // 99th percentiles
     double emd_rms = 0, jacobian_rms = 0, transmission_rms = 0;
     int unseen = 0;  // lenslets that have a gradient only with the effect or only without it
     algo::Verdict verdict{}, verdict_without{};
-    double contrast = 0, contrast_without = 0;  // of the true defects; 0: none
+    Contrasts contrast{}, contrast_without{};  // of the true defects; 0: none
     int false_defects = 0, false_defects_without = 0;
-    [[nodiscard]] double largest() const;  // of the field
+    [[nodiscard]] double largest() const;                             // of the field
+    [[nodiscard]] double contrast_change(std::size_t feature) const;  // relative, where it counts
+    // The feature whose contrast changes most, if that matters, else the one that sees the defects best; kContrasts: no
+    // feature sees them.
+    [[nodiscard]] std::size_t shown() const;
     // Why this is more than nothing, "verdict", "false defects", "contrast", "field"; empty: it is not.
     [[nodiscard]] std::string_view matters(double tolerance) const;
 };
@@ -57,6 +67,7 @@ struct SceneNeeds {
     int lenslets = 0;         // compared
     algo::Verdict verdict{};  // of the exposed frame
     [[nodiscard]] std::vector<Effect> required() const;  // of those that the scene names
+    [[nodiscard]] std::vector<Effect> spare() const;     // of those that the scene names, not required
     [[nodiscard]] std::vector<Effect> missing() const;   // not named, and would matter
 };
 

@@ -94,12 +94,53 @@ TEST(SceneNeeds, a_grain_of_dust_that_flips_the_verdict_is_required) {
 // A strobe that is too long: the bubble is smeared over several lenslets.
 TEST(SceneNeeds, motion_that_takes_the_contrast_of_a_defect_is_required) {
     sim::Scene scene = good_lens();
+    scene.camera.extents = {45, 45, 9, 9};
     scene.defects = {sim::AirBubble{{1, 1, 0}, 0.5}};
     scene.motion = {1000, 0, 1200};
     const auto needs = needs_of(scene, {5, 1, {}, false, {}});  // the field does not matter
     ASSERT_TRUE(needs) << needs.error().message();
     const EffectNeed& motion = need(*needs, Effect::motion);
-    EXPECT_LT(motion.change.contrast, 0.8 * motion.change.contrast_without);
+    EXPECT_GT(motion.change.contrast_change(0), kContrastChange);  // of the EMD gradient
+    EXPECT_TRUE(motion.required);
+}
+
+// The gradients do not see a speck that lets half of the light through: the light does.
+TEST(SceneNeeds, the_contrast_of_a_defect_is_that_of_the_feature_that_sees_it) {
+    sim::Scene scene = good_lens();
+    scene.camera.extents = {31, 31, 9, 9};
+    scene.defects = {sim::AbsorbingSpeck{{0, 0, 0}, 2, 0.5}};
+    scene.effects.fresnel = true;
+    const auto needs = needs_of(scene, {5, 1, {}, false, {}});
+    ASSERT_TRUE(needs) << needs.error().message();
+    const FeatureChange& fresnel = need(*needs, Effect::fresnel).change;
+    EXPECT_GT(fresnel.contrast[2], 5);
+    EXPECT_LT(fresnel.contrast[0], 2);
+    EXPECT_EQ(fresnel.shown(), 2U);
+    EXPECT_THAT(table_of(*needs), HasSubstr("light: "));
+}
+
+// The relay's first lens is narrower than the part: the light of its outer lenslets does not get through.
+TEST(SceneNeeds, vignetting_that_flips_the_verdict_is_required) {
+    sim::Scene scene = good_lens();
+    scene.camera.relay.lens1_radius_mm = 9;
+    const auto needs = needs_of(scene, {10, 1, {}, false, {}});
+    ASSERT_TRUE(needs) << needs.error().message();
+    const EffectNeed& vignetting = need(*needs, Effect::vignetting);
+    EXPECT_NE(vignetting.change.verdict, algo::Verdict::pass);
+    EXPECT_EQ(vignetting.change.verdict_without, algo::Verdict::pass);
+    EXPECT_TRUE(vignetting.required);
+}
+
+// A strobe that is too long: a good part is smeared by three lenslets.
+TEST(SceneNeeds, motion_that_flips_the_verdict_is_required) {
+    sim::Scene scene = good_lens();
+    scene.camera.extents = {45, 45, 9, 9};
+    scene.motion = {1000, 0, 1600};
+    const auto needs = needs_of(scene, {10, 1, {}, false, {}});
+    ASSERT_TRUE(needs) << needs.error().message();
+    const EffectNeed& motion = need(*needs, Effect::motion);
+    EXPECT_EQ(motion.change.verdict, algo::Verdict::reject);
+    EXPECT_EQ(motion.change.verdict_without, algo::Verdict::pass);
     EXPECT_TRUE(motion.required);
 }
 
