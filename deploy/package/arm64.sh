@@ -9,6 +9,7 @@ libraries=(libopencv-core-dev libopencv-imgproc-dev libceres-dev libmodbus-dev l
     libpng-dev libtiff-dev libhdf5-dev libtomlplusplus-dev libfmt-dev libmicrohttpd-dev prometheus-cpp-dev)
 headers=(libexpected-dev libcli11-dev nlohmann-json3-dev)
 tools=(crossbuild-essential-arm64 cmake ninja-build pkg-config lintian)
+mkdir -p build/package
 if [ ! -e "$root" ]; then
     include=$(IFS=,; echo "${tools[*]},${headers[*]},$(printf '%s:arm64,' "${libraries[@]}")")
     rm -rf --one-file-system "$root.part"
