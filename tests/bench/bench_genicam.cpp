@@ -1,22 +1,31 @@
 // What a GenICam camera's frames cost, and how many arrive: Aravis's fake GigE camera over loopback, running free, the
 // real sensor driver and its process. Every process on one core; --core -1: on all.
-//     bench_genicam [--seconds 10] [--size 5120x4992] [--core 0]
-// A row for each packet size and frame rate: frames that arrived a second, MB a second, frames that are missing (gaps
-// of the sequence) or damaged, and the processor time a frame of camera, hord-genicam and station. The kernel's share
-// of sending over loopback, reception included, counts as the camera's.
+//     bench_genicam [--seconds 10] [--size 5120x4992] [--core 0] [--mtu BYTES]
+// With --mtu the camera is in a network of its own, behind a pair of virtual Ethernet interfaces of this MTU (root,
+// ip), and the packet size is negotiated. A row for each packet size and frame rate: frames that arrived a second, MB a
+// second, frames that are missing (gaps of the sequence) or damaged, and the processor time a frame of camera,
+// hord-genicam and station. The kernel's share of sending over loopback, reception included, counts as the camera's.
 #include <array>
 #include <chrono>
+#include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <functional>
+#include <optional>
+#include <sstream>
 #include <string>
 #include <vector>
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <sched.h>
+#include <sys/prctl.h>
 #include <unistd.h>
 
+#include "common/unique_fd.h"
 #include "drivers/event_loop/event_loop_sd.h"
 #include "drivers/genicam/genicam_sensor.h"
 #include "tests/drivers/genicam/fake_gige.h"
@@ -71,8 +80,33 @@ double processor_time(const std::string& name) {
 
 struct Options {
     double seconds = 10;
-    int width_px = 5120, height_px = 4992, core = 0;
+    int width_px = 5120, height_px = 4992, core = 0, mtu = 0;
+    [[nodiscard]] std::string address() const { return mtu > 0 ? "10.77.0.2" : "127.0.0.1"; }
 };
+
+bool shell(const std::string& command) { return std::system(command.c_str()) == 0; }
+
+// Calls `act` in a network of its own, which a pair of interfaces joins with this process's one. It ends with this
+// process.
+bool in_network_behind(int mtu, const std::function<void()>& act) {
+    const common::UniqueFd own(::open("/proc/self/ns/net", O_RDONLY | O_CLOEXEC));
+    if (::unshare(CLONE_NEWNET) != 0) return false;
+    const common::UniqueFd other(::open("/proc/self/ns/net", O_RDONLY | O_CLOEXEC));
+    const pid_t holder = ::fork();  // of the new network, by whose id it is named
+    if (holder == 0) {
+        ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+        for (;;) ::pause();
+    }
+    const std::string size = std::to_string(mtu);
+    bool good = ::setns(own.get(), CLONE_NEWNET) == 0 &&
+        shell("ip link add hord0 mtu " + size + " type veth peer name hord1 mtu " + size + " netns " +
+              std::to_string(holder) + " && ip addr add 10.77.0.1/24 dev hord0 && ip link set hord0 up") &&
+        ::setns(other.get(), CLONE_NEWNET) == 0 &&
+        shell("ip link set lo up && ip addr add 10.77.0.2/24 dev hord1 && ip link set hord1 up");
+    if (good) act();
+    good = ::setns(own.get(), CLONE_NEWNET) == 0 && good;
+    return good;
+}
 
 bool measure(firmware::SdEventLoop& loop, const Options& options, int packet_bytes, double rate) {
     drivers::GenicamSensorOptions camera{.width_px = options.width_px,
@@ -129,6 +163,7 @@ int main(int argc, char** argv) {
     for (int k = 1; k + 1 < argc; k += 2) {
         const std::string key = argv[k];
         if (key == "--seconds") options.seconds = std::stod(argv[k + 1]);
+        else if (key == "--mtu") options.mtu = std::stoi(argv[k + 1]);
         else if (key == "--core") options.core = std::stoi(argv[k + 1]);
         else if (key != "--size" || std::sscanf(argv[k + 1], "%dx%d", &options.width_px, &options.height_px) != 2)
             return fmt::print(stderr, "unknown option {}\n", key), 2;
@@ -140,8 +175,13 @@ int main(int argc, char** argv) {
     CPU_SET(static_cast<unsigned>(std::max(options.core, 0)), &cores);
     if (options.core >= 0 && sched_setaffinity(0, sizeof cores, &cores) != 0)
         return fmt::print(stderr, "no core {}\n", options.core), 2;
-    const test::FakeGige camera(
-        {"127.0.0.1", "S1", "still", fmt::format("size={}x{}", options.width_px, options.height_px)});
+    std::optional<test::FakeGige> camera;
+    const auto switch_on = [&] {
+        camera.emplace(std::vector<std::string>{options.address(), "S1", "still", "test-packets",
+                                                fmt::format("size={}x{}", options.width_px, options.height_px)});
+    };
+    if (options.mtu == 0) switch_on();
+    else if (!in_network_behind(options.mtu, switch_on)) return fmt::print(stderr, "no pair of interfaces\n"), 2;
     auto loop = firmware::SdEventLoop::open();
     if (!loop) return fmt::print(stderr, "{}\n", loop.error().message()), 2;
     fmt::print("{} x {} Mono8, {} s a row, processes on {}\n\n", options.width_px, options.height_px, options.seconds,
@@ -150,7 +190,7 @@ int main(int argc, char** argv) {
         "| packet, bytes | camera set to, frames/s | arrived, frames/s | MB/s | missing | damaged | camera, ms a frame "
         "| "
         "hord-genicam, ms a frame | station, ms a frame |\n|---|---|---|---|---|---|---|---|---|\n");
-    for (const int packet : {1500, 9000}) {
+    for (const int packet : options.mtu > 0 ? std::vector{0} : std::vector{1500, 9000}) {
         for (const double rate : {1.0, 5.0, 20.0, 100.0}) {
             if (!measure(**loop, options, packet, rate)) return 1;
         }
