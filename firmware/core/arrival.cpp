@@ -99,8 +99,9 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
     part.edge_counts = counts;
     part.target_counts = counts + config_.transport_counts;
     part.exposure_start = config_.by_encoder ? TimePoint::max() : arrived + config_.exposure_delay;
-    // The line is coming to a stop, or did so after this edge, which was told late.
-    part.place_lost = !config_.by_encoder && (state_ == State::error || arrived < permit_lost_at_);
+    // The line is coming to a stop, or did so with this edge or after it, and the edge was told late.
+    const bool belt_stops = arrived < permit_lost_at_ || (arrived == permit_lost_at_ && !run_permit_);
+    part.place_lost = !config_.by_encoder && (state_ == State::error || belt_stops);
     part.result.part = number;
     part.result.arrived_ns = arrived.time_since_epoch().count();
 

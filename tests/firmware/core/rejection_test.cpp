@@ -383,18 +383,21 @@ TEST(NotRunning, parts_that_come_while_the_line_stops_are_commanded_and_keep_the
     EXPECT_TRUE(rig.shot().line_stop);
 }
 
-// The process was held up: the edge is told after the line was empty and its permit withdrawn.
+// The process was held up, or the edge comes as the permit falls: it is told when the belt may stand already.
 TEST_F(Running, a_part_that_came_before_the_permit_was_withdrawn_and_is_told_later_stops_the_line) {
-    for (const Duration before : {Duration(1), Duration(0)}) {
+    for (const Duration after : {Duration(-1), Duration(0), Duration(1)}) {
         CoreRig one;
         one.bring_to(State::continuous_execution);
         EXPECT_EQ(one.send(Command::stop), Answer::done);
         EXPECT_EQ(one.permits, std::vector<bool>{false});
-        one.send(hal::PartEdge{hal::PartEdge::Kind::arrives, one.now - before, ++one.edges, {}});
-        EXPECT_EQ(one.shot().line_stop, before > Duration(0)) << "the belt may stand before the part is at the ejector";
+        const TimePoint edge = one.now + after;
+        one.advance(Duration(1));
+        one.send(hal::PartEdge{hal::PartEdge::Kind::arrives, edge, ++one.edges, {}});
+        const bool lost = after <= Duration(0);
+        EXPECT_EQ(one.shot().line_stop, lost) << "the belt may stand before the part is at the ejector";
         ASSERT_TRUE(one.advance_until_rejected(1));
         one.confirmed(1);
-        EXPECT_EQ(one.only_result().reject, before > Duration(0) ? RejectState::failed : RejectState::confirmed);
+        EXPECT_EQ(one.only_result().reject, lost ? RejectState::failed : RejectState::confirmed);
     }
 }
 

@@ -46,6 +46,8 @@ inline constexpr std::array kFound{
           LineProfile::encoder, "plc-walks@111-199:0.03+1500000us,process-stalled@169-179:0.03+400000us"},
     Found{"the observer counted the time for which the belt stood as a part's way", "true-reasons",
           14489981575578618572U, 97, LineProfile::encoder, "plc-commands@5,encoder-slip@88+20000us"},
+    Found{"a part that came as the permit fell kept its place on a belt that stood", "no-bad-part-passes",
+          12055965908620561094U, 3507, LineProfile::timed, "plc-orders@398+2500000us,plc-orders@399-4500:0.01+100000us"},
 };
 
 inline Result<EpisodePlan> plan_of(const Found& found) {
