@@ -197,7 +197,8 @@ void World::settle(PartRecord& part, PartRecord::Fate fate, TimePoint at) {
 
 void World::eject_between(TimePoint from, TimePoint until) {
     const double low = conveyor_->position_mm(from), high = conveyor_->position_mm(std::max(from, until));
-    for (PartRecord& part : line_) {
+    for (std::uint64_t index = first_index_; index < next_arrival_; ++index) {
+        PartRecord& part = *with_index(index);
         const double nearest = part.front_mm + geometry_.ejector_mm - geometry_.ejector_reach_mm;
         const double farthest = nearest + 2 * geometry_.ejector_reach_mm;
         if (nearest > high) break;  // and so is every part behind it
@@ -226,7 +227,8 @@ World::InView World::in_view(TimePoint at) {
     if (!conveyor_) return {};
     const double centre = conveyor_->position_mm(at) - geometry_.camera_mm;
     InView best;
-    for (PartRecord& part : line_) {
+    for (std::uint64_t index = first_index_; index < next_arrival_; ++index) {
+        PartRecord& part = *with_index(index);
         const double offset = centre - part.front_mm;
         if (offset < -geometry_.camera_reach_mm) break;
         if ((part.fate == PartRecord::Fate::ejected || part.fate == PartRecord::Fate::removed) && part.gone <= at)

@@ -189,16 +189,29 @@ bool Invariants::any_in_effect(std::uint64_t faults, TimePoint since) const {
 // The belt is looked at in each step: the time in which it stands is at most a step too short or too long.
 void Invariants::watch_belt() {
     const bool stands = belt_stands();
-    if (stands && !stood_) stands_[next_stand_++ % stands_.size()].from = clock_.now();
+    if (stands && !stood_)
+        stands_[next_stand_++ % stands_.size()] = {clock_.now(), clock_.now(), cell_.world().belt_mm(clock_.now())};
     if (stands || stood_) stands_[(next_stand_ - 1) % stands_.size()].until = clock_.now();
     stood_ = stands;
 }
 
 Duration Invariants::belt_stood(TimePoint from, TimePoint until) const {
     Duration sum{};
-    for (const Interval& stand : stands_)
+    for (const Stand& stand : stands_)
         sum += std::max(Duration::zero(), std::min(stand.until, until) - std::max(stand.from, from));
     return sum;
+}
+
+// The belt stood with the part just before the camera. When it moves again, the station knows its speed only after two
+// readings of the encoder; a part that is at the camera by then, or too soon for the trigger's lead, cannot be exposed.
+bool Invariants::stood_before_camera(const PartHistory& history) const {
+    constexpr Duration kTwoReadings = milliseconds(10);
+    const double near_mm = 1e-9 * static_cast<double>((kTwoReadings + rules_.core.trigger_lead).count()) *
+        cell_.world().nominal_speed_mm_s();
+    return std::any_of(stands_.begin(), stands_.end(), [&](const Stand& stand) {
+        const double before_mm = history.front_mm + cell_.world().geometry().camera_mm - stand.belt_mm;
+        return stand.until.time_since_epoch().count() > history.arrived_ns && before_mm > 0 && before_mm <= near_mm;
+    });
 }
 
 // -- processes

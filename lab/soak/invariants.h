@@ -145,6 +145,7 @@ class Invariants {
     [[nodiscard]] bool any_in_effect(std::uint64_t faults, TimePoint since) const;
     void watch_belt();
     [[nodiscard]] Duration belt_stood(TimePoint from, TimePoint until) const;
+    [[nodiscard]] bool stood_before_camera(const PartHistory& history) const;
     void watch_line_stop();
     void check_finished(const PartHistory& history);
     void check_exit(PartHistory& history, TimePoint left);
@@ -185,7 +186,11 @@ class Invariants {
     bool had_line_stop_ = false;
     // The newest part that left while no process could stop the line. `until`: the observer was told.
     std::optional<Interval> left_in_outage_;
-    std::array<Interval, 16> stands_{};  // of the belt; the newest overwrites the oldest
+    struct Stand {
+        TimePoint from, until;
+        double belt_mm = 0;
+    };
+    std::array<Stand, 16> stands_{};  // of the belt; the newest overwrites the oldest
     std::size_t next_stand_ = 0;
     bool stood_ = false;
     std::array<Interval, 8> fault_pulses_{};  // made by faults; the newest overwrites the oldest

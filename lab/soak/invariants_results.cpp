@@ -308,6 +308,10 @@ void Invariants::check_reason(const PartResult& r) {
     const TimePoint since = decided - kCauseLag - waited;
     const bool close = last_close_ != TimePoint::min() && last_close_ >= since;
     if (close && (r.reason == PartReason::parts_too_close || r.reason == PartReason::strobe_failed)) return;
+    const PartHistory* const history = arrived_at(r.arrived_ns);
+    if (rules_.core.by_encoder && r.reason == PartReason::strobe_failed && history != nullptr &&
+        stood_before_camera(*history))
+        return;
     for (const PossibleCauses& cause : kPossibleCauses) {
         if (cause.reason == r.reason && rules_.perfect_detection && !any_in_effect(cause.faults, since)) {
             broken(Promise::true_reasons,
