@@ -321,14 +321,11 @@ void Station::report(const Error& error) {
 }
 
 FrameHandle Station::lend(hal::FrameLease frame) {
-    for (std::size_t k = 0; k < loans_.size(); ++k) {
-        if (!loans_[k]) {
-            loans_[k] = std::move(frame);
-            return static_cast<FrameHandle>(k);
-        }
-    }
-    loans_.push_back(std::move(frame));
-    return static_cast<FrameHandle>(loans_.size() - 1);
+    const auto free = std::find_if(loans_.begin(), loans_.end(), [](const hal::FrameLease& loan) { return !loan; });
+    const auto handle = static_cast<FrameHandle>(free - loans_.begin());
+    if (free == loans_.end()) loans_.push_back(std::move(frame));
+    else *free = std::move(frame);
+    return handle;
 }
 
 hal::FrameLease Station::take_back(FrameHandle handle) { return std::move(loans_[handle]); }

@@ -53,7 +53,9 @@ struct FakeSensor final : hal::Sensor {
     bool no_buffer = false;
     std::array<std::byte, 64> samples{};
 
-    hal::SensorFormat format() const override { return {8, 8, 8, 4}; }
+    hal::SensorFormat shape{8, 8, 8, 4};
+
+    hal::SensorFormat format() const override { return shape; }
     Result<void> do_start(Listener& l) override {
         listener = &l;
         return {};

@@ -8,6 +8,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sched.h>
 
 #include "drivers/event_loop/event_loop_sd.h"
 #include "lab/stand_in/stand_in_inspector.h"
@@ -203,6 +204,25 @@ TEST(InlineInspector, a_judgement_is_what_the_pipeline_found) {
     EXPECT_NEAR(judged.position_n, 18, 2);
 }
 
+TEST(InlineInspector, a_judgement_says_that_the_effort_was_at_its_limit) {
+    lab::VirtualTime loop;
+    FlatFrames frames;
+    frames.deflect(8, 18);
+    for (const bool limited : {false, true}) {
+        Ear ear;
+        auto with = settings();
+        with.recipe.part_required = false;
+        if (limited) with.limits = {.work_a_lenslet = 0, .work = 1};
+        auto inspector = inline_inspector(loop, with, std::chrono::milliseconds(1));
+        ASSERT_TRUE(inspector);
+        inspector->start(ear);
+        ASSERT_TRUE(inspector->submit(3, frames.lend()));
+        loop.run_for(std::chrono::milliseconds(1));
+        ASSERT_EQ(ear.answers.size(), 1U);
+        EXPECT_EQ(ear.answers[0].bounded, limited);
+    }
+}
+
 TEST(InlineInspector, an_impossible_recipe_is_refused_at_once) {
     lab::VirtualTime loop;
     auto impossible = settings();
@@ -242,6 +262,28 @@ TEST(ThreadedInspector, answers_on_the_loops_thread) {
     EXPECT_EQ(ear.answers.size(), 2U);
     EXPECT_EQ(ear.thread, std::this_thread::get_id());
     EXPECT_EQ(frames.given_back, 2);
+}
+
+// As from a loop's thread under SCHED_FIFO, whose policy its threads would have. Everyone may set SCHED_BATCH.
+TEST(ThreadedInspector, its_threads_are_scheduled_as_ordinary_ones) {
+    auto loop = SdEventLoop::open();
+    ASSERT_TRUE(loop);
+    FlatFrames frames;
+    Ear ear;
+    ear.then = [&] { (*loop)->request_stop(); };
+    std::atomic<int> policy{-1};
+    std::vector<InspectFunction> judges{[&](std::uint32_t, const hal::FrameLease&) {
+        policy = ::sched_getscheduler(0);
+        return Judged{};
+    }};
+    auto inspector = make_threaded_inspector(**loop, 1, std::move(judges), {});
+    const sched_param none{};
+    ASSERT_EQ(::sched_setscheduler(0, SCHED_BATCH, &none), 0);
+    inspector->start(ear);
+    ASSERT_EQ(::sched_setscheduler(0, SCHED_OTHER, &none), 0);
+    ASSERT_TRUE(inspector->submit(1, frames.lend()));
+    ASSERT_TRUE((*loop)->run());
+    EXPECT_EQ(policy, SCHED_OTHER);
 }
 
 // The first frame is being judged and waits for the test; the queue holds two more.

@@ -160,6 +160,22 @@ TEST_F(StationTest, a_frame_or_light_that_misses_its_time_is_told_with_the_key_t
     EXPECT_THAT(observer.troubles[1].what, HasSubstr("the window is 2 ms (timing.frame_window_us)"));
 }
 
+TEST_F(StationTest, a_light_that_is_too_short_or_too_long_is_told_by_how_much) {
+    run();
+    for (const auto& [longer, said] :
+         {std::pair{milliseconds(-1), "was 1 ms shorter than"}, {milliseconds(1), "was 1 ms longer than"}}) {
+        part();
+        const auto& pulse = strobe.pulses.back();
+        strobe.listener->on_strobe({pulse.exposure, true, pulse.start, pulse.width + longer});
+        EXPECT_THAT(observer.troubles.back().what, HasSubstr(said));
+        loop.run_for(milliseconds(375));
+        rejector.listener->on_reject(
+            {rejector.commands.back().part, hal::RejectReport::Outcome::confirmed, loop.now()});
+        loop.run_for(std::chrono::seconds(2));
+    }
+    EXPECT_EQ(observer.troubles.size(), 2U);
+}
+
 TEST_F(StationTest, a_rejector_that_refuses_stops_the_line) {
     answer.judged.verdict = algo::Verdict::reject;
     run();
@@ -208,7 +224,10 @@ TEST_F(StationTest, its_end_closes_every_device_and_gives_every_frame_back) {
     part();
     loop.run_for(milliseconds(10));
     light_and_frame();
+    observer.states.clear();
+    observer.faults.clear();
     station.reset();
+    EXPECT_TRUE(observer.states.empty() && observer.faults.empty()) << "its observer may be gone";
     EXPECT_EQ(part_sensor.listener, nullptr);
     EXPECT_EQ(strobe.listener, nullptr);
     EXPECT_EQ(sensor.listener, nullptr);
@@ -562,6 +581,18 @@ TEST_F(FlashTest, a_frame_of_another_exposure_or_not_whole_is_not_its_frame) {
     EXPECT_EQ(sensor.given_back, 4);
 }
 
+TEST_F(FlashTest, a_second_frame_of_its_exposure_is_not_inspected) {
+    begin();
+    light();
+    sensor.deliver(sensor.requests.back().start);
+    sensor.deliver(sensor.requests.back().start);
+    EXPECT_EQ(sensor.given_back, 1);
+    loop.run_for(milliseconds(20));
+    EXPECT_EQ(ends, 1);
+    EXPECT_TRUE(result.judged);
+    EXPECT_EQ(sensor.given_back, 2);
+}
+
 TEST_F(FlashTest, light_that_never_comes_ends_with_the_patience) {
     begin(milliseconds(60));
     sensor.deliver(sensor.requests.back().start);
@@ -640,7 +671,13 @@ TEST_F(FlashTest, the_end_of_the_station_forgets_it) {
     EXPECT_EQ(loop.pending(), 0U);
 }
 
-TEST_F(StationTest, takes_the_frame_size_from_the_sensor) { EXPECT_EQ(station->core().config().frame_bytes, 64U); }
+TEST_F(StationTest, takes_the_frame_size_from_the_sensor) {
+    for (const auto& [bits, bytes] : {std::pair{8, 96U}, {9, 192U}, {16, 192U}}) {
+        sensor.shape = {12, 8, bits, 4};
+        const Station other(CoreConfig{}, Cell{loop, part_sensor, strobe, sensor, rejector, *inspector}, &observer);
+        EXPECT_EQ(other.core().config().frame_bytes, bytes) << bits;
+    }
+}
 
 }  // namespace
 }  // namespace hord::firmware
