@@ -45,6 +45,7 @@ class Room:
     tests: tuple  # test programs
     goal: int  # per cent killed
     soak: bool = False
+    helpers: tuple = ()  # programs that the tests start
 
 
 ROOMS = {
@@ -61,7 +62,8 @@ ROOMS = {
                   ("test_firmware_store_results", "test_firmware_store_frames", "test_firmware_store_recorder"), 85),
     "drivers": Room(("drivers/gpio/edge_filter.cpp", "drivers/hal/camera_sensor.cpp", "drivers/hal/seam.cpp",
                      "drivers/hal/reject_ledger.h", "drivers/modbus/*.cpp"),
-                    ("test_drivers_hal", "test_drivers_gpio", "test_drivers_modbus", "test_contract"), 85),
+                    ("test_drivers_hal", "test_drivers_gpio", "test_drivers_modbus", "test_contract"), 85,
+                    helpers=("hord-camera", "hord-genicam")),
     "light": Room(("algo/light/*.cpp", "algo/light/*.h"), ("test_algo_light", "test_algo_inspection"), 85),
     "inspection": Room(("algo/inspection/*.cpp",), ("test_algo_inspection",), 85),
 }
@@ -321,7 +323,7 @@ class Workshop:
         self.folder = OUT / name
         shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir(parents=True)
-        targets = [*self.room.tests, *(["mutant-none"] if self.room.soak else [])]
+        targets = [*self.room.tests, *self.room.helpers, *(["mutant-none"] if self.room.soak else [])]
         subprocess.run(["cmake", "--build", str(RELEASE), "-j", str(jobs), "--target", *targets], check=True,
                        stdout=subprocess.DEVNULL)
         self.commands = {}

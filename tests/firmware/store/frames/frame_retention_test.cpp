@@ -46,6 +46,27 @@ Frame part_frame(std::uint32_t seed, bool bad, int bits = 8) {
     return frame;
 }
 
+// -- what is kept with a frame
+
+TEST(FrameMetadata, has_the_bits_of_a_sample) {
+    FrameMetadata metadata;
+    metadata.bits = 12;
+    metadata.grid = kExtents;
+    EXPECT_EQ(Json::parse(metadata.to_json()).at("bits"), 12);
+}
+
+TEST(FrameMetadata, its_maps_are_those_that_the_inspection_made) {
+    const std::vector<float> map(6, 1.5F);
+    const std::vector<std::uint8_t> mask(6, 1);
+    algo::Inspection inspection;
+    inspection.gradient = inspection.frobenius = inspection.transmission = inspection.z_score = map;
+    inspection.mask = mask;
+    for (const bool compares : {true, false}) {
+        inspection.compares = compares ? std::optional(algo::Feature::emd) : std::nullopt;
+        EXPECT_EQ(bytes_of_maps(inspection).size(), 6 * ((compares ? 3 : 4) * sizeof(float) + 1)) << compares;
+    }
+}
+
 // -- one frame as a file
 
 TEST(FramePng, gives_back_every_bit_and_every_word) {

@@ -75,6 +75,29 @@ TEST_F(Recorder, a_result_has_the_defects_of_its_own_inspection_and_the_time_of_
     EXPECT_EQ(changes(folder).at(0).time_us, kNoon) << "the run begins now";
 }
 
+TEST_F(Recorder, an_inspection_that_has_its_result_is_forgotten) {
+    for (const float m : {50.0F, 51.0F}) {
+        inspected(5, {at(m)});
+        result_of(5);
+    }
+    ASSERT_TRUE(recorder->step());
+    EXPECT_THAT(results(folder).at(1).defects, HasSubstr("\"m\":51"));
+}
+
+TEST(FrameBuffers, are_as_many_as_fit_into_the_memory_for_them) {
+    StoreConfig config;
+    config.frames_before = 1;
+    config.frame_buffers = 100;
+    const algo::Extents extents{200, 100, 20, 40};  // 16 MB at 8 bits
+    EXPECT_EQ(frame_buffers(config, extents, 8), 16U);
+    EXPECT_EQ(frame_buffers(config, extents, 9), 8U);
+    config.frame_buffers = 7;
+    EXPECT_EQ(frame_buffers(config, extents, 8), 7U);
+    config.frames_before = 30;
+    config.frame_buffers = 100;
+    EXPECT_EQ(frame_buffers(config, extents, 8), 32U) << "those that a rejected part needs";
+}
+
 TEST_F(Recorder, the_inspection_of_a_self_test_is_not_kept) {
     inspected(99, {at(1)});
     result_of(99);

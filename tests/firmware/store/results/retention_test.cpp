@@ -102,6 +102,33 @@ TEST(Retention, keeps_the_file_under_its_limit_and_gives_space_back) {
     EXPECT_THAT(to_table(changes_of(folder, "retention").back()), HasSubstr("(keep_mb 2)"));
 }
 
+// With what was removed before still in the file: pages that are free do not count.
+TEST(Retention, removes_no_more_than_is_above_the_limit) {
+    const TempFolder folder;
+    const auto store = open(folder);
+    ASSERT_TRUE(store->write(Story().add_results(1, 4000).entries()));
+    const std::uint64_t used = sql_integer(folder,
+                                           "SELECT (page_count - freelist_count) * page_size FROM pragma_page_count, "
+                                           "pragma_freelist_count, pragma_page_size");
+    ASSERT_TRUE(store->prune({.keep_days = 0, .max_bytes = used * 9 / 10}, ClockReading{kNoon, 0}));
+    const std::size_t left = results(folder).size();
+    EXPECT_LT(left, 3700U);
+    EXPECT_GT(left, 3400U);
+    ASSERT_TRUE(store->prune({.keep_days = 0, .max_bytes = used * 95 / 100}, ClockReading{kNoon, 0}));
+    EXPECT_EQ(results(folder).size(), left);
+}
+
+TEST(ClockDays, a_gap_of_the_longest_length_makes_older_and_a_longer_one_does_not) {
+    for (const std::int64_t longer : {0, 1}) {
+        ClockDays days;
+        std::int64_t day = 93, results = 0;
+        for (int k = 0; k < 7; ++k) days.add({++day, ++results, 0});
+        day += ClockDays::kLongestGap + longer - 1;
+        for (int k = 0; k < 7; ++k) days.add({++day, ++results, 0});
+        EXPECT_EQ(days.older_than(ClockDays::kLongestGap).has_value(), longer == 0);
+    }
+}
+
 // -- wrong clocks
 
 // The station of the issue: 999 results and 35 commands, each day some, kept for 400 days.

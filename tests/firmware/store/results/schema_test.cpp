@@ -38,6 +38,13 @@ void turn_into_version_1(const TempFolder& folder) {
         (*database)->run("UPDATE heads SET hash = ?1 WHERE chain = 'results'", std::array<Value, 1>{to_value(hash)}));
 }
 
+// Another beginning would make every chain of before wrong.
+TEST(HashChain, begins_with_the_names_of_the_format_the_store_and_the_chain) {
+    const std::string text = "hord-store\nid\nresults";
+    EXPECT_EQ(genesis("id", "results"), sha256({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()}));
+    EXPECT_NE(genesis("id", "results"), genesis("id", "changes"));
+}
+
 TEST(Migration, brings_an_older_file_up_to_date_and_says_so_in_the_changes) {
     const TempFolder folder;
     write(folder, Story().add_results(1, 40));
