@@ -24,8 +24,13 @@ constexpr double kLightFloor = 0.05,
 constexpr double kCurvatureNoise = 0.3;    // noise, of the slope's change over a lenslet
 constexpr double kTail = 3;                // standard deviations from which a residual loses weight
 constexpr double kNoiseRidge = 4;          // weight of the prior that the reference's own noise needs
+constexpr double kHold = 1e12;             // weight of a prior that fixes an unknown
 constexpr double kTurnShare = 0.05;        // of the maps' changes that a turn must show: else the part is round
 constexpr double kForeignLight = 0.25, kForeignBins = 0.4;  // a sample that differs by more disagrees
+// A shift or turn as far as is allowed must change the maps by so many standard deviations, root mean square, beyond a
+// change that is the same everywhere: a tilt of the part, or of the light, makes that, too.
+constexpr double kDetermined = 0.5;
+constexpr std::array<double, 3> kFarthest{kFarthestLenslets, kFarthestLenslets, kFarthestSine};
 
 // Sums of a weighted least-squares problem in (shift x, shift y, turn).
 struct Normal {
@@ -61,6 +66,18 @@ struct Normal {
         }
         return x;
     }
+};
+
+// How the unknowns change a map over the field: sums of (shift x, shift y, turn).
+struct Changes {
+    double count = 0;
+    std::array<double, 3> sum{}, squares{};
+    void add(const std::array<double, 3>& slope) {
+        count += 1;
+        for (std::size_t u = 0; u < 3; ++u) sum[u] += slope[u], squares[u] += slope[u] * slope[u];
+    }
+    // Sum of squares about the mean.
+    [[nodiscard]] double uneven(std::size_t u) const { return count > 0 ? squares[u] - sum[u] * sum[u] / count : 0; }
 };
 
 // Value and derivatives of a map at a point, by cubic interpolation of the 4x4 lenslets around it.
@@ -169,6 +186,7 @@ struct Registrar::Step {
     double light_noise, deflection_noise;
     double light_own, deflection_own;  // a sample's share in noise_of_shift
     Normal normal{};
+    std::array<Changes, 3> changes{};  // of light and both deflections
     double compared = 0, foreign = 0;  // samples
     // Normal-matrix entries of shift and turn that the reference's own noise makes (its slopes have half of a lenslet's
     // variance), and that of the turn if every change of the maps showed in it.
@@ -181,9 +199,17 @@ struct Registrar::Step {
           light_own(0.5 / (electrons * parts * light_noise * light_noise)),
           deflection_own(0.15 / (electrons * parts * deflection_noise * deflection_noise)) {}
 
+    // Whether the maps say where the part lies: not if they change by the same everywhere.
+    [[nodiscard]] bool determines(std::size_t unknown) const {
+        double uneven = 0;
+        for (const Changes& change : changes) uneven += change.uneven(unknown);
+        return kFarthest[unknown] * kFarthest[unknown] * uneven > kDetermined * kDetermined * compared;
+    }
+
     // One value of the part against the reference's map at (x, y) from the middle. `turned`: its change by the turn of
     // the deflection itself.
-    void add(double part, const MapAt& at, double x, double y, double turned, double plain_noise, double own) {
+    void add(double part, const MapAt& at, double x, double y, double turned, double plain_noise, double own,
+             Changes& change) {
         const double curvature = kCurvatureNoise * at.curvature,
                      noise = std::sqrt(plain_noise * plain_noise + curvature * curvature);
         // Of the reference at q by the pose: dq/dx = -R(-turn) e_x, dq/dturn = (y', -x') with (x', y') = q.
@@ -193,6 +219,7 @@ struct Registrar::Step {
         const double r = (part - at.value) / noise, tail = r / kTail;
         const double weight = 1 / (1 + tail * tail);
         normal.add(slope, r, weight);
+        change.add(slope);
         const double radius2 = x * x + y * y;
         noise_of_shift += weight * own;
         noise_of_turn += weight * own * radius2;
@@ -233,7 +260,7 @@ std::size_t Registrar::compare(const ReferenceMaps& reference, const PartMaps& p
         }
         light = {light.value / typical, light.by_m / typical, light.by_n / typical, light.curvature / typical};
         const double measured = static_cast<double>(part.sums[s.k]) / (light_ratio * typical);
-        step.add(measured, light, x, y, 0, step.light_noise, step.light_own);
+        step.add(measured, light, x, y, 0, step.light_noise, step.light_own, step.changes[0]);
         step.compared += 1;
         bool foreign = std::abs(measured - light.value) > kForeignLight;
         if (has_hord) {
@@ -245,8 +272,9 @@ std::size_t Registrar::compare(const ReferenceMaps& reference, const PartMaps& p
                                 dx.curvature};
             const MapAt along_y{expected.n, dy.by_m * cosine + dx.by_m * turn, dy.by_n * cosine + dx.by_n * turn,
                                 dy.curvature};
-            step.add(bins(d.x), along_x, x, y, -expected.n, step.deflection_noise, step.deflection_own);
-            step.add(bins(d.y), along_y, x, y, expected.m, step.deflection_noise, step.deflection_own);
+            step.add(bins(d.x), along_x, x, y, -expected.n, step.deflection_noise, step.deflection_own,
+                     step.changes[1]);
+            step.add(bins(d.y), along_y, x, y, expected.m, step.deflection_noise, step.deflection_own, step.changes[2]);
             foreign =
                 foreign || std::max(std::abs(bins(d.x) - expected.m), std::abs(bins(d.y) - expected.n)) > kForeignBins;
         }
@@ -265,8 +293,9 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
     double typical = 0;  // the reference's light, mean over the sample, DN
     double shorter = 1;  // factor of a step: reduced while the steps oscillate
     std::array<double, 3> before{};
-    bool round = false;     // a turn of the part does not show in the maps; decided at the first step
-    bool settling = false;  // the last steps, with the whole sample
+    bool round = false;  // a turn of the part does not show in the maps; decided at the first step
+    std::array<bool, 3> determined{}, held{};  // by the maps, decided at the first step; at the farthest allowed
+    bool settling = false;                     // the last steps, with the whole sample
     std::size_t used = sample_.size(), count = 0;
     for (const SamplePoint& s : sample_) {
         if ((mask[s.k] & kNoHord) != 0 || (reference.mask[s.k] & (kOutside | kNoHord)) != 0 ||
@@ -293,8 +322,14 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
         };
         add_prior(0, 1 / (kShiftPrior * kShiftPrior) + kNoiseRidge * step.noise_of_shift, pose.x);
         add_prior(1, 1 / (kShiftPrior * kShiftPrior) + kNoiseRidge * step.noise_of_shift, pose.y);
-        if (k == 0) round = step.normal.a[2][2] < kTurnShare * step.all_of_turn;
-        add_prior(2, round ? 1e12 : 1 / (kTurnPrior * kTurnPrior) + kNoiseRidge * step.noise_of_turn, turn);
+        if (k == 0) {
+            round = step.normal.a[2][2] < kTurnShare * step.all_of_turn;
+            for (std::size_t u = 0; u < 3; ++u) determined[u] = step.determines(u);
+        }
+        for (std::size_t u = 0; u < 3; ++u) {
+            if (held[u]) step.normal.a[u][u] += kHold;
+        }
+        add_prior(2, round ? kHold : 1 / (kTurnPrior * kTurnPrior) + kNoiseRidge * step.noise_of_turn, turn);
         const auto by = step.normal.solved();
         const double moved = std::max(std::abs(by[0]), std::abs(by[1])) + std::abs(by[2]) * reach;
         typical = next_typical;
@@ -314,6 +349,12 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
         pose.x += shortened * by[0];
         pose.y += shortened * by[1];
         turn += shortened * by[2];
+        const std::array<double*, 3> unknowns{&pose.x, &pose.y, &turn};
+        for (std::size_t u = 0; u < 3; ++u) {
+            if (determined[u] || std::abs(*unknowns[u]) < kFarthest[u]) continue;
+            *unknowns[u] = std::copysign(kFarthest[u], *unknowns[u]);
+            held[u] = true;
+        }
         settling = settling || moved < kNearlySettled || k >= kCoarseSteps;
         used = settling ? sample_.size() : coarse_;
         if (!(std::abs(pose.x) < 2 * kFarthestLenslets && std::abs(pose.y) < 2 * kFarthestLenslets &&

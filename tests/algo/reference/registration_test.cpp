@@ -1,0 +1,86 @@
+// Where a part lies by its maps of light and mean deflection, and what they do not say.
+#include "algo/reference/registration.h"
+
+#include <cmath>
+#include <functional>
+
+#include <gtest/gtest.h>
+
+#include "tests/algo/reference/good_parts.h"
+
+namespace hord::algo {
+namespace {
+
+using namespace testing;
+
+constexpr Extents kMaps{24, 30, 9, 9};
+constexpr double kLight = 2000;  // DN of a lenslet, one electron a DN
+constexpr std::uint32_t kParts = 16;
+
+struct Seen {
+    double light = 1, x = 0, y = 0;  // light of a lenslet, deflection in bins
+};
+using Form = std::function<Seen(double u, double v)>;  // lenslets from the middle
+
+Seen at(const Form& form, std::size_t k) {
+    return form(static_cast<double>(k % kMaps.m) - 0.5 * (kMaps.m - 1),
+                static_cast<double>(k / kMaps.m) - 0.5 * (kMaps.n - 1));
+}
+
+Registered found(const Form& reference, const Form& part) {
+    std::vector<float> light, x, y;
+    std::vector<std::uint32_t> sums;
+    std::vector<Deflection> deflections;
+    const std::vector<std::uint8_t> mask(kMaps.lenslets(), kValid);
+    const auto bins = [](double value) { return DeflectionQ::from_raw(std::lround(value * 0x1p24)); };
+    for (std::size_t k = 0; k < kMaps.lenslets(); ++k) {
+        const Seen r = at(reference, k), p = at(part, k);
+        light.push_back(static_cast<float>(kLight * r.light));
+        x.push_back(static_cast<float>(r.x)), y.push_back(static_cast<float>(r.y));
+        sums.push_back(static_cast<std::uint32_t>(kLight * p.light));
+        deflections.push_back({bins(p.x), bins(p.y)});
+    }
+    return Registrar(kMaps).find({light, x, y, mask}, deflections, sums, mask, 1, kParts);
+}
+
+// A weak strip deflects by 0.025 bin a lenslet. A tilt of 0.09 bins moves its deflections as 3.6 lenslets would.
+TEST(Registration, a_tilt_is_no_shift_beyond_the_farthest_of_a_part_that_does_not_tell_them_apart) {
+    const Form strip = [](double u, double) { return Seen{1, 0.025 * u, 0}; };
+    for (const double tilt : {-0.09, 0.09}) {
+        const Registered r = found(strip, [&](double u, double) { return Seen{1, 0.025 * u + tilt, 0}; });
+        EXPECT_TRUE(r.found()) << explain(r.outcome);
+        EXPECT_EQ(r.pose.x, -std::copysign(kFarthestLenslets, tilt));
+    }
+    const Registered near = found(strip, [](double u, double) { return Seen{1, 0.025 * (u - 0.8), 0}; });
+    EXPECT_TRUE(near.found());
+    EXPECT_NEAR(near.pose.x, 0.8, 0.1);  // drawn to 0 by the prior
+}
+
+// A wedge deflects all light by 1.24 bins. A tilt across that moves its deflections as a turn by 0.1 would.
+TEST(Registration, a_tilt_is_no_turn_beyond_the_farthest_of_a_wedge) {
+    const Form wedge = [](double, double) { return Seen{1, 1.2, 0.3}; };
+    const Registered r = found(wedge, [](double, double) { return Seen{1, 1.17, 0.42}; });
+    EXPECT_TRUE(r.found()) << explain(r.outcome);
+    EXPECT_EQ(r.pose.sine, kFarthestSine);
+}
+
+// Edges, and deflections that do not change by the same everywhere, say where a part lies.
+TEST(Registration, a_part_that_tells_where_it_lies_is_refused_too_far_away) {
+    const auto edged = [](double away) {
+        return [=](double u, double v) {
+            return std::hypot(u - away, v) < 9 ? Seen{1, 0.025 * (u - away), 0} : Seen{0.7, 0, 0};
+        };
+    };
+    const auto curved = [](double away) {
+        return [=](double u, double) { return Seen{1, 0.3 * std::sin((u - away) / 4), 0}; };
+    };
+    for (const double away : {3.0, -3.5}) {
+        EXPECT_EQ(found(edged(0), edged(away)).outcome, Registered::Outcome::too_far) << away;
+        EXPECT_EQ(found(curved(0), curved(away)).outcome, Registered::Outcome::too_far) << away;
+    }
+    EXPECT_TRUE(found(edged(0), edged(2)).found());
+    EXPECT_TRUE(found(curved(0), curved(2)).found());
+}
+
+}  // namespace
+}  // namespace hord::algo
