@@ -75,34 +75,34 @@ FrameChecks::FrameChecks(const Extents& extents, int bits, const Recipe& recipe)
     if (recipe.dark_dn == 0 && recipe.reference->extents == extents) known_dark_ = {*recipe.reference, dark_bins_};
 }
 
-// Free light is expected where the outermost lenslets that the reference knows show it: parts that lie elsewhere leave
-// some at the field's border unknown. Where fewer than half of them have light, the middle of the bins stays.
-// A part whose light moves evenly from lenslet to lenslet repeats with another period than the macro-pixels: that of
-// the reference's own light is expected, too.
+// Free light is expected where the outermost lenslets that the reference knows show it: parts that lie elsewhere, or
+// turned, leave some at the field's border unknown. Where fewer than half of them have light, the middle of the bins
+// stays. A part whose light moves evenly from lenslet to lenslet repeats with another period than the macro-pixels:
+// that of the reference's own light is expected, too.
 void FrameChecks::expect_light_of_reference(const Reference& reference) {
     if (!(reference.extents == extents_)) return;
-    const auto is_known = [&](int m, int n) { return (reference.mask[extents_.index(m, n)] & kOutside) == 0; };
-    int left = extents_.m, right = -1, top = extents_.n, bottom = -1;  // of what is known
-    for (int n = 0; n < extents_.n; ++n) {
-        for (int m = 0; m < extents_.m; ++m) {
-            if (!is_known(m, n)) continue;
-            left = std::min(left, m), right = std::max(right, m), top = std::min(top, n), bottom = std::max(bottom, n);
+    // The first and last lenslets that it knows of every row and column: of turned parts they make no rectangle.
+    std::vector<std::size_t> outermost;
+    const auto add_ends = [&](int lines, int length, auto&& index) {
+        const auto is_known = [&](int line, int at) { return (reference.mask[index(line, at)] & kOutside) == 0; };
+        for (int line = 0; line < lines; ++line) {
+            int first = 0, last = length - 1;
+            while (first < length && !is_known(line, first)) ++first;
+            while (last > first && !is_known(line, last)) --last;
+            if (first < length) outermost.push_back(index(line, first));
+            if (first < last) outermost.push_back(index(line, last));
         }
-    }
+    };
+    add_ends(extents_.n, extents_.m, [&](int n, int m) { return extents_.index(m, n); });
+    add_ends(extents_.m, extents_.n, [&](int m, int n) { return extents_.index(m, n); });
     std::vector<float> x, y;
-    std::size_t outermost = 0;
-    for (int n = top; n <= bottom; ++n) {
-        for (int m = left; m <= right; ++m) {
-            if (n != top && n != bottom && m != left && m != right) continue;
-            ++outermost;
-            const std::size_t k = extents_.index(m, n);
-            if (reference.mask[k] != kValid) continue;
-            x.push_back(reference.x[k]);
-            y.push_back(reference.y[k]);
-        }
+    for (const std::size_t k : outermost) {
+        if (reference.mask[k] != kValid) continue;
+        x.push_back(reference.x[k]);
+        y.push_back(reference.y[k]);
     }
     if (check_period_) period_of_reference_ = period_.find(frame_of(reference).view());
-    if (outermost == 0 || 2 * x.size() < outermost) return;
+    if (outermost.empty() || 2 * x.size() < outermost.size()) return;
     expected_x_ = static_cast<double>(common::lower_median(std::span(x)));
     expected_y_ = static_cast<double>(common::lower_median(std::span(y)));
 }

@@ -82,5 +82,22 @@ TEST(Registration, a_part_that_tells_where_it_lies_is_refused_too_far_away) {
     EXPECT_TRUE(found(curved(0), curved(2)).found());
 }
 
+// The lenslets that a reference knows of parts that lay turned make no rectangle.
+TEST(Registration, light_is_expected_where_a_reference_of_turned_wedges_has_it) {
+    const Frame wedge = drawn(kField, kBits, kElectrons / (1.22 * 1.22), [](int, int) { return Spot{1.2, 0.3, 1}; });
+    auto learned = learn(16, [&](std::size_t k) { return seen(wedge, k); });
+    ASSERT_TRUE(learned) << learned.error().message();
+    Recipe of_wedge = recipe();
+    of_wedge.part_required = false;
+    for (std::size_t k = 0; k < kField.lenslets(); ++k) {
+        const int m = static_cast<int>(k) % kField.m, n = static_cast<int>(k) / kField.m, along = m / 6, down = n / 6;
+        const bool known = n >= along && n < kField.n - 6 + along && m >= 6 - down && m < kField.m - down;
+        if (!known) learned->reference.mask[k] = kOutside;
+    }
+    of_wedge.reference = std::make_shared<Reference>(std::move(learned->reference));
+    const Judged judged = judge(seen(wedge, 100), of_wedge);
+    EXPECT_EQ(judged.verdict, Verdict::pass) << name_of(judged.reason);
+}
+
 }  // namespace
 }  // namespace hord::algo
