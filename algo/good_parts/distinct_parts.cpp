@@ -174,8 +174,11 @@ DistinctParts::Groups DistinctParts::groups() const {
     // With q = 3^(-d/2): closer / beyond = q / (1 + q), and near / beyond = q^2 / (1 - q^2).
     const double share = closer / std::max(beyond, 1.0),
                  q = std::clamp(share / std::max(1 - share, 0.1), kMinRatio, kMaxRatio);
-    const double by_chance = beyond * q * q / (1 - q * q);
-    if (static_cast<double>(near.size()) > by_chance + 3 * std::sqrt(by_chance)) {
+    const double by_chance = beyond * q * q / (1 - q * q), spread = std::sqrt(by_chance),
+                 more = static_cast<double>(near.size()) - by_chance;
+    double unseen = std::max(0.0, std::floor(more + 2 * spread));  // pairs that may be exposures of one part
+    if (more > 3 * spread) {
+        unseen = 0;
         // Groups are joined if most of their pairs are near: exposures with little light lie near other parts', too.
         std::ranges::sort(near, {}, &Pair::field);
         for (const Pair& pair : near) {
@@ -196,6 +199,8 @@ DistinctParts::Groups DistinctParts::groups() const {
     for (std::size_t k = 0; k < frames_.size(); ++k)
         groups.part_of.push_back(numbers.try_emplace(group[original[k]], numbers.size()).first->second);
     groups.parts = numbers.size();
+    groups.at_least = groups.parts -
+        std::min(groups.parts - std::min<std::size_t>(groups.parts, 1), static_cast<std::size_t>(unseen));
     return groups;
 }
 

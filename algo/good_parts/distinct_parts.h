@@ -34,6 +34,8 @@ class DistinctParts {
     struct Groups {
         std::vector<std::size_t> part_of;  // of each frame, from 0, in the order of their first frames
         std::size_t parts = 0;
+        // Distinct parts at least (97.5 % sure), for bounds: frames that are not joined may be repeated exposures, too.
+        std::size_t at_least = 0;
         std::size_t copies = 0, exposures = 0;  // frames that are copies, repeated exposures of an earlier one
     };
     [[nodiscard]] Groups groups() const;

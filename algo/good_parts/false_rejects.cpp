@@ -157,9 +157,9 @@ std::size_t parts_needed(std::size_t rejected, double share) {
     return high;
 }
 
-FalseRejects false_rejects_at(std::span<const double> scores, double limit) {
+FalseRejects false_rejects_at(std::span<const double> scores, double limit, std::optional<std::size_t> distinct) {
     FalseRejects r;
-    r.parts = scores.size();
+    r.parts = std::min(distinct.value_or(scores.size()), scores.size());
     r.rejected = static_cast<std::size_t>(std::ranges::count_if(scores, [&](double s) { return s >= limit; }));
     r.any = most_rejected(r.rejected, r.parts);
     if (r.parts < kMinTailParts) return r;

@@ -35,8 +35,9 @@ struct FalseRejects {
 // The tail needs this many parts.
 constexpr std::size_t kMinTailParts = 8;
 
-// At the limit `limit` of the scores of distinct parts, all above 0.
-FalseRejects false_rejects_at(std::span<const double> scores, double limit);
+// At the limit `limit` of the scores of parts, all above 0. `distinct`: so many of them are distinct at least
+// (DistinctParts::Groups::at_least); left out, all are.
+FalseRejects false_rejects_at(std::span<const double> scores, double limit, std::optional<std::size_t> distinct = {});
 
 // The least limit at which the tail bound is at most `share`, and which is above the highest score.
 double limit_for(std::span<const double> scores, double share);

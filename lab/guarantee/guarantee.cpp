@@ -85,12 +85,12 @@ Result<ToldBounds> bounds_of(std::size_t family, std::uint64_t seed, int tested)
         scores.push_back(*score);
     }
     const auto groups = distinct.groups();
-    told.counted = groups.parts;
+    told.counted = groups.at_least;
     std::vector<double> worst(groups.parts, 0);
     for (std::size_t k = 0; k < scores.size(); ++k)
         worst[groups.part_of[k]] = std::max(worst[groups.part_of[k]], scores[k]);
     const double factor = std::max(gumbel_limit(worst, kTuneShare), 1.01 * *std::ranges::max_element(worst));
-    told.tuned.bound = algo::false_rejects_at(worst, factor).bound();
+    told.tuned.bound = algo::false_rejects_at(worst, factor, groups.at_least).bound();
 
     int by_recipe = 0, by_tuned = 0;
     for (int k = 0; k < tested; ++k) {

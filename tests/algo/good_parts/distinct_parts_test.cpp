@@ -50,8 +50,30 @@ TEST(DistinctParts, parts_in_other_poses_or_of_another_form_count_each) {
         formed.add(draw({.power = 0.08 * (1 + 0.015 * static_cast<double>(seed)), .noise = seed}).view());
     }
     EXPECT_EQ(placed.groups().parts, 30U);
+    EXPECT_GE(placed.groups().at_least, 28U);
     EXPECT_EQ(formed.groups().parts, 30U);
     EXPECT_EQ(describe(placed.groups()), "");
+}
+
+// Exposures that could be parts that lie alike by chance are not joined, but a bound does not count them.
+TEST(DistinctParts, exposures_that_hide_among_parts_that_lie_alike_are_not_counted_for_a_bound) {
+    constexpr std::size_t kParts = 60, kAgain = 6;
+    std::size_t hidden = 0;
+    for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+        DistinctParts distinct(kDrawn, kDark);
+        for (std::uint64_t k = 0; k < kParts + kAgain; ++k) {
+            DrawnPart part = placed_part(1000 * seed + k % kParts);
+            part.x *= 0.6, part.y *= 0.6;
+            part.noise = 1000 * seed + k;
+            distinct.add(draw(part).view());
+        }
+        const auto groups = distinct.groups();
+        EXPECT_LE(groups.at_least, kParts) << seed;
+        EXPECT_GE(groups.at_least, kParts / 2) << seed;
+        EXPECT_LE(groups.at_least, groups.parts);
+        hidden += groups.parts > kParts ? 1 : 0;
+    }
+    EXPECT_GT(hidden, 0U);
 }
 
 // A reference is learned from the first frame of each part, and only if they are enough.
