@@ -72,7 +72,7 @@ algo::Recipe recipe_of(const FeatureSet& set, const algo::Recipe& base) {
 struct Part {
     std::string file;
     bool bad = false;
-    std::uint32_t number = 0;  // the same for all frames of a part
+    std::uint32_t number = 0;  // the same for all frames of a part; good parts first
     Values values{};
     std::vector<double> scores;  // of the sets with a reference, in order
     std::vector<bool> registered;
@@ -91,7 +91,7 @@ class Tuner {
     Result<void> open_pipelines(const std::string& first);
     Result<Frame> read(const std::string& file) const;
     Result<void> measure_frame(const std::string& file, bool bad);
-    void number_parts();
+    Result<void> number_parts();
     template <class Value>
     [[nodiscard]] std::vector<double> worst_of_good(const Value& value) const;
     [[nodiscard]] Values limits() const;
@@ -104,7 +104,7 @@ class Tuner {
     std::string first_;
     std::vector<algo::Pipeline> plain_pipelines_, reference_pipelines_;  // the first give maps, the others scores
     std::optional<WorstValue> worst_;
-    std::optional<algo::DistinctParts> distinct_;  // of the good frames
+    std::optional<algo::DistinctParts> distinct_good_, distinct_bad_;  // of the frames measured
     std::vector<Part> parts_;
     std::vector<Frame> timed_;
     std::vector<std::vector<ScoredPlace>> scored_;  // by feature set
@@ -132,7 +132,8 @@ Result<void> Tuner::open_pipelines(const std::string& first) {
     tuned_.extents = *extents;
     tuned_.bits = frame->bits();
     worst_.emplace(*extents, options_.base.recipe);
-    distinct_.emplace(*extents, algo::light_levels(options_.base.recipe, tuned_.bits).dark);
+    for (auto* distinct : {&distinct_good_, &distinct_bad_})
+        distinct->emplace(*extents, algo::light_levels(options_.base.recipe, tuned_.bits).dark);
     const auto add = [&](const FeatureSet& set, std::vector<algo::Pipeline>& to) -> Result<void> {
         auto pipeline = algo::Pipeline::create(*extents, tuned_.bits, recipe_of(set, options_.base.recipe),
                                                options_.threads, algo::MapSet::exact);
@@ -188,7 +189,7 @@ Result<void> Tuner::measure_frame(const std::string& file, bool bad) {
         part.registered.push_back(found);
         registered = registered && found;
     }
-    if (!bad) distinct_->add(frame->view());
+    (bad ? distinct_bad_ : distinct_good_)->add(frame->view());
     if (!bad && !registered) ++tuned_.unregistered;
     if (!bad && timed_.size() < kTimedFrames) timed_.push_back(std::move(*frame));
     ++(bad ? tuned_.bad : tuned_.good);
@@ -196,13 +197,27 @@ Result<void> Tuner::measure_frame(const std::string& file, bool bad) {
     return {};
 }
 
-// Numbers the parts: copies and repeated exposures of a good one have its number.
-void Tuner::number_parts() {
-    tuned_.parts = distinct_->groups();
-    std::size_t good = 0;
-    auto next = static_cast<std::uint32_t>(tuned_.parts.parts);
-    for (Part& part : parts_)
-        part.number = part.bad ? next++ : static_cast<std::uint32_t>(tuned_.parts.part_of[good++]);
+// Numbers the parts: copies and repeated exposures of one have its number. Fails if the frames show too few.
+Result<void> Tuner::number_parts() {
+    tuned_.parts = distinct_good_->groups();
+    tuned_.bad_parts = distinct_bad_->groups();
+    std::size_t good = 0, bad = 0;
+    for (Part& part : parts_) {
+        part.number = static_cast<std::uint32_t>(part.bad ? tuned_.parts.parts + tuned_.bad_parts.part_of[bad++]
+                                                          : tuned_.parts.part_of[good++]);
+    }
+    for (const bool of_bad : {false, true}) {
+        const auto& groups = of_bad ? tuned_.bad_parts : tuned_.parts;
+        const std::size_t least = of_bad ? kMinBad : kMinGood;
+        if (groups.parts >= least) continue;
+        const char* what = of_bad ? "bad" : "good";
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("of the {} parts, {} At least {} distinct {} parts are needed", what, describe(groups),
+                                least, what),
+                    fmt::format("give frames of at least {} more, each of another part or of one that was placed anew",
+                                least - groups.parts));
+    }
+    return {};
 }
 
 // The worst of value(part) of each distinct good part for which it has one.
@@ -272,8 +287,10 @@ void Tuner::set_limits(MeasuredFeatureSet& measured, const Values& limits, std::
         if (auto readable = parse_numbered_recipe(format_recipe(measured.recipe), "limit"); !readable)
             measured.no_limit = readable.error().what;
     }
-    // Scores: 1 and above is rejected.
-    std::vector<ScoredPlace> scored;
+    // Scores: 1 and above is rejected. Each part counts once: a good one with its worst frame, a bad one with the frame
+    // that is hardest to find.
+    std::map<std::uint32_t, ScoredPlace> of_parts;
+    std::vector<double> scores;
     for (const Part& part : parts_) {
         double score = 0;
         if (set.reference) {
@@ -283,15 +300,21 @@ void Tuner::set_limits(MeasuredFeatureSet& measured, const Values& limits, std::
             if (set.slopes) score = std::max(score, part.values[kSlopes] / limits[kSlopes]);
             if (set.light) score = std::max(score, part.values[kLight] / limits[kLight]);
         }
-        scored.push_back({static_cast<float>(score), part.number, part.bad});
         if (score >= 1) ++(part.bad ? measured.found : measured.rejected);
+        const auto value = static_cast<float>(score);
+        scores.push_back(static_cast<double>(value));
+        const auto [at, is_new] = of_parts.try_emplace(part.number, ScoredPlace{value, part.number, part.bad});
+        if (!is_new)
+            at->second.score = part.bad ? std::min(at->second.score, value) : std::max(at->second.score, value);
     }
     measured.false_rejects = algo::false_rejects_at(worst_of_good([&](const Part& part) {
                                                         const auto index =
                                                             static_cast<std::size_t>(&part - parts_.data());
-                                                        return std::optional(static_cast<double>(scored[index].score));
+                                                        return std::optional(scores[index]);
                                                     }),
-                                                    1);
+                                                    1, tuned_.parts.at_least);
+    std::vector<ScoredPlace> scored;
+    for (const auto& [number, place] : of_parts) scored.push_back(place);
     measured.auc = detection_of(scored, 0, kRepeats, kSeed).auc;
     scored_.push_back(std::move(scored));
 }
@@ -411,13 +434,7 @@ Result<Tuned> Tuner::run(const std::vector<std::string>& good, const std::vector
                         fine.error().cure);
         }
     }
-    number_parts();
-    if (tuned_.parts.parts < kMinGood) {
-        return fail(ErrorCode::invalid_argument,
-                    fmt::format("{} At least {} distinct good parts are needed", describe(tuned_.parts), kMinGood),
-                    fmt::format("give frames of at least {} more, each of another part or of one that was placed anew",
-                                kMinGood - tuned_.parts.parts));
-    }
+    if (auto enough_parts = number_parts(); !enough_parts) return tl::unexpected(enough_parts.error());
     const Values values = limits();
     std::size_t reference_index = 0;
     for (MeasuredFeatureSet& measured : tuned_.feature_sets) {

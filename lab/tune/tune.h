@@ -2,18 +2,18 @@
 // machine.
 //
 // A feature set is a choice of features as a recipe makes it (docs/adr/0004-feature-sets.md). Each set is measured on
-// every frame; each frame shows one part:
+// every frame:
 //   score      Without a reference: the worst value of a lenslet over its limit (algo/inspection/defects.h), the
 //   largest
 //              of the set's features. With a reference: as in algo/inspection/reference_defects.h, with the base
 //              recipe's limits.
-//   parts      Copies and repeated exposures of a good part count once (algo/good_parts/distinct_parts.h): with its
-//              worst score.
+//   parts      Copies and repeated exposures of a part count once (algo/good_parts/distinct_parts.h): a good part with
+//              its worst score, a bad one with its least. kMinGood and kMinBad are distinct parts.
 //   limits     From the good parts alone: the value that a share `false_rejects` of good parts exceeds if their worst
 //              values follow a Gumbel distribution (gumbel_limit() of lab/report/statistics.h), at least kMargin above
 //              the highest value, rounded up to three digits. A feature each; with a reference one factor for all
 //              limits of the base recipe.
-//   detection  Area under the ROC curve (AUC), with a 95 % interval by bootstrap over the frames.
+//   detection  Area under the ROC curve (AUC) of the parts, with a 95 % interval by bootstrap over them.
 //   time       Of judging a frame, median. The sets take turns, so other load disturbs all alike. Reading a file and
 //              decoding it through a calibration are not counted: they are the same for all sets.
 //
@@ -90,9 +90,9 @@ struct Tuned {
     algo::Extents extents;
     int bits = 8;
     int threads = 1;
-    std::size_t good = 0, bad = 0;      // frames measured
-    algo::DistinctParts::Groups parts;  // of the good frames
-    std::size_t unregistered = 0;       // good frames in which the reference was not found
+    std::size_t good = 0, bad = 0;                 // frames measured
+    algo::DistinctParts::Groups parts, bad_parts;  // of the good frames, of the bad ones
+    std::size_t unregistered = 0;                  // good frames in which the reference was not found
     double budget_ms = 0, false_rejects = 0;
     std::vector<LeftOut> left_out;
     std::vector<MeasuredFeatureSet> feature_sets;

@@ -97,6 +97,7 @@ void add_choice(TemplateFields& fields, const Tuned& tuned) {
     fields["bound"] = algo::describe(chosen.false_rejects);
     fields["parts"] = std::to_string(tuned.parts.parts);
     fields["repeated"] = algo::describe(tuned.parts);
+    fields["repeated_bad"] = algo::describe(tuned.bad_parts);
     fields["reference"] = yes(chosen.set.reference);
     fields["unregistered"] = tuned.unregistered == 0 ? ""
         : tuned.unregistered == 1                    ? "1 good frame is"
@@ -178,6 +179,7 @@ Json to_json(const Tuned& tuned) {
             {"threads", tuned.threads},
             {"good", tuned.good},
             {"good_parts", tuned.parts.parts},
+            {"bad_parts", tuned.bad_parts.parts},
             {"bad", tuned.bad},
             {"budget_ms", tuned.budget_ms},
             {"best", tuned.best ? Json(tuned.feature_sets[*tuned.best].set.name()) : Json()},

@@ -187,8 +187,16 @@ TEST_F(Tune, parts_that_scatter_are_judged_by_a_distance) {
     EXPECT_EQ(judge(502, Flaw::haze, "haze.toml"), 1);
 }
 
-TEST_F(Tune, copies_and_repeated_exposures_of_good_parts_count_once) {
+TEST_F(Tune, copies_and_repeated_exposures_count_once) {
     frames(9, 4, Flaw::speck);
+    const Said once = tune({"--budget", "100000", "--json"});
+    ASSERT_EQ(once.status, 0) << once.err;
+    for (int k = 0; k < 5; ++k)  // of the first bad part
+        std::filesystem::copy_file(folder / "bad/10.png", folder / ("bad/copy" + std::to_string(k) + ".png"));
+    const Said copied = tune({"--budget", "100000", "--json"});
+    ASSERT_EQ(copied.status, 0) << copied.err;
+    const auto before = without_times(once.out), after = without_times(copied.out);
+    for (const auto& [name, set] : before) EXPECT_EQ(set.at("auc"), after.at(name).at("auc")) << name;
     for (int k = 0; k < 9; ++k) {  // each three times more: the file, the frame mirrored, another exposure
         const auto seed = static_cast<std::uint64_t>(k) + 1;
         const std::string name = std::to_string(10 + k) + ".png";
@@ -201,11 +209,36 @@ TEST_F(Tune, copies_and_repeated_exposures_of_good_parts_count_once) {
     const Json json = Json::parse(said.out);
     EXPECT_EQ(json.at("good"), 36);
     EXPECT_EQ(json.at("good_parts"), 9);
+    EXPECT_EQ(json.at("bad"), 9);
+    EXPECT_EQ(json.at("bad_parts"), 4);
     for (const Json& set : json.at("feature_sets")) {
         if (!set.contains("false_rejects")) continue;
         EXPECT_EQ(set.at("false_rejects").at("parts"), 9);
         EXPECT_GE(set.at("false_rejects").at("at_most_by_any").get<double>(), 1 - std::pow(0.05, 1.0 / 9) - 1e-9);
     }
+}
+
+TEST_F(Tune, too_few_distinct_parts_are_refused) {
+    frames(7, 3, Flaw::speck);
+    const auto copy = [&](const std::string& kind, int count) {
+        for (int k = 0; k < count; ++k)
+            std::filesystem::copy_file(folder / (kind + "/10.png"),
+                                       folder / (kind + "/copy" + std::to_string(k) + ".png"));
+    };
+    copy("good", 3), copy("bad", 2);
+    const Said good = tune({"--budget", "100000", "--out", folder / "lens.toml"});
+    EXPECT_EQ(good.status, 2);
+    EXPECT_THAT(good.err,
+                HasSubstr("of the good parts, 10 frames show 7 distinct parts: 3 are copies of earlier ones. Each part "
+                          "counts once. At least 8 distinct good parts are needed: give frames of at least 1 more, "
+                          "each of another part or of one that was placed anew"));
+    write("good/18.png", part(9, Flaw::none));
+    const Said bad = tune({"--budget", "100000", "--out", folder / "lens.toml"});
+    EXPECT_EQ(bad.status, 2);
+    EXPECT_THAT(bad.err,
+                HasSubstr("of the bad parts, 5 frames show 3 distinct parts: 2 are copies of earlier ones. Each part "
+                          "counts once. At least 4 distinct bad parts are needed: give frames of at least 1 more"));
+    EXPECT_FALSE(std::filesystem::exists(folder / "lens.toml"));
 }
 
 TEST_F(Tune, starts_from_a_recipe_and_measures_a_reference) {
