@@ -104,6 +104,7 @@ bool in_network_behind(int mtu, const std::function<void()>& act) {
         ::setns(other.get(), CLONE_NEWNET) == 0 &&
         shell("ip link set lo up && ip addr add 10.77.0.2/24 dev hord1 && ip link set hord1 up");
     if (good) act();
+    ::sleep(2);  // until both interfaces have a carrier: what is sent before is lost
     good = ::setns(own.get(), CLONE_NEWNET) == 0 && good;
     return good;
 }

@@ -1,11 +1,12 @@
 // A GigE Vision camera for tests: Aravis's fake camera, with the features that it lacks of a real one.
 //     hord_fake_gige ADDRESS SERIAL [name=USER_NAME] [lost=RATIO] [latch=no] [broken-xml] [formats=8] [lines]
 //                    [size=WIDTHxHEIGHT] [still] [wire] [events[=value]] [FRAME.png ...]
-//                    [late=MS] [test-packets]
+//                    [late=MS] [test-packets] [asleep=MS]
 //                    and of the network: [mtu=BYTES] [delay=MS] [reorder=N] [block-zero] [lose-event=N] [twice]
 // ADDRESS is one of this machine's. Frames: the files, one after the other; without files, sample (x, y) of the n-th
 // frame is (x + 3 y + n) of the format's bits; `still` draws one frame only, and counts in its first sample. `size`: of
-// its sensor. `late`: it obeys every third trigger so much later. `lines`: it has LineSelector, LineMode and
+// its sensor. `late`: it obeys every third trigger so much later. `asleep`: it says "ready" so long before it is
+// there. `lines`: it has LineSelector, LineMode and
 // LineSource. `test-packets`: it sends a packet of its packet size when it is told to, by which that is negotiated.
 // `wire`: TriggerSource Line1, an input that SIGUSR1 activates and SIGUSR2 deactivates; software triggers then do
 // nothing. `events`: it tells the edges of this input as events, which the description numbers by their ports or
@@ -254,16 +255,20 @@ class Input {
     bool twice_now_ = false;
 };
 
-// Sends a packet of the packet size, unfragmented, if it was told to.
-void fire_test_packet(ArvFakeCamera* camera) {
+ArvFakeCamera* the_camera = nullptr;
+std::size_t mtu_bytes = 0;  // of the network between; 0: any
+
+// Sends a packet of the packet size, unfragmented, if the camera was told to.
+void fire_test_packet() {
     guint32 size = 0, port = 0, to_address = 0;
-    arv_fake_camera_read_register(camera, kPacketSize, &size);
+    arv_fake_camera_read_register(the_camera, kPacketSize, &size);
     if ((size & kFireTestPacket) == 0) return;
-    arv_fake_camera_write_register(camera, kPacketSize, size & ~kFireTestPacket);
-    arv_fake_camera_read_register(camera, kStreamPort, &port);
-    arv_fake_camera_read_register(camera, kStreamAddress, &to_address);
+    arv_fake_camera_write_register(the_camera, kPacketSize, size & ~kFireTestPacket);
+    arv_fake_camera_read_register(the_camera, kStreamPort, &port);
+    arv_fake_camera_read_register(the_camera, kStreamAddress, &to_address);
     constexpr std::size_t kHeaders = 20 + 8;  // IP and UDP
-    std::vector<char> bytes(std::max<std::size_t>(size & 0xFFFFU, kHeaders) - kHeaders);
+    const std::vector<char> bytes(std::max<std::size_t>(size & 0xFFFFU, kHeaders) - kHeaders);
+    if (mtu_bytes > 0 && bytes.size() + kHeaders > mtu_bytes) return;
     static const int socket = ::socket(AF_INET, SOCK_DGRAM, 0);
     const int whole = IP_PMTUDISC_DO;
     ::setsockopt(socket, IPPROTO_IP, IP_MTU_DISCOVER, &whole, sizeof whole);
@@ -271,13 +276,7 @@ void fire_test_packet(ArvFakeCamera* camera) {
     to.sin_family = AF_INET;
     to.sin_port = htons(static_cast<std::uint16_t>(port & 0xFFFFU));
     to.sin_addr.s_addr = htonl(to_address);
-    iovec part{bytes.data(), bytes.size()};
-    msghdr message{};
-    message.msg_name = &to;
-    message.msg_namelen = sizeof to;
-    message.msg_iov = &part;
-    message.msg_iovlen = 1;
-    (void)::sendmsg(socket, &message, 0);  // by the network between, as the frames
+    (void)::sendto(socket, bytes.data(), bytes.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
 }
 
 int edges[2];  // a pipe
@@ -301,7 +300,7 @@ int main(int argc, char** argv) {
     bool broken = false;
     Has has;
     static Input input;
-    unsigned width = 0, height = 0;
+    unsigned width = 0, height = 0, asleep_ms = 0;
     hord::test::NetworkBetween network;
     static Content content;
     for (int k = 3; k < argc; ++k) {
@@ -321,6 +320,7 @@ int main(int argc, char** argv) {
         else if (argument == "still") content.still = true;
         else if (std::sscanf(argument.c_str(), "size=%ux%u", &width, &height) == 2) continue;
         else if (std::sscanf(argument.c_str(), "late=%u", &content.late_ms) == 1) continue;
+        else if (std::sscanf(argument.c_str(), "asleep=%u", &asleep_ms) == 1) continue;
         else if (argument.starts_with("mtu=")) network.mtu_bytes = std::stoul(argument.substr(4));
         else if (argument == "block-zero") network.block_zero = true;
         else if (argument.starts_with("delay="))
@@ -328,6 +328,11 @@ int main(int argc, char** argv) {
         else if (argument.starts_with("reorder=")) network.reorder_every = std::stoul(argument.substr(8));
         else if (auto frame = hord::drivers::read_frame(argument)) content.files.push_back(std::move(*frame));
         else return std::fprintf(stderr, "%s\n", frame.error().what.c_str()), 2;
+    }
+    if (asleep_ms > 0) {
+        std::puts("ready");
+        std::fflush(stdout);
+        ::usleep(asleep_ms * 1000);
     }
     std::string xml;
     {
@@ -353,6 +358,9 @@ int main(int argc, char** argv) {
         if (pixels > 0) arv_fake_camera_write_memory(inner, at, sizeof value, &value);
     }
     hord::test::put_between(network);
+    the_camera = inner;
+    mtu_bytes = network.mtu_bytes;
+    if (has.test_packets) hord::test::before_each_answer(fire_test_packet);
     if (!name.empty())
         arv_fake_camera_write_memory(inner, kUserName, static_cast<guint32>(name.size() + 1), name.c_str());
     if (has.events) arv_fake_camera_write_register(inner, kChannelCount, 1);
@@ -364,7 +372,6 @@ int main(int argc, char** argv) {
     for (;;) {
         const guint64 time = GUINT64_TO_BE(static_cast<guint64>(g_get_real_time()) * 1000);
         arv_fake_camera_write_memory(inner, kLatchValue, sizeof time, &time);
-        if (has.test_packets) fire_test_packet(inner);
         char edge = 0;
         if (::read(edges[0], &edge, 1) == 1) input.change(inner, edge != 0);
         ::usleep(200);

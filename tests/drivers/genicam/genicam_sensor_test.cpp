@@ -209,26 +209,18 @@ TEST_F(Genicam, a_negotiated_packet_size_does_not_depend_on_what_was_set_before)
                       testing::Not(HasSubstr("packets of 576 bytes (negotiated)"))));
 }
 
-// A way that carries jumbo frames, and one that does not. A test packet that comes late on a busy machine counts as one
-// that does not pass: then a smaller size is found.
+// A way that carries jumbo frames, and one that does not.
 TEST_F(Genicam, the_largest_packet_that_passes_is_negotiated_and_frames_of_it_are_whole) {
     for (const int mtu : {9000, 1500}) {
         const FakeGige camera({"127.0.0.1", "S1", "test-packets", "mtu=" + std::to_string(mtu)});
-        int bytes = 0;
-        for (int attempt = 0; attempt < 10 && bytes < mtu * 9 / 10; ++attempt) {
-            testing::internal::CaptureStderr();
-            start(software(320, 240));
-            const hal::FrameLease one = frame();
-            sensor_->stop();
-            const std::string said = testing::internal::GetCapturedStderr();
-            const auto at = said.find("packets of ");
-            ASSERT_NE(at, std::string::npos) << said;
-            ASSERT_EQ(std::sscanf(said.c_str() + at, "packets of %d bytes (negotiated)", &bytes), 1) << said;
-            EXPECT_LE(bytes, mtu);
-            ASSERT_TRUE(one);
-            EXPECT_FALSE(one.info().corrupt);
-        }
-        EXPECT_GE(bytes, mtu * 9 / 10);
+        testing::internal::CaptureStderr();
+        start(software(320, 240));
+        const hal::FrameLease one = frame();
+        sensor_->stop();
+        EXPECT_THAT(testing::internal::GetCapturedStderr(),
+                    HasSubstr("packets of " + std::to_string(mtu) + " bytes (negotiated)"));
+        ASSERT_TRUE(one);
+        EXPECT_FALSE(one.info().corrupt);
     }
 }
 

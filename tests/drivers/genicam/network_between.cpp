@@ -121,6 +121,7 @@ class Wire {
 };
 
 std::atomic<Wire*> the_wire = nullptr;
+std::atomic<void (*)()> before_answer = nullptr;
 
 bool is_stream(int socket) {
     sockaddr_in own{};
@@ -136,12 +137,16 @@ void put_between(const NetworkBetween& network) {
         the_wire = new Wire(network);  // until the process is killed
 }
 
+void before_each_answer(void (*act)()) { before_answer = act; }
+
 }  // namespace hord::test
 
 extern "C" __attribute__((visibility("default"))) ssize_t sendmsg(int socket, const msghdr* message, int flags) {
     using namespace hord::test;
     Wire* const wire = the_wire;
-    if (wire == nullptr || message->msg_name == nullptr || !is_stream(socket))
-        return real_send()(socket, message, flags);
-    return wire->take(socket, *message);
+    const auto act = before_answer.load();
+    if ((wire == nullptr && act == nullptr) || message->msg_name == nullptr) return real_send()(socket, message, flags);
+    const bool stream = is_stream(socket);
+    if (!stream && act != nullptr) act();
+    return stream && wire != nullptr ? wire->take(socket, *message) : real_send()(socket, message, flags);
 }

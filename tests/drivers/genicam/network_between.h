@@ -18,4 +18,7 @@ struct NetworkBetween {
 // From now on, for all packets but those of the control channel. Once.
 void put_between(const NetworkBetween& network);
 
+// From now on `act` is called before each packet of the control channel, on the thread that sends it.
+void before_each_answer(void (*act)());
+
 }  // namespace hord::test
