@@ -216,7 +216,9 @@ Result<std::vector<hal::ListedCamera>> list_genicam_cameras() {
 
 Result<TakenCamera> take_genicam_camera(const std::string& wanted) {
     if (auto may = may_list_interfaces(); !may) return tl::unexpected(may.error());
-    const auto there = list_cameras();
+    auto there = list_cameras();
+    // Discovery is one packet and its answer, and either may be lost.
+    if (there.empty()) there = list_cameras();
     const auto id = choose(there, wanted);
     if (!id) return tl::unexpected(id.error());
     ArvFailure failed;

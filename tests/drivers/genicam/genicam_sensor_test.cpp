@@ -280,6 +280,13 @@ TEST_F(Genicam, a_camera_is_named_by_serial_number_user_defined_name_address_or_
     EXPECT_THAT(absent.what, AllOf(HasSubstr("\"S2\""), HasSubstr("serial S1, name \"lens-7\", at 127.0.0.1")));
 }
 
+// Its answer to the first discovery is lost.
+TEST_F(Genicam, that_did_not_hear_the_first_discovery_is_found_by_the_second) {
+    const FakeGige camera({"127.0.0.1", "S1", "asleep=500"});
+    start(software());
+    EXPECT_TRUE(frame());
+}
+
 TEST_F(Genicam, no_camera_and_a_damaged_description_are_said_with_a_cure) {
     const Error none = refusal(software());
     EXPECT_EQ(none.code, ErrorCode::not_found);
