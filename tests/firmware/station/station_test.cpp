@@ -388,6 +388,14 @@ TEST_F(StationTest, a_refused_light_is_reported_and_rejects_the_part) {
     EXPECT_EQ(observer.results[0].reason, PartReason::strobe_failed);
 }
 
+TEST_F(StationTest, why_a_rejection_failed_is_told_and_alone_changes_nothing) {
+    run();
+    rejector.listener->on_reject_failed({ErrorCode::refused, "coil 0 reads back 0", "check the profile"});
+    EXPECT_EQ(observer.troubles.back().what, "coil 0 reads back 0");
+    EXPECT_EQ(station->snapshot().state, State::continuous_execution);
+    EXPECT_EQ(rejector.permits, (std::vector<bool>{true}));
+}
+
 TEST_F(StationTest, the_rejectors_link_is_needed_and_its_loss_drops_the_permit) {
     run();
     rejector.link(false);
