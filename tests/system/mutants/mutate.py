@@ -326,6 +326,8 @@ class Workshop:
         targets = [*self.room.tests, *self.room.helpers, *(["mutant-none"] if self.room.soak else [])]
         subprocess.run(["cmake", "--build", str(RELEASE), "-j", str(jobs), "--target", *targets], check=True,
                        stdout=subprocess.DEVNULL)
+        for helper in self.room.helpers:  # a program looks for them beside itself
+            (self.folder / helper).symlink_to(RELEASE / "bin" / helper)
         self.commands = {}
         for entry in json.loads((RELEASE / "compile_commands.json").read_text()):
             self.commands.setdefault(entry["file"], shlex.split(entry["command"]))
