@@ -201,6 +201,8 @@ void PlcSimulator::command(Command code, bool meant_for_this_boot) {
         PlcEndpoint* before = endpoint_;
         if (before == nullptr) return;
         store_observer_.before_command();
+        const std::uint64_t told = store_observer_.commands_told();
+        const int executed_before = before->executed(token);
         const auto answer = write(addresses().token, words);
         if (endpoint_ != before) return;  // the process died during the command
         const int once = answer == modbus::Exception::none && to_this_boot ? 1 : 0;
@@ -210,6 +212,8 @@ void PlcSimulator::command(Command code, bool meant_for_this_boot) {
                 Promise::commands_once,
                 "a command was carried out " + std::to_string(executed) + " times, not " + std::to_string(wanted));
         }
+        if (store_observer_.commands_told() - told != static_cast<std::uint64_t>(executed - executed_before))
+            invariants_.broken(Promise::one_story, "a command was carried out, and the recorder was not told once");
     }
 }
 

@@ -164,6 +164,7 @@ AckStatus StoreObserver::on_acknowledged(const RequestOrigin& who, std::uint32_t
 void StoreObserver::on_change(const Change& change) {
     if (change.what == Change::What::command) {
         commands_.push_back(change);
+        ++commands_told_;
         if (change.before != state_at_command_)
             violation("a command's record says " + change.before + ", the journal was at " + state_at_command_);
     }

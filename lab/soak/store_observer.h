@@ -56,6 +56,8 @@ class StoreObserver final : public ResultSink {
 
     // Call before each command: its record must name the state at this point.
     void before_command() { state_at_command_ = journal_state_; }
+    // Commands that the station has told the recorder of.
+    [[nodiscard]] std::uint64_t commands_told() const { return commands_told_; }
 
     // Between two steps: journal, store and station must agree.
     void check(const Snapshot& now);
@@ -119,6 +121,7 @@ class StoreObserver final : public ResultSink {
 
     StationJournal story_{
         [this](const Entry& entry, std::string_view, std::span<const Field> fields) { journal(entry, fields); }};
+    std::uint64_t commands_told_ = 0;
     std::string journal_state_, state_at_command_;
     std::uint32_t journal_faults_ = 0;
 
