@@ -38,6 +38,10 @@ TEST_F(PlcCommands, lead_the_station_from_power_up_to_execution_and_back) {
     EXPECT_EQ(command(Command{99}), CommandError::unknown_command);
     EXPECT_EQ(command(Command::teach), CommandError::not_supported);
     EXPECT_EQ(read32(8029), 11U);  // commands done
+    EXPECT_EQ(std::count_if(notes.changes.begin(), notes.changes.end(),
+                            [](const Change& c) { return c.what == Change::What::command; }),
+              11)
+        << "each is recorded, those that were refused, too";
 }
 
 TEST_F(PlcCommands, a_halt_stops_the_line_only_for_a_part_that_did_not_pass) {

@@ -118,6 +118,15 @@ TEST_F(PlcSimulator, a_command_says_for_whom_it_is_sent) {
     EXPECT_EQ(read(8000, 20)[10], 0);
 }
 
+TEST_F(PlcSimulator, the_heartbeats_coil_shows_its_lowest_bit) {
+    for (const bool beat : {true, false, true}) {
+        ASSERT_EQ(write(8102, {static_cast<std::uint16_t>(beat ? 7 : 8)}), Exception::none);
+        bool coil = !beat;
+        ASSERT_EQ(image.read_bits(80, {&coil, 1}), Exception::none);
+        EXPECT_EQ(coil, beat);
+    }
+}
+
 TEST_F(PlcSimulator, a_name_that_is_not_printable_or_not_whole_is_refused) {
     Words words{0, 5, 0, 2, 0, 0, 0, 0, 'a' << 8 | 'n', 'n' << 8 | '\n', 0, 0, 0, 0, 0, 0, 0, 0};
     EXPECT_EQ(write(8002, words), Exception::illegal_value);
