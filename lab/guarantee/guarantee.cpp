@@ -125,11 +125,11 @@ struct Summary {
         held += told.holds() ? 1 : 0;
     }
     void to(std::vector<std::string>& row) const {
-        const auto seeds = static_cast<double>(bounds.size());
         row.push_back(fmt::format("{:.2f} %", 100 * quantile(bounds, 0.5)));
-        row.push_back(fmt::format("{:.3f} %", 100 * measured / seeds));
+        row.push_back(fmt::format("{:.3f} %", 100 * share()));
         row.push_back(fmt::format("{} of {}", held, bounds.size()));
     }
+    [[nodiscard]] double share() const { return measured / static_cast<double>(bounds.size()); }
     [[nodiscard]] bool holds() const { return held >= kHeld * static_cast<double>(bounds.size()); }
 };
 
@@ -203,6 +203,11 @@ Result<ExperimentReport> run_or_report(const ExperimentOptions& options, bool on
         report.claims.push_back(
             {fmt::format("{}: the bound that tune tells holds in 95 of 100 seeds", families[family]), tuned.holds(),
              fmt::format("{} of {}", tuned.held, tuned.bounds.size())});
+        report.claims.push_back(
+            {fmt::format("{}: at most {:g} % of good parts are rejected at limits from {} parts", families[family],
+                         100 * algo::kGoalFalseRejects, kTunedParts),
+             tuned.share() <= algo::kGoalFalseRejects,
+             fmt::format("{:.3f} % of {}", 100 * tuned.share(), kTested * static_cast<int>(tuned.bounds.size()))});
     }
     report.text = fill_report("guarantee",
                               {{"arguments", options.arguments()},
