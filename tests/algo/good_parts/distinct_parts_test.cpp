@@ -57,9 +57,9 @@ TEST(DistinctParts, parts_in_other_poses_or_of_another_form_count_each) {
 
 // Exposures that could be parts that lie alike by chance are not joined, but a bound does not count them.
 TEST(DistinctParts, exposures_that_hide_among_parts_that_lie_alike_are_not_counted_for_a_bound) {
-    constexpr std::size_t kParts = 60, kAgain = 6;
+    constexpr std::size_t kParts = 40, kAgain = 4;
     std::size_t hidden = 0;
-    for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+    for (std::uint64_t seed = 1; seed <= 3; ++seed) {
         DistinctParts distinct(kDrawn, kDark);
         for (std::uint64_t k = 0; k < kParts + kAgain; ++k) {
             DrawnPart part = placed_part(1000 * seed + k % kParts);
