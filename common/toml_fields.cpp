@@ -32,10 +32,13 @@ struct TomlTable::Node {
         read_keys.emplace(key);
         return table->get(key);
     }
-    void report(const toml::node& at, std::string_view key, std::string_view what) const {
+    [[nodiscard]] std::string line_of(const toml::node& at, std::string_view key, std::string_view what) const {
         const auto line = at.source().begin.line;
-        problems->add(line > 0 ? fmt::format("{}:{}: {}{}: {}", name, line, path, key, what)
-                               : fmt::format("{}: {}{}: {}", name, path, key, what));
+        return line > 0 ? fmt::format("{}:{}: {}{}: {}", name, line, path, key, what)
+                        : fmt::format("{}: {}{}: {}", name, path, key, what);
+    }
+    void report(const toml::node& at, std::string_view key, std::string_view what) const {
+        problems->add(line_of(at, key, what));
     }
     // None: the key is absent, or its value is not of this type, which is a problem.
     template <class T>
@@ -215,9 +218,10 @@ void TomlTable::refuse_unknown_keys() {
         const std::string_view unknown = key.str();
         if (node_->read_keys.contains(unknown)) continue;
         const auto nearest = nearest_name(unknown, node_->read_keys);
-        node_->report(value, unknown,
-                      nearest ? fmt::format("is not a known key: did you mean {}?", *nearest)
-                              : std::string("is not a known key: remove it"));
+        node_->problems->add_unknown(node_->line_of(value, unknown,
+                                                    nearest
+                                                        ? fmt::format("is not a known key: did you mean {}?", *nearest)
+                                                        : std::string("is not a known key: remove it")));
     }
     for (const auto& sub : node_->sub_tables) TomlTable(sub).refuse_unknown_keys();
 }

@@ -9,6 +9,7 @@
 //     if (!problems.empty()) return problems.as_error();
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <initializer_list>
@@ -27,6 +28,8 @@ namespace hord::common {
 class TomlProblems {
   public:
     void add(std::string line) { lines_.push_back(std::move(line)); }
+    // A name that is not known: told before all others, which may follow from it ("backend is missing").
+    void add_unknown(std::string line) { lines_.insert(lines_.begin() + unknown_++, std::move(line)); }
     void add(const Error& error) {
         last_ = error;
         lines_.push_back(error.message());
@@ -39,6 +42,7 @@ class TomlProblems {
 
   private:
     std::vector<std::string> lines_;
+    std::ptrdiff_t unknown_ = 0;  // of them, the first ones
     std::optional<Error> last_;
 };
 

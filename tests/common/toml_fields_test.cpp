@@ -52,10 +52,10 @@ TEST(TomlFields, every_problem_is_reported_with_file_line_and_cure) {
     EXPECT_FALSE(light.choice("kind", kinds));
     root.refuse_unknown_keys();
     EXPECT_THAT(problems.lines(),
-                ElementsAre(HasSubstr("a.toml:1: count: is not a whole number"),
+                ElementsAre(HasSubstr("a.toml:4: light.widht: is not a known key: did you mean width?"),
+                            HasSubstr("a.toml:1: count: is not a whole number"),
                             HasSubstr("a.toml:3: light.radius: 200 is out of range: use 0 to 10"),
-                            HasSubstr("a.toml:5: light.kind: \"x\" is not known: use one of led, laser"),
-                            HasSubstr("a.toml:4: light.widht: is not a known key: did you mean width?")));
+                            HasSubstr("a.toml:5: light.kind: \"x\" is not known: use one of led, laser")));
     EXPECT_EQ(count, 4);
     EXPECT_EQ(radius, 1);
 }

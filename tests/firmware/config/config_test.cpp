@@ -594,6 +594,15 @@ TEST(Config, all_problems_are_told_at_once_with_line_and_cure) {
     EXPECT_THAT(what, HasSubstr("cell.toml:5: timing.exposure_us: is not a number"));
 }
 
+TEST(Config, a_misspelled_table_is_told_before_the_backend_that_is_missing_without_it) {
+    const auto config = parse_config("[strobee]\nbackend = \"simulated\"\n[sensor]\nbackend = \"simulated\"\n",
+                                     "cell.toml", "/etc/hord", NamedBackends::required);
+    ASSERT_FALSE(config);
+    const std::string& what = config.error().what;
+    EXPECT_THAT(what, testing::StartsWith("cell.toml:1: strobee: is not a known key: did you mean strobe?\n"));
+    EXPECT_THAT(what, HasSubstr("strobe.backend: is missing"));
+}
+
 TEST(Config, what_cannot_work_together_is_refused) {
     EXPECT_THAT(problems_of("[line]\ntransport_ms = 100\n"), HasSubstr("the verdict is due 75 ms after the edge"));
     EXPECT_THAT(problems_of("[rejector]\npulse_ms = 20\n"), HasSubstr("else a neighbour is ejected"));
