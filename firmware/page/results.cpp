@@ -94,6 +94,7 @@ Result<store::ResultFilter> filter_of(const Fields& fields, std::int64_t usual, 
             (name == "since" ? filter.since : filter.until) = *time;
         }
     }
+    if (auto fine = store::check_period(filter.since, filter.until); !fine) return tl::unexpected(fine.error());
     return filter;
 }
 

@@ -37,6 +37,7 @@ Result<void> complete(ResultsOptions& options) {
     };
     if (auto done = read(options.since, options.filter.since); !done) return done;
     if (auto done = read(options.until, options.filter.until); !done) return done;
+    if (auto fine = store::check_period(options.filter.since, options.filter.until); !fine) return fine;
     if (options.filter.run.value_or(1) <= 0) options.filter.run.reset();
     if (options.filter.reason.empty()) return {};
     const auto present = algo::present_reason_name(options.filter.reason);

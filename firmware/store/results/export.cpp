@@ -94,6 +94,14 @@ std::string format_utc(UtcMicros time_us) {
                        floor<std::chrono::milliseconds>(time - second).count());
 }
 
+Result<void> check_period(std::optional<UtcMicros> since, std::optional<UtcMicros> until) {
+    if (!since || !until || *since < *until) return {};
+    return fail(ErrorCode::invalid_argument,
+                fmt::format("since ({}) is not before until ({}): no result is in between", format_utc(*since),
+                            format_utc(*until)),
+                "give the earlier time as since");
+}
+
 Result<UtcMicros> parse_utc(std::string_view text, UtcMicros now_us) {
     const auto bad = [&] {
         return fail(ErrorCode::invalid_argument, "\"" + std::string(text) + "\" is no time",

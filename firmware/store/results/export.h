@@ -20,6 +20,9 @@ std::string format_utc(UtcMicros time_us);
 // "90s", "30m", "12h", "7d". Fails with invalid_argument.
 Result<UtcMicros> parse_utc(std::string_view text, UtcMicros now_us);
 
+// Fails with invalid_argument for a period that holds no time: it ends before it begins.
+Result<void> check_period(std::optional<UtcMicros> since, std::optional<UtcMicros> until);
+
 // New columns are only appended.
 std::string csv_head_of_results();
 std::string csv_head_of_changes();

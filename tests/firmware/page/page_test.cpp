@@ -260,6 +260,7 @@ TEST(PageResults, are_found_page_by_page) {
                                 {{"limit", "201"}},
                                 {{"part", "x"}},
                                 {{"since", "yesterday"}},
+                                {{"since", "2026-11-22"}, {"until", "2026-11-21"}},
                                 {{"verdcit", "reject"}},
                                 {{"kind", "' OR 1=1 --"}},
                                 {{"recipe", "' OR 1=1 --"}},

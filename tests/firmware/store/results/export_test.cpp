@@ -84,6 +84,18 @@ TEST(Export, times_are_read_as_people_write_them) {
     }
 }
 
+TEST(Export, a_period_that_ends_before_it_begins_is_refused) {
+    EXPECT_TRUE(check_period({}, {}));
+    EXPECT_TRUE(check_period(kNoon, {}));
+    EXPECT_TRUE(check_period(kNoon, kNoon + 1));
+    for (const UtcMicros until : {kNoon, kNoon - kDay}) {
+        const auto refused = check_period(kNoon, until);
+        ASSERT_FALSE(refused);
+        EXPECT_EQ(refused.error().code, ErrorCode::invalid_argument);
+        EXPECT_THAT(refused.error().what, testing::HasSubstr(format_utc(until)));
+    }
+}
+
 TEST(StoreCounts, are_by_period_recipe_verdict_and_reason_and_add_up_to_the_results) {
     const TempFolder folder;
     Story story;
