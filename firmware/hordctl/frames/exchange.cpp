@@ -96,7 +96,8 @@ class Exporter {
         return make_folder(options_.out);
     }
 
-    Result<void> write(const std::string& file) {
+    // Returns what was written, for people.
+    Result<std::string> write(const std::string& file) {
         const auto read = reader_.read(file);
         if (!read) return tl::unexpected(read.error());
         auto pipeline = algo::Pipeline::create(read->extents, read->frame.bits(), recipe_, 1, algo::MapSet::all);
@@ -115,12 +116,20 @@ class Exporter {
         if (options_.format == "hdf5") {
             const store::Json json =
                 inspection_json(*found, views.deciding(), reader_.bin_rad(), recipe_, read->extents);
-            return write_one_file(stem.string() + ".h5", *read, maps, file, json);
+            const std::string to = stem.string() + ".h5";
+            return write_one_file(to, *read, maps, file, json).map([&] { return contents(maps) + ": " + to; });
         }
-        return write_files(stem.string(), *read, maps);
+        return write_files(stem.string(), *read, maps).map([&] {
+            return fmt::format("{}: {}.*.{}", contents(maps), stem.string(), options_.format);
+        });
     }
 
   private:
+    // "a light field and 7 maps with masks".
+    [[nodiscard]] std::string contents(const std::vector<NamedMap>& maps) const {
+        return fmt::format("{}{} maps with masks", options_.no_light_field ? "" : "a light field and ", maps.size());
+    }
+
     // Every map of the inspection.
     static std::vector<NamedMap> maps_of(const FeatureViews& views) {
         std::vector<NamedMap> maps;
@@ -226,7 +235,9 @@ Exit run_export(const ExportOptions& options) {
     if (auto ready = exporter.prepare(); !ready) return complain(ready.error());
     Exit status = Exit::good;
     for (const std::string& frame : options.frames) {
-        if (auto done = exporter.write(frame); !done) status = complain(done.error());
+        const auto written = exporter.write(frame);
+        if (written) fmt::print("{}: {}\n", frame, *written);
+        else status = complain(written.error());
     }
     return status;
 }

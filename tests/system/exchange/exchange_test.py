@@ -26,8 +26,13 @@ def of_frame(frame, *more):
 
 class Export(unittest.TestCase):
     def export(self, name, *arguments):
-        status, _, error = hordctl("export", bubble, "--out", cell.path(name), *arguments)
+        status, said, error = hordctl("export", bubble, "--out", cell.path(name), *arguments)
         self.assertEqual(status, 0, error)
+        maps = [file for file in os.listdir(cell.path(name)) if ".mask." not in file and ".light_field." not in file]
+        form = arguments[-1] if "--format" in arguments else "npy"
+        self.assertRegex(said, rf"^{bubble}: a light field and \d+ maps with masks: {cell.path(name)}/bubble\.{'h5' if form == 'hdf5' else f'[*].{form}'}\n$")
+        if form != "hdf5":
+            self.assertIn(f" {len(maps)} maps", said)
         return lambda file: os.path.join(cell.path(name), file)
 
     def test_numpy_reads_what_inspect_writes_as_tiff(self):
