@@ -91,6 +91,12 @@ Exit run_render(const RenderArguments& arguments) {
     auto scene = sim::load_scene(arguments.scene);
     if (!scene) return complain(scene.error());
     if (arguments.seed) scene->seed = *arguments.seed;
+    if (arguments.seed && !scene->noise.is_random() && scene->camera.array.dead_share == 0) {
+        fmt::print(stderr,
+                   "hord-lab: --seed changes nothing: {} has no noise; give it electrons_per_dn in [noise] "
+                   "(docs/scene.md)\n",
+                   arguments.scene);
+    }
     std::optional<Progress> progress(std::in_place, "render " + scene->name);
     auto field = sim::render(*scene, {arguments.threads, [&](double done) { progress->show(done); }});
     progress.reset();

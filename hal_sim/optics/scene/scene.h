@@ -258,6 +258,9 @@ struct SensorNoise {
     double full_well_e = 0;          // electrons that a pixel holds; 0: more than the last DN shows
     std::uint64_t pattern_seed = 1;  // of dsnu and prnu: the camera's own, the same in every frame
     bool photon_noise = true;        // false: electrons are counted without their shot noise
+
+    // Whether two frames of a scene differ by their seed.
+    [[nodiscard]] bool is_random() const { return electrons_per_dn > 0 && (photon_noise || read_e > 0); }
 };
 
 struct Scene {

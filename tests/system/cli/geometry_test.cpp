@@ -68,6 +68,14 @@ TEST_F(Told, render_writes_what_inspect_reads) {
     const std::string frame = folder / "s.png", raw = folder / "raw.png";
     const Said drawn = run("hord-lab", {"render", folder / "s.toml", "--out", frame, "--raw", raw});
     ASSERT_EQ(drawn.status, 0) << drawn.err;
+    EXPECT_THAT(drawn.err, testing::Not(HasSubstr("--seed")));
+    EXPECT_THAT(run("hord-lab", {"render", folder / "s.toml", "--out", frame, "--seed", "2"}).err,
+                HasSubstr("--seed changes nothing: " + (folder / "s.toml") +
+                          " has no noise; give it electrons_per_dn in "
+                          "[noise]"));
+    std::ofstream(folder / "s.toml", std::ios::app) << "[noise]\nelectrons_per_dn = 50\n";
+    EXPECT_THAT(run("hord-lab", {"render", folder / "s.toml", "--out", frame, "--seed", "2"}).err,
+                testing::Not(HasSubstr("--seed")));
     const auto read = drivers::read_noted_frame(frame), sensor = drivers::read_noted_frame(raw);
     ASSERT_TRUE(read && sensor);
     EXPECT_EQ(read->geometry, (FrameGeometry{FrameKind::macro_pixels, {24, 20, 5, 5}, 8}));
