@@ -1,5 +1,6 @@
 // A station whose sensor delivers raw frames of a turned, distorted, hexagonal lenslet array: calibrated, decoded,
 // watched for drift.
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -188,6 +189,24 @@ TEST_F(RawFrames, are_not_decoded_with_a_worse_calibration_than_before) {
     EXPECT_THAT(said.err, HasSubstr("worse.toml"));
     EXPECT_THAT(said.err, HasSubstr("better"));
     EXPECT_THAT(said.err, HasSubstr("calibration-in-use.toml"));
+}
+
+// The commands of docs/scene.md.
+TEST(WhiteFrame, of_the_simulated_cell_is_calibrated_and_raw_frames_are_read_through_it) {
+    const std::filesystem::path source = HORD_SOURCE_DIR;
+    std::ifstream page(source / "docs/scene.md");
+    std::string commands, line;
+    while (std::getline(page, line) && line != "## A white frame, and raw frames") {
+    }
+    while (std::getline(page, line) && !line.starts_with("##"))
+        if (line.starts_with("    ")) commands += line + "\n";
+    ASSERT_EQ(std::ranges::count(commands, '\n'), 6) << commands;
+    const TemporaryFolder folder;
+    std::filesystem::create_symlink(source / "hal_sim", folder / "hal_sim");
+    const Said said =
+        run("/bin/bash", {"-ec", "cd " + folder.path().string() + "; PATH=" HORD_BIN_DIR ":$PATH\n" + commands});
+    EXPECT_EQ(said.status, 0) << said.err;
+    EXPECT_THAT(said.out, testing::AllOf(HasSubstr("hexagonal lattice"), HasSubstr("pass    none")));
 }
 
 }  // namespace
