@@ -214,6 +214,14 @@ bool Invariants::stood_before_camera(const PartHistory& history) const {
     });
 }
 
+TimePoint Invariants::edge_ahead(TimePoint arrived) const {
+    TimePoint newest{};
+    for (const TimePoint edge : edges_) {
+        if (edge < arrived) newest = std::max(newest, edge);
+    }
+    return newest;
+}
+
 // -- processes
 
 void Invariants::process_starts(const Core& core, const CoreConfig& config) {
@@ -237,6 +245,7 @@ void Invariants::process_ends() {
 // -- calls between station and devices
 
 void Invariants::edge_delivered(const hal::PartEdge& edge) {
+    if (edge.kind == hal::PartEdge::Kind::arrives) edges_[next_edge_++ % edges_.size()] = edge.at;
     if (PartHistory* history = arrived_at(edge.at.time_since_epoch().count())) history->delivered = true;
 }
 

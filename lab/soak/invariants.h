@@ -146,6 +146,7 @@ class Invariants {
     void watch_belt();
     [[nodiscard]] Duration belt_stood(TimePoint from, TimePoint until) const;
     [[nodiscard]] bool stood_before_camera(const PartHistory& history) const;
+    [[nodiscard]] TimePoint edge_ahead(TimePoint arrived) const;
     void watch_line_stop();
     void check_finished(const PartHistory& history);
     void check_exit(PartHistory& history, TimePoint left);
@@ -192,6 +193,8 @@ class Invariants {
     };
     std::array<Stand, 16> stands_{};  // of the belt; the newest overwrites the oldest
     std::size_t next_stand_ = 0;
+    std::array<TimePoint, 64> edges_{};  // arrivals that were told, also those without a part
+    std::size_t next_edge_ = 0;
     bool stood_ = false;
     std::array<Interval, 8> fault_pulses_{};  // made by faults; the newest overwrites the oldest
     std::size_t next_fault_pulse_ = 0;

@@ -304,7 +304,9 @@ void Invariants::check_reason(const PartResult& r) {
     const TimePoint arrived(Duration(r.arrived_ns));
     const TimePoint decided = arrived + microseconds(r.latency_us) + microseconds(1);
     // With an encoder, a part on a belt that stands waits there for its exposure, and for what happened before.
-    const Duration waited = rules_.core.by_encoder ? belt_stood(arrived, decided) : Duration::zero();
+    // What is too close was caused at the edge ahead, or between the two.
+    const TimePoint from = r.reason == PartReason::parts_too_close ? edge_ahead(arrived) : arrived;
+    const Duration waited = rules_.core.by_encoder ? belt_stood(from, decided) : Duration::zero();
     const TimePoint since = decided - kCauseLag - waited;
     const bool close = last_close_ != TimePoint::min() && last_close_ >= since;
     if (close && (r.reason == PartReason::parts_too_close || r.reason == PartReason::strobe_failed)) return;

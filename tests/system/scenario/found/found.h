@@ -47,7 +47,8 @@ inline constexpr std::array kFound{
     Found{"the observer counted the time for which the belt stood as a part's way", "true-reasons",
           14489981575578618572U, 97, LineProfile::encoder, "plc-commands@5,encoder-slip@88+20000us"},
     Found{"a part that came as the permit fell kept its place on a belt that stood", "no-bad-part-passes",
-          12055965908620561094U, 3507, LineProfile::timed, "plc-orders@398+2500000us,plc-orders@399-4500:0.01+100000us"},
+          12055965908620561094U, 3507, LineProfile::timed,
+          "plc-orders@398+2500000us,plc-orders@399-4500:0.01+100000us"},
     Found{"the ejector of the simulated cell hit a part that the feeder held", "bounded", 6249567308676188721U, 377,
           LineProfile::encoder,
           "trigger-late@277+101000us,trigger-late@278-372:0.03+101000us,reject-late@56+100000us,strobe-dead@276,"
@@ -56,6 +57,9 @@ inline constexpr std::array kFound{
           "true-reasons", 1284110683102184671U, 1465, LineProfile::encoder,
           "strobe-refused@401,strobe-refused@1135-1501:0.002,inspector-hangs@402+400000us,"
           "inspector-hangs@1444+1500000us"},
+    Found{"the observer counted the time for which the belt stood between a ghost edge and the part behind it",
+          "true-reasons", 7233871483661870434U, 387, LineProfile::encoder,
+          "edge-ghost@378+30000us,strobe-lost@376+700000us,plc-orders@378+1000000us"},
 };
 
 inline Result<EpisodePlan> plan_of(const Found& found) {
