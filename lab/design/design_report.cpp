@@ -11,6 +11,7 @@ namespace hord::lab {
 namespace {
 
 constexpr std::size_t kNextBest = 6;
+constexpr std::size_t kOtherSets = 2;  // of them, sets of the chosen cell: often all are equal
 
 std::string a90_text(const FoundSize& found) {
     if (found.a90_mm == kNeverFound) return "not found";
@@ -63,11 +64,12 @@ struct Choice {
     const CellTrial* cell = nullptr;
     const SetTrial* set = nullptr;
 };
-// The best set of each cell, and the chosen cell's other sets; the best first.
+// The best set of each cell, and the chosen cell's next sets; the best first.
 std::vector<Choice> next_best(const Design& design) {
     std::vector<Choice> all;
     const CellTrial& chosen = design.fine.front();
-    for (std::size_t s = 1; s < chosen.sets.size(); ++s) all.push_back({&chosen, &chosen.sets[s]});
+    for (std::size_t s = 1; s < std::min(chosen.sets.size(), kOtherSets + 1); ++s)
+        all.push_back({&chosen, &chosen.sets[s]});
     const auto add = [&](const std::vector<CellTrial>& trials) {
         for (const CellTrial& trial : trials) {
             if (trial.sets.empty() ||
@@ -128,9 +130,15 @@ std::string describe(const Design& design, const DesignTask& task) {
     text += fmt::format("**Build: {}.** Judge by {}.\n{}\n\n", describe(chosen.cell, task.part, task.camera),
                         set.set.name(), hardware_text(chosen.cell, task));
     const bool holds = check.time_ms * 1e-3 * task.rate <= task.inspection_threads;
+    std::string missed;  // wanted sizes below the size found
+    for (std::size_t d = 0; d < task.defects.size(); ++d) {
+        if (worst_ratio({check.found[d]}, {task.defects[d]}) <= 1) continue;
+        missed +=
+            fmt::format("{}{} of {:g} mm", missed.empty() ? "" : ", ", task.defects[d].name(), task.defects[d].size_mm);
+    }
     text += fmt::format("It {}, and {} {:g} parts a second with {} inspection thread{}.\n\n",
                         check.worst_ratio <= 1 ? "finds every wanted size with 90 % probability or more"
-                                               : "does not find every wanted size",
+                                               : "does not find with 90 % probability: " + missed,
                         holds ? "holds" : "DOES NOT HOLD", task.rate, task.inspection_threads,
                         task.inspection_threads == 1 ? "" : "s");
     Table defects{{"defect", "wanted, mm", "a90, mm (with 95 % confidence)", "whole parts of another seed: wanted size",

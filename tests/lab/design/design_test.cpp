@@ -116,6 +116,28 @@ TEST(Cells, bevels_do_not_count_as_light_that_bins_must_hold) {
     EXPECT_LT(survey->largest_slope, 1e-6);
 }
 
+// The answer names what is missed, and other feature sets of the chosen cell leave room for other cells.
+TEST(DesignReport, names_the_sizes_that_are_not_found_and_other_cells) {
+    const DesignTask task = small_task("bubble=0.2,scratch=0.03");
+    const auto set = [](double ratio) {
+        SetTrial out;
+        out.found = {{0.1}, {0.06}};
+        out.time_ms = 1, out.worst_ratio = ratio, out.holds_rate = true;
+        return out;
+    };
+    Design design;
+    design.fine = {{kCell, {}, std::vector(6, set(2))}};
+    CellChoice other = kCell;
+    other.bins = 7;
+    design.coarse = {{other, {}, {set(3)}}};
+    design.check.found = {{0.1}, {0.06}};
+    design.check.worst_ratio = 2;
+    design.check.defects.resize(2);
+    const std::string text = describe(design, task);
+    EXPECT_THAT(text, HasSubstr("does not find with 90 % probability: scratch of 0.03 mm, and holds"));
+    EXPECT_THAT(text, HasSubstr("7x7 bins"));
+}
+
 TEST(WholeParts, a_pasted_window_is_the_whole_rendering) {
     const DesignTask task = small_task("bubble=0.4");
     const auto survey = PartSurvey::of(task.part);
