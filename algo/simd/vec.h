@@ -119,7 +119,7 @@ struct Vec<T, Count, Bytes, std::index_sequence<I...>> {
     // general registers.
     template <class Mask>
     HORD_ALWAYS_INLINE static Mask as_lanes(Mask mask) {
-#if defined(__x86_64__)
+#if defined(__x86_64__) && !defined(__clang__)
         if constexpr (Bytes == 64) asm("" : "+v"(mask));
 #endif
         return mask;
