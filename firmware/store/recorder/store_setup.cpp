@@ -90,7 +90,9 @@ std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, cons
     options.queue.retention.keep_days = wanted.keep_days;
     options.queue.retention.max_bytes = static_cast<std::uint64_t>(wanted.keep_mb) * kMegabyte;
     options.ignored_part = Station::kTestPart;
-    const auto open = [folder] { return store::open_sqlite_store(folder); };
+    const auto open = [folder, options = store::SqliteStoreOptions{}] {
+        return store::open_sqlite_store(folder, options);
+    };
     auto recorder = std::make_unique<store::StationRecorder>(
         loop, store::utc_now, open, std::move(options),
         store::StoreQueue::Listener{raise(faults, kFaultStore), clear(faults, kFaultStore)}, std::move(frames));

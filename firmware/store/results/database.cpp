@@ -67,8 +67,8 @@ tl::unexpected<Error> Database::failed(int code) const {
 
 tl::unexpected<Error> Database::damaged(const std::string& detail) const {
     return fail(ErrorCode::unreadable, file_.string() + " is damaged (" + detail + ")",
-                "move the file, its -wal and its -shm out of the folder and keep them; the station starts a new one by "
-                "itself");
+                "stop the station, move the file, its -wal and its -shm out of the folder and keep them, and start the "
+                "station: it begins a new one");
 }
 
 // -- statements

@@ -85,7 +85,8 @@ class ResultStore {
     // Blocks; one thread. When it returns, all of `entries` are durable, in order: they survive the process and a loss
     // of power. After a failure the store must not be used again: the batch may have been stored or not, and the next
     // store that is opened skips the entries it has. Fails with io (full, read-only, broken disk), unreadable
-    // (damaged), busy. The first entry of a run is its StartRecord.
+    // (damaged), busy, not_found (its files were moved or removed: what was durable is not where people look for it).
+    // The first entry of a run is its StartRecord. Without entries it only checks that the files are there.
     virtual Result<void> write(std::span<const Entry> entries) = 0;
 
     // Removes rows beyond `retention`, a bounded number in one call, and enters in the changes what was removed and

@@ -10,6 +10,7 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "common/unique_fd.h"
@@ -49,6 +50,35 @@ struct InUse {
     [[nodiscard]] Value reference() const { return number == 0 ? Value{} : Value(number); }
 };
 
+// A store that goes on with open files that have no name would promise what nobody can read.
+Error moved_away(const fs::path& file) {
+    return {ErrorCode::not_found,
+            file.string() + " was moved, removed or replaced while the station used it; results wait in memory",
+            "put it back with its -wal and its -shm, or move those out of the folder, too, and restart the station: it "
+            "begins a new one"};
+}
+
+Error log_moved_away(const std::string& name) {
+    return {ErrorCode::io, name + " was moved, removed or replaced while the station used it",
+            "leave the files beside " + std::string(kStoreFile) + " alone; the station opens its store again"};
+}
+
+Error log_without_database(const fs::path& file) {
+    return {ErrorCode::not_found, file.string() + "-wal is there, but its " + kStoreFile + " is not",
+            "put " + std::string(kStoreFile) + " back, or move its -wal and its -shm out of the folder, too"};
+}
+
+// The file that a path leads to; both 0: none.
+struct FileId {
+    dev_t device = 0;
+    ino_t inode = 0;
+    bool operator==(const FileId&) const = default;
+};
+FileId file_id(const std::string& path) {
+    struct stat found {};
+    return ::stat(path.c_str(), &found) == 0 ? FileId{found.st_dev, found.st_ino} : FileId{};
+}
+
 class SqliteStore final : public ResultStore {
   public:
     SqliteStore(common::UniqueFd lock, const SqliteStoreOptions& options, std::unique_ptr<Database> database)
@@ -60,6 +90,7 @@ class SqliteStore final : public ResultStore {
     Result<bool> prune(const Retention& retention, const ClockReading& now) override;
 
   private:
+    Result<void> write_batch(std::span<const Entry> entries);
     Result<void> store(std::uint64_t entry, const StartRecord& start);
     Result<void> store(std::uint64_t entry, const ChangeRecord& change);
     Result<void> store(std::uint64_t entry, const ResultRecord& result) {
@@ -73,6 +104,8 @@ class SqliteStore final : public ResultStore {
             std::array<Value, 4>{run_, std::int64_t{acknowledge.sequence}, acknowledge.time_us, acknowledge.peer});
     }
     Result<void> close_batch(Transaction& transaction);
+    [[nodiscard]] std::array<FileId, 3> files() const;
+    Result<void> check_files();
     Result<void> read_changes();
     Result<void> witness(const ClockReading& now);
     Result<bool> prune(const ChainTable& table, const Retention& retention, UtcMicros now_us);
@@ -83,6 +116,7 @@ class SqliteStore final : public ResultStore {
     common::UniqueFd lock_;
     const SqliteStoreOptions options_;
     const std::unique_ptr<Database> database_;
+    std::array<FileId, 3> files_;  // those that are open; SQLite replaces none of them before it closes them
     std::optional<ChainWriter> results_, commands_, changes_;
     ClockWitness witness_;
     ClockDays days_;
@@ -133,6 +167,7 @@ Result<void> SqliteStore::prepare() {
         if (!opened) return tl::unexpected(opened.error());
         chain->emplace(std::move(*opened));
     }
+    files_ = files();
     if (auto done = read_changes(); !done) return done;
     if (from == kSchemaVersion) return {};
     const std::vector<Value> row{std::string("migration"), std::string(),        std::int64_t{0},
@@ -170,6 +205,13 @@ Result<void> SqliteStore::read_changes() {
 Result<void> SqliteStore::write(std::span<const Entry> entries) {
     if (broken_) return fail(ErrorCode::internal, "the store failed before", "open it again");
     broken_ = true;
+    auto done = entries.empty() ? Result<void>() : write_batch(entries);
+    if (done) done = check_files();  // after the commit: a batch in files that have no name is not durable
+    broken_ = !done;
+    return done;
+}
+
+Result<void> SqliteStore::write_batch(std::span<const Entry> entries) {
     auto transaction = Transaction::begin(*database_);
     if (!transaction) return tl::unexpected(transaction.error());
     std::uint64_t newest = 0;
@@ -185,9 +227,23 @@ Result<void> SqliteStore::write(std::span<const Entry> entries) {
         if (!done) return done;
         if (entry.number != 0) last_entry_ = entry.number;
     }
-    if (auto done = close_batch(*transaction); !done) return done;
-    broken_ = false;
-    return {};
+    return close_batch(*transaction);
+}
+
+// The database, its log and the log's index.
+std::array<FileId, 3> SqliteStore::files() const {
+    const std::string name = database_->file().string();
+    return {file_id(name), file_id(name + "-wal"), file_id(name + "-shm")};
+}
+
+Result<void> SqliteStore::check_files() {
+    const auto now = files();
+    if (now == files_) return {};
+    const std::string name = database_->file().string();
+    // Closing moves what is in the open log to the database, wherever the log's name leads to.
+    if (now[0] == files_[0]) return tl::unexpected(log_moved_away(name + (now[1] == files_[1] ? "-shm" : "-wal")));
+    *options_.moved = true;
+    return tl::unexpected(moved_away(database_->file()));
 }
 
 Result<void> SqliteStore::close_batch(Transaction& transaction) {
@@ -350,6 +406,12 @@ Result<void> SqliteStore::remove(const ChainTable& table, std::int64_t first, st
 }  // namespace
 
 Result<std::unique_ptr<ResultStore>> open_sqlite_store(const fs::path& folder, const SqliteStoreOptions& options) {
+    const fs::path file = folder / kStoreFile;
+    if (file_id(file.string()) == FileId{}) {
+        if (*options.moved) return tl::unexpected(moved_away(file));
+        // SQLite would remove this log, with the results in it, and make a new file.
+        if (file_id(file.string() + "-wal") != FileId{}) return tl::unexpected(log_without_database(file));
+    }
     if (const std::error_code error = options.make_folder(folder)) {
         return fail(ErrorCode::io,
                     "the folder " + folder.string() + " cannot be made or used (" + error.message() + ")",
@@ -357,10 +419,11 @@ Result<std::unique_ptr<ResultStore>> open_sqlite_store(const fs::path& folder, c
     }
     auto lock = lock_folder(folder);
     if (!lock) return tl::unexpected(lock.error());
-    auto database = Database::open(folder / kStoreFile, Database::Access::create, options.vfs);
+    auto database = Database::open(file, Database::Access::create, options.vfs);
     if (!database) return tl::unexpected(database.error());
     auto store = std::make_unique<SqliteStore>(std::move(*lock), options, std::move(*database));
     if (auto done = store->prepare(); !done) return tl::unexpected(done.error());
+    *options.moved = false;
     return std::unique_ptr<ResultStore>(std::move(store));
 }
 

@@ -17,13 +17,16 @@ constexpr const char* kStoreFile = "results.db";
 struct SqliteStoreOptions {
     std::string vfs = {};  // SQLite VFS, for tests; empty: the system's
     std::int64_t rows_in_one_prune = 20'000;
+    // Set when a store finds its files moved or removed while they are open. Then only a file that was put back is
+    // opened, and none is made. Share it between the openings of one run.
+    std::shared_ptr<bool> moved = std::make_shared<bool>(false);
     // Makes the folder unless it exists. Replaceable in tests.
     std::function<std::error_code(const std::filesystem::path&)> make_folder = common::ensure_folder;
 };
 
 // Creates the folder (not its parents) and the file if missing, migrates an older file, and locks the folder. Blocks.
-// Fails with busy (another program writes this store), unsupported (written by newer software), unreadable (damaged),
-// io (no permission, read-only, full disk, no such parent folder).
+// Fails with busy (another program writes this store), not_found (options.moved, and no file was put back), unsupported
+// (written by newer software), unreadable (damaged), io (no permission, read-only, full disk, no such parent folder).
 Result<std::unique_ptr<ResultStore>> open_sqlite_store(const std::filesystem::path& folder,
                                                        const SqliteStoreOptions& options = {});
 

@@ -54,7 +54,7 @@ void StoreQueue::add(Record record) {
 AckStatus StoreQueue::acknowledge(std::string peer, UtcMicros time_us, std::uint32_t sequence) {
     {
         const std::lock_guard lock(mutex_);
-        if (sequence > durable_) {
+        if (sequence > durable_ || moved_) {
             if (failing_) return AckStatus::failed;
             urgent_ = true;
             wake_.notify_one();
@@ -80,7 +80,7 @@ void StoreQueue::work(const std::stop_token& stop) {
             wake_.wait_for(lock, stop, options_.retry_every, [] { return false; });
         } else {
             // Wait for a record, then for commit_every, unless an acknowledgement or a full batch waits.
-            wake_.wait_for(lock, stop, options_.prune_every, [this] { return urgent_ || !waiting_.empty(); });
+            wake_.wait_for(lock, stop, options_.check_every, [this] { return urgent_ || !waiting_.empty(); });
             wake_.wait_for(lock, stop, options_.commit_every,
                            [this] { return urgent_ || waiting_.size() >= options_.batch; });
         }
@@ -174,6 +174,7 @@ bool StoreQueue::write_one_batch(std::unique_lock<std::mutex>& lock) {
         if (change != nullptr && change->what == ChangeRecord::What::lost)
             durable_ = std::max(durable_, static_cast<std::uint32_t>(member_of_loss(*change, "to_sequence")));
     }
+    moved_ = false;
     if (std::exchange(failing_, false)) {
         last_error_.clear();
         lock.unlock();
@@ -192,7 +193,7 @@ Result<void> StoreQueue::open_and_write(const std::vector<Entry>& batch) {
         for (const ChangeRecord& change : in_use_) context.push_back({0, change});
         if (auto done = store_->write(context); !done) return done;
     }
-    return batch.empty() ? Result<void>() : store_->write(batch);
+    return store_->write(batch);
 }
 
 void StoreQueue::note_written(const std::vector<Entry>& batch) {
@@ -222,6 +223,7 @@ void StoreQueue::prune(std::unique_lock<std::mutex>& lock) {
 void StoreQueue::fail_with(std::unique_lock<std::mutex>& lock, const Error& error) {
     store_.reset();
     failing_ = true;
+    moved_ = moved_ || error.code == ErrorCode::not_found;
     if (error.message() == std::exchange(last_error_, error.message())) return;
     lock.unlock();
     if (listener_.failed) listener_.failed(error);

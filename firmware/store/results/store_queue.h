@@ -26,6 +26,7 @@ struct StoreQueueOptions {
     std::size_t batch = 4096;       // records in one transaction
     hal::Duration commit_every = std::chrono::milliseconds(100);
     hal::Duration retry_every = std::chrono::seconds(1);
+    hal::Duration check_every = std::chrono::seconds(1);  // whether the files are still there, without records, too
     hal::Duration prune_every = std::chrono::seconds(60);
     hal::Duration stop_within = std::chrono::seconds(3);  // a failing store is tried for so long at the end
     hal::Duration retry_at_stop = std::chrono::milliseconds(200);
@@ -110,6 +111,7 @@ class StoreQueue {
     std::uint32_t lost_from_ = 0, lost_to_ = 0;  // sequences of the next report
     std::uint32_t durable_ = 0;
     bool failing_ = false, urgent_ = false;
+    bool moved_ = false;   // the store failed with not_found: what was durable cannot be acknowledged, either
     std::jthread thread_;  // the last member: its end uses the others
 };
 
