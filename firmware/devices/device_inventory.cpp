@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "common/device_access.h"
+#include "common/file_writing.h"
 #include "drivers/camera_process/camera_process.h"
 #include "drivers/genicam/genicam_request.h"
 #include "drivers/libcamera/libcamera_request.h"
@@ -32,10 +33,8 @@ std::string toml_text(const std::string& text) {
     return out + '"';
 }
 
-std::string text_in(const fs::path& file) {
-    std::ifstream in(file, std::ios::binary);
-    return {std::istreambuf_iterator<char>(in), {}};
-}
+// Empty: it cannot be read, as when its process or device is gone meanwhile.
+std::string text_in(const fs::path& file) { return common::read_file(file).value_or(""); }
 
 struct Process {
     std::string pid, name;
@@ -47,7 +46,9 @@ struct Process {
 std::vector<Process> processes(const fs::path& root) {
     std::vector<Process> all;
     std::error_code error;
-    for (const auto& entry : fs::directory_iterator(root / "proc", error)) {
+    for (auto entries = fs::directory_iterator(root / "proc", error); !error && entries != fs::directory_iterator();
+         entries.increment(error)) {
+        const fs::directory_entry& entry = *entries;
         Process process;
         process.pid = entry.path().filename().string();
         if (process.pid.find_first_not_of("0123456789") != std::string::npos) continue;
@@ -68,8 +69,10 @@ std::vector<Process> processes(const fs::path& root) {
 std::string holder_of(const fs::path& root, const std::vector<Process>& running, const fs::path& file) {
     for (const Process& process : running) {
         std::error_code error;
-        for (const auto& entry : fs::directory_iterator(root / "proc" / process.pid / "fd", error)) {
-            if (fs::read_symlink(entry.path(), error) == file) return process.text();
+        std::error_code gone;  // a process that ends meanwhile holds nothing
+        for (auto entry = fs::directory_iterator(root / "proc" / process.pid / "fd", error);
+             !error && entry != fs::directory_iterator(); entry.increment(error)) {
+            if (fs::read_symlink(entry->path(), gone) == file) return process.text();
         }
     }
     return {};

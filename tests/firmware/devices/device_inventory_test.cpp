@@ -65,6 +65,14 @@ TEST_F(Inventory, of_nothing_says_what_was_looked_for_and_how_to_attach_it) {
     EXPECT_THAT(section("libcamera").problem, HasSubstr("/no/such/program"));
 }
 
+TEST_F(Inventory, skips_a_process_that_ends_while_it_is_read) {
+    fs::create_directories(root_.path() / "proc/811/comm");  // opens, and its reading fails, as that of a process gone
+    process("812", "hordd");
+    fs::create_directories(root_.path() / "proc/813/cmdline");
+    file("proc/813/comm", "hordd\n");
+    EXPECT_THAT(section("gpio").looked_for, HasSubstr("no GPIO chip found"));
+}
+
 TEST_F(Inventory, names_files_that_are_no_devices) {
     file("dev/gpiochip0");
     file("dev/video3");
