@@ -9,6 +9,7 @@
 
 #include <modbus/modbus.h>
 #include <poll.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include "common/tcp_listener.h"
@@ -49,7 +50,7 @@ CoilLink::CoilLink(const hal::Clock& clock, ModuleAddress address, Duration resp
 
 std::string CoilLink::name() const {
     if (address_.serial) return address_.serial->device + " unit " + std::to_string(address_.unit);
-    return address_.host + ":" + std::to_string(address_.port);
+    return address_.host_and_port();
 }
 std::string CoilLink::which(const char* thing, int number) const {
     return std::string(thing) + " " + std::to_string(number) + " of the rejector module at " + name();
@@ -125,6 +126,9 @@ tl::unexpected<Error> CoilLink::failed(const std::string& what, int error) {
     }
     if (is_exception(error)) return fail(ErrorCode::refused, said, "check the module's own fault display");
     close();
+    if (is_damage(error) && !of_another_.empty())
+        return fail(ErrorCode::disconnected, what + ": " + of_another_,
+                    "check rejector.unit and what stands between the station and the module, such as a gateway");
     if (is_damage(error) && address_.serial)
         return fail(
             ErrorCode::disconnected, said + " (the answer is damaged or none of Modbus)",
@@ -176,6 +180,58 @@ void CoilLink::discard(Duration silence) {
     last_byte_ = clock_.now();
 }
 
+// Sends a request of a function whose parameters are an address and a value or count, and copies the data of its
+// answer. libmodbus compares neither the unit of an answer over TCP nor the address that a write echoes: done here.
+// False: errno says why.
+bool CoilLink::ask(int function, int number, int value, std::span<std::uint8_t> data) {
+    const auto byte = [](int word, int shift) { return static_cast<std::uint8_t>(word >> shift); };
+    const auto wrong = [](int error) { return errno = error, false; };
+    ++transaction_;
+    const std::array<std::uint8_t, 12> request{byte(transaction_, 8),
+                                               byte(transaction_, 0),
+                                               0,
+                                               0,
+                                               0,
+                                               6,
+                                               byte(address_.unit, 0),
+                                               byte(function, 0),
+                                               byte(number, 8),
+                                               byte(number, 0),
+                                               byte(value, 8),
+                                               byte(value, 0)};
+    constexpr std::size_t kTcpHead = 6;
+    of_another_.clear();
+    if (address_.serial) {
+        if (modbus_send_raw_request(context_.get(), request.data() + kTcpHead, 6) < 0) return false;
+    } else if (const auto sent =
+                   ::send(modbus_get_socket(context_.get()), request.data(), request.size(), MSG_NOSIGNAL);
+               sent != static_cast<ssize_t>(request.size())) {
+        return sent < 0 ? false : wrong(EIO);
+    }
+    std::array<std::uint8_t, MODBUS_MAX_ADU_LENGTH> answer{};
+    const int count = modbus_receive_confirmation(context_.get(), answer.data());
+    if (count < 0) return false;
+    const std::size_t head = address_.serial ? 0 : kTcpHead;
+    if (!address_.serial && !std::equal(answer.begin(), answer.begin() + 4, request.begin())) return wrong(EMBBADDATA);
+    if (answer[head] != request[kTcpHead]) {
+        of_another_ = "unit " + std::to_string(answer[head]) + " answers, not unit " + std::to_string(address_.unit);
+        return wrong(EMBBADSLAVE);
+    }
+    const std::span<const std::uint8_t> pdu(answer.data() + head + 1, answer.size() - head - 1);
+    if (pdu[0] == (function | 0x80))
+        return wrong(pdu[1] > 0 && pdu[1] < MODBUS_EXCEPTION_MAX ? MODBUS_ENOBASE + pdu[1] : EMBBADEXC);
+    if (pdu[0] != function) return wrong(EMBBADDATA);
+    if (data.empty()) {
+        const int echoed = pdu[1] << 8 | pdu[2];
+        if (echoed == number) return true;
+        of_another_ = "the answer acknowledges address " + std::to_string(echoed) + ", not " + std::to_string(number);
+        return wrong(EMBBADDATA);
+    }
+    if (pdu[1] != data.size()) return wrong(EMBBADDATA);
+    std::copy_n(pdu.begin() + 2, data.size(), data.begin());
+    return true;
+}
+
 // One request and its answer. A serial line can be used again afterwards, also after an error.
 template <class Request>
 Result<void> CoilLink::exchange(const std::string& what, Again again, Request request, Duration timeout) {
@@ -187,7 +243,7 @@ Result<void> CoilLink::exchange(const std::string& what, Again again, Request re
         }
         const hal::TimePoint from = clock_.now();
         limit_wait(timeout);
-        const bool done = request(context_.get());
+        const bool done = request();
         const int error = done ? 0 : errno;
         last_byte_ = clock_.now();
         if (done || is_exception(error)) {
@@ -204,53 +260,59 @@ Result<void> CoilLink::exchange(const std::string& what, Again again, Request re
     }
 }
 
-Result<bool> CoilLink::read_bit(const char* thing, int number, int (*function)(modbus_t*, int, int, std::uint8_t*)) {
-    std::uint8_t value = 0;
+Result<bool> CoilLink::read_bit(const char* thing, int number, int function) {
+    std::array<std::uint8_t, 1> value{};
     return exchange(which(thing, number) + " cannot be read", Again::yes,
-                    [&](modbus_t* m) { return function(m, number, 1, &value) == 1; })
-        .map([&] { return value != 0; });
+                    [&] { return ask(function, number, 1, value); })
+        .map([&] { return (value[0] & 1) != 0; });
 }
 
-Result<bool> CoilLink::read(int coil) { return read_bit("coil", coil, modbus_read_bits); }
+Result<bool> CoilLink::read(int coil) { return read_bit("coil", coil, MODBUS_FC_READ_COILS); }
 
-Result<bool> CoilLink::read_input(int number) { return read_bit("input", number, modbus_read_input_bits); }
+Result<bool> CoilLink::read_input(int number) { return read_bit("input", number, MODBUS_FC_READ_DISCRETE_INPUTS); }
 
 Result<std::vector<std::uint16_t>> CoilLink::read_registers(RegisterKind kind, int number, int count) {
     const bool input = kind == RegisterKind::input;
-    std::vector<std::uint16_t> values(static_cast<std::size_t>(count));
+    std::vector<std::uint8_t> bytes(2 * static_cast<std::size_t>(count));
     return exchange(which(input ? "input register" : "register", number) + " cannot be read", Again::yes,
-                    [&](modbus_t* m) {
-                        const auto function = input ? modbus_read_input_registers : modbus_read_registers;
-                        return function(m, number, count, values.data()) == count;
+                    [&] {
+                        return ask(input ? MODBUS_FC_READ_INPUT_REGISTERS : MODBUS_FC_READ_HOLDING_REGISTERS, number,
+                                   count, bytes);
                     })
-        .map([&] { return std::move(values); });
+        .map([&] {
+            std::vector<std::uint16_t> values;
+            for (std::size_t k = 0; k < bytes.size(); k += 2)
+                values.push_back(static_cast<std::uint16_t>(bytes[k] << 8 | bytes[k + 1]));
+            return values;
+        });
 }
 
 Result<void> CoilLink::write_register(int number, int value) {
-    return exchange(which("register", number) + " cannot be written", Again::yes, [&](modbus_t* m) {
-        return modbus_write_register(m, number, static_cast<std::uint16_t>(value)) == 1;
-    });
+    return exchange(which("register", number) + " cannot be written", Again::yes,
+                    [&] { return ask(MODBUS_FC_WRITE_SINGLE_REGISTER, number, value, {}); });
 }
 
 Result<void> CoilLink::write(int coil, bool on, std::optional<int> read_at) {
     const std::string what = which("coil", coil) + " cannot be written";
-    const hal::TimePoint by = clock_.now() + timeout_;
+    const hal::TimePoint from = clock_.now(), by = from + timeout_;
     const auto written =
-        exchange(what, Again::no, [&](modbus_t* m) { return modbus_write_bit(m, coil, on ? 1 : 0) == 1; });
+        exchange(what, Again::no, [&] { return ask(MODBUS_FC_WRITE_SINGLE_COIL, coil, on ? 0xFF00 : 0, {}); });
     if (!written && (!connected_ || written.error().code == ErrorCode::refused)) return written;
     acknowledged_ = clock_.now();
     if (written && !read_at) return {};
     const int back_at = read_at.value_or(coil);
-    std::uint8_t value = 0;
-    const auto back = exchange(
+    std::array<std::uint8_t, 1> value{};
+    auto back = exchange(
         which("coil", back_at) + " cannot be read back", written ? Again::yes : Again::no,
-        [&](modbus_t* m) { return modbus_read_bits(m, back_at, 1, &value) == 1; },
-        address_.serial ? timeout_ : by - clock_.now());
+        [&] { return ask(MODBUS_FC_READ_COILS, back_at, 1, value); }, address_.serial ? timeout_ : by - clock_.now());
+    if (!back && !address_.serial && back.error().code == ErrorCode::timeout)
+        back.error().what +=
+            " for the write (" + std::to_string((acknowledged_ - from) / 1ms) + " ms) and its reading back together";
     if (!back && !written && connected_ && back.error().code == ErrorCode::io)
         return failed(what, ETIMEDOUT);  // no answer to the read either
     if (!back) return back;
     if (!written) acknowledged_ = clock_.now();
-    if ((value != 0) == on) return {};
+    if (((value[0] & 1) != 0) == on) return {};
     if (!written) return written;
     return fail(
         ErrorCode::refused,
@@ -267,6 +329,7 @@ Result<std::string> CoilLink::identify() {
     const std::array<std::uint8_t, 5> request{static_cast<std::uint8_t>(address_.unit), 43, 14, 1, 0};
     // libmodbus cannot parse this answer: it is read here until its end or a pause.
     std::vector<std::uint8_t> answer;
+    bool in_time = false;
     const std::size_t head = address_.serial ? 1 : 7;
     if (modbus_send_raw_request(context_.get(), request.data(), static_cast<int>(request.size())) > 0) {
         const hal::TimePoint end = clock_.now() + timeout_;
@@ -281,8 +344,14 @@ Result<std::string> CoilLink::identify() {
             if (count == 0) break;
             answer.insert(answer.end(), bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(count));
         }
+        in_time = clock_.now() < end;
     }
     close();
+    if (answer.empty())
+        return fail(ErrorCode::timeout,
+                    what + (in_time ? " closes the connection without an answer" : " does not answer") + " as unit " +
+                        std::to_string(address_.unit),
+                    "check the unit, that no other program holds the module, and that the address is the module's");
     if (answer.size() < head + 2) return fail(ErrorCode::timeout, what + " does not say what it is", "see its label");
     constexpr int kRefused = 43 | 0x80;
     const bool described = answer[head] == 43 && answer[head + 1] == 14 && answer.size() >= head + 7;
@@ -290,6 +359,16 @@ Result<std::string> CoilLink::identify() {
     if (!of_modbus || (answer[head] != kRefused && !described))
         return fail(ErrorCode::unreadable, what + " answers, and not as a Modbus module does",
                     "check its address and port: modules listen on port 502");
+    if (answer[head - 1] != address_.unit)
+        return fail(ErrorCode::refused,
+                    what + " answers as unit " + std::to_string(answer[head - 1]) + ", not as unit " +
+                        std::to_string(address_.unit),
+                    "give that unit");
+    const int code = described ? 0 : answer[head + 1];
+    if (code == MODBUS_EXCEPTION_GATEWAY_PATH || code == MODBUS_EXCEPTION_GATEWAY_TARGET)
+        return fail(ErrorCode::refused,
+                    what + " does not answer: a gateway does, in its place, for unit " + std::to_string(address_.unit),
+                    "check the unit, and the module's power and cable behind the gateway");
     if (!described) return fail(ErrorCode::unsupported, what + " has no device identification", "see its label");
     std::string text;
     std::size_t at = head + 7;

@@ -37,8 +37,8 @@ class CoilLink {
     // timeout or disconnected (the connection is closed), io (a serial line: the answer was lost, the connection
     // stays).
 
-    // Writes a coil and reads it back at `read_at`. Without `read_at` it need not read back as written, unless the
-    // answer was lost on a serial line.
+    // Writes a coil and reads it back at `read_at`; over TCP both share the response time-out. Without `read_at` it
+    // need not read back as written, unless the answer was lost on a serial line.
     Result<void> write(int coil, bool on, std::optional<int> read_at = {});
     Result<bool> read(int coil);
     Result<bool> read_input(int number);
@@ -47,7 +47,8 @@ class CoilLink {
     Result<std::vector<std::uint16_t>> read_registers(RegisterKind kind, int number, int count);
 
     // "vendor product revision", by Read Device Identification (function 43/14). Fails with unsupported if the module
-    // does not have it. Closes the connection, because a late answer could follow.
+    // does not have it, with refused if a gateway or another unit answers, with unreadable if the answer is none of
+    // Modbus. Closes the connection, because a late answer could follow.
     Result<std::string> identify();
 
     // An upper estimate of recent response times; zero before the first answer.
@@ -69,7 +70,8 @@ class CoilLink {
     }
     template <class Request>
     Result<void> exchange(const std::string& what, Again again, Request request, hal::Duration timeout);
-    Result<bool> read_bit(const char* thing, int number, int (*function)(_modbus*, int, int, std::uint8_t*));
+    bool ask(int function, int number, int value, std::span<std::uint8_t> data);
+    Result<bool> read_bit(const char* thing, int number, int function);
     void keep_gap() const;
     std::size_t read_bytes(std::span<std::uint8_t> bytes, hal::Duration wait) const;
     void discard(hal::Duration silence);
@@ -81,6 +83,8 @@ class CoilLink {
     const hal::Duration timeout_;
     const hal::Duration gap_;  // between two frames of a serial line
     bool connected_ = false;
+    std::uint16_t transaction_ = 0;
+    std::string of_another_;  // why the last answer is that to another request; empty: it is not
     hal::TimePoint last_byte_{};
     hal::TimePoint give_up_ = hal::TimePoint::max();
     hal::Duration typical_response_{};

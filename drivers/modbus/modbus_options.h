@@ -23,6 +23,10 @@ struct ModuleAddress {
     int port = 502;
     std::optional<SerialSettings> serial = {};  // Modbus RTU, instead of host and port
     int unit = 1;                               // 1..247; TCP: also 255, for a module that is addressed by its IP alone
+    // As --module takes it: an IPv6 address in brackets.
+    [[nodiscard]] std::string host_and_port() const {
+        return (host.find(':') == std::string::npos ? host : "[" + host + "]") + ":" + std::to_string(port);
+    }
     bool operator==(const ModuleAddress&) const = default;
 };
 
@@ -54,12 +58,13 @@ struct ModuleMap {
 };
 
 // A rejection has three time-outs:
-//   response_timeout  one Modbus request: the longest wait for its answer, also for the coil that is read back.
+//   response_timeout  one Modbus request: the longest wait for its answer. Over TCP a coil's write and its reading back
+//                     share it.
 //   confirm_within    the confirm sensor: the longest time from the end of the pulse until it sees the ejected part.
 //                     After it the driver reports the rejection as failed.
 //   confirm_timeout   the station (CoreConfig, firmware/core/core_config.h): the longest time from the end of the pulse
 //                     until the driver has reported. After it the rejection counts as failed. It must be longer than
-//                     the other two together.
+//                     response_timeout; with a confirm sensor, than the other two together.
 // A failed rejection stops the line.
 //
 // start() checks the ranges again: hordctl latency opens the driver without a configuration.

@@ -83,6 +83,18 @@ TEST_F(Rejector, a_rejection_is_told_with_the_time_at_which_its_write_was_acknow
     EXPECT_LE(ear_.reports.back().at + kSlow, loop_->now());
 }
 
+TEST_F(Rejector, a_reading_back_that_has_no_time_left_says_how_long_the_write_took) {
+    options_.check_every = 60s;
+    start_and_wait();
+    module_->misbehave(ModuleFault::silent, 0);
+    module_->misbehave_at_reads(ModuleFault::silent, 1);
+    EXPECT_EQ(reject(1), Outcome::failed);
+    ASSERT_TRUE(run_until([&] { return !ear_.losses.empty(); }));
+    EXPECT_THAT(ear_.losses[0],
+                AllOf(HasSubstr("cannot be read back: no answer within 400 ms for the write ("),
+                      HasSubstr(" ms) and its reading back together")));
+}
+
 TEST_F(Rejector, an_answer_that_drips_in_byte_by_byte_is_not_waited_for) {
     start_and_wait();
     module_->misbehave(ModuleFault::drip, 1, kTimeout / 2);
@@ -136,6 +148,11 @@ TEST_F(Rejector, what_answers_and_is_not_the_module_is_told_as_that_and_not_as_s
         {refusal(2), "no such output", "hordctl devices --module"},
         {refusal(10), "a gateway answers", "rejector.unit"},
         {refusal(11), "a gateway answers", "behind the gateway"},
+        // The request itself is the answer to a write: of another unit, and of another coil.
+        {[](std::string sent) { return sent.replace(6, 1, "\7"); }, "unit 7 answers, not unit 1", "rejector.unit"},
+        {[](std::string sent) { return sent.replace(9, 1, "\5"); }, "the answer acknowledges address 5, not 0",
+         "rejector.unit"},
+        {[](std::string sent) { return sent.replace(1, 1, "\x77"); }, "the answer is none of Modbus", "really at"},
     };
     for (const Case& one : cases) {
         const test::AnsweringServer server(one.answer);
