@@ -270,7 +270,7 @@ InventorySection module_section(const hal::Clock& clock, const InventoryOptions&
     }
     const drivers::ModuleAddress& at = *options.module;
     InventoryItem& item = section.items.emplace_back();
-    item.name = fmt::format("{}:{} unit {}", at.host, at.port, at.unit);
+    item.name = fmt::format("{} unit {}", at.host_and_port(), at.unit);
     const auto found = identify_module(clock, at, options.patience);
     if (!found) {
         item.problem = found.error().what;

@@ -65,7 +65,8 @@ Result<ModuleIdentity> identify_module(const hal::Clock& clock, const drivers::M
     if (auto connected = link.connect(); !connected) return tl::unexpected(connected.error());
     const auto said = link.identify();
     if (said) return ModuleIdentity{*said, std::string(module_profiles().front().name), 0};
-    if (said.error().code == ErrorCode::unreadable) return tl::unexpected(said.error());
+    if (said.error().code == ErrorCode::unreadable || said.error().code == ErrorCode::refused)
+        return tl::unexpected(said.error());
     bool answered = said.error().code == ErrorCode::unsupported;
     for (const ModuleProfile& profile : module_profiles()) {
         if (profile.map.name_register < 0) continue;

@@ -154,8 +154,12 @@ void add_devices(CLI::App& program, Exit& status) {
         "devices",
         "List what is attached: GPIO lines, cameras, serial ports, a Modbus module; with lines for hordd.toml");
     auto options = std::make_shared<DevicesOptions>();
-    command->add_option("--module", options->module, "Also ask the Modbus module at HOST[:PORT] what it is; only reads")
-        ->type_name("HOST[:PORT]");
+    auto* const module =
+        command
+            ->add_option("--module", options->module,
+                         "Also ask the Modbus module at HOST[:PORT] what it is; only reads")
+            ->type_name("HOST[:PORT]")
+            ->check([](const std::string& text) { return text.empty() ? "name the module: HOST[:PORT]" : ""; });
     command
         ->add_option_function<std::string>(
             "--modbus",
@@ -164,10 +168,11 @@ void add_devices(CLI::App& program, Exit& status) {
                     "--modbus", "names a station in other commands; to ask a Modbus module, give --module HOST[:PORT]");
             })
         ->group("");  // not in the help
-    add_number(*command, "--unit", options->unit, "The module's unit", 1, 255);
+    add_number(*command, "--unit", options->unit, "The module's unit", 1, 255)->needs(module);
     command->add_flag("--json", options->json, "One JSON object");
     command->add_option("--root", options->inventory.root, "Look in this folder's dev, proc and sys")
         ->type_name("FOLDER")
+        ->check(CLI::ExistingDirectory)
         ->capture_default_str();
     command->footer(
         "No output moves, no light fires, no serial port is opened, and no camera is taken that another program "

@@ -5,6 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "common/tcp_listener.h"
 #include "drivers/event_loop/event_loop_sd.h"
 #include "drivers/libcamera/libcamera_request.h"
 #include "firmware/config/config.h"
@@ -222,6 +223,41 @@ TEST_F(Inventory, of_what_is_no_rejectors_module_no_lines_are_proposed) {
         EXPECT_THAT(items[0].problem, HasSubstr(said));
         EXPECT_THAT(items[0].config, IsEmpty()) << said;
     }
+}
+
+TEST_F(Inventory, of_a_module_that_is_silent_or_behind_a_gateway_says_so_and_proposes_no_lines) {
+    const auto refused = [](const std::string& sent, char code) {
+        if (sent.size() < 8) return std::string();
+        const char function = static_cast<char>(static_cast<unsigned char>(sent[7]) | 0x80U);
+        return sent.substr(0, 2) + std::string("\0\0\0\3", 4) + sent[6] + function + code;
+    };
+    const std::pair<std::function<std::string(const std::string&)>, const char*> cases[] = {
+        {[](const std::string&) { return std::string(); }, "closes the connection without an answer as unit 3"},
+        {[&](const std::string& sent) { return refused(sent, 10); }, "a gateway does, in its place, for unit 3"},
+        {[&](const std::string& sent) { return refused(sent, 11); }, "a gateway does, in its place, for unit 3"},
+        {[&](std::string sent) { return refused(sent.replace(6, 1, "\7"), 1); }, "answers as unit 7, not as unit 3"},
+    };
+    for (const auto& [answer, said] : cases) {
+        const test::AnsweringServer server(answer);
+        options_.module = drivers::ModuleAddress{.port = server.port(), .unit = 3};
+        options_.patience = std::chrono::seconds(5);
+        const auto items = section("module").items;
+        ASSERT_EQ(items.size(), 1U);
+        EXPECT_THAT(items[0].problem, HasSubstr(said));
+        EXPECT_THAT(items[0].cure, HasSubstr("unit"));
+        EXPECT_THAT(items[0].config, IsEmpty()) << said;
+    }
+    const auto listener = common::listen_on("test", "127.0.0.1", 0);  // its connections are made and never answered
+    ASSERT_TRUE(listener);
+    options_.module = drivers::ModuleAddress{.port = common::local_port(listener->get()), .unit = 3};
+    options_.patience = std::chrono::milliseconds(20);
+    EXPECT_THAT(section("module").items[0].problem, HasSubstr("does not answer as unit 3"));
+}
+
+TEST_F(Inventory, an_ipv6_address_is_printed_as_it_is_given) {
+    options_.module = drivers::ModuleAddress{.host = "::1", .port = 1};
+    EXPECT_EQ(section("module").items[0].name, "[::1]:1 unit 1");
+    EXPECT_THAT(section("module").items[0].problem, HasSubstr("[::1]:1"));
 }
 
 TEST_F(Inventory, of_a_module_that_is_not_there_names_its_address_and_a_cure) {

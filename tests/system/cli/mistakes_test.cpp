@@ -69,6 +69,9 @@ TEST(Mistakes, on_the_command_line_are_named) {
     refused({}, "no command is given: see hordctl --help");
     refused({"recipe"}, "no command is given: see hordctl recipe --help");
     refused({"devices", "--module", "host:seven"}, "--module host:seven is no address");
+    refused({"devices", "--module", ""}, "--module: name the module: HOST[:PORT]");
+    refused({"devices", "--unit", "5"}, "--module");
+    refused({"devices", "--root", "/no/such/folder"}, "/no/such/folder");
     refused({"devices", "--modbus", "192.168.1.30"}, "to ask a Modbus module, give --module HOST[:PORT]");
     refused({"run", "--simulate", "--seed", "010"}, "010 begins with 0");
     refused({"latency", "--simulate", "--edges", "010"}, "010 begins with 0");
