@@ -141,9 +141,10 @@ void TomlTable::scalar(std::string_view key, std::string& value) {
     if (node == nullptr) return;
     if (node->is_string()) value = node->as_string()->get();
     else if (node->is_integer()) value = fmt::format("{}", node->as_integer()->get());
-    else if (node->is_floating_point()) value = fmt::format("{}", node->as_floating_point()->get());
+    else if (node->is_floating_point() && std::isfinite(node->as_floating_point()->get()))
+        value = fmt::format("{}", node->as_floating_point()->get());
     else if (node->is_boolean()) value = node->as_boolean()->get() ? "true" : "false";
-    else node_->report(*node, key, "is neither a text, a number, true nor false");
+    else node_->report(*node, key, "is neither a text, a finite number, true nor false");
 }
 
 void TomlTable::numbers(std::string_view key, std::vector<double>& values, std::size_t min_count,

@@ -89,7 +89,7 @@ void read_serial(TomlTable table, SerialLine& value) {
     modbus::SerialOptions line;
     line.device.clear();
     table.text("device", line.device);
-    table.integer("baud", line.baud, 1200, 921'600);
+    baud(table, line.baud);
     table.choice("parity", {"none", "even", "odd"}, line.parity);
     table.integer("unit", line.unit, 1, 247);
     table.boolean("rs485", line.rs485);

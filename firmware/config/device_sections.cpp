@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 
+#include <arpa/inet.h>
+
 #include "drivers/hal/camera_sensor.h"
 #include "firmware/config/module_profiles.h"
 
@@ -11,7 +13,37 @@ namespace hord::firmware {
 
 using common::TomlTable;
 
+void host(TomlTable& table, std::string_view key, std::string& value) {
+    table.text(key, value);
+    constexpr std::string_view kLetters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_";
+    const std::string cure = "give a host name or an address, as \"192.168.1.20\"; the port has a key of its own";
+    if (value.empty()) return table.problem(key, "is empty", "give a host name or an address");
+    in6_addr six{};
+    in_addr four{};
+    if (::inet_pton(AF_INET6, value.substr(0, value.find('%')).c_str(), &six) == 1) return;
+    if (value.find_first_not_of("0123456789.") == std::string::npos) {
+        if (::inet_pton(AF_INET, value.c_str(), &four) != 1)
+            table.problem(key, "is no IPv4 address", "write four numbers from 0 to 255, as \"192.168.1.20\"");
+    } else if (value.find_first_not_of(kLetters) != std::string::npos) {
+        table.problem(key, "\"" + value + "\" is neither a host name nor an address", cure);
+    }
+}
+
+void baud(TomlTable& table, int& value) {
+    constexpr std::array kRates{1200, 2400, 4800, 9600, 19'200, 38'400, 57'600, 115'200, 230'400, 460'800, 921'600};
+    table.integer("baud", value, 1200, 921'600);
+    if (std::ranges::find(kRates, value) == kRates.end())
+        table.problem("baud", "is no rate of a serial line",
+                      "use 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800 or 921600");
+}
+
 namespace {
+
+// What would be set and have no effect. A value that is the default is no setting: a file may hold every key.
+void refuse(TomlTable& table, bool set, std::string_view key, std::string_view cure,
+            std::string_view what = "has no effect with this backend") {
+    if (set) table.problem(key, what, cure);
+}
 
 // Reads a GPIO line from the keys "chip", "line", "active_low" and, for an input, "bias" of `table`.
 drivers::GpioLine gpio_line(TomlTable& table, bool input) {
@@ -34,14 +66,11 @@ void check_gpio_line(TomlTable& table, const drivers::GpioLine& line) {
 
 namespace {
 
-// What would be set and have no effect. A value that is the default is no setting: a file may hold every key.
 void refuse_other_cameras_keys(TomlTable& sensor, int backend, const drivers::V4l2SensorOptions& video,
                                const drivers::GenicamSensorOptions& genicam, bool green) {
     constexpr int kV4l2 = 2, kLibcamera = 3, kGenicam = 4;
     const std::string& camera = genicam.camera;
-    const auto refuse = [&](bool set, const char* key, const char* cure) {
-        if (set) sensor.problem(key, "has no effect with this backend", cure);
-    };
+    const auto refuse = [&](bool set, const char* key, const char* cure) { firmware::refuse(sensor, set, key, cure); };
     const bool set_by_controls = backend == kV4l2 || backend == kLibcamera;
     refuse(!set_by_controls && !video.controls.empty(), "control",
            backend == kGenicam ? "set a GenICam camera's features, in [[sensor.feature]]"
@@ -113,10 +142,16 @@ void read_genicam(TomlTable& sensor, bool chosen, drivers::GenicamSensorOptions&
         for (const auto& [of_camera, key] : {std::pair("PixelFormat", "sensor.pixel_format"),
                                              {"Width", "sensor.width_px"},
                                              {"Height", "sensor.height_px"},
+                                             {"TriggerMode", "sensor.trigger"},
+                                             {"TriggerSource", "sensor.trigger_source"},
                                              {"OffsetX", "sensor.offset_x_px"},
                                              {"OffsetY", "sensor.offset_y_px"}}) {
             if (chosen && name == of_camera)
                 feature.problem("name", "would override " + std::string(key), "set " + std::string(key) + " instead");
+        }
+        for (const char* const by_station : {"AcquisitionMode", "AcquisitionStart", "AcquisitionStop"}) {
+            if (chosen && name == by_station)
+                feature.problem("name", "is the station's: it sets " + name + " by itself", "take it out");
         }
     }
     if (chosen && options.trigger == drivers::CameraTrigger::line && options.trigger_source.empty()) {
@@ -124,6 +159,8 @@ void read_genicam(TomlTable& sensor, bool chosen, drivers::GenicamSensorOptions&
                        "name the camera's input that the strobe's line triggers, such as \"Line1\"; or set trigger to "
                        "\"software\" or \"free\"");
     }
+    refuse(sensor, chosen && options.trigger != drivers::CameraTrigger::line && !options.trigger_source.empty(),
+           "trigger_source", "take it out, or set trigger to \"line\"", "has no effect with this sensor.trigger");
     if (chosen && options.trigger == drivers::CameraTrigger::line && options.trigger_source == "Software")
         sensor.problem("trigger_source", "is no input",
                        "name the camera's input, such as \"Line1\"; or set trigger to "
@@ -139,6 +176,8 @@ void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::p
     std::string frames, scenes;
     sensor.text("folder", frames);
     sensor.text("scenes", scenes);
+    refuse(sensor, backend != 0 && !scenes.empty(), "scenes", "take it out: only the simulated sensor has scenes");
+    refuse(sensor, backend != 1 && !frames.empty(), "folder", "take it out, or set sensor.backend to \"frames\"");
     if (backend == 0 && !scenes.empty()) value = SimulatedSensor{folder / scenes};
     drivers::V4l2SensorOptions video;
     sensor.text("device", video.device);
@@ -246,7 +285,34 @@ void check_module(TomlTable& rejector, const drivers::ModbusRejectorOptions& mod
     if (modbus.confirm_input >= 0 && modbus.confirm_within + modbus.response_timeout >= core.confirm_timeout) {
         rejector.problem("confirm_within_ms", "and response_timeout_ms end after confirm_timeout_ms",
                          "raise confirm_timeout_ms: until then the station waits for the confirmation");
+    } else if (modbus.response_timeout >= core.confirm_timeout) {
+        rejector.problem("confirm_timeout_ms", "is not longer than response_timeout_ms",
+                         "raise it: until then the station waits for the module's answer");
     }
+}
+
+void refuse_other_modules_keys(TomlTable& rejector, bool real, const drivers::ModbusRejectorOptions& modbus,
+                               const drivers::SerialSettings& serial) {
+    const drivers::ModbusRejectorOptions unset;
+    const drivers::SerialSettings unset_line;
+    const bool other_host = modbus.address.host != unset.address.host, line = !serial.device.empty();
+    const char* const simulated = "take it out, or set rejector.backend to \"modbus\"";
+    refuse(rejector, !real && other_host, "host", simulated);
+    refuse(rejector, !real && modbus.address.port != unset.address.port, "port", simulated);
+    refuse(rejector, !real && line, "device", simulated);
+    refuse(rejector, real && line && other_host, "host", "name either rejector.device, or host and port",
+           "is given, and a serial line, too");
+    constexpr std::string_view kNoLine = "has no effect without rejector.device";
+    const char* const no_line = "take it out, or name the serial line in rejector.device";
+    refuse(rejector, !line && serial.baud != unset_line.baud, "baud", no_line, kNoLine);
+    refuse(rejector, !line && serial.parity != unset_line.parity, "parity", no_line, kNoLine);
+    refuse(rejector, !line && serial.rs485 != unset_line.rs485, "rs485", no_line, kNoLine);
+    constexpr std::string_view kNoSensor = "has no effect without rejector.confirm_input";
+    const char* const no_sensor = "take it out, or name the sensor's input in rejector.confirm_input";
+    const bool confirms = modbus.confirm_input >= 0;
+    refuse(rejector, !confirms && modbus.confirm_active_low, "confirm_active_low", no_sensor, kNoSensor);
+    refuse(rejector, !confirms && modbus.confirm_within != unset.confirm_within, "confirm_within_ms", no_sensor,
+           kNoSensor);
 }
 
 }  // namespace
@@ -260,7 +326,7 @@ void read_rejector(TomlTable rejector, RejectorConfig& value, CoreConfig& core) 
     host(rejector, "host", address.host);
     rejector.integer("port", address.port, 1, 65535);
     rejector.text("device", serial.device);
-    rejector.integer("baud", serial.baud, 1200, 921'600);
+    baud(rejector, serial.baud);
     std::size_t parity = 1;
     rejector.choice("parity", {"none", "even", "odd"}, parity);
     serial.parity = "NEO"[parity];
@@ -278,10 +344,11 @@ void read_rejector(TomlTable rejector, RejectorConfig& value, CoreConfig& core) 
     ms(rejector, "watchdog_ms", modbus.watchdog, 0, 600'000);
     ms(rejector, "response_timeout_ms", modbus.response_timeout, 5, 1000);
     ms(rejector, "lead_ms", core.reject_lead, 0, 10'000);
-    ms(rejector, "early_ms", core.reject_early, 0, 10'000);
+    ms(rejector, "early_ms", core.reject_early, 0.1, 10'000);
     ms(rejector, "pulse_ms", core.reject_pulse, 0.1, 10'000);
     ms(rejector, "confirm_timeout_ms", core.confirm_timeout, 1, 60'000);
     check_module(rejector, modbus, core);
+    refuse_other_modules_keys(rejector, real, modbus, serial);
     if (real) value = modbus;
     else value = SimulatedRejector{modbus};
 }
@@ -392,10 +459,41 @@ void read_camera_light(TomlTable& strobe, const StrobeConfig& value, const CoreC
     camera->light_us = core.strobe / std::chrono::microseconds(1);
 }
 
+enum class StrobeBackend : std::uint8_t { simulated, gpio, gardasoft, camera };
+
+void refuse_other_lights_keys(TomlTable& strobe, std::vector<TomlTable>& channels, StrobeBackend backend, bool by_line,
+                              const std::string& camera_line, const drivers::GardasoftStrobeOptions& options) {
+    using enum StrobeBackend;
+    refuse(strobe, backend != camera && !camera_line.empty(), "camera_line",
+           "take it out, or set strobe.backend to \"camera\"");
+    if (backend != gardasoft) {
+        const drivers::GardasoftStrobeOptions unset;
+        const char* const cure = "take it out, or set strobe.backend to \"gardasoft\"";
+        refuse(strobe, !options.host.empty(), "host", cure);
+        refuse(strobe, options.port != unset.port, "port", cure);
+        refuse(strobe, !options.device.empty(), "device", cure);
+        refuse(strobe, !by_line, "trigger", cure);
+        refuse(strobe, options.delay != unset.delay, "delay_us", cure);
+        refuse(strobe, options.response_timeout != unset.response_timeout, "response_timeout_ms", cure);
+    }
+    refuse(strobe, (backend == simulated || backend == camera) && !channels.empty(), "channel",
+           "take it out: only the backends \"gpio\" and \"gardasoft\" have channels of their own");
+    for (TomlTable& channel : channels) {
+        if (backend == gpio) {
+            for (const char* key : {"output", "rated_ma", "brightness_percent", "max_ma"})
+                refuse(channel, channel.has(key), key, "take it out: only a strobe controller has it");
+        } else if (backend == gardasoft && !by_line) {
+            for (const char* key : {"chip", "line", "active_low"})
+                refuse(channel, channel.has(key), key, "take it out, or set strobe.trigger to \"line\"",
+                       "has no effect with strobe.trigger = \"command\"");
+        }
+    }
+}
+
 }  // namespace
 
 void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core, SensorConfig& sensor) {
-    enum class Backend : std::uint8_t { simulated, gpio, gardasoft, camera };
+    using Backend = StrobeBackend;
     Backend backend{};
     strobe.choice("backend", {"simulated", "gpio", "gardasoft", "camera"}, backend);
     strobe.integer("channels", value.channels, 1, 32);
@@ -404,7 +502,8 @@ void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core, Sensor
     strobe.text("camera_line", camera_line);
     StrobeController controller;
     drivers::GardasoftStrobeOptions& gardasoft = controller.gardasoft;
-    strobe.text("host", gardasoft.host);
+    if (strobe.has("host") && backend == Backend::gardasoft) host(strobe, "host", gardasoft.host);
+    else strobe.text("host", gardasoft.host);
     strobe.integer("port", gardasoft.port, 1, 65535);
     strobe.text("device", gardasoft.device);
     bool by_line = true;
@@ -424,6 +523,7 @@ void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core, Sensor
         gpio.push_back({lines.back(), output.limits});
         gardasoft.channels.push_back(output);
     }
+    refuse_other_lights_keys(strobe, channels, backend, by_line, camera_line, gardasoft);
     if (backend == Backend::camera) {
         value.camera_line = camera_line;
         read_camera_light(strobe, value, core, sensor);
@@ -496,6 +596,20 @@ void read_part_sensor(TomlTable sensor, PartSensorConfig& value, const CoreConfi
     const drivers::GpioLine encoder_line = gpio_line(encoder, true);
     ms(encoder, "every_ms", gpio.encoder_every, 1, 1000);
     if (has_encoder) gpio.encoder = encoder_line;
+    if (backend != Backend::gpio) {
+        const drivers::GpioPartSensorOptions unset;
+        const char* const cure = "take it out, or set part_sensor.backend to \"gpio\"";
+        refuse(sensor, !gpio.line.chip.empty(), "chip", cure);
+        refuse(sensor, !gpio.line.line.empty(), "line", cure);
+        refuse(sensor, gpio.line.bias != unset.line.bias, "bias", cure);
+        refuse(sensor, gpio.debounce != unset.debounce, "debounce_us",
+               backend == Backend::camera
+                   ? "take it out: the camera debounces its input, by a feature such as LineDebouncerTime"
+                   : cure);
+        refuse(sensor, has_encoder, "encoder", cure);
+    }
+    refuse(sensor, backend != Backend::camera && !input.line.empty(), "camera_line",
+           "take it out, or set part_sensor.backend to \"camera\"");
     if (backend == Backend::camera) {
         input.active_low = gpio.line.active_low;
         read_camera_barrier(sensor, input, core, seen_by);

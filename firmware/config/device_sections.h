@@ -25,10 +25,10 @@ inline void us(common::TomlTable& table, std::string_view key, Duration& value, 
     duration(table, key, value, 1e3, low, high);
 }
 
-inline void host(common::TomlTable& table, std::string_view key, std::string& value) {
-    table.text(key, value);
-    if (value.empty()) table.problem(key, "is empty", "give a host name or an address");
-}
+// A host name or an address, without a port.
+void host(common::TomlTable& table, std::string_view key, std::string& value);
+// The key "baud": a rate that every serial line has.
+void baud(common::TomlTable& table, int& value);
 
 // `folder`: relative paths start there.
 void read_sensor(common::TomlTable sensor, SensorConfig& value, const std::filesystem::path& folder);

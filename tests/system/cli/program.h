@@ -17,7 +17,7 @@ struct Said {
 inline constexpr const char* kRoomyLine =
     "[line]\nexposure_delay_ms = 500\ntransport_ms = 1500\nmin_gap_ms = 450\n[timing]\ntrigger_lead_ms = "
     "400\nframe_timeout_ms = 500\n"
-    "[rejector]\nearly_ms = 200\npulse_ms = 400\nresponse_timeout_ms = 500\nconfirm_timeout_ms = 500\n";
+    "[rejector]\nearly_ms = 200\npulse_ms = 400\nresponse_timeout_ms = 500\nconfirm_timeout_ms = 600\n";
 
 // Runs `program` (a name in the build's bin folder, or a path) to its end; kills it after `patience` (status 128 + 9).
 Said run(const std::string& program, const std::vector<std::string>& arguments,
