@@ -9,6 +9,7 @@
 #include <sys/statvfs.h>
 
 #include "common/file_writing.h"
+#include "firmware/store/results/sqlite_store.h"
 
 namespace hord::firmware::store {
 namespace {
@@ -27,9 +28,19 @@ std::uint64_t number_of(const fs::path& file) {
     return ours ? number : 0;
 }
 
+tl::unexpected<Error> folder_gone(const fs::path& folder, int why) {
+    return fail(
+        ErrorCode::io,
+        "the folder " + folder.string() + " is gone" +
+            (why == ENOTDIR ? ": a file is in its place, or in that of one above it" : " (something removed it)"),
+        why == ENOTDIR ? "move that file away, create the folder and give it to the station's user"
+                       : "create it and give it to the station's user");
+}
+
 Result<void> write_synced(const fs::path& file, std::span<const std::uint8_t> bytes) {
     const int why = common::replace_file(file, kUnfinished, 0644, true, std::as_bytes(bytes));
     if (why == 0) return {};
+    if (why == ENOTDIR || why == ENOENT) return folder_gone(file.parent_path(), why);
     return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(why) + ")",
                 why == ENOSPC || why == EDQUOT ? "free space on its disk, or lower store.frames_mb"
                                                : "check the folder's permissions and the disk");
@@ -38,6 +49,7 @@ Result<void> write_synced(const fs::path& file, std::span<const std::uint8_t> by
 Result<std::uint64_t> free_bytes(const fs::path& folder) {
     struct statvfs space {};
     if (statvfs(folder.c_str(), &space) != 0) {
+        if (errno == ENOTDIR || errno == ENOENT) return folder_gone(folder, errno);
         return fail(ErrorCode::io, "the disk of " + folder.string() + " does not answer (" + std::strerror(errno) + ")",
                     "check the disk");
     }
@@ -95,9 +107,7 @@ Result<std::vector<ArchivedFile>> list_frames(const fs::path& folder) {
 Result<std::unique_ptr<FrameArchive>> FrameArchive::open(const fs::path& folder, const ArchiveLimits& limits,
                                                          ArchiveDisk disk) {
     if (const std::error_code error = disk.make_folder(folder)) {
-        return fail(ErrorCode::io,
-                    "the folder " + folder.string() + " cannot be made or used (" + error.message() + ")",
-                    "create it and give it to the station's user (store.folder)");
+        return folder_unusable(folder, error);
     }
     std::unique_ptr<FrameArchive> archive(new FrameArchive(folder, limits, std::move(disk)));
     auto files = archive->disk_.list(folder);

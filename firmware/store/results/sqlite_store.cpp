@@ -405,6 +405,13 @@ Result<void> SqliteStore::remove(const ChainTable& table, std::int64_t first, st
 
 }  // namespace
 
+tl::unexpected<Error> folder_unusable(const fs::path& folder, std::error_code why) {
+    const bool file = why == std::errc::file_exists || why == std::errc::not_a_directory;
+    return fail(ErrorCode::io, "the folder " + folder.string() + " cannot be made or used (" + why.message() + ")",
+                file ? "it, or one above it, is a file: name another folder, or move that file away (store.folder)"
+                     : "create it and give it to the station's user (store.folder)");
+}
+
 Result<std::unique_ptr<ResultStore>> open_sqlite_store(const fs::path& folder, const SqliteStoreOptions& options) {
     const fs::path file = folder / kStoreFile;
     if (file_id(file.string()) == FileId{}) {
@@ -413,9 +420,7 @@ Result<std::unique_ptr<ResultStore>> open_sqlite_store(const fs::path& folder, c
         if (file_id(file.string() + "-wal") != FileId{}) return tl::unexpected(log_without_database(file));
     }
     if (const std::error_code error = options.make_folder(folder)) {
-        return fail(ErrorCode::io,
-                    "the folder " + folder.string() + " cannot be made or used (" + error.message() + ")",
-                    "create it and give it to the station's user (store.folder)");
+        return folder_unusable(folder, error);
     }
     auto lock = lock_folder(folder);
     if (!lock) return tl::unexpected(lock.error());

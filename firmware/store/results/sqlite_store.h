@@ -24,6 +24,9 @@ struct SqliteStoreOptions {
     std::function<std::error_code(const std::filesystem::path&)> make_folder = common::ensure_folder;
 };
 
+// What to say when the store's folder cannot be made.
+tl::unexpected<Error> folder_unusable(const std::filesystem::path& folder, std::error_code why);
+
 // Creates the folder (not its parents) and the file if missing, migrates an older file, and locks the folder. Blocks.
 // Fails with busy (another program writes this store), not_found (options.moved, and no file was put back), unsupported
 // (written by newer software), unreadable (damaged), io (no permission, read-only, full disk, no such parent folder).

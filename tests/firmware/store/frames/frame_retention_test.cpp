@@ -178,6 +178,23 @@ TEST(FrameArchive, removes_what_a_crash_left_unfinished_and_nothing_else) {
     EXPECT_TRUE(std::filesystem::exists(folder.path() / "notes.txt"));
 }
 
+TEST(FrameArchive, a_folder_that_became_a_file_is_told_as_that_and_not_as_a_broken_disk) {
+    const TempFolder folder;
+    const std::filesystem::path store = folder.path() / "store";
+    std::filesystem::create_directory(store);
+    auto archive = FrameArchive::open(store / "frames", {.max_bytes = 1'000'000, .min_free_bytes = 0});
+    ASSERT_TRUE(archive);
+    const std::vector<std::uint8_t> bytes(10);
+    std::filesystem::remove_all(store);
+    EXPECT_THAT((*archive)->add("x", bytes).error().message(), HasSubstr("is gone (something removed it)"));
+    write_text(store, "a file");
+    EXPECT_THAT((*archive)->add("x", bytes).error().message(), HasSubstr("is gone: a file is in its place"));
+    std::filesystem::remove(store);
+    std::filesystem::create_directory(store);
+    write_text(store / "frames", "a file");
+    EXPECT_THAT((*archive)->add("x", bytes).error().message(), HasSubstr("is gone: a file is in its place"));
+}
+
 TEST(FrameArchive, names_the_file_that_a_disk_refuses) {
     auto archive = FrameArchive::open("/proc/hord-frames", {});
     ASSERT_FALSE(archive);

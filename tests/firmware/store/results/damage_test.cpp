@@ -299,6 +299,8 @@ TEST(BadFolder, is_a_named_error_and_no_exception) {
         ASSERT_FALSE(store) << path;
         EXPECT_EQ(store.error().code, ErrorCode::io);
         EXPECT_THAT(store.error().message(), HasSubstr("cannot be made or used"));
+        const bool behind_file = path.string().find("/file") != std::string::npos;
+        EXPECT_EQ(store.error().cure.find("is a file") != std::string::npos, behind_file) << store.error().cure;
         EXPECT_FALSE(StoreReader::open(path));
     }
 }
