@@ -1,14 +1,19 @@
 #include "common/cli/program.h"
 
 #include <algorithm>
+#include <cctype>
 #include <cstdio>
 #include <cstring>
 #include <iterator>
+#include <map>
+#include <set>
 #include <sstream>
+#include <utility>
 #include <vector>
 
 #include <errno.h>
 #include <fmt/format.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "common/cli/help_text.h"
@@ -29,15 +34,48 @@ Result<void> make_folder(const std::filesystem::path& folder) {
                 "give a folder that may be written to");
 }
 
-Result<void> keep_inputs(const std::string& out, const std::vector<std::string>& inputs) {
+namespace {
+
+// Device and number of a regular file, after links; none: there is none.
+std::optional<std::pair<dev_t, ino_t>> identity_of(const std::string& file) {
+    struct stat what {};
+    if (file.empty() || ::stat(file.c_str(), &what) != 0 || !S_ISREG(what.st_mode)) return std::nullopt;
+    return std::pair(what.st_dev, what.st_ino);
+}
+
+}  // namespace
+
+Result<void> check_outputs(const std::vector<OutputFile>& outputs, const std::vector<std::string>& inputs) {
+    std::set<std::pair<dev_t, ino_t>> read, written;
+    std::map<std::filesystem::path, std::string> places;
     for (const std::string& input : inputs) {
-        std::error_code error;
-        if (std::filesystem::equivalent(out, input, error))
+        if (const auto one = identity_of(input)) read.insert(*one);
+    }
+    for (const auto& [option, file] : outputs) {
+        if (file.empty()) continue;
+        const auto one = identity_of(file);
+        if (one && read.contains(*one))
             return fail(ErrorCode::refused,
-                        "--out " + out + " is one of the files that are read: it is not overwritten",
-                        "give another --out");
+                        option + " " + file + " is one of the files that are read: it is not overwritten",
+                        "give another " + option);
+        std::error_code error;
+        if (!one && std::filesystem::exists(file, error)) continue;  // a device
+        const auto [place, fresh] = places.emplace(std::filesystem::weakly_canonical(file, error), option);
+        if (!fresh || (one && !written.insert(*one).second))
+            return fail(ErrorCode::refused, fmt::format("{} {} is written by {}, too", option, file, place->second),
+                        "give each a file of its own");
     }
     return {};
+}
+
+Result<void> check_extension(const OutputFile& output, const std::vector<std::string>& extensions) {
+    std::string extension = std::filesystem::path(output.file).extension().string();
+    std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
+    if (extension.empty() || std::ranges::find(extensions, extension) != extensions.end()) return {};
+    const std::string known = CLI::detail::join(extensions, " or ");
+    return fail(ErrorCode::invalid_argument,
+                fmt::format("{} {} does not end in {}, which is what is written", output.option, output.file, known),
+                "give it a name that ends in " + known);
 }
 
 CLI::Validator positive() {

@@ -27,8 +27,17 @@ Exit complain(const Error& error);
 // Creates the folder of an option such as --out if it does not exist. Fails with io.
 Result<void> make_folder(const std::filesystem::path& folder);
 
-// Fails with refused if the option --out names one of the files that the command reads.
-Result<void> keep_inputs(const std::string& out, const std::vector<std::string>& inputs);
+// A file that the command will write: the option that names it (shown in errors), and its path ("": none).
+struct OutputFile {
+    std::string option, file;
+};
+
+// Fails with refused if an output is one of the files that the command reads (also by another name or a link), or if
+// two outputs are one file. Devices and pipes are no such files. Inputs that are "" or do not exist are ignored.
+Result<void> check_outputs(const std::vector<OutputFile>& outputs, const std::vector<std::string>& inputs);
+
+// Fails with invalid_argument if the output's extension is none of `extensions` (".png"). None at all is allowed.
+Result<void> check_extension(const OutputFile& output, const std::vector<std::string>& extensions);
 
 // As CLI::Range, for numbers that people type: "abc" is told to be no number.
 template <class Limit>

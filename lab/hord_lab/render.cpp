@@ -87,7 +87,14 @@ std::optional<Error> write_raw(const sim::Scene& scene, const RenderArguments& a
 }
 
 Exit run_render(const RenderArguments& arguments) {
-    if (auto kept = keep_inputs(arguments.out, {arguments.scene}); !kept) return complain(kept.error());
+    const OutputFile out{"--out", arguments.out}, raw{"--raw", arguments.raw};
+    if (auto fine = check_outputs({out, raw, {"--truth", arguments.truth}, {"--centres", arguments.centres}},
+                                  {arguments.scene});
+        !fine)
+        return complain(fine.error());
+    for (const OutputFile& frame : {out, raw}) {
+        if (auto fine = check_extension(frame, {".png"}); !fine) return complain(fine.error());
+    }
     auto scene = sim::load_scene(arguments.scene);
     if (!scene) return complain(scene.error());
     if (arguments.seed) scene->seed = *arguments.seed;

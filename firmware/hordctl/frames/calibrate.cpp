@@ -150,6 +150,12 @@ Result<void> may_replace(const std::string& out, const calib::GridFile& fresh) {
 }
 
 Exit run_calibrate(const CalibrateArguments& arguments) {
+    const std::string tilts =
+        arguments.tilts.empty() ? "" : (std::filesystem::path(arguments.tilts) / "tilts.toml").string();
+    if (auto fine = check_outputs({{"--out", arguments.out}, {"--centres", arguments.centres}},
+                                  {arguments.white, arguments.dark, arguments.flat, tilts});
+        !fine)
+        return complain(fine.error());
     const auto white = read_raw_frame(arguments.white);
     if (!white) return complain(white.error());
     auto frames = read_sensor_frames(arguments.dark, arguments.flat, *white, {});

@@ -93,6 +93,10 @@ class Exporter {
                             "leave --feature out for the maps of an inspection, or name one such as emd or marginal");
             }
         }
+        if (auto fine = check_result_names(options_.frames, options_.out, endings(),
+                                           {options_.recipe, options_.reference, options_.reading.grid});
+            !fine)
+            return fine;
         return make_folder(options_.out);
     }
 
@@ -128,6 +132,17 @@ class Exporter {
     // "a light field and 7 maps with masks".
     [[nodiscard]] std::string contents(const std::vector<NamedMap>& maps) const {
         return fmt::format("{}{} maps with masks", options_.no_light_field ? "" : "a light field and ", maps.size());
+    }
+
+    // What follows a frame's name in the names of its files.
+    [[nodiscard]] std::vector<std::string> endings() const {
+        if (options_.format == "hdf5") return {".h5"};
+        const std::string kind = options_.format == "tiff" ? ".tiff" : ".npy";
+        std::vector<std::string> all{".light_field" + kind};
+        for (const std::string& feature : every_feature()) {
+            for (const char* mask : {"", ".mask"}) all.push_back("." + feature + mask + kind);
+        }
+        return all;
     }
 
     // Every map of the inspection.
@@ -243,6 +258,9 @@ Exit run_export(const ExportOptions& options) {
 }
 
 Exit run_import(const std::string& from, const std::string& out) {
+    const OutputFile output{"--out", out};
+    if (auto fine = check_outputs({output}, {from}); !fine) return complain(fine.error());
+    if (auto fine = check_extension(output, {".png"}); !fine) return complain(fine.error());
     const auto imported = import_light_field(from);
     if (!imported) return complain(imported.error());
     if (auto done = drivers::write_frame(out, imported->frame.view(), imported->geometry); !done)

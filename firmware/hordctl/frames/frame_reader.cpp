@@ -1,11 +1,14 @@
 #include "firmware/hordctl/frames/frame_reader.h"
 
 #include <algorithm>
+#include <filesystem>
+#include <set>
 
 #include <fmt/format.h>
 
 #include "calib/files/grid_toml.h"
 #include "common/crc32.h"
+#include "firmware/diagnostics/feature_views.h"
 
 namespace hord::firmware {
 
@@ -147,6 +150,31 @@ Result<Frame> read_raw_frame(const std::string& file, const drivers::ExpectedFra
                     "give the sensor's frame as it came");
     }
     return std::move(read->frame);
+}
+
+std::vector<std::string> every_feature() {
+    std::vector<std::string> all(algo::kFeatureNames.begin(), algo::kFeatureNames.end());
+    all.insert(all.end(), {std::string(kZScore), std::string(kSums)});
+    return all;
+}
+
+Result<void> check_result_names(const std::vector<std::string>& frames, const std::string& folder,
+                                const std::vector<std::string>& endings, const std::vector<std::string>& inputs) {
+    std::set<std::string> names;
+    std::vector<OutputFile> results;
+    for (const std::string& frame : frames) {
+        const std::string name = std::filesystem::path(frame).stem().string();
+        if (!names.insert(name).second) {
+            return fail(ErrorCode::invalid_argument,
+                        "two frames named " + name + " would overwrite each other in " + folder,
+                        "rename one, or give different folders");
+        }
+        for (const std::string& ending : endings)
+            results.push_back({"in --out,", (std::filesystem::path(folder) / (name + ending)).string()});
+    }
+    std::vector<std::string> read = frames;
+    read.insert(read.end(), inputs.begin(), inputs.end());
+    return check_outputs(results, read);
 }
 
 }  // namespace hord::firmware

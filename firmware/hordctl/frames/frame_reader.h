@@ -8,6 +8,7 @@
 #include <string>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 #include "algo/frame/grid_decoder.h"
 #include "common/cli/program.h"
@@ -77,5 +78,14 @@ class FrameReader {
 // A frame for a calibration. Fails with invalid_argument if its note says that it holds macro-pixels, and as
 // drivers::read_noted_frame() does.
 Result<Frame> read_raw_frame(const std::string& file, const drivers::ExpectedFrame& expected = {});
+
+// Every name of a map that an inspection may show.
+std::vector<std::string> every_feature();
+
+// For a command that writes files named as its frames into `folder`: "lens.png" yields "lens" with each of `endings`.
+// Fails with invalid_argument if two frames have one name, and with refused if a result is one of the frames or of
+// `inputs`.
+Result<void> check_result_names(const std::vector<std::string>& frames, const std::string& folder,
+                                const std::vector<std::string>& endings, const std::vector<std::string>& inputs);
 
 }  // namespace hord::firmware

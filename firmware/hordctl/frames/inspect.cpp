@@ -4,7 +4,6 @@
 #include <fstream>
 #include <memory>
 #include <optional>
-#include <set>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -145,15 +144,13 @@ class Inspector {
         if (learned_) recipe_.reference = learned_;
         if (auto done = choose_feature(); !done) return done;
         if (options_.out.empty()) return {};
-        std::set<std::string> names;
-        for (const std::string& frame : options_.frames) {
-            const std::string name = fs::path(frame).stem().string();
-            if (!names.insert(name).second) {
-                return fail(ErrorCode::invalid_argument,
-                            "two frames named " + name + " would overwrite each other in " + options_.out,
-                            "rename one, or inspect them into different folders");
-            }
-        }
+        std::vector<std::string> endings{".mask.png", ".json"};
+        for (const std::string& feature : feature_.empty() ? every_feature() : std::vector{feature_})
+            endings.insert(endings.end(), {"." + feature + ".tiff", "." + feature + ".png"});
+        if (auto fine = check_result_names(options_.frames, options_.out, endings,
+                                           {options_.recipe, options_.reference, options_.reading.grid});
+            !fine)
+            return fine;
         return make_folder(options_.out);
     }
 

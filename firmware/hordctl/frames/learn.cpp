@@ -64,7 +64,9 @@ Result<algo::Variation> variation_of(const GoodFrames& frames, const algo::Learn
 }
 
 Exit run_learn(const LearnArguments& arguments) {
-    if (auto kept = keep_inputs(arguments.out, arguments.frames); !kept) return complain(kept.error());
+    std::vector<std::string> inputs = arguments.frames;
+    inputs.insert(inputs.end(), {arguments.recipe, arguments.reading.grid});
+    if (auto fine = check_outputs({{"--out", arguments.out}}, inputs); !fine) return complain(fine.error());
     const auto reader = FrameReader::create(arguments.reading);
     if (!reader) return complain(reader.error());
     const auto recipe = recipe_or_default(arguments.recipe);

@@ -4,6 +4,7 @@
 #include <iterator>
 #include <memory>
 #include <optional>
+#include <set>
 
 #include <fmt/format.h>
 
@@ -14,6 +15,7 @@
 #include "firmware/store/frames/frame_archive.h"
 #include "firmware/store/frames/replay_run.h"
 #include "firmware/store/frames/replay_shard.h"
+#include "firmware/store/results/sqlite_store.h"
 #include "firmware/store/results/store_reader.h"
 
 namespace hord::firmware {
@@ -166,6 +168,20 @@ Exit print_replay(const ReplayOptions& options, const Chosen& chosen, const std:
     return status_of(tally);
 }
 
+// Refuses an output that is the recipe, one of the frames, or the results of a store that frames are kept in.
+Result<void> check_out(const ReplayOptions& options, const std::vector<store::ArchivedFile>& all) {
+    std::vector<std::string> read{options.recipe};
+    std::set<fs::path> stores{options.folder};
+    for (const store::ArchivedFile& frame : all) {
+        read.push_back(frame.file.string());
+        stores.insert(fs::absolute(frame.file).parent_path().parent_path());
+    }
+    for (const fs::path& folder : stores) {
+        for (const char* suffix : {"", "-wal", "-shm"}) read.push_back((folder / store::kStoreFile).string() + suffix);
+    }
+    return check_outputs({{"--out", options.out}}, read);
+}
+
 Exit run_replay(const ReplayOptions& options) {
     const auto shard = store::parse_shard(options.shard);
     if (!shard) return complain(shard.error());
@@ -173,6 +189,7 @@ Exit run_replay(const ReplayOptions& options) {
     if (!chosen) return complain(chosen.error());
     const auto all = frames_of(options);
     if (!all) return complain(all.error());
+    if (auto fine = check_out(options, *all); !fine) return complain(fine.error());
     std::vector<store::ArchivedFile> mine;
     for (const store::ArchivedFile& file : *all) {
         if (shard->holds(file)) mine.push_back(file);
@@ -182,6 +199,7 @@ Exit run_replay(const ReplayOptions& options) {
 }
 
 Exit run_merge(const std::vector<std::string>& names, const std::string& out) {
+    if (auto fine = check_outputs({{"--out", out}}, names); !fine) return complain(fine.error());
     const auto tally = store::merge_shards(std::vector<fs::path>(names.begin(), names.end()), out);
     if (!tally) return complain(tally.error());
     fmt::print(stderr, "{}; all of it is in {}\n", summary_of(*tally), out);

@@ -120,6 +120,8 @@ class Run {
     explicit Run(const RunOptions& options) : options_(options) {}
 
     Exit go() {
+        if (auto fine = check_outputs({{"--vitals", options_.vitals}}, {options_.config}); !fine)
+            return complain(fine.error());
         auto config = options_.config.empty()
             ? with_room(options_.line.parts_per_second)
             : load_config(options_.config, options_.simulate ? NamedBackends::optional : NamedBackends::required);

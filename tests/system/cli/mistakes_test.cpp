@@ -88,6 +88,46 @@ TEST(Mistakes, on_the_command_line_are_named) {
     refused({"run", "--simulate", "--foo"}, "\"--foo\" is not known: see hordctl run --help");
 }
 
+TEST(Mistakes, an_output_overwrites_no_input_and_no_other_output) {
+    const TemporaryFolder folder;
+    std::filesystem::create_directories(folder.path() / "a");
+    std::filesystem::create_directories(folder.path() / "b");
+    std::filesystem::create_directories(folder.path() / "store/frames");
+    for (const char* name : {"a/lens.png", "a/lens.emd.png", "b/lens.png", "a/lens.emd.tiff", "store/results.db",
+                             "store/frames/1.png", "r.toml", "vit.toml", "s.toml", "1.jsonl"})
+        std::ofstream(folder / name) << "kept";
+    std::filesystem::create_hard_link(folder / "a/lens.png", folder / "link.png");
+    const auto refused = [&](const std::string& program, const std::vector<std::string>& arguments,
+                             const std::string& what) {
+        const Said said = run(program, arguments);
+        EXPECT_EQ(said.status, 2) << what;
+        EXPECT_THAT(said.err, HasSubstr(what)) << arguments[0];
+    };
+    const std::string lens = folder / "a/lens.png", out = folder / "a", store = folder / "store",
+                      scene = folder / "s.toml", read = " is one of the files that are read: it is not overwritten";
+    refused("hordctl", {"replay", "--store", store, "--out", store + "/results.db"}, "results.db" + read);
+    refused("hordctl", {"replay", store + "/frames/1.png", "--out", store + "/results.db"}, "results.db" + read);
+    refused("hordctl", {"replay", lens, "--out", folder / "link.png"}, "link.png" + read);
+    refused("hordctl", {"merge", folder / "1.jsonl", "--out", folder / "a/../1.jsonl"}, "1.jsonl" + read);
+    refused("hordctl", {"import", lens, "--out", lens}, "lens.png" + read);
+    refused("hordctl", {"import", lens, "--out", folder / "i.jpg"},
+            "i.jpg does not end in .png, which is what is written");
+    refused("hordctl", {"run", "--config", folder / "vit.toml", "--vitals", folder / "vit.toml"}, "vit.toml" + read);
+    refused("hordctl", {"inspect", lens, folder / "a/lens.emd.png", "--out", out, "--feature", "emd"},
+            "lens.emd.png" + read);
+    refused("hordctl", {"export", lens, folder / "a/lens.emd.tiff", "--out", out, "--format", "tiff"},
+            "lens.emd.tiff" + read);
+    refused("hordctl", {"export", lens, folder / "b/lens.png", "--out", folder / "o"},
+            "two frames named lens would overwrite each other");
+    refused("hordctl", {"calibrate", lens, "--out", folder / "g.toml", "--centres", lens}, "lens.png" + read);
+    refused("hord-lab", {"render", scene, "--out", folder / "x.png", "--truth", scene}, "--truth " + scene + read);
+    refused("hord-lab", {"render", scene, "--out", folder / "x.png", "--truth", folder / "./x.png"},
+            "x.png is written by --out, too: give each a file of its own");
+    for (const char* name :
+         {"a/lens.png", "a/lens.emd.png", "a/lens.emd.tiff", "store/results.db", "vit.toml", "s.toml"})
+        EXPECT_EQ(std::filesystem::file_size(folder / name), 4U) << name;
+}
+
 TEST(Mistakes, a_file_of_another_kind_is_called_what_it_is) {
     const std::filesystem::path deploy = std::filesystem::path(HORD_SOURCE_DIR) / "deploy";
     const std::string station = deploy / "hordd.toml", page = deploy / "page.toml", mqtt = deploy / "mqtt.toml",

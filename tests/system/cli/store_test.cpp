@@ -112,6 +112,12 @@ TEST(Store, of_a_simulated_line_holds_every_part_verifies_and_replays_to_the_bit
     ASSERT_EQ(produce(folder, 3).status, 0);
     EXPECT_THAT(run("hordctl", {"results", "verify", "--store", store}).out, HasSubstr("results: 15 rows, 1 to 15"));
     const fs::path frame = *fs::directory_iterator(fs::path(store) / "frames");
+    for (const std::string& read : {frame.string(), store + "/results.db", folder / "strict.toml"}) {
+        const Said same =
+            run("hordctl", {"replay", "--store", store, "--recipe", folder / "strict.toml", "--out", read});
+        EXPECT_EQ(same.status, 2);
+        EXPECT_THAT(same.err, HasSubstr(read + " is one of the files that are read"));
+    }
     fs::resize_file(frame, fs::file_size(frame) / 2);
     const Said torn = run("hordctl", {"replay", "--store", store});
     EXPECT_EQ(torn.status, 2);
