@@ -20,13 +20,29 @@ namespace hord::common {
 
 namespace fs = std::filesystem;
 
+namespace {
+
+// Gives a new file the owner, group and mode of the one that it replaces. Who may not give files away keeps the rest:
+// the group, if it is one of the user's, and the mode.
+int keep_access(int fd, const struct stat& old) {
+    if (::fchown(fd, old.st_uid, old.st_gid) != 0) {
+        if (errno != EPERM) return errno;
+        if (::fchown(fd, static_cast<uid_t>(-1), old.st_gid) != 0 && errno != EPERM) return errno;
+    }
+    return ::fchmod(fd, old.st_mode & 0777) == 0 ? 0 : errno;
+}
+
+}  // namespace
+
 int replace_file(const fs::path& file, const char* suffix, mode_t mode, bool sync, std::span<const std::byte> bytes) {
     char own[10];
     std::snprintf(own, sizeof own, ".%08x", std::random_device{}());
     const std::string unfinished = file.string() + own + suffix;
     UniqueFd fd(::open(unfinished.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, mode));
     if (!fd) return errno;
-    int error = write_all(fd.get(), bytes);
+    struct stat old {};
+    int error = ::lstat(file.c_str(), &old) == 0 && S_ISREG(old.st_mode) ? keep_access(fd.get(), old) : 0;
+    if (error == 0) error = write_all(fd.get(), bytes);
     if (error == 0 && sync && ::fsync(fd.get()) != 0) error = errno;
     if (error == 0) error = fd.close();
     if (error == 0 && ::rename(unfinished.c_str(), file.c_str()) != 0) error = errno;

@@ -40,7 +40,8 @@ Result<void> write_atomically(const std::filesystem::path& file, std::span<const
 Result<void> write_durably(const std::filesystem::path& file, std::string_view text);
 
 // Steps of the above. Each returns 0 or errno. replace_file() writes FILE, 8 random digits and the suffix,
-// syncs it if asked, and renames it; after a failure it is removed.
+// syncs it if asked, and renames it; after a failure it is removed. A file that is replaced keeps its owner, group and
+// mode, as far as this user may give them; `mode` is that of a new file.
 [[nodiscard]] int replace_file(const std::filesystem::path& file, const char* suffix, mode_t mode, bool sync,
                                std::span<const std::byte> bytes);
 [[nodiscard]] int write_all(int fd, std::span<const std::byte> bytes);

@@ -50,6 +50,25 @@ TEST(WholeFile, of_a_pipe_is_waited_for_and_what_never_ends_is_not_read) {
     EXPECT_EQ(read_file("/dev/null"), "");
 }
 
+TEST(WholeFile, that_is_replaced_keeps_owner_group_and_mode) {
+    const TempFolder folder;
+    const auto file = folder.write("kept", "old");
+    for (const mode_t mode : {0600U, 0640U, 0664U}) {
+        ASSERT_EQ(::chmod(file.c_str(), mode), 0);
+        struct stat before {
+        }, after{};
+        if (::geteuid() == 0) {  // others cannot give files away
+            ASSERT_EQ(::chown(file.c_str(), 1234, 2345), 0);
+        }
+        ASSERT_EQ(::stat(file.c_str(), &before), 0);
+        ASSERT_TRUE(mode == 0640 ? write_atomically(file, Bytes{1}) : write_durably(file, "new"));
+        ASSERT_EQ(::stat(file.c_str(), &after), 0);
+        EXPECT_EQ(after.st_mode & 0777, mode);
+        EXPECT_EQ(after.st_uid, before.st_uid);
+        EXPECT_EQ(after.st_gid, before.st_gid);
+    }
+}
+
 TEST(WholeFile, replaces_no_link_and_no_pipe) {
     const TempFolder folder;
     const auto kept = folder.write("kept", "kept"), link = folder.path() / "link", pipe = folder.path() / "pipe";

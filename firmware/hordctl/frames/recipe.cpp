@@ -4,6 +4,7 @@
 #include <regex>
 
 #include <fmt/format.h>
+#include <sys/stat.h>
 
 #include "common/file_kind.h"
 #include "common/file_writing.h"
@@ -65,6 +66,14 @@ Exit check(const RecipeOptions& options) {
     return status;
 }
 
+// "owner 0 and group 0": what of a file's access has changed; "" if nothing has.
+std::string lost_access(const struct stat& before, const struct stat& after) {
+    std::string text;
+    if (before.st_uid != after.st_uid) text = fmt::format("owner {}", before.st_uid);
+    if (before.st_gid != after.st_gid) text += fmt::format("{}group {}", text.empty() ? "" : " and ", before.st_gid);
+    return text;
+}
+
 // Writes the crc32 key, in its place when there is one, else as the first line; everything else stays as it is.
 Exit seal(const RecipeOptions& options) {
     for (const std::string& file : options.files) {
@@ -78,8 +87,15 @@ Exit seal(const RecipeOptions& options) {
         const auto recipe = parse_numbered_recipe(text, file);
         if (!recipe) return complain(recipe.error());
         const std::string sum = fmt::format("{:08X}", crc32_of(*recipe));
+        struct stat before {
+        }, after{};
+        const bool known = ::stat(file.c_str(), &before) == 0;
         if (auto done = common::write_durably(file, fmt::format("crc32 = \"{}\"\n", sum) + text); !done)
             return complain(done.error());
+        if (known && ::stat(file.c_str(), &after) == 0 && !lost_access(before, after).empty()) {
+            fmt::print(stderr, "hordctl: {}: {} could not be kept: give them back as root: chown {}:{} {}\n", file,
+                       lost_access(before, after), before.st_uid, before.st_gid, file);
+        }
         fmt::print("{}: sealed with {}\n", file, sum);
     }
     return Exit::good;
