@@ -122,15 +122,38 @@ std::string number_problem(const std::string& text, bool whole, bool natural) {
     return {};
 }
 
-void refuse_odd_numbers(CLI::App& program) {
+// Of an argument that is "": a script's variable that is not set would otherwise read as an option that is not given.
+constexpr const char* kEmpty = "is empty: is a variable of the script not set?";
+
+// "--recipe=" has no value: CLI11 would take the next argument for it.
+void refuse_empty_assignments(const CLI::App& program, int argc, char** argv) {
+    const CLI::App* command = &program;
+    for (int k = 1; k < argc; ++k) {
+        std::string word = argv[k];
+        if (word == "--") return;
+        for (const CLI::App* next : command->get_subcommands({})) {
+            if (next->check_name(word)) {
+                command = next;
+                break;
+            }
+        }
+        if (!word.starts_with("--") || !word.ends_with('=')) continue;
+        word.pop_back();
+        if (command->get_option_no_throw(word) != nullptr) throw CLI::ValidationError(word, kEmpty);
+    }
+}
+
+void refuse_empty_and_odd_values(CLI::App& program) {
     for (CLI::Option* option : program.get_options()) {
+        if (option->get_items_expected_max() > 0)
+            option->check(CLI::Validator([](const std::string& text) { return text.empty() ? kEmpty : ""; }, ""));
         const std::string type = option->get_type_name();
         const bool natural = type.starts_with("UINT"), whole = natural || type.starts_with("INT");
         if (!whole && !type.starts_with("FLOAT")) continue;
         option->check(
             CLI::Validator([=](const std::string& text) { return number_problem(text, whole, natural); }, ""));
     }
-    for (CLI::App* command : program.get_subcommands({})) refuse_odd_numbers(*command);
+    for (CLI::App* command : program.get_subcommands({})) refuse_empty_and_odd_values(*command);
 }
 
 // The command that the user meant, as far as it was given rightly, and its name.
@@ -193,15 +216,19 @@ std::string mistake_text(const CLI::App& program, const CLI::App& command, const
     const bool extra = dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr;
     if ((required || extra) && !unknown.empty()) return unknown_text(command, unknown.front());
     if (required && !command.get_subcommands({}).empty()) return "no command is given";
-    return too_large_text(not_in_text(error.what()));
+    const std::string text = error.what();
+    if (const auto at = text.find(std::string(": ") + kEmpty); at != std::string::npos)
+        return text.substr(0, at) + " " + kEmpty;
+    return too_large_text(not_in_text(text));
 }
 
 }  // namespace
 
 std::optional<int> parse_command_line(CLI::App& program, int argc, char** argv) {
     const char* name = program_invocation_short_name;
-    refuse_odd_numbers(program);
+    refuse_empty_and_odd_values(program);
     try {
+        refuse_empty_assignments(program, argc, argv);
         program.parse(argc, argv);
     } catch (const CLI::Success& asked) {  // --help, --version
         std::ostringstream text;

@@ -17,6 +17,8 @@ std::filesystem::path path_of(const py::object& given, const char* wanted) {
         throw py::type_error(fmt::format("{}, not {}", wanted, type));
     }
     const py::object path = py::module_::import("os").attr("fspath")(given);
+    if (py::len(path) == 0)
+        refuse(fmt::format("{}, and this path is empty", wanted), "is a variable of the script not set?");
     if (path.attr("__contains__")(py::isinstance<py::bytes>(path) ? py::object(py::bytes("\0", 1)) : py::str("\0", 1))
             .cast<bool>()) {
         refuse("the path " + py::repr(path).cast<std::string>() + " holds a NUL character", "no file has such a name");

@@ -13,14 +13,10 @@
 namespace hord::firmware {
 
 void add_frame_options(CLI::App& command, FrameOptions& options) {
-    command
-        .add_option("--macro", options.macro,
-                    fmt::format("Bins a lenslet of a macro-pixel frame, columns x rows; without it what the frame's "
-                                "geometry note says, else {}x{}",
-                                kDefaultBins, kDefaultBins))
-        ->check(CLI::Validator(
-            [](const std::string& text) { return text.empty() ? "is empty: write columns x rows, as in 9x9" : ""; },
-            ""));
+    command.add_option("--macro", options.macro,
+                       fmt::format("Bins a lenslet of a macro-pixel frame, columns x rows; without it what the frame's "
+                                   "geometry note says, else {}x{}",
+                                   kDefaultBins, kDefaultBins));
     command.add_option("--grid", options.grid,
                        "Calibration file (hordctl calibrate): decodes raw frames into --macro bins a lenslet");
     command

@@ -399,6 +399,12 @@ class Errors(unittest.TestCase):
                 self.assertTrue(np.isnan(hord.distance(name, *pair)))
         self.assertEqual(hord.distance("emd", lit, lit), 0)
 
+    def test_an_empty_path_is_not_an_argument_that_is_not_given(self):
+        for call in (lambda: hord.inspect(lens, recipe=""), lambda: hord.inspect(lens, reference=""),
+                     lambda: hord.decode(pixels(lens), grid=""), lambda: hord.Inspector(recipe=""), lambda: hord.inspect("")):
+            with self.assertRaisesRegex(hord.InvalidArgument, "this path is empty: is a variable of the script not set"):
+                call()
+
     def test_what_does_not_exist_is_not_found(self):
         field = hord.decode(np.zeros((90, 90), np.uint8))
         none = cell.path("none")

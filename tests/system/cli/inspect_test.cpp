@@ -324,7 +324,7 @@ TEST(Inspect, refuses_macro_pixels_that_do_not_divide_the_frame) {
     expect_refusal({file, "--macro", "7x7"}, "7x7", "bins");
     expect_refusal({file, "--macro", "nine"}, "nine", "9x9");
     expect_refusal({file, "--macro", "0x9"}, "0x9", "bins");
-    expect_refusal({file, "--macro", ""}, "--macro: is empty", "9x9");
+    expect_refusal({file, "--macro", ""}, "--macro is empty", "variable");
 }
 
 TEST(Inspect, refuses_an_unknown_feature_and_names_the_known) {

@@ -88,6 +88,23 @@ TEST(Mistakes, on_the_command_line_are_named) {
     refused({"run", "--simulate", "--foo"}, "\"--foo\" is not known: see hordctl run --help");
 }
 
+TEST(Mistakes, an_empty_argument_is_not_an_option_that_is_not_given) {
+    for (const char* command :
+         {"hordctl inspect a.png --recipe ''", "hordctl inspect a.png --reference ''",
+          "hordctl inspect a.png --grid ''", "hordctl inspect a.png --out ''", "hordctl inspect a.png --feature ''",
+          "hordctl inspect a.png --macro ''", "hordctl inspect --recipe= a.png", "hordctl run --parts 1 --config ''",
+          "hordctl selftest --config ''", "hordctl results --recipe ''", "hord-page --listen ''",
+          "hord-page --modbus ''", "hord-mqtt --config ''", "hordd --check --config ''", "hord-safe --config ''",
+          "hord-lab render s.toml --out ''", "hordctl inspect ''"}) {
+        const Said said = run("/bin/sh", {"-c", "\"$0\"/" + std::string(command), HORD_BIN_DIR});
+        EXPECT_EQ(said.status, 2) << command;
+        EXPECT_THAT(said.err, HasSubstr(" is empty: is a variable of the script not set?")) << command;
+        EXPECT_EQ(std::ranges::count(said.err, '\n'), 1) << said.err;
+    }
+    EXPECT_THAT(run("hordctl", {"inspect", "--recipe=", "a.png"}).err,
+                HasSubstr("hordctl: --recipe is empty: is a variable of the script not set? See hordctl"));
+}
+
 TEST(Mistakes, an_output_overwrites_no_input_and_no_other_output) {
     const TemporaryFolder folder;
     std::filesystem::create_directories(folder.path() / "a");
