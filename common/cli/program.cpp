@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <iterator>
@@ -103,6 +104,7 @@ namespace {
 std::string number_problem(const std::string& text, bool whole, bool natural) {
     double number = 0;
     if (!CLI::detail::lexical_cast(text, number)) return "\"" + text + "\" is no number";
+    if (!std::isfinite(number)) return text + " is no finite number";
     if (!whole) return {};
     const auto digits = text.find_first_not_of("+-");
     const bool decimal =

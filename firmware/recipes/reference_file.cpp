@@ -13,6 +13,7 @@
 #include <fmt/format.h>
 
 #include "common/crc32.h"
+#include "common/file_kind.h"
 #include "common/file_writing.h"
 
 namespace hord::firmware {
@@ -110,6 +111,8 @@ Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesys
         return fail(errno == ENOENT ? ErrorCode::not_found : ErrorCode::unreadable, file.string() + " cannot be opened",
                     "give a file that hordctl learn has written");
     const std::string& text = *read;
+    if (auto right = common::require_kind(text, file.string(), common::FileKind::reference); !right)
+        return tl::unexpected(right.error());
     if (text.size() < kMagic.size() + 8 || !text.starts_with(kMagic))
         return refuse(ErrorCode::unreadable, "is not a reference");
     std::uint32_t version = 0, seal = 0;

@@ -130,7 +130,10 @@ Made by decode(), read() or from_samples(). It refers to the memory of the frame
             "bits", [](const LightField& f) { return f.frame.view.bits; }, "Of a sample, 8 to 16.")
         .def_readonly("bin_rad", &LightField::bin_rad,
                       "One bin pitch, radians; 0 without a calibration with directions.")
-        .def_readonly("source", &LightField::source, "The file that it was read from; empty for arrays.")
+        .def_property_readonly(
+            "source",
+            [](const LightField& f) { return py::module_::import("os").attr("fsdecode")(py::bytes(f.source)); },
+            "The file that it was read from; empty for arrays.")
         .def("save", &write, py::arg("file"),
              "Writes a PNG with a geometry note, which hordctl reads. Raises NotFound, Refused or IoError.")
         .def("__repr__", [](const LightField& f) {

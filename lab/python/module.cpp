@@ -44,6 +44,12 @@ std::string with_arguments(std::string text) {
     return out;
 }
 
+// Text for people. Bytes that are not UTF-8 (a file's name) are escaped as Python does: "gr\\xe9n.png".
+py::object text_of(const std::string& bytes) {
+    return py::reinterpret_steal<py::object>(
+        PyUnicode_DecodeUTF8(bytes.data(), static_cast<py::ssize_t>(bytes.size()), "backslashreplace"));
+}
+
 // pybind11 wants this signature.
 void raise_failure(std::exception_ptr pointer) {  // NOLINT(performance-unnecessary-value-param)
     try {
@@ -51,7 +57,8 @@ void raise_failure(std::exception_ptr pointer) {  // NOLINT(performance-unnecess
     } catch (const Failure& failure) {
         const Error& error = failure.error;
         const py::object type = py::module_::import("hord.errors").attr(class_of(error.code));
-        PyErr_SetObject(type.ptr(), py::make_tuple(with_arguments(error.what), with_arguments(error.cure)).ptr());
+        PyErr_SetObject(type.ptr(),
+                        py::make_tuple(text_of(with_arguments(error.what)), text_of(with_arguments(error.cure))).ptr());
     }
 }
 

@@ -49,9 +49,18 @@ py::list list_of(const py::object& frames) {
     return py::list(frames);
 }
 
+// Refuses a number that hordctl learn would refuse: "read_dn=nan is not possible".
+void check_number(const char* name, std::optional<float> value, double low, double high) {
+    if (value && !(static_cast<double>(*value) >= low && static_cast<double>(*value) <= high))
+        refuse(fmt::format("{}={} is not possible", name, *value), fmt::format("give {} to {}", low, high));
+}
+
 LearnedParts learn(const py::object& given, const py::object& recipe, std::optional<float> electrons_per_dn,
                    std::optional<float> read_dn, float pedestal_dn, const py::object& bins, const py::object& grid,
                    int bits, int threads) {
+    check_number("electrons_per_dn", electrons_per_dn, 1e-3, 1e5);
+    check_number("read_dn", read_dn, 0, 1e4);
+    check_number("pedestal_dn", pedestal_dn, 0, 65535);
     const py::list frames = list_of(given);
     if (py::len(frames) == 0) refuse("there is no frame to learn from", "give frames of at least 8 good parts");
     const auto field = [&](std::size_t part) { return field_of(frames[part], bins, grid, bits); };

@@ -21,6 +21,9 @@ if _importlib.find_spec("._hord", __name__) is None:  # the module is compiled f
         f"it holds {', '.join(f.name for f in _pathlib.Path(__file__).parent.glob('_hord.*')) or 'no compiled module'}: "
         "call the Python that it was built for (Debian's /usr/bin/python3), or build it again: ./dev build")
 
+if _importlib.find_spec("numpy") is None:
+    raise ImportError(f"hord needs NumPy, and this Python ({_sys.executable}) has none: install Debian's python3-numpy")
+
 from ._hord import (
     AT_LIMIT,
     BORDER,

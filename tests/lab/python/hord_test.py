@@ -1,5 +1,5 @@
 """`import hord` against NumPy's own arithmetic, and against hordctl on the same frames: the same bits."""
-import pathlib, sys, threading, time, unittest
+import pathlib, subprocess, sys, threading, time, unittest
 
 import numpy as np
 
@@ -398,6 +398,32 @@ class Errors(unittest.TestCase):
             for name in "emd", "hellinger", "max-sliced":
                 self.assertTrue(np.isnan(hord.distance(name, *pair)))
         self.assertEqual(hord.distance("emd", lit, lit), 0)
+
+    def test_names_that_are_not_utf_8_are_escaped(self):
+        with self.assertRaisesRegex(hord.NotFound, r"gr\\xe9n\.png does not exist"):
+            hord.inspect(cell.path("gr\udce9n.png"))
+        bad = pathlib.Path(cell.path("r\udce9c.toml"))
+        bad.write_text("nothing = 1\n")
+        with self.assertRaisesRegex(hord.InvalidArgument, r"r\\xe9c\.toml"):
+            hord.Inspector(recipe=bad)
+        odd = pathlib.Path(cell.path("gr\udce9n.pgm"))
+        odd.write_bytes(b"P5\n90 63\n255\n" + bytes(90 * 63))
+        self.assertEqual(hord.read(odd).source, str(odd))
+
+    def test_an_image_is_no_reference(self):
+        with self.assertRaisesRegex(hord.InvalidArgument, "is an image, and a learned reference is needed"):
+            hord.inspect(lens, reference=bubble)
+
+    def test_sensor_numbers_that_are_not_possible_are_refused_before_frames_are_read(self):
+        for numbers in {"read_dn": -1}, {"read_dn": float("nan")}, {"read_dn": float("inf")}, {"electrons_per_dn": 0}, {"pedestal_dn": -1}:
+            with self.assertRaisesRegex(hord.InvalidArgument, f"^{list(numbers)[0]}=.* is not possible: give "):
+                hord.learn(["none.png"] * 8, **numbers)
+
+    def test_without_numpy_the_import_names_its_package(self):
+        code = "import importlib.util as u; f = u.find_spec; u.find_spec = lambda n, p=None: None if n == 'numpy' else f(n, p); import hord"
+        said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        self.assertIn("ImportError: hord needs NumPy", said.stderr)
+        self.assertIn("python3-numpy", said.stderr)
 
     def test_an_empty_path_is_not_an_argument_that_is_not_given(self):
         for call in (lambda: hord.inspect(lens, recipe=""), lambda: hord.inspect(lens, reference=""),

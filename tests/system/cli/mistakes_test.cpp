@@ -85,6 +85,7 @@ TEST(Mistakes, on_the_command_line_are_named) {
     refused({"use_recipe", "7"}, "call hordctl recipe use NUMBER");
     refused({"status", "--timeout", "abc"}, "--timeout: \"abc\" is no number: give 1 to 60000: see hordctl status");
     refused({"run", "--rate", "5e9"}, "--rate: 5e9 is not in the range 0.1 to 1000");
+    refused({"learn", "a.png", "--out", "o", "--read-dn", "nan"}, "--read-dn: nan is no");
     refused({"run", "--simulate", "--foo"}, "\"--foo\" is not known: see hordctl run --help");
 }
 
