@@ -115,16 +115,29 @@ TomlTable TomlTable::parse_file(const std::filesystem::path& file, TomlProblems&
     return parse_text(text.value_or(""), file.string(), problems);
 }
 
+namespace {
+
+// Why a key's value is no `wanted` ("number", "whole number").
+std::string no_number(const toml::node* node, const std::string& wanted) {
+    const char* cure = node == nullptr ? ""
+        : node->is_string()            ? ": write one without quotes"
+        : node->is_floating_point()    ? ": write one without decimals"
+                                       : ": write digits";
+    return "is not a " + wanted + cure;
+}
+
+}  // namespace
+
 std::optional<double> TomlTable::read_number(std::string_view key, double low, double high) {
     const toml::node* node = node_->find(key);
     const auto value = node != nullptr && node->is_integer()
         ? std::optional(static_cast<double>(node->as_integer()->get()))
-        : node_->value<double>(key, "is not a number: write one without quotes");
+        : node_->value<double>(key, no_number(node, "number"));
     return node_->in_range(key, value, low, high);
 }
 
 std::optional<std::int64_t> TomlTable::read_integer(std::string_view key, std::int64_t low, std::int64_t high) {
-    const auto value = node_->value<std::int64_t>(key, "is not a whole number: write one without quotes or decimals");
+    const auto value = node_->value<std::int64_t>(key, no_number(node_->find(key), "whole number"));
     return node_->in_range(key, value, low, high);
 }
 

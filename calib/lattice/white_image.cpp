@@ -60,6 +60,22 @@ std::uint32_t ceiling(const FrameView& frame, bool& any) {
 
 }  // namespace
 
+namespace {
+
+// Two white frames of one cell differ by less; the light of a white frame is many times the sensor's offset.
+constexpr double kLeastOverDark = 1.01;
+
+// The sum of all samples, DN.
+double light_of(const FrameView& frame) {
+    double sum = 0;
+    for (int y = 0; y < frame.height_px; ++y) {
+        for (int x = 0; x < frame.width_px; ++x) sum += static_cast<double>(frame.sample(x, y));
+    }
+    return sum;
+}
+
+}  // namespace
+
 Result<WhiteImage> WhiteImage::open(const FrameView& white, const std::optional<FrameView>& dark,
                                     const std::optional<FrameView>& flat) {
     if (white.data == nullptr || white.width_px < kSmallestSide || white.height_px < kSmallestSide) {
@@ -73,6 +89,10 @@ Result<WhiteImage> WhiteImage::open(const FrameView& white, const std::optional<
                     fmt::format("a {} frame of {}x{} px for a white frame of {}x{} px", name, (*frame)->width_px,
                                 (*frame)->height_px, white.width_px, white.height_px),
                     "record all of them with the same region of the sensor");
+    }
+    if (dark && !(light_of(white) > kLeastOverDark * light_of(*dark))) {
+        return fail(ErrorCode::invalid_argument, "the dark frame is as bright as the white one",
+                    "record it without light, as long exposed as the white frame");
     }
     WhiteImage image;
     image.white_ = white;

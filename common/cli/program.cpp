@@ -169,10 +169,17 @@ std::pair<const CLI::App*, std::string> deepest_command(const CLI::App& program)
     return {command, name};
 }
 
+bool has_option(const CLI::App& command, const std::string& option) {
+    return command.get_option_no_throw(option) != nullptr ||
+        std::ranges::any_of(command.get_subcommands({}), [&](const CLI::App* one) { return has_option(*one, option); });
+}
+
 // "X is not known", with the option or command that is most like it.
 std::string unknown_text(const CLI::App& command, std::string word) {
     word.resize(std::min(word.find('='), word.size()));
     const bool option = word.starts_with('-');
+    if (option && has_option(command, word))
+        return "\"" + word + "\" stands before the command that it belongs to: write it behind";
     std::vector<std::string> names;
     if (option) {
         for (const CLI::Option* one : command.get_options()) {

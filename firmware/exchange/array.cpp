@@ -71,6 +71,9 @@ Result<Array> decode_npy(std::span<const std::byte> bytes, std::string_view name
     const std::string_view type = value_of(header, "'descr'");
     if (type.starts_with("'|u1'")) array.type = ArrayType::uint8;
     else if (type.starts_with("'<u2'")) array.type = ArrayType::uint16;
+    else if (type.starts_with("'>u2'"))
+        return fail(ErrorCode::unsupported, std::string(name) + " holds big-endian uint16",
+                    "save it as little-endian: array.astype('<u2')");
     else
         return fail(ErrorCode::unsupported, std::string(name) + " holds no uint8 and no uint16",
                     "save samples as uint8 or uint16");

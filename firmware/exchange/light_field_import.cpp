@@ -107,6 +107,10 @@ std::optional<std::pair<int, int>> place_of(const std::string& stem) {
 Result<Imported> from_viewpoints(const fs::path& folder) {
     const std::string name = folder.string();
     const auto files = drivers::list_frames({folder});
+    if (!files && files.error().code == ErrorCode::not_found && fs::is_directory(folder)) {
+        return fail(ErrorCode::not_found, name + " holds no viewpoint",
+                    "give the folder of PlenoptiCam's viewpoints: images named J_I.tiff or J_I.png");
+    }
     if (!files) return tl::unexpected(files.error());
     std::map<std::pair<int, int>, Frame> views;
     int rows = 0, columns = 0;

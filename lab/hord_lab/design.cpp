@@ -116,7 +116,7 @@ void add_design(CLI::App& program, Exit& status) {
     command
         ->add_option("--threads", task.threads,
                      "Threads (0: one a core); the answer depends on them by its times alone")
-        ->check(CLI::Range(0, 256));
+        ->check(in_range(0, 256));
     command->footer(
         "Exit status: 0 a cell finds every wanted size at the rate, 1 none does, 2 usage.\n"
         "Example: hord-lab design hal_sim/scenes/lens.toml --defects bubble=0.1,scratch=0.02 --pixels 5M --rate 10 "

@@ -62,7 +62,7 @@ void add_experiment(CLI::App& program, Exit& status) {
         one->add_option("--seed", arguments->seed, "Seed of everything random; the same seed gives the same files")
             ->capture_default_str();
         one->add_option("--threads", arguments->threads, "Threads (0: one a core); results do not depend on it")
-            ->check(CLI::Range(0, 64));
+            ->check(in_range(0, 64));
         if (experiment.run == run_detection || experiment.run == run_guarantee || experiment.run == run_whole)
             one->add_flag("--finished", arguments->finished,
                           "Report what an interrupted run has finished; compute nothing");

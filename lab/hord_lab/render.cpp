@@ -141,7 +141,7 @@ void add_render(CLI::App& program, Exit& status) {
                         "Where the living lenslets' centres are on the sensor (CSV: m,n,x_px,y_px)");
     command->add_option("--seed", arguments->seed, "Seed of the noise, in place of the scene's");
     command->add_option("--threads", arguments->threads, "Threads (0: one a core); the frame does not depend on it")
-        ->check(CLI::Range(0, 256));
+        ->check(in_range(0, 256));
     command->footer(
         "Example: hord-lab render hal_sim/scenes/bubble.toml --out bubble.png --truth bubble.json --seed 7");
     command->callback([arguments, &status] { status = run_render(*arguments); });

@@ -25,10 +25,10 @@ void add_scene(CLI::App& program, Exit& status) {
     needs
         ->add_option("--tolerance", arguments->tolerance,
                      "Change of a feature that does not matter: bin pitches, and share of light (default 0.05)")
-        ->check(CLI::Range(0.0, 10.0));
+        ->check(in_range(0.0, 10.0));
     needs->add_option("--recipe", arguments->recipe, "Recipe whose verdict counts (TOML); without it the default");
     needs->add_flag("--only-named", arguments->only_named, "Do not try effects that the scene does not name");
-    needs->add_option("--threads", arguments->threads, "Threads (0: one a core)")->check(CLI::Range(0, 256));
+    needs->add_option("--threads", arguments->threads, "Threads (0: one a core)")->check(in_range(0, 256));
     needs->footer("Example: hord-lab scene needs hal_sim/scenes/real-cell.toml --tolerance 0.05");
     needs->callback([arguments, &status] {
         const auto loaded = sim::load_scene(arguments->scene);

@@ -94,7 +94,7 @@ void add_soak(CLI::App& program, Exit& status) {
     command
         ->add_option("--threads", arguments->threads,
                      "Episodes at the same time; the report is the same for every number")
-        ->check(CLI::Range(1, 256))
+        ->check(in_range(1, 256))
         ->capture_default_str();
     command->add_option("--episode", arguments->episode,
                         "Run one episode of this seed, as a violation prints it, with --parts, --line and --faults");

@@ -38,6 +38,22 @@ TEST(TomlFields, absent_keys_keep_their_defaults_and_present_ones_are_read) {
     EXPECT_THAT(at, ElementsAre(1, 2.5));
 }
 
+TEST(TomlFields, what_is_no_number_gets_the_cure_of_what_it_is) {
+    TomlProblems problems;
+    auto root = TomlTable::parse_text("a = true\nb = \"1\"\nc = true\nd = 1.5\n", "a.toml", problems);
+    double number = 1;
+    int whole = 1;
+    root.number("a", number, 0, 10);
+    root.number("b", number, 0, 10);
+    root.integer("c", whole, 0, 10);
+    root.integer("d", whole, 0, 10);
+    EXPECT_THAT(problems.lines(),
+                ElementsAre(HasSubstr("a: is not a number: write digits"),
+                            HasSubstr("b: is not a number: write one without quotes"),
+                            HasSubstr("c: is not a whole number: write digits"),
+                            HasSubstr("d: is not a whole number: write one without decimals")));
+}
+
 TEST(TomlFields, every_problem_is_reported_with_file_line_and_cure) {
     TomlProblems problems;
     auto root =

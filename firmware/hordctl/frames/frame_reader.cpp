@@ -22,7 +22,7 @@ void add_frame_options(CLI::App& command, FrameOptions& options) {
     command
         .add_option("--bits", options.bits,
                     "Bits a sample that the sensor recorded, for 9- to 15-bit samples in 16-bit files")
-        ->check(CLI::Range(8, 16));
+        ->check(in_range(8, 16));
 }
 
 namespace {

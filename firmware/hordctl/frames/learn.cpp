@@ -170,11 +170,11 @@ void add_learn(CLI::App& program, Exit& status) {
     command
         ->add_option("--electrons-per-dn", arguments->learning.electrons_per_dn,
                      "Of the sensor; without it they are estimated from the frames")
-        ->check(CLI::Range(1e-3, 1e5));
+        ->check(in_range(1e-3, 1e5));
     command
         ->add_option("--read-dn", arguments->read_dn,
                      "Read noise of the sensor, DN; without it it is estimated from the bins that no light reaches")
-        ->check(CLI::Range(0.0, 1e4));
+        ->check(in_range(0.0, 1e4));
     add_number(*command, "--pedestal-dn", arguments->learning.pedestal_dn, "What the camera adds to every sample, DN",
                0.0, 65535.0);
     add_number(*command, "--threads", arguments->learning.threads, "Threads", 1, 64);

@@ -26,7 +26,7 @@ struct RecipeOptions {
 
 Exit list(const RecipeOptions& options) {
     const auto all = list_recipes(options.folder);
-    if (!all) return complain(all.error());
+    if (!all) return complain({all.error().code, all.error().what, "give the folder that the recipes are in"});
     fmt::print("{:>6} {:>8} {:<10} {:<24} {}\n", "number", "version", "crc32", "name", "file");
     Exit status = Exit::good;
     for (const RecipeEntry& one : *all) {

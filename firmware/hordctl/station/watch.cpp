@@ -204,7 +204,7 @@ void add_watch(CLI::App& program, Exit& status) {
     add_remote_options(*command, options->remote);
     add_number(*command, "--every", options->every_ms, "Look again after so long, ms", 20, 60000);
     command->add_option("--count", options->count, "Look so many times; 0: until interrupted")
-        ->check(CLI::Range(0, 1'000'000))
+        ->check(in_range(0, 1'000'000))
         ->capture_default_str();
     command->footer(
         "On a terminal a page that renews itself, elsewhere one line a look.\nExample: hordctl watch --modbus "

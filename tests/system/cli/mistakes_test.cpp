@@ -86,6 +86,11 @@ TEST(Mistakes, on_the_command_line_are_named) {
     refused({"status", "--timeout", "abc"}, "--timeout: \"abc\" is no number: give 1 to 60000: see hordctl status");
     refused({"run", "--rate", "5e9"}, "--rate: 5e9 is not in the range 0.1 to 1000");
     refused({"learn", "a.png", "--out", "o", "--read-dn", "nan"}, "--read-dn: nan is no");
+    refused({"--modbus", "127.0.0.1:1", "status"},
+            "\"--modbus\" stands before the command that it belongs to: write it behind: see hordctl status --help");
+    refused({"inspect", "a.png", "--bits", "8.0"}, "--bits: \"8.0\" is no whole number");
+    refused({"inspect", "a.png", "--bits", "7"}, "--bits: 7 is not in the range 8 to 16");
+    refused({"recipe", "list", "nope"}, "nope: No such file or directory: give the folder that the recipes are in");
     refused({"run", "--simulate", "--foo"}, "\"--foo\" is not known: see hordctl run --help");
 }
 
@@ -205,6 +210,14 @@ TEST(Mistakes, a_macro_pixel_that_does_not_divide_the_frame_names_those_that_do)
     EXPECT_THAT(said.err, HasSubstr("it can be divided into 3x3, 9x9 bins a lenslet: give --macro"));
     std::ofstream(folder / "b.pgm", std::ios::binary) << "P5\n97 63\n255\n" << std::string(97 * 63, '\x40');
     EXPECT_THAT(run("hordctl", {"inspect", folder / "b.pgm"}).err, HasSubstr("no square macro-pixel of 3 to 15 bins"));
+}
+
+TEST(Mistakes, a_dark_frame_as_bright_as_the_white_one_is_named) {
+    const TemporaryFolder folder;
+    const std::string white = folder / "w.pgm";
+    std::ofstream(white, std::ios::binary) << "P5\n90 63\n255\n" << std::string(90 * 63, '\x40');
+    EXPECT_THAT(run("hordctl", {"calibrate", white, "--dark", white, "--out", folder / "g.toml"}).err,
+                HasSubstr("the dark frame is as bright as the white one: record it without light"));
 }
 
 TEST(Mistakes, two_recipes_of_a_folder_with_one_number_are_refused) {
