@@ -149,6 +149,14 @@ void TomlTable::text(std::string_view key, std::string& value) {
     if (auto read = node_->value<std::string>(key, "is not a text: write it in quotes")) value = std::move(*read);
 }
 
+void TomlTable::name(std::string_view key, std::string& value) {
+    text(key, value);
+    if (!has(key)) return;
+    if (value.empty()) problem(key, "is empty", "give a name, or take it out");
+    if (std::ranges::any_of(value, [](unsigned char c) { return c < 0x20 || c == 0x7F; }))
+        problem(key, "holds a control character such as a line's end", "write it in one line");
+}
+
 void TomlTable::scalar(std::string_view key, std::string& value) {
     const toml::node* node = node_->find(key);
     if (node == nullptr) return;

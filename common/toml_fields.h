@@ -70,6 +70,8 @@ class TomlTable {
     }
     void boolean(std::string_view key, bool& value);
     void text(std::string_view key, std::string& value);
+    // A text that people, tables and protocols call something by: refuses "" and control characters.
+    void name(std::string_view key, std::string& value);
     // A text, a number or a boolean, as text.
     void scalar(std::string_view key, std::string& value);
     void numbers(std::string_view key, std::vector<double>& values, std::size_t min_count, std::size_t max_count);

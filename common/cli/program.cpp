@@ -47,6 +47,23 @@ std::optional<std::pair<dev_t, ino_t>> identity_of(const std::string& file) {
 }  // namespace
 
 Result<void> check_outputs(const std::vector<OutputFile>& outputs, const std::vector<std::string>& inputs) {
+    for (const auto& [option, file] : outputs) {
+        if (file.empty()) continue;
+        std::error_code error;
+        const std::filesystem::path parent = std::filesystem::path(file).parent_path(),
+                                    folder = parent.empty() ? "." : parent;
+        if (!std::filesystem::is_directory(folder, error))
+            return fail(ErrorCode::not_found, "the folder " + folder.string() + " does not exist", "create it first");
+        if (std::filesystem::is_directory(file, error))
+            return fail(ErrorCode::invalid_argument, option + " " + file + " is a folder", "give the name of a file");
+        if (::access(folder.c_str(), W_OK) != 0 && ::access(file.c_str(), W_OK) != 0)
+            return fail(ErrorCode::io, option + " " + file + " cannot be written (" + std::strerror(errno) + ")",
+                        "give a file in a folder that may be written to");
+    }
+    return check_overwrites(outputs, inputs);
+}
+
+Result<void> check_overwrites(const std::vector<OutputFile>& outputs, const std::vector<std::string>& inputs) {
     std::set<std::pair<dev_t, ino_t>> read, written;
     std::map<std::filesystem::path, std::string> places;
     for (const std::string& input : inputs) {

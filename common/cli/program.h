@@ -32,9 +32,13 @@ struct OutputFile {
     std::string option, file;
 };
 
+// check_overwrites(); also fails with not_found (the output's folder), invalid_argument (the output is a folder) and io
+// (this user may not write there): for commands that work long before they write.
+Result<void> check_outputs(const std::vector<OutputFile>& outputs, const std::vector<std::string>& inputs);
+
 // Fails with refused if an output is one of the files that the command reads (also by another name or a link), or if
 // two outputs are one file. Devices and pipes are no such files. Inputs that are "" or do not exist are ignored.
-Result<void> check_outputs(const std::vector<OutputFile>& outputs, const std::vector<std::string>& inputs);
+Result<void> check_overwrites(const std::vector<OutputFile>& outputs, const std::vector<std::string>& inputs);
 
 // Fails with invalid_argument if the output's extension is none of `extensions` (".png"). None at all is allowed.
 Result<void> check_extension(const OutputFile& output, const std::vector<std::string>& extensions);

@@ -153,7 +153,7 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
                     TomlProblems& found) {
     Config config;
     TomlTable station = root.table("station");
-    station.text("name", config.name);
+    station.name("name", config.name);
     station.boolean("autostart", config.autostart);
     ms(station, "heartbeat_ms", config.core.station_heartbeat, 10, 60'000);
     station.integer("max_failures_in_a_row", config.core.max_failures_in_a_row, 0, 1'000'000);

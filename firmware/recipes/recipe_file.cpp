@@ -224,7 +224,7 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
     root.integer("schema", schema, kRecipeSchema, kRecipeSchema);
     std::string seal;
     root.text("crc32", seal);
-    root.text("name", recipe.name);
+    root.name("name", recipe.name);
     root.integer("number", numbered.number, 0, 65534);
     root.integer("version", numbered.version, 1, 0x7FFFFFFF);
     TomlTable light = root.table("light");

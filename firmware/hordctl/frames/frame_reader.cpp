@@ -170,7 +170,7 @@ Result<void> check_result_names(const std::vector<std::string>& frames, const st
     }
     std::vector<std::string> read = frames;
     read.insert(read.end(), inputs.begin(), inputs.end());
-    return check_outputs(results, read);
+    return check_overwrites(results, read);
 }
 
 }  // namespace hord::firmware

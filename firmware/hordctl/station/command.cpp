@@ -35,6 +35,17 @@ std::string canonical_name(const std::string& typed) {
     return command ? std::string(name_of(*command)) : typed;
 }
 
+// Why `hordctl command` does not send this command; empty: it does, or knows none of this name.
+std::string sent_otherwise(const std::string& typed) {
+    switch (command_named(typed).value_or(Command{})) {
+        case Command::use_recipe: return "use_recipe needs a number: call hordctl recipe use NUMBER";
+        case Command::teach: return "teach has a command of its own: call hordctl teach";
+        case Command::commit_recipe:
+            return "a PLC sends commit_recipe (docs/plc.md); a file's: hordctl recipe use NUMBER";
+        default: return {};
+    }
+}
+
 }  // namespace
 
 std::string cure_of(modbus::Client& station, CommandError error) {
@@ -93,6 +104,7 @@ void add_command(CLI::App& program, Exit& status) {
     auto options = std::make_shared<CommandOptions>();
     command->add_option("name", options->name, "What to do")
         ->required()
+        ->check(CLI::Validator(sent_otherwise, ""))
         ->check(CLI::IsMember(plain_commands(), canonical_name));
     add_remote_options(*command, options->remote);
     command->footer(

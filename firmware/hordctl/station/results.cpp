@@ -5,6 +5,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -70,11 +71,16 @@ Exit list(ResultsOptions options, bool changes) {
     auto reader = StoreReader::open(options.folder);
     if (!reader) return complain(reader.error());
     const bool csv = options.format == "csv", json = options.format == "json";
-    if (csv) fmt::print("{}\n", changes ? store::csv_head_of_changes() : store::csv_head_of_results());
-    else if (!json) fmt::print("{}\n", changes ? store::table_head_of_changes() : store::table_head_of_results());
+    bool headed = false;
+    const auto print_head = [&] {
+        if (std::exchange(headed, true)) return;
+        if (csv) fmt::print("{}\n", changes ? store::csv_head_of_changes() : store::csv_head_of_results());
+        else if (!json) fmt::print("{}\n", changes ? store::table_head_of_changes() : store::table_head_of_results());
+    };
     std::size_t damaged = 0, rows = 0;
     const auto print = [&](const auto& row) {
         ++rows;
+        print_head();
         if (!row.damage.empty() && ++damaged <= kDamagedTold)
             fmt::print(stderr, "hordctl: row {}: {}\n", row.number, row.damage);
         fmt::print("{}\n",
@@ -88,6 +94,7 @@ Exit list(ResultsOptions options, bool changes) {
     if (rows == 0 && !changes && !options.filter.recipe.empty()) {
         if (auto known = check_recipe(**reader, options.filter.recipe); !known) return complain(known.error());
     }
+    print_head();
     if (rows == 0) fmt::print(stderr, "hordctl: no row of {} is as asked for\n", options.folder);
     if (damaged == 0) return Exit::good;
     return complain({ErrorCode::unreadable,

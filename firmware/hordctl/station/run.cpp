@@ -381,7 +381,7 @@ void add_run(CLI::App& program, Exit& status) {
     command->add_option("--modbus", options->modbus,
                         "Where the register server listens, HOST:PORT (port 0: any free one)");
     command->add_option("--parts", options->line.parts,
-                        "End after so many parts (simulated line); without it, run until interrupted");
+                        "End after so many parts (simulated line); 0, or without it: run until interrupted");
     command->add_option("--seed", options->line.seed, "Seed of the simulated line")->capture_default_str();
     add_number(*command, "--rate", options->line.parts_per_second, "Parts a second on the simulated line", 0.1, 1000.0);
     add_number(*command, "--good", options->line.good_share, "Share of good parts on the simulated line", 0.0, 1.0);

@@ -91,6 +91,11 @@ TEST(Mistakes, on_the_command_line_are_named) {
     refused({"inspect", "a.png", "--bits", "8.0"}, "--bits: \"8.0\" is no whole number");
     refused({"inspect", "a.png", "--bits", "7"}, "--bits: 7 is not in the range 8 to 16");
     refused({"recipe", "list", "nope"}, "nope: No such file or directory: give the folder that the recipes are in");
+    refused({"run", "--simulate", "--parts", "1", "--vitals", "/nope/x.csv"}, "the folder /nope does not exist");
+    refused({"calibrate", "none.png", "--out", "nope/g.toml"}, "the folder nope does not exist: create it first");
+    refused({"calibrate", "none.png", "--out", "/"}, "--out / is a folder: give the name of a file");
+    refused({"command", "use_recipe"}, "call hordctl recipe use NUMBER");
+    refused({"command", "teach"}, "call hordctl teach");
     refused({"run", "--simulate", "--foo"}, "\"--foo\" is not known: see hordctl run --help");
 }
 
@@ -210,6 +215,22 @@ TEST(Mistakes, a_macro_pixel_that_does_not_divide_the_frame_names_those_that_do)
     EXPECT_THAT(said.err, HasSubstr("it can be divided into 3x3, 9x9 bins a lenslet: give --macro"));
     std::ofstream(folder / "b.pgm", std::ios::binary) << "P5\n97 63\n255\n" << std::string(97 * 63, '\x40');
     EXPECT_THAT(run("hordctl", {"inspect", folder / "b.pgm"}).err, HasSubstr("no square macro-pixel of 3 to 15 bins"));
+}
+
+TEST(Mistakes, a_name_that_is_empty_or_not_one_line_is_refused) {
+    const TemporaryFolder folder;
+    for (const auto& [name, what] : {std::pair("\"\"", "name: is empty"),
+                                     {"\"a\\nb\"", "name: holds a control character"},
+                                     {"\"a\\u007f\"", "name: holds a control character"}}) {
+        std::ofstream(folder / "r.toml") << "schema = 1\nname = " << name << '\n';
+        std::ofstream(folder / "c.toml") << simulated_beside(std::string("[station]\nname = ") + name + '\n');
+        const Said recipe = run("hordctl", {"recipe", "check", folder / "r.toml"});
+        EXPECT_EQ(recipe.status, 2);
+        EXPECT_THAT(recipe.err, HasSubstr(what));
+        const Said station = run("hordd", {"--check", "--config", folder / "c.toml"});
+        EXPECT_EQ(station.status, 78);
+        EXPECT_THAT(station.err, HasSubstr(what));
+    }
 }
 
 TEST(Mistakes, a_dark_frame_as_bright_as_the_white_one_is_named) {
