@@ -2,8 +2,10 @@
 #include "firmware/page/pages.h"
 
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <chrono>
+#include <set>
 #include <span>
 #include <utility>
 
@@ -247,6 +249,7 @@ Reply Pages::get(const Request& request) {
     }
     if (path == "/api/results.csv") {
         auto text = deps_.results.csv(request.query);
+        if (!text && text.error().code == ErrorCode::not_found) text = store::csv_head_of_results() + "\r\n";
         if (!text) return refusal(text.error());
         Reply reply = file("text/csv; charset=utf-8", std::move(*text));
         reply.headers.emplace_back("Content-Disposition", "attachment; filename=\"results.csv\"");
@@ -414,8 +417,18 @@ Reply Pages::execute(const Request& request) {
         reply.headers.emplace_back("WWW-Authenticate", "Bearer");
         return reply;
     }
-    const Json body = Json::parse(request.body, nullptr, false);
-    if (!body.is_object() || !body.contains("command") || !body["command"].is_string())
+    bool exact = true;  // known members, each once: of a repeated one the parser keeps the last
+    std::set<std::string> members;
+    const auto check = [&](int depth, Json::parse_event_t event, const Json& key) {
+        constexpr std::array<std::string_view, 3> kMembers{"command", "argument", "argument2"};
+        if (event != Json::parse_event_t::key) return true;
+        const auto name = key.get<std::string>();
+        exact =
+            exact && depth == 1 && std::ranges::find(kMembers, name) != kMembers.end() && members.insert(name).second;
+        return true;
+    };
+    const Json body = Json::parse(request.body, check, false);
+    if (!exact || !body.is_object() || !body.contains("command") || !body["command"].is_string())
         return refuse_command(400, "that is no command", "send {\"command\":\"stop\"}", request);
     const auto name = body["command"].get<std::string>();
     const auto command = command_of(name);

@@ -77,10 +77,10 @@ Result<store::ResultFilter> filter_of(const Fields& fields, std::int64_t usual, 
             filter.recipe = value;
         } else if (name == "part") {
             filter.part = whole<std::uint32_t>(value);
-            if (!filter.part) return wrong("write a part's number");
+            if (!filter.part || *filter.part == 0) return wrong("write a part's number");
         } else if (name == "before") {
             filter.before = whole<std::int64_t>(value);
-            if (!filter.before) return wrong("write a result's number");
+            if (!filter.before || *filter.before < 1) return wrong("write a result's number");
         } else if (name == "limit") {
             const auto limit = whole<std::int64_t>(value);
             if (!limit || *limit < 1 || *limit > most) {

@@ -73,6 +73,24 @@ TEST(PageRequests, a_command_that_the_page_does_not_send_is_refused_with_the_pla
     EXPECT_EQ(told(R"({"command":"use_recipe"})")["error"], "use_recipe needs the recipe's number");
 }
 
+TEST(PageRequests, a_command_with_a_repeated_or_unknown_member_is_refused) {
+    SmallPage page;
+    for (const char* body : {R"({"command":"stop","command":"halt"})", R"({"command":"stop","at":1})",
+                             R"({"command":"stop","argument":{"command":1}})"}) {
+        const auto reply = page.reply_to(page.command(body));
+        EXPECT_EQ(reply.status, 400) << body;
+        EXPECT_EQ(Json::parse(reply.body)["error"], "that is no command") << body;
+    }
+}
+
+TEST(PageRequests, for_the_csv_of_no_store_gives_its_head_alone) {
+    SmallPage page;
+    std::filesystem::remove_all(page.folder.path());
+    const auto reply = page.get("/api/results.csv");
+    EXPECT_EQ(reply.status, 200);
+    EXPECT_EQ(std::count(reply.body.begin(), reply.body.end(), '\n'), 1) << reply.body;
+}
+
 TEST(PageRequests, two_on_one_connection_are_answered_one_after_the_other) {
     SmallPage page;
     const std::string one = "GET /api/state HTTP/1.1\r\nHost: localhost\r\n\r\n";
