@@ -178,6 +178,11 @@ int main(int argc, char** argv) {
     auto tokens = config->tokens.empty() ? Result<Tokens>(Tokens{}) : Tokens::load(config->tokens);
     if (!tokens) return complain(tokens.error(), kBadConfiguration);
     if (options.check) {
+        std::error_code none;
+        if (std::filesystem::exists(config->store, none) && !std::filesystem::is_directory(config->store, none))
+            return complain({hord::ErrorCode::unreadable, config->store.string() + " is no folder of a store",
+                             "name the folder that holds results.db (--store, or [station] store)"},
+                            kBadConfiguration);
         const bool there = std::filesystem::exists(options.config);
         fmt::print("{} {}\n", options.config, there ? "can be used" : "does not exist: the defaults are used");
         return 0;

@@ -53,8 +53,8 @@ function degreeOf(state) {
   if (state.line_stop) return ["alarm", "LINE STOP: a bad part may have passed the ejector. Take the parts behind it off the line, then reset."];
   if (name === "Error") return ["alarm", kStates.Error];
   if (state.faults_active.length) return ["warning", `${kStates[name] || name} Fault: ${state.faults_active.map((f) => f.name).join(", ")}.`];
-  if (state.plc_lost) return ["warning", "The PLC's heartbeat is missing."];
-  if (state.results_overrun) return ["warning", "The PLC has lost results: they were overwritten before it took them."];
+  if (state.plc_lost) return ["warning", `${kStates[name] || name} The PLC's heartbeat is missing.`];
+  if (state.results_overrun) return ["warning", `${kStates[name] || name} The PLC has lost results: they were overwritten before it took them.`];
   if (name !== "ContinuousExecution" && name !== "SingleExecution") return ["note", kStates[name] || name];
   return ["good", kStates[name]];
 }
