@@ -56,10 +56,12 @@ inline constexpr std::array<FaultInfo, kFaultCount> kFaultTable{{
      "check the light barrier, the encoder and their wiring; look at the line for parts nobody saw; reset"},
     {kFaultStrobe, "strobe", FaultSource::core, 3, "c0290103855d4f5599ec8712e8e3574f",
      "the light did not come, or came at the wrong time",
-     "check the collimator's driver and supply, and timing.strobe_us; reset"},
+     "a message before it says by how much, if the light came; check the collimator's driver and supply, "
+     "timing.strobe_us and timing.strobe_window_us; reset"},
     {kFaultSensor, "sensor", FaultSource::core, 3, "6e704245a4ff41e3a7949b80dcb0b82e",
      "the lenslet sensor is lost, or its frames are missing, old, repeated, short or corrupt",
-     "see the message before it; check the sensor's cable and supply, and timing.exposure_us; reset"},
+     "check the trigger's wire, the sensor's cable and supply, and timing.exposure_us; a message beside it may say "
+     "more; reset"},
     {kFaultRejector, "rejector", FaultSource::core, 3, "de1b1471320a48eab7a788d106762832",
      "the rejector's module does not answer, refuses, or does not hold its outputs as written",
      "see the message before it; check its supply, network, address and profile (rejector.host, rejector.port, "

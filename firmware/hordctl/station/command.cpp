@@ -46,13 +46,23 @@ std::string sent_otherwise(const std::string& typed) {
     }
 }
 
+State state_of(modbus::Client& station) {
+    const auto state = station.read(find_register(BlockId::status, "state")->address, 1);
+    return state ? static_cast<State>((*state)[0]) : State{};
+}
+
+bool has_faults(modbus::Client& station) {
+    const auto faults = station.read(find_register(BlockId::status, "faults_active")->address, 2);
+    return faults && ((*faults)[0] != 0 || (*faults)[1] != 0);
+}
+
 }  // namespace
 
 std::string cure_of(modbus::Client& station, CommandError error) {
     switch (error) {
         case CommandError::not_in_this_state: {
-            const auto state = station.read(find_register(BlockId::status, "state")->address, 1);
-            return state ? possible_commands_text(static_cast<State>((*state)[0])) : "see its state: hordctl status";
+            const State state = state_of(station);
+            return state != State{} ? possible_commands_text(state) : "see its state: hordctl status";
         }
         case CommandError::device_down: return "see the active faults: hordctl status";
         case CommandError::plc_lost: return "the PLC's heartbeat is missing: check the PLC, or change plc.policy";
@@ -93,7 +103,9 @@ Exit send_command(const RemoteOptions& options, Command code, std::uint32_t argu
     if (!reply) return complain(reply.error());
     if (reply->state != CommandState::completed)
         return complain({ErrorCode::refused, "refused: " + reply->error_name, cure_of(*client, reply->error)});
-    if (reply->result != 0) fmt::print("done, {:08X}\n", reply->result);
+    if (code == Command::reset && state_of(*client) == State::initialized && has_faults(*client))
+        fmt::print("done; the line starts when every device is up: see hordctl status\n");
+    else if (reply->result != 0) fmt::print("done, {:08X}\n", reply->result);
     else fmt::print("done\n");
     return Exit::good;
 }
