@@ -49,24 +49,27 @@ bool production(const fs::path& folder) {
     return fine;
 }
 
-// The clean lens, and with a bubble or a bite in it; about 1000 electrons a lenslet.
+// The lens in 22 poses, and with five flaws, four exposures each; about 10,000 electrons in a bin filled by the source
+// (a DN of these 16-bit frames is a quarter of an electron).
 bool povray(const fs::path& folder, const fs::path& from) {
-    const algo::testing::Noise noise{2, 2, 1};
-    const struct {
-        const char *scene, *kind;
-        int count;
-    } exposed[] = {{"lens", "good", 20}, {"bubble_r500", "bad", 10}, {"cutout", "bad", 10}};
+    const algo::testing::Noise noise{0.25, 2, 1};
     std::uint64_t seed = kSeed;
-    for (const auto& e : exposed) {
-        const auto traced = drivers::read_frame(from / (std::string(e.scene) + "_111_raw.png"));
+    const auto expose = [&](const char* kind, const std::string& scene, int count) {
+        const auto traced = drivers::read_frame(from / (scene + "_raw.png"));
         if (!traced) return std::fprintf(stderr, "%s\n", traced.error().message().c_str()), false;
-        for (int k = 0; k < e.count; ++k) {
-            if (!write(folder / e.kind, std::string(e.scene) + std::to_string(100 + k),
-                       algo::testing::noisy(*traced, noise, ++seed)))
-                return false;
+        bool fine = true;
+        for (int k = 0; k < count; ++k) {
+            const auto frame = algo::testing::noisy(*traced, noise, ++seed);
+            fine = fine && write(folder / kind, scene + "_" + std::to_string(k), frame);
         }
-    }
-    return true;
+        return fine;
+    };
+    bool fine = true;
+    for (int pose = 100; pose < 122; ++pose)
+        fine = fine && expose("good", "lens_pose" + std::to_string(pose).substr(1), 1);
+    for (const char* flaw : {"bubble035", "bubble070", "cut0", "scratch1", "speck050"})
+        fine = fine && expose("bad", std::string("lens_") + flaw, 4);
+    return fine;
 }
 
 }  // namespace

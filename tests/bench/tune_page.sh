@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes docs/results/tune.md and its plots: tests/bench/tune_page.sh POVRAY, POVRAY a folder with lens_111_raw.png, bubble_r500_111_raw.png and
-# cutout_111_raw.png (after `cmake --build --preset release --target hordctl tune_frames`). Needs gnuplot. A few minutes.
+# Makes docs/results/tune.md and its plots: tests/bench/tune_page.sh POVRAY, POVRAY the folder `povray/poses` of the
+# test data (after `cmake --build --preset release --target hordctl tune_frames`). Needs gnuplot. A few minutes.
 set -euo pipefail
 cd "$(dirname "$(readlink -f "$0")")/../.."
 povray=$(readlink -f "$1") bin=$PWD/build/release/bin results=$PWD/docs/results work=$(mktemp -d)
@@ -22,7 +22,7 @@ run() {
 {
     sed -n '/^<!-- measured -->$/q;p' "$OLDPWD/tests/bench/tune_page.md"
     printf '<!-- made by tests/bench/tune_page.sh on %s -->\n\n' "$(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) cores, load $(cut -d' ' -f1 /proc/loadavg)"
-    run povray 'Traced lens: bubbles and a bite' --good povray/good --bad povray/bad --budget 100
+    run povray 'Traced lens: bubbles, a cut, a scratch and a speck' --good povray/good --bad povray/bad --budget 100
     run production 'Simulated production: haze, small bubbles, specks' --good production/good --bad production/bad --budget 100 --bits 12
     run tight 'The same within 0.4 ms' --good production/good --bad production/bad --budget 0.4 --bits 12
     printf 'The reference of the next section:\n\n    hordctl learn production/learn/*.png --bits 12 --out lens.hordref --no-check\n\n'
