@@ -47,7 +47,10 @@ TEST(PageResults, refuse_a_filter_that_no_result_can_meet_and_name_those_that_ca
         refused(path, {{"before", "0"}}, "before cannot be \"0\"", "a result's number");
         refused(path, {{"before", "-1"}}, "before cannot be \"-1\"", "a result's number");
         refused(path, {{"part", "0"}}, "part cannot be \"0\"", "a part's number");
-        refused(path, {{"since", "2026-01-02"}, {"until", "2026-01-01"}}, "is not before until", "the earlier time");
+        refused(
+            path, {{"since", "2026-01-02"}, {"until", "2026-01-01"}},
+            "since (2026-01-02T00:00:00.000Z) is not before until (2026-01-01T00:00:00.000Z): no result is in between",
+            "give the earlier time as since");
         refused(path, {{"limit", "0"}}, "limit cannot be \"0\"", "write 1 to ");
         refused(path, {{"verdict", "pass"}, {"verdict", "reject"}}, "verdict is given more than once", "once");
         refused(path, {{"verdct", "pass"}}, (std::string(path) + " has no \"verdct\"").c_str(), "use verdict, reason");
