@@ -209,19 +209,22 @@ TEST_F(Inventory, of_what_is_no_rejectors_module_no_lines_are_proposed) {
     const std::string station = "HORD station";
     const std::string objects = std::string("\0\4HORD\1", 7) + static_cast<char>(station.size()) + station;
     const std::string text = std::string("\1\x2B\x0E\1\x83\0\0\2", 8) + objects;
-    const std::pair<std::string, const char*> cases[] = {
+    const struct {
+        std::string answer;  // empty: what was sent
+        const char* said;
+    } cases[] = {
         {"HTTP/1.1 400 Bad Request\r\nServer: x\r\n\r\n<html>", "not as a Modbus module does"},
         {"", "not as a Modbus module does"},
         {std::string("\0\0\0\0\0", 5) + static_cast<char>(text.size()) + text, "is a station, not a rejector"},
     };
-    for (const auto& [answer, said] : cases) {
-        const test::AnsweringServer server([&](const std::string& sent) { return answer.empty() ? sent : answer; });
+    for (const auto& c : cases) {
+        const test::AnsweringServer server([&](const std::string& sent) { return c.answer.empty() ? sent : c.answer; });
         options_.module = drivers::ModuleAddress{.port = server.port()};
         options_.patience = std::chrono::seconds(5);
         const auto items = section("module").items;
         ASSERT_EQ(items.size(), 1U);
-        EXPECT_THAT(items[0].problem, HasSubstr(said));
-        EXPECT_THAT(items[0].config, IsEmpty()) << said;
+        EXPECT_THAT(items[0].problem, HasSubstr(c.said));
+        EXPECT_THAT(items[0].config, IsEmpty()) << c.said;
     }
 }
 
