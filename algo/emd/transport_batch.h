@@ -79,8 +79,8 @@ struct TransportAnswer {
     // Where it is not, the plan (TransportStep): each step uses up `child`, which exchanges `flow` with `parent`.
     std::int32_t child[kMaxBatchSteps][kBatchLanes], parent[kMaxBatchSteps][kBatchLanes];
     Mass flow[kMaxBatchSteps][kBatchLanes];
-    // If at least kFewestLanes are not: costs of the cells, and duals of the nodes. A cell of the plan costs the sum of
-    // its two duals.
+    // Costs of the cells, and duals of the nodes: a cell of the plan costs the sum of its two duals. Written only if at
+    // least kFewestLanes plans are not proven.
     double cell_cost[kMaxBatchCells][kBatchLanes];
     double dual[kBatchNodes][kBatchLanes];
 };

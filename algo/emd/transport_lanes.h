@@ -18,8 +18,9 @@ struct LaneOutcome {
     std::int32_t pivots[kBatchLanes];
 };
 
-// Solves the problems with 2 <= rows <= cols <= kMaxBatchSide in the lanes whose bits are set in `lanes`. `scale`: from
-// a double cost to an integer one.
+// Solves the problems in the lanes whose bits are set in `lanes`; 2 <= rows <= cols <= kMaxBatchSide. `answer`: with at
+// least kFewestLanes unproven plans, so that it has costs and duals. An integer cost is a double cost times `scale`.
+// `tolerance`: as in TransportBatchCosts.
 template <class Mass>
 using PivotLanes = void (*)(const TransportAnswer<Mass>& answer, int rows, int cols, std::uint32_t lanes, double scale,
                             double tolerance, LaneOutcome& outcome);

@@ -63,7 +63,7 @@ std::uint32_t ceiling(const FrameView& frame, bool& any) {
 namespace {
 
 // Two white frames of one cell differ by less; the light of a white frame is many times the sensor's offset.
-constexpr double kLeastOverDark = 1.01;
+constexpr double kMinWhiteOverDark = 1.01;
 
 // The sum of all samples, DN.
 double light_of(const FrameView& frame) {
@@ -90,7 +90,7 @@ Result<WhiteImage> WhiteImage::open(const FrameView& white, const std::optional<
                                 (*frame)->height_px, white.width_px, white.height_px),
                     "record all of them with the same region of the sensor");
     }
-    if (dark && !(light_of(white) > kLeastOverDark * light_of(*dark))) {
+    if (dark && !(light_of(white) > kMinWhiteOverDark * light_of(*dark))) {
         return fail(ErrorCode::invalid_argument, "the dark frame is as bright as the white one",
                     "record it without light, as long exposed as the white frame");
     }
