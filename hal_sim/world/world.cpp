@@ -18,6 +18,8 @@ constexpr std::uint64_t kGapStream = 0x6A9;
 // A part is kept for this long after it is gone: the valve's motion or a frame may be reported with a time in the past.
 constexpr hal::Duration kMemory = std::chrono::seconds(2);
 
+constexpr double kHeldBeforeSensorMm = 1e-3;  // from the sensor to a part that was due there when the feed stopped
+
 }  // namespace
 
 World::World(hal::EventLoop& loop, InjectionPlan& faults, const ConveyorOptions& conveyor,
@@ -167,9 +169,9 @@ void World::feed(bool on) {
         if (ahead != nullptr) ahead->touched_behind = false;
     } else {
         // The part was held before the sensor. In real time it may already have been due there, if the feed was stopped
-        // late.
+        // late. Its place is ahead of the belt's present one: the belt was at the present one when it last stopped.
         const double stood = at_mm - *std::exchange(unfed_since_mm_, std::nullopt);
-        const double shift = next == nullptr ? stood : std::max(stood, at_mm - next->front_mm);
+        const double shift = next == nullptr ? stood : std::max(stood, at_mm + kHeldBeforeSensorMm - next->front_mm);
         if (next != nullptr) next->front_mm += shift;
         last_front_mm_ += shift;
     }

@@ -171,6 +171,33 @@ TEST_F(Cell, a_part_that_was_due_when_the_feed_stopped_comes_when_it_goes_on) {
     EXPECT_EQ(came[2] - came[1], 100ms);
 }
 
+// The process was suspended while the part came. Then the belt and the feed stop, as after a line stop.
+TEST_F(Cell, a_part_that_was_due_when_belt_and_feed_stopped_comes_after_the_belt_runs_again) {
+    options_.schedule.parts = 2;
+    std::vector<hal::TimePoint> came;
+    auto made = SimulatedCell::make(loop_, frames_, options_);
+    ASSERT_TRUE(made) << made.error().message();
+    cell_ = std::move(*made);
+    cell_->watch({.part_edge = [&](const PartRecord& part, bool arrives, hal::TimePoint at) {
+        if (arrives) came.push_back(at);
+        if (part.number != 1 || arrives) return;
+        loop_.stall(5s);
+        cell_->world().halt();
+        cell_->world().feed(false);
+    }});
+    station_.emplace(*cell_, options_);
+    cell_->start();
+    loop_.run_for(3min);
+    ASSERT_EQ(came.size(), 1U);
+    const hal::TimePoint again = loop_.now();
+    cell_->world().resume();
+    cell_->world().feed(true);
+    loop_.run_for(1s);
+    ASSERT_EQ(came.size(), 2U);
+    EXPECT_GT(came[1], again);
+    EXPECT_LT(came[1], again + 1ms);
+}
+
 TEST_F(Cell, edges_have_the_true_time_and_the_records_name_it) {
     const auto& station = run();
     ASSERT_EQ(station.edges.size(), 80U);
