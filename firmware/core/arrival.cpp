@@ -45,7 +45,7 @@ void Core::on(const hal::PartEdge& edge) {
         covered_since_ = std::min(edge.at, now_);
         covered_since_counts_ = counts;
     }
-    covered_ = arrives;
+    covered_ = arrives && !looked_after_since(edge.at);
     if (arrives) arrive(edge, certain);
 }
 
@@ -101,14 +101,16 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
     part.exposure_start = config_.by_encoder ? TimePoint::max() : arrived + config_.exposure_delay;
     // The line is coming to a stop, or did so with this edge or after it, and the edge was told late.
     const bool belt_stops = arrived < permit_lost_at_ || (arrived == permit_lost_at_ && !run_permit_);
-    part.place_lost = !config_.by_encoder && (state_ == State::error || belt_stops);
+    part.abandoned = looked_after_since(arrived);
+    part.place_lost = part.abandoned || (!config_.by_encoder && (state_ == State::error || belt_stops));
     part.result.part = number;
     part.result.arrived_ns = arrived.time_since_epoch().count();
 
-    if (part.place_lost) stop_the_line({LineStopCause::place_lost, number});
+    if (part.abandoned) keep_active(kFaultPartSensor);
+    else if (part.place_lost) stop_the_line({LineStopCause::place_lost, number});
 
     const bool position_known = !config_.by_encoder || counted;
-    if (accepting()) {
+    if (accepting() && arrived >= started_at_) {
         part.accepted = true;
         ++accepted_on_line_;
         single_taken_ = true;
@@ -119,6 +121,10 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
     if (too_close) return decide(part, PartVerdict::unfit, PartReason::parts_too_close);
     if (line_.size() > config_.max_parts) return decide(part, PartVerdict::unfit, PartReason::line_full);
 }
+
+// Without an encoder: a person has reset the line since, and has taken off it a part that came at this time. Its edge
+// was told late; had it been told in time, the reset would have ended its tracking (abandon_lost_places).
+bool Core::looked_after_since(TimePoint at) const { return !config_.by_encoder && at < looked_after_at_; }
 
 // True if a part that arrives now is too close to the one ahead. Unless the exposure of that one is over, its frame may
 // show both parts: it is rejected, too.

@@ -71,6 +71,7 @@ void Core::carry_out(Command command, State from) {
             break;
         case Command::start_single:
         case Command::start_continuous:
+            started_at_ = now_;
             draining_ = false;
             single_taken_ = false;
             failures_in_a_row_ = 0;
@@ -86,6 +87,7 @@ void Core::carry_out(Command command, State from) {
             run_permit_ = false;  // StopDevices switches the output off
             break;
         case Command::reset:
+            if (line_stop_) looked_after_at_ = now_;
             abandon_lost_places();
             reset_faults();
             if (from != State::halted) {  // start the devices that are down

@@ -7,6 +7,8 @@
 // Guarantees for any sequence of events:
 //   - every part that the part sensor reports gets exactly one verdict, at its deadline at the latest;
 //   - only a part whose own frame, lit by its own strobe, was judged good in time passes;
+//   - an edge counts at its own time, however late it is told: a part that came before the start is not inspected;
+//     without an encoder, one that came before the reset of a line stop is off the line;
 //   - every other part is commanded to be rejected once; line stop is raised unless the rejection is confirmed in time.
 //
 // Files: core.cpp commands, devices, faults; arrival.cpp from edge to exposure; matching.cpp assigns frames, light and
@@ -82,6 +84,7 @@ class Core {
     void arrive(const hal::PartEdge& edge, bool identity_certain);
     void part_was_there();
     void look_for_touching_parts(TimePoint at, std::int64_t counts);
+    [[nodiscard]] bool looked_after_since(TimePoint at) const;
     [[nodiscard]] bool comes_too_close(TimePoint at, std::int64_t counts);
     [[nodiscard]] TimePoint expose_when_due(Part& part);
     void lose_permit();
@@ -124,7 +127,9 @@ class Core {
     std::uint32_t up_ = 0;  // the FaultBits of the devices that work
     bool started_ = false;  // StartDevice was pushed for the devices
     bool run_permit_ = false;
-    TimePoint permit_lost_at_ = TimePoint::min();  // without encoder: when the run permit was withdrawn last
+    TimePoint permit_lost_at_ = TimePoint::min();   // without encoder: when the run permit was withdrawn last
+    TimePoint started_at_ = TimePoint::min();       // the last start: a part that came before it is not inspected
+    TimePoint looked_after_at_ = TimePoint::min();  // the last reset that ended a line stop
     bool line_stop_ = false;
     LineStop line_stop_why_;
     Duration line_stop_unseen_{};  // until a reset may clear the line stop

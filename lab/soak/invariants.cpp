@@ -46,6 +46,7 @@ void Invariants::part_arrives(const sim::PartRecord& part) {
     history.bad = part.bad;
     history.front_mm = part.front_mm;
     history.arrived_ns = part.arrived.time_since_epoch().count();
+    history.station_ran = core_ != nullptr && executing(core_->state());
     // A part that touches one without an edge has no edge either: the sensor stays covered.
     history.invisible = part.touches_ahead && newest_ != 0 && parts_[newest_ % kMemory].invisible;
     // Closer to the part ahead than this, a part may be rejected, or its light may not have had its rest time.
@@ -261,6 +262,9 @@ void Invariants::lit(const hal::StrobePulse& pulse) {
     if (pulse.width > limits.max_on) broken(Promise::light_limits, "a light is on longer than its limit");
     if (ever_lit_ && pulse.start < light_until_ + limits.min_rest)
         broken(Promise::light_limits, "a light did not rest");
+    const PartHistory* const history = history_of(pulse.exposure);
+    if (history != nullptr && !history->station_ran)
+        broken(Promise::lawful_states, "is inspected, and came while the station did not run", history->number);
     light_until_ = pulse.start + pulse.width;
     ever_lit_ = true;
     evidence_of(pulse.exposure).pulse = pulse;

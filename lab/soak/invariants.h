@@ -118,10 +118,11 @@ class Invariants {
         double front_mm = 0;    // belt position at its arrival
         double slipped_mm = 0;  // lost by the encoder since its arrival
         bool bad = false;
-        bool invisible = false;  // the sensor gave no edge for it
-        bool delivered = false;  // the station received its edge
-        bool commanded = false;  // the station commanded its rejection
-        bool stuck = false;      // the valve acknowledged and did not move
+        bool invisible = false;    // the sensor gave no edge for it
+        bool station_ran = false;  // it executed when the part came
+        bool delivered = false;    // the station received its edge
+        bool commanded = false;    // the station commanded its rejection
+        bool stuck = false;        // the valve acknowledged and did not move
         bool taken_by_hand = false, ejected = false, gone = false;
         bool process_ended = false;  // while it was on the line
         bool has_result = false;

@@ -154,6 +154,8 @@ void Invariants::stepped(State before, const Event& event) {
         broken(Promise::lawful_states, "the line may run in Ready, and it is empty");
     if (had_permit_ && !now.run_permit) permit_lost_at_ = clock_.now();
     had_permit_ = now.run_permit;
+    PartHistory& newest = parts_[newest_ % kMemory];  // it may have come at the very moment of the start
+    if (executing(now.state) && newest.arrived_ns == clock_.now().time_since_epoch().count()) newest.station_ran = true;
     check_event(before, event);
     pulse_until_before_ = pulse_until_;
     if (cell_.rejector().run_permit() && now.line_stop)

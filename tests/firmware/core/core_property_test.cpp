@@ -184,6 +184,7 @@ class Shadow {
         const bool left = std::holds_alternative<Command>(event) && std::get<Command>(event) == Command::reset;
         if (!std::holds_alternative<Tick>(event))
             reset_after_stop_ = left && was_stopped;  // a long line needs ticks until all its parts are completed
+        if (was_stopped && !core_.line_stop()) stop_ended_at_ = now_;
         bool frame_given_back = false;
         for (const Action& action : actions_) check(action, event, frame_given_back);
         EXPECT_EQ(std::holds_alternative<FrameArrived>(event), frame_given_back)
@@ -292,7 +293,8 @@ class Shadow {
             }
         } else {
             EXPECT_NE(r.reason, PartReason::none);
-            EXPECT_TRUE(r.reject == RejectState::confirmed || core_.snapshot().line_stop || reset_after_stop_)
+            const bool taken_off = !config_.by_encoder && p.arrived < stop_ended_at_;
+            EXPECT_TRUE(r.reject == RejectState::confirmed || core_.line_stop() || reset_after_stop_ || taken_off)
                 << "unconfirmed, and the line runs";
             EXPECT_TRUE(p.commanded || r.reject != RejectState::confirmed);
         }
@@ -332,6 +334,7 @@ class Shadow {
     std::uint32_t edge_ = 0, frame_ = 7, handle_ = 0, number_ = 0, results_ = 0, last_commanded_ = 0;
     std::int64_t counts_ = 0;
     bool fresh_ = false, frames_seen_ = false, reset_after_stop_ = false;
+    TimePoint stop_ended_at_ = TimePoint::min();
     std::uint32_t highest_frame_ = 0;
     bool plc_lost_ = false;
     bool down_[kDevices] = {};

@@ -107,6 +107,7 @@ TEST_F(Running, two_edges_of_one_moment_are_in_order) {
 }
 
 TEST_F(Running, an_edge_told_too_late_to_expose_rejects) {
+    rig.advance(milliseconds(10));
     hal::PartEdge edge{hal::PartEdge::Kind::arrives, rig.now - milliseconds(6), 1, {}};
     rig.send(edge);
     EXPECT_TRUE(rig.exposures.empty());
@@ -115,9 +116,74 @@ TEST_F(Running, an_edge_told_too_late_to_expose_rejects) {
 }
 
 TEST_F(Running, an_edge_told_at_the_moment_of_its_exposure_is_in_time) {
+    rig.advance(milliseconds(10));
     rig.send(hal::PartEdge{hal::PartEdge::Kind::arrives, rig.now - rig.core.config().exposure_delay, 1, {}});
     EXPECT_EQ(rig.exposures.size(), 1U);
     EXPECT_EQ(rig.core.line()[0].result.reason, PartReason::none);
+}
+
+TEST_F(Running, a_part_that_came_before_the_start_is_not_inspected_though_its_edge_is_told_after_it) {
+    for (const Duration before_start : {Duration(1), Duration(0)}) {
+        CoreRig one;
+        one.bring_to(State::ready);
+        one.forget();
+        const TimePoint came = one.now;
+        one.advance(before_start);
+        one.send(Command::start_single);
+        one.advance(microseconds(100));
+        one.send(hal::PartEdge{hal::PartEdge::Kind::arrives, came, ++one.edges, {}});
+        const bool inspected = before_start == Duration(0);
+        EXPECT_EQ(one.core.line()[0].accepted, inspected);
+        EXPECT_EQ(one.exposures.size(), inspected ? 1U : 0U);
+        EXPECT_EQ(one.core.line()[0].result.reason, inspected ? PartReason::none : PartReason::station_not_running);
+        EXPECT_FALSE(one.shot().line_stop);
+        if (inspected) continue;
+        one.advance(milliseconds(30));
+        EXPECT_EQ(one.part_arrives(), 2U);
+        EXPECT_TRUE(one.core.line()[1].accepted) << "the single part is the next one";
+        EXPECT_TRUE(one.advance_until_rejected(1));
+    }
+}
+
+// Minutes after a line stop, an edge comes that is as old as the stop.
+TEST_F(Running, a_part_that_came_before_the_reset_of_a_line_stop_was_taken_off_though_its_edge_is_told_after_it) {
+    for (const Duration after_reset : {Duration(-1), Duration(0)}) {
+        CoreConfig config = quick_line();
+        config.max_part = milliseconds(40);
+        CoreRig one(config);
+        one.bring_to(State::continuous_execution);
+        one.send(hal::PartEdge{hal::PartEdge::Kind::leaves, one.now, ++one.edges, {}});
+        one.send(Command::reset);  // the first edge was one that leaves: line stop
+        ASSERT_TRUE(one.shot().line_stop);
+        one.advance(std::chrono::minutes(3));
+        ASSERT_EQ(one.send(Command::reset), Answer::done);
+        const TimePoint reset = one.now;
+        one.advance(milliseconds(50));
+        one.send(Command::arm);
+        one.send(Command::start_continuous);
+        one.forget();
+        one.advance(milliseconds(50));
+        one.send(hal::PartEdge{hal::PartEdge::Kind::arrives, reset + after_reset, ++one.edges, {}});
+        if (after_reset >= Duration(0)) {
+            EXPECT_EQ(one.core.line().size(), 1U);
+            EXPECT_TRUE(one.advance_until_rejected(1));
+            continue;
+        }
+        EXPECT_FALSE(one.shot().line_stop);
+        EXPECT_EQ(one.core.state(), State::continuous_execution);
+        EXPECT_NE(one.shot().faults_active & kFaultPartSensor, 0U);
+        EXPECT_EQ(one.only_result().reason, PartReason::station_not_running);
+        EXPECT_EQ(one.only_result().reject, RejectState::failed);
+        EXPECT_EQ(one.shot().counters.seen, 1U);
+        EXPECT_EQ(one.shot().counters.unfit, 1U);
+        EXPECT_EQ(one.shot().counters.reject_failed, 1U);
+        one.advance(milliseconds(100));
+        EXPECT_FALSE(one.shot().line_stop) << "it does not cover the part sensor either";
+        EXPECT_TRUE(one.rejects.empty());
+        const std::uint32_t next = one.part_is_seen();
+        one.judged(next, algo::Verdict::pass);
+        EXPECT_EQ(one.results.back().verdict, PartVerdict::pass);
+    }
 }
 
 TEST_F(Running, more_parts_than_the_line_may_hold_are_rejected_and_tracked) {
