@@ -16,8 +16,6 @@
 #include <sys/socket.h>
 #include <termios.h>
 
-#include "drivers/gardasoft/gardasoft_protocol.h"
-
 namespace hord::drivers {
 namespace {
 

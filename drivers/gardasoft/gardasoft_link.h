@@ -8,6 +8,7 @@
 #include "common/result.h"
 #include "common/unique_fd.h"
 #include "drivers/gardasoft/gardasoft_options.h"
+#include "drivers/gardasoft/gardasoft_protocol.h"
 
 namespace hord::drivers {
 
@@ -23,6 +24,10 @@ class GardasoftLink {
     // with ">"), refused (the controller's "Err"). After any error but refused the link must be opened anew: an answer
     // may still be on its way.
     Result<std::string> ask(std::string_view command);
+    // The same of a command whose answer is no text of its own (gardasoft::acknowledged()).
+    Result<void> tell(std::string_view command) {
+        return ask(command).and_then([&](const std::string& text) { return gardasoft::acknowledged(command, text); });
+    }
 
   private:
     GardasoftLink(common::UniqueFd fd, std::string name, hal::Duration timeout)

@@ -12,6 +12,8 @@ namespace {
 
 using hal::Duration;
 
+constexpr int kMostOutputs = 8;
+
 double ms(Duration time) { return static_cast<double>(time.count()) / 1e6; }
 
 Duration retrigger_of(const GardasoftChannel& channel, Duration pulse) {
@@ -20,7 +22,7 @@ Duration retrigger_of(const GardasoftChannel& channel, Duration pulse) {
 }
 
 std::string_view trimmed(std::string_view text) {
-    const auto is_space = [](char c) { return c == ' ' || c == '\r' || c == '\n' || c == '\t' || c == '\0'; };
+    const auto is_space = [](char c) { return c == ' ' || c == '\r' || c == '\n' || c == '\t'; };
     while (!text.empty() && is_space(text.front())) text.remove_prefix(1);
     while (!text.empty() && is_space(text.back())) text.remove_suffix(1);
     return text;
@@ -47,13 +49,24 @@ std::optional<Duration> time_of(std::string_view text) {
     return Duration(std::llround(q->number * ns));
 }
 
-std::optional<int> number_behind(std::string_view text, std::string_view word) {
-    const std::size_t at = text.find(word);
-    if (at == std::string_view::npos) return std::nullopt;
-    const std::string_view rest = trimmed(text.substr(at + word.size()));
+bool take(std::string_view& text, std::string_view word) {
+    if (!text.starts_with(word)) return false;
+    text = trimmed(text.substr(word.size()));
+    return true;
+}
+// A whole number from 0 on at the text's front.
+std::optional<int> take_number(std::string_view& text) {
     int number = 0;
-    if (std::from_chars(rest.data(), rest.data() + rest.size(), number).ec != std::errc{}) return std::nullopt;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+    if (error != std::errc{} || number < 0) return std::nullopt;
+    text = trimmed(text.substr(static_cast<std::size_t>(end - text.data())));
     return number;
+}
+
+tl::unexpected<Error> unreadable(std::string_view command, std::string_view text) {
+    return fail(ErrorCode::unreadable,
+                fmt::format("the strobe controller answers \"{}\" with {:?}", command, text.substr(0, 120)),
+                "is it a Gardasoft controller of the RT series?");
 }
 
 Error error_of(int number, std::string_view command) {
@@ -72,6 +85,27 @@ Error error_of(int number, std::string_view command) {
             return {ErrorCode::refused, what + ", it has changed a value",
                     "set timing.strobe_us, strobe.delay_us and strobe.channel.brightness_percent within its ranges"};
         default: return {ErrorCode::refused, what, "see the error codes in the controller's manual"};
+    }
+}
+
+// None: the event is no error.
+std::optional<std::string> words_of_event(int event) {
+    switch (event) {
+        case 128:  // a light was connected and works
+        case 138:  // SafePower training is complete
+            return std::nullopt;
+        case 40:
+        case 41:
+        case 44:
+        case 130: return "the controller is too hot";
+        case 45:
+        case 131: return "more current than expected";
+        case 46:
+        case 47: return "too much heat in an output";
+        case 129: return "a light was connected and has no rating";
+        case 132: return "the light could not be sensed";
+        case 140: return "the light was turned off: its duty cycle is too high";
+        default: return fmt::format("event {}", event);
     }
 }
 
@@ -105,8 +139,45 @@ Result<std::string> text_of_reply(std::string_view command, std::string_view raw
     }
     text = trimmed(text.substr(0, text.size() - 1));
     if (text.starts_with(command)) text = trimmed(text.substr(command.size()));
-    if (const auto number = number_behind(text, "Err")) return tl::unexpected(error_of(*number, command));
+    std::optional<int> first;  // of several commands in a line, each may have its own
+    for (std::string_view rest = text; take(rest, "Err");) {
+        const auto number = take_number(rest);
+        if (!number || !(rest.empty() || rest.starts_with("Err"))) return unreadable(command, text);
+        if (!first) first = number;
+    }
+    if (first) return tl::unexpected(error_of(*first, command));
     return std::string(text);
+}
+
+Result<std::optional<std::string>> error_of_events(std::string_view command, std::string_view text) {
+    std::optional<std::string> first;
+    for (std::string_view rest = trimmed(text); !rest.empty();) {
+        const auto output = take(rest, "Evt") ? take_number(rest) : std::nullopt;
+        const auto event = output && take(rest, ",") ? take_number(rest) : std::nullopt;
+        if (!event || *output > kMostOutputs || !(rest.empty() || take(rest, ";") || rest.starts_with("Evt")))
+            return unreadable(command, text);
+        if (!first) first = words_of_event(*event);
+    }
+    return first;
+}
+
+Result<void> acknowledged(std::string_view command, std::string_view text) {
+    const auto error = error_of_events(command, text);
+    if (!error) return tl::unexpected(error.error());
+    if (!*error) return {};
+    return fail(ErrorCode::refused, "the strobe controller reports: " + **error,
+                "check the lights and their wires; the controller's display shows the error");
+}
+
+Result<std::string> parse_version(std::string_view text) {
+    std::string_view rest = text;
+    (void)take(rest, "TR-");
+    const bool printable = std::ranges::all_of(text, [](char c) { return c >= ' ' && c <= '~'; });
+    const std::size_t hardware = rest.find(" (HW"), firmware = rest.find(") V");
+    if (printable && rest.starts_with("RT") && hardware != std::string_view::npos &&
+        firmware != std::string_view::npos && hardware < firmware)
+        return std::string(text);
+    return unreadable("VR", text);
 }
 
 Result<ChannelState> parse_channel(std::string_view text) {
@@ -180,32 +251,6 @@ std::string difference(const ChannelState& state, const GardasoftChannel& channe
     if (std::abs(state.rated_a * 1000 - channel.rated_ma) > 0.6)
         return fmt::format("its light is rated {} A, not {} mA", state.rated_a, channel.rated_ma);
     return {};
-}
-
-std::optional<std::string> error_of_event(std::string_view text) {
-    const std::size_t at = text.find("Evt");
-    if (at == std::string_view::npos) return std::nullopt;
-    const std::size_t comma = text.find(',', at);
-    if (comma == std::string_view::npos) return "an event that cannot be read";
-    const auto code = number_behind(text.substr(comma), ",");
-    if (!code) return "an event that cannot be read";
-    switch (*code) {
-        case 128:  // a light was connected and works
-        case 138:  // SafePower training is complete
-            return std::nullopt;
-        case 40:
-        case 41:
-        case 44:
-        case 130: return "the controller is too hot";
-        case 45:
-        case 131: return "more current than expected";
-        case 46:
-        case 47: return "too much heat in an output";
-        case 129: return "a light was connected and has no rating";
-        case 132: return "the light could not be sensed";
-        case 140: return "the light was turned off: its duty cycle is too high";
-        default: return fmt::format("event {}", *code);
-    }
 }
 
 }  // namespace hord::drivers::gardasoft

@@ -23,8 +23,20 @@ std::string dark_command(const GardasoftChannel& channel);
 std::string trigger_command(const GardasoftStrobeOptions& options, std::uint32_t channels);
 
 // What a command printed, without echo, prompt and line ends. `raw` ends with ">". Fails with refused and the
-// controller's "Err" in words; also with its warning 5 (it has changed a value).
+// controller's "Err" in words; also with its warning 5 (it has changed a value). Fails with unreadable.
 Result<std::string> text_of_reply(std::string_view command, std::string_view raw);
+
+// The error of events "Evtc,e" (output c or 0, event e) in words. None: the text is empty, or no event in it is an
+// error. Fails with unreadable: the text is something else.
+Result<std::optional<std::string>> error_of_events(std::string_view command, std::string_view text);
+
+// The answer of a command that prints nothing (RS, RT, VL, TR, TT, GT) or the last event (GR). Fails with unreadable if
+// it is something else; with refused if the event is an error. Before it is told "GT0" a controller may send events of
+// its own.
+Result<void> acknowledged(std::string_view command, std::string_view text);
+
+// What "VR" says, as "RT420-20 (HW02) V031". Fails with unreadable.
+Result<std::string> parse_version(std::string_view text);
 
 // What "ST" says of one channel.
 struct ChannelState {
@@ -41,8 +53,5 @@ Result<ChannelState> parse_channel(std::string_view text);
 // How the state differs from what was set, in words; empty: it does not.
 std::string difference(const ChannelState& state, const GardasoftChannel& channel, hal::Duration pulse,
                        hal::Duration delay);
-
-// The error in a reply of "GR", in words; none: there is none, or the event is no error (a light was found).
-std::optional<std::string> error_of_event(std::string_view text);
 
 }  // namespace hord::drivers::gardasoft

@@ -31,9 +31,10 @@ std::vector<hal::LightLimits> limits_of(const GardasoftStrobeOptions& options) {
 Result<void> each_dark(GardasoftLink& link, const GardasoftStrobeOptions& options) {
     Result<void> done;
     for (const GardasoftChannel& channel : options.channels) {
-        const auto dark = link.ask(gardasoft::dark_command(channel));
+        const auto dark = link.tell(gardasoft::dark_command(channel));
         if (!dark && done) done = tl::unexpected(dark.error());
-        if (!dark && dark.error().code != ErrorCode::refused) break;  // the link is of no use any more
+        // Else the link is of no use any more.
+        if (!dark && dark.error().code != ErrorCode::refused && dark.error().code != ErrorCode::unreadable) break;
     }
     return done;
 }
@@ -158,13 +159,16 @@ struct GardasoftStrobe::Worker : std::enable_shared_from_this<Worker>, hal::Stro
         if (!opened) return tl::unexpected(opened.error());
         link = std::move(*opened);
         if (auto dark = each_dark(*link, options); !dark) return dark;
-        for (const char* command : {"TT0", "GT0", "GR"}) {  // no internal trigger, no messages, no old errors
-            if (const auto done = link->ask(command); !done) return tl::unexpected(done.error());
+        for (const char* command : {"TT0", "GT0"}) {  // no internal trigger, no messages
+            if (auto done = link->tell(command); !done) return done;
         }
+        const auto old =
+            link->ask("GR").and_then([](const std::string& text) { return gardasoft::error_of_events("GR", text); });
+        if (!old) return tl::unexpected(old.error());
         for (const GardasoftChannel& channel : options.channels) {
             for (const std::string& command : {gardasoft::rating_command(channel),
                                                gardasoft::pulse_command(channel, options.pulse, options.delay)}) {
-                if (const auto done = link->ask(command); !done) return tl::unexpected(done.error());
+                if (auto done = link->tell(command); !done) return done;
             }
             if (auto same = read_back(channel); !same) return same;
         }
@@ -186,14 +190,7 @@ struct GardasoftStrobe::Worker : std::enable_shared_from_this<Worker>, hal::Stro
 
     Result<void> check() {
         auto same = read_back(options.channels[checked++ % options.channels.size()]);
-        if (!same) return same;
-        const auto events_text = link->ask("GR");
-        if (!events_text) return tl::unexpected(events_text.error());
-        if (const auto error = gardasoft::error_of_event(*events_text)) {
-            return fail(ErrorCode::refused, "the strobe controller reports: " + *error,
-                        "check the lights and their wires; the controller's display shows the error");
-        }
-        return {};
+        return same ? link->tell("GR") : same;
     }
 
     void run() {
@@ -250,7 +247,7 @@ struct GardasoftStrobe::Worker : std::enable_shared_from_this<Worker>, hal::Stro
         }
         in_pulse = true;
         lock.unlock();
-        const auto done = link->ask(gardasoft::trigger_command(options, pulse.channels));
+        const auto done = link->tell(gardasoft::trigger_command(options, pulse.channels));
         const TimePoint start = loop.now() + options.delay;
         spent.spend(pulse.channels, start, options.pulse);
         std::this_thread::sleep_for(start + options.pulse - loop.now());
@@ -374,7 +371,7 @@ Result<void> set_dark(const GardasoftStrobeOptions& options) {
 Result<std::string> identify(const GardasoftStrobeOptions& options) {
     auto link = GardasoftLink::open(options);
     if (!link) return tl::unexpected(link.error());
-    return link->ask("VR");
+    return link->ask("VR").and_then(gardasoft::parse_version);
 }
 
 }  // namespace hord::drivers

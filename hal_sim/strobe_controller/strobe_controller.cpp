@@ -163,7 +163,7 @@ void StrobeController::answer(const std::string& line) {
     Fault fault{};
     {
         const std::scoped_lock lock(mutex_);
-        fault = fault_;
+        fault = line.starts_with(fault_at_) ? fault_ : Fault::none;
         if (fault == Fault::silent) return;
         text = reply_to(line);
     }
@@ -263,9 +263,10 @@ int StrobeController::fire(int output) {
     return 0;
 }
 
-void StrobeController::misbehave(Fault fault) {
+void StrobeController::misbehave(Fault fault, std::string command) {
     const std::scoped_lock lock(mutex_);
     fault_ = fault;
+    fault_at_ = std::move(command);
 }
 
 void StrobeController::power_cycle() {

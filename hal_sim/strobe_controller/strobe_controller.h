@@ -50,7 +50,7 @@ class StrobeController {
     [[nodiscard]] const std::string& device() const { return device_; }
 
     // Any thread, all of them.
-    void misbehave(Fault fault);
+    void misbehave(Fault fault, std::string command = {});  // at this command alone ("GR"); empty: at all
     void power_cycle();  // closes the connection; its saved settings: every output at 50 percent, continuous
     void plug(bool in);  // the network cable (TCP alone): out, it listens no more
     void turn_knob(int output, double percent);  // at its front panel
@@ -96,6 +96,7 @@ class StrobeController {
     std::vector<Output> outputs_;
     std::vector<Pulse> pulses_;
     Fault fault_ = Fault::none;
+    std::string fault_at_;
     bool plugged_ = true, drop_ = false, stop_ = false;
     int ignored_ = 0, connections_ = 0;
     std::thread thread_;

@@ -12,9 +12,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const std::string_view raw(reinterpret_cast<const char*>(data), size);
     if (const auto text = gardasoft::text_of_reply("ST1", raw)) {
         if (raw.find('>') == std::string_view::npos || text->size() >= raw.size()) std::abort();
-        (void)gardasoft::error_of_event(*text);
+        // Nothing but events acknowledges a command.
+        const bool printed = text->find_first_not_of("Evt0123456789,; \r\n\t") != std::string::npos;
+        if (printed && gardasoft::acknowledged("ST1", *text)) std::abort();
     }
-    if (const auto event = gardasoft::error_of_event(raw); event && event->empty()) std::abort();
+    if (const auto event = gardasoft::error_of_events("GR", raw); event && *event && (*event)->empty()) std::abort();
+    if (const auto version = gardasoft::parse_version(raw); version && version->find("RT") == std::string::npos)
+        std::abort();
     if (const auto state = gardasoft::parse_channel(raw)) {
         if (state->mode > gardasoft::ChannelState::Mode::selected || state->output < 0 || state->output > 255)
             std::abort();

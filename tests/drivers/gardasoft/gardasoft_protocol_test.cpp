@@ -104,11 +104,34 @@ TEST(GardasoftProtocol, each_setting_that_differs_is_named) {
 }
 
 TEST(GardasoftProtocol, events_that_are_errors_are_told_apart) {
-    EXPECT_EQ(error_of_event(""), std::nullopt);
-    EXPECT_EQ(error_of_event("Evt1,128;"), std::nullopt);
-    EXPECT_THAT(error_of_event("Evt0,130;").value(), HasSubstr("too hot"));
-    EXPECT_THAT(error_of_event("Evt2,45").value(), HasSubstr("more current"));
-    EXPECT_THAT(error_of_event("Evt1").value(), HasSubstr("cannot be read"));
+    const auto of = [](std::string_view text) { return error_of_events("GR", text).value(); };
+    EXPECT_EQ(of(""), std::nullopt);
+    EXPECT_EQ(of("Evt1,128;"), std::nullopt);
+    EXPECT_THAT(of("Evt0,130;").value(), HasSubstr("too hot"));
+    EXPECT_THAT(of("Evt2,45").value(), HasSubstr("more current"));
+    EXPECT_THAT(of("Evt1,128\n\rEvt8,140").value(), HasSubstr("duty cycle"));
+    EXPECT_EQ(acknowledged("GR", "Evt2,45").error().code, ErrorCode::refused);
+    EXPECT_THAT(acknowledged("RS1,0", "Evt2,45").error().message(), HasSubstr("more current"));
+}
+
+TEST(GardasoftProtocol, an_answer_of_another_form_is_unreadable) {
+    EXPECT_TRUE(acknowledged("VL1,0,0.500A", ""));
+    for (const std::string_view text :
+         {std::string_view("\x01\x02zz?!"), std::string_view("\0", 1), std::string_view("OK"), std::string_view(">"),
+          std::string_view("RS2,0"), std::string_view("Evt1"), std::string_view("Evt1,"), std::string_view("Evt9,128"),
+          std::string_view("Evt-1,128"), std::string_view("1,128"), std::string_view("Evt1,128x"),
+          std::string_view("EvtEvt1,128")}) {
+        EXPECT_EQ(acknowledged("RS1,0", text).error().code, ErrorCode::unreadable) << text;
+    }
+    for (const char* raw : {"RS1,0Err>", "RS1,0Err x>", "RS1,0Err 1x>", "RS1,0Err -1>"})
+        EXPECT_EQ(text_of_reply("RS1,0", raw).error().code, ErrorCode::unreadable) << raw;
+    EXPECT_THAT(text_of_reply("TR1;TR2", "TR1;TR2Err 2\n\rErr 1\n\r>").error().what, HasSubstr("Err 2"));
+    EXPECT_EQ(text_of_reply("RS1,0", "zErr 1>").value(), "zErr 1");  // which acknowledges nothing
+    EXPECT_FALSE(acknowledged("RS1,0", "zErr 1"));
+    EXPECT_EQ(parse_version("RT420-20 (HW02) V031").value(), "RT420-20 (HW02) V031");
+    EXPECT_TRUE(parse_version("TR-RT220-2 (HW101) V001"));
+    for (const char* text : {"", "RT", "zz?!", "PP420 (HW001) V002", "RT420\x01 (HW02) V031", "RT420 V031"})
+        EXPECT_EQ(parse_version(text).error().code, ErrorCode::unreadable) << text;
 }
 
 TEST(GardasoftOptions, the_manuals_limits_of_a_pulse_are_kept) {

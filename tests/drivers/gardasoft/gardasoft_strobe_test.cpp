@@ -140,7 +140,7 @@ TEST_F(GardasoftStrobeTest, a_controller_that_does_not_answer_as_it_should_is_re
     const std::vector<std::tuple<Fault, ErrorCode, const char*>> cases = {
         {Fault::silent, ErrorCode::timeout, "does not answer"},
         {Fault::busy, ErrorCode::timeout, "within 100 ms"},
-        {Fault::garbage, ErrorCode::unreadable, "describes a channel"},
+        {Fault::garbage, ErrorCode::unreadable, "answers \"RS1,0\" with"},
         {Fault::endless, ErrorCode::unreadable, "without an end"},
         {Fault::adjusts, ErrorCode::refused, "changed a value"},
         {Fault::rounds, ErrorCode::refused, "its pulse is 800 ms, not 400 ms"},
@@ -157,6 +157,32 @@ TEST_F(GardasoftStrobeTest, a_controller_that_does_not_answer_as_it_should_is_re
         ASSERT_TRUE(until([&] { return open().has_value(); }));  // a busy one answers what has waited first
     }
     EXPECT_TRUE(controller_->pulses().empty());
+}
+
+TEST_F(GardasoftStrobeTest, bytes_that_mean_nothing_are_an_answer_to_no_command) {
+    for (const char* command : {"RS", "TT", "GT", "GR", "VL", "RT", "ST"}) {
+        controller_->misbehave(Fault::garbage, command);
+        const auto opened = open();
+        ASSERT_FALSE(opened) << command;
+        EXPECT_EQ(opened.error().code, ErrorCode::unreadable) << opened.error().message();
+    }
+    controller_->misbehave(Fault::garbage, "VR");
+    EXPECT_EQ(identify(options_).error().code, ErrorCode::unreadable);
+    controller_->power_cycle();
+    controller_->misbehave(Fault::garbage, "RS1");  // output 2 gets dark all the same
+    EXPECT_FALSE(set_dark(options_));
+    EXPECT_FALSE(controller_->continuous());
+    for (const char* command : {"GR", "TR"}) {
+        controller_->misbehave(Fault::none);
+        ear_ = {};
+        open_and_start();
+        controller_->misbehave(Fault::garbage, command);
+        ASSERT_TRUE(fire());
+        ASSERT_TRUE(until([&] { return !ear_.losses.empty() && !ear_.reports.empty(); }));
+        EXPECT_EQ(ear_.losses[0].code, ErrorCode::unreadable) << ear_.losses[0].message();
+        strobe_.reset();
+    }
+    EXPECT_FALSE(ear_.reports[0].lit);  // nobody knows whether it was
 }
 
 TEST_F(GardasoftStrobeTest, no_controller_at_the_address_is_said_with_the_address) {
