@@ -358,6 +358,11 @@ class GenicamDevice final : public CameraDevice {
         const auto socket_bytes = set_socket_buffer();
         if (!socket_bytes) return tl::unexpected(socket_bytes.error());
         socket_bytes_ = static_cast<std::size_t>(*socket_bytes);
+        if (ARV_IS_GV_STREAM(stream_.get())) {
+            int mode = ARV_GV_STREAM_PACKET_RESEND_NEVER;  // Aravis's choice, by what the camera says that it can
+            g_object_get(stream_.get(), "packet-resend", &mode, nullptr);
+            resends_ = mode != ARV_GV_STREAM_PACKET_RESEND_NEVER;
+        }
         for (ArvBuffer* const buffer : buffers_) push(buffer);
         g_signal_connect(device_, "control-lost", G_CALLBACK(on_control_lost), this);
         for (int k = 0; k < kFirstLatches; ++k) latch();
@@ -444,6 +449,7 @@ class GenicamDevice final : public CameraDevice {
                     ? ", less than a frame: frames may lose packets while the processor is busy; raise "
                       "net.core.rmem_max"
                     : "");
+            say(resends_ ? "lost packets are asked for again" : "it sends no lost packet again");
         }
         tell_exposure();
         const std::scoped_lock lock(mutex_);
@@ -536,6 +542,7 @@ class GenicamDevice final : public CameraDevice {
         frame.corrupt = arv_buffer_get_status(buffer) != ARV_BUFFER_STATUS_SUCCESS ||
             arv_buffer_get_image_width(buffer) != width_px_ || arv_buffer_get_image_height(buffer) != height_px_;
         frame.bytes_used = frame.corrupt ? 0 : bytes;
+        if (frame.corrupt) tell_incomplete(arv_buffer_get_status(buffer));
         if (!any_complete_ && frame.corrupt && ++incomplete_ == kSuspicious) tell_none_complete();
         any_complete_ = any_complete_ || !frame.corrupt;
         // The first packet's arrival is a time of day.
@@ -561,6 +568,19 @@ class GenicamDevice final : public CameraDevice {
         frame.stamp = std::min(triggered ? clock_.latest(stamp) : clock_.earliest(stamp), arrival);
         frame.stamp_of_start = triggered || clock_.error();
         return frame;
+    }
+
+    // Receiver's thread. The first one, then one in a while: the counts come with the statistics.
+    void tell_incomplete(ArvBufferStatus status) {
+        if (stopping_ || now() < quiet_until_) return;
+        quiet_until_ = now() + kReportEvery;
+        const bool missing = status == ARV_BUFFER_STATUS_TIMEOUT || status == ARV_BUFFER_STATUS_MISSING_PACKETS;
+        const bool larger = status == ARV_BUFFER_STATUS_SIZE_MISMATCH || status == ARV_BUFFER_STATUS_SUCCESS;
+        say("a frame is damaged: %s%s",
+            missing      ? "packets of it did not come"
+                : larger ? "it has another size than was agreed"
+                         : "its packets do not belong together",
+            missing && resends_ ? ", and not when they were asked for again" : "");
     }
 
     // Large packets that a switch drops: first and last packet of each frame come, and no samples.
@@ -599,7 +619,9 @@ class GenicamDevice final : public CameraDevice {
     std::thread receiver_;
     std::atomic<bool> stopping_ = true, lost_ = false, no_latch_ = false;
     BlockCounter counter_;
-    bool any_complete_ = false;  // since the start; the receiver's
+    bool resends_ = false;        // the camera sends lost packets again
+    hal::TimePoint quiet_until_;  // of the receiver, about damaged frames
+    bool any_complete_ = false;   // since the start; the receiver's
     int incomplete_ = 0;
     std::mutex mutex_;
     CameraClock clock_;  // under mutex_

@@ -2,7 +2,8 @@
 //     hord_fake_gige ADDRESS SERIAL [name=USER_NAME] [lost=RATIO] [latch=no] [broken-xml] [formats=8] [lines]
 //                    [size=WIDTHxHEIGHT] [still] [wire] [events[=value]] [FRAME.png ...]
 //                    [late=MS] [test-packets] [asleep=MS]
-//                    and of the network: [mtu=BYTES] [delay=MS] [reorder=N] [block-zero] [lose-event=N] [twice]
+//                    and of the network: [mtu=BYTES] [delay=MS] [reorder=N] [resend=N] [never=ID] [block-zero]
+//                    [lose-event=N] [twice]
 // ADDRESS is one of this machine's. Frames: the files, one after the other; without files, sample (x, y) of the n-th
 // frame is (x + 3 y + n) of the format's bits; `still` draws one frame only, and counts in its first sample. `size`: of
 // its sensor. `late`: it obeys every third trigger so much later. `asleep`: it says "ready" so long before it is
@@ -41,6 +42,7 @@ using hord::Frame;
 
 constexpr std::uint32_t kLatchValue = 0x3008, kUserName = 0x00E8, kSensorHeight = 0x118, kSensorWidth = 0x11C;
 constexpr std::uint32_t kSoftwareTrigger = 0x30C, kEventNotification = 0x3114;
+constexpr std::uint32_t kCapability = 0x0934, kResendsPackets = 1U << 2U;
 constexpr std::uint32_t kStreamPort = 0x0D00, kPacketSize = 0x0D04, kStreamAddress = 0x0D18,
                         kFireTestPacket = 1U << 31U;
 constexpr std::uint32_t kChannelCount = 0x0900, kChannelPort = 0x0B00, kChannelAddress = 0x0B10;
@@ -326,6 +328,8 @@ int main(int argc, char** argv) {
         else if (argument.starts_with("delay="))
             network.delay = std::chrono::milliseconds(std::stol(argument.substr(6)));
         else if (argument.starts_with("reorder=")) network.reorder_every = std::stoul(argument.substr(8));
+        else if (std::sscanf(argument.c_str(), "resend=%u", &network.lose_every) == 1) continue;
+        else if (std::sscanf(argument.c_str(), "never=%u", &network.never) == 1) continue;
         else if (auto frame = hord::drivers::read_frame(argument)) content.files.push_back(std::move(*frame));
         else return std::fprintf(stderr, "%s\n", frame.error().what.c_str()), 2;
     }
@@ -357,6 +361,7 @@ int main(int argc, char** argv) {
         const guint32 value = GUINT32_TO_BE(pixels);
         if (pixels > 0) arv_fake_camera_write_memory(inner, at, sizeof value, &value);
     }
+    if (network.lose_every > 0) arv_fake_camera_write_register(inner, kCapability, kResendsPackets);
     hord::test::put_between(network);
     the_camera = inner;
     mtu_bytes = network.mtu_bytes;

@@ -389,7 +389,7 @@ TEST_F(Genicam, that_another_program_controls_is_busy_with_a_cure) {
     EXPECT_TRUE(frame()) << "the first goes on" << (ear_.losses.empty() ? "" : ear_.losses[0].message());
 }
 
-// The fake camera sends no packet again. A frame with missing packets is corrupt or missing; none is another one's: the
+// A frame with missing packets is corrupt or missing; none is another one's: the
 // samples count the frames as the sequence does.
 TEST_F(Genicam, frames_with_lost_packets_are_corrupt_or_missing_and_none_is_taken_for_another) {
     const FakeGige camera({"127.0.0.1", "S1", "lost=0.01"});
@@ -416,6 +416,44 @@ TEST_F(Genicam, frames_with_lost_packets_are_corrupt_or_missing_and_none_is_take
     EXPECT_TRUE(ear_.losses.empty()) << ear_.losses[0].message();
     EXPECT_GT(corrupt, 0);
     EXPECT_GT(whole, 1);
+}
+
+TEST_F(Genicam, lost_packets_come_again_when_they_are_asked_for_and_are_counted) {
+    const FakeGige camera({"127.0.0.1", "S1", "resend=10"});
+    testing::internal::CaptureStderr();
+    start(software(320, 240));
+    for (std::uint32_t k = 1; k <= 12; ++k) {
+        const hal::FrameLease one = frame();
+        ASSERT_TRUE(one) << k;
+        EXPECT_EQ(one.info().sequence, k);
+        EXPECT_TRUE(!one.info().corrupt && is_one_frame(one.view())) << k;
+    }
+    sensor_->stop();
+    const std::string said = testing::internal::GetCapturedStderr();
+    EXPECT_THAT(said, HasSubstr("lost packets are asked for again\n"));
+    EXPECT_THAT(said,
+                testing::ContainsRegex("frames complete, 0 incomplete, .*; [1-9][0-9]+ packets sent again, 0 missing"));
+}
+
+// The rest of each third frame comes when it is asked for; one packet never does.
+TEST_F(Genicam, a_packet_that_never_comes_makes_its_frame_damaged_and_is_told) {
+    const FakeGige camera({"127.0.0.1", "S1", "resend=10", "never=25"});
+    testing::internal::CaptureStderr();
+    start(software(320, 240));
+    int corrupt = 0;
+    for (std::uint32_t k = 1; k <= 9; ++k) {
+        const hal::FrameLease one = frame();
+        ASSERT_TRUE(one) << k;
+        EXPECT_EQ(one.info().sequence, k);
+        EXPECT_TRUE(one.info().corrupt ? one.info().bytes_used == 0 : is_one_frame(one.view())) << k;
+        if (one.info().corrupt) ++corrupt;
+    }
+    sensor_->stop();
+    const std::string said = testing::internal::GetCapturedStderr();
+    EXPECT_THAT(corrupt, AllOf(testing::Ge(2), testing::Le(4))) << said;
+    EXPECT_THAT(said,
+                HasSubstr("a frame is damaged: packets of it did not come, and not when they were asked for again\n"));
+    EXPECT_THAT(said, testing::ContainsRegex("[1-9] incomplete, .*; [1-9][0-9]+ packets sent again, [1-9]"));
 }
 
 // Packets that come late and out of turn belong to their frames all the same.

@@ -4,6 +4,7 @@
 #include <condition_variable>
 #include <cstring>
 #include <deque>
+#include <map>
 #include <mutex>
 #include <thread>
 #include <vector>
@@ -53,6 +54,7 @@ class Wire {
         if (network_.mtu_bytes > 0 && packet.bytes.size() + kHeaders > network_.mtu_bytes) return size;
         packet.due = Clock::now() + network_.delay;
         const std::scoped_lock lock(mutex_);
+        if (lost(packet)) return size;
         ++count_;
         if (held_.socket < 0 && network_.reorder_every > 0 && count_ % network_.reorder_every == 0) {
             held_ = std::move(packet);
@@ -68,7 +70,29 @@ class Wire {
         return size;
     }
 
+    // Of the resend command: sends what was lost of these packets of a block.
+    void send_again(std::uint16_t block, std::uint32_t first, std::uint32_t last) {
+        const std::scoped_lock lock(mutex_);
+        for (auto at = lost_.lower_bound({block, first}); at != lost_.end() && at->first <= std::pair(block, last);) {
+            waiting_.push_back(std::move(at->second));
+            at = lost_.erase(at);
+        }
+        more_.notify_one();
+    }
+
   private:
+    // Keeps it if it can be asked for. The packet id is the last 24 bits of the header (GVSP 1): 0 begins a frame.
+    bool lost(Packet& packet) {
+        if (packet.bytes.size() < 8) return false;
+        const auto number = [&](std::size_t at) { return std::uint32_t{static_cast<std::uint8_t>(packet.bytes[at])}; };
+        const auto block = static_cast<std::uint16_t>(number(2) << 8U | number(3));
+        const std::uint32_t id = number(5) << 16U | number(6) << 8U | number(7);
+        if (network_.never != 0 && id == network_.never && block % 3 == 0) return true;
+        if (network_.lose_every == 0 || id % network_.lose_every != network_.lose_every - 1) return false;
+        lost_[{block, id}] = std::move(packet);
+        return true;
+    }
+
     // The block id is the second 16-bit number of a packet (GVSP 1).
     void renumber(std::vector<char>& bytes) {
         if (bytes.size() < 4) return;
@@ -112,6 +136,7 @@ class Wire {
     std::mutex mutex_;
     std::condition_variable more_;
     std::deque<Packet> waiting_;
+    std::map<std::pair<std::uint16_t, std::uint32_t>, Packet> lost_;  // by block and packet
     Packet held_;
     int behind_ = 0;
     std::size_t count_ = 0;
@@ -133,13 +158,32 @@ bool is_stream(int socket) {
 }  // namespace
 
 void put_between(const NetworkBetween& network) {
-    if (network.mtu_bytes > 0 || network.delay.count() > 0 || network.reorder_every > 0 || network.block_zero)
+    if (network.mtu_bytes > 0 || network.delay.count() > 0 || network.reorder_every > 0 || network.block_zero ||
+        network.lose_every > 0 || network.never > 0)
         the_wire = new Wire(network);  // until the process is killed
 }
 
 void before_each_answer(void (*act)()) { before_answer = act; }
 
 }  // namespace hord::test
+
+// What the camera receives on its control channel. Aravis's fake camera knows no resend command.
+extern "C" __attribute__((visibility("default"))) ssize_t recvmsg(int socket, msghdr* message, int flags) {
+    using namespace hord::test;
+    static const auto real = reinterpret_cast<ssize_t (*)(int, msghdr*, int)>(dlsym(RTLD_NEXT, "recvmsg"));
+    const ssize_t size = real(socket, message, flags);
+    constexpr std::uint8_t kGvcp = 0x42, kResend = 0x40;
+    Wire* const wire = the_wire;
+    if (wire == nullptr || size < 20 || message->msg_iov[0].iov_len < 20) return size;
+    const auto* const bytes = static_cast<const std::uint8_t*>(message->msg_iov[0].iov_base);
+    if (bytes[0] != kGvcp || bytes[2] != 0 || bytes[3] != kResend) return size;
+    const auto number = [&](std::size_t at) {
+        return std::uint32_t{bytes[at]} << 24U | std::uint32_t{bytes[at + 1]} << 16U |
+            std::uint32_t{bytes[at + 2]} << 8U | bytes[at + 3];
+    };
+    wire->send_again(static_cast<std::uint16_t>(number(8)), number(12) & 0xFF'FFFFU, number(16) & 0xFF'FFFFU);
+    return size;
+}
 
 extern "C" __attribute__((visibility("default"))) ssize_t sendmsg(int socket, const msghdr* message, int flags) {
     using namespace hord::test;

@@ -1,5 +1,5 @@
 // What a network does to the fake camera's stream, in the camera's process: so it needs no right and no kernel module.
-// sendmsg() of this program stands before the C library's.
+// sendmsg() and recvmsg() of this program stand before the C library's.
 #pragma once
 
 #include <chrono>
@@ -11,6 +11,10 @@ struct NetworkBetween {
     std::size_t mtu_bytes = 0;           // IP packets above this are dropped, as a switch drops them; 0: none
     std::chrono::milliseconds delay{0};  // of each packet
     std::size_t reorder_every = 0;       // each N-th packet comes after the three that follow it; 0: none
+    // Each N-th packet of a frame is lost, and comes when it is asked for again (PACKETRESEND_CMD of the control
+    // channel). 0: none.
+    unsigned lose_every = 0;
+    unsigned never = 0;  // this packet of each third frame is lost whenever it is sent; 0: none
     // No network does that, but firmware: block ids go from 65535 to 0, and the first frame has 65533.
     bool block_zero = false;
 };
