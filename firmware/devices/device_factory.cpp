@@ -32,13 +32,13 @@ sim::CellOptions cell_options(const Config& config, const SimulationOptions& sim
     const CoreConfig& core = config.core;
     sim::CellOptions options;
     options.seed = simulation.seed;
+    const double rate = rate_of_line(core, simulation.parts_per_second);
     // A higher rate moves the belt faster; the parts' pitch stays.
-    options.conveyor.speed_mm_s =
-        std::max(options.conveyor.speed_mm_s, options.schedule.pitch_mm * simulation.parts_per_second);
+    options.conveyor.speed_mm_s = std::max(options.conveyor.speed_mm_s, options.schedule.pitch_mm * rate);
     const double speed = options.conveyor.speed_mm_s;
     const auto travel_mm = [&](Duration time) { return speed * std::chrono::duration<double>(time).count(); };
     options.schedule.parts = simulation.parts;
-    options.schedule.pitch_mm = speed / simulation.parts_per_second;
+    options.schedule.pitch_mm = speed / rate;
     options.schedule.part_length_mm = options.schedule.pitch_mm * 0.4;
     options.geometry.camera_mm = travel_mm(core.exposure_delay + core.strobe_delay + core.strobe / 2);
     options.geometry.ejector_mm = travel_mm(core.transport);
@@ -246,6 +246,15 @@ class ChosenBackends final : public Backends {
 };
 
 }  // namespace
+
+double rate_of_line(const CoreConfig& core, double wanted) {
+    if (wanted > 0) return wanted;
+    const auto seconds = [](Duration time) { return std::chrono::duration<double>(time).count(); };
+    const double gap = core.by_encoder ? seconds(core.transport) * static_cast<double>(core.min_gap_counts) /
+            static_cast<double>(core.transport_counts)
+                                       : 0;
+    return std::min(10.0, 0.5 / std::max(seconds(core.min_gap), gap));
+}
 
 std::uint32_t simulated_devices(const Config& config, const SimulationOptions& simulation) {
     const bool frames =

@@ -22,8 +22,8 @@ namespace hord::firmware {
 // The simulated part of the cell. The simulated line follows the configuration's timing.
 struct SimulationOptions {
     std::uint64_t seed = 1;
-    std::uint64_t parts = 0;  // 0: no end; recorded frames: one for each frame
-    double parts_per_second = 10;
+    std::uint64_t parts = 0;      // 0: no end; recorded frames: one for each frame
+    double parts_per_second = 0;  // 0: ten, or fewer, that follow each other at twice the configured gap
     double good_share = 0.7;
     int variety = 4;                       // different parts of each kind, rendered at the start
     bool all_defects = false;              // all kinds of hal_sim/cell/production.h, else its kLightTakers
@@ -32,6 +32,9 @@ struct SimulationOptions {
     int realtime = 0;                      // the coil module's real-time priority; 0: none
     std::function<void(double)> progress;  // of rendering the parts, 0..1
 };
+
+// Parts a second of the simulated line; `wanted` is SimulationOptions::parts_per_second.
+double rate_of_line(const CoreConfig& core, double wanted);
 
 // The fault bits of the devices that are simulated, or play recorded frames.
 std::uint32_t simulated_devices(const Config& config, const SimulationOptions& simulation);

@@ -28,7 +28,10 @@ struct Station::DeviceListener final : hal::PartSensor::Listener,
                                        Inspector::Listener {
     explicit DeviceListener(Station& owner) : station(owner) {}
 
-    void on_edge(const hal::PartEdge& edge) override { station.process(edge); }
+    void on_edge(const hal::PartEdge& edge) override {
+        station.tell(edge);
+        station.process(edge);
+    }
     void on_encoder(const hal::EncoderReading& reading) override { station.process(reading); }
     void on_part_sensor_lost(const Error& error) override { lost(Device::part_sensor, error); }
     void on_strobe(const hal::StrobeReport& report) override {

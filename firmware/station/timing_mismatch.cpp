@@ -49,6 +49,26 @@ std::optional<Error> mismatch_of(const hal::FrameInfo& frame, const Line& line, 
         "for some, look what delays its trigger"};
 }
 
+std::optional<Error> mismatch_of(const hal::PartEdge& edge, const Line& line, const CoreConfig& config) {
+    if (edge.kind != hal::PartEdge::Kind::arrives || line.size() == 0) return std::nullopt;
+    const Part& ahead = line[line.size() - 1];
+    const Duration gap = edge.at - ahead.arrived;
+    if (!ahead.accepted || gap <= Duration::zero()) return std::nullopt;
+    const auto closer = [](const std::string& distance, const std::string& least) {
+        return Error{
+            ErrorCode::refused,
+            "a part came " + distance + " after the one ahead; one that is closer than " + least +
+                " is rejected (parts-too-close)",
+            "put parts on the line further apart, or lower that key if the camera can follow; if one part gives "
+            "several edges, debounce the light barrier"};
+    };
+    if (gap < config.min_gap) return closer(ms(gap), ms(config.min_gap) + " (line.min_gap_ms)");
+    const std::int64_t counts = edge.counts.value_or(0) - ahead.edge_counts;
+    if (!config.by_encoder || !edge.counts || counts >= config.min_gap_counts) return std::nullopt;
+    return closer(std::to_string(counts) + " encoder counts",
+                  std::to_string(config.min_gap_counts) + " (line.min_gap_counts)");
+}
+
 std::optional<Error> mismatch_of(const hal::StrobeReport& report, const Line& line, const CoreConfig& config) {
     const Part* const part =
         oldest(line, [&](const Part& one) { return one.light_due && one.number() == report.exposure; });

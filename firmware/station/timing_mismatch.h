@@ -1,4 +1,5 @@
-// By how much a frame or a light missed the time at which its part was exposed, as a sentence with the key to change.
+// By how much a frame or a light missed the time at which its part was exposed, and a part its distance from the one
+// ahead, as a sentence with the key to change.
 // The core decides on the part; this is for the person who reads the journal.
 #pragma once
 
@@ -12,6 +13,7 @@ namespace hord::firmware {
 
 // Before the core gets the event. None: it was in time, or no part waits for it.
 std::optional<Error> mismatch_of(const hal::FrameInfo& frame, const Line& line, const CoreConfig& config);
+std::optional<Error> mismatch_of(const hal::PartEdge& edge, const Line& line, const CoreConfig& config);
 std::optional<Error> mismatch_of(const hal::StrobeReport& report, const Line& line, const CoreConfig& config);
 
 }  // namespace hord::firmware

@@ -383,7 +383,12 @@ void add_run(CLI::App& program, Exit& status) {
     command->add_option("--parts", options->line.parts,
                         "End after so many parts (simulated line); 0, or without it: run until interrupted");
     command->add_option("--seed", options->line.seed, "Seed of the simulated line")->capture_default_str();
-    add_number(*command, "--rate", options->line.parts_per_second, "Parts a second on the simulated line", 0.1, 1000.0);
+    options->line.parts_per_second = 10;
+    auto* const rate =
+        add_number(*command, "--rate", options->line.parts_per_second,
+                   "Parts a second on the simulated line; unless given, fewer with a --config whose line.min_gap_ms is "
+                   "above 50",
+                   0.1, 1000.0);
     add_number(*command, "--good", options->line.good_share, "Share of good parts on the simulated line", 0.0, 1.0);
     add_number(*command, "--variety", options->line.variety,
                "Different parts of each kind on the simulated line; each is rendered at the start", 1, 1000);
@@ -413,7 +418,10 @@ void add_run(CLI::App& program, Exit& status) {
         "station uses, 3 the station ended "
         "in an error, or results or frames could not be stored.\n"
         "Example: hordctl run --simulate --parts 200 --modbus 127.0.0.1:1502");
-    command->callback([options, &status] { status = Run(*options).go(); });
+    command->callback([options, rate, &status] {
+        if (!options->config.empty() && rate->count() == 0) options->line.parts_per_second = 0;
+        status = Run(*options).go();
+    });
 }
 
 }  // namespace hord::firmware

@@ -160,6 +160,22 @@ TEST_F(StationTest, a_frame_or_light_that_misses_its_time_is_told_with_the_key_t
     EXPECT_THAT(observer.troubles[1].what, HasSubstr("the window is 2 ms (timing.frame_window_us)"));
 }
 
+TEST_F(StationTest, parts_that_are_too_close_are_told_with_the_key_once_a_second) {
+    run();
+    part();
+    loop.run_for(milliseconds(12));
+    part();
+    loop.run_for(milliseconds(12));
+    part();
+    ASSERT_EQ(observer.troubles.size(), 1U);
+    EXPECT_THAT(observer.troubles[0].what,
+                HasSubstr("12 ms after the one ahead; one that is closer than 20 ms (line.min_gap_ms) is rejected"));
+    loop.run_for(milliseconds(21));
+    part();
+    EXPECT_EQ(observer.troubles.size(), 1U);
+    EXPECT_EQ(station->snapshot().counters.seen, 4U);
+}
+
 TEST_F(StationTest, a_light_that_is_too_short_or_too_long_is_told_by_how_much) {
     run();
     for (const auto& [longer, said] :
