@@ -25,8 +25,10 @@ struct TomlTable::Node {
     std::string name;  // of the file
     std::string path;  // of this table inside it, "" for the root, else "light."
     TomlProblems* problems = nullptr;
-    std::set<std::string, std::less<>> read_keys;
-    std::deque<std::shared_ptr<Node>> sub_tables;
+    std::vector<std::shared_ptr<const bool>> above = {};            // `misread` of the tables that it is in
+    std::shared_ptr<bool> misread = std::make_shared<bool>(false);  // a choice was none of the names
+    std::set<std::string, std::less<>> read_keys = {};
+    std::deque<std::shared_ptr<Node>> sub_tables = {};
 
     const toml::node* find(std::string_view key) {
         read_keys.emplace(key);
@@ -72,7 +74,8 @@ struct TomlTable::Node {
         return std::nullopt;
     }
     std::shared_ptr<Node> add_sub_table(const toml::table& sub, std::string sub_path) {
-        auto node = std::make_shared<Node>(Node{file, &sub, name, std::move(sub_path), problems, {}, {}});
+        auto node = std::make_shared<Node>(Node{file, &sub, name, std::move(sub_path), problems, above});
+        node->above.push_back(misread);
         sub_tables.push_back(node);
         return node;
     }
@@ -83,6 +86,19 @@ static bool ends_line(std::string_view text, std::size_t line, std::size_t colum
     for (; line > 1 && text.find('\n') != std::string_view::npos; --line) text.remove_prefix(text.find('\n') + 1);
     const auto end = std::min(text.find('\n'), text.size());
     return column > std::min(text.find('\r'), end);
+}
+
+// Of a syntax error, by what toml++ says of it.
+static std::string_view cure_of(std::string_view description) {
+    const auto says = [&](std::string_view words) { return description.find(words) != std::string_view::npos; };
+    constexpr std::string_view kLine = "write each line as key = value, [section] or # comment";
+    if (says("key-value pair: expected") && !says("expected value")) return kLine;
+    if (says("redefine")) return "take one of them out";
+    if (says("table header") || says("table name"))
+        return "write a section's head as [name], that of a list's entry as [[name]]";
+    if (says("array")) return "write a list as [1.0, 2.0], a comma between its entries";
+    if (says("value")) return "write a text in quotes, a number in digits, or true or false";
+    return kLine;
 }
 
 TomlTable TomlTable::parse_text(std::string_view text, std::string_view name, TomlProblems& problems) {
@@ -96,11 +112,12 @@ TomlTable TomlTable::parse_text(std::string_view text, std::string_view name, To
             problems.add(
                 fmt::format("{}:{}: a text is not closed: write its second quote on the same line", name, at.line));
         } else {
-            problems.add(fmt::format("{}:{}: not valid TOML: {}", name, at.line, error.description()));
+            problems.add(fmt::format("{}:{}: not valid TOML ({}): {}", name, at.line, error.description(),
+                                     cure_of(error.description())));
         }
     }
     const toml::table* root = file.get();
-    return TomlTable(std::make_shared<Node>(Node{std::move(file), root, std::string(name), "", &problems, {}, {}}));
+    return TomlTable(std::make_shared<Node>(Node{std::move(file), root, std::string(name), "", &problems}));
 }
 
 Result<void> refuse_blank(std::string_view text, const std::filesystem::path& file) {
@@ -195,7 +212,11 @@ std::optional<std::size_t> TomlTable::choice(std::string_view key, std::span<con
     const std::string given = node->is_string() ? node->as_string()->get() : std::string("(not a text)");
     const auto found = std::find(names.begin(), names.end(), given);
     if (found == names.end()) {
-        node_->report(*node, key, fmt::format("\"{}\" is not known: use one of {}", given, fmt::join(names, ", ")));
+        const auto nearest = nearest_name(given, names);
+        *node_->misread = true;
+        node_->report(*node, key,
+                      fmt::format("\"{}\" is not known: {}one of {}", given,
+                                  nearest ? "did you mean " + *nearest + "? It is " : "use ", fmt::join(names, ", ")));
         return std::nullopt;
     }
     return static_cast<std::size_t>(found - names.begin());
@@ -229,7 +250,12 @@ std::vector<TomlTable> TomlTable::tables(std::string_view key) {
 
 bool TomlTable::has(std::string_view key) const { return node_->find(key) != nullptr; }
 
+bool TomlTable::misread() const {
+    return *node_->misread || std::ranges::any_of(node_->above, [](const auto& one) { return *one; });
+}
+
 void TomlTable::problem(std::string_view key, std::string_view what, std::string_view cure) {
+    if (misread()) return;
     const toml::node* node = node_->find(key);
     node_->report(node != nullptr ? *node : *node_->table, key,
                   cure.empty() ? std::string(what) : fmt::format("{}: {}", what, cure));

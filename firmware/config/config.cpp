@@ -167,12 +167,14 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
         }
         return table;
     };
-    read_sensor(device("sensor"), config.sensor, folder);
+    const TomlTable sensor = device("sensor");
+    read_sensor(sensor, config.sensor, folder);
     if (auto* const camera = std::get_if<drivers::GenicamSensorOptions>(&config.sensor))
         camera->exposure_us = config.core.exposure / std::chrono::microseconds(1);
     read_rejector(device("rejector"), config.rejector, config.core);
-    read_strobe(device("strobe"), config.strobe, config.core, config.sensor);
-    read_part_sensor(device("part_sensor"), config.part_sensor, config.core, config.sensor);
+    SensorConfig* const seen_by = sensor.misread() ? nullptr : &config.sensor;
+    read_strobe(device("strobe"), config.strobe, config.core, seen_by);
+    read_part_sensor(device("part_sensor"), config.part_sensor, config.core, seen_by);
     read_modbus(root.table("modbus"), config.modbus);
     read_serial(root.table("serial"), config.serial);
     read_plc(root.table("plc"), config.plc, config.core);

@@ -492,7 +492,7 @@ void refuse_other_lights_keys(TomlTable& strobe, std::vector<TomlTable>& channel
 
 }  // namespace
 
-void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core, SensorConfig& sensor) {
+void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core, SensorConfig* seen_by) {
     using Backend = StrobeBackend;
     Backend backend{};
     strobe.choice("backend", {"simulated", "gpio", "gardasoft", "camera"}, backend);
@@ -526,7 +526,7 @@ void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core, Sensor
     refuse_other_lights_keys(strobe, channels, backend, by_line, camera_line, gardasoft);
     if (backend == Backend::camera) {
         value.camera_line = camera_line;
-        read_camera_light(strobe, value, core, sensor);
+        if (seen_by != nullptr) read_camera_light(strobe, value, core, *seen_by);
     } else if (backend != Backend::simulated) {
         if (channels.empty() || channels.size() > 32)
             strobe.problem("channel", "must be there 1 to 32 times",
@@ -582,7 +582,7 @@ void read_camera_barrier(TomlTable& table, const CameraInput& input, const CoreC
 
 }  // namespace
 
-void read_part_sensor(TomlTable sensor, PartSensorConfig& value, const CoreConfig& core, SensorConfig& seen_by) {
+void read_part_sensor(TomlTable sensor, PartSensorConfig& value, const CoreConfig& core, SensorConfig* seen_by) {
     enum class Backend : std::uint8_t { simulated, gpio, camera };
     Backend backend{};
     sensor.choice("backend", {"simulated", "gpio", "camera"}, backend);
@@ -612,7 +612,7 @@ void read_part_sensor(TomlTable sensor, PartSensorConfig& value, const CoreConfi
            "take it out, or set part_sensor.backend to \"camera\"");
     if (backend == Backend::camera) {
         input.active_low = gpio.line.active_low;
-        read_camera_barrier(sensor, input, core, seen_by);
+        if (seen_by != nullptr) read_camera_barrier(sensor, input, core, *seen_by);
         value = input;
     }
     if (backend != Backend::gpio) return;

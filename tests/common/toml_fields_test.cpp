@@ -76,6 +76,42 @@ TEST(TomlFields, every_problem_is_reported_with_file_line_and_cure) {
     EXPECT_EQ(radius, 1);
 }
 
+TEST(TomlFields, what_may_follow_from_a_misspelt_choice_is_not_told) {
+    TomlProblems problems;
+    auto root =
+        TomlTable::parse_text("[light]\nkind = \"lasr\"\nwidth = 20\n[light.lens]\n[cell]\n", "a.toml", problems);
+    auto light = root.table("light"), lens = light.table("lens"), cell = root.table("cell");
+    constexpr std::array<std::string_view, 2> kinds{"led", "laser"};
+    EXPECT_FALSE(light.misread());
+    EXPECT_FALSE(light.choice("kind", kinds));
+    EXPECT_TRUE(light.misread() && lens.misread());
+    EXPECT_FALSE(root.misread() || cell.misread());
+    double width = 1;
+    light.number("width", width, 0, 10);
+    light.problem("power", "is missing", "say it");
+    lens.problem("focus", "is missing", "say it");
+    cell.problem("name", "is missing", "say it");
+    EXPECT_THAT(problems.lines(),
+                ElementsAre("a.toml:2: light.kind: \"lasr\" is not known: did you mean laser? It is one of led, laser",
+                            HasSubstr("light.width: 20 is out of range"), "a.toml:5: cell.name: is missing: say it"));
+}
+
+TEST(TomlFields, a_syntax_error_has_a_cure) {
+    for (const auto& [text, cure] : {std::pair("a = word\n", "a text in quotes"),
+                                     {"a = \n", "a text in quotes"},
+                                     {"a = 1\na = 2\n", "take one of them out"},
+                                     {"[a]\n[a]\n", "take one of them out"},
+                                     {"[a\nb = 1\n", "[name]"},
+                                     {"a = [1, 2\nb = 3\n", "a comma between its entries"},
+                                     {"a\n", "key = value"},
+                                     {"a: 1\n", "key = value"},
+                                     {"a = 1 b = 2\n", "key = value"}}) {
+        TomlProblems problems;
+        (void)TomlTable::parse_text(text, "a.toml", problems);
+        EXPECT_THAT(problems.lines(), ElementsAre(HasSubstr(cure))) << text;
+    }
+}
+
 TEST(TomlFields, not_a_number_and_infinity_are_out_of_every_range) {
     TomlProblems problems;
     auto root = TomlTable::parse_text("a = nan\nb = inf\n", "a.toml", problems);

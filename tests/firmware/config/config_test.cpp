@@ -689,6 +689,23 @@ TEST(Config, what_cannot_work_together_is_refused) {
     }
 }
 
+TEST(Config, one_typo_is_told_once) {
+    EXPECT_EQ(
+        problems_of("[sensor]\nbackend = \"genicam\"\ntrigger = \"softwar\"\n"
+                    "[strobe]\nbackend = \"camera\"\ncamera_line = \"Line2\"\n"
+                    "[part_sensor]\nbackend = \"camera\"\ncamera_line = \"Line1\"\n"),
+        "cell.toml:3: sensor.trigger: \"softwar\" is not known: did you mean software? It is one of line, software, "
+        "free");
+    EXPECT_EQ(
+        problems_of("[sensor]\nbackend = \"genicm\"\ncamera = \"S1\"\n[[sensor.feature]]\nname = \"Gain\"\nvalue = 1\n"
+                    "[strobe]\nbackend = \"camera\"\ncamera_line = \"Line2\"\n"),
+        "cell.toml:2: sensor.backend: \"genicm\" is not known: did you mean genicam? It is one of simulated, frames, "
+        "v4l2, libcamera, genicam");
+    EXPECT_EQ(problems_of("[strobe]\nbackend = \"gpoi\"\n[[strobe.channel]]\nchip = \"a\"\nline = \"1\"\n"),
+              "cell.toml:2: strobe.backend: \"gpoi\" is not known: did you mean gpio? It is one of simulated, gpio, "
+              "gardasoft, camera");
+}
+
 TEST(Config, a_missing_file_and_broken_toml_are_named) {
     const auto missing = load_config("/nowhere/cell.toml");
     ASSERT_FALSE(missing);
