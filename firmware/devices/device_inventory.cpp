@@ -4,6 +4,8 @@
 #include <array>
 #include <fstream>
 #include <iterator>
+#include <map>
+#include <sstream>
 
 #include <fmt/format.h>
 #include <unistd.h>
@@ -31,6 +33,13 @@ std::string toml_text(const std::string& text) {
         if (static_cast<unsigned char>(letter) >= 0x20) out += letter;
     }
     return out + '"';
+}
+
+std::vector<std::string> lines_of(const std::string& text) {
+    std::vector<std::string> lines;
+    std::istringstream in(text);
+    for (std::string line; std::getline(in, line);) lines.push_back(line);
+    return lines;
 }
 
 // Empty: it cannot be read, as when its process or device is gone meanwhile.
@@ -358,6 +367,27 @@ InventoryItem describe_camera(const ListedCamera& camera, const std::string& bac
     item.problem = "has no grey format that the station can use";
     item.cure = "use a monochrome camera";
     return item;
+}
+
+void make_one_file(std::vector<InventorySection>& sections) {
+    std::map<std::string, std::string> set_by;  // a table's head to the item's name
+    for (auto section = sections.rbegin(); section != sections.rend(); ++section) {
+        for (InventoryItem& item : section->items) {
+            std::vector<std::string> heads;
+            std::string commented;
+            for (const std::string& line : lines_of(item.config)) {
+                if (line.starts_with('[') && !line.starts_with("[[")) heads.push_back(line);
+                commented += "# " + line + '\n';
+            }
+            const auto taken = std::ranges::find_if(heads, [&](const auto& head) { return set_by.contains(head); });
+            if (taken == heads.end()) {
+                for (const std::string& head : heads) set_by.emplace(head, item.name);
+            } else {
+                item.config =
+                    fmt::format("# or, instead of {} of {}:\n{}", *taken, toml_text(set_by.at(*taken)), commented);
+            }
+        }
+    }
 }
 
 std::vector<InventorySection> list_devices(const hal::Clock& clock, const InventoryOptions& options) {

@@ -140,7 +140,8 @@ Exit list(const DevicesOptions& options) {
     }
     const auto loop = SdEventLoop::open();
     if (!loop) return complain(loop.error());
-    const auto sections = list_devices(**loop, inventory);
+    auto sections = list_devices(**loop, inventory);
+    if (!options.json) make_one_file(sections);
     if (options.json) print_json(sections);
     else print_text(sections);
     const InventorySection& module = sections.back();

@@ -274,5 +274,40 @@ TEST_F(Inventory, of_a_module_that_is_not_there_names_its_address_and_a_cure) {
     EXPECT_THAT(items[0].config, IsEmpty());
 }
 
+TEST(InventoryText, of_several_devices_is_a_configuration_when_all_lines_are_pasted) {
+    drivers::ListedChip chip;
+    chip.label = "pinctrl";
+    chip.lines = {{1, "A", {}, false}, {2, "B", {}, false}};
+    const auto camera = [](const char* name, const char* backend) {
+        hal::ListedCamera seen;
+        seen.name = name;
+        seen.formats = {{.name = "Mono8", .bits = 8, .width_px = 720, .height_px = 720}};
+        return describe_camera(seen, backend);
+    };
+    const auto rejector = [](const char* name, const char* at) {
+        InventoryItem item;
+        item.name = name;
+        item.config = "[rejector]\nbackend = \"modbus\"\n" + std::string(at);
+        return item;
+    };
+    std::vector<InventorySection> sections(4);
+    sections[0].items = {describe_chip(chip, false), describe_chip(chip, false)};
+    sections[1].items = {camera("/dev/video0", "v4l2")};
+    sections[2].items = {camera("S1", "genicam"), camera("S\n2", "genicam")};
+    sections[3].items = {rejector("/dev/ttyS0", "device = \"/dev/ttyS0\"\n"),
+                         rejector("/dev/ttyS1", "device = \"/dev/ttyS1\"\n")};
+    make_one_file(sections);
+    std::string all;
+    for (const InventorySection& section : sections) {
+        for (const InventoryItem& item : section.items) all += item.config;
+    }
+    const auto config = parse_config(all, "pasted", "/etc/hord");
+    ASSERT_TRUE(config) << config.error().message() << '\n' << all;
+    EXPECT_EQ(std::get<drivers::GenicamSensorOptions>(config->sensor).camera, "S1");
+    EXPECT_EQ(config->strobe.gpio.size(), 1U);
+    EXPECT_EQ(std::get<drivers::ModbusRejectorOptions>(config->rejector).address.serial->device, "/dev/ttyS0");
+    EXPECT_THAT(all, HasSubstr("# or, instead of [sensor] of \"S1\":\n# [sensor]\n# backend = \"genicam\"\n"));
+}
+
 }  // namespace
 }  // namespace hord::firmware
