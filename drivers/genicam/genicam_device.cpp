@@ -160,13 +160,12 @@ class GenicamDevice final : public CameraDevice {
     bool is_there() override {
         if (lost_ || now() - checked_ < kLatchEvery) return !lost_;
         checked_ = now();
-        latch();
+        heard_ = false;
+        if (!answers() && !heard_) lost_ = true;
         tell_statistics(false);
         return !lost_;
     }
-    std::string why_gone() override {
-        return "is lost: it does not answer its heartbeat, or another program took its control";
-    }
+    std::string why_gone() override { return "is lost: it does not answer, or another program took its control"; }
 
   private:
     void let_go() {
@@ -365,7 +364,7 @@ class GenicamDevice final : public CameraDevice {
         }
         for (ArvBuffer* const buffer : buffers_) push(buffer);
         g_signal_connect(device_, "control-lost", G_CALLBACK(on_control_lost), this);
-        for (int k = 0; k < kFirstLatches; ++k) latch();
+        for (int k = 0; k < kFirstLatches; ++k) latch(failed);
         listener_ = &listener;
         if (auto done = listen_to_barrier(); !done) return tl::unexpected(done.error());
         arv_camera_start_acquisition(camera_.get(), failed.out());
@@ -395,6 +394,7 @@ class GenicamDevice final : public CameraDevice {
     }
 
     void take(const GvcpMessage& message) {
+        heard_ = true;
         for (const InputEdges::Edge& edge : input_->take(message)) {
             const hal::Duration stamp = time_of_ticks(edge.ticks, ticks_a_second_);
             const hal::TimePoint arrival = now();
@@ -499,9 +499,19 @@ class GenicamDevice final : public CameraDevice {
             static_cast<unsigned long long>(missing));
     }
 
+    // Asks the camera something, the time if it can. False: no answer came within Aravis's time and repetitions. Its
+    // heartbeat notices that, too, but later: parts pass unseen meanwhile if the light barrier is the camera's.
+    bool answers() {
+        ArvFailure failed;
+        latch(failed);
+        if (no_latch_ && arv_camera_is_gv_device(camera_.get()) != FALSE)
+            arv_camera_gv_get_packet_size(camera_.get(), failed.out());
+        return !failed.is(ARV_DEVICE_ERROR_TIMEOUT);
+    }
+
     // Reads the camera's clock between two readings of the station's. The second one is after the value was read, not
     // after the command: a camera that answers with its present time is then timed rightly, too.
-    void latch() {
+    void latch(ArvFailure& failed) {
         static constexpr std::array<std::array<const char*, 2>, 2> kNames{
             {{"TimestampLatch", "TimestampLatchValue"}, {"GevTimestampControlLatch", "GevTimestampValue"}}};
         if (no_latch_) return;
@@ -509,7 +519,6 @@ class GenicamDevice final : public CameraDevice {
             kNames, [&](const auto& pair) { return has_feature(device_, pair[0]) && has_feature(device_, pair[1]); });
         no_latch_ = names == kNames.end();
         if (no_latch_) return;
-        ArvFailure failed;
         const hal::TimePoint before = now();
         arv_device_execute_command(device_, (*names)[0], failed.out());
         if (failed) return;
@@ -533,6 +542,7 @@ class GenicamDevice final : public CameraDevice {
     }
 
     CameraFrame frame_of(ArvBuffer* buffer) {
+        heard_ = true;
         CameraFrame frame;
         frame.buffer = GPOINTER_TO_UINT(arv_buffer_get_user_data(buffer));
         frame.sequence = counter_.sequence_of(arv_buffer_get_frame_id(buffer));
@@ -618,6 +628,7 @@ class GenicamDevice final : public CameraDevice {
     CameraPort::Listener* listener_ = nullptr;
     std::thread receiver_;
     std::atomic<bool> stopping_ = true, lost_ = false, no_latch_ = false;
+    std::atomic<bool> heard_ = false;  // a frame or a message came since the camera was last asked
     BlockCounter counter_;
     bool resends_ = false;        // the camera sends lost packets again
     hal::TimePoint quiet_until_;  // of the receiver, about damaged frames

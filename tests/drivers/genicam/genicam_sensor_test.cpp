@@ -751,6 +751,17 @@ TEST_F(Genicam, that_leaves_is_lost_and_runs_again_when_it_is_back) {
     EXPECT_TRUE(frame());
 }
 
+TEST_F(Genicam, that_leaves_while_nothing_asks_for_frames_is_lost_too) {
+    for (const char* clock : {"still", "latch=no"}) {
+        FakeGige camera({"127.0.0.1", "S1", clock});
+        start(software());
+        camera.lose();
+        ear_.losses.clear();
+        ASSERT_TRUE(run_until([&] { return !ear_.losses.empty(); })) << clock;
+        EXPECT_THAT(ear_.losses[0].what, HasSubstr("it does not answer")) << clock;
+    }
+}
+
 // The UDP ports of this network but the camera's control port: those of hord-genicam and of the camera's stream.
 std::vector<std::uint16_t> open_ports() {
     std::ifstream table("/proc/thread-self/net/udp");
