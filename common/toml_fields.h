@@ -30,6 +30,7 @@ class TomlProblems {
     void add(std::string line) { lines_.push_back(std::move(line)); }
     // A name that is not known: told before all others, which may follow from it ("backend is missing").
     void add_unknown(std::string line) { lines_.insert(lines_.begin() + unknown_++, std::move(line)); }
+    void remove(const std::string& line) { std::erase(lines_, line); }
     void add(const Error& error) {
         last_ = error;
         lines_.push_back(error.message());
@@ -97,7 +98,7 @@ class TomlTable {
     [[nodiscard]] bool misread() const;
 
     // Adds a problem, with the most similar known key, for every key of this table and its sub-tables that was not
-    // read.
+    // read. Where there is such a key, those of problem() are removed: they may follow from it.
     void refuse_unknown_keys();
 
   private:

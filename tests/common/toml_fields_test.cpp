@@ -96,6 +96,21 @@ TEST(TomlFields, what_may_follow_from_a_misspelt_choice_is_not_told) {
                             HasSubstr("light.width: 20 is out of range"), "a.toml:5: cell.name: is missing: say it"));
 }
 
+TEST(TomlFields, what_may_follow_from_a_misspelt_key_is_not_told) {
+    TomlProblems problems;
+    auto root = TomlTable::parse_text("[light]\nknid = \"led\"\n[cell]\nfoo = 1\n", "a.toml", problems);
+    auto light = root.table("light"), cell = root.table("cell");
+    std::string kind;
+    light.text("kind", kind);
+    light.problem("kind", "is missing", "say it");
+    cell.problem("name", "is missing", "say it");
+    root.refuse_unknown_keys();
+    EXPECT_THAT(
+        problems.lines(),
+        testing::UnorderedElementsAre(HasSubstr("light.knid: is not a known key: did you mean kind?"),
+                                      HasSubstr("cell.foo: is not a known key"), HasSubstr("cell.name: is missing")));
+}
+
 TEST(TomlFields, a_syntax_error_has_a_cure) {
     for (const auto& [text, cure] : {std::pair("a = word\n", "a text in quotes"),
                                      {"a = \n", "a text in quotes"},
