@@ -24,6 +24,16 @@ std::vector<Json> lines_of(const std::string& text) {
     return out;
 }
 
+// A line on the camera S1 alone. The frame begins when the command has reached it: late, on a busy machine.
+void write_line(const std::string& file) {
+    std::string line = kRoomyLine;
+    line.replace(line.find("[timing]\n"), 9, "[timing]\nframe_window_us = 200000\n");
+    std::ofstream(file) << simulated_beside(
+        "[sensor]\nbackend = \"genicam\"\ncamera = \"S1\"\ntrigger = \"software\"\n"
+        "width_px = 333\nheight_px = 333\n[modbus]\nport = 0\n" +
+        line);
+}
+
 TEST(Genicam, the_line_runs_on_a_camera_and_gives_the_verdicts_that_inspect_gives) {
     const std::string refused = own_network();
     if (!refused.empty()) GTEST_SKIP() << refused;
@@ -42,13 +52,7 @@ TEST(Genicam, the_line_runs_on_a_camera_and_gives_the_verdicts_that_inspect_give
     EXPECT_EQ(inspected[1]["verdict"], "reject");
 
     const FakeGige fake(camera);
-    // The frame begins when the command has reached the camera: late, on a busy machine.
-    std::string line = kRoomyLine;
-    line.replace(line.find("[timing]\n"), 9, "[timing]\nframe_window_us = 200000\n");
-    std::ofstream(folder / "c.toml") << simulated_beside(
-        "[sensor]\nbackend = \"genicam\"\ncamera = \"S1\"\ntrigger = \"software\"\n"
-        "width_px = 333\nheight_px = 333\n[modbus]\nport = 0\n" +
-        line);
+    write_line(folder / "c.toml");
     const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--rate", "2", "--parts", "6", "--json"});
     const auto parts = lines_of(said.out);
     ASSERT_EQ(parts.size(), 6U) << said.err;
@@ -59,6 +63,36 @@ TEST(Genicam, the_line_runs_on_a_camera_and_gives_the_verdicts_that_inspect_give
         EXPECT_EQ(parts[k]["ejected"], expected["verdict"] != "pass");
     }
     EXPECT_THAT(said.err, testing::HasSubstr("S1: 333 x 333 Mono8"));
+}
+
+// A scenario in real time: each tenth packet is lost and sent again, one packet of each third frame never comes.
+TEST(Genicam, the_line_rejects_the_parts_whose_frames_a_network_damages_and_judges_the_others) {
+    const std::string refused = own_network();
+    if (!refused.empty()) GTEST_SKIP() << refused;
+    const TemporaryFolder folder;
+    std::vector<std::string> camera{"127.0.0.1", "S1", "resend=10", "never=25"};
+    for (const std::string scene : {"good", "bubble"}) {
+        camera.push_back(folder / (scene + ".png"));
+        const std::string path = std::string(HORD_SOURCE_DIR) + "/tests/system/rig/scenes/" + scene + ".toml";
+        ASSERT_EQ(run("hord-lab", {"render", path, "--out", camera.back()}).status, 0);
+    }
+    const FakeGige fake(camera);
+    write_line(folder / "c.toml");
+    const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--rate", "2", "--parts", "6", "--json"});
+    const auto parts = lines_of(said.out);
+    ASSERT_EQ(parts.size(), 6U) << said.err;
+    int damaged = 0;
+    for (std::size_t k = 0; k < parts.size(); ++k) {
+        const bool unfit = parts[k]["verdict"] == "unfit";
+        damaged += unfit ? 1 : 0;
+        EXPECT_EQ(parts[k]["verdict"], unfit ? "unfit" : k % 2 == 0 ? "pass" : "reject") << parts[k] << said.err;
+        EXPECT_EQ(parts[k]["reason"] == "frame-corrupt", unfit) << parts[k];
+        EXPECT_EQ(parts[k]["ejected"], parts[k]["verdict"] != "pass");
+    }
+    EXPECT_EQ(damaged, 2) << said.err;
+    EXPECT_THAT(said.err,
+                testing::ContainsRegex("a frame is damaged: packets of it did not come, and not when .*"
+                                       "4 frames complete, 2 incomplete"));
 }
 
 TEST(Genicam, the_line_runs_with_the_light_on_the_cameras_own_output) {
