@@ -278,6 +278,31 @@ TEST(StoreQueue, acknowledges_nothing_while_the_file_is_moved_and_goes_on_when_i
     }
 }
 
+TEST(StoreQueue, notices_that_its_whole_folder_was_replaced) {
+    namespace fs = std::filesystem;
+    MovedStore bench;
+    const fs::path &here = bench.folder.path(), away = bench.elsewhere.path() / "store", copy = away.string() + "2";
+    bench.queue.add(result(1));
+    ASSERT_TRUE(bench.queue.step());
+    fs::rename(here, away);
+    fs::create_directory(here);
+    EXPECT_FALSE(bench.queue.step());
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 1), AckStatus::failed);
+    EXPECT_TRUE(fs::is_empty(here)) << "a new store would hide the old one";
+    fs::remove(here);
+    fs::rename(away, here);
+    ASSERT_TRUE(bench.queue.step());
+    fs::copy(here, copy);
+    fs::rename(here, away);
+    fs::rename(copy, here);  // the same files by name and content
+    EXPECT_FALSE(bench.queue.step());
+    fs::rename(here, copy);
+    fs::rename(away, here);
+    ASSERT_TRUE(bench.queue.step());
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 1), AckStatus::recorded);
+    EXPECT_THAT(verify(here).problems, IsEmpty());
+}
+
 TEST(StoreQueue, takes_no_batch_for_durable_that_went_to_a_file_without_a_name) {
     MovedStore bench;
     bench.queue.add(result(1));
