@@ -59,4 +59,11 @@ function degreeOf(state) {
   return ["good", kStates[name]];
 }
 
+// The state in one word, with the severity behind it unless all is good.
+function headlineOf(state, degree) {
+  const name = state.rows.status ? state.rows.status.state : "";
+  const word = !state.up ? (state.trouble.cure ? "No answer" : "Not known") : state.line_stop ? "LINE STOP" : name.endsWith("Execution") ? "Inspecting" : name || "Not known";
+  return degree === "good" ? word : `${word} – ${kSigns[degree][2]}`;
+}
+
 const kMarks = { pass: "●", reject: "✕", unfit: "?" };

@@ -30,7 +30,7 @@ function showState(state) {
     $("sign-text").textContent = letter;
     $("sign-text").setAttribute("y", degree === "warning" ? 40 : 33);
   }
-  say("degree", name);
+  say("degree", headlineOf(state, degree));
   say("state-words", words);
   say("alarm", degree === "alarm" ? `Alarm. ${words}` : "");
   document.title = `${degree === "good" ? "" : name + " – "}HORD station`;

@@ -25,12 +25,12 @@ function makeCell(station) {
 function setText(place, text) { if (place.textContent !== text) place.textContent = text; }
 
 function showCell(cell, station) {
-  const [degree, words] = degreeOf(station.state), [shape, letter, word] = kSigns[degree];
+  const [degree, words] = degreeOf(station.state), [shape, letter] = kSigns[degree];
   cell.dataset.degree = degree;
   cell.querySelector("path").setAttribute("d", shape);
   cell.querySelector("text").setAttribute("y", degree === "warning" ? 40 : 33);
   setText(cell.querySelector("text"), letter);
-  setText(cell.querySelector(".degree"), word);
+  setText(cell.querySelector(".degree"), headlineOf(station.state, degree));
   setText(cell.querySelector(".words"), words + (station.state.simulated ? " Simulated devices." : ""));
   const counters = station.state.rows.counters || {}, health = station.state.rows.health || {}, recipe = station.state.rows.recipe || {};
   const all = (counters.pass || 0) + (counters.reject || 0) + (counters.unfit || 0);

@@ -113,7 +113,7 @@ def look(bin_dir, out, folder):
         # The station ends, and restarts at the same address.
         port = line.station.port
         line.station.end()
-        wait_for("the page says that nobody answers", lambda: browser.run("return document.getElementById('degree').textContent") == "Alarm")
+        wait_for("the page says that nobody answers", lambda: browser.run("return document.getElementById('degree').textContent") == "No answer – Alarm")
         check("not known" in browser.run("return document.getElementById('lamps').textContent"), "signals are claimed of a station that does not answer")
         browser.screenshot(out / "tablet-station-away.png", 1024, 768, False)
         line.station = Station(bin_dir, folder, port=port, seed=8)

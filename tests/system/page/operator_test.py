@@ -7,6 +7,9 @@ import csv
 import io
 import json
 import re
+import socket
+import struct
+import subprocess
 import time
 import urllib.request
 
@@ -29,6 +32,7 @@ def empty(bin_dir, out, folder):
         check(before.count("Waiting for the station's first data.") == 5 and "No part" not in before and "tokens" not in before, "the page says what it does not know yet")
         load(browser, page)
         check(browser.run("return degreeOf({up: false, trouble: {what: 'waiting', cure: ''}, rows: {}})") == ["note", "Waiting for the station's first data."], "a station that was not asked yet is an alarm")
+        headlines(browser)
         wait_for("the table says that there is no store", lambda: "No results are stored yet" in browser.run(TEXT, "search-said"))
         wait_for("the counts say so, too", lambda: "No results are stored yet" in browser.run(TEXT, "counts-said"))
         wait_for("the changes say so, too", lambda: "Nothing is recorded yet" in browser.run(TEXT, "changes"))
@@ -43,6 +47,23 @@ def empty(bin_dir, out, folder):
     finally:
         browser.close()
         page.end()
+
+
+def headlines(browser):
+    """The headline says what the station does, and a warning hides none of it."""
+    said = browser.run("""
+        const of = (state, more) => {
+          const all = { up: true, trouble: { what: "no answer", cure: "look" }, line_stop: false, faults_active: [], rows: { status: { state } }, ...more }, [degree, words] = degreeOf(all);
+          return [headlineOf(all, degree), words];
+        };
+        const fault = { faults_active: [{ name: "dust" }] };
+        return [of("ContinuousExecution"), of("SingleExecution", { plc_lost: true }), of("Ready", { plc_lost: true }), of("ContinuousExecution", { results_overrun: true }), of("Ready", fault), of("Ready"),
+          of("Error", fault), of("ContinuousExecution", { line_stop: true }), of("ContinuousExecution", { up: false }), of("", { up: false, trouble: { what: "", cure: "" }, rows: {} })];""")
+    wanted = [("Inspecting", "Inspecting every part."), ("Inspecting – Warning", "Inspecting one part. The PLC's heartbeat is missing."), ("Ready – Warning", "Ready, but not inspecting. The PLC's heartbeat is missing."),
+              ("Inspecting – Warning", "Inspecting every part. The PLC has lost results"), ("Ready – Warning", "Ready, but not inspecting. Fault: dust."), ("Ready – Note", "Ready, but not inspecting."),
+              ("Error – Alarm", "Error: the line must stand"), ("LINE STOP – Alarm", "LINE STOP: a bad part may have passed"), ("No answer – Alarm", "no answer. Cure: look."), ("Not known – Note", "Waiting for")]
+    for (headline, words), (wanted_headline, wanted_words) in zip(said, wanted, strict=True):
+        check(headline == wanted_headline and words.startswith(wanted_words), f"instead of {wanted_headline}, {wanted_words}: {headline}, {words}")
 
 
 def enabled(browser):
@@ -127,6 +148,7 @@ def fold(browser, out):
         browser.screenshot(out / f"{name}.png", width, height, False)
         browser.screenshot(out / f"{name}-whole.png", width, height, width == 1024, whole=True)
         check(browser.run("return document.documentElement.scrollWidth <= innerWidth"), f"wider than {width} pixels")
+        check(browser.run("const card = document.getElementById('state-card'); return card.scrollWidth <= card.clientWidth"), f"the state is wider than its card at {width} pixels")
         if width == 1280:
             bottoms = browser.run("return ['state-card', 'strip-card', 'map', 'reject-words'].map((id) => document.getElementById(id).getBoundingClientRect().bottom)")
             check(max(bottoms) <= 800, f"below the fold of 1280 by 800: {bottoms}")
@@ -233,6 +255,13 @@ def work(bin_dir, out, folder):
         commands(browser, line.keeper, out)
 
 
+def lose_plc(port):
+    """A PLC that writes its heartbeat (register 8102) once, and no more."""
+    with socket.create_connection(("127.0.0.1", port), timeout=60) as plc:
+        plc.sendall(struct.pack(">HHHBBHH", 1, 0, 6, 1, 6, 8102, 1))
+        check(plc.recv(12)[7:8] == b"\x06", "the heartbeat is not taken")
+
+
 def wall(bin_dir, out, folder):
     """Two stations and one that does not answer, side by side."""
     stations = [Station(bin_dir, folder, rate=2, seed=seed, store=f"store-{seed}") for seed in (11, 12)]
@@ -252,6 +281,13 @@ def wall(bin_dir, out, folder):
         cells = wait_for("two stations with parts, and one that is away", seen)
         check([c[0] for c in cells] == ["Cell 1", "Cell 2", "Cell 3"] and cells[1][3] == "http://cell2.example:8070/", f"cells: {cells}")
         check("1 alarm" in browser.run(TEXT, "summary") or "2 alarm" in browser.run(TEXT, "summary"), "the summary counts no alarm")
+        lose_plc(stations[0].port)
+        def warned():
+            headline, words = browser.run("return ['degree', 'words'].map((name) => document.querySelector('.cell .' + name).textContent)")
+            if "Alarm" in headline:  # a machine that is too slow for real time has stopped the line
+                subprocess.run([f"{bin_dir}/hordctl", "command", "reset", "--modbus", f"127.0.0.1:{stations[0].port}"], capture_output=True, check=False)
+            return headline == "Inspecting – Warning" and words.startswith("Inspecting every part. The PLC's heartbeat is missing.")
+        wait_for("the state beside the warning", warned)
         for width, height, name in ((1280, 800, "wall-1280"), (420, 900, "wall-phone"), (3840, 2160, "wall-4k-dark")):
             check_screen(browser, out / f"{name}.png", width, height, name.endswith("dark"))
         check_console(browser)
