@@ -228,40 +228,75 @@ void draw_legend(cv::Mat& sheet, NoData reason, int left, int y) {
     write_text(sheet, text_of(reason), {left + kSide + 6, y + 10}, 0.36);
 }
 
+constexpr int kLetters = 12, kDescent = 5, kOutline = 3;  // px, of a label
+
 // Circle and label of a defect, in pixels of the enlarged map.
 struct Mark {
     cv::Point centre;
     int radius = 0;
     std::string label;
-    cv::Point text;  // of the label: its left end on the base line
-    int width = 0;   // of the label
+    cv::Rect text;  // the letters of the label; its base line is kDescent above the lower edge
+
+    [[nodiscard]] cv::Rect circle() const { return {centre.x - radius, centre.y - radius, 2 * radius, 2 * radius}; }
 };
 
-// `columns`: width of the enlarged map, px.
-Mark mark_of(const algo::Defect& defect, std::size_t k, std::span<const std::string> labels, int zoom, int columns) {
-    Mark mark;
-    mark.centre = {static_cast<int>((defect.m + 0.5F) * static_cast<float>(zoom)),
-                   static_cast<int>((defect.n + 0.5F) * static_cast<float>(zoom))};
-    const double radius_lenslets = std::sqrt(static_cast<double>(defect.area) / 3.14159) + 2.0;
-    mark.radius = std::max(8, static_cast<int>(radius_lenslets * zoom));
-    mark.label = k < labels.size() ? fmt::format("{} {}", k + 1, labels[k]) : std::to_string(k + 1);
-    mark.width = cv::getTextSize(mark.label, cv::FONT_HERSHEY_SIMPLEX, 0.45, 1, nullptr).width;
-    const int right = mark.centre.x + mark.radius + 3, left = std::max(0, std::min(right, columns - mark.width - 2));
-    const int below = left < right ? mark.radius + 14 : 4;  // where it does not fit beside the circle
-    mark.text = {left, mark.centre.y + below};
-    return mark;
+// The label of mark `k` is beside its circle, or below it where the map ends. Where it would cover a circle or an
+// earlier label, it takes the next free line below or above, if there is one.
+void place_label(std::span<Mark> marks, std::size_t k, const cv::Size& map) {
+    constexpr int kLine = kLetters + kDescent, kMaxLines = 8;
+    Mark& mark = marks[k];
+    const int right = mark.centre.x + mark.radius + 3,
+              left = std::max(0, std::min(right, map.width - mark.text.width - 2));
+    const bool beside = left == right;
+    const int down = mark.centre.y + (beside ? 4 - kLetters : mark.radius + 2),
+              up = beside ? down - kLine : mark.centre.y - mark.radius - 2 - kLine;
+    const auto is_free = [&](int top) {
+        mark.text.y = top;
+        if (top < 0 || top + kLine > map.height) return false;
+        const auto covers = [&](const cv::Rect& other) { return (other & mark.text).area() > 0; };
+        return std::ranges::none_of(marks, [&](const Mark& one) { return covers(one.circle()); }) &&
+            std::ranges::none_of(marks.first(k), [&](const Mark& one) { return covers(one.text); });
+    };
+    mark.text.x = left;
+    for (int line = 0; line < kMaxLines; ++line) {
+        if (is_free(down + line * kLine) || is_free(up - line * kLine)) return;
+    }
+    mark.text.y = down;
 }
 
-void draw_defects(cv::Mat& map, std::span<const algo::Defect> defects, std::span<const std::string> labels, int zoom) {
+// Of the defects that are marked. `map`: of the enlarged map, px.
+std::vector<Mark> marks_of(std::span<const algo::Defect> defects, std::span<const std::string> labels, int zoom,
+                           const cv::Size& map) {
+    std::vector<Mark> marks;
     for (std::size_t k = 0; k < std::min(defects.size(), kMaxMarked); ++k) {
-        const Mark mark = mark_of(defects[k], k, labels, zoom, map.cols);
+        Mark mark;
+        mark.centre = {static_cast<int>((defects[k].m + 0.5F) * static_cast<float>(zoom)),
+                       static_cast<int>((defects[k].n + 0.5F) * static_cast<float>(zoom))};
+        const double radius_lenslets = std::sqrt(static_cast<double>(defects[k].area) / 3.14159) + 2.0;
+        mark.radius = std::max(8, static_cast<int>(radius_lenslets * zoom));
+        mark.label = k < labels.size() ? fmt::format("{} {}", k + 1, labels[k]) : std::to_string(k + 1);
+        mark.text = {0, 0, cv::getTextSize(mark.label, cv::FONT_HERSHEY_SIMPLEX, 0.45, 1, nullptr).width,
+                     kLetters + kDescent};
+        marks.push_back(std::move(mark));
+    }
+    for (std::size_t k = 0; k < marks.size(); ++k) place_label(marks, k, map);
+    return marks;
+}
+
+// Labels above all circles.
+void draw_defects(cv::Mat& map, std::span<const algo::Defect> defects, std::span<const std::string> labels, int zoom) {
+    const std::vector<Mark> marks = marks_of(defects, labels, zoom, map.size());
+    for (const Mark& mark : marks) {
         cv::circle(map, mark.centre, mark.radius + 1, cv::Scalar(255, 255, 255), 3, cv::LINE_AA);
         cv::circle(map, mark.centre, mark.radius, kMark, 2, cv::LINE_AA);
+    }
+    for (std::size_t k = 0; k < marks.size(); ++k) {
+        const cv::Point at(marks[k].text.x, marks[k].text.y + kLetters);
         if (k < labels.size()) {  // legible on any colour
-            cv::putText(map, mark.label, mark.text, cv::FONT_HERSHEY_SIMPLEX, 0.45, cv::Scalar(255, 255, 255), 3,
+            cv::putText(map, marks[k].label, at, cv::FONT_HERSHEY_SIMPLEX, 0.45, cv::Scalar(255, 255, 255), kOutline,
                         cv::LINE_AA);
         }
-        write_text(map, mark.label, mark.text, 0.45, kMark);
+        write_text(map, marks[k].label, at, 0.45, kMark);
     }
 }
 
@@ -333,13 +368,12 @@ PicturePoint point_in_picture(const algo::Extents& extents, float m, float n) {
 
 PictureBox mark_in_picture(const algo::Extents& extents, std::span<const algo::Defect> defects,
                            std::span<const std::string> labels, std::size_t k) {
-    constexpr int kLetters = 12, kOutline = 3, kDescent = 5;  // px, of the label
     const int zoom = enlargement(std::max(extents.m, extents.n));
-    const Mark mark = mark_of(defects[k], k, labels, zoom, extents.m * zoom);
+    const Mark mark = marks_of(defects, labels, zoom, {extents.m * zoom, extents.n * zoom}).at(k);
     const cv::Point reach(mark.radius + 5, mark.radius + 5);  // with the outline of the circle
+    const cv::Point outline(kOutline, kOutline);
     const cv::Rect all = cv::Rect(mark.centre - reach, mark.centre + reach) |
-        cv::Rect(mark.text.x - kOutline, mark.text.y - kLetters - kOutline, mark.width + 2 * kOutline,
-                 kLetters + kDescent + 2 * kOutline);
+        cv::Rect(mark.text.tl() - outline, mark.text.br() + outline);
     return {all.x + kAxisWidth, all.y + kTitleHeight, all.width, all.height};
 }
 

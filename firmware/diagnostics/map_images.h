@@ -63,7 +63,8 @@ struct PicturePoint {
 };
 PicturePoint point_in_picture(const algo::Extents& extents, float m, float n);
 
-// The pixels that circle and label of defect `k` take in such a picture. It may reach beyond the picture's edges.
+// The pixels that circle and label of defect `k` (below kMaxMarked) take in such a picture. It may reach beyond its
+// edges.
 struct PictureBox {
     int x = 0, y = 0, width = 0, height = 0;
 };

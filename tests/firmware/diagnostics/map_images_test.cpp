@@ -75,6 +75,31 @@ TEST(Pictures, the_mark_of_a_defect_takes_the_pixels_that_are_told) {
     }
 }
 
+// Defects at one place: what is drawn of the earlier ones stays.
+TEST(Pictures, labels_do_not_cover_each_other) {
+    const auto red = [](const unsigned char* bgr) { return bgr[0] < 140 && bgr[1] < 140 && bgr[2] > 180; };
+    const Sample s = sample();
+    const MapPicture what = scale_to("EMD", "bins", s.map, s.mask, 0.5F);
+    for (const float m : {12.0F, static_cast<float>(kExtents.m) - 5.0F}) {
+        const std::vector<algo::Defect> defects(5, {.m = m, .n = 9, .area = 1});
+        const std::vector<std::string> labels(5, "scratch 8.4 lenslets");
+        const Picture plain = draw(what, s.map, s.mask, kExtents, {});
+        Picture before = plain;
+        for (std::size_t count = 1; count <= defects.size(); ++count) {
+            const Picture now = draw(what, s.map, s.mask, kExtents, std::span(defects).first(count), labels);
+            std::size_t covered = 0, fresh = 0;  // pixels of the marks' colour
+            for (std::size_t k = 0; k < plain.bgr.size(); k += 3) {
+                const bool was = red(&before.bgr[k]), is = red(&now.bgr[k]);
+                covered += was && !is ? 1U : 0U;
+                fresh += is && !was ? 1U : 0U;
+            }
+            EXPECT_EQ(covered, 0U) << count;
+            EXPECT_GT(fresh, 100U) << count << " has no label of its own";
+            before = now;
+        }
+    }
+}
+
 TEST(Pictures, a_png_holds_the_pixels_that_were_drawn) {
     const TempFolder folder;
     const Picture picture = drawn(sample());
