@@ -34,7 +34,7 @@ std::span<const Experiment> experiments() {
         {"kinds", "The simulated line's kinds of defect: which camera or feature sees each, and why it is rejected",
          "about half a minute on two cores", run_kinds},
         {"stability", "Do the features keep their promises at the extremes? A table of case, expected, got, verdict",
-         "about half a minute", run_stability},
+         "a minute and a half", run_stability},
     };
     return kExperiments;
 }
