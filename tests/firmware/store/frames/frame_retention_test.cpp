@@ -3,6 +3,7 @@
 #include "firmware/store/frames/frame_retention.h"
 
 #include <cmath>
+#include <future>
 #include <random>
 #include <stdexcept>
 
@@ -196,6 +197,18 @@ TEST(FrameArchive, a_folder_that_became_a_file_is_told_as_that_and_not_as_a_brok
 }
 
 TEST(FrameArchive, names_the_file_that_a_disk_refuses) {
+    const TempFolder folder;
+    auto kept = FrameArchive::open(folder.path(), {.max_bytes = 1000, .min_free_bytes = 0});
+    ASSERT_TRUE(kept);
+    const std::vector<std::uint8_t> bytes(10);
+    ASSERT_TRUE((*kept)->add("x", bytes));
+    const std::string first = names(folder.path()).front();
+    const std::string second = first.substr(0, first.size() - 7) + "2-x.png";
+    std::filesystem::create_directory(folder.path() / second);
+    const auto refused = (*kept)->add("x", bytes);
+    ASSERT_FALSE(refused);
+    EXPECT_THAT(refused.error().message(), HasSubstr(second));
+    EXPECT_EQ(refused.error().cure, "check the folder's permissions and the disk") << "the disk is not full";
     auto archive = FrameArchive::open("/proc/hord-frames", {});
     ASSERT_FALSE(archive);
     EXPECT_THAT(archive.error().message(), HasSubstr("/proc/hord-frames"));
@@ -235,8 +248,9 @@ algo::Recipe unchecked_part() {
 // A keeper without a thread over a folder, and an inspection pipeline.
 struct Cell {
     explicit Cell(FrameRetentionOptions options = {}, const ArchiveDisk& disk = real_disk(),
-                  const algo::Recipe& recipe = unchecked_part(), algo::MapSet maps = algo::MapSet::judged)
-        : pipeline(algo::Pipeline::create(kExtents, 8, recipe, 1, maps).value()),
+                  const algo::Recipe& recipe = unchecked_part(), algo::MapSet maps = algo::MapSet::judged,
+                  int sample_bits = 8)
+        : bits(sample_bits), pipeline(algo::Pipeline::create(kExtents, bits, recipe, 1, maps).value()),
           keeper(
               [this, disk] {
                   return FrameArchive::open(folder.path() / "frames", {.max_bytes = 100'000'000, .min_free_bytes = 0},
@@ -255,7 +269,7 @@ struct Cell {
         return options;
     }
     void inspect(std::uint32_t part, bool bad) {
-        const Frame frame = part_frame(part, bad);
+        const Frame frame = part_frame(part, bad, bits);
         const auto inspection = pipeline.inspect(frame.view());
         ASSERT_TRUE(inspection);
         ASSERT_EQ(inspection->verdict, bad ? algo::Verdict::reject : algo::Verdict::pass);
@@ -278,6 +292,7 @@ struct Cell {
     }
     TempFolder folder;
     std::vector<std::string> said;
+    int bits;
     algo::Pipeline pipeline;
     FrameRetention keeper;
 };
@@ -371,6 +386,40 @@ TEST(FrameRetention, takes_an_exception_of_the_archive_for_a_failure) {
     EXPECT_THAT(cell.kept(), ElementsAre("p2-reject"));
 }
 
+TEST(FrameRetention, has_written_what_waited_when_it_is_finished) {
+    const TempFolder folder;
+    std::promise<void> opens;
+    const auto opened = opens.get_future().share();
+    FrameRetention keeper(
+        [&] {
+            opened.wait();
+            return FrameArchive::open(folder.path(), {.max_bytes = 100'000'000, .min_free_bytes = 0});
+        },
+        {.extents = kExtents, .before = 0, .after = 0}, [] { return kNoon; });
+    keeper.set_recipe(format_recipe({.number = 3, .version = 1, .recipe = unchecked_part()}));
+    auto pipeline = algo::Pipeline::create(kExtents, 8, unchecked_part(), 1).value();
+    for (std::uint32_t part = 1; part <= 8; ++part) {
+        const Frame frame = part_frame(part, true);
+        keeper.on_inspection(part, frame.view(), pipeline.inspect(frame.view()).value());
+    }
+    opens.set_value();
+    EXPECT_EQ(keeper.finish(), 0U);
+    EXPECT_EQ(keeper.counts().kept, 8U);
+    EXPECT_THAT(names(folder.path()), SizeIs(8));
+}
+
+TEST(FrameRetention, keeps_frames_of_twelve_bits_as_such) {
+    Cell cell({.before = 0, .after = 0}, real_disk(), unchecked_part(), algo::MapSet::judged, 12);
+    cell.inspect(1, true);
+    cell.write_all();
+    const auto files = list_frames(cell.folder.path() / "frames");
+    ASSERT_EQ(files->size(), 1U);
+    EXPECT_EQ(Json::parse(read_annotated_frame(files->at(0).file).value().metadata)["bits"], 12);
+    const auto replayed = Replay().judge(files->at(0).file);
+    ASSERT_TRUE(replayed) << replayed.error().message();
+    EXPECT_TRUE(replayed->same()) << to_json_line(*replayed);
+}
+
 TEST(FrameRetention, writes_everything_that_replay_and_people_need) {
     Cell cell({.before = 1, .after = 0});
     cell.inspect(1, false);
@@ -381,6 +430,7 @@ TEST(FrameRetention, writes_everything_that_replay_and_people_need) {
     const Json before = Json::parse(read_annotated_frame(files->at(0).file).value().metadata);
     EXPECT_EQ(before["role"], "before");
     EXPECT_EQ(before["trigger"], 2);
+    EXPECT_EQ(FrameMetadata::from_json(before.dump(), "frame").value().trigger, 2U);
     const Json json = Json::parse(read_annotated_frame(files->at(1).file).value().metadata);
     EXPECT_EQ(json["station"], "cell 3");
     EXPECT_EQ(json["boot"], 7);
@@ -448,7 +498,9 @@ TEST(Replay, of_an_inspection_whose_time_ran_out_compares_verdict_and_reason_onl
 }
 
 TEST(Replay, with_another_recipe_shows_what_changes) {
-    Cell cell({.before = 1, .after = 0});
+    algo::Recipe strict = unchecked_part();
+    strict.name = "strict";
+    Cell cell({.before = 1, .after = 0}, real_disk(), strict);
     cell.inspect(1, false);
     cell.inspect(2, true);
     cell.write_all();
@@ -463,6 +515,7 @@ TEST(Replay, with_another_recipe_shows_what_changes) {
     EXPECT_TRUE(bad->verdict_changes());
     EXPECT_EQ(bad->then.verdict, "reject");
     EXPECT_EQ(bad->now.verdict, "pass");
+    EXPECT_EQ(bad->recipe_then, "strict");
     EXPECT_EQ(bad->recipe_now, "lenient");
     // Limits do not change the map, but where it is exact: maps are not compared then.
     EXPECT_TRUE(bad->then.maps_of_bounds);

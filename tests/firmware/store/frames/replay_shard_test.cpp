@@ -210,6 +210,15 @@ TEST(Shards, are_named_as_one_of_how_many_and_not_otherwise) {
     }
 }
 
+TEST(Shards, that_do_not_exist_are_refused_with_those_that_do) {
+    EXPECT_EQ(parse_shard("2/1").error().cure, "they are 1/1 to 1/1");
+    EXPECT_EQ(parse_shard("1/0").error().cure, "write 1/4, 2/4, 3/4, 4/4");
+}
+
+TEST(Shards, name_the_program_by_the_digest_of_its_file) {
+    EXPECT_EQ(program_identity().value(), text_identity(read_text("/proc/self/exe")));
+}
+
 TEST(Shards, cannot_be_written_where_there_is_no_folder) {
     const auto writer = ShardWriter::create("/nowhere/x.jsonl", kReplay, {});
     ASSERT_FALSE(writer);

@@ -258,6 +258,17 @@ TEST(ClockWitness, wants_ten_minutes_of_one_clock_in_one_piece) {
     EXPECT_TRUE(minute());
 }
 
+TEST(ClockWitness, names_the_day_of_the_wall_clock) {
+    for (const std::int64_t day : {std::int64_t{-1}, std::int64_t{0}, std::int64_t{1}, kFirstDay, kFirstDay + 4000}) {
+        for (const UtcMicros of_day : {UtcMicros{0}, kDay - ClockWitness::kWitnessUs}) {
+            ClockWitness witness;
+            EXPECT_FALSE(witness.observe({day * kDay + of_day, 0}));
+            const UtcMicros end = day * kDay + of_day + ClockWitness::kWitnessUs - (of_day == 0 ? 0 : 1);
+            EXPECT_EQ(witness.observe({end, ClockWitness::kWitnessUs}), day) << of_day;
+        }
+    }
+}
+
 TEST(ClockDays, with_a_damaged_number_removes_nothing_that_a_later_day_has) {
     ClockDays days;
     days.add({kFirstDay, 1'000'000, 5});
@@ -268,6 +279,7 @@ TEST(ClockDays, with_a_damaged_number_removes_nothing_that_a_later_day_has) {
     EXPECT_FALSE(clock_day_from(R"({"day":5,"results":-1,"commands":1})"));
     const ClockDay day{kFirstDay, 7, 8};
     EXPECT_EQ(clock_day_from(to_json_line(day))->results, 7);
+    EXPECT_TRUE(clock_day_from(to_json_line({0, 0, 0}))) << "1970-01-01, and nothing stored so far";
 }
 
 }  // namespace
