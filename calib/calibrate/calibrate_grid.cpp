@@ -79,6 +79,40 @@ void count_from_zero(LensletGrid& grid, std::vector<Observation>& observations, 
     }
 }
 
+// Extends the grid to all lenslets that its model places inside the frame: barrel distortion brings some into the
+// corners from columns and rows beyond those measured. What the model folds back into the frame is none of them.
+void extend_to_frame(LensletGrid& grid, std::vector<Observation>& observations) {
+    const double middle = grid.steps_px({0, 0}).area_px2();
+    const auto reaches = [&](int first_m, int last_m, int first_n, int last_n) {
+        for (int n = first_n; n <= last_n; ++n) {
+            for (int m = first_m; m <= last_m; ++m) {
+                const LensletGrid::Uv uv = grid.uv(m, n);
+                if (grid.in_frame(grid.at(uv)) && grid.steps_px(uv).area_px2() * middle > 0) return true;
+            }
+        }
+        return false;
+    };
+    IndexRange all{0, grid.columns - 1, 0, grid.rows - 1};
+    for (bool grown = true; grown && all.high_m - all.low_m < 2 * grid.columns;) {
+        const IndexRange before = all;
+        const auto [low_m, high_m, low_n, high_n] =
+            IndexRange{all.low_m - 1, all.high_m + 1, all.low_n - 1, all.high_n + 1};
+        if (reaches(low_m, low_m, low_n, high_n)) all.low_m = low_m;
+        if (reaches(high_m, high_m, low_n, high_n)) all.high_m = high_m;
+        if (reaches(low_m, high_m, low_n, low_n)) all.low_n = low_n;
+        if (reaches(low_m, high_m, high_n, high_n)) all.high_n = high_n;
+        grown = all != before;
+    }
+    const LensletGrid old = grid;
+    count_from_zero(grid, observations, all);
+    if (old.shifts_px.empty()) return;
+    grid.shifts_px.assign(grid.index(0, grid.rows), {});
+    for (int n = 0; n < old.rows; ++n) {
+        for (int m = 0; m < old.columns; ++m)
+            grid.shifts_px[grid.index(m - all.low_m, n - all.low_n)] = old.shifts_px[old.index(m, n)];
+    }
+}
+
 // The share of the complete neighbours of measured lenslets that is measured, too. It is high for a lattice, even if
 // only a part of the frame is lit, and low for structures of a picture that resemble lenslets.
 double neighbours_found(const LensletGrid& grid, const CentreFinder& finder,
@@ -124,6 +158,25 @@ void measure_more(const WhiteImage& image, const LocalFinders& finders, const Le
     for (std::size_t k = 0; k < out.observations.size(); k += every)
         out.observations[k].split_px = finder_for(finders, grid, pitch, out.observations[k].m, out.observations[k].n)
                                            .split(out.observations[k].centre_px);
+}
+
+// Counts the lenslets inside the frame, and those of them that are complete, measured and missing.
+void count_lenslets(const LocalFinders& finders, double pitch, GridCalibration& out) {
+    const LensletGrid& grid = out.fit.grid;
+    std::vector<std::uint8_t> measured(grid.index(0, grid.rows));
+    for (const Observation& seen : out.observations) {
+        if (grid.contains(seen.m, seen.n)) measured[grid.index(seen.m, seen.n)] = 1;
+    }
+    for (const GridCalibration::Node& node : out.nodes()) {
+        ++out.inside;
+        if (!finder_for(finders, grid, pitch, node.m, node.n).complete(node.centre_px)) continue;
+        ++out.complete;
+        if (measured[grid.index(node.m, node.n)] == 0) out.missing_px.push_back(node.centre_px);
+    }
+    out.found = static_cast<int>(out.observations.size());
+    out.missing = static_cast<int>(out.missing_px.size());
+    out.displaced = out.fit.displaced;
+    out.rejected = out.fit.rejected;
 }
 
 // Finds the displaced lenslets among the outliers of the fit, and counts the fully lit lenslets.
@@ -199,6 +252,7 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
                                 100 * pitches, 100 * kMaxError),
                     "record evenly lit lenslets, without a part in the light, in focus");
     }
+    extend_to_frame(out.fit.grid, out.observations);
     place_and_count(finders, pitch, out);
     report(0.95);
 
@@ -207,14 +261,7 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     out.rotation_rad = lattice->stagger == algo::Stagger::columns
         ? std::atan2(-middle.along_v.x_px, middle.along_v.y_px)
         : std::atan2(middle.along_u.y_px, middle.along_u.x_px);
-    for (const GridCalibration::Node& node : out.nodes()) {
-        ++out.inside;
-        if (finder_for(finders, out.fit.grid, pitch, node.m, node.n).complete(node.centre_px)) ++out.complete;
-    }
-    out.found = static_cast<int>(out.observations.size());
-    out.missing = std::max(0, out.complete - out.found);
-    out.displaced = out.fit.displaced;
-    out.rejected = out.fit.rejected;
+    count_lenslets(finders, pitch, out);
     out.shape = shape_of(*image, out);
     out.light_roughness = light_roughness(out.fit.grid, out.observations);
     out.light_following = light_following(out.fit.grid, out.observations);

@@ -43,6 +43,7 @@ struct LightFollowing {
 struct SmoothResiduals {
     double correlation = 0;  // of neighbours, -1..1
     double px = 0;           // RMS of the common part
+    int pairs = 0;           // of neighbours
 };
 
 struct GridCalibration {
@@ -56,7 +57,7 @@ struct GridCalibration {
     int inside = 0;           // lenslets of the grid whose centre is inside the frame
     int complete = 0;         // lenslets whose whole window is inside the frame
     int found = 0;            // of the complete ones, those measured
-    int missing = 0;          // of the complete ones, those without a centre: dead, dark, or unlike the others
+    int missing = 0;          // of the complete ones, those not measured: dead, dark, or unlike the others
     int displaced = 0;        // of the found ones, those off the model with a shift of their own (place_displaced)
     int rejected = 0;         // of the found ones, the other outliers
     int saturated = 0;        // of the found ones, those with saturated samples
@@ -66,6 +67,7 @@ struct GridCalibration {
     int whole_found = 0;      // of the fully lit ones, those measured
     int whole_placed = 0;     // of these, those that fit or are `displaced`
 
+    std::vector<algo::PixelPoint> missing_px;  // where the grid places the missing ones
     PatternShape shape;
     double light_roughness = 0;  // RMS difference of a lenslet's light from its neighbours', over its own
     LightFollowing light_following;

@@ -16,6 +16,7 @@ namespace hord::calib {
 struct IndexRange {
     int low_m = 0, high_m = 0, low_n = 0, high_n = 0;
     void include(int m, int n);
+    friend bool operator==(const IndexRange&, const IndexRange&) = default;
 };
 
 // What finds centres where lenslets have a given size: distortion scales them, and a profile learned in the middle of

@@ -41,10 +41,12 @@ constexpr double kMaxFollowed = 0.3;     // of the residuals' power: what gradie
 constexpr double kMinFollowed = 0.0002;  // of a pitch: explained residuals that matter
 constexpr double kMaxOff = 0.08;         // of the found lenslets
 constexpr double kMaxBend = 0.005;       // of a pitch: by polynomials beyond every lens model
-// Of neighbours' residuals: four standard deviations of that of kFewestFollowing independent pairs.
-constexpr double kMaxAlike = 0.3;
-constexpr double kMaxCommon = 0.002;  // of a pitch: the common part of residuals; 0.02 bins of nine
-constexpr double kMaxMissing = 0.1;   // of the complete lenslets
+// Of neighbours' residuals, and in standard deviations of that of independent pairs: frames of few lenslets.
+constexpr double kMaxAlike = 0.2, kMaxAlikeDeviations = 4;
+constexpr double kMaxCommon = 0.0002;    // of a pitch: the common part of residuals
+constexpr double kMaxMissing = 0.1;      // of the complete lenslets
+constexpr double kMaxOffOfRegion = 0.2;  // of a region's lenslets: missing or rejected
+constexpr int kFewestOff = 5;            // of them: fewer may be dust
 
 constexpr const char* kCure = "record evenly lit lenslets, without a part in the light, in focus";
 
@@ -242,41 +244,63 @@ std::vector<double> light_of(const LensletGrid& grid, std::span<const Observatio
     return light;
 }
 
-// Lenslets of one region at the frame's border that do not fit the grid.
-struct Misfit {
-    int measured = 0, rejected = 0;
+// Lenslets of one region.
+struct RegionCount {
+    int measured = 0, rejected = 0, missing = 0;
     std::size_t region = 0;
+    [[nodiscard]] int off() const { return rejected + missing; }
+    [[nodiscard]] int all() const { return measured + missing; }
 };
+
+std::vector<RegionCount> count_regions(const GridCalibration& calibration) {
+    const Regions regions(calibration);
+    std::vector<RegionCount> counts(regions.count());
+    for (std::size_t k = 0; k < counts.size(); ++k) counts[k].region = k;
+    for (const Observation& seen : calibration.observations) {
+        RegionCount& count = counts[regions.at(seen.centre_px.x_px, seen.centre_px.y_px)];
+        ++count.measured;
+        if (!seen.used && !seen.displaced) ++count.rejected;
+    }
+    for (const PixelPoint& at : calibration.missing_px) ++counts[regions.at(at.x_px, at.y_px)].missing;
+    return counts;
+}
 
 // The region at the border of the frame with the largest share of rejected lenslets: where a model ends, it stops
 // fitting first. Single lenslets, dirt and bubbles do not reject half of a region.
-Misfit worst_region(const GridCalibration& calibration) {
+RegionCount worst_border(const GridCalibration& calibration) {
     const Regions regions(calibration);
-    std::vector<Misfit> misfits(regions.count());
-    for (const Observation& seen : calibration.observations) {
-        Misfit& misfit = misfits[regions.at(seen.centre_px.x_px, seen.centre_px.y_px)];
-        ++misfit.measured;
-        if (!seen.used && !seen.displaced) ++misfit.rejected;
-    }
-    Misfit worst;
-    for (std::size_t k = 0; k < misfits.size(); ++k) {
-        const Misfit& misfit = misfits[k];
-        if (misfit.measured < kFewestOfRegion || !regions.at_border(k)) continue;
-        if (worst.measured != 0 && misfit.rejected * worst.measured <= worst.rejected * misfit.measured) continue;
-        worst = misfit;
-        worst.region = k;
+    RegionCount worst;
+    for (const RegionCount& count : count_regions(calibration)) {
+        if (count.measured < kFewestOfRegion || !regions.at_border(count.region)) continue;
+        if (worst.measured == 0 || count.rejected * worst.measured > worst.rejected * count.measured) worst = count;
     }
     return worst;
 }
 
-// True if the distortion folds the frame: two lenslets of the grid in one place.
+// The region with the largest share of lenslets that are missing or rejected: there the grid is that of the model.
+RegionCount least_covered(const GridCalibration& calibration) {
+    RegionCount worst;
+    for (const RegionCount& count : count_regions(calibration)) {
+        if (count.all() < kFewestOfRegion) continue;
+        if (worst.all() == 0 || count.off() * worst.all() > worst.off() * count.all()) worst = count;
+    }
+    return worst;
+}
+
+// True if the distortion folds the frame: two lenslets of the grid in one place. Some lenslets are looked at, and all
+// of those in the corners, where folds begin.
 bool folds(const LensletGrid& grid) {
     const double middle = grid.steps_px({0, 0}).area_px2();
+    const double middle_x = 0.5 * grid.width_px, middle_y = 0.5 * grid.height_px;
+    const double corner2 = 0.8 * (middle_x * middle_x + middle_y * middle_y);  // squared distance from the middle
     const int step = std::max(1, std::max(grid.columns, grid.rows) / 64);
-    for (int n = 0; n < grid.rows; n += step) {
-        for (int m = 0; m < grid.columns; m += step) {
+    for (int n = 0; n < grid.rows; ++n) {
+        for (int m = 0; m < grid.columns; ++m) {
             const LensletGrid::Uv uv = grid.uv(m, n);
-            if (grid.in_frame(grid.at(uv)) && grid.steps_px(uv).area_px2() / middle < kMinArea) return true;
+            const PixelPoint at = grid.at(uv);
+            const double x = at.x_px - middle_x, y = at.y_px - middle_y;
+            if (!grid.in_frame(at) || (x * x + y * y < corner2 && (m % step != 0 || n % step != 0))) continue;
+            if (grid.steps_px(uv).area_px2() < kMinArea * middle) return true;
         }
     }
     return false;
@@ -422,7 +446,7 @@ SmoothResiduals smooth_residuals(const LensletGrid& grid, std::span<const Observ
         }
     }
     if (pairs < kFewestFollowing || !(squares > 0)) return {};
-    return {products / squares, std::sqrt(std::max(0.0, products) / pairs)};
+    return {products / squares, std::sqrt(std::max(0.0, products) / pairs), pairs};
 }
 
 Result<void> check_white_frame(const WhiteImage& image, const GridCalibration& calibration) {
@@ -441,7 +465,7 @@ Result<void> check_white_frame(const WhiteImage& image, const GridCalibration& c
                       "record evenly lit lenslets in focus up to the frame's corners, or stop the optics down: the "
                       "lenslets overlap or the distortion is too strong there");
     }
-    const Misfit misfit = worst_region(calibration);
+    const RegionCount misfit = worst_border(calibration);
     if (misfit.rejected > kMaxRejected * misfit.measured) {
         return refuse(fmt::format("the grid does not fit the lenslets {}: {} of {} measured there are off it",
                                   Regions(calibration).place(misfit.region), misfit.rejected, misfit.measured),
@@ -499,18 +523,29 @@ std::vector<std::string> warnings_about(const GridCalibration& calibration) {
                         following.px));
     }
     const SmoothResiduals& smooth = calibration.smooth_residuals;
-    if (smooth.correlation > kMaxAlike && smooth.px > kMaxCommon * calibration.pitch_px) {
-        out.push_back(
-            fmt::format("the centres are off the grid together with their neighbours, by {:.3f} px rms: lenslets are "
-                        "not misplaced so, bent light moves centres so; take objects out of the light, and use "
-                        "collimated or diffuse light without other optics",
-                        smooth.px));
+    const double by_chance = kMaxAlikeDeviations / std::sqrt(2.0 * std::max(1, smooth.pairs));  // along x and y
+    if (smooth.correlation > std::max(kMaxAlike, by_chance) && smooth.px > kMaxCommon * calibration.pitch_px) {
+        out.push_back(fmt::format(
+            "the centres are off the grid together with their neighbours, by {:.3f} px rms: lenslets are not "
+            "misplaced so, bent light and light that is brighter on one side of the lenslets move centres "
+            "so, and the grid may be off by ten times as much; take objects out of the light, and use "
+            "diffuse or collimated light without other optics",
+            smooth.px));
     }
     if (calibration.rejected > kMaxOff * calibration.found) {
         out.push_back(
             fmt::format("{} of {} measured lenslets are off the grid: clean the array and the optics, or take "
                         "objects out of the light; centres.png shows where",
                         calibration.rejected, calibration.found));
+    }
+    const RegionCount worst = least_covered(calibration);
+    const bool all_over = calibration.missing > kMaxMissing * calibration.complete ||
+        calibration.rejected > kMaxOff * calibration.found;  // told above
+    if (!all_over && worst.off() >= kFewestOff && worst.off() > kMaxOffOfRegion * worst.all()) {
+        out.push_back(
+            fmt::format("{} of {} lenslets {} have no centre or are off the grid: the grid there is only that of the "
+                        "model; light the array evenly and in focus up to there, or use optics that distort less",
+                        worst.off(), worst.all(), Regions(calibration).place(worst.region)));
     }
     // How far the selected polynomial leaves the best model of a lens, from their errors on unseen lenslets.
     const GridFit& fit = calibration.fit;

@@ -24,8 +24,8 @@ PROMISES = [  # what is promised, by which tests
     ("the fault comes, and goes when the drift is gone", "DriftMonitor.*"),
     ("a worse calibration does not replace a better one, in the file or in the station", "Better.*"),
     ("", "CalibrationFile.*"),
-    ("strong distortion is followed to the corners, or refused", "NotSilentlyWrong.radial*:NotSilentlyWrong.so_is*:NotSilentlyWrong.corners*"),
-    ("what is no white frame is refused or warned of", "NotSilentlyWrong.a_*:NotSilentlyWrong.light_bent*:NotSilentlyWrong.two*:NotSilentlyWrong.an_*:NotSilentlyWrong.aberrated*:NotSilentlyWrong.missing*:NotSilentlyWrong.lenslets*"),
+    ("strong distortion is followed to the corners, or refused", "NotSilentlyWrong.radial*:NotSilentlyWrong.so_is*:NotSilentlyWrong.corners*:NotSilentlyWrong.no_lenslet*"),
+    ("what is no white frame is refused or warned of", "NotSilentlyWrong.a_*:NotSilentlyWrong.light_*:NotSilentlyWrong.two*:NotSilentlyWrong.an_*:NotSilentlyWrong.aberrated*:NotSilentlyWrong.missing*:NotSilentlyWrong.lenslets*"),
     ("no white frame: refused", "CalibrateGrid.a_frame_with_a_part*:CalibrateGrid.frames_without*"),
 ]
 EXTREMES = [

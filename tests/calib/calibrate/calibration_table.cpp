@@ -73,6 +73,37 @@ void answers() {
     constexpr double kTurn = 2 * 3.14159265358979323846;
     White white = base;
     white.disc_radius_px = -1.6;
+    for (const double k1 : {-0.07, -0.0725, -0.08}) {
+        white.k1 = k1;
+        white.to_scale = true;
+        char name[64];
+        std::snprintf(name, sizeof name, "k1 %.4f, spots scaled", k1);
+        answer_row(name, white);
+    }
+    white.k1 = 0;
+    for (const double spot : {0.0, -1.6, -2.5}) {
+        for (const double gradient : {0.02, 0.03, 0.06, 0.16}) {
+            if (spot == 0 && gradient < 0.16) continue;
+            white.disc_radius_px = spot;
+            white.gradient = [=](double x, double) { return std::pair(x < 500 ? gradient : 0.0, 0.0); };
+            char name[96];
+            const char* shape = spot < 0 ? "spots of %.1f px sigma" : "discs";
+            char lenslets[32];
+            std::snprintf(lenslets, sizeof lenslets, shape, -spot);
+            std::snprintf(name, sizeof name, "%s, light brighter by %.0f %% on one side in half of the frame", lenslets,
+                          100 * gradient);
+            answer_row(name, white);
+        }
+        white.gradient = [](double, double) { return std::pair(0.16, 0.0); };
+        answer_row(
+            spot < 0 ? "the same, by 16 % all over the frame (not detected)" : "discs, by 16 % all over the frame",
+            white);
+    }
+    white = base;
+    white.light = [](double x, double y) { return x < 150 && y > 850 ? 0.0 : 1.0; };
+    answer_row("a corner dark", white);
+    white = base;
+    white.disc_radius_px = -1.6;
     for (const double period : {64.0, 128.0}) {
         white.light = [=](double x, double y) {
             return 1 - 0.3 * (0.5 + 0.25 * std::sin(kTurn * x / period) + 0.25 * std::cos(kTurn * y / period));

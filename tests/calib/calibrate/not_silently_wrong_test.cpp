@@ -110,6 +110,64 @@ TEST(NotSilentlyWrong, corners_whose_lenslets_overlap_are_refused_by_their_place
     }
 }
 
+// Near the fold of barrel distortion, lenslets of the corners come from columns and rows beyond all measured ones. The
+// grid has them, or there is none.
+TEST(NotSilentlyWrong, no_lenslet_of_a_corner_is_lost) {
+    int grids = 0, refused = 0;
+    for (const double k1 : {-0.07, -0.0725, -0.08}) {
+        for (const double rotation : {0.0, 8.0}) {
+            SCOPED_TRACE(::testing::Message() << k1 << ", " << rotation << " degrees");
+            const auto drawn = test::draw({.width_px = 700,
+                                           .height_px = 700,
+                                           .pitch_px = 14,
+                                           .rotation_deg = rotation,
+                                           .k1 = k1,
+                                           .to_scale = true,
+                                           .disc_radius_px = -1.6});
+            const auto calibration = calibrate_grid(drawn.frame.view());
+            calibration ? ++grids : ++refused;
+            if (!calibration) continue;
+            EXPECT_EQ(test::compare(drawn, *calibration, 14).unmatched_truth, 0);
+            EXPECT_EQ(calibration->inside, static_cast<int>(drawn.truth.size()));
+        }
+    }
+    EXPECT_GE(grids, 2);
+    EXPECT_GE(refused, 2);
+}
+
+TEST(NotSilentlyWrong, a_dark_corner_is_counted_and_named) {
+    White white{.width_px = 700, .height_px = 700, .pitch_px = 18.7, .rotation_deg = 2};
+    white.light = [](double x, double y) { return x < 110 && y > 590 ? 0.0 : 1.0; };
+    const auto calibration = calibrate_grid(test::draw(white).frame.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
+    EXPECT_GT(calibration->missing, 20);
+    EXPECT_LT(calibration->missing, 0.05 * calibration->complete);
+    EXPECT_EQ(calibration->missing, calibration->complete - calibration->found);
+    EXPECT_THAT(calibration->warnings,
+                Contains(::testing::ContainsRegex("[0-9]+ of [0-9]+ lenslets at the bottom left")));
+    white.light = nullptr;
+    white.dead_share = 0.02;
+    EXPECT_THAT(calibrate_grid(test::draw(white).frame.view())->warnings, IsEmpty());
+}
+
+// Light that is brighter on one side of each lenslet moves a spot. Where only half of the frame has it, a grid that is
+// off by more than 0.022 px is warned of. All over the frame it moves all centres alike, and no frame shows it.
+TEST(NotSilentlyWrong, light_that_is_brighter_on_one_side_is_warned_of) {
+    int warned = 0;
+    for (const double gradient : {0.02, 0.03, 0.04, 0.16}) {
+        for (const double spot : {-1.6, -3.0, 0.0}) {
+            SCOPED_TRACE(::testing::Message() << gradient << ", spot " << -spot << " px");
+            White white{.width_px = 600, .height_px = 600, .pitch_px = 17.3, .rotation_deg = 2, .disc_radius_px = spot};
+            white.gradient = [gradient](double x, double) { return std::pair(x < 300 ? gradient : 0.0, 0.0); };
+            const auto drawn = test::draw(white);
+            const auto calibration = calibrate_grid(drawn.frame.view());
+            if (!calibration || !calibration->warnings.empty()) ++warned;
+            else EXPECT_LT(test::compare(drawn, *calibration, 17.3).rms_px, 0.022);
+        }
+    }
+    EXPECT_GE(warned, 4);
+}
+
 TEST(NotSilentlyWrong, a_checkerboard_is_refused) {
     for (const double side : {14.0, 20.0}) {
         expect_refused(paint(600,

@@ -58,6 +58,8 @@ struct White {
     double misplaced_px = 0;                       // independent shift of each lenslet along x and y, sigma
     // Relative change of light from the middle of a lenslet to its rim, at the frame's corner; brighter outwards.
     double vignetting = 0;
+    // The same along x and y at a place in the frame, beside `vignetting`; empty: none.
+    std::function<std::pair<double, double>(double x, double y)> gradient = nullptr;
     double peak_dn = 20000, background_dn = 200;
     double electrons_per_dn = 1, read_e = 3;
     bool noise = true;
@@ -137,8 +139,9 @@ inline Drawn draw(const White& w) {
                 y += dy;
             }
             const double g = w.vignetting / std::sqrt(2.0) / half;
-            const double gx = g * (x - middle_x);
-            const double gy = g * (y - middle_y);
+            const auto [more_x, more_y] = w.gradient ? w.gradient(x, y) : std::pair(0.0, 0.0);
+            const double gx = g * (x - middle_x) + more_x;
+            const double gy = g * (y - middle_y) + more_y;
             for (int py = std::max(0, static_cast<int>(std::ceil(y - reach)));
                  py <= std::min<double>(w.height_px - 1, y + reach); ++py) {
                 for (int px = std::max(0, static_cast<int>(std::ceil(x - reach)));
@@ -153,7 +156,7 @@ inline Drawn draw(const White& w) {
                             : std::sqrt(dx * dx + dy * dy);
                         double here = radius > 0 ? 0.5 * std::erfc((r - radius) / (std::sqrt(2.0) * w.edge_px))
                                                  : std::exp(-0.5 * r * r / (radius * radius));
-                        if (radius > 0) here *= 1 + (gx * dx + gy * dy) / radius;
+                        here *= 1 + (gx * dx + gy * dy) / (radius > 0 ? radius : -2 * radius);
                         value += here / (w.subpixels * w.subpixels);
                     }
                     light[static_cast<std::size_t>(py) * static_cast<std::size_t>(w.width_px) +
