@@ -26,6 +26,7 @@ struct Features {
     std::vector<float> emd, jacobian, light;
     std::vector<std::uint8_t> mask;
     algo::Verdict verdict{};
+    algo::Reason reason{};
     Contrasts contrast{};
     int false_defects = 0;
 };
@@ -76,7 +77,7 @@ Result<void> judge(const Frame& frame, const algo::Extents& e, const algo::Recip
     if (!pipeline) return tl::unexpected(pipeline.error());
     const auto found = pipeline->inspect(frame.view());
     if (!found) return tl::unexpected(found.error());
-    out.verdict = found->verdict;
+    out.verdict = found->verdict, out.reason = found->reason;
     out.false_defects = static_cast<int>(std::ranges::count_if(found->defects, [&](const algo::Defect& defect) {
         return !is_near(truth, static_cast<double>(defect.m), static_cast<double>(defect.n));
     }));
@@ -158,7 +159,7 @@ class SceneComparison {
         if (!light) return tl::unexpected(light.error());
         auto sensor = out.sensor(scene, needs.expose_ms);
         if (!sensor) return tl::unexpected(sensor.error());
-        needs.verdict = sensor->verdict;
+        needs.verdict = sensor->verdict, needs.reason = sensor->reason;
         out.whole_light_ = std::move(*light), out.whole_sensor_ = std::move(*sensor);
         return out;
     }
@@ -346,6 +347,12 @@ std::string table_of(const SceneNeeds& needs) {
         "{} lenslets off the rims; verdict {}; render {:.0f} ms, exposure {:.0f} ms of processor time; change of the "
         "field: 99th percentile\n\n",
         needs.lenslets, name_of(needs.verdict), needs.render_ms, needs.expose_ms);
+    if (needs.verdict == algo::Verdict::unfit) {
+        out += fmt::format(
+            "The recipe finds this scene unfit ({}): it judges no defects, and verdicts and false defects "
+            "say little. Give the recipe of this part (--recipe; a plate needs form = \"plate\").\n\n",
+            name_of(needs.reason));
+    }
     out += fmt::format("{:<13} {:>9} {:>14} {:>12} {:>16} {:>18} {:>15} {:>9}  {}\n", "effect", "EMD, bins",
                        "Jacobian, bins", "light, share", "verdict", "contrast", "false defects", "cost, ms", "");
     bool said_typical = false;

@@ -66,6 +66,7 @@ struct SceneNeeds {
     FeatureChange left_out;   // by all effects that are not required together; the larger of light and sensor
     int lenslets = 0;         // compared
     algo::Verdict verdict{};  // of the exposed frame
+    algo::Reason reason{};
     [[nodiscard]] std::vector<Effect> required() const;  // of those that the scene names
     [[nodiscard]] std::vector<Effect> spare() const;     // of those that the scene names, not required
     [[nodiscard]] std::vector<Effect> missing() const;   // not named, and would matter

@@ -158,6 +158,14 @@ TEST(SceneNeeds, effects_that_a_scene_does_not_name_are_tried_at_typical_values)
     }
 }
 
+// A plate without bevels has no outline that a recipe for a round part could find.
+TEST(SceneNeeds, of_a_scene_that_the_recipe_cannot_judge_say_so) {
+    sim::Scene scene = tinted();
+    EXPECT_THAT(table_of(*needs_of(scene, {0.05, 1, {}, false, {}})), Not(HasSubstr("unfit")));
+    scene.part = sim::Plate{};
+    EXPECT_THAT(table_of(*needs_of(scene, {0.05, 1, {}, false, {}})), HasSubstr("finds this scene unfit (no-part)"));
+}
+
 TEST(SceneNeeds, of_a_plain_scene_are_none) {
     sim::Scene scene = tinted();
     scene.glass = {};
