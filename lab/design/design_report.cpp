@@ -151,10 +151,11 @@ std::string describe(const Design& design, const DesignTask& task) {
                                 of.a90.tried > 0 ? share_text(of.a90.found, of.a90.tried, true) : "-"});
     }
     text += to_markdown(defects) + "\n";
-    text +=
-        fmt::format("Good parts rejected: {:g} aimed at, {} counted{}. Limits: {}.\n", task.false_rejects,
-                    share_text(check.rejected, check.good, false),
-                    check.rejected > 0 ? fmt::format(" ({})", name_of(check.reason)) : "", limits_text(check.recipe));
+    text += fmt::format(
+        "Good parts rejected: {:g} aimed at, {} counted{}. Limits: {}. They know noise and where the part lies: "
+        "before production, set them by good parts of the line (hordctl tune).\n",
+        task.false_rejects, share_text(check.rejected, check.good, false),
+        check.rejected > 0 ? fmt::format(" ({})", name_of(check.reason)) : "", limits_text(check.recipe));
     if (check.recipe.rim_margin != task.base.rim_margin) {
         text += fmt::format("The outermost {} lenslets of the part are not judged: those beside its bevels are dark.\n",
                             check.recipe.rim_margin);

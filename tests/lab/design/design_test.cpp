@@ -136,6 +136,7 @@ TEST(DesignReport, names_the_sizes_that_are_not_found_and_other_cells) {
     const std::string text = describe(design, task);
     EXPECT_THAT(text, HasSubstr("does not find with 90 % probability: scratch of 0.03 mm, and holds"));
     EXPECT_THAT(text, HasSubstr("7x7 bins"));
+    EXPECT_THAT(text, HasSubstr("hordctl tune"));
 }
 
 TEST(WholeParts, a_pasted_window_is_the_whole_rendering) {
