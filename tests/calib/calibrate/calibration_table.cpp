@@ -35,6 +35,14 @@ void synthetic_row(const char* name, const White& white) {
     std::fflush(stdout);
 }
 
+// The beginnings of the warnings; "" without any.
+std::string warned_of(const calib::GridCalibration& calibration) {
+    std::string all;
+    for (const std::string& warning : calibration.warnings)
+        all += (all.empty() ? "" : "; ") + warning.substr(0, warning.find(':'));
+    return all;
+}
+
 // A frame on which a grid could be wrong without a word: what is answered, and how far a grid that is given is off.
 void answer_row(const char* name, const White& white) {
     const auto drawn = calib::test::draw(white);
@@ -44,9 +52,8 @@ void answer_row(const char* name, const White& white) {
         return;
     }
     const auto compared = calib::test::compare(drawn, *calibration, white.pitch_px);
-    std::string answer = calibration->warnings.empty() ? "a grid" : "a grid, and a warning: ";
-    for (const std::string& warning : calibration->warnings)
-        answer += (&warning == &calibration->warnings.front() ? "" : "; ") + warning.substr(0, warning.find(':'));
+    const std::string warned = warned_of(*calibration);
+    const std::string answer = warned.empty() ? "a grid" : "a grid, and a warning: " + warned;
     std::printf("| %s | %s | %.4f | %.4f |\n", name, answer.c_str(), compared.rms_px, compared.max_px);
     std::fflush(stdout);
 }
@@ -153,17 +160,17 @@ void real_row(const std::filesystem::path& folder, const char* name) {
                          static_cast<std::ptrdiff_t>(pixels.step[0]), pixels.depth() == CV_8U ? 8 : 16};
     const auto calibration = calib::calibrate_grid(view);
     if (!calibration) {
-        std::printf("| %s | | | | | | | | refused: %s | |\n", name, calibration.error().what.c_str());
+        std::printf("| %s | | | | | | | | refused: %s | | |\n", name, calibration.error().what.c_str());
         return;
     }
     const auto& fit = calibration->fit;
     char single[64] = "not needed";
     if (fit.shifts.share > 0)
         std::snprintf(single, sizeof single, "%.4f / %.4f", fit.shifts.left_x_px, fit.shifts.left_y_px);
-    std::printf("| %s | %s | %.3f | %d | %d of %d | %d | %d | %.4f / %.4f | %s | %s |\n", name,
+    std::printf("| %s | %s | %.3f | %d | %d of %d | %d | %d | %.4f / %.4f | %s | %s | %s |\n", name,
                 name_of(fit.grid.kind).data(), calibration->pitch_px, calibration->found, calibration->whole_found,
                 calibration->whole, calibration->displaced, calibration->rejected, fit.cv_x_rms_px, fit.cv_y_rms_px,
-                name_of(fit.grid.model).data(), single);
+                name_of(fit.grid.model).data(), single, warned_of(*calibration).c_str());
 }
 
 }  // namespace
@@ -211,7 +218,7 @@ int main(int count, char** arguments) {
         "another frame "
         "would be predicted then.\n\n"
         "| frame | lattice | pitch | found | found of whole | displaced | rejected | cross-validated | model | with "
-        "single lenslets |\n|---|---|---|---|---|---|---|---|---|---|\n");
+        "single lenslets | warned of |\n|---|---|---|---|---|---|---|---|---|---|---|\n");
     for (const char* name : {"lf_sq_napariLF_white", "lf_sq_napariLF_object", "sh_sq_mmt_LED", "sh_sq_mmt_binospec_ref",
                              "sh_sq_mmt_f5hecto_ref", "sh_sq_mmt_mmirs1_ref", "sh_hex_mmt_f9_ref", "sh_sq_yuuto",
                              "sh_bad_mmt_mmirs_blank", "sh_bad_mmt_mmirs_bogus"}) {
