@@ -12,7 +12,8 @@
 // `wire`: TriggerSource Line1, an input that SIGUSR1 activates and SIGUSR2 deactivates; software triggers then do
 // nothing. `events`: it tells the edges of this input as events, which the description numbers by their ports or
 // (`value`) by their features' values. A message is sent until it is answered; the N-th one is lost (`lose-event`), or
-// each comes twice (`twice`). The network is network_between.h. Prints "ready" and runs until it is killed.
+// each comes twice (`twice`). The network is network_between.h (`resend` is its lose_every). Prints "ready" and runs
+// until it is killed.
 #include <algorithm>
 #include <array>
 #include <atomic>
