@@ -56,7 +56,8 @@ pitch_um = 100
     EXPECT_THAT(refusal(plate + haze + "[[dust]]\nplane = \"lens1\"\n"),
                 HasSubstr("cannot be rendered with diffraction"));
     EXPECT_THAT(refusal("[part]\nabbe_number = 60\n"), HasSubstr("there is no glass to have a colour"));
-    EXPECT_THAT(refusal("[[dust]]\nplane = \"lens3\"\n"), HasSubstr("use one of lens1, stop, lens2, lenslets"));
+    EXPECT_THAT(refusal("[[dust]]\nplane = \"lens3\"\n"),
+                HasSubstr("did you mean lens1? It is one of lens1, stop, lens2, lenslets"));
     EXPECT_THAT(refusal("[motion]\nvelocity_mm_s = [1, 0]\nstrobe_us = 1e7\n"), HasSubstr("lenslets while it is lit"));
 }
 
