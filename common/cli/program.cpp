@@ -227,13 +227,48 @@ std::string not_in_text(const std::string& text) {
                        meant.empty() ? "" : ": did you mean " + CLI::detail::join(meant, " or ") + "?");
 }
 
-// "Could not convert: NAME = NUMBER", as CLI11 says of a number that its type does not hold; others were refused
-// before.
-std::string too_large_text(const std::string& text) {
+// "Could not convert: NAME = VALUE", as CLI11 says of a value behind the "=" of a flag, and of a number that its type
+// does not hold; others were refused before.
+std::string not_converted_text(const CLI::App& command, const std::string& text) {
     constexpr std::string_view kCould = "Could not convert: ";
     const auto is = text.find(" = ");
     if (!text.starts_with(kCould) || is == std::string::npos) return text;
-    return text.substr(kCould.size(), is - kCould.size()) + ": " + text.substr(is + 3) + " is out of range";
+    const std::string name = text.substr(kCould.size(), is - kCould.size()), value = text.substr(is + 3);
+    const CLI::Option* option = command.get_option_no_throw(name);
+    if (option != nullptr && option->get_items_expected_max() == 0)
+        return name + " takes no value: leave \"=" + value + "\" out";
+    return name + ": " + value + " is out of range";
+}
+
+// What an option takes, from what CLI11 calls its type: "INT:POSITIVE", "TEXT:{md,csv}".
+std::string value_text(const std::string& type) {
+    const auto open = type.find('{');
+    if (open != std::string::npos && type.ends_with('}')) {
+        const auto names = CLI::detail::split(type.substr(open + 1, type.size() - open - 2), ',');
+        return "a value: one of " + CLI::detail::join(names, ", ");
+    }
+    return type.starts_with("INT") || type.starts_with("UINT") || type.starts_with("FLOAT") ? "a number" : "a value";
+}
+
+// Of an option without its value, or with too many. CLI11 says "NAME: 1 required TEXT missing" and "NAME: At Most 1
+// required but received 2".
+std::string mismatch_text(const CLI::App& command, const std::string& text) {
+    const std::string name = text.substr(0, text.find(": "));
+    const CLI::Option* option = command.get_option_no_throw(name);
+    if (option == nullptr) return text;
+    if (text.ends_with(" missing")) return name + " needs " + value_text(option->get_type_name());
+    if (text.find(": At Most 1 ") == std::string::npos) return text;
+    return fmt::format("{} is given {} times: give it once", name, text.substr(text.rfind(' ') + 1));
+}
+
+// "NAME excludes OTHER", "NAME requires OTHER".
+std::string together_text(std::string text) {
+    for (const auto& [theirs, ours] : {std::pair(" excludes ", " cannot be given together with "),
+                                       std::pair(" requires ", " has no effect without ")}) {
+        if (const auto at = text.find(theirs); at != std::string::npos)
+            text.replace(at, std::string_view(theirs).size(), ours);
+    }
+    return text;
 }
 
 std::string mistake_text(const CLI::App& program, const CLI::App& command, const CLI::ParseError& error) {
@@ -245,7 +280,11 @@ std::string mistake_text(const CLI::App& program, const CLI::App& command, const
     const std::string text = error.what();
     if (const auto at = text.find(std::string(": ") + kEmpty); at != std::string::npos)
         return text.substr(0, at) + " " + kEmpty;
-    return too_large_text(not_in_text(text));
+    if (dynamic_cast<const CLI::ArgumentMismatch*>(&error) != nullptr) return mismatch_text(command, text);
+    if (dynamic_cast<const CLI::ExcludesError*>(&error) != nullptr ||
+        dynamic_cast<const CLI::RequiresError*>(&error) != nullptr)
+        return together_text(text);
+    return not_converted_text(command, not_in_text(text));
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 // hordctl devices: lists what is attached to this machine, with the lines for hordd.toml.
 #include <charconv>
+#include <filesystem>
 #include <memory>
 #include <optional>
 
@@ -173,7 +174,10 @@ void add_devices(CLI::App& program, Exit& status) {
     command->add_flag("--json", options->json, "One JSON object");
     command->add_option("--root", options->inventory.root, "Look in this folder's dev, proc and sys")
         ->type_name("FOLDER")
-        ->check(CLI::ExistingDirectory)
+        ->check([](const std::string& folder) {
+            std::error_code error;
+            return std::filesystem::is_directory(folder, error) ? "" : folder + " is no folder";
+        })
         ->capture_default_str();
     command->footer(
         "No output moves, no light fires, no serial port is opened, and no camera is taken that another program "

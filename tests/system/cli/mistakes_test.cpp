@@ -70,8 +70,15 @@ TEST(Mistakes, on_the_command_line_are_named) {
     refused({"recipe"}, "no command is given: see hordctl recipe --help");
     refused({"devices", "--module", "host:seven"}, "--module host:seven is no address");
     refused({"devices", "--module", ""}, "--module: name the module: HOST[:PORT]");
-    refused({"devices", "--unit", "5"}, "--module");
-    refused({"devices", "--root", "/no/such/folder"}, "/no/such/folder");
+    refused({"devices", "--unit", "5"}, "--unit has no effect without --module: see hordctl devices --help");
+    refused({"devices", "--root", "/no/such/folder"}, "--root: /no/such/folder is no folder: see");
+    refused({"replay", "--today", "--recipe", "r.toml"}, "--recipe cannot be given together with --today: see");
+    refused({"inspect", "--macro"}, "hordctl: --macro needs a value: see hordctl inspect --help");
+    refused({"results", "--last"}, "hordctl: --last needs a number: see hordctl results --help");
+    refused({"registers", "--format"}, "--format needs a value: one of md, csv, json, st, telegraf: see");
+    refused({"inspect", "a.png", "--macro", "9x9", "--macro", "7x7"}, "--macro is given 2 times: give it once: see");
+    refused({"inspect", "a.png", "--json=maybe"}, "--json takes no value: leave \"=maybe\" out: see");
+    refused({"run", "--parts", "99999999999999999999"}, "--parts: 99999999999999999999 is out of range: see");
     refused({"devices", "--modbus", "192.168.1.30"}, "to ask a Modbus module, give --module HOST[:PORT]");
     refused({"run", "--simulate", "--seed", "010"}, "010 begins with 0");
     refused({"latency", "--simulate", "--edges", "010"}, "010 begins with 0");
@@ -97,6 +104,14 @@ TEST(Mistakes, on_the_command_line_are_named) {
     refused({"command", "use_recipe"}, "call hordctl recipe use NUMBER");
     refused({"command", "teach"}, "call hordctl teach");
     refused({"run", "--simulate", "--foo"}, "\"--foo\" is not known: see hordctl run --help");
+}
+
+TEST(Mistakes, a_store_that_is_a_file_of_another_kind_is_refused_by_the_page) {
+    const TemporaryFolder folder;
+    std::ofstream(folder / "station.toml") << simulated_beside("");
+    const Said said = run("hord-page", {"--check", "--store", folder / "station.toml"});
+    EXPECT_EQ(said.status, 78);
+    EXPECT_THAT(said.err, HasSubstr("station.toml is no folder of a store: name the folder that holds results.db"));
 }
 
 TEST(Mistakes, an_empty_argument_is_not_an_option_that_is_not_given) {
