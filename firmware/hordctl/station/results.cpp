@@ -65,6 +65,24 @@ Result<void> check_recipe(StoreReader& reader, const std::string& name) {
                 fmt::format("use one of {}", fmt::join(known, ", ")));
 }
 
+// Says how old the store's newest result is: old results look like those of a station that runs.
+void print_age(StoreReader& reader) {
+    store::ResultFilter newest;
+    newest.newest = 1;
+    const auto said = reader.each_result(newest, [](const store::StoredResult& row) {
+        constexpr std::int64_t kSecond_us = 1'000'000, kDay_s = 86'400;
+        const std::int64_t age_s = (store::utc_now() - row.time_us) / kSecond_us;
+        const auto age = age_s < 0 ? std::string("in the future: is this machine's clock wrong?")
+            : age_s < 120          ? fmt::format("{} s ago", age_s)
+            : age_s < 2 * 3600     ? fmt::format("{} min ago", age_s / 60)
+            : age_s < 2 * kDay_s   ? fmt::format("{} h ago", age_s / 3600)
+                                   : fmt::format("{} days ago", age_s / kDay_s);
+        fmt::print(stderr, "hordctl: the newest result of this store is of {}, {}\n", store::format_utc(row.time_us),
+                   age);
+    });
+    (void)said;  // what cannot be read was told before
+}
+
 // Prints row by row: a year of results does not fit in memory.
 Exit list(ResultsOptions options, bool changes) {
     if (auto done = complete(options); !done) return complain(done.error());
@@ -96,6 +114,7 @@ Exit list(ResultsOptions options, bool changes) {
     }
     print_head();
     if (rows == 0) fmt::print(stderr, "hordctl: no row of {} is as asked for\n", options.folder);
+    if (!changes && !csv && !json) print_age(**reader);
     if (damaged == 0) return Exit::good;
     return complain({ErrorCode::unreadable,
                      fmt::format("{} rows are damaged; what is unreadable is shown as 0 or empty", damaged),

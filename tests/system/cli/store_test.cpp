@@ -18,6 +18,7 @@ namespace hord::test {
 namespace {
 
 namespace fs = std::filesystem;
+using ::testing::ContainsRegex;
 using ::testing::HasSubstr;
 using Json = nlohmann::json;
 
@@ -63,6 +64,11 @@ TEST(Store, of_a_simulated_line_holds_every_part_verifies_and_replays_to_the_bit
     }
     EXPECT_EQ(lines(run("hordctl", {"results", "--store", store, "--last", "3", "--format", "csv"}).out), 1U + 3U);
     EXPECT_THAT(run("hordctl", {"results", "changes", "--store", store}).out, HasSubstr("start"));
+
+    // Rows for people have an age: those of a store that nobody writes any more look like those of a station that runs.
+    EXPECT_THAT(run("hordctl", {"results", "--store", store}).err,
+                ContainsRegex("^hordctl: the newest result of this store is of 20[^ ]*Z, [0-9]+ (s|min) ago\n$"));
+    EXPECT_EQ(listed.err, "") << "JSON and CSV have the time alone";
 
     const Said mistyped = run("hordctl", {"results", "--store", store, "--recipe", "defualt"});
     EXPECT_EQ(mistyped.status, 2);
