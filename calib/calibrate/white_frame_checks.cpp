@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 #include <numeric>
+#include <optional>
 #include <tuple>
 
 #include <fmt/format.h>
@@ -287,9 +288,9 @@ RegionCount least_covered(const GridCalibration& calibration) {
     return worst;
 }
 
-// True if the distortion folds the frame: two lenslets of the grid in one place. Some lenslets are looked at, and all
-// of those in the corners, where folds begin.
-bool folds(const LensletGrid& grid) {
+// Where the distortion folds the frame, if it does: two lenslets of the grid in one place. Some lenslets are looked at,
+// and all of those in the corners, where folds begin.
+std::optional<PixelPoint> fold_of(const LensletGrid& grid) {
     const double middle = grid.steps_px({0, 0}).area_px2();
     const double middle_x = 0.5 * grid.width_px, middle_y = 0.5 * grid.height_px;
     const double corner2 = 0.8 * (middle_x * middle_x + middle_y * middle_y);  // squared distance from the middle
@@ -300,10 +301,10 @@ bool folds(const LensletGrid& grid) {
             const PixelPoint at = grid.at(uv);
             const double x = at.x_px - middle_x, y = at.y_px - middle_y;
             if (!grid.in_frame(at) || (x * x + y * y < corner2 && (m % step != 0 || n % step != 0))) continue;
-            if (grid.steps_px(uv).area_px2() < kMinArea * middle) return true;
+            if (grid.steps_px(uv).area_px2() / middle < kMinArea) return at;
         }
     }
-    return false;
+    return std::nullopt;
 }
 
 }  // namespace
@@ -476,8 +477,10 @@ Result<void> check_white_frame(const WhiteImage& image, const GridCalibration& c
         return refuse(fmt::format("the lenslets cannot be numbered: {} pairs of neighbours are not one pitch apart",
                                   calibration.torn));
     }
-    if (folds(calibration.fit.grid)) {
-        return refuse("the grid folds inside the frame: its distortion places two lenslets in one spot",
+    if (const auto fold = fold_of(calibration.fit.grid)) {
+        const Regions regions(calibration);
+        return refuse(fmt::format("the grid folds inside the frame, {}: its distortion places two lenslets in one spot",
+                                  regions.place(regions.at(fold->x_px, fold->y_px))),
                       "record evenly lit lenslets up to the frame's corners, or use optics with less distortion");
     }
     const PatternShape& shape = calibration.shape;
