@@ -7,6 +7,7 @@
 #include "algo/frame/mask.h"
 #include "algo/inspection/part_state.h"
 #include "algo/inspection/rim.h"
+#include "common/statistics.h"
 
 namespace hord::algo {
 
@@ -193,6 +194,22 @@ double RimFinder::deflecting_share(Deflections deflections, std::span<const std:
     const std::size_t all = count_suiting(0, state_.size(), inside),
                       free = count_suiting(0, state_.size(), free_inside);
     return all == 0 ? 1 : 1 - static_cast<double>(free) / static_cast<double>(all);
+}
+
+// Of as many lenslets as the ring has, at most, evenly thinned.
+Deflection RimFinder::median_inside(Deflections deflections, std::span<const std::uint8_t> mask) {
+    const auto lit_inside = [mask](std::size_t k) { return (mask[k] & (kRim | kOutside | kNoHord)) == 0; };
+    const std::size_t all = count_suiting(0, state_.size(), lit_inside),
+                      step = std::max<std::size_t>((all + ring_values_.size() - 1) / ring_values_.size(), 1);
+    if (all == 0) return {};
+    const auto median = [&](DeflectionQ Deflection::*axis) {
+        std::size_t nth = 0, count = 0;
+        for_each_suiting(0, state_.size(), lit_inside, [&](std::size_t k) {
+            if (nth++ % step == 0) ring_values_[count++] = (deflections[k].*axis).raw();
+        });
+        return DeflectionQ::from_raw(common::lower_median(std::span(ring_values_).first(count)));
+    };
+    return {median(&Deflection::x), median(&Deflection::y)};
 }
 
 double RimFinder::least_free_beside() {

@@ -100,7 +100,9 @@ void RimFinder::mark(std::span<const Deflection> deflections, std::span<const st
     find_part({deflections, sums, mask});
     if (regions_ > 0) describe(deflections, sums, mask);
     mark_rim(mask);
-    if (regions_ > 0 && found_.free_light) found_.deflecting = deflecting_share(deflections, mask);
+    if (regions_ == 0) return;
+    if (!found_.free_light) free_ = median_inside(deflections, mask);
+    found_.deflecting = deflecting_share(deflections, mask);
 }
 
 // Step 3. Sets kPart and kInside.

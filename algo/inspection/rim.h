@@ -50,7 +50,8 @@ struct FoundPart {
     // Lenslets of the part, with what it encloses, over those of its convex hull: 1 for a disc or a rectangle.
     double convexity = 0;
     // Share of the lenslets inside the part, its rim left out, that deflect light by more than kFreeToleranceBins from
-    // the free light or are dark; 1 if nothing is left or there is no free light.
+    // the free light or are dark; 1 if nothing is left or there is no part. Of a tube around which no free light is
+    // seen: from the median of what is inside.
     double deflecting = 1;
     std::span<const std::uint8_t> state = {};  // one a lenslet, valid until the next mark()
 
@@ -102,6 +103,7 @@ class RimFinder {
     [[nodiscard]] double point_symmetry();
     double convexity();
     [[nodiscard]] double deflecting_share(Deflections deflections, std::span<const std::uint8_t> mask) const;
+    [[nodiscard]] Deflection median_inside(Deflections deflections, std::span<const std::uint8_t> mask);
     void mark_rim(std::span<std::uint8_t> mask);
     void find_across_outline();
     std::size_t mark_connected(std::uint32_t seed, std::uint8_t through, std::uint8_t mark, Connected connected);
