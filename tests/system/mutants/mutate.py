@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Mutation testing of one room: changes one place of its sources at a time and runs its tests on the result.
 
-    ./dev mutants ROOM [--sample N] [--seed S] [--survivors] [--list] [--jobs N]
+    ./dev mutants ROOM [--sample N] [--seed S] [--minutes M] [--survivors] [--list] [--jobs N]
 
 Each mutant is one changed place: a deleted statement, another relational, arithmetic or logical operator, another
 constant, a negated condition, a dropped member of max, min or clamp. All mutants of a file are compiled at once, each
@@ -495,6 +495,8 @@ def main():
     parser.add_argument("room", choices=sorted(ROOMS))
     parser.add_argument("--sample", type=int, help="so many of the room's mutants, chosen by --seed; default: all")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--minutes", type=float, help="begin no mutant later than this; they run in an order drawn by "
+                        "--seed, and the score is of those that ran")
     parser.add_argument("--survivors", action="store_true", help="only those that survived the last run")
     parser.add_argument("--unit-tests-only", action="store_true", help="no soak")
     parser.add_argument("--list", action="store_true", help="print the mutants and run none")
@@ -526,8 +528,15 @@ def main():
     began, fates = time.monotonic(), {}
     workshop = Workshop(arguments.room, room, mutants, arguments.jobs)
     print(f"{len(mutants)} mutants, compiled after {time.monotonic() - began:.0f} s", flush=True)
+    if arguments.minutes:
+        random.Random(arguments.seed).shuffle(mutants)
+
+    def judge(mutant):
+        late = arguments.minutes and time.monotonic() - began > 60 * arguments.minutes
+        return "not run" if late else workshop.judge(mutant)
+
     with concurrent.futures.ThreadPoolExecutor(arguments.jobs) as pool:
-        for m, fate in zip(mutants, pool.map(workshop.judge, mutants)):
+        for m, fate in zip(mutants, pool.map(judge, mutants)):
             fates.setdefault(fate, []).append(m)
             if fate == "survived":
                 print(f"SURVIVED {m.file}:{m.line} {m.operator}\n  {m.before}\n  {m.after}", flush=True)
@@ -540,7 +549,8 @@ def main():
           f"({share:.1f} %, goal {room.goal} %): {count.get('tests', 0)} by unit tests, {count.get('soak', 0)} by the soak; "
           f"{count.get('survived', 0)} survived; not counted: {count.get('invalid', 0)} that do not compile, "
           f"{count.get('same code', 0)} with the same machine code, {len(known)} listed as equivalent; "
-          f"not tried: {count.get('alone', 0)} that are not in a function's statement")
+          f"not tried: {count.get('alone', 0)} that are not in a function's statement, {count.get('not run', 0)} for lack "
+          "of time")
     for key in stale:
         print(f"equivalent.txt lists a mutant that there is no more:\n{key}")
     return 0 if share >= room.goal and not stale else 1
