@@ -496,11 +496,13 @@ TEST(LineUnknown, stops_the_line_until_a_reset) {
     rig.send(LineUnknown{});
     EXPECT_EQ(rig.core.state(), State::error);
     EXPECT_TRUE(rig.shot().line_stop);
+    EXPECT_EQ(rig.shot().line_stop_why.cause, LineStopCause::line_unknown);
     EXPECT_EQ(rig.shot().faults_latched, std::uint32_t{kFaultRejectUnconfirmed});
     EXPECT_NE(rig.shot().first_fault, 0);
     rig.advance(kMinLineStop);
     EXPECT_EQ(rig.send(Command::reset), Answer::done);
     EXPECT_FALSE(rig.shot().line_stop);
+    EXPECT_EQ(rig.shot().line_stop_why, LineStop{});
     EXPECT_EQ(rig.core.state(), State::initialized);
     EXPECT_EQ(rig.starts.size(), 4U);
     rig.devices_up();
