@@ -305,9 +305,12 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     if (part.islands > 0) return FrameFault::several;
     // Tubes and plates may leave the field, and a plate may show its edges alone.
     if (form_ == PartForm::tube && part.deflecting < kMinDeflectingShare) return FrameFault::hollow;
+    // What one edge or two seem to enclose, and the field cuts, is a plate if it is flat.
+    const bool is_cut = static_cast<double>(findings_.border_cut) > kMaxBorderCut;
+    if (form_ == PartForm::plate && is_cut && part.deflecting > 1 - kMinDeflectingShare) return FrameFault::not_flat;
     if (form_ != PartForm::round) return FrameFault::none;
     if (part.parts > 1) return FrameFault::several;
-    if (static_cast<double>(findings_.border_cut) > kMaxBorderCut) return FrameFault::cut_by_field;
+    if (is_cut) return FrameFault::cut_by_field;
     if (part.free_beside < kMinFreeBeside) return FrameFault::interrupted;
     if (symmetric_ && part.symmetry < min_symmetry(part.area)) return FrameFault::lopsided;
     if (symmetric_ && part.convexity < min_convexity(part.area)) return FrameFault::notched;

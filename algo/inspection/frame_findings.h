@@ -32,6 +32,7 @@ enum class FrameFault : std::uint8_t {
     notched,       // the part's outline is not convex: pieces of it are missing or covered
     no_flanks,     // a tube that the field cuts lengthwise, or whose edges show no flanks
     hollow,        // an outline with free light inside: a ring, or a flat part of another form
+    not_flat,      // a plate that the field cuts, and that deflects light nearly everywhere: lost samples, another part
 };
 
 struct FrameFindings {

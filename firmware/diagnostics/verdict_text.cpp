@@ -119,6 +119,11 @@ std::string missing_part(const algo::FrameFindings& f) {
                 "set "
                 "[part] form = \"plate\" if it is flat",
                 100 * (1 - f.deflecting));
+        case algo::FrameFault::not_flat:
+            return fmt::format(
+                "{:.0f} % of what the edges enclose deflects light, and the field cuts it: show the whole part, check "
+                "the frame (lost samples move all light behind them), or learn a reference (hordctl learn)",
+                100 * f.deflecting);
         default:
             return "no free light surrounds the part: show the whole part, calibrate again if free light does "
                    "surround it (the bins then do not lie where the light does), or set [part] form = \"web\" if it "

@@ -406,6 +406,32 @@ TEST(Parts, that_lack_a_corner_do_not_enclose_dust_that_lies_there) {
     EXPECT_EQ(part.rows[20], "ooor" + std::string(22, 'j') + "rooo");
 }
 
+// Samples that a transfer lost: one edge, and behind it all light is moved. A wedge inside the field may be judged so.
+TEST(Plate, is_none_where_all_light_behind_an_edge_is_deflected) {
+    const Extents e{40, 44, 9, 9};
+    Recipe plate;
+    plate.form = PartForm::plate;
+    for (const double bins : {0.4, 1.0, 2.0, 3.0}) {
+        for (const int from : {14, 22, 30}) {
+            const Frame step = noisy(drawn(e, 8, 240,
+                                           [&](int, int n) {
+                                               return n < from ? Spot{} : Spot{bins, 0, 1};
+                                           }),
+                                     {10, 2, 1}, 3);
+            EXPECT_EQ(verdict_on(step, e, plate), Verdict::unfit) << bins << ", " << from;
+            EXPECT_EQ(verdict_on(transposed(step), {e.n, e.m, 9, 9}, plate), Verdict::unfit) << bins << ", " << from;
+        }
+    }
+    for (const double bins : {0.0, 1.0}) {
+        const auto whole = [bins](int m, int n) {
+            return m < 8 || m > 31 || n < 8 || n > 35    ? Spot{}
+                : m == 8 || m == 31 || n == 8 || n == 35 ? Spot{0, 0, 0}
+                                                         : Spot{bins, 0, 1};
+        };
+        EXPECT_EQ(verdict_on(noisy(drawn(e, 8, 240, whole), {10, 2, 1}, 3), e, plate), Verdict::pass) << bins;
+    }
+}
+
 // The statements of the notes.
 TEST(Notes, of_plates_and_webs_are_true) {
     const Extents e{40, 40, 9, 9};

@@ -117,6 +117,7 @@ TEST(FrameFaults, of_the_outline_count_for_the_forms_that_have_it) {
     const auto of_form = [](PartForm form, const std::function<void(FoundPart&)>& change) {
         return with([&](Case& c) {
             c.recipe.form = form;
+            c.part.deflecting = 0.5;
             change(c.part);
         });
     };
@@ -128,6 +129,10 @@ TEST(FrameFaults, of_the_outline_count_for_the_forms_that_have_it) {
     EXPECT_EQ(of_form(PartForm::tube, [](FoundPart& p) { p.deflecting = 0.249; }), hollow);
     EXPECT_EQ(of_form(PartForm::tube, [](FoundPart& p) { p.deflecting = 0.25; }), none);
     EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0; }), none);
+    EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0.75, p.at_border = 8; }), none);
+    EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0.751, p.at_border = 7; }), none);
+    EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0.751, p.at_border = 8; }), not_flat);
+    EXPECT_EQ(of_form(PartForm::tube, [](FoundPart& p) { p.deflecting = 1; }), none);
     EXPECT_EQ(with([](Case& c) {
                   c.recipe.symmetric_outline = false;
                   c.part.symmetry = c.part.convexity = 0;

@@ -100,12 +100,11 @@ TEST(Tube, is_no_part_where_free_light_lies_between_its_flanks) {
 TEST(Tube, is_no_part_where_an_empty_field_is_dark_at_two_sides) {
     const Extents e{45, 51, 9, 9};
     for (const int dark : {1, 2, 5, 12, 17}) {
-        for (const double x : {0.0, 0.4}) {
-            const Frame nest = noisy(drawn(e, 8, 240,
-                                           [&](int m, int) {
-                                               return m < dark || m >= e.m - dark ? Spot{0, 0, 0} : Spot{x, 0, 1};
-                                           }),
-                                     {10, 2, 1}, 3);
+        for (const double x : {0.0, 0.4}) {  // the light's place in its bins
+            const auto spot = [&](int m, int) {
+                return m < dark + 1 || m >= e.m - dark ? Spot{0, 0, 0} : Spot{x, 0, 1};
+            };
+            const Frame nest = noisy(drawn(e, 8, 240, spot), {10, 2, 1}, 3);
             const Judged found = judged_both_ways(nest, e, tube_recipe());
             EXPECT_EQ(found.verdict, Verdict::unfit) << dark << ", " << x;
             EXPECT_EQ(found.reason, Reason::no_part) << dark << ", " << x;

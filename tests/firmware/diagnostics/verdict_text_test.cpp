@@ -242,6 +242,9 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
          "[part] outline = \"any\" if it has this shape"},
         {part(FrameFault::no_flanks),
          "the edges of the tube show no flank on both sides: show it whole, or set [part] form if it is none"},
+        {unfit(Reason::no_part, {.fault = FrameFault::not_flat, .deflecting = 0.9F}),
+         "90 % of what the edges enclose deflects light, and the field cuts it: show the whole part, check the frame "
+         "(lost samples move all light behind them), or learn a reference (hordctl learn)"},
         {unfit(Reason::unexpected_geometry, {.period_x = 3, .period_y = 5}),
          "the light repeats every 3 x 5 samples, not every 9 x 9: give --macro 3x5; of the sensor's own lenslet frame "
          "give --grid with its calibration (hordctl calibrate), or calibrate again"},
