@@ -120,6 +120,7 @@ double FlawSizer::disc_radius(const FlawSize& size, double usual, double noise) 
 
 std::optional<FlawSize> FlawSizer::measure_gathered(const ComparedLight& seen, const PoseMap& pose) {
     if (ring_.size() < kMinRing) return std::nullopt;
+    lenslets_read_ += near_.size();
     shares_.clear();
     for (const std::uint32_t k : ring_) {
         if (const auto share = displaced_share(seen, pose, k)) shares_.push_back(*share);

@@ -41,6 +41,10 @@ class FlawSizer {
     // `reference` outlives it. Allocates all memory.
     explicit FlawSizer(const Reference& reference);
 
+    // What was read since start_frame(), lenslets: most of the time.
+    void start_frame() { lenslets_read_ = 0; }
+    [[nodiscard]] std::size_t lenslets_read() const { return lenslets_read_; }
+
     // `region`: indices of its lenslets. `is_defect(k)`: lenslet k belongs to a region. Empty if the light around the
     // region is not known, or no light is displaced.
     template <class IsDefect>
@@ -67,6 +71,7 @@ class FlawSizer {
     std::vector<std::uint8_t> distance_;      // of a lenslet from the region, while it is measured
     std::vector<std::uint32_t> near_, ring_;  // lenslets up to kRing from the region; those that are light around it
     std::vector<double> shares_;
+    std::size_t lenslets_read_ = 0;
 };
 
 }  // namespace hord::algo

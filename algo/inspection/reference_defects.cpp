@@ -215,11 +215,12 @@ Defect ReferenceDefects::describe(const Region& r, Reason& reason) const {
 // Place and size of the worst of found_, by the light. They are told only: no verdict depends on them.
 void ReferenceDefects::measure_worst(const ComparedLight& light, const PoseMap& pose) {
     std::ranges::fill(visited_, std::uint8_t{0});
+    sizer_.start_frame();
     std::size_t lenslets = 0;
     for (Found& found : std::span(found_).first(std::min(found_.size(), kMaxSized))) {
         if (found.defect.area > FlawSizer::kMaxLenslets) continue;
         lenslets += found.defect.area;
-        if (lenslets > kMaxSizedLenslets) return;
+        if (lenslets > kMaxSizedLenslets || sizer_.lenslets_read() > extents_.lenslets() / kSizedOf) return;
         const auto size = sizer_.measure(light, pose, take_lenslets(found.seed),
                                          [&](std::size_t k) { return severity_[k] >= grow_severity(); });
         if (!size) continue;

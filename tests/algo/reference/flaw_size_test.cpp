@@ -49,6 +49,21 @@ TEST(FlawSize, is_that_of_the_light_that_is_missing) {
     }
 }
 
+// Sizes are told only, so their time is limited: about 40 to 50 lenslets are read for a speck, and a quarter of the
+// field in all.
+TEST(FlawSize, is_measured_of_the_worst_flaws_until_a_quarter_of_the_field_was_read) {
+    const Judged judged = judge(seen(part(wobble(60),
+                                          [&](int m, int n, Spot& s) {
+                                              if (m % 6 == 2 && n % 6 == 0) s.light = 0;
+                                          }),
+                                     6));
+    ASSERT_GT(judged.defects.size(), 12U);
+    const auto measured = std::ranges::count_if(judged.defects, [](const Defect& d) { return d.radius > 0; });
+    EXPECT_GE(measured, 7);
+    EXPECT_LE(measured, 11);
+    EXPECT_EQ(judged.defects.back().radius, 0);
+}
+
 // All light of a disc goes to other bins.
 TEST(FlawSize, is_that_of_the_light_that_is_bent) {
     for (const double radius : {1.2, 2.0, 3.0}) {
