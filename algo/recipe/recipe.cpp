@@ -122,7 +122,17 @@ std::vector<std::string> notes(const Recipe& recipe) {
     if (recipe.form == PartForm::plate && recipe.part_required)
         messages.emplace_back(
             "a plate is found by its edges: one whose edges neither darken nor deflect light looks "
-            "like an empty field; for such plates write [part] present = \"unchecked\"");
+            "like an empty field (for such plates write [part] present = \"unchecked\"), and two dark lines across an "
+            "empty field look like a plate");
+    // Gradients of 15x15 bins are at most the diagonal, 14 * sqrt(2), along both axes.
+    constexpr float kLargestGradient = 28;
+    const bool any_gradient = (recipe.gradient == Feature::emd && recipe.emd_limit_bins < kLargestGradient) ||
+        (recipe.gradient && recipe.gradient != Feature::emd) ||
+        (recipe.slopes && recipe.frobenius_limit_bins < kLargestGradient);
+    if (alone && !any_gradient && (!recipe.light || recipe.transmission_limit <= 0))
+        messages.emplace_back(
+            "no defect can reach these limits, so every part passes: lower emd_bins or "
+            "frobenius_bins below 28, or set transmission above 0");
     constexpr std::uint32_t kSumOf9x9 = 81 * 255;
     if (recipe.min_sum_dn > kSumOf9x9)
         messages.push_back("min_sum_dn " + std::to_string(recipe.min_sum_dn) +
@@ -185,7 +195,8 @@ std::vector<std::string> problems(const Recipe& recipe, const Extents& extents) 
         check_zone(recipe.zones[k], k, recipe.lenslet_mm, messages);
         if (messages.size() == known && is_outside(recipe.zones[k], extents, recipe.lenslet_mm))
             messages.push_back("zone " + std::to_string(k + 1) + ": lies outside the field of " +
-                               std::to_string(extents.m) + "x" + std::to_string(extents.n) + " lenslets");
+                               std::to_string(extents.m) + "x" + std::to_string(extents.n) +
+                               " lenslets: move it into the field, or leave it out");
     }
     return messages;
 }

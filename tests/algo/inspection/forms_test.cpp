@@ -449,6 +449,24 @@ TEST(Notes, of_plates_and_webs_are_true) {
     EXPECT_TRUE(notes(Recipe{}).empty());
 }
 
+TEST(Notes, say_that_no_defect_can_reach_the_limits) {
+    Recipe recipe;
+    recipe.transmission_limit = 0;
+    EXPECT_TRUE(notes(recipe).empty());
+    recipe.emd_limit_bins = recipe.frobenius_limit_bins = 28;
+    ASSERT_EQ(notes(recipe).size(), 1U);
+    EXPECT_NE(notes(recipe)[0].find("every part passes"), std::string::npos);
+    recipe.frobenius_limit_bins = 27.9F;
+    EXPECT_TRUE(notes(recipe).empty());
+    recipe.slopes = false;
+    recipe.transmission_limit = 0.01F;
+    EXPECT_TRUE(notes(recipe).empty());
+    recipe.light = false;
+    EXPECT_EQ(notes(recipe).size(), 1U);
+    recipe.gradient = Feature::hellinger;
+    EXPECT_TRUE(notes(recipe).empty());
+}
+
 TEST(Notes, say_that_a_large_least_area_passes_defects_and_which_sum_no_lenslet_holds) {
     Recipe recipe;
     recipe.min_area = 16;

@@ -137,7 +137,7 @@ TEST(Zones, problems_name_a_zone_that_holds_no_lenslet_of_the_field) {
         recipe.zones = {zone};
         const auto lines = problems(recipe, kField);
         ASSERT_EQ(lines.size(), 1U);
-        EXPECT_EQ(lines[0], "zone 1: lies outside the field of 7x5 lenslets");
+        EXPECT_EQ(lines[0], "zone 1: lies outside the field of 7x5 lenslets: move it into the field, or leave it out");
     }
     for (const Zone& zone :
          {circle(Use::inspect, {9, 2}, 3), polygon(Use::ignore, {{6, 0}, {9, 0}, {9, 4}}), inside_mm}) {
