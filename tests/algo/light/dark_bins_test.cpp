@@ -41,6 +41,14 @@ TEST(DarkBins, are_the_pedestal_and_its_noise) {
     }
 }
 
+// A spot covers 4 x 4 bins, or fewer where there are fewer.
+TEST(DarkBins, are_all_but_those_of_one_spot) {
+    EXPECT_DOUBLE_EQ(share_of_dark_bins({30, 30, 9, 9}), 1 - 16.0 / 81);
+    EXPECT_DOUBLE_EQ(share_of_dark_bins({30, 30, 3, 15}), 1 - 12.0 / 45);
+    EXPECT_DOUBLE_EQ(share_of_dark_bins({30, 30, 15, 3}), 1 - 12.0 / 45);
+    EXPECT_DOUBLE_EQ(share_of_dark_bins({30, 30, 3, 3}), 0);
+}
+
 TEST(DarkBins, at_16_bits_are_as_at_8) {
     const DarkBins dark = measured(spots_on(5, 1, 2, 16));
     EXPECT_NEAR(dark.pedestal_dn / 257, 5, 0.2);
