@@ -590,7 +590,7 @@ class GenicamDevice final : public CameraDevice {
             missing      ? "packets of it did not come"
                 : larger ? "it has another size than was agreed"
                          : "its packets do not belong together",
-            missing && resends_ ? ", and not when they were asked for again" : "");
+            missing && resends_ ? ", although lost ones are asked for again" : "");
     }
 
     // Large packets that a switch drops: first and last packet of each frame come, and no samples.

@@ -89,10 +89,11 @@ TEST(Genicam, the_line_rejects_the_parts_whose_frames_a_network_damages_and_judg
         EXPECT_EQ(parts[k]["reason"] == "frame-corrupt", unfit) << parts[k];
         EXPECT_EQ(parts[k]["ejected"], parts[k]["verdict"] != "pass");
     }
-    EXPECT_EQ(damaged, 2) << said.err;
+    // More on a busy machine; all of them if no packet came again.
+    EXPECT_THAT(damaged, testing::AllOf(testing::Ge(2), testing::Le(4))) << said.err;
     EXPECT_THAT(said.err,
-                testing::ContainsRegex("a frame is damaged: packets of it did not come, and not when .*"
-                                       "4 frames complete, 2 incomplete"));
+                testing::ContainsRegex("a frame is damaged: packets of it did not come, although lost ones .*"
+                                       "[2-4] frames complete, [2-4] incomplete"));
 }
 
 TEST(Genicam, the_line_runs_with_the_light_on_the_cameras_own_output) {
