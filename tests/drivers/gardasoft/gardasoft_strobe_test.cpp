@@ -173,16 +173,19 @@ TEST_F(GardasoftStrobeTest, bytes_that_mean_nothing_are_an_answer_to_no_command)
     controller_->misbehave(Fault::garbage, "RS1");  // output 2 gets dark all the same
     EXPECT_FALSE(set_dark(options_));
     EXPECT_FALSE(controller_->continuous());
-    for (const char* command : {"GR", "TR"}) {
-        controller_->misbehave(Fault::none);
-        ear_ = {};
-        open_and_start();
-        controller_->misbehave(Fault::garbage, command);
-        ASSERT_TRUE(fire());
-        ASSERT_TRUE(until([&] { return !ear_.losses.empty() && !ear_.reports.empty(); }));
-        EXPECT_EQ(ear_.losses[0].code, ErrorCode::unreadable) << ear_.losses[0].message();
-        strobe_.reset();
-    }
+    controller_->misbehave(Fault::none);
+    open_and_start();
+    controller_->misbehave(Fault::garbage, "GR");
+    ASSERT_TRUE(until([&] { return !ear_.losses.empty(); }));
+    EXPECT_EQ(ear_.losses[0].code, ErrorCode::unreadable) << ear_.losses[0].message();
+    strobe_.reset();
+    controller_->misbehave(Fault::garbage, "TR");
+    ear_ = {};
+    open_and_start();
+    ASSERT_TRUE(fire());
+    ASSERT_TRUE(until([&] { return !ear_.losses.empty() && !ear_.reports.empty(); }))
+        << ear_.losses.size() << " losses, " << ear_.reports.size() << " reports";
+    EXPECT_EQ(ear_.losses[0].code, ErrorCode::unreadable) << ear_.losses[0].message();
     EXPECT_FALSE(ear_.reports[0].lit);  // nobody knows whether it was
 }
 
