@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <vector>
 
+#include <fmt/format.h>
+
 #include "firmware/diagnostics/verdict_text.h"
 #include "firmware/store/results/records.h"
 
@@ -10,6 +12,8 @@ namespace hord::firmware {
 namespace {
 
 using store::Json;
+
+constexpr int kSchema = 1;  // of the object
 
 struct Statistics {
     float min = 0, p50 = 0, p99 = 0, max = 0;
@@ -66,8 +70,15 @@ Json light_json(const algo::Inspection& found) {
 
 }  // namespace
 
+store::Json recipe_json(const NumberedRecipe& recipe) {
+    return {{"name", recipe.recipe.name},
+            {"number", recipe.number},
+            {"version", recipe.version},
+            {"crc32", fmt::format("{:08X}", crc32_of(recipe))}};
+}
+
 store::Json inspection_json(const algo::Inspection& found, const FeatureView& feature, double bin_rad,
-                            const algo::Recipe& recipe, const algo::Extents& extents) {
+                            const algo::Recipe& recipe, const store::Json& judged_by, const algo::Extents& extents) {
     Json defects = store::to_json(found.defects);
     for (std::size_t k = 0; k < found.defects.size(); ++k) {
         const algo::Defect& d = found.defects[k];
@@ -90,7 +101,10 @@ store::Json inspection_json(const algo::Inspection& found, const FeatureView& fe
             defect["area_mm2"] = static_cast<float>(d.area) * recipe.lenslet_mm * recipe.lenslet_mm;
         }
     }
-    Json json{{"verdict", name_of(found.verdict)},
+    Json json{{"schema", kSchema},
+              {"software", HORD_VERSION},
+              {"grid", {{"m", extents.m}, {"n", extents.n}, {"i", extents.i}, {"j", extents.j}}},
+              {"verdict", name_of(found.verdict)},
               {"reason", name_of(found.reason)},
               {"score", found.score},
               {"defects", defects},
@@ -104,7 +118,8 @@ store::Json inspection_json(const algo::Inspection& found, const FeatureView& fe
                  milliseconds(found.times.feature_ns + found.times.register_ns + found.times.compare_ns +
                               found.times.bound_ns)},
                 {"decide", milliseconds(found.times.decide_ns)},
-                {"total", milliseconds(found.times.total_ns)}}}};
+                {"total", milliseconds(found.times.total_ns)}}},
+              {"recipe", judged_by}};
     if (found.bounded) json["bounded"] = true;
     if (found.has_bounds && found.compares && feature.name == name_of(*found.compares))
         json["feature"]["bounds"] = true;

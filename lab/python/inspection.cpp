@@ -72,7 +72,8 @@ Map map_of(const firmware::FeatureView& view, const algo::Inspection& found, con
 class Inspector {
   public:
     Inspector(const py::object& recipe, const py::object& reference, int threads, const std::string& maps)
-        : recipe_(recipe_of(recipe)), threads_(threads), maps_(map_set_of(maps)) {
+        : recipe_(recipe_of(recipe)), judged_by_(firmware::recipe_json(recipe_)), threads_(threads),
+          maps_(map_set_of(maps)) {
         constexpr int kMax = algo::RowThreadPool::kMaxThreads;
         if (threads < 1 || threads > kMax)
             refuse(fmt::format("threads={} is not possible", threads), fmt::format("use 1 to {}", kMax));
@@ -111,7 +112,7 @@ class Inspector {
         out.bounded = found->bounded;
         out.sentence = firmware::explain(*found, recipe_.recipe, extents_);
         out.decided_by = deciding.name;
-        out.json = firmware::inspection_json(*found, deciding, field.bin_rad, recipe_.recipe, extents_);
+        out.json = firmware::inspection_json(*found, deciding, field.bin_rad, recipe_.recipe, judged_by_, extents_);
         const auto add = [&](std::string_view name) {
             if (const firmware::FeatureView* view = views.find(name); view != nullptr && !view->map.empty())
                 out.maps.insert_or_assign(std::string(name), map_of(*view, *found, extents_));
@@ -126,6 +127,7 @@ class Inspector {
 
   private:
     firmware::NumberedRecipe recipe_;
+    Json judged_by_;  // without a reference that was given beside the recipe
     int threads_;
     algo::MapSet maps_;
     std::mutex mutex_;
@@ -228,7 +230,9 @@ void add_inspection(py::module_& module) {
             "length, width, radius; x_mm, y_mm, area_mm2 and radius_mm if the recipe has lenslet_mm.")
         .def(
             "to_dict", [](const Inspection& i) { return to_python(i.json); },
-            "The object of hordctl inspect --json, without what it says of files (frame, recipe, calibration).")
+            "The object of hordctl inspect --json, without what it says of files: frame, grid_from, calibration and "
+            "the "
+            "recipe's file.")
         .def("__repr__", [](const Inspection& i) {
             return fmt::format("<hord.Inspection {} {} score {:.2f}>", i.verdict, i.reason, i.score);
         });

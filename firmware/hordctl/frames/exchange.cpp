@@ -80,6 +80,7 @@ class Exporter {
         reader_ = std::move(*reader);
         auto recipe = recipe_or_default(options_.recipe);
         if (!recipe) return tl::unexpected(recipe.error());
+        recipe_json_ = recipe_json(*recipe);
         recipe_ = std::move(recipe->recipe);
         if (!options_.reference.empty()) {
             auto reference = read_reference(options_.reference);
@@ -119,7 +120,7 @@ class Exporter {
         const fs::path stem = fs::path(options_.out) / fs::path(file).stem();
         if (options_.format == "hdf5") {
             const store::Json json =
-                inspection_json(*found, views.deciding(), reader_.bin_rad(), recipe_, read->extents);
+                inspection_json(*found, views.deciding(), reader_.bin_rad(), recipe_, recipe_json_, read->extents);
             const std::string to = stem.string() + ".h5";
             return write_one_file(to, *read, maps, file, json).map([&] { return contents(maps) + ": " + to; });
         }
@@ -243,6 +244,7 @@ class Exporter {
     const ExportOptions& options_;
     FrameReader reader_;
     algo::Recipe recipe_;
+    store::Json recipe_json_;
 };
 
 Exit run_export(const ExportOptions& options) {

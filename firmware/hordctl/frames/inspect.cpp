@@ -39,8 +39,6 @@ struct InspectOptions {
     bool json = false;
 };
 
-constexpr int kJsonSchema = 1;  // of the object of --json
-
 std::string known_features() {
     return fmt::format("{}, {}, {}, {}; the distances also as reference-NAME", fmt::join(algo::kFeatureNames, ", "),
                        fmt::join(algo::kOpticalNames, ", "), kZScore, kSums);
@@ -62,11 +60,10 @@ Json calibration_json(const std::optional<CalibrationInUse>& used) {
 }
 
 Json to_json(const std::string& frame, const MacroPixelFrame& read, const Json& inspection) {
-    const algo::Extents& extents = read.extents;
-    Json json{{"schema", kJsonSchema},
-              {"software", HORD_VERSION},
+    Json json{{"schema", inspection["schema"]},
+              {"software", inspection["software"]},
               {"frame", frame},
-              {"grid", {{"m", extents.m}, {"n", extents.n}, {"i", extents.i}, {"j", extents.j}}},
+              {"grid", inspection["grid"]},
               {"grid_from", name_of(read.geometry_from)}};
     json.update(inspection);
     return json;
@@ -135,11 +132,8 @@ class Inspector {
         }
         auto recipe = recipe_or_default(options_.recipe);
         if (!recipe) return tl::unexpected(recipe.error());
-        recipe_json_ = {{"file", options_.recipe.empty() ? Json() : Json(options_.recipe)},
-                        {"name", recipe->recipe.name},
-                        {"number", recipe->number},
-                        {"version", recipe->version},
-                        {"crc32", fmt::format("{:08X}", crc32_of(*recipe))}};
+        recipe_json_ = {{"file", options_.recipe.empty() ? Json() : Json(options_.recipe)}};
+        recipe_json_.update(recipe_json(*recipe));
         recipe_ = std::move(recipe->recipe);
         if (learned_) recipe_.reference = learned_;
         if (auto done = choose_feature(); !done) return done;
@@ -171,9 +165,9 @@ class Inspector {
         const FeatureViews views(*found, recipe_, extents_);
         auto feature = view(frame.view(), *found, views);
         if (!feature) return tl::unexpected(about(file, feature.error()));
-        Json json = to_json(file, *read, inspection_json(*found, *feature, reader_.bin_rad(), recipe_, read->extents));
+        Json json = to_json(file, *read,
+                            inspection_json(*found, *feature, reader_.bin_rad(), recipe_, recipe_json_, read->extents));
         json["explain"] = json["explain"].get<std::string>() + bits_hint(*read, *found);
-        json["recipe"] = recipe_json_;
         json["calibration"] = calibration_json(reader_.calibration());
         if (options_.json) fmt::print("{}\n", store::to_text(json));
         else print_for_people(file, *read, *found, recipe_);
