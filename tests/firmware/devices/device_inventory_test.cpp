@@ -4,8 +4,11 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/inotify.h>
+#include <unistd.h>
 
 #include "common/tcp_listener.h"
+#include "common/unique_fd.h"
 #include "drivers/event_loop/event_loop_sd.h"
 #include "drivers/libcamera/libcamera_request.h"
 #include "firmware/config/config.h"
@@ -96,7 +99,11 @@ TEST_F(Inventory, lists_serial_ports_that_exist_by_their_lasting_names_with_who_
     fs::create_symlink("../../ttyUSB0", root_.path() / "dev/serial/by-id/usb-FTDI_RS485");
     process("812", "hordd");
     fs::create_symlink(root_.path() / "dev/ttyS0", root_.path() / "proc/812/fd/7");
+    const common::UniqueFd opened(::inotify_init1(IN_NONBLOCK | IN_CLOEXEC));
+    ASSERT_GE(::inotify_add_watch(opened.get(), (root_.path() / "dev/ttyS0").c_str(), IN_OPEN), 0);
     const auto ports = section("serial").items;
+    char event[1024];
+    EXPECT_LT(::read(opened.get(), event, sizeof event), 0) << "a port is opened: that moves its control lines";
     ASSERT_EQ(ports.size(), 3U);
     EXPECT_EQ(ports[0].name, root_.path() / "dev/ttyS0");
     EXPECT_EQ(ports[0].holder, "hordd (process 812)");
