@@ -79,7 +79,7 @@ class TomlTable {
     void texts(std::string_view key, std::vector<std::string>& values);
 
     // One of the given names, as an index into them; in the second form also as the enumerator or bool of that number.
-    // Another name is a problem, with the most similar one.
+    // Any other name adds a problem that suggests the most similar of the given names.
     [[nodiscard]] std::optional<std::size_t> choice(std::string_view key, std::span<const std::string_view> names);
     template <class Value>
     void choice(std::string_view key, std::initializer_list<std::string_view> names, Value& value) {
@@ -94,11 +94,11 @@ class TomlTable {
     // Adds a problem at the line of `key` (of the table, where the key is absent): for checks across keys. Adds nothing
     // when misread(): it may follow from that.
     void problem(std::string_view key, std::string_view what, std::string_view cure);
-    // A choice of this table, or of one that it is in, was none of the names.
+    // A choice() of this table, or of a table that contains it, found none of the given names.
     [[nodiscard]] bool misread() const;
 
     // Adds a problem, with the most similar known key, for every key of this table and its sub-tables that was not
-    // read. Where there is such a key, those of problem() are removed: they may follow from it.
+    // read. If there is such a key, the problems that problem() added are removed: they may follow from it.
     void refuse_unknown_keys();
 
   private:

@@ -41,7 +41,7 @@ class FlawSizer {
     // `reference` outlives it. Allocates all memory.
     explicit FlawSizer(const Reference& reference);
 
-    // What was read since start_frame(), lenslets: most of the time.
+    // Lenslets read by measure() since start_frame(): a measure of its cost, because reading takes most of the time.
     void start_frame() { lenslets_read_ = 0; }
     [[nodiscard]] std::size_t lenslets_read() const { return lenslets_read_; }
 

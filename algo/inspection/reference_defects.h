@@ -41,7 +41,7 @@ class ReferenceDefects {
   public:
     // Place and size of the worst defects are measured by the light, up to these limits: about 5 ms.
     static constexpr std::size_t kMaxSized = 32, kMaxSizedLenslets = 1000;  // defects; lenslets of their regions
-    static constexpr std::size_t kSizedOf = 4;  // the next one is measured if less than 1/4 of the field was read
+    static constexpr std::size_t kSizedOf = 4;  // the next is measured if less than 1/kSizedOf of the field was read
 
     // Allocates all memory, for up to a thousand defects; find() allocates for more.
     ReferenceDefects(const Extents& extents, const Recipe& recipe);

@@ -50,8 +50,8 @@ struct FoundPart {
     // Lenslets of the part, with what it encloses, over those of its convex hull: 1 for a disc or a rectangle.
     double convexity = 0;
     // Share of the lenslets inside the part, its rim left out, that deflect light by more than kFreeToleranceBins from
-    // the free light or are dark; 1 if nothing is left or there is no part. Of a tube around which no free light is
-    // seen: from the median of what is inside.
+    // the free light or are dark; 1 if nothing is left or there is no part. If no free light is seen around a tube, its
+    // place is taken by the median of the lenslets inside.
     double deflecting = 1;
     std::span<const std::uint8_t> state = {};  // one a lenslet, valid until the next mark()
 

@@ -23,7 +23,7 @@ namespace hord::firmware {
 struct SimulationOptions {
     std::uint64_t seed = 1;
     std::uint64_t parts = 0;      // 0: no end; recorded frames: one for each frame
-    double parts_per_second = 0;  // 0: ten, or fewer, that follow each other at twice the configured gap
+    double parts_per_second = 0;  // 0: one part each two configured minimum gaps, at most 10
     double good_share = 0.7;
     int variety = 4;                       // different parts of each kind, rendered at the start
     bool all_defects = false;              // all kinds of hal_sim/cell/production.h, else its kLightTakers

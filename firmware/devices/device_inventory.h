@@ -45,8 +45,8 @@ InventoryItem describe_chip(const drivers::ListedChip& chip, bool shared_label);
 // Of a camera of sensor.backend "v4l2", "libcamera" or "genicam".
 InventoryItem describe_camera(const hal::ListedCamera& camera, const std::string& backend);
 
-// Makes one file of the lines of all items: where several set a table, those of all but one become comments that name
-// the one. That is the first item of the last such section.
+// Makes the lines of all items one valid file. Where several items set the same table, one item keeps its lines: the
+// first item of the last section that sets it. The lines of the others become comments that name that item.
 void make_one_file(std::vector<InventorySection>& sections);
 
 // Blocks for the time that cameras and the module need to answer, a few seconds.

@@ -63,8 +63,8 @@ struct PicturePoint {
 };
 PicturePoint point_in_picture(const algo::Extents& extents, float m, float n);
 
-// The pixels that circle and label of defect `k` (below kMaxMarked) take in such a picture. It may reach beyond its
-// edges.
+// The box around circle and label of defect `k` (below kMaxMarked) in such a picture, pixels. The box may reach beyond
+// the edges of the picture.
 struct PictureBox {
     int x = 0, y = 0, width = 0, height = 0;
 };

@@ -1,5 +1,5 @@
-// By how much a frame or a light missed the time at which its part was exposed, and a part its distance from the one
-// ahead, as a sentence with the key to change.
+// A sentence with the key to change: by how much a frame or a light missed the time at which its part was exposed, or
+// by how much a part came too close to the one ahead.
 // The core decides on the part; this is for the person who reads the journal.
 #pragma once
 

@@ -50,7 +50,7 @@ class StrobeController {
     [[nodiscard]] const std::string& device() const { return device_; }
 
     // Any thread, all of them.
-    void misbehave(Fault fault, std::string command = {});  // at this command alone ("GR"); empty: at all
+    void misbehave(Fault fault, std::string command = {});  // at this command only ("GR"); empty: at every one
     void power_cycle();  // closes the connection; its saved settings: every output at 50 percent, continuous
     void plug(bool in);  // the network cable (TCP alone): out, it listens no more
     void turn_knob(int output, double percent);  // at its front panel

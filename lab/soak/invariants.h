@@ -119,7 +119,7 @@ class Invariants {
         double slipped_mm = 0;  // lost by the encoder since its arrival
         bool bad = false;
         bool invisible = false;    // the sensor gave no edge for it
-        bool station_ran = false;  // it executed when the part came
+        bool station_ran = false;  // the station executed when the part came
         bool delivered = false;    // the station received its edge
         bool commanded = false;    // the station commanded its rejection
         bool stuck = false;        // the valve acknowledged and did not move
