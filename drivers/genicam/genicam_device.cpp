@@ -576,7 +576,8 @@ class GenicamDevice final : public CameraDevice {
         // Triggered: a frame has a trigger, so the latest time is right: none is taken for one that began before.
         // Running free: the earliest, so that no frame that began before the trigger is taken.
         frame.stamp = std::min(triggered ? clock_.latest(stamp) : clock_.earliest(stamp), arrival);
-        frame.stamp_of_start = triggered || clock_.error();
+        frame.stamp_error_known = clock_.error().has_value();
+        frame.stamp_of_start = triggered || frame.stamp_error_known;
         return frame;
     }
 

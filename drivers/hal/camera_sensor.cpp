@@ -36,6 +36,10 @@ Result<void> CameraSensor::begin(std::shared_ptr<CameraStream> stream, int fd, L
     lost_ = false;
     waiting_.clear();
     commanded_.reset();
+    commands_ = 0;
+    last_match_.reset();
+    given_up_ = false;
+    unproven_ = 0;
     untriggered_ = 0;
     const std::scoped_lock lock(mutex_);
     ++generation_;
@@ -92,6 +96,8 @@ Result<void> CameraSensor::begin_command(std::uint32_t exposure) {
                     "leave more time between parts, or look why frames take so long");
     }
     waiting_.erase(waiting_.begin(), its == waiting_.end() ? waiting_.begin() : its);
+    given_up_ = given_up_ || commanded_;
+    ++commands_;
     commanded_ = Commanded{exposure, loop_.now()};
     return {};
 }
@@ -104,11 +110,23 @@ CameraSensor::Match CameraSensor::match(const CameraFrame& frame) {
         if (!commanded_) return {waiting_.end()};
         const auto its = std::ranges::find(waiting_, commanded_->exposure, &hal::ExposureRequest::exposure);
         if ((its == waiting_.end() ? frame.stamp : began(*its)) < commanded_->at) return {waiting_.end()};
+        if (!answers_open_command(frame)) {
+            ++unproven_;
+            return {waiting_.end()};
+        }
+        last_match_ = Matched{frame.sequence, commands_};
+        given_up_ = false;
+        unproven_ = 0;
         return {its, std::exchange(commanded_, std::nullopt)->exposure};
     }
     while (waiting_.size() > 1 && began(waiting_[1]) >= waiting_[1].start) waiting_.erase(waiting_.begin());
     const bool triggered = !waiting_.empty() && began(waiting_.front()) >= waiting_.front().start;
     return {triggered ? waiting_.begin() : waiting_.end()};
+}
+
+bool CameraSensor::answers_open_command(const CameraFrame& frame) const {
+    if (!given_up_ || frame.stamp_error_known) return true;
+    return last_match_ && frame.sequence - last_match_->sequence == commands_ - last_match_->commands;
 }
 
 void CameraSensor::deliver(const CameraFrame& frame) {
@@ -135,10 +153,18 @@ void CameraSensor::deliver(const CameraFrame& frame) {
         .exposure_start = frame.stamp_of_start || !triggered ? frame.stamp : frame.stamp - its.trigger->length,
         .bytes_used = frame.bytes_used,
         .corrupt = frame.corrupt,
-        .exposure = its.exposure};
+        .exposure = its.exposure,
+        .nobodys = triggers_ == CameraTriggers::command && its.exposure == 0};
     if (triggered) waiting_.erase(its.trigger);
     const FrameView view = view_of(*stream, frame.buffer, info.bytes_used);
     listener_->on_frame(hal::FrameLease(*this, slot, view, info));
+    if (is_running() && unproven_ >= kMaxUnproven) {
+        lose(name_ + ": its last " + std::to_string(unproven_) +
+                 " frames do not show which trigger made them, since one brought no frame within " +
+                 std::to_string(kPatience / std::chrono::milliseconds(1)) + " ms",
+             "look why its frames come so late, or why it ignores triggers (exposure and transfer longer than the "
+             "distance between parts); stop it and start it again");
+    }
 }
 
 // The camera's own buffer, or the unpacked samples and their size in `bytes_used`.

@@ -11,7 +11,10 @@
 //   command  the station commands each exposure, one at a time: the next command is given when the frame of the last
 //   one
 //            has come, or after kPatience. So a frame answers the command that is open, however late the camera obeyed;
-//            one that began before the command was given is delivered as nobody's.
+//            one that began before the command was given is delivered as nobody's. After a command that was given up,
+//            its frame may still come. Then a time stamp of an unknown error proves nothing: a frame is the open
+//            command's only if its number is that of the last frame that was matched plus the commands since then (one
+//            command makes one frame). Else it is nobody's; kMaxUnproven such frames in a row are a loss.
 // A frame says whose exposure it answers where a command made it (FrameInfo::exposure).
 #pragma once
 
@@ -40,6 +43,7 @@ struct CameraFrame {
     bool stamp_of_start = false;  // time stamps are of the exposure's start; else of its end
     std::size_t bytes_used = 0;
     bool corrupt = false;
+    bool stamp_error_known = false;  // the camera's clock was read; else the stamp may be late by any time
 };
 
 // One start() to its stop(). Leases keep it alive.
@@ -56,6 +60,7 @@ class CameraSensor : public hal::Sensor {
   public:
     static constexpr int kMinBuffers = 2, kMaxBuffers = 32;
     static constexpr hal::Duration kPatience = std::chrono::seconds(1);  // for the frame of a command
+    static constexpr int kMaxUnproven = 3;
 
     [[nodiscard]] hal::SensorFormat format() const final { return format_; }
 
@@ -101,6 +106,7 @@ class CameraSensor : public hal::Sensor {
         std::uint32_t exposure = 0;                           // FrameInfo::exposure
     };
     Match match(const CameraFrame& frame);
+    [[nodiscard]] bool answers_open_command(const CameraFrame& frame) const;
 
     Listener* listener_ = nullptr;
     bool lost_ = false;
@@ -112,7 +118,14 @@ class CameraSensor : public hal::Sensor {
         hal::TimePoint at;
     };
     std::optional<Commanded> commanded_;  // its frame has not come
-    hal::TimePoint last_delivery_{};      // of a frame, with a trigger or without
+    std::uint32_t commands_ = 0;          // since start
+    struct Matched {
+        std::uint32_t sequence = 0, commands = 0;  // of the frame; commands_ when it came
+    };
+    std::optional<Matched> last_match_;
+    bool given_up_ = false;           // a command since the last match
+    int unproven_ = 0;                // frames since the last match
+    hal::TimePoint last_delivery_{};  // of a frame, with a trigger or without
 
     // A lease's slot is generation * kMaxBuffers + buffer: a lease of an earlier stream is returned to that stream.
     std::mutex mutex_;

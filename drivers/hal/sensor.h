@@ -31,6 +31,7 @@ struct FrameInfo {
     std::size_t bytes_used = 0;  // fewer than the format needs: a short frame
     bool corrupt = false;        // the device flagged an error
     std::uint32_t exposure = 0;  // ExposureRequest::exposure whose trigger made it; 0: the device cannot tell
+    bool nobodys = false;        // commands alone make frames, and nothing proves that an open one made this frame
 };
 
 class Sensor;

@@ -43,9 +43,9 @@ void Core::on(const FrameArrived& event) {
         last_frame_ = event.info.sequence;
     }
     Part* part = repeated ? nullptr : owner_of(event.info);
-    if (part == nullptr || !part->frame_due) {
+    if (part == nullptr || !part->frame_due || event.info.nobodys) {
         actions_->push(ReleaseFrame{event.frame});
-        if (part != nullptr) decide(*part, PartVerdict::unfit, PartReason::frame_duplicate);
+        if (part != nullptr && !part->frame_due) decide(*part, PartVerdict::unfit, PartReason::frame_duplicate);
         if (!repeated && event.info.exposure != 0)
             return refused(event.info.exposure, &Part::frame_due, PartReason::frame_stale);
         return note_stray_frame(repeated ? PartReason::frame_duplicate : PartReason::frame_stale);

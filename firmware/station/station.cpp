@@ -259,7 +259,7 @@ void Station::test_lit(const hal::StrobeReport& report) {
 bool Station::test_frame(hal::FrameLease& frame) {
     const CoreConfig& config = core_.config();
     const hal::FrameInfo& info = frame.info();
-    if (!test_ || !test_->frame_due || (info.exposure != 0 && info.exposure != kTestPart) ||
+    if (!test_ || !test_->frame_due || info.nobodys || (info.exposure != 0 && info.exposure != kTestPart) ||
         !near(frame.info().exposure_start - TimePoint{}, test_->exposure_start - TimePoint{}, config.frame_window)) {
         return false;
     }

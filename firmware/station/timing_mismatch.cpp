@@ -32,13 +32,20 @@ std::optional<Error> mismatch_of(const hal::FrameInfo& frame, const Line& line, 
         return one.frame_due && (frame.exposure == 0 || frame.exposure == one.number());
     });
     if (part == nullptr) return std::nullopt;
-    for (std::uint32_t k = 0; frame.exposure == 0 && k < line.size(); ++k) {
+    for (std::uint32_t k = 0; frame.exposure == 0 && !frame.nobodys && k < line.size(); ++k) {
         if (line[k].exposed && !outside(frame.exposure_start - line[k].exposure_start, config.frame_window))
             return std::nullopt;
     }
     const Duration off = frame.exposure_start - part->exposure_start;
-    if (!outside(off, config.frame_window)) return std::nullopt;
     const std::string number = std::to_string(part->number());
+    if (frame.nobodys && !outside(off, config.frame_window)) {
+        return Error{ErrorCode::timeout,
+                     "a frame came while part " + number +
+                         " waits for its own, and nothing proves that the trigger of this part made it",
+                     "look why frames come late: a trigger before brought none in time, or this frame was exposed "
+                     "before its trigger was sent"};
+    }
+    if (!outside(off, config.frame_window)) return std::nullopt;
     return Error{
         ErrorCode::timeout,
         (frame.exposure != 0 ? "the frame of part " + number + " was exposed " + ms(off) + side(off) + "its trigger"

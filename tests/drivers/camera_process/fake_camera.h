@@ -145,6 +145,7 @@ class FakeCameraPort final : public CameraPort {
             frame.stamp_of_start = camera_->tells_start;
             frame.bytes_used = bytes[buffer].size() - camera_->short_by;
             frame.corrupt = camera_->corrupt;
+            frame.stamp_error_known = true;
             lock.unlock();
             listener.on_camera_frame(frame);
             lock.lock();

@@ -168,6 +168,23 @@ TEST_F(Genicam, a_late_frame_answers_the_trigger_that_made_it) {
     EXPECT_GT(late, 0);
 }
 
+// Every frame is longer on its way than the next command waits; its time stamp is as late, for all that the station
+// knows.
+TEST_F(Genicam, whose_clock_is_unknown_gives_a_frame_that_is_too_late_to_nobody) {
+    const FakeGige camera({"127.0.0.1", "S1", "latch=no", "delay=1300"});
+    start(software());
+    ear_.commands = false;
+    const auto command = [&](std::uint32_t exposure) {
+        EXPECT_TRUE(sensor_->trigger({.exposure = exposure, .start = loop_->now(), .length = 1ms}));
+    };
+    command(1);
+    run_until([] { return false; }, CameraSensor::kPatience + 50ms);
+    ASSERT_TRUE(ear_.frames.empty());
+    command(2);
+    ASSERT_TRUE(run_until([&] { return !ear_.frames.empty(); }));
+    EXPECT_TRUE(ear_.frames[0].info().nobodys) << "exposure " << ear_.frames[0].info().exposure;
+}
+
 // Larger than net.core.rmem_default: the socket must have its buffer before the first packet.
 TEST_F(Genicam, the_first_frame_after_a_start_is_whole) {
     int rmem_max = 0;

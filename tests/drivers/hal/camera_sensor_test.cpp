@@ -135,17 +135,33 @@ class TriggeredCamera : public ::testing::Test, public hal::SensorListener {
     lab::VirtualTime loop;
     std::optional<TestCamera> camera;
     std::vector<hal::FrameInfo> frames;
+    std::vector<Error> lost;  // those that a test does not take out fail it
     std::uint32_t sequence = 0;
 
     void on_frame(hal::FrameLease frame) override { frames.push_back(frame.info()); }
-    void on_sensor_lost(const Error&) override { ADD_FAILURE(); }
+    void on_sensor_lost(const Error& error) override { lost.push_back(error); }
+    void TearDown() override {
+        for (const Error& error : lost) ADD_FAILURE() << error.message();
+    }
 
     void start(CameraTriggers triggers) {
         camera.emplace(loop, triggers);
         ASSERT_TRUE(camera->start(*this));
     }
     Result<void> trigger(std::uint32_t exposure) { return camera->trigger({exposure, loop.now(), 1ms}); }
-    void frame() { camera->deliver({0, ++sequence, loop.now(), true, 8, false}); }
+    void frame(bool stamp_error_known = true) {
+        camera->deliver({0, ++sequence, loop.now(), true, 8, false, stamp_error_known});
+    }
+    void command(std::uint32_t exposure) {
+        ASSERT_TRUE(trigger(exposure));
+        ASSERT_TRUE(camera->begin_command(exposure));
+    }
+    // A frame that comes now from a camera whose clock cannot be read. Returns whose it is; 0: nobody's.
+    std::uint32_t whose() {
+        frame(false);
+        EXPECT_EQ(frames.back().nobodys, frames.back().exposure == 0);
+        return frames.back().exposure;
+    }
 };
 
 TEST_F(TriggeredCamera, a_late_frame_uses_up_its_command_and_is_not_the_next_ones) {
@@ -199,9 +215,55 @@ TEST_F(TriggeredCamera, a_frame_from_before_the_command_is_delivered_as_nobodys)
     frame();
     frame();
     ASSERT_EQ(frames.size(), 4U);
-    for (const int nobodys : {0, 1, 3}) EXPECT_EQ(frames[static_cast<std::size_t>(nobodys)].exposure, 0U) << nobodys;
+    for (const int nobodys : {0, 1, 3}) EXPECT_TRUE(frames[static_cast<std::size_t>(nobodys)].nobodys) << nobodys;
     EXPECT_EQ(frames[2].exposure, 1U);
+    EXPECT_FALSE(frames[2].nobodys);
     EXPECT_THAT(camera->stream->queued, ElementsAre(0, 0, 0, 0));
+}
+
+// Its time stamp is that of its arrival, so it looks as if it were the open command's.
+TEST_F(TriggeredCamera, whose_clock_is_unknown_gives_the_frame_of_a_command_that_was_given_up_to_nobody) {
+    start(CameraTriggers::command);
+    command(1);
+    EXPECT_EQ(whose(), 1U);
+    command(2);
+    loop.run_for(1s);
+    command(3);
+    loop.run_for(400ms);
+    EXPECT_EQ(whose(), 0U) << "the frame of command 2";
+    EXPECT_EQ(whose(), 3U);
+    command(4);
+    ++sequence;  // the frame is lost on its way
+    loop.run_for(1s);
+    command(5);
+    EXPECT_EQ(whose(), 5U);
+    command(6);
+    EXPECT_EQ(whose(), 6U);
+}
+
+TEST_F(TriggeredCamera, whose_frames_cannot_be_proven_any_more_is_lost_and_begins_anew_at_the_next_start) {
+    for (const bool first : {true, false}) {
+        start(CameraTriggers::command);
+        if (!first) {
+            command(1);
+            EXPECT_EQ(whose(), 1U);
+        }
+        command(2);  // ignored, or always late: both look the same
+        for (std::uint32_t k = 0; k < CameraSensor::kMaxUnproven; ++k) {
+            loop.run_for(1s);
+            ASSERT_THAT(lost, IsEmpty());
+            command(3 + k);
+            EXPECT_EQ(whose(), 0U) << k;
+        }
+        loop.run_for(1ms);
+        ASSERT_EQ(lost.size(), 1U);
+        EXPECT_THAT(lost[0].message(), HasSubstr("do not show which trigger made them"));
+        lost.clear();
+        camera->stop();
+        ASSERT_TRUE(camera->start(*this));
+        command(9);
+        EXPECT_EQ(whose(), 9U);
+    }
 }
 
 TEST_F(TriggeredCamera, a_second_frame_of_a_wires_pulse_is_delivered_as_nobodys) {
@@ -210,6 +272,7 @@ TEST_F(TriggeredCamera, a_second_frame_of_a_wires_pulse_is_delivered_as_nobodys)
     frame();
     frame();
     ASSERT_EQ(frames.size(), 2U);
+    EXPECT_FALSE(frames[1].nobodys) << "its time stamp says whose it is";
     EXPECT_EQ(frames[1].sequence, frames[0].sequence + 1);
 }
 

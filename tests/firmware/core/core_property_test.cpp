@@ -118,6 +118,7 @@ class Shadow {
                 if (chance(3)) f.info.bytes_used = 999;
                 if (chance(3)) f.info.corrupt = true;
                 if (chance(40)) f.info.exposure = chance(90) ? part : any_part();
+                else f.info.nobodys = chance(5);
                 return f;
             }
             case 9:
@@ -253,6 +254,7 @@ class Shadow {
             EXPECT_LE(abs(frame->info.exposure_start - p.exposure_start), config_.frame_window);
             EXPECT_GE(frame->info.exposure_start, p.asked_at);
             EXPECT_TRUE(frame->info.exposure == 0 || frame->info.exposure == inspect->part);
+            EXPECT_FALSE(frame->info.nobodys);
             p.own_frame = true;
             EXPECT_FALSE(std::exchange(frame_given_back, true));
         } else if (const auto* release = std::get_if<ReleaseFrame>(&action)) {

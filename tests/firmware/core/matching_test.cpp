@@ -387,6 +387,29 @@ TEST_F(Running, a_frame_of_an_exposure_that_was_refused_is_nobodys) {
     expect_fail_safe(second, PartReason::frame_stale);
 }
 
+// As if it were the part's own, by its time stamp.
+TEST_F(Running, a_frame_that_is_said_to_be_nobodys_is_not_judged_and_the_own_frame_still_counts) {
+    const auto part = rig.part_arrives();
+    rig.advance(milliseconds(10));
+    rig.light_comes(part);
+    const hal::FrameInfo nobodys{
+        .sequence = 1, .exposure_start = rig.exposure_of(part).start, .bytes_used = 1000, .nobodys = true};
+    rig.send(FrameArrived{77, nobodys});
+    EXPECT_EQ(rig.released.size(), 1U);
+    EXPECT_TRUE(rig.inspections.empty());
+    hal::FrameInfo own = nobodys;
+    own.sequence = 2;
+    own.exposure = part;
+    own.nobodys = false;
+    rig.send(FrameArrived{78, own});
+    ASSERT_EQ(rig.inspections.size(), 1U);
+    EXPECT_EQ(rig.inspections[0].frame, 78U);
+    hal::FrameInfo again = nobodys;
+    again.sequence = 3;
+    rig.send(FrameArrived{79, again});
+    expect_fail_safe(part, PartReason::frame_duplicate);
+}
+
 TEST_F(Running, a_refused_strobe_rejects) {
     const auto part = rig.part_arrives();
     rig.send(StrobeRefused{part});
