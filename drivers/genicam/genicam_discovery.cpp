@@ -4,6 +4,7 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <optional>
 #include <vector>
 
 #include <arpa/inet.h>
@@ -17,58 +18,50 @@
 namespace hord::drivers {
 namespace {
 
-constexpr int kAnswerWithinMs = 200;
+constexpr int kAnswerWithinMs = 200, kTries = 3;
 constexpr const char* kOther = "another program";
 
-// Bytes of a GigE camera's bootstrap registers (GigE Vision), by one READMEM_CMD that needs no control. `address` and
-// `count` are multiples of 4; at most 48 bytes. Empty: no answer.
-std::string read_bootstrap(const std::string& camera, std::uint16_t address, std::uint8_t count) {
-    constexpr std::size_t kHeader = 12;
-    const std::array<std::uint8_t, 16> ask{0x42,
-                                           0x01,
-                                           0x00,
-                                           0x84,
-                                           0,
-                                           8,
-                                           0x48,
-                                           0x4F,
-                                           0,
-                                           0,
-                                           static_cast<std::uint8_t>(address >> 8U),
-                                           static_cast<std::uint8_t>(address & 0xFFU),
-                                           0,
-                                           0,
-                                           0,
-                                           count};
+// The data of a GigE camera's answer to a command (GigE Vision) that needs no control. None: no answer came.
+std::optional<std::string> ask(const std::string& camera, std::uint8_t command, const std::string& data = {}) {
+    constexpr std::size_t kHeader = 8;
+    const std::string id = "HO";
+    const std::string wanted = {0, 0, 0, static_cast<char>(command + 1)};  // status 0, the command's acknowledgement
+    const std::string request =
+        std::string({0x42, 0x01, 0, static_cast<char>(command), 0, static_cast<char>(data.size())}) + id + data;
     const common::UniqueFd socket(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
     sockaddr_in to{};
     to.sin_family = AF_INET;
     to.sin_port = htons(3956);
     if (!socket || ::inet_pton(AF_INET, camera.c_str(), &to.sin_addr) != 1 ||
-        ::connect(socket.get(), reinterpret_cast<const sockaddr*>(&to), sizeof to) != 0 ||
-        ::send(socket.get(), ask.data(), ask.size(), MSG_NOSIGNAL) < 0)
-        return {};
-    pollfd ready{socket.get(), POLLIN, 0};
-    std::array<char, 64> answer{};
-    if (::poll(&ready, 1, kAnswerWithinMs) != 1) return {};
-    const ssize_t got = ::recv(socket.get(), answer.data(), answer.size() - 1, 0);
-    // Status 0, READMEM_ACK, and the id of the request.
-    if (got < static_cast<ssize_t>(kHeader + count) || std::memcmp(answer.data(), "\0\0\0\x85", 4) != 0 ||
-        std::memcmp(answer.data() + 6, ask.data() + 6, 2) != 0)
-        return {};
-    return std::string(answer.data() + kHeader, count);
+        ::connect(socket.get(), reinterpret_cast<const sockaddr*>(&to), sizeof to) != 0)
+        return std::nullopt;
+    for (int k = 0; k < kTries; ++k) {
+        pollfd ready{socket.get(), POLLIN, 0};
+        std::array<char, 576> answer{};
+        if (::send(socket.get(), request.data(), request.size(), MSG_NOSIGNAL) < 0) return std::nullopt;
+        if (::poll(&ready, 1, kAnswerWithinMs) != 1) continue;
+        const ssize_t got = ::recv(socket.get(), answer.data(), answer.size(), 0);
+        if (got < static_cast<ssize_t>(kHeader)) continue;
+        const std::string text(answer.data(), static_cast<std::size_t>(got));
+        if (text.starts_with(wanted) && text.compare(6, 2, id) == 0) return text.substr(kHeader);
+    }
+    return std::nullopt;
 }
 
-// Aravis opens cameras by this name but does not list it. Empty: none, or no answer.
-std::string user_defined_name(const std::string& address) {
-    const std::string bytes = read_bootstrap(address, 0x00E8, 16);
-    return bytes.substr(0, bytes.find('\0'));
+// Aravis opens cameras by this name but does not list it. From the answer that Aravis has it from, to DISCOVERY_CMD.
+// None: no answer.
+std::optional<std::string> user_defined_name(const std::string& address) {
+    constexpr std::size_t kAt = 0xE8, kBytes = 16;
+    const auto answer = ask(address, 0x02);
+    if (!answer || answer->size() < kAt + kBytes) return std::nullopt;
+    const std::string name = answer->substr(kAt, kBytes);
+    return name.substr(0, name.find('\0'));
 }
 
 // The control channel privilege register: a program controls the camera.
 bool is_controlled(const std::string& address) {
-    const std::string bytes = read_bootstrap(address, 0x0A00, 4);
-    return bytes.size() == 4 && (bytes[3] & 0x03) != 0;
+    const auto answer = ask(address, 0x84, {0, 0, 0x0A, 0, 0, 0, 0, 4});  // READMEM_CMD: 4 bytes of 0x0A00
+    return answer && answer->size() >= 8 && ((*answer)[7] & 0x03) != 0;
 }
 
 struct Listed {
@@ -77,6 +70,7 @@ struct Listed {
     std::string text;                // for people
     std::string serial, address;
     bool gige = false;
+    bool name_known = true;
 };
 
 std::vector<Listed> list_cameras() {
@@ -89,7 +83,9 @@ std::vector<Listed> list_cameras() {
         one.serial = text(arv_get_device_serial_nbr(k));
         one.address = text(arv_get_device_address(k));
         one.gige = text(arv_get_device_protocol(k)) == "GigEVision";
-        const std::string name = one.gige ? user_defined_name(one.address) : std::string();
+        const auto told = one.gige ? user_defined_name(one.address) : std::string();
+        one.name_known = told.has_value();
+        const std::string name = told.value_or("");
         one.names = {one.id, one.serial, name, one.address, text(arv_get_device_physical_id(k))};
         one.text = one.id + " (serial " + one.serial + (name.empty() ? "" : ", name \"" + name + "\"") +
             (one.address.empty() ? "" : ", at " + one.address) + ")";
@@ -121,6 +117,16 @@ Result<std::string> choose(const std::vector<Listed>& there, const std::string& 
     std::vector<Listed> matching;
     for (const Listed& camera : there) {
         if (wanted.empty() || std::ranges::find(camera.names, wanted) != camera.names.end()) matching.push_back(camera);
+    }
+    // Of several that have a name Aravis opens any.
+    const bool by_name = !wanted.empty() && std::ranges::all_of(matching, [&](const Listed& camera) {
+        return wanted != camera.id && wanted != camera.serial && wanted != camera.address;
+    });
+    const auto unknown = std::ranges::find(there, false, &Listed::name_known);
+    if (by_name && matching.size() < 2 && unknown != there.end()) {
+        return fail(ErrorCode::io, unknown->text + " does not say whether its name is \"" + wanted + "\", too",
+                    "name the camera in sensor.camera by its serial number or address; check the network's errors "
+                    "(ip -s link)");
     }
     if (matching.size() == 1) return matching.front().id;
     if (matching.size() > 1) {

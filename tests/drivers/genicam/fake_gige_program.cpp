@@ -1,7 +1,7 @@
 // A GigE Vision camera for tests: Aravis's fake camera, with the features that it lacks of a real one.
 //     hord_fake_gige ADDRESS SERIAL [name=USER_NAME] [lost=RATIO] [latch=no] [broken-xml] [formats=8] [lines]
 //                    [size=WIDTHxHEIGHT] [still] [wire] [events[=value]] [FRAME.png ...]
-//                    [late=MS] [test-packets] [asleep=MS]
+//                    [late=MS] [test-packets] [asleep=MS] [lose-answers=N]
 //                    and of the network: [mtu=BYTES] [delay=MS] [reorder=N] [resend=N] [never=ID] [block-zero]
 //                    [lose-event=N] [twice]
 // ADDRESS is one of this machine's. Frames: the files, one after the other; without files, sample (x, y) of the n-th
@@ -318,6 +318,8 @@ int main(int argc, char** argv) {
         else if (argument == "wire") has.wire = input.triggers = true;
         else if (argument == "events") has.events = input.tells = true;
         else if (argument == "events=value") has.events = has.numbered_by_value = input.tells = true;
+        else if (argument.starts_with("lose-answers="))
+            hord::test::lose_answers(static_cast<unsigned>(std::stoul(argument.substr(13))));
         else if (argument == "twice") input.twice = true;
         else if (argument.starts_with("lose-event=")) input.lose = std::stoul(argument.substr(11));
         else if (argument == "still") content.still = true;

@@ -316,7 +316,7 @@ TEST_F(Genicam, no_camera_and_a_damaged_description_are_said_with_a_cure) {
 
 // Two cameras on two addresses of one host; both have the same user-defined name.
 TEST_F(Genicam, of_two_cameras_one_is_named_and_a_name_that_both_have_is_refused) {
-    ASSERT_EQ(std::system("ip address add 127.0.0.2/8 dev lo"), 0);
+    ASSERT_EQ(std::system("ip address add 127.0.0.2/8 dev lo && ip address add 127.0.0.3/8 dev lo"), 0);
     const FakeGige one({"127.0.0.1", "S1", "name=lens"}), two({"127.0.0.2", "S2", "name=lens"});
     GenicamSensorOptions options = software();
     const Error unnamed = refusal(options);
@@ -326,6 +326,15 @@ TEST_F(Genicam, of_two_cameras_one_is_named_and_a_name_that_both_have_is_refused
     const Error both = refusal(options);
     EXPECT_EQ(both.code, ErrorCode::invalid_argument);
     EXPECT_THAT(both.what, HasSubstr("several cameras are called \"lens\""));
+    {
+        const FakeGige deaf({"127.0.0.3", "S3", "name=lens", "lose-answers=2"});
+        EXPECT_THAT(refusal(options).what, AllOf(HasSubstr("several cameras are called \"lens\""), HasSubstr("S3")));
+    }
+    {
+        const FakeGige mute({"127.0.0.3", "S3", "name=lens-3", "lose-answers=1000"});
+        options.camera = "lens-3";
+        EXPECT_THAT(refusal(options).message(), AllOf(HasSubstr("serial S3"), HasSubstr("does not say whether")));
+    }
     options.camera = "S2";
     start(options);
     EXPECT_TRUE(frame());

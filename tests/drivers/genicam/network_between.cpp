@@ -147,6 +147,14 @@ class Wire {
 
 std::atomic<Wire*> the_wire = nullptr;
 std::atomic<void (*)()> before_answer = nullptr;
+std::atomic<unsigned> answers_to_lose = 0;
+
+bool is_lost_answer(const msghdr& message) {
+    const auto* const bytes = static_cast<const char*>(message.msg_iov[0].iov_base);
+    if (answers_to_lose == 0 || message.msg_iov[0].iov_len < 8 || bytes[6] != 'H' || bytes[7] != 'O') return false;
+    --answers_to_lose;
+    return true;
+}
 
 bool is_stream(int socket) {
     sockaddr_in own{};
@@ -162,6 +170,8 @@ void put_between(const NetworkBetween& network) {
         network.lose_every > 0 || network.never > 0)
         the_wire = new Wire(network);  // until the process is killed
 }
+
+void lose_answers(unsigned count) { answers_to_lose = count; }
 
 void before_each_answer(void (*act)()) { before_answer = act; }
 
@@ -189,8 +199,10 @@ extern "C" __attribute__((visibility("default"))) ssize_t sendmsg(int socket, co
     using namespace hord::test;
     Wire* const wire = the_wire;
     const auto act = before_answer.load();
-    if ((wire == nullptr && act == nullptr) || message->msg_name == nullptr) return real_send()(socket, message, flags);
+    if ((wire == nullptr && act == nullptr && answers_to_lose == 0) || message->msg_name == nullptr)
+        return real_send()(socket, message, flags);
     const bool stream = is_stream(socket);
+    if (!stream && is_lost_answer(*message)) return static_cast<ssize_t>(message->msg_iov[0].iov_len);
     if (!stream && act != nullptr) act();
     return stream && wire != nullptr ? wire->take(socket, *message) : real_send()(socket, message, flags);
 }

@@ -22,6 +22,9 @@ struct NetworkBetween {
 // From now on, for all packets but those of the control channel. Once.
 void put_between(const NetworkBetween& network);
 
+// The next `count` answers to questions that the station asks past Aravis (by their request id) are lost.
+void lose_answers(unsigned count);
+
 // From now on `act` is called before each packet of the control channel, on the thread that sends it.
 void before_each_answer(void (*act)());
 
