@@ -152,12 +152,28 @@ struct GardasoftStrobe::Worker : std::enable_shared_from_this<Worker>, hal::Stro
         send([this, report] { listener->on_strobe(report); });
     }
 
-    // Dark first, whatever the controller did. Then its settings, each read back.
+    // Every output gets dark first, whatever the controller did; and last, when the set-up is refused: its settings may
+    // be taken by halves.
     Result<void> set_up() {
         link.reset();
         auto opened = GardasoftLink::open(options);
         if (!opened) return tl::unexpected(opened.error());
         link = std::move(*opened);
+        auto up = set_each();
+        if (!up) make_dark();
+        return up;
+    }
+
+    // Over the connection that is there. If it carries nothing any more, over a new one. Without a connection
+    // afterwards.
+    void make_dark() {
+        const bool dark = link && each_dark(*link, options);
+        link.reset();
+        if (!dark) (void)set_dark(options);
+    }
+
+    // The settings, each read back.
+    Result<void> set_each() {
         if (auto dark = each_dark(*link, options); !dark) return dark;
         for (const char* command : {"TT0", "GT0"}) {  // no internal trigger, no messages
             if (auto done = link->tell(command); !done) return done;
@@ -205,7 +221,6 @@ struct GardasoftStrobe::Worker : std::enable_shared_from_this<Worker>, hal::Stro
                     ready = true;
                     check_at = loop.now() + kCheckEvery;
                 } else {
-                    link.reset();
                     why = up.error();
                     wake.wait_for(lock, kRetryEvery, [&] { return quitting; });
                 }
@@ -236,8 +251,7 @@ struct GardasoftStrobe::Worker : std::enable_shared_from_this<Worker>, hal::Stro
             flash(lock, pulse);
         }
         lock.unlock();
-        if (link) (void)each_dark(*link, options);
-        link.reset();
+        make_dark();
     }
 
     void flash(Lock& lock, const StrobePulse& pulse) {

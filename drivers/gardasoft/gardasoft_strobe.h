@@ -12,8 +12,9 @@
 // The lights are dark when open() returns: every output is set to 0 percent, then to pulse mode. Each kCheckEvery the
 // thread reads the settings of one channel back, and the controller's errors. A controller that was switched off and on
 // has its saved settings, which may be continuous light: it differs, the strobe is lost, and the thread sets it dark
-// and then up again by itself, also while the strobe is stopped. The destructor sets every output to 0 percent. For the
-// state after a kill see set_dark().
+// and then up again by itself, also while the strobe is stopped. A set-up that is refused ends with every output at 0
+// percent, as the destructor does: over a new connection, if the old one fails. For the state after a kill see
+// set_dark().
 //
 // The manual says of no command that a trigger was taken. The controller ignores one that comes within its retrigger
 // delay, or while it protects the light: only the frame shows that.

@@ -172,7 +172,9 @@ void StrobeController::answer(const std::string& line) {
     if (fault == Fault::garbage) reply = "\x01\x02zz?!>";
     if (fault == Fault::endless) reply.assign(8000, 'x');
     if (fault == Fault::busy) std::this_thread::sleep_for(kLate);
-    (void)!::write(client_.get(), reply.data(), reply.size());
+    // A peer that has closed the connection must not raise SIGPIPE.
+    if (options_.serial) (void)!::write(client_.get(), reply.data(), reply.size());
+    else (void)send(client_.get(), reply.data(), reply.size(), MSG_NOSIGNAL);
 }
 
 std::string StrobeController::reply_to(const std::string& line) {
@@ -226,7 +228,7 @@ std::string StrobeController::execute_channel(std::string_view name, const std::
         if (percent < 0 || percent > 999 || pulse < 0.02 || pulse > 999 || delay > 999 || !allowed(percent, pulse) ||
             percent / 100 * out.rated_a > 20)
             return error(kInvalid);
-        out = {.mode = Mode::pulse,
+        out = {.mode = fault_ == Fault::stays_on ? Mode::continuous : Mode::pulse,
                .percent = percent,
                .rated_a = out.rated_a,
                .pulse_ms = fault_ == Fault::adjusts || fault_ == Fault::rounds ? pulse * 2 : pulse,

@@ -36,6 +36,7 @@ class StrobeController {
         wrong_output,  // describes another output than it was asked for
         adjusts,       // changes a pulse's width and warns (Err 5)
         rounds,        // changes a pulse's width and does not say it
+        stays_on,      // takes a pulse's settings and stays in continuous mode
         refuses,       // Err 1 to every trigger
         overheated,    // reports an over-temperature event
     };

@@ -145,6 +145,7 @@ TEST_F(GardasoftStrobeTest, a_controller_that_does_not_answer_as_it_should_is_re
         {Fault::adjusts, ErrorCode::refused, "changed a value"},
         {Fault::rounds, ErrorCode::refused, "its pulse is 800 ms, not 400 ms"},
         {Fault::wrong_output, ErrorCode::refused, "answers for output"},
+        {Fault::stays_on, ErrorCode::refused, "not in pulse mode"},
     };
     for (const auto& [fault, code, says] : cases) {
         controller_->misbehave(fault);
@@ -157,6 +158,21 @@ TEST_F(GardasoftStrobeTest, a_controller_that_does_not_answer_as_it_should_is_re
         ASSERT_TRUE(until([&] { return open().has_value(); }));  // a busy one answers what has waited first
     }
     EXPECT_TRUE(controller_->pulses().empty());
+}
+
+TEST_F(GardasoftStrobeTest, a_refused_set_up_leaves_every_output_dark_whatever_was_refused) {
+    const std::vector<std::pair<Fault, const char*>> cases = {
+        {Fault::stays_on, ""}, {Fault::rounds, ""},    {Fault::adjusts, ""},    {Fault::wrong_output, ""},
+        {Fault::silent, "VL"}, {Fault::silent, "ST2"}, {Fault::garbage, "RT2"}, {Fault::endless, "ST1"}};
+    for (const auto& [fault, at] : cases) {
+        controller_->power_cycle();
+        controller_->misbehave(fault, at);
+        const auto opened = open();
+        ASSERT_FALSE(opened) << at;
+        ASSERT_TRUE(until([&] { return !controller_->continuous(); })) << static_cast<int>(fault) << at;
+        for (const int output : {1, 2}) controller_->trigger(output);  // a stray one lights nothing
+        EXPECT_TRUE(controller_->pulses().empty()) << static_cast<int>(fault) << at;
+    }
 }
 
 TEST_F(GardasoftStrobeTest, bytes_that_mean_nothing_are_an_answer_to_no_command) {
