@@ -57,6 +57,23 @@ struct ModuleMap {
     bool operator==(const ModuleMap&) const = default;
 };
 
+// Why `coil` can be no output of the station's beside `other`, as the end of a sentence; empty: it can. Written as an
+// output, a pulse coil would move another output, and the alarm coil would release outputs that the watchdog dropped.
+inline std::string not_an_output(const ModuleMap& map, int coil, int other) {
+    const int pulse = map.pulse_coil_offset, read_back = map.read_back_offset;
+    if (coil < map.first_output)
+        return "is an input of this module: its first output is coil " + std::to_string(map.first_output);
+    if (coil == other) return "is the other output's coil, too";
+    if (coil == map.alarm_coil) return "is this module's alarm coil";
+    // Outputs in a row, as many as the offset; their pulse coils follow.
+    const int nth = coil - map.first_output;
+    if (pulse > 0 && (coil == other + pulse || (nth >= pulse && nth < 2 * pulse)))
+        return "starts the pulses of output " + std::to_string(coil - pulse) + " in this module";
+    if (read_back > 0 && coil == other + read_back)
+        return "is output " + std::to_string(other) + " of this module, as it is read back";
+    return {};
+}
+
 // A rejection has three time-outs:
 //   response_timeout  one Modbus request: the longest wait for its answer. Over TCP a coil's write and its reading back
 //                     share it.

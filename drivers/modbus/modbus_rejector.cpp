@@ -7,6 +7,7 @@
 #include <mutex>
 #include <optional>
 #include <thread>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -304,8 +305,8 @@ ModbusRejector::~ModbusRejector() {
 
 Result<void> ModbusRejector::do_start(Listener& listener) {
     std::string wrong;
-    const auto need = [&](bool good, const char* what) {
-        if (!good) wrong += (wrong.empty() ? "" : "; ") + std::string(what);
+    const auto need = [&](bool good, const std::string& what) {
+        if (!good) wrong += (wrong.empty() ? "" : "; ") + what;
     };
     const ModbusRejectorOptions& o = options_;
     if (o.address.serial) {
@@ -319,9 +320,11 @@ Result<void> ModbusRejector::do_start(Listener& listener) {
     }
     need(o.ejector_coil >= 0 && o.ejector_coil <= 65535, "ejector_coil must be in 0..65535");
     need(o.permit_coil >= -1 && o.permit_coil <= 65535, "permit_coil must be in 0..65535, or -1 for none");
-    need(o.ejector_coil >= o.map.first_output && (o.permit_coil < 0 || o.permit_coil >= o.map.first_output),
-         "ejector_coil and permit_coil must be outputs of the module: coils below its first_output are inputs");
-    need(o.permit_coil != o.ejector_coil, "permit_coil must not be the ejector_coil");
+    for (const auto& [name, coil, other] :
+         {std::tuple("ejector_coil", o.ejector_coil, o.permit_coil), {"permit_coil", o.permit_coil, o.ejector_coil}}) {
+        const std::string why = coil < 0 ? "" : not_an_output(o.map, coil, other);
+        need(why.empty(), std::string(name) + " " + why);
+    }
     need(o.response_timeout >= 5ms && o.response_timeout <= 1s, "response_timeout must be 5 ms to 1 s");
     need(o.reconnect_every > 0ns && o.check_every > 0ns && o.confirm_every > 0ns,
          "reconnect_every, check_every and confirm_every must be above 0");

@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <tuple>
 
 #include <arpa/inet.h>
+#include <strings.h>
 
 #include "drivers/hal/camera_sensor.h"
 #include "firmware/config/module_profiles.h"
@@ -240,14 +242,11 @@ void read_module(TomlTable& rejector, drivers::ModuleMap& map) {
 void check_module(TomlTable& rejector, const drivers::ModbusRejectorOptions& modbus, const CoreConfig& core) {
     const drivers::ModuleAddress& address = modbus.address;
     const drivers::ModuleMap& map = modbus.map;
-    for (const auto& [key, coil] :
-         {std::pair("reject_coil", modbus.ejector_coil), {"run_permit_coil", modbus.permit_coil}}) {
-        if (coil >= map.first_output) continue;
-        rejector.problem(key, "is " + std::to_string(coil) + ", which is an input of this module",
-                         "its first output is coil " + std::to_string(map.first_output));
-    }
-    if (modbus.ejector_coil == modbus.permit_coil) {
-        rejector.problem("run_permit_coil", "is the ejector's coil, too", "give each output a coil of its own");
+    for (const auto& [key, coil, other] : {std::tuple("reject_coil", modbus.ejector_coil, modbus.permit_coil),
+                                           {"run_permit_coil", modbus.permit_coil, modbus.ejector_coil}}) {
+        if (const std::string why = drivers::not_an_output(map, coil, other); !why.empty())
+            rejector.problem(key, "is " + std::to_string(coil) + ", which " + why,
+                             "give each output a coil of its own; docs/hardware.md says which coils a profile has");
     }
     if (address.serial && (address.unit < 1 || address.unit > 247))
         rejector.problem("unit", "is none of a serial line", "use 1 to 247");

@@ -162,7 +162,7 @@ TEST_F(Module, of_advantech_is_refused_with_an_input_for_an_output) {
     rejector_.emplace(*loop_, options_);
     const auto done = rejector_->start(ear_);
     ASSERT_FALSE(done);
-    EXPECT_THAT(done.error().what, HasSubstr("below its first_output are inputs"));
+    EXPECT_THAT(done.error().what, HasSubstr("is an input of this module: its first output is coil 16"));
 }
 
 TEST_F(Module, that_lacks_what_is_asked_for_is_refused_at_start) {

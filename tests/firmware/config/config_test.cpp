@@ -330,6 +330,19 @@ TEST(Config, what_a_module_cannot_do_is_refused_with_the_cure) {
     EXPECT_THAT(wrong("profile = \"moxa-iologik\"\nmodule_pulse_ms = 10\nenergise_to = \"pass\"\n"),
                 HasSubstr("pulses an output on"));
     const std::string adam = "profile = \"advantech-adam-6000\"\n";
+    const std::string moxa = "profile = \"moxa-iologik\"\n";
+    const std::pair<std::string, const char*> taken[] = {
+        {moxa + "run_permit_coil = 16\n", "run_permit_coil: is 16, which starts the pulses of output 0"},
+        {moxa + "run_permit_coil = 17\nmodule_pulse_ms = 10\n", "run_permit_coil: is 17, which starts the pulses"},
+        {moxa + "reject_coil = 31\n", "reject_coil: is 31, which starts the pulses of output 15"},
+        {moxa + "run_permit_coil = 4144\n", "run_permit_coil: is 4144, which is this module's alarm coil"},
+        {moxa + "reject_coil = 4144\n", "reject_coil: is 4144, which is this module's alarm coil"},
+        {"pulse_coil_offset = 1\nmodule_pulse_ms = 10\n", "run_permit_coil: is 1, which starts the pulses of output 0"},
+        {"pulse_coil_offset = 3\nreject_coil = 9\nrun_permit_coil = 6\n", "reject_coil: is 9, which starts the pulses"},
+        {"profile = \"wago-750\"\nrun_permit_coil = 512\n", "which is output 0 of this module, as it is read back"}};
+    for (const auto& [keys, said] : taken) EXPECT_THAT(wrong(keys), HasSubstr(said)) << keys;
+    for (const char* keys : {"run_permit_coil = 15\n", "reject_coil = 32\n", "run_permit_coil = 4145\n"})
+        EXPECT_EQ(wrong(moxa + keys), "no problem") << keys;
     EXPECT_THAT(wrong(adam),
                 AllOf(HasSubstr("reject_coil: is 0, which is an input of this module"),
                       HasSubstr("run_permit_coil: is 1, which is an input"), HasSubstr("its first output is coil 16")));
