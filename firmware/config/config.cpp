@@ -106,13 +106,18 @@ void read_plc(TomlTable plc, PlcConfig& value, CoreConfig& core) {
 // Without a calibration the frame is divided into macro-pixels; of a GenICam camera any region can be taken.
 void check_macro(TomlTable& inspection, const InspectionConfig& value, const SensorConfig& sensor) {
     const auto* const camera = std::get_if<drivers::GenicamSensorOptions>(&sensor);
-    if (camera == nullptr || !value.grid.empty() ||
-        (camera->width_px % value.bins_i == 0 && camera->height_px % value.bins_j == 0))
-        return;
-    inspection.problem("macro",
-                       "of " + std::to_string(value.bins_i) + "x" + std::to_string(value.bins_j) +
-                           " does not divide the frame of sensor.width_px and height_px",
-                       "make them whole lenslets, or name the calibration in inspection.grid");
+    if (camera == nullptr || !value.grid.empty()) return;
+    const std::string cure = "make them whole lenslets, or name the calibration in inspection.grid";
+    if (camera->width_px % value.bins_i != 0 || camera->height_px % value.bins_j != 0)
+        return inspection.problem("macro",
+                                  "of " + std::to_string(value.bins_i) + "x" + std::to_string(value.bins_j) +
+                                      " does not divide the frame of sensor.width_px and height_px",
+                                  cure);
+    if (camera->width_px == 0 || camera->height_px == 0) return;  // the camera's own, which it says at the start
+    const auto extents = algo::extents_of_frame(camera->width_px, camera->height_px, value.bins_i, value.bins_j);
+    if (!extents)
+        inspection.problem("macro", "and sensor.width_px and height_px make " + extents.error().what,
+                           extents.error().cure);
 }
 
 void read_inspection(TomlTable inspection, InspectionConfig& value, const std::filesystem::path& folder,

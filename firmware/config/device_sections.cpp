@@ -148,12 +148,14 @@ void read_genicam(TomlTable& sensor, bool chosen, drivers::GenicamSensorOptions&
                                              {"TriggerSource", "sensor.trigger_source"},
                                              {"OffsetX", "sensor.offset_x_px"},
                                              {"OffsetY", "sensor.offset_y_px"}}) {
-            if (chosen && name == of_camera)
+            // A camera has no other feature whose name differs by its letters' case alone.
+            if (chosen && ::strcasecmp(name.c_str(), of_camera) == 0)
                 feature.problem("name", "would override " + std::string(key), "set " + std::string(key) + " instead");
         }
         for (const char* const by_station : {"AcquisitionMode", "AcquisitionStart", "AcquisitionStop"}) {
-            if (chosen && name == by_station)
-                feature.problem("name", "is the station's: it sets " + name + " by itself", "take it out");
+            if (chosen && ::strcasecmp(name.c_str(), by_station) == 0)
+                feature.problem("name", std::string("is the station's: it sets ") + by_station + " by itself",
+                                "take it out");
         }
     }
     if (chosen && options.trigger == drivers::CameraTrigger::line && options.trigger_source.empty()) {
