@@ -60,11 +60,13 @@ class Master:
             self.lost += oldest - self.memory["taken"] - 1
             self.memory["taken"] = oldest - 1
         self.beat = (self.beat + 1) % 65536                         # 5
-        if self.asked == self.acknowledged:
+        alone = self.acknowledged == 0 and 1 < oldest == self.memory["taken"] + 1
+        if not alone and self.asked == self.acknowledged:
             self.asked = self.memory["taken"]
         try:
-            self.write(8102, [self.beat, self.asked >> 16, self.asked & 0xFFFF])
-            self.acknowledged = self.asked
+            self.write(8102, [self.beat] if alone else [self.beat, self.asked >> 16, self.asked & 0xFFFF])
+            if not alone:
+                self.acknowledged = self.asked
         except Refused as refused:
             if refused.code == 3:
                 return self.ident()

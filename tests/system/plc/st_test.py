@@ -74,10 +74,15 @@ class Registers:
         self.magic, self.version, self.disk_full, self.may_write, self.answers = (0x484F, 0x5244), 5, False, True, True
         self.executing_for, self.writes, self.executed = 0, [], []
         self.bits, self.torn, self.foreign = 2, 0, False
+        self.overruns, self.counted = 0, None  # counted up to this result; None: nothing was acknowledged yet
 
     def add(self, count):
         for _ in range(count):
             self.results.append(len(self.results) + 1)
+            gone = len(self.results) - 256
+            if self.counted is not None and gone > max(self.counted, self.acknowledged):
+                self.overruns += gone - max(self.counted, self.acknowledged)
+                self.counted = gone
 
     def words(self, address, count):
         def pair(value):
@@ -116,7 +121,9 @@ class Registers:
         self.writes.append((address, list(words)))
         if not self.may_write:
             raise plc.Refused(1)
-        if address == 8102:
+        if address == 8102 and len(words) > 1:
+            if self.counted is None:
+                self.counted = max(len(self.results) - 256, 0)
             taken = words[1] << 16 | words[2]
             if taken < self.acknowledged or taken > len(self.results):
                 raise plc.Refused(3)
@@ -125,7 +132,7 @@ class Registers:
             if taken > self.stored:
                 raise plc.Refused(6)
             self.acknowledged = taken
-        else:
+        elif address != 8102:
             assert address == 8002 and len(words) == 8
             token, boot, code = words[0] << 16 | words[1], words[2], words[3]
             if token not in self.done:
@@ -189,6 +196,20 @@ class Block(unittest.TestCase):
         line.until(lambda: registers.acknowledged == 603)
         self.assertEqual(line.sequences()[-3:], [601, 602, 603])
         self.assertTrue(line.line.memory["Conveyor"])
+
+    def test_results_that_are_overwritten_behind_the_plc_s_back_are_no_overruns(self):
+        for poll, phase in [(20, 9), (20, 11), (20, 13), (20, 15), (100, 0), (100, 10)]:
+            registers = Registers()
+            registers.add(600)  # the PLC comes when the ring is full
+            line = MemoryPlc(registers)
+            line.station["PollInterval"] = poll
+            for cycle in range(100):
+                line.cycle()
+                if cycle % 25 == phase:
+                    registers.add(1)  # 4 parts/s
+            line.until(lambda: registers.acknowledged == len(registers.results))
+            self.assertEqual(line.station["ResultsLost"] + len(line.results), len(registers.results), (poll, phase))
+            self.assertEqual(registers.overruns, 0, (poll, phase))
 
     def test_an_acknowledgement_that_was_busy_is_repeated_before_a_newer_one(self):
         registers = Registers()
