@@ -122,21 +122,6 @@ const std::string kCommandsOfThePage = [] {
     return names;
 }();
 
-const char* cure_of(CommandError error) {
-    switch (error) {
-        case CommandError::not_in_this_state: return "the station is in another state: see its state";
-        case CommandError::device_down: return "see the active faults";
-        case CommandError::plc_lost: return "the PLC's heartbeat is missing: check the PLC";
-        case CommandError::not_yet:
-            return "parts are still on the line, or the ejector is still acting: try again in a moment";
-        case CommandError::no_such_recipe:
-            return "no usable recipe of the station's folder has this number (inspection.recipes in hordd.toml; "
-                   "hordctl recipe list); the station's journal says why";
-        case CommandError::wrong_checksum: return "the recipe is not the one that was meant";
-        default: return "see the station's journal";
-    }
-}
-
 std::optional<std::uint32_t> number_in(const Json& body, const char* name) {
     if (!body.contains(name)) return 0;
     const Json& value = body[name];
@@ -460,16 +445,12 @@ Reply Pages::execute(const Request& request) {
                                          : done.error().message()));
     if (!done)
         return refusal(done.error().code == ErrorCode::refused ? 403 : 503, done.error().what, done.error().cure);
-    if (!completed) {
-        // The commands that are possible now, where the state is the reason.
-        const Json now = done->error == CommandError::not_in_this_state ? deps_.live.state_json() : Json();
-        const bool known = now.is_object() && now["possible"].is_string();
+    if (!completed)
         return {.status = 409,
                 .body = to_text(
                     {{"error", "the station refuses " + std::string(name_of(*command)) + ": " + done->error_name},
                      {"reason", done->error_name},
-                     {"cure", known ? now["possible"].get<std::string>() : std::string(cure_of(done->error))}})};
-    }
+                     {"cure", done->cure(page_offers)}})};
     return json(Json{{"done", name_of(*command)}, {"result", done->result}});
 }
 

@@ -12,6 +12,7 @@
 #include <modbus/modbus.h>
 
 #include "common/tcp_listener.h"
+#include "firmware/core/states.h"
 
 namespace hord::firmware::modbus {
 namespace {
@@ -177,6 +178,26 @@ Result<std::vector<Reading>> Client::read_result(std::uint32_t sequence) {
     return readings;
 }
 
+std::string Client::Reply::cure(bool (*offered)(Command)) const {
+    switch (error) {
+        case CommandError::not_in_this_state:
+            return station_state ? possible_commands_text(*station_state, offered)
+                                 : "the station is in another state: see its state";
+        case CommandError::device_down: return "see the active faults (on its page, or hordctl status)";
+        case CommandError::plc_lost: return "the PLC's heartbeat is missing: check the PLC, or change plc.policy";
+        case CommandError::not_yet:
+            return "a line stop is newer than 200 ms, parts are on the line, or the ejector still acts: stop the feed "
+                   "and try again in a moment";
+        case CommandError::no_such_recipe:
+            return "no usable recipe of the station's folder has this number: name the folder in hordd.toml "
+                   "(inspection.recipes), and see what is in it: hordctl recipe list FOLDER";
+        case CommandError::wrong_checksum: return "the recipe is not the one that was meant";
+        case CommandError::cancelled: return "abort, halt or another recipe ended it: teach again";
+        case CommandError::bad_argument: return "see the station's journal for what is wrong with it";
+        default: return "see the station's journal";
+    }
+}
+
 Result<Client::Reply> Client::command(Command code, std::uint32_t argument, std::uint32_t argument2,
                                       std::chrono::milliseconds patience, std::string_view who) {
     const auto boot = read(find_register(BlockId::ident, "boot_id")->address, 2);
@@ -218,12 +239,14 @@ Result<Client::Reply> Client::command(Command code, std::uint32_t argument, std:
             const auto state = static_cast<CommandState>((*words)[at("state")]);
             if (mine && state != CommandState::executing) {
                 const auto rows = decode(reply, *words);
-                Reply answer{state,
-                             static_cast<CommandError>((*words)[at("error")]),
-                             std::uint32_t{(*words)[at("result")]} << 16U | (*words)[at("result") + 1],
-                             {}};
+                Reply answer{state, static_cast<CommandError>((*words)[at("error")]),
+                             std::uint32_t{(*words)[at("result")]} << 16U | (*words)[at("result") + 1]};
                 for (const Reading& row : *rows) {
                     if (row.what->name == "error") answer.error_name = row.text.substr(row.text.find(' ') + 1);
+                }
+                if (answer.error == CommandError::not_in_this_state) {
+                    if (const auto now = read(find_register(BlockId::status, "state")->address, 1))
+                        answer.station_state = static_cast<State>((*now)[0]);
                 }
                 return answer;
             }

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -14,6 +15,7 @@
 #include <vector>
 
 #include "common/result.h"
+#include "firmware/core/commands.h"
 #include "firmware/registers/register_map.h"
 
 struct _modbus;  // of libmodbus
@@ -60,7 +62,12 @@ class Client {
         CommandState state = CommandState::none;
         CommandError error = CommandError::none;
         std::uint32_t result = 0;
-        std::string error_name;  // "not_in_this_state"
+        std::string error_name = {};              // "not_in_this_state"
+        std::optional<State> station_state = {};  // after that refusal
+
+        // What a person can do about a refusal. Names the commands that the state allows; `offered`: of these only
+        // those that the asking program sends; null: all.
+        [[nodiscard]] std::string cure(bool (*offered)(Command) = nullptr) const;
     };
     [[nodiscard]] Result<Reply> command(Command code, std::uint32_t argument, std::uint32_t argument2,
                                         std::chrono::milliseconds patience, std::string_view who = {});

@@ -58,27 +58,6 @@ bool has_faults(modbus::Client& station) {
 
 }  // namespace
 
-std::string cure_of(modbus::Client& station, CommandError error) {
-    switch (error) {
-        case CommandError::not_in_this_state: {
-            const State state = state_of(station);
-            return state != State{} ? possible_commands_text(state) : "see its state: hordctl status";
-        }
-        case CommandError::device_down: return "see the active faults: hordctl status";
-        case CommandError::plc_lost: return "the PLC's heartbeat is missing: check the PLC, or change plc.policy";
-        case CommandError::not_yet:
-            return "a line stop is newer than 200 ms, parts are on the line, or the ejector still acts: stop the feed "
-                   "and try again in a moment";
-        case CommandError::no_such_recipe:
-            return "no usable recipe of the station's folder has this number: name the folder in hordd.toml "
-                   "(inspection.recipes), and see what is in it: hordctl recipe list FOLDER";
-        case CommandError::wrong_checksum: return "the recipe is not the one that was meant";
-        case CommandError::cancelled: return "abort, halt or another recipe ended it: teach again";
-        case CommandError::bad_argument: return "see the station's journal for what is wrong with it";
-        default: return "see the station's journal";
-    }
-}
-
 void add_remote_options(CLI::App& command, RemoteOptions& options) {
     options.given =
         command.add_option("--modbus", options.modbus,
@@ -102,7 +81,7 @@ Exit send_command(const RemoteOptions& options, Command code, std::uint32_t argu
     const auto reply = client->command(code, argument, argument2, kPatience);
     if (!reply) return complain(reply.error());
     if (reply->state != CommandState::completed)
-        return complain({ErrorCode::refused, "refused: " + reply->error_name, cure_of(*client, reply->error)});
+        return complain({ErrorCode::refused, "refused: " + reply->error_name, reply->cure()});
     if (code == Command::reset && state_of(*client) == State::initialized && has_faults(*client))
         fmt::print("done; the line starts when every device is up: see hordctl status\n");
     else if (reply->result != 0) fmt::print("done, {:08X}\n", reply->result);

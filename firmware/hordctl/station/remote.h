@@ -17,10 +17,6 @@ struct RemoteOptions {
 // --modbus and --timeout.
 void add_remote_options(CLI::App& command, RemoteOptions& options);
 
-// The cure of a refused command, for people. Where the state refuses it, asks the station for its state and names the
-// commands that this state allows.
-std::string cure_of(modbus::Client& station, CommandError error);
-
 Result<modbus::Client> connect(const RemoteOptions& options);
 
 // Sends one command and prints the result; a refusal is printed to stderr with its name. 0 done, 2 refused or not

@@ -35,8 +35,7 @@ Exit ask_station(const RemoteOptions& options) {
         return Exit::good;
     }
     if (reply->error != CommandError::failed && reply->error != CommandError::device_down) {
-        return complain(
-            {ErrorCode::refused, "self-test refused: " + reply->error_name, cure_of(*client, reply->error)});
+        return complain({ErrorCode::refused, "self-test refused: " + reply->error_name, reply->cure()});
     }
     for (const FaultInfo& fault : kFaultTable) {
         if ((reply->result & fault.bit) != 0) fmt::print("{}: {}\n  {}\n", fault.name, fault.meaning, fault.cure);

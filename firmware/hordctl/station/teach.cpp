@@ -16,13 +16,13 @@ struct TeachOptions {
     RemoteOptions remote;
 };
 
-std::string cure_of_teach(modbus::Client& station, CommandError error) {
-    switch (error) {
+std::string cure_of_teach(const modbus::Client::Reply& refused) {
+    switch (refused.error) {
         case CommandError::not_yet:
             return "a teach is under way, or its reference waits for the line to stop and be empty";
         case CommandError::not_supported:
             return "the station has no state folder to keep a reference in: run it as a service, or with --state";
-        default: return cure_of(station, error);
+        default: return refused.cure();
     }
 }
 
@@ -40,7 +40,7 @@ Exit run_teach(const TeachOptions& options) {
         return complain(error);
     }
     if (reply->state != CommandState::completed)
-        return complain({ErrorCode::refused, "not taught: " + reply->error_name, cure_of_teach(*client, reply->error)});
+        return complain({ErrorCode::refused, "not taught: " + reply->error_name, cure_of_teach(*reply)});
     const auto in_use = client->read(find_register(BlockId::status, "recipe_crc32")->address, 2);
     const bool now = in_use && (std::uint32_t{(*in_use)[0]} << 16U | (*in_use)[1]) == reply->result;
     fmt::print("taught: the recipe with its reference, CRC-32 {:08X}, is {}\n", reply->result,

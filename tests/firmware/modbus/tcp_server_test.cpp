@@ -339,6 +339,18 @@ TEST_F(CommandedStation, the_client_gives_a_command_and_its_outcome) {
     EXPECT_EQ(station.commands, 2);
 }
 
+TEST_F(CommandedStation, a_refusal_by_the_state_names_the_state_of_after_it) {
+    Client person = client();
+    Snapshot now;
+    now.state = State::halted;
+    full.publish(now);
+    station.answer = {CommandState::failed, CommandError::not_in_this_state, 0};
+    const auto refused = person.command(Command::halt, 0, 0, kPatience);
+    ASSERT_TRUE(refused);
+    EXPECT_EQ(refused->station_state, State::halted);
+    EXPECT_EQ(refused->cure(), "the station is Halted: next is reset; possible are also commit_recipe, use_recipe");
+}
+
 TEST_F(CommandedStation, a_name_may_fill_its_registers_and_not_more) {
     Client person = client();
     const std::string longest(std::size_t{2} * find_register(BlockId::command, "who")->words, 'n');

@@ -268,13 +268,20 @@ TEST(PageCommands, what_the_station_refuses_is_told_with_its_cure) {
     EXPECT_THAT(reply.body, HasSubstr("see the active faults"));
 }
 
+TEST(PageCommands, a_reset_that_comes_too_early_is_told_that_the_line_stop_is_new) {
+    SmallPage page;
+    page.answer = {CommandState::failed, CommandError::not_yet, 0, "not_yet"};
+    EXPECT_THAT(page.reply_to(page.command(R"({"command":"reset"})")).body,
+                HasSubstr("a line stop is newer than 200 ms"));
+}
+
 TEST(PageCommands, a_refusal_by_the_state_names_the_next_command) {
     SmallPage page;
-    page.live.set_station(example_snapshot());
-    page.answer = {CommandState::failed, CommandError::not_in_this_state, 0, "not_in_this_state"};
-    const Json told = Json::parse(page.reply_to(page.command(R"({"command":"arm"})")).body);
+    page.live.set_station(example_snapshot());  // of the last poll: the refusal is newer
+    page.answer = {CommandState::failed, CommandError::not_in_this_state, 0, "not_in_this_state", State::halted};
+    const Json told = Json::parse(page.reply_to(page.command(R"({"command":"halt"})")).body);
     EXPECT_EQ(told["reason"], "not_in_this_state");
-    EXPECT_EQ(told["cure"], "the station is ContinuousExecution: possible are stop, abort, halt");
+    EXPECT_EQ(told["cure"], "the station is Halted: next is reset; possible are also use_recipe");
     const Json state = Json::parse(page.get("/api/state").body);
     EXPECT_EQ(state["commands"], Json({"stop", "abort", "halt"})) << "the page refuses to send teach";
     EXPECT_TRUE(state["next"].is_null());
