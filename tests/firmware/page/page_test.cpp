@@ -90,10 +90,11 @@ TEST(PageConfiguration, the_one_that_is_installed_holds_every_key_at_its_default
 
 TEST(PageConfiguration, every_problem_is_told_at_once_with_its_line) {
     const auto read = parse_page_config(
-        "[page]\nport = 70000\nhots = \"x\"\nnames = [\"http://wall\"]\n[station]\nmodbus = \"a:b:c\"\npoll_ms = 1\n",
+        "[page]\nport = 70000\nnames = [\"http://wall\"]\n[station]\nmodbus = \"a:b:c\"\npoll_ms = 1\n[actions]\ntoken "
+        "= 1\n",
         "/etc/hord/page.toml");
     ASSERT_FALSE(read);
-    for (const char* part : {"page.toml:2", "page.toml:3", "host", "page.toml:4", "page.toml:6", "page.toml:7"})
+    for (const char* part : {"page.toml:2", "page.toml:3", "page.toml:5", "page.toml:6", "page.toml:8", "mean tokens?"})
         EXPECT_THAT(read.error().what, HasSubstr(part));
 }
 
