@@ -58,7 +58,7 @@ constexpr char kMarkdownHead[] = R"(# Register map
 Map version {}, CRC-32 0x{:08X}. Addresses count from 0, as they travel in the request; tools that count from 1 add one.
 
 - Holding registers (FC 3) and input registers (FC 4) show the same values.
-- 32-bit values: high word first. Text: ASCII, first character in the high byte, padded with zeros.
+- 32-bit values: high word first. Text: UTF-8, first byte in the high byte, padded with zeros.
 - Whole numbers, no floats: value in its unit = register * scale.
 - Not available: 0xFFFF (u16), 0x8000 (s16), 0xFFFFFFFF (u32), 0x80000000 (s32). Values beyond the range stop one short
   of it. bits16 and bits32 (bit sets, checksums, free-running counters) are always available. Registers of a block that
