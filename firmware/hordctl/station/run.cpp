@@ -51,11 +51,11 @@ Json to_json(const PartResult& result, const Backends::Fate& fate, const std::st
 }
 
 // An endpoint as a client's; port 0: any free one.
-Result<TcpServer> parse_listen(const std::string& text) {
+Result<modbus::Endpoint> parse_listen(const std::string& text) {
     const bool any_port = text.size() > 2 && text.ends_with(":0");
     const auto endpoint = modbus::parse_endpoint(any_port ? text.substr(0, text.size() - 2) : text);
     if (!endpoint) return tl::unexpected(endpoint.error());
-    return TcpServer{endpoint->host, any_port ? std::uint16_t{0} : endpoint->port};
+    return modbus::Endpoint{endpoint->host, any_port ? std::uint16_t{0} : endpoint->port};
 }
 
 // The configuration of a run without a file: every wait as long as the rate of parts allows, because the machine may be
@@ -120,6 +120,9 @@ class Run {
     explicit Run(const RunOptions& options) : options_(options) {}
 
     Exit go() {
+        if (options_.config.empty() && !options_.simulate)
+            return complain({ErrorCode::invalid_argument, "neither --config nor --simulate is given",
+                             "give --config FILE for the devices of this machine, or --simulate"});
         if (auto fine = check_outputs({{"--vitals", options_.vitals}}, {options_.config}); !fine)
             return complain(fine.error());
         auto config = options_.config.empty()
@@ -131,7 +134,8 @@ class Run {
         if (!options_.modbus.empty()) {
             auto listen = parse_listen(options_.modbus);
             if (!listen) return complain(listen.error());
-            config->modbus = *listen;
+            config->modbus.host = listen->host;  // who may read and write stays as configured
+            config->modbus.port = listen->port;
         }
         if (!options_.store.empty()) {
             config->store.folder = options_.store;
@@ -374,12 +378,13 @@ void add_run(CLI::App& program, Exit& status) {
     auto* command = program.add_subcommand("run", "Run the station in the foreground (what hordd does)");
     auto options = std::make_shared<RunOptions>();
     command->add_option("--config", options->config,
-                        "Configuration (TOML, deploy/hordd.toml); without it the defaults");
+                        "Configuration (TOML, deploy/hordd.toml); with --simulate it may be left out");
     auto* simulate =
         command->add_flag("--simulate", options->simulate,
                           "Simulated line and sensor, and a Modbus coil module on loopback as the rejector");
     command->add_option("--modbus", options->modbus,
-                        "Where the register server listens, HOST:PORT (port 0: any free one)");
+                        "Where the register server listens, HOST:PORT (port 0: any free one), instead of what the "
+                        "configuration says; who may read and write is as configured");
     command->add_option("--parts", options->line.parts,
                         "End after so many parts (simulated line); 0, or without it: run until interrupted");
     command->add_option("--seed", options->line.seed, "Seed of the simulated line")->capture_default_str();

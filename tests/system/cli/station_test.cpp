@@ -443,8 +443,8 @@ TEST(Run, a_score_that_is_a_bound_is_told_as_one_by_line_registers_and_store) {
 
 TEST(Plc, writes_only_where_the_configuration_lets_it) {
     const TemporaryFolder folder;
-    std::ofstream(folder / "c.toml") << simulated_beside("[modbus]\nport = 0\nmay_write = [\"192.0.2.0/24\"]\n");
-    Running station("hordctl", {"run", "--variety", "1", "--config", folder / "c.toml"});
+    std::ofstream(folder / "c.toml") << simulated_beside("[modbus]\nport = 1\nmay_write = [\"192.0.2.0/24\"]\n");
+    Running station("hordctl", {"run", "--variety", "1", "--config", folder / "c.toml", "--modbus", "127.0.0.1:0"});
     ASSERT_TRUE(station.says("registers at", std::chrono::seconds(120))) << station.so_far().err;
     Plc plc(port_of(station.so_far()));
     EXPECT_EQ(plc.read(2, 1)[0], 0x484F);
@@ -454,9 +454,24 @@ TEST(Plc, writes_only_where_the_configuration_lets_it) {
 
 TEST(Run, refuses_a_port_that_is_taken_and_names_it) {
     const HeldPort taken(true);
-    const Said said = run("hordctl", {"run", "--simulate", "--parts", "1", "--modbus", taken.address()});
+    const std::string port = std::to_string(taken.port());
+    const TemporaryFolder folder;
+    std::ofstream(folder / "c.toml") << "[modbus]\nread_only_port = " + port + "\n";
+    for (const std::vector<std::string>& where : {std::vector<std::string>{"--modbus", taken.address()},
+                                                  {"--modbus", "127.0.0.1:0", "--config", folder / "c.toml"}}) {
+        std::vector<std::string> args{"run", "--simulate", "--parts", "1"};
+        args.insert(args.end(), where.begin(), where.end());
+        const Said said = run("hordctl", args);
+        EXPECT_EQ(said.status, 2);
+        EXPECT_THAT(said.err, HasSubstr(port));
+    }
+}
+
+TEST(Run, refuses_to_guess_its_devices) {
+    const Said said = run("hordctl", {"run", "--modbus", "127.0.0.1:0"});
     EXPECT_EQ(said.status, 2);
-    EXPECT_THAT(said.err, HasSubstr(std::to_string(taken.port())));
+    EXPECT_THAT(said.err, HasSubstr("neither --config nor --simulate is given: give --config FILE"));
+    EXPECT_THAT(said.err, testing::Not(HasSubstr("render parts")));
 }
 
 TEST(Run, refuses_a_configuration_with_every_problem_at_once) {
