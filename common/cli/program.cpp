@@ -56,8 +56,10 @@ Result<void> check_outputs(const std::vector<OutputFile>& outputs, const std::ve
             return fail(ErrorCode::not_found, "the folder " + folder.string() + " does not exist", "create it first");
         if (std::filesystem::is_directory(file, error))
             return fail(ErrorCode::invalid_argument, option + " " + file + " is a folder", "give the name of a file");
-        if (::access(folder.c_str(), W_OK) != 0 && ::access(file.c_str(), W_OK) != 0)
-            return fail(ErrorCode::io, option + " " + file + " cannot be written (" + std::strerror(errno) + ")",
+        int reason = ::access(folder.c_str(), W_OK) == 0 || ::access(file.c_str(), W_OK) == 0 ? 0 : errno;
+        if (reason == ENOENT && ::access(folder.c_str(), W_OK) != 0) reason = errno;  // a new file: its folder's reason
+        if (reason != 0)
+            return fail(ErrorCode::io, option + " " + file + " cannot be written (" + std::strerror(reason) + ")",
                         "give a file in a folder that may be written to");
     }
     return check_overwrites(outputs, inputs);
@@ -107,8 +109,10 @@ CLI::Validator positive() {
 }
 
 int end_output(int status) {
+    static bool told = false;
     const bool lost = std::ferror(stdout) != 0;
-    if (std::fflush(stdout) == 0 && !lost) return status;
+    if (told || (std::fflush(stdout) == 0 && !lost)) return status;
+    told = true;
     const std::string why = lost ? "" : std::string(" (") + std::strerror(errno) + ")";
     return static_cast<int>(
         complain({ErrorCode::io, "the output could not be written" + why, "see that its disk has space"}));

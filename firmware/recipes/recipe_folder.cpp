@@ -36,6 +36,7 @@ Result<std::vector<RecipeEntry>> list_recipes(const fs::path& folder) {
 }
 
 Result<void> check_numbers(const std::vector<RecipeEntry>& recipes) {
+    std::string doubled;
     for (std::size_t k = 0; k < recipes.size(); ++k) {
         for (std::size_t other = 0; other < k; ++other) {
             const RecipeEntry &a = recipes[other], &b = recipes[k];
@@ -43,13 +44,13 @@ Result<void> check_numbers(const std::vector<RecipeEntry>& recipes) {
             std::error_code error;
             const fs::path one = fs::weakly_canonical(a.file, error), two = fs::weakly_canonical(b.file, error);
             if (one == two || one.parent_path() != two.parent_path()) continue;
-            return fail(
-                ErrorCode::refused,
-                fmt::format("{} and {} both have number {}", a.file.string(), b.file.string(), a.recipe->number),
-                "give each recipe a number of its own");
+            doubled += fmt::format("{}{} and {} both have number {}", doubled.empty() ? "" : ", ", a.file.string(),
+                                   b.file.string(), a.recipe->number);
+            break;
         }
     }
-    return {};
+    if (doubled.empty()) return {};
+    return fail(ErrorCode::refused, doubled, "give each recipe a number of its own");
 }
 
 Result<NumberedRecipe> find_recipe(const fs::path& folder, std::uint16_t number) {

@@ -17,7 +17,7 @@ struct RecipeEntry {
 // All *.toml files of the folder, sorted by name. Fails with not_found (no such folder).
 Result<std::vector<RecipeEntry>> list_recipes(const std::filesystem::path& folder);
 
-// Fails with refused if two recipes of one folder have the same number: names both files.
+// Fails with refused if recipes of one folder have the same number: names the files.
 Result<void> check_numbers(const std::vector<RecipeEntry>& recipes);
 
 // Fails with not_found (no file has this number; names the unusable files), refused (several files have it).

@@ -37,14 +37,8 @@ Exit list(const RecipeOptions& options) {
         const NumberedRecipe& r = *one.recipe;
         fmt::print("{:>6} {:>8} {:<10} {:<24} {}\n", r.number, r.version, fmt::format("{:08X}", crc32_of(r)),
                    r.recipe.name, one.file.filename().string());
-        const auto same = [&](const RecipeEntry& other) {
-            return &other != &one && other.recipe && other.recipe->number == r.number;
-        };
-        if (std::any_of(all->begin(), all->end(), same)) {
-            status = complain({ErrorCode::refused, fmt::format("number {} is taken twice", r.number),
-                               "give each recipe a number of its own"});
-        }
     }
+    if (const auto unique = check_numbers(*all); !unique) status = complain(unique.error());
     return status;
 }
 

@@ -39,7 +39,6 @@ Result<void> complete(ResultsOptions& options) {
     if (auto done = read(options.since, options.filter.since); !done) return done;
     if (auto done = read(options.until, options.filter.until); !done) return done;
     if (auto fine = store::check_period(options.filter.since, options.filter.until); !fine) return fine;
-    if (options.filter.run.value_or(1) <= 0) options.filter.run.reset();
     if (options.filter.reason.empty()) return {};
     const auto present = algo::present_reason_name(options.filter.reason);
     if (present != options.filter.reason)
@@ -174,7 +173,8 @@ void add_filters(CLI::App* command, ResultsOptions& options) {
     command->add_option("--since", options.since,
                         "From this time on: 2026-11-21, 2026-11-21T07:15:30 (UTC), or how long ago: 30m, 12h, 7d");
     command->add_option("--until", options.until, "Before this time");
-    command->add_option("--run", options.filter.run, "Of this run (its number is in `hordctl results changes`)");
+    command->add_option("--run", options.filter.run, "Of this run (its number is in `hordctl results changes`)")
+        ->check(positive());
     command->add_option("--last", options.filter.newest, "The newest so many")->check(positive());
     command->add_option("--format", options.format, "table, csv, or json (one object a line)")
         ->check(CLI::IsMember({"table", "csv", "json"}))

@@ -6,6 +6,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include "tests/system/cli/program.h"
 
@@ -25,6 +26,7 @@ TEST(Mistakes, output_that_does_not_reach_its_disk_is_an_error) {
         const Said said = run("/bin/sh", {"-c", "\"$0\"/" + std::string(command) + " >/dev/full", HORD_BIN_DIR});
         EXPECT_EQ(said.status, 2) << command << said.err;
         EXPECT_THAT(said.err, HasSubstr("the output could not be written")) << command;
+        EXPECT_EQ(std::ranges::count(said.err, '\n'), 1) << command << ": told once\n" << said.err;
     }
 }
 
@@ -84,6 +86,8 @@ TEST(Mistakes, on_the_command_line_are_named) {
     refused({"latency", "--simulate", "--edges", "010"}, "010 begins with 0");
     refused({"inspect", "none.png", "--macro", "4294967305x9"}, "--macro 4294967305x9 is not a macro-pixel size");
     refused({"results", "--last", "0"}, "--last: 0 is not above 0");
+    refused({"results", "--run", "0"}, "--run: 0 is not above 0");
+    refused({"results", "changes", "--run", "-5"}, "--run: -5 is not above 0");
     refused({"results", "--reason", "verdict-lat"}, "no reason is called \"verdict-lat\"");
     refused({"tune", "--good", "a", "--bad", "b", "--budget", "-1"}, "--budget: -1 is not above 0");
     refused({"watch", "--count", "-1"}, "--count");
@@ -104,6 +108,20 @@ TEST(Mistakes, on_the_command_line_are_named) {
     refused({"command", "use_recipe"}, "call hordctl recipe use NUMBER");
     refused({"command", "teach"}, "call hordctl teach");
     refused({"run", "--simulate", "--foo"}, "\"--foo\" is not known: see hordctl run --help");
+}
+
+TEST(Mistakes, a_folder_that_may_not_be_written_is_not_told_to_be_missing) {
+    if (::geteuid() == 0 && !std::filesystem::exists("/usr/bin/setpriv"))
+        GTEST_SKIP() << "needs setpriv, to be a user without rights";
+    const TemporaryFolder folder;
+    std::filesystem::permissions(folder.path(), std::filesystem::perms(0555));
+    const std::string program = std::string(HORD_BIN_DIR) + "/hordctl", out = folder / "x.hordref";
+    std::vector<std::string> words{"learn", "none.png", "--out", out};
+    if (::geteuid() == 0) words.insert(words.begin(), {"--reuid=65534", "--regid=65534", "--clear-groups", program});
+    const Said said = run(::geteuid() == 0 ? "/usr/bin/setpriv" : program, words);
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("--out " + out + " cannot be written (Permission denied)"));
+    std::filesystem::permissions(folder.path(), std::filesystem::perms(0755));
 }
 
 TEST(Mistakes, a_store_that_is_a_file_of_another_kind_is_refused_by_the_page) {

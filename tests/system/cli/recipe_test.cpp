@@ -32,7 +32,11 @@ TEST(Recipes, of_a_folder_are_listed_with_what_a_plc_must_know_and_bad_ones_are_
     EXPECT_THAT(said.out, HasSubstr("bottle"));
     EXPECT_THAT(said.err, HasSubstr("b.toml:1"));
     write(folder / "b.toml", "number = 7\n");
-    EXPECT_THAT(run("hordctl", {"recipe", "list", folder.path().string()}).err, HasSubstr("number 7 is taken twice"));
+    write(folder / "c.toml", "number = 7\n");
+    const std::string a = folder / "a.toml";
+    EXPECT_EQ(run("hordctl", {"recipe", "list", folder.path().string()}).err,
+              "hordctl: " + a + " and " + (folder / "b.toml") + " both have number 7, " + a + " and " +
+                  (folder / "c.toml") + " both have number 7: give each recipe a number of its own\n");
 }
 
 TEST(Recipes, that_are_sealed_are_refused_once_somebody_changed_what_they_say_but_not_how) {
