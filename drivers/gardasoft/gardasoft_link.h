@@ -24,7 +24,7 @@ class GardasoftLink {
     // with ">"), refused (the controller's "Err"). After any error but refused the link must be opened anew: an answer
     // may still be on its way.
     Result<std::string> ask(std::string_view command);
-    // The same of a command whose answer is no text of its own (gardasoft::acknowledged()).
+    // The same for a command that prints nothing or events; fails as gardasoft::acknowledged() does, too.
     Result<void> tell(std::string_view command) {
         return ask(command).and_then([&](const std::string& text) { return gardasoft::acknowledged(command, text); });
     }

@@ -23,19 +23,20 @@ std::string dark_command(const GardasoftChannel& channel);
 std::string trigger_command(const GardasoftStrobeOptions& options, std::uint32_t channels);
 
 // What a command printed, without echo, prompt and line ends. `raw` ends with ">". Fails with refused and the
-// controller's "Err" in words; also with its warning 5 (it has changed a value). Fails with unreadable.
+// controller's "Err" in words; also with its warning 5 (it has changed a value). Fails with unreadable if `raw` has no
+// ">" or text beside an "Err".
 Result<std::string> text_of_reply(std::string_view command, std::string_view raw);
 
 // The error of events "Evtc,e" (output c or 0, event e) in words. None: the text is empty, or no event in it is an
 // error. Fails with unreadable: the text is something else.
 Result<std::optional<std::string>> error_of_events(std::string_view command, std::string_view text);
 
-// The answer of a command that prints nothing (RS, RT, VL, TR, TT, GT) or the last event (GR). Fails with unreadable if
-// it is something else; with refused if the event is an error. Before it is told "GT0" a controller may send events of
-// its own.
+// Checks the answer of a command that prints nothing (RS, RT, VL, TR, TT, GT) or the last event (GR). Events are
+// accepted for all of these: until it gets "GT0" a controller may send them by itself. Fails with refused if an event
+// is an error, with unreadable if `text` is anything else.
 Result<void> acknowledged(std::string_view command, std::string_view text);
 
-// What "VR" says, as "RT420-20 (HW02) V031". Fails with unreadable.
+// The answer of "VR", such as "RT420-20 (HW02) V031". Fails with unreadable if it has another form.
 Result<std::string> parse_version(std::string_view text);
 
 // What "ST" says of one channel.

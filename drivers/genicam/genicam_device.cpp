@@ -335,8 +335,10 @@ class GenicamDevice final : public CameraDevice {
                             std::to_string(needed),
                         "switch chunk data off (ChunkModeActive = false), and choose a width that needs no padding");
         }
-        width_px_ = width;
-        height_px_ = height;
+        region_ = {x, y, width, height};
+        pixel_format_ = arv_camera_get_pixel_format(camera_.get(), failed.out());
+        if (failed)
+            return fail(ErrorCode::io, name_ + " does not say its format: " + failed.what(), "switch it off and on");
         // Packed rows may end inside a byte: whole bytes of a row.
         return CameraFormat{width, height, grey, static_cast<std::ptrdiff_t>(payload_) / height};
     }
@@ -549,24 +551,25 @@ class GenicamDevice final : public CameraDevice {
         std::size_t bytes = 0;
         arv_buffer_get_data(buffer, &bytes);
         // A buffer that is not complete holds samples of an earlier frame.
-        frame.corrupt = arv_buffer_get_status(buffer) != ARV_BUFFER_STATUS_SUCCESS ||
-            arv_buffer_get_image_width(buffer) != width_px_ || arv_buffer_get_image_height(buffer) != height_px_;
+        const std::string damage = damage_of(buffer);
+        frame.corrupt = !damage.empty();
         frame.bytes_used = frame.corrupt ? 0 : bytes;
-        if (frame.corrupt) tell_incomplete(arv_buffer_get_status(buffer));
-        if (!any_complete_ && frame.corrupt && ++incomplete_ == kSuspicious) tell_none_complete();
+        if (frame.corrupt) tell_damaged(damage);
+        if (!any_complete_ && frame.corrupt && ++incomplete_ == kSuspicious) tell_none_complete(differs(buffer));
         any_complete_ = any_complete_ || !frame.corrupt;
-        // The first packet's arrival is a time of day.
-        const hal::TimePoint arrival =
-            std::min(now(),
-                     hal::TimePoint(std::chrono::nanoseconds(arv_buffer_get_system_timestamp(buffer)) +
-                                    time_of(CLOCK_MONOTONIC) - time_of(CLOCK_REALTIME)));
+        // The first packet's arrival is a time of day; 0: it did not come.
+        const std::chrono::nanoseconds first(arv_buffer_get_system_timestamp(buffer));
+        const hal::TimePoint arrival = first.count() == 0
+            ? now()
+            : std::min(now(), hal::TimePoint(first + time_of(CLOCK_MONOTONIC) - time_of(CLOCK_REALTIME)));
         const bool triggered = request_.trigger != CameraTrigger::free;
         const hal::Duration stamp(arv_buffer_get_timestamp(buffer));
         frame.stamp = arrival;
-        frame.stamp_of_start = triggered;
+        frame.stamp_of_start = triggered && !frame.corrupt;
         if (stamp <= hal::Duration::zero()) return frame;  // no clock, or the first packet was lost
         const std::scoped_lock lock(mutex_);
-        clock_.arrived(stamp, arrival);
+        if (frame.corrupt && std::chrono::abs(arrival - clock_.latest(stamp)) > kPlausible) return frame;
+        if (!frame.corrupt) clock_.arrived(stamp, arrival);
         if (clock_.error() && std::chrono::abs(arrival - clock_.latest(stamp)) > kPlausible) {
             say("its latched clock is not that of its frames: the arrival of frames is used instead");
             no_latch_ = true;
@@ -581,22 +584,51 @@ class GenicamDevice final : public CameraDevice {
         return frame;
     }
 
+    static bool misses_packets(ArvBuffer* buffer) {
+        const ArvBufferStatus status = arv_buffer_get_status(buffer);
+        return status == ARV_BUFFER_STATUS_TIMEOUT || status == ARV_BUFFER_STATUS_MISSING_PACKETS;
+    }
+
+    // Its packets came and are not what was agreed.
+    static bool differs(ArvBuffer* buffer) {
+        const ArvBufferStatus status = arv_buffer_get_status(buffer);
+        return status == ARV_BUFFER_STATUS_SIZE_MISMATCH || status == ARV_BUFFER_STATUS_SUCCESS;
+    }
+
+    // Empty: the frame is complete, and its first packet says what was agreed.
+    [[nodiscard]] std::string damage_of(ArvBuffer* buffer) const {
+        const ArvBufferStatus status = arv_buffer_get_status(buffer);
+        if (misses_packets(buffer))
+            return std::string("packets of it did not come") +
+                (resends_ ? ", although lost ones are asked for again" : "");
+        if (status == ARV_BUFFER_STATUS_SIZE_MISMATCH) return "it has another size than was agreed";
+        if (status != ARV_BUFFER_STATUS_SUCCESS) return "its packets do not belong together";
+        if (arv_buffer_get_payload_type(buffer) != ARV_BUFFER_PAYLOAD_TYPE_IMAGE) return "it is not an image alone";
+        std::array<int, 4> region{};
+        int pad_x = 0, pad_y = 0;
+        arv_buffer_get_image_region(buffer, region.data(), &region[1], &region[2], &region[3]);
+        arv_buffer_get_image_padding(buffer, &pad_x, &pad_y);
+        if (region[2] != region_[2] || region[3] != region_[3]) return "it has another size than was agreed";
+        if (region != region_) return "it has another place on the sensor than was agreed";
+        if (arv_buffer_get_image_pixel_format(buffer) != pixel_format_) return "it has another format than was agreed";
+        return pad_x != 0 || pad_y != 0 ? "its rows are padded" : "";
+    }
+
     // Receiver's thread. The first one, then one in a while: the counts come with the statistics.
-    void tell_incomplete(ArvBufferStatus status) {
+    void tell_damaged(const std::string& damage) {
         if (stopping_ || now() < quiet_until_) return;
         quiet_until_ = now() + kReportEvery;
-        const bool missing = status == ARV_BUFFER_STATUS_TIMEOUT || status == ARV_BUFFER_STATUS_MISSING_PACKETS;
-        const bool larger = status == ARV_BUFFER_STATUS_SIZE_MISMATCH || status == ARV_BUFFER_STATUS_SUCCESS;
-        say("a frame is damaged: %s%s",
-            missing      ? "packets of it did not come"
-                : larger ? "it has another size than was agreed"
-                         : "its packets do not belong together",
-            missing && resends_ ? ", although lost ones are asked for again" : "");
+        say("a frame is damaged: %s", damage.c_str());
     }
 
     // Large packets that a switch drops: first and last packet of each frame come, and no samples.
-    void tell_none_complete() const {
-        if (packet_bytes_ > kEthernetMtu) {
+    void tell_none_complete(bool differ) const {
+        if (differ) {
+            say("none of the first %d frames was what was agreed: look at the camera's format, size and region (what "
+                "is "
+                "saved in it, and [[sensor.feature]]); switch it off and on; else update its firmware",
+                kSuspicious);
+        } else if (packet_bytes_ > kEthernetMtu) {
             say("none of the first %d frames was complete: does everything between camera and station carry packets of "
                 "%d bytes? Set sensor.packet_bytes to 0, or raise the MTU of each switch and interface on the way%s",
                 kSuspicious, packet_bytes_,
@@ -609,9 +641,10 @@ class GenicamDevice final : public CameraDevice {
         }
     }
 
-    // A buffer whose frame lost its first packet must not keep the time stamp of an earlier frame.
+    // A buffer whose frame lost its first packet must not keep the times of an earlier frame.
     void push(ArvBuffer* buffer) {
         arv_buffer_set_timestamp(buffer, 0);
+        arv_buffer_set_system_timestamp(buffer, 0);
         arv_stream_push_buffer(stream_.get(), buffer);
     }
 
@@ -625,7 +658,9 @@ class GenicamDevice final : public CameraDevice {
     std::vector<SharedMemory> memory_;
     std::vector<ArvBuffer*> buffers_;  // of the stream, or lent
     std::size_t payload_ = 0, socket_bytes_ = 0;
-    int width_px_ = 0, height_px_ = 0, packet_bytes_ = 0;
+    std::array<int, 4> region_{};  // agreed: x, y, width and height
+    ArvPixelFormat pixel_format_ = 0;
+    int packet_bytes_ = 0;
     CameraPort::Listener* listener_ = nullptr;
     std::thread receiver_;
     std::atomic<bool> stopping_ = true, lost_ = false, no_latch_ = false;

@@ -36,8 +36,8 @@ void read_sensor(common::TomlTable sensor, SensorConfig& value, const std::files
 // These also check the devices against the timing in `core`; read [line] and [timing] first. [rejector] and [strobe]
 // hold keys of the core as well.
 void read_rejector(common::TomlTable rejector, RejectorConfig& value, CoreConfig& core);
-// `seen_by`: a camera that lights is told its output and the length of the light. Null: [sensor] was misread, and what
-// these need of the camera is not checked.
+// `seen_by`: the configuration of the camera. If the camera switches the light, its output and the length of the light
+// are written there. Null: [sensor] was misread, and what these devices need of the camera is not checked.
 void read_strobe(common::TomlTable strobe, StrobeConfig& value, CoreConfig& core, SensorConfig* seen_by);
 void read_part_sensor(common::TomlTable sensor, PartSensorConfig& value, const CoreConfig& core, SensorConfig* seen_by);
 

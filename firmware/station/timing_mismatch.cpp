@@ -31,7 +31,7 @@ std::optional<Error> mismatch_of(const hal::FrameInfo& frame, const Line& line, 
     const Part* const part = oldest(line, [&](const Part& one) {
         return one.frame_due && (frame.exposure == 0 || frame.exposure == one.number());
     });
-    if (part == nullptr) return std::nullopt;
+    if (part == nullptr || frame.corrupt) return std::nullopt;  // a damaged frame's time may be that of its arrival
     for (std::uint32_t k = 0; frame.exposure == 0 && !frame.nobodys && k < line.size(); ++k) {
         if (line[k].exposed && !outside(frame.exposure_start - line[k].exposure_start, config.frame_window))
             return std::nullopt;

@@ -3,7 +3,7 @@
 //                    [size=WIDTHxHEIGHT] [still] [wire] [events[=value]] [FRAME.png ...]
 //                    [late=MS] [test-packets] [asleep=MS] [lose-answers=N]
 //                    and of the network: [mtu=BYTES] [delay=MS] [reorder=N] [resend=N] [never=ID] [block-zero]
-//                    [lose-event=N] [twice]
+//                    [leader=AT:VALUE] [lose-event=N] [twice]
 // ADDRESS is one of this machine's. Frames: the files, one after the other; without files, sample (x, y) of the n-th
 // frame is (x + 3 y + n) of the format's bits; `still` draws one frame only, and counts in its first sample. `size`: of
 // its sensor. `late`: it obeys every third trigger so much later. `asleep`: it says "ready" so long before it is
@@ -324,6 +324,8 @@ int main(int argc, char** argv) {
         else if (argument.starts_with("lose-event=")) input.lose = std::stoul(argument.substr(11));
         else if (argument == "still") content.still = true;
         else if (std::sscanf(argument.c_str(), "size=%ux%u", &width, &height) == 2) continue;
+        else if (std::sscanf(argument.c_str(), "leader=%zu:%u", &network.leader_at, &network.leader_value) == 2)
+            continue;
         else if (std::sscanf(argument.c_str(), "late=%u", &content.late_ms) == 1) continue;
         else if (std::sscanf(argument.c_str(), "asleep=%u", &asleep_ms) == 1) continue;
         else if (argument.starts_with("mtu=")) network.mtu_bytes = std::stoul(argument.substr(4));

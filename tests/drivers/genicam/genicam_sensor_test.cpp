@@ -185,6 +185,35 @@ TEST_F(Genicam, whose_clock_is_unknown_gives_a_frame_that_is_too_late_to_nobody)
     EXPECT_TRUE(ear_.frames[0].info().nobodys) << "exposure " << ear_.frames[0].info().exposure;
 }
 
+// The first packet says another width, place, format or padding than was agreed, or does not come.
+TEST_F(Genicam, whose_frames_are_not_what_was_agreed_gives_damaged_ones_and_says_what_differs) {
+    constexpr std::uint32_t kBayerRg8 = 0x0108'0009;
+    for (const auto& [at, value, what] :
+         std::vector<std::tuple<int, std::uint32_t, std::string>>{{24, 60, "another size"},
+                                                                  {32, 9, "another place on the sensor"},
+                                                                  {20, kBayerRg8, "another format"},
+                                                                  {40, 0x0004'0000, "padded"},
+                                                                  {4, 0x0FFF'FFFF, ""}}) {
+        const FakeGige camera({"127.0.0.1", "S1", "leader=" + std::to_string(at) + ":" + std::to_string(value)});
+        testing::internal::CaptureStderr();
+        start(software());
+        for (int k = 0; k < 3; ++k) {
+            const hal::FrameLease one = frame();
+            EXPECT_TRUE(one) << what;
+            if (!one) break;
+            EXPECT_TRUE(one.info().corrupt) << what;
+            EXPECT_EQ(one.info().exposure, 1U) << what;
+            EXPECT_LE(loop_->now() - one.info().exposure_start, 30s) << what;
+        }
+        sensor_->stop();
+        const std::string said = testing::internal::GetCapturedStderr();
+        EXPECT_THAT(said, AllOf(HasSubstr("a frame is damaged: "), HasSubstr(what)));
+        if (!what.empty()) {
+            EXPECT_THAT(said, AllOf(HasSubstr("size and region"), testing::Not(HasSubstr("rmem_max"))));
+        }
+    }
+}
+
 // Larger than net.core.rmem_default: the socket must have its buffer before the first packet.
 TEST_F(Genicam, the_first_frame_after_a_start_is_whole) {
     int rmem_max = 0;

@@ -51,6 +51,12 @@ class Wire {
         }
         const auto size = static_cast<ssize_t>(packet.bytes.size());
         if (network_.block_zero) renumber(packet.bytes);
+        constexpr char kLeader = 1;  // the packet's format, in the lower half of its byte
+        if (network_.leader_at > 0 && packet.bytes.size() >= network_.leader_at + 4 &&
+            (packet.bytes[4] & 0x0F) == kLeader) {
+            for (std::size_t k = 0; k < 4; ++k)
+                packet.bytes[network_.leader_at + k] = static_cast<char>(network_.leader_value >> (24 - 8 * k));
+        }
         if (network_.mtu_bytes > 0 && packet.bytes.size() + kHeaders > network_.mtu_bytes) return size;
         packet.due = Clock::now() + network_.delay;
         const std::scoped_lock lock(mutex_);
@@ -167,7 +173,7 @@ bool is_stream(int socket) {
 
 void put_between(const NetworkBetween& network) {
     if (network.mtu_bytes > 0 || network.delay.count() > 0 || network.reorder_every > 0 || network.block_zero ||
-        network.lose_every > 0 || network.never > 0)
+        network.lose_every > 0 || network.never > 0 || network.leader_at > 0)
         the_wire = new Wire(network);  // until the process is killed
 }
 

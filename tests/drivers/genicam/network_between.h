@@ -1,9 +1,10 @@
 // What a network does to the fake camera's stream, in the camera's process: so it needs no right and no kernel module.
-// sendmsg() and recvmsg() of this program stand before the C library's.
+// sendmsg() and recvmsg() of this program are called instead of the C library's.
 #pragma once
 
 #include <chrono>
 #include <cstddef>
+#include <cstdint>
 
 namespace hord::test {
 
@@ -17,6 +18,9 @@ struct NetworkBetween {
     unsigned never = 0;  // this packet of each third frame is lost whenever it is sent; 0: none
     // No network does that, but firmware: block ids go from 65535 to 0, and the first frame has 65533.
     bool block_zero = false;
+    // Nor that: this 32-bit word of the first packet of each frame is `leader_value`. 0: none.
+    std::size_t leader_at = 0;
+    std::uint32_t leader_value = 0;
 };
 
 // From now on, for all packets but those of the control channel. Once.
