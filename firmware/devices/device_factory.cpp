@@ -149,8 +149,10 @@ class ChosenBackends final : public Backends {
         watchers.over = std::move(over);
         watchers.part_gone = [this, fate = std::move(fate)](const sim::PartRecord& part) {
             if (!fate) return;
+            std::optional<bool> ejected;
+            if (!modbus_ || module_) ejected = part.fate == sim::PartRecord::Fate::ejected;
             fate({part.arrived, rendered_ == nullptr ? std::string() : cell_->world().schedule().kinds[part.kind].name,
-                  part.kind, part.fate == sim::PartRecord::Fate::ejected, part.fate == sim::PartRecord::Fate::removed});
+                  part.kind, ejected, part.fate == sim::PartRecord::Fate::removed});
         };
         cell_->watch(std::move(watchers));
     }

@@ -87,11 +87,11 @@ class Backends {
 
     // Ground truth of a part of the simulated line.
     struct Fate {
-        hal::TimePoint arrived;  // equals the part's edge
-        std::string kind;        // "good", "bubble", ...; empty for recorded frames
-        std::size_t look = 0;    // which of the rendered parts it is
-        bool ejected = false;
-        bool taken_off = false;  // by clear_line()
+        hal::TimePoint arrived;       // equals the part's edge
+        std::string kind;             // "good", "bubble", ...; empty for recorded frames
+        std::size_t look = 0;         // which of the rendered parts it is
+        std::optional<bool> ejected;  // nothing: the rejector is real, so the simulated line does not see it
+        bool taken_off = false;       // by clear_line()
     };
     // Both are called on the loop's thread. `over`: the simulated line's last part has left. A real line never ends.
     virtual void watch_line(std::function<void(const Fate&)> fate, std::function<void()> over) = 0;

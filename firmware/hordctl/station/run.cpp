@@ -45,7 +45,7 @@ Json to_json(const PartResult& result, const Backends::Fate& fate, const std::st
     if (result.bounded) json["bounded"] = true;
     if (!sentence.empty()) json["explain"] = sentence;
     if (!fate.kind.empty()) json["truth"] = fate.kind;
-    json["ejected"] = fate.ejected;
+    json["ejected"] = fate.ejected ? Json(*fate.ejected) : Json(nullptr);
     if (fate.taken_off) json["taken_off"] = true;
     return json;
 }
@@ -238,11 +238,14 @@ class Run {
         last_seen_ = service_->loop().now();
         if (!options_.vitals.empty()) vitals_.add(result);
         results_[result.arrived_ns] = result;
-        // A real line tells no fate: the station's own word is all that is known.
-        if ((service_->simulated() & kFaultPartSensor) == 0)
-            return on_fate({.arrived = hal::TimePoint(Duration(result.arrived_ns)),
-                            .kind = {},
-                            .ejected = result.reject == RejectState::confirmed});
+        // A real line tells no fate. What a simulated rejector confirms has happened; of a real one `reject` says what
+        // is known.
+        if ((service_->simulated() & kFaultPartSensor) == 0) {
+            Backends::Fate fate;
+            fate.arrived = hal::TimePoint(Duration(result.arrived_ns));
+            if ((service_->simulated() & kFaultRejector) != 0) fate.ejected = result.reject == RejectState::confirmed;
+            return on_fate(fate);
+        }
         settle(result.arrived_ns);
     }
     void on_fate(const Backends::Fate& fate) {

@@ -24,10 +24,11 @@ void RunReport::add(const PartResult& result, const Backends::Fate& fate) {
     row.pass += result.verdict == PartVerdict::pass ? 1 : 0;
     row.reject += result.verdict == PartVerdict::reject ? 1 : 0;
     row.unfit += result.verdict == PartVerdict::unfit ? 1 : 0;
-    row.ejected += fate.ejected ? 1 : 0;
+    row.ejected += fate.ejected.value_or(false) ? 1 : 0;
+    ways_known_ = ways_known_ && fate.ejected.has_value();
     if (result.reason != PartReason::none) ++reasons_[result.reason];
     taken_off_ += fate.taken_off ? 1U : 0U;
-    if (!fate.kind.empty() && !fate.taken_off && (fate.kind == "good") == fate.ejected) ++wrong_;
+    if (!fate.kind.empty() && !fate.taken_off && fate.ejected == (fate.kind == "good")) ++wrong_;
 }
 
 std::string RunReport::text(hal::Duration elapsed) const {
@@ -40,9 +41,10 @@ std::string RunReport::text(hal::Duration elapsed) const {
     for (const auto& [kind, row] : rows_) {
         out += fmt::format("{:<12} {:>7} {:>7} {:>7} {:>7}", kind.empty() ? "all" : kind, row.parts, row.pass,
                            row.reject, row.unfit);
-        out += kind.empty() ? std::string("\n") : fmt::format(" {:>9}\n", row.ejected);
+        if (!kind.empty()) out += fmt::format(" {:>9}", ways_known_ ? std::to_string(row.ejected) : "-");
+        out += '\n';
     }
-    if (truth_known)
+    if (truth_known && ways_known_)
         out += fmt::format("{} of {} parts left the line by the right way\n", parts() - taken_off_ - wrong_, parts());
     if (taken_off_ > 0) out += fmt::format("{} were taken off the stopped line by hand\n", taken_off_);
 

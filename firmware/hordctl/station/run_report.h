@@ -14,7 +14,7 @@ namespace hord::firmware {
 
 class RunReport {
   public:
-    // A part without a kind has no known truth: its ejection is not counted as wrong.
+    // A part without a kind has no known truth, one without `ejected` no known way: neither is counted as wrong.
     void add(const PartResult& result, const Backends::Fate& fate);
 
     [[nodiscard]] std::size_t parts() const { return verdicts_.count(); }
@@ -31,6 +31,7 @@ class RunReport {
     std::map<PartReason, std::size_t> reasons_;
     std::size_t wrong_ = 0;  // good and ejected, or defective and not
     std::size_t taken_off_ = 0;
+    bool ways_known_ = true;  // every part's way off the line is known
 };
 
 }  // namespace hord::firmware

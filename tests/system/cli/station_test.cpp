@@ -495,8 +495,12 @@ TEST(Run, without_its_rejector_no_part_is_passed_and_the_line_is_stopped) {
         EXPECT_EQ(said.status, 3) << said.err;
         const auto parts = json_lines(said.out);
         EXPECT_EQ(parts.size(), 5U) << said.err;
-        for (const Json& part : parts) EXPECT_NE(part["verdict"], "pass") << part;
+        for (const Json& part : parts) {
+            EXPECT_NE(part["verdict"], "pass") << part;
+            EXPECT_TRUE(part["ejected"].is_null()) << part;  // the simulated line does not see a real ejector
+        }
         EXPECT_THAT(said.err, HasSubstr(std::to_string(port)));
+        EXPECT_THAT(said.err, testing::Not(HasSubstr("by the right way")));
     }
 }
 
