@@ -219,4 +219,27 @@ Result<Config> parse_config(std::string_view text, std::string_view name, const 
     return read(std::move(root), name, folder, backends, found);
 }
 
+std::vector<Error> notes(const Config& config) {
+    std::vector<Error> found;
+    const auto add = [&](const char* what, const char* cure) {
+        found.push_back({ErrorCode::invalid_argument, what, cure});
+    };
+    if (std::holds_alternative<SimulatedSensor>(config.sensor)) {
+        if (!config.strobe.simulated())
+            add("the sensor is simulated and the strobe is not: a simulated sensor sees simulated light alone, so "
+                "every "
+                "part is rejected as too-dark",
+                "set strobe.backend to \"simulated\", or name the camera in [sensor]");
+    } else if (!std::holds_alternative<FrameFolder>(config.sensor) && config.strobe.simulated()) {
+        const auto* const genicam = std::get_if<drivers::GenicamSensorOptions>(&config.sensor);
+        if (genicam != nullptr && genicam->trigger == drivers::CameraTrigger::line)
+            add("the camera is triggered by a line and the strobe is simulated: no wire rises, so no frame comes",
+                "set sensor.trigger to \"software\" for a trial, or describe the light in [strobe]");
+        else
+            add("the strobe is simulated and the camera is not: no light of this station falls on the parts",
+                "light them by hand for a trial, or describe the light in [strobe]");
+    }
+    return found;
+}
+
 }  // namespace hord::firmware

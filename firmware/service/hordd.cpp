@@ -84,6 +84,7 @@ class Daemon {
         auto opened = Service::open(*config, simulation, watchers(), sockets_from_systemd());
         if (!opened) return complain(JournalEvent::trouble, opened.error(), kCannotRun);
         service_ = std::move(*opened);
+        for (const Error& note : notes(*config)) write_to_journal(JournalEvent::trouble, note.message());
         if (options_.realtime > 0) {
             for (const Error& refused : take_realtime_policy(options_.realtime))
                 write_to_journal(JournalEvent::trouble, refused.message());
@@ -231,7 +232,8 @@ int main(int argc, char** argv) {
         use(folders);
         if (!found.empty()) return refuse_configuration(found.as_error().value());
         for (const std::string& folder : *folders) fmt::print("{}\n", folder);
-        fmt::print("{} can be used\n", options.config);
+        for (const Error& note : notes(*config)) fmt::print("note: {}\n", note.message());
+        fmt::print("{} can be used; devices were not asked\n", options.config);
         return end_output(0);
     }
     return Daemon(options).run();

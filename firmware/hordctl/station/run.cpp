@@ -157,6 +157,7 @@ class Run {
         fmt::print(stderr, "registers at {}\nsimulated: {}\n", service_->registers_address(),
                    names_of_faults(service_->simulated()));
         progress_ = std::make_unique<Progress>("parts", options_.line.parts == 0);
+        for (const Error& note : notes(*config)) say(note.message());
         if (options_.line.parts > 0 || options_.reset_after_s > 0) watch_for_line_stop(0);
         if (!options_.vitals.empty()) service_->loop().post([this] { sample_vitals(); });
         if (options_.line.realtime > 0) {

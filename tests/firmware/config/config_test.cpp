@@ -685,6 +685,36 @@ TEST(Config, a_misspelled_table_is_told_before_the_backend_that_is_missing_witho
     EXPECT_THAT(what, HasSubstr("strobe.backend: is missing"));
 }
 
+TEST(Config, a_simulated_device_beside_a_real_one_that_it_does_not_work_with_is_noted) {
+    const auto noted = [](const std::string& text) {
+        const auto config = parse(text);
+        if (!config) return config.error().message();
+        std::string all;
+        for (const Error& note : notes(*config)) all += note.message() + "\n";
+        return all;
+    };
+    const std::string gardasoft =
+        "[strobe]\nbackend = \"gardasoft\"\nhost = \"10.0.0.2\"\ntrigger = \"command\"\n[[strobe.channel]]\noutput = "
+        "1\nrated_ma = 500\n";
+    const std::string gpio = "[strobe]\nbackend = \"gpio\"\n[[strobe.channel]]\nchip = \"c\"\nline = \"1\"\n";
+    const std::string frames = "[sensor]\nbackend = \"frames\"\nfolder = \"f\"\n",
+                      genicam = "[sensor]\nbackend = \"genicam\"\n";
+    for (const std::string& strobe : {gardasoft, gpio})
+        EXPECT_THAT(noted(strobe),
+                    testing::AllOf(HasSubstr("every part is rejected as too-dark"),
+                                   HasSubstr("set strobe.backend to \"simulated\"")));
+    EXPECT_THAT(noted(genicam + "trigger_source = \"Line1\"\n"), HasSubstr("no frame comes"));
+    EXPECT_THAT(noted("[sensor]\nbackend = \"v4l2\"\n"), HasSubstr("no light of this station falls on the parts"));
+    EXPECT_EQ(noted(genicam + "trigger_source = \"Line1\"\n" + gpio), "");
+    EXPECT_EQ(noted(frames), "");
+    EXPECT_EQ(noted(frames + gpio), "");
+    EXPECT_EQ(noted(""), "");
+    const auto first_try = load_config(kDeploy / "try-genicam.toml");
+    ASSERT_TRUE(first_try) << first_try.error().message();
+    ASSERT_EQ(notes(*first_try).size(), 1U);
+    EXPECT_THAT(notes(*first_try)[0].cure, HasSubstr("for a trial"));
+}
+
 TEST(Config, what_cannot_work_together_is_refused) {
     EXPECT_THAT(problems_of("[line]\ntransport_ms = 100\n"), HasSubstr("the verdict is due 75 ms after the edge"));
     EXPECT_THAT(problems_of("[rejector]\npulse_ms = 20\n"), HasSubstr("else a neighbour is ejected"));
