@@ -369,7 +369,7 @@ InventoryItem describe_camera(const ListedCamera& camera, const std::string& bac
     return item;
 }
 
-void make_one_file(std::vector<InventorySection>& sections) {
+std::vector<std::string> make_one_file(std::vector<InventorySection>& sections) {
     std::map<std::string, std::string> set_by;  // a table's head to the item's name
     for (auto section = sections.rbegin(); section != sections.rend(); ++section) {
         for (InventoryItem& item : section->items) {
@@ -388,6 +388,10 @@ void make_one_file(std::vector<InventorySection>& sections) {
             }
         }
     }
+    std::vector<std::string> missing;
+    for (const char* head : {"[sensor]", "[strobe]", "[part_sensor]", "[rejector]"})
+        if (!set_by.contains(head)) missing.emplace_back(head);
+    return missing;
 }
 
 std::vector<InventorySection> list_devices(const hal::Clock& clock, const InventoryOptions& options) {

@@ -46,8 +46,9 @@ InventoryItem describe_chip(const drivers::ListedChip& chip, bool shared_label);
 InventoryItem describe_camera(const hal::ListedCamera& camera, const std::string& backend);
 
 // Makes the lines of all items one valid file. Where several items set the same table, one item keeps its lines: the
-// first item of the last section that sets it. The lines of the others become comments that name that item.
-void make_one_file(std::vector<InventorySection>& sections);
+// first item of the last section that sets it. The lines of the others become comments that name that item. Returns the
+// tables that a configuration needs beside these lines ("[strobe]"): no device of theirs was found.
+std::vector<std::string> make_one_file(std::vector<InventorySection>& sections);
 
 // Blocks for the time that cameras and the module need to answer, a few seconds.
 std::vector<InventorySection> list_devices(const hal::Clock& clock, const InventoryOptions& options);

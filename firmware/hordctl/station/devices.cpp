@@ -142,9 +142,18 @@ Exit list(const DevicesOptions& options) {
     const auto loop = SdEventLoop::open();
     if (!loop) return complain(loop.error());
     auto sections = list_devices(**loop, inventory);
-    if (!options.json) make_one_file(sections);
-    if (options.json) print_json(sections);
-    else print_text(sections);
+    if (options.json) {
+        print_json(sections);
+    } else {
+        const std::vector<std::string> missing = make_one_file(sections);
+        print_text(sections);
+        if (!missing.empty())
+            fmt::print(
+                "Not in the lines above, and needed in hordd.toml: {}\n  cure: attach the devices and list them again, "
+                "or "
+                "add each with backend = \"simulated\" for a trial\n",
+                joined(missing));
+    }
     const InventorySection& module = sections.back();
     return module.items.empty() || module.items.front().problem.empty() ? Exit::good : Exit::rejected;
 }

@@ -303,7 +303,7 @@ TEST(InventoryText, of_several_devices_is_a_configuration_when_all_lines_are_pas
     sections[2].items = {camera("S1", "genicam"), camera("S\n2", "genicam")};
     sections[3].items = {rejector("/dev/ttyS0", "device = \"/dev/ttyS0\"\n"),
                          rejector("/dev/ttyS1", "device = \"/dev/ttyS1\"\n")};
-    make_one_file(sections);
+    EXPECT_THAT(make_one_file(sections), IsEmpty());
     std::string all;
     for (const InventorySection& section : sections) {
         for (const InventoryItem& item : section.items) all += item.config;
@@ -314,6 +314,8 @@ TEST(InventoryText, of_several_devices_is_a_configuration_when_all_lines_are_pas
     EXPECT_EQ(config->strobe.gpio.size(), 1U);
     EXPECT_EQ(std::get<drivers::ModbusRejectorOptions>(config->rejector).address.serial->device, "/dev/ttyS0");
     EXPECT_THAT(all, HasSubstr("# or, instead of [sensor] of \"S1\":\n# [sensor]\n# backend = \"genicam\"\n"));
+    sections[0].items.clear();  // a machine without GPIO lines
+    EXPECT_THAT(make_one_file(sections), testing::ElementsAre("[strobe]", "[part_sensor]"));
 }
 
 }  // namespace
