@@ -74,8 +74,9 @@ inline constexpr std::array<FaultInfo, kFaultCount> kFaultTable{{
      "see the log; check that the frame's size is that of [inspection], lower the line's rate or raise "
      "inspection.threads"},
     {kFaultOverrun, "overrun", FaultSource::core, 3, "627bf3225fac4cb6a34acb115ee347dd",
-     "verdicts come later than the line allows",
-     "lower the line's rate, raise inspection.threads or move the ejector downstream (line.transport_ms)"},
+     "verdicts or exposures come later than the line allows",
+     "of an exposure a message before it names part and lateness; of verdicts, lower the line's rate, raise "
+     "inspection.threads or move the ejector downstream (line.transport_ms)"},
     {kFaultConfiguration, "configuration", FaultSource::core, 3, "a930d55d954540f3ae889fe46f2c7a8c",
      "the configuration could not be used", "see the log; correct the file and reload"},
     {kFaultLightLevel, "light-level", FaultSource::core, 3, "43f2f1936e854f08b5927b0fe339d309",

@@ -142,7 +142,9 @@ void Station::try_to_run() {
 Answer Station::step(const Event& event) {
     const State before = core_.state();
     const std::uint32_t latched = core_.faults_latched();
-    const Answer answer = core_.step(event, cell_.loop.now(), actions_);
+    const TimePoint now = cell_.loop.now();
+    const Answer answer = core_.step(event, now, actions_);
+    tell(now);
     for (const Action& action : actions_) std::visit([this](const auto& a) { carry_out(a); }, action);
     const std::uint32_t raised = core_.faults_latched() & ~latched;
     if (observer_ != nullptr && raised != 0) observer_->on_fault(raised, core_.snapshot());

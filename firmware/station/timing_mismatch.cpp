@@ -79,8 +79,14 @@ std::optional<Error> mismatch_of(const hal::PartEdge& edge, const Line& line, co
 std::optional<Error> mismatch_of(const hal::StrobeReport& report, const Line& line, const CoreConfig& config) {
     const Part* const part =
         oldest(line, [&](const Part& one) { return one.light_due && one.number() == report.exposure; });
-    if (part == nullptr || !report.lit) return std::nullopt;
+    if (part == nullptr) return std::nullopt;
     const Duration off = report.start - (part->exposure_start + config.strobe_delay);
+    if (!report.lit)
+        return Error{ErrorCode::timeout,
+                     "the light of part " + std::to_string(part->number()) + " did not come: the strobe said so " +
+                         ms(off) + side(off) + "it was due",
+                     "a strobe that is lost has a message of its own; without one the strobe's thread came too late to "
+                     "fire it: look what else this machine does"};
     const Duration longer = report.width - config.strobe;
     const bool late = outside(off, config.strobe_window);
     if (!late && !outside(longer, config.strobe_window)) return std::nullopt;
@@ -92,6 +98,18 @@ std::optional<Error> mismatch_of(const hal::StrobeReport& report, const Line& li
                      "; the tolerance is " + ms(config.strobe_window) + " (timing.strobe_window_us)",
                  "look what delays the strobe; a light that a command over the network fires needs a tolerance of some "
                  "milliseconds"};
+}
+
+std::optional<Error> mismatch_of(TimePoint step, const Line& line, const CoreConfig&) {
+    for (std::uint32_t k = 0; k < line.size(); ++k) {
+        const Part& part = line[k];
+        if (!part.exposed || part.asked_at != step || step <= part.exposure_start) continue;
+        return Error{ErrorCode::timeout,
+                     "part " + std::to_string(part.number()) + " was at the camera " + ms(step - part.exposure_start) +
+                         " before the station could ask for its exposure: neither light nor camera was triggered",
+                     "look what else this machine does, or raise line.exposure_delay_ms (move the camera downstream)"};
+    }
+    return std::nullopt;
 }
 
 }  // namespace hord::firmware

@@ -16,4 +16,7 @@ std::optional<Error> mismatch_of(const hal::FrameInfo& frame, const Line& line, 
 std::optional<Error> mismatch_of(const hal::PartEdge& edge, const Line& line, const CoreConfig& config);
 std::optional<Error> mismatch_of(const hal::StrobeReport& report, const Line& line, const CoreConfig& config);
 
+// After the core's step of this moment: a part whose exposure could not be requested any more.
+std::optional<Error> mismatch_of(TimePoint step, const Line& line, const CoreConfig& config);
+
 }  // namespace hord::firmware

@@ -160,6 +160,28 @@ TEST_F(StationTest, a_frame_or_light_that_misses_its_time_is_told_with_the_key_t
     EXPECT_THAT(observer.troubles[1].what, HasSubstr("the window is 2 ms (timing.frame_window_us)"));
 }
 
+TEST_F(StationTest, a_part_that_is_at_the_camera_before_its_exposure_is_asked_for_is_told_by_how_much) {
+    run();
+    loop.run_for(milliseconds(20));
+    part_sensor.listener->on_edge({hal::PartEdge::Kind::arrives, loop.now() - milliseconds(12), ++edges, {}});
+    ASSERT_EQ(observer.troubles.size(), 1U);
+    EXPECT_THAT(observer.troubles[0].what, HasSubstr("part 1 was at the camera 7 ms before the station could ask"));
+    EXPECT_TRUE(strobe.pulses.empty());
+    EXPECT_NE(station->snapshot().faults_active & kFaultOverrun, 0U);
+}
+
+TEST_F(StationTest, a_light_that_did_not_come_is_told_with_its_part) {
+    run();
+    part();
+    const auto& pulse = strobe.pulses.back();
+    strobe.listener->on_strobe({pulse.exposure, false, pulse.start + milliseconds(3), {}});
+    ASSERT_EQ(observer.troubles.size(), 1U);
+    EXPECT_THAT(observer.troubles[0].what,
+                HasSubstr("the light of part 1 did not come: the strobe said so 3 ms after it was due"));
+    loop.run_for(milliseconds(1));
+    EXPECT_EQ(station->snapshot().counters.unfit, 1U);
+}
+
 TEST_F(StationTest, parts_that_are_too_close_are_told_with_the_key_once_a_second) {
     run();
     part();
