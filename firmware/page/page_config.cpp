@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cctype>
 
+#include <arpa/inet.h>
+
 #include "common/file_kind.h"
 #include "common/toml_fields.h"
 #include "firmware/registers/register_client.h"
@@ -18,11 +20,18 @@ fs::path beside(const fs::path& file, const std::string& name) {
     return name.empty() || fs::path(name).is_absolute() ? fs::path(name) : file.parent_path() / name;
 }
 
+bool is_address(int family, const std::string& text) {
+    in6_addr address{};
+    return ::inet_pton(family, text.c_str(), &address) == 1;
+}
+
+// A name, an IPv4 address, or an IPv6 address with or without brackets; without a port.
 bool may_be_a_host(const std::string& name) {
-    const auto plain = [](unsigned char c) {
-        return std::isalnum(c) != 0 || c == '.' || c == '-' || c == '_' || c == ':' || c == '[' || c == ']';
-    };
-    return !name.empty() && name.size() < 256 && std::all_of(name.begin(), name.end(), plain);
+    if (name.starts_with('[') && name.ends_with(']')) return is_address(AF_INET6, name.substr(1, name.size() - 2));
+    if (name.find(':') != std::string::npos) return is_address(AF_INET6, name);
+    if (name.find_first_not_of("0123456789.") == std::string::npos) return is_address(AF_INET, name);
+    const auto plain = [](unsigned char c) { return std::isalnum(c) != 0 || c == '.' || c == '-' || c == '_'; };
+    return name.size() < 256 && std::all_of(name.begin(), name.end(), plain);
 }
 
 // "06:00"
@@ -46,7 +55,7 @@ Result<PageConfig> read(TomlTable root, const fs::path& file, TomlProblems& prob
         if (!may_be_a_host(name))
             page.problem("names", "\"" + name + "\" is no host's name or address",
                          "write it without a port and without http://");
-        name = lower(name);
+        name = lower(is_address(AF_INET6, name) ? "[" + name + "]" : name);  // as browsers send it
     }
     if (!may_be_a_host(config.host))
         page.problem("host", "\"" + config.host + "\" is no address to listen at",

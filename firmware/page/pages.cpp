@@ -339,6 +339,7 @@ Reply Pages::part_for_people(PartKey key, const std::string& map) {
     const auto kept = deps_.frames.find(key.boot, key.part);
     const auto drawn =
         kept ? deps_.pictures.draw(*kept, map) : Result<std::shared_ptr<const DrawnPart>>(tl::unexpected(kept.error()));
+    if (!drawn && kept && !map.empty() && deps_.pictures.draw(*kept, "")) return refusal(drawn.error());  // the name
     if (drawn) shown["found"] = Json::parse((*drawn)->found);
     else shown["no_frame"] = drawn.error().message();
     return json(shown);

@@ -34,7 +34,7 @@ function showCell(cell, station) {
   setText(cell.querySelector(".words"), words + (station.state.simulated ? " Simulated devices." : ""));
   const counters = station.state.rows.counters || {}, health = station.state.rows.health || {}, recipe = station.state.rows.recipe || {};
   const all = (counters.pass || 0) + (counters.reject || 0) + (counters.unfit || 0);
-  setText(cell.querySelector(".numbers"), all === 0 ? "No part since the start." :
+  setText(cell.querySelector(".numbers"), !station.state.rows.counters ? "No answer yet: whether parts came is not known." : all === 0 ? "No part since the start." :
     `${known(health.parts_per_minute) ? health.parts_per_minute.toFixed(0) + " parts a minute, y" : "Y"}ield ${(100 * counters.pass / all).toFixed(1)} % of ${all}, ${counters.reject} reject, ${counters.unfit} unfit; recipe ${recipe.name || "not known"}${station.state.up ? "" : " (the last known values)"}`);
   const strip = cell.querySelector(".strip"), text = station.results.map((r) => `${r.part}${r.verdict}`).join();
   if (strip.dataset.text === text) return;

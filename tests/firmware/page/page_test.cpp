@@ -98,6 +98,24 @@ TEST(PageConfiguration, every_problem_is_told_at_once_with_its_line) {
         EXPECT_THAT(read.error().what, HasSubstr(part));
 }
 
+TEST(PageConfiguration, names_have_no_port_and_addresses_are_possible_ones) {
+    const auto names = [](const std::string& name) {
+        return parse_page_config("[page]\nnames = [\"" + name + "\"]\n", "page.toml");
+    };
+    const auto host = [](const std::string& name) {
+        return parse_page_config("[page]\nhost = \"" + name + "\"\n", "page.toml");
+    };
+    for (const char* wrong : {"", "cell3:8070", "1.2.3.4:80", "1.2.3.4.5", "1.2.3.256", "[::1]:80", "[cell3]", "a b"}) {
+        EXPECT_FALSE(names(wrong)) << wrong;
+        EXPECT_FALSE(host(wrong)) << wrong;
+    }
+    for (const char* right : {"cell3", "Cell-3.plant.example", "10.0.0.7", "0.0.0.0", "::1", "[fe80::1]"}) {
+        EXPECT_TRUE(names(right)) << right;
+        EXPECT_TRUE(host(right)) << right;
+    }
+    EXPECT_EQ(names("::1")->names, std::vector<std::string>{"[::1]"});
+}
+
 TEST(PageConfiguration, files_are_found_beside_it) {
     const auto read =
         parse_page_config("[station]\nstore = \"store\"\n[actions]\ntokens = \"/x/t\"\n", "/etc/hord/page.toml");
@@ -373,7 +391,9 @@ TEST(PagePicture, shows_what_the_inspection_said_then) {
     EXPECT_TRUE(found["sentence"].get<std::string>().starts_with("Rejected: "));
     EXPECT_EQ(page.get("/parts/00000007-110/map.png", {{"map", "sums"}}).status, 200);
     EXPECT_EQ(found["defect_count"], found["defects"].size());  // fewer than 20
-    EXPECT_EQ(page.get("/parts/10/map.png", {{"map", "../x"}}).status, 400);
+    for (const char* wrong : {"/parts/10/map.png", "/parts/10/part.json", "/parts/10/found.json"}) {
+        EXPECT_EQ(page.get(wrong, {{"map", "../x"}}).status, 400) << wrong;
+    }
     EXPECT_NEAR(brightest_share(page.frames.find(kBoot, kBadPart)->frame.frame.view()), 200.0 / 255, 0.02);
 }
 

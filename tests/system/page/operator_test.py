@@ -280,6 +280,7 @@ def wall(bin_dir, out, folder):
             return cells if len(cells) == 3 and all(int(c[2]) > 0 for c in cells[:2]) and cells[2][1] == "alarm" else None
         cells = wait_for("two stations with parts, and one that is away", seen)
         check([c[0] for c in cells] == ["Cell 1", "Cell 2", "Cell 3"] and cells[1][3] == "http://cell2.example:8070/", f"cells: {cells}")
+        check(browser.run("return document.querySelectorAll('.cell')[2].querySelector('.numbers').textContent") == "No answer yet: whether parts came is not known.", "a station that never answered has no parts")
         check("1 alarm" in browser.run(TEXT, "summary") or "2 alarm" in browser.run(TEXT, "summary"), "the summary counts no alarm")
         lose_plc(stations[0].port)
         def warned():
