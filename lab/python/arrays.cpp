@@ -65,7 +65,7 @@ ArrayFrame frame_of(const py::array& array, int bits) {
     const FrameView view{static_cast<const std::byte*>(kept.data()), static_cast<int>(kept.shape(1)),
                          static_cast<int>(kept.shape(0)), kept.strides(0), bits};
     check_samples(view);
-    return {std::move(kept), view};
+    return {kept.is(array) ? std::move(kept) : read_only(std::move(kept)), view};
 }
 
 ArrayFrame frame_of(Frame&& frame) {
@@ -75,7 +75,7 @@ ArrayFrame frame_of(Frame&& frame) {
     const py::dtype type = view.bits > 8 ? py::dtype::of<std::uint16_t>() : py::dtype::of<std::uint8_t>();
     py::array array(type, {view.height_px, view.width_px},
                     {view.stride_bytes, static_cast<std::ptrdiff_t>(view.sample_bytes())}, view.data, owner);
-    return {std::move(array), view};
+    return {read_only(std::move(array)), view};  // no view of it can be made writeable
 }
 
 void check_samples(const FrameView& view) {
@@ -102,9 +102,16 @@ std::pair<int, int> bins_of(const py::object& bins) {
                    "write columns x rows, 3 to 15 bins a side, as in 9x9");
         return *parsed;
     }
+    const auto whole_numbers = [&] {
+        const auto pair = bins.cast<py::sequence>();
+        return pair.size() == 2 && py::isinstance<py::int_>(pair[0]) && py::isinstance<py::int_>(pair[1]);
+    };
     try {
         out = bins.cast<std::pair<int, int>>();
     } catch (const py::cast_error&) {
+        if (py::isinstance<py::sequence>(bins) && whole_numbers())  // beyond an int
+            refuse("bins " + py::str(bins).cast<std::string>() + " are not a macro-pixel size",
+                   "give columns and rows, 3 to 15 bins a side, as in (9, 9)");
         throw py::type_error("bins are a text such as \"9x9\" or two numbers such as (9, 9)");
     }
     const auto wrong = [](int count) { return count < algo::kMinBins || count > algo::kMaxBins; };

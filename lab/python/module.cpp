@@ -27,6 +27,8 @@ const char* class_of(ErrorCode code) {
 std::string with_arguments(std::string text) {
     constexpr std::string_view kTool = "to hordctl as --";
     if (const auto at = text.find(kTool); at != std::string::npos) text.replace(at, kTool.size(), "as --");
+    constexpr std::string_view kFrames = "hordctl inspect, learn and tune take frames";
+    if (text == kFrames) return "hord.read, hord.inspect and hord.learn take frames";
     std::string out;
     for (std::size_t at = 0; at < text.size();) {
         const bool option = text.compare(at, 2, "--") == 0 && at + 2 < text.size() && std::islower(text[at + 2]) != 0 &&

@@ -59,6 +59,14 @@ class LightField(unittest.TestCase):
         of_a_copy = hord.from_samples(np.ascontiguousarray(field.samples))
         np.testing.assert_array_equal(of_a_copy.frame, field.frame)
 
+    def test_what_is_read_cannot_be_changed(self):
+        field = hord.read(bubble)
+        for view in field.samples, field.frame, field.samples.base, hord.decode(pixels(bubble)[:, ::-1]).samples:
+            with self.assertRaises(ValueError):
+                view[...] = 0
+            with self.assertRaises(ValueError):
+                view.flags.writeable = True
+
     def test_the_memory_outlives_the_frame(self):
         samples = hord.read(bubble).samples
         np.testing.assert_array_equal(samples, hord.decode(pixels(bubble)).samples)
@@ -342,6 +350,10 @@ class Errors(unittest.TestCase):
             self.assertEqual(str(error), f"{error.what}: {error.cure}" if error.cure else error.what)
         self.assertTrue(error.what)
 
+    def test_a_frame_in_place_of_a_recipe_is_told_in_words_of_python(self):
+        with self.assertRaisesRegex(hord.InvalidArgument, "is an image, .* hord.read, hord.inspect and hord.learn take frames$"):
+            hord.inspect(bubble, recipe=bubble)
+
     def test_what_cannot_be_a_frame_is_refused(self):
         for array, words in (
             (np.zeros((90, 90)), "type float64 is not supported: give unsigned samples"),
@@ -353,8 +365,8 @@ class Errors(unittest.TestCase):
             with self.assertRaisesRegex(hord.InvalidArgument, words):
                 hord.decode(array)
         frame = np.zeros((90, 90), np.uint8)
-        for arguments in {"bins": "9by9"}, {"bins": (2, 9)}, {"bits": 12}:
-            with self.assertRaises(ValueError):
+        for arguments in {"bins": "9by9"}, {"bins": (2, 9)}, {"bins": (2**40, 9)}, {"bins": [9, 10**400]}, {"bits": 12}:
+            with self.assertRaises(hord.InvalidArgument):
                 hord.decode(frame, **arguments)
         with self.assertRaises(TypeError):
             hord.decode(frame, bins=9)
