@@ -19,20 +19,24 @@ class BlockCounter {
 
     std::uint32_t sequence_of(std::uint64_t id) {
         if (id == 0) period_ = 65536;
-        const std::uint64_t last = last_.value_or(id - 1);
+        const std::uint64_t last = last_.value_or(id - 1 - unnumbered_);
         const bool wraps = id <= 65535 && last <= 65535;
         const std::uint64_t ahead = wraps ? (id + period_ - last) % period_ : id - last;
         const std::uint64_t behind = wraps ? period_ - ahead : last - id;
         if (last_ && behind <= kMaxLate) return sequence_ - static_cast<std::uint32_t>(behind);
         sequence_ += static_cast<std::uint32_t>(ahead);
         last_ = id;
+        unnumbered_ = 0;
         return sequence_;
     }
+    // Of a block whose first packet was lost, and with it the id. Blocks end in their order, so it is the next one, or
+    // a later one if whole blocks were lost, too.
+    std::uint32_t sequence_without_id() { return sequence_ + ++unnumbered_; }
 
   private:
     std::optional<std::uint64_t> last_;
     std::uint64_t period_ = 65535;
-    std::uint32_t sequence_ = 0;
+    std::uint32_t sequence_ = 0, unnumbered_ = 0;
 };
 
 // The offset of the camera's clock to the station's, as an interval that contains it.

@@ -547,7 +547,11 @@ class GenicamDevice final : public CameraDevice {
         heard_ = true;
         CameraFrame frame;
         frame.buffer = GPOINTER_TO_UINT(arv_buffer_get_user_data(buffer));
-        frame.sequence = counter_.sequence_of(arv_buffer_get_frame_id(buffer));
+        // The first packet's arrival, a time of day; 0: it did not come, and the buffer's id is that of an earlier
+        // frame.
+        const std::chrono::nanoseconds first(arv_buffer_get_system_timestamp(buffer));
+        frame.sequence =
+            first.count() == 0 ? counter_.sequence_without_id() : counter_.sequence_of(arv_buffer_get_frame_id(buffer));
         std::size_t bytes = 0;
         arv_buffer_get_data(buffer, &bytes);
         // A buffer that is not complete holds samples of an earlier frame.
@@ -557,8 +561,6 @@ class GenicamDevice final : public CameraDevice {
         if (frame.corrupt) tell_damaged(damage);
         if (!any_complete_ && frame.corrupt && ++incomplete_ == kSuspicious) tell_none_complete(differs(buffer));
         any_complete_ = any_complete_ || !frame.corrupt;
-        // The first packet's arrival is a time of day; 0: it did not come.
-        const std::chrono::nanoseconds first(arv_buffer_get_system_timestamp(buffer));
         const hal::TimePoint arrival = first.count() == 0
             ? now()
             : std::min(now(), hal::TimePoint(first + time_of(CLOCK_MONOTONIC) - time_of(CLOCK_REALTIME)));
@@ -624,9 +626,8 @@ class GenicamDevice final : public CameraDevice {
     // Large packets that a switch drops: first and last packet of each frame come, and no samples.
     void tell_none_complete(bool differ) const {
         if (differ) {
-            say("none of the first %d frames was what was agreed: look at the camera's format, size and region (what "
-                "is "
-                "saved in it, and [[sensor.feature]]); switch it off and on; else update its firmware",
+            say("none of the first %d frames was what was agreed: look at the camera's format, size and region "
+                "(what is saved in it, and [[sensor.feature]]); switch it off and on; else update its firmware",
                 kSuspicious);
         } else if (packet_bytes_ > kEthernetMtu) {
             say("none of the first %d frames was complete: does everything between camera and station carry packets of "

@@ -34,6 +34,17 @@ TEST(BlockCounter, a_block_that_comes_after_later_ones_keeps_its_number) {
     EXPECT_EQ(sequences({65534, 1, 65535, 2}), (std::vector<std::uint32_t>{1, 3, 2, 4})) << "across the wrap";
     EXPECT_EQ(sequences({70'000, 70'003, 70'001, 70'004}), (std::vector<std::uint32_t>{1, 4, 2, 5}));
 }
+TEST(BlockCounter, blocks_without_an_id_take_the_numbers_up_to_the_next_id) {
+    BlockCounter counter;
+    EXPECT_EQ(counter.sequence_without_id(), 1U);
+    EXPECT_EQ(counter.sequence_of(5), 2U);
+    EXPECT_EQ(counter.sequence_without_id(), 3U);
+    EXPECT_EQ(counter.sequence_without_id(), 4U);
+    EXPECT_EQ(counter.sequence_of(8), 5U);
+    EXPECT_EQ(counter.sequence_without_id(), 6U);
+    EXPECT_EQ(counter.sequence_of(11), 8U);  // a block was lost whole
+}
+
 TEST(BlockCounter, a_repeated_id_repeats_the_sequence) {
     EXPECT_EQ(sequences({7, 8, 8, 9}), (std::vector<std::uint32_t>{1, 2, 2, 3}));
 }
