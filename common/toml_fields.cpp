@@ -28,7 +28,7 @@ struct TomlTable::Node {
     std::vector<std::shared_ptr<const bool>> above = {};            // `misread` of the tables that it is in
     std::shared_ptr<bool> misread = std::make_shared<bool>(false);  // a choice was none of the names
     std::set<std::string, std::less<>> read_keys = {};
-    std::vector<std::string> across_keys = {};  // problems
+    std::vector<std::string> of_absent_keys = {};  // problems
     std::deque<std::shared_ptr<Node>> sub_tables = {};
 
     const toml::node* find(std::string_view key) {
@@ -258,9 +258,10 @@ bool TomlTable::misread() const {
 void TomlTable::problem(std::string_view key, std::string_view what, std::string_view cure) {
     if (misread()) return;
     const toml::node* node = node_->find(key);
-    node_->across_keys.push_back(node_->line_of(node != nullptr ? *node : *node_->table, key,
-                                                cure.empty() ? std::string(what) : fmt::format("{}: {}", what, cure)));
-    node_->problems->add(node_->across_keys.back());
+    std::string line = node_->line_of(node != nullptr ? *node : *node_->table, key,
+                                      cure.empty() ? std::string(what) : fmt::format("{}: {}", what, cure));
+    if (node == nullptr) node_->of_absent_keys.push_back(line);
+    node_->problems->add(std::move(line));
 }
 
 void TomlTable::refuse_unknown_keys() {
@@ -268,7 +269,7 @@ void TomlTable::refuse_unknown_keys() {
         const std::string_view unknown = key.str();
         if (node_->read_keys.contains(unknown)) continue;
         const auto nearest = nearest_name(unknown, node_->read_keys);
-        for (const std::string& line : node_->across_keys) {
+        for (const std::string& line : node_->of_absent_keys) {
             if (nearest) node_->problems->remove(line);
         }
         node_->problems->add_unknown(node_->line_of(value, unknown,

@@ -98,7 +98,7 @@ class TomlTable {
     [[nodiscard]] bool misread() const;
 
     // Adds a problem, with the most similar known key, for every key of this table and its sub-tables that was not
-    // read. If there is such a key, the problems that problem() added are removed: they may follow from it.
+    // read. If one is similar, what problem() added to keys that are absent is removed: it may follow from it.
     void refuse_unknown_keys();
 
   private:

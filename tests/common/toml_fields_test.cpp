@@ -98,16 +98,20 @@ TEST(TomlFields, what_may_follow_from_a_misspelt_choice_is_not_told) {
 
 TEST(TomlFields, what_may_follow_from_a_misspelt_key_is_not_told) {
     TomlProblems problems;
-    auto root = TomlTable::parse_text("[light]\nknid = \"led\"\n[cell]\nfoo = 1\n", "a.toml", problems);
+    auto root = TomlTable::parse_text("[light]\nknid = \"led\"\nwidth = 3\n[cell]\nfoo = 1\n", "a.toml", problems);
     auto light = root.table("light"), cell = root.table("cell");
     std::string kind;
+    int width = 0;
     light.text("kind", kind);
+    light.integer("width", width, 0, 10);
     light.problem("kind", "is missing", "say it");
+    light.problem("width", "is odd", "take an even one");  // a key that is there is wrong by itself
     cell.problem("name", "is missing", "say it");
     root.refuse_unknown_keys();
     EXPECT_THAT(
         problems.lines(),
         testing::UnorderedElementsAre(HasSubstr("light.knid: is not a known key: did you mean kind?"),
+                                      HasSubstr("light.width: is odd: take an even one"),
                                       HasSubstr("cell.foo: is not a known key"), HasSubstr("cell.name: is missing")));
 }
 
