@@ -1,9 +1,5 @@
-// A GigE Vision camera for tests: Aravis's fake camera, with the features that it lacks of a real one.
-//     hord_fake_gige ADDRESS SERIAL [name=USER_NAME] [lost=RATIO] [latch=no] [broken-xml] [formats=8] [lines]
-//                    [size=WIDTHxHEIGHT] [still] [wire] [events[=value]] [FRAME.png ...]
-//                    [late=MS] [test-packets] [asleep=MS] [lose-answers=N]
-//                    and of the network: [mtu=BYTES] [delay=MS] [reorder=N] [resend=N] [never=ID] [block-zero]
-//                    [leader=AT:VALUE] [lose-event=N] [twice]
+// A GigE Vision camera for tests: Aravis's fake camera, with the features that it lacks of a real one. kUsage has its
+// options.
 // ADDRESS is one of this machine's. Frames: the files, one after the other; without files, sample (x, y) of the n-th
 // frame is (x + 3 y + n) of the format's bits; `still` draws one frame only, and counts in its first sample. `size`: of
 // its sensor. `late`: it obeys every third trigger so much later. `asleep`: it says "ready" so long before it is
@@ -38,6 +34,12 @@
 #include "tests/drivers/genicam/network_between.h"
 
 namespace {
+
+constexpr const char* kUsage =
+    "usage: hord_fake_gige ADDRESS SERIAL [OPTION ...] [FRAME.png ...]\n"
+    "  of the camera:  name=USER_NAME lost=RATIO latch=no broken-xml formats=8 lines size=WIDTHxHEIGHT still wire\n"
+    "                  events[=value] late=MS test-packets asleep=MS lose-answers=N\n"
+    "  of the network: mtu=BYTES delay=MS reorder=N resend=N never=ID block-zero leader=AT:VALUE lose-event=N twice\n";
 
 using hord::Frame;
 
@@ -292,9 +294,7 @@ void on_signal(int signal) {
 
 int main(int argc, char** argv) {
     if (argc < 3) {
-        std::fprintf(stderr,
-                     "usage: hord_fake_gige ADDRESS SERIAL [OPTION ...] [FRAME.png ...]; the options are at the top "
-                     "of tests/drivers/genicam/fake_gige_program.cpp\n");
+        std::fputs(kUsage, stderr);
         return 2;
     }
     const std::string address = argv[1], serial = argv[2];
