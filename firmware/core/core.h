@@ -9,7 +9,7 @@
 //   - only a part whose own frame, lit by its own strobe, was judged good in time passes;
 //   - every other part is commanded to be rejected once; line stop is raised unless the rejection is confirmed in time;
 //   - an edge counts at its own time, however late it is told: a part that came before the start is not inspected, and
-//     without an encoder one that came before the reset of a line stop is off the line: no line stop, fault part-sensor.
+//     without an encoder one that came before the reset of a line stop is off the line (fault part-sensor, no stop).
 //
 // Files: core.cpp commands, devices, faults; arrival.cpp from edge to exposure; matching.cpp assigns frames, light and
 // judgements to parts; rejection.cpp deadlines, reject commands and reports.
