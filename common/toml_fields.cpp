@@ -28,7 +28,7 @@ struct TomlTable::Node {
     std::vector<std::shared_ptr<const bool>> above = {};            // `misread` of the tables that it is in
     std::shared_ptr<bool> misread = std::make_shared<bool>(false);  // a choice was none of the names
     std::set<std::string, std::less<>> read_keys = {};
-    std::vector<std::string> of_absent_keys = {};  // problems
+    std::vector<std::string> of_absent_keys = {};  // lines of problem()
     std::deque<std::shared_ptr<Node>> sub_tables = {};
 
     const toml::node* find(std::string_view key) {
@@ -269,9 +269,8 @@ void TomlTable::refuse_unknown_keys() {
         const std::string_view unknown = key.str();
         if (node_->read_keys.contains(unknown)) continue;
         const auto nearest = nearest_name(unknown, node_->read_keys);
-        for (const std::string& line : node_->of_absent_keys) {
-            if (nearest) node_->problems->remove(line);
-        }
+        if (nearest)
+            std::ranges::for_each(node_->of_absent_keys, [&](const auto& line) { node_->problems->remove(line); });
         node_->problems->add_unknown(node_->line_of(value, unknown,
                                                     nearest
                                                         ? fmt::format("is not a known key: did you mean {}?", *nearest)

@@ -12,7 +12,7 @@ namespace {
 
 using hal::Duration;
 
-constexpr int kMostOutputs = 8;
+constexpr int kMaxOutputs = 8;
 
 double ms(Duration time) { return static_cast<double>(time.count()) / 1e6; }
 
@@ -154,7 +154,7 @@ Result<std::optional<std::string>> error_of_events(std::string_view command, std
     for (std::string_view rest = trimmed(text); !rest.empty();) {
         const auto output = take(rest, "Evt") ? take_number(rest) : std::nullopt;
         const auto event = output && take(rest, ",") ? take_number(rest) : std::nullopt;
-        if (!event || *output > kMostOutputs || !(rest.empty() || take(rest, ";") || rest.starts_with("Evt")))
+        if (!event || *output > kMaxOutputs || !(rest.empty() || take(rest, ";") || rest.starts_with("Evt")))
             return unreadable(command, text);
         if (!first) first = words_of_event(*event);
     }
