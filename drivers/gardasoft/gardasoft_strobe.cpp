@@ -33,7 +33,7 @@ Result<void> each_dark(GardasoftLink& link, const GardasoftStrobeOptions& option
     for (const GardasoftChannel& channel : options.channels) {
         const auto dark = link.tell(gardasoft::dark_command(channel));
         if (!dark && done) done = tl::unexpected(dark.error());
-        // Else the link is of no use any more.
+        // After any other error the link is of no use any more.
         if (!dark && dark.error().code != ErrorCode::refused && dark.error().code != ErrorCode::unreadable) break;
     }
     return done;
@@ -152,8 +152,8 @@ struct GardasoftStrobe::Worker : std::enable_shared_from_this<Worker>, hal::Stro
         send([this, report] { listener->on_strobe(report); });
     }
 
-    // Every output gets dark first, whatever the controller did; and last, when the set-up is refused: its settings may
-    // be taken by halves.
+    // Makes every output dark first, whatever the controller did before. Does it again if the set-up is refused: some
+    // of its settings may be in force by then.
     Result<void> set_up() {
         link.reset();
         auto opened = GardasoftLink::open(options);
@@ -164,8 +164,7 @@ struct GardasoftStrobe::Worker : std::enable_shared_from_this<Worker>, hal::Stro
         return up;
     }
 
-    // Over the connection that is there. If it carries nothing any more, over a new one. Without a connection
-    // afterwards.
+    // Uses the open connection, or a new one if that fails. Closes the connection.
     void make_dark() {
         const bool dark = link && each_dark(*link, options);
         link.reset();
