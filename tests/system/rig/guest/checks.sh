@@ -150,7 +150,7 @@ line_is_used() { gpioinfo rig-gpio | grep 'COLLIMATOR_A.*used'; }
 line_folder() { echo "/sys/devices/platform/$(cat $chip/dev_name)/$(cat $chip/bank0/chip_name)/sim_gpio$1"; }
 
 # The package's files and installation steps without dpkg, for machines that do not test the installation: dpkg takes an emulated processor a
-# minute.
+# minute. As after dpkg, the files outlive a power cut and the station starts at the next boot.
 station_is_there() {
     [ ! -e /usr/bin/hordd ] || return
     dpkg-deb --fsys-tarfile /opt/rig/hord-station.deb | tar -x --keep-directory-symlink -C /
@@ -159,6 +159,8 @@ station_is_there() {
     systemctl daemon-reload
     udevadm control --reload
     udevadm trigger --subsystem-match=gpio
+    systemctl enable --quiet hordd.socket hordd
+    sync
     systemctl start hordd.socket
     systemctl start --no-block hordd
     say "# the package is there $(cut -d' ' -f1 /proc/uptime) s after the kernel"
