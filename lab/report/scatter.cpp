@@ -1,14 +1,44 @@
 #include "lab/report/scatter.h"
 
 #include <algorithm>
+#include <array>
+#include <span>
+#include <utility>
 
 #include <fmt/format.h>
 
 namespace hord::lab {
 namespace {
 
-constexpr double kLeft = 0.08, kRight = 0.98, kBottom = 0.1, kTop = 0.92;  // of the picture
+constexpr double kLeft = 0.08, kRight = 0.98, kBottom = 0.19, kTop = 0.92;  // of the picture
 constexpr double kPlotWidth = Scatter::kWidth * (kRight - kLeft), kPlotHeight = Scatter::kHeight * (kTop - kBottom);
+
+constexpr double kKeyHeight = 0.015;  // of the legend's lower edge
+constexpr std::size_t kMinMarks = 3;
+
+// Marks of a logarithmic axis at round numbers, kMinMarks at least: decades, or 1, 2 and 5, or every digit of each; in
+// a range too narrow for these at even steps.
+std::vector<double> log_marks(double low, double high) {
+    constexpr std::array<double, 13> kDigits = {1, 1, 2, 5, 1, 2, 3, 4, 5, 6, 7, 8, 9};
+    std::vector<double> marks;
+    for (const auto digits :
+         {std::span(kDigits).first(1), std::span(kDigits).subspan(1, 3), std::span(kDigits).subspan(4)}) {
+        marks.clear();
+        for (double decade = std::pow(10.0, std::floor(std::log10(low))); decade <= high; decade *= 10) {
+            for (const double digit : digits) {
+                if (decade * digit >= low && decade * digit <= high) marks.push_back(decade * digit);
+            }
+        }
+        if (marks.size() >= kMinMarks) return marks;
+    }
+    for (double unit = std::pow(10.0, std::floor(std::log10(high - low)));; unit /= 10) {
+        for (const double step : {5 * unit, 2 * unit, unit}) {
+            marks.clear();
+            for (double k = std::ceil(low / step); k * step <= high; ++k) marks.push_back(k * step);
+            if (marks.size() >= kMinMarks) return marks;
+        }
+    }
+}
 
 struct Box {
     double x0, y0, x1, y1;
@@ -27,6 +57,15 @@ std::string Scatter::script() const {
         kLeft, kRight, kBottom, kTop);
     text += fmt::format("set xrange [{}:{}]\nset yrange [{}:{}]\n{}{}", x_.low, x_.high, y_.low, y_.high,
                         x_.logarithmic ? "set logscale x\n" : "", y_.logarithmic ? "set logscale y\n" : "");
+    for (const auto& [axis, name] : {std::pair(&x_, 'x'), std::pair(&y_, 'y')}) {
+        if (!axis->logarithmic) continue;
+        std::string marks;
+        for (const double mark : log_marks(axis->low, axis->high))
+            marks += fmt::format("{0}\"{1:.6g}\" {1:.6g}", marks.empty() ? "" : ", ", mark);
+        text += fmt::format("set {}tics ({})\n", name, marks);
+    }
+    text += fmt::format("set key at screen {},{} bottom center horizontal maxrows 2 font ',9' samplen 2\n",
+                        (kLeft + kRight) / 2, kKeyHeight);
     std::vector<Box> taken;
     for (const Point& p : points_) taken.push_back({px(p) - 5, py(p) - 5, px(p) + 5, py(p) + 5});
     for (const Point& p : points_) {

@@ -23,7 +23,8 @@ class Scatter {
     // `kind` is the third column of the point's line, to draw kinds differently.
     void add(double x, double y, const std::string& name, int kind) { points_.push_back({x, y, name, kind}); }
 
-    // Data block $points, ranges and labels; a `plot` command follows.
+    // Data block $points, ranges, marks at round numbers, labels, and the legend below the plot, where nothing crosses
+    // it; a `plot` command follows.
     [[nodiscard]] std::string script() const;
 
   private:

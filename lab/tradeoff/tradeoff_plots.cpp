@@ -49,7 +49,7 @@ std::string pareto_script(const std::vector<Rated>& all) {
     front += fmt::format("{} {}\n", times.high, most);
     return "$front << EOD\n" + front + "EOD\n" + scatter.script() +
         "set xlabel 'ms a frame of 555x555 lenslets, one thread'\nset ylabel 'found at 1e-3 false positives, mean of "
-        "three families, %'\nset key bottom right\nset grid\n"
+        "three families, %'\nset grid\n"
         "set title 'Time and detection: 9 bins, slope 0.15, 2000 photons'\n"
         "plot $front using 1:2 with lines lc rgb '#888888' title 'nothing is faster and finds more', " +
         kPoints;
@@ -61,8 +61,7 @@ std::string error_script(const std::vector<Rated>& all) {
     Scatter scatter(times_of(all), {0.7 * least, 1.4 * most, true});
     for (const Rated& r : all) scatter.add(r.median_ms, error(r), r.name, static_cast<int>(r.kind));
     return scatter.script() +
-        "set xlabel 'ms a frame of 555x555 lenslets, one thread'\nset ylabel 'error over threshold'\nset grid\nset key "
-        "bottom right\n"
+        "set xlabel 'ms a frame of 555x555 lenslets, one thread'\nset ylabel 'error over threshold'\nset grid\n"
         "set title 'Error (RMS, against noise-free light) and time: 9 bins, slope 0.15, 2000 photons'\nplot " +
         kPoints;
 }

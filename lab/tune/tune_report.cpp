@@ -242,8 +242,8 @@ Result<std::vector<std::filesystem::path>> plot_tuned(const Tuned& tuned, const 
     front += fmt::format("{} {}\n", times.high, most);
     const std::string script = "$front << EOD\n" + front + "EOD\n$intervals << EOD\n" + intervals + "EOD\n" +
         scatter.script() +
-        fmt::format("set xlabel 'ms a frame, {} thread{}'\nset ylabel 'area under the ROC curve, bars 95 %'\nset key "
-                    "bottom right\nset grid\n",
+        fmt::format("set xlabel 'ms a frame, {} thread{}'\nset ylabel 'area under the ROC curve, bars 95 %'\nset "
+                    "grid\n",
                     tuned.threads, tuned.threads == 1 ? "" : "s") +
         fmt::format("set title 'Time and detection: {} good and {} bad frames of {}x{} lenslets'\n", tuned.good,
                     tuned.bad, tuned.extents.m, tuned.extents.n) +
