@@ -21,7 +21,8 @@ run() {
 }
 {
     sed -n '/^<!-- measured -->$/q;p' "$OLDPWD/tests/bench/tune_page.md"
-    printf '<!-- made by tests/bench/tune_page.sh on %s -->\n\n' "$(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) cores, load $(cut -d' ' -f1 /proc/loadavg)"
+    printf 'Run on %s at commit %s, on %s. tune_frames draws its frames with fixed seeds.\n\n' "$(date -u +%F)" \
+        "$(git -C "$OLDPWD" rev-parse --short=8 HEAD)" "$(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) cores, load $(cut -d' ' -f1 /proc/loadavg)"
     run povray 'Traced lens: bubbles, a cut, a scratch and a speck' --good povray/good --bad povray/bad --budget 100
     run production 'Simulated production: haze, small bubbles, specks' --good production/good --bad production/bad --budget 100 --bits 12
     run tight 'The same within 0.4 ms' --good production/good --bad production/bad --budget 0.4 --bits 12

@@ -10,6 +10,7 @@ said=$(sed -n 's/^RIG  | LATENCY //p' "$log" | grep -vE ': [0-9]+ %$')
 # Edge to light, edge to reject command, on device nodes
 
 Made by \`HORD_RIG_EDGES=$edges ./dev rig latency\`: \`hordctl latency --config tests/system/rig/guest/latency.toml --sensor --actuate --edges $edges\` inside the rig's machine.
+Run on $(date -u +%F) at commit $(git rev-parse --short=8 HEAD). Nothing in it is random.
 
 The time is virtual: one processor executes one instruction in $((1 << shift)) ns, independent of the load of the host. It models no cache, no
 pipeline and no other hardware. The numbers therefore count the instructions on the way, those of the kernel and of thread switches included. They
