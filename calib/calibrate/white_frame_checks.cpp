@@ -46,6 +46,7 @@ constexpr double kMaxBend = 0.005;       // of a pitch: by polynomials beyond ev
 constexpr double kMaxAlike = 0.2, kMaxAlikeDeviations = 4;
 constexpr double kMaxCommon = 0.0002;    // of a pitch: the common part of residuals
 constexpr double kMaxMissing = 0.1;      // of the complete lenslets
+constexpr double kMaxSaturated = 0.1;    // of the found lenslets
 constexpr double kMaxOffOfRegion = 0.2;  // of a region's lenslets: missing or rejected
 constexpr int kFewestOff = 5;            // of them: fewer may be dust
 
@@ -511,6 +512,13 @@ std::vector<std::string> warnings_about(const GridCalibration& calibration) {
             fmt::format("{} of {} lenslets have no centre: the grid there is only that of the model; if the "
                         "light should reach them, record the frame again, without a part in the light",
                         calibration.missing, calibration.complete));
+    }
+    if (calibration.saturated > kMaxSaturated * calibration.found) {
+        out.push_back(
+            fmt::format("{} of {} measured lenslets are saturated: what is uneven in their light is cut off and cannot "
+                        "be checked; lower the exposure or the light until the brightest samples are below full "
+                        "scale, and record the frame again",
+                        calibration.saturated, calibration.found));
     }
     if (calibration.light_roughness > kMaxRoughness) {
         out.push_back(

@@ -8,7 +8,7 @@ namespace hord::calib {
 namespace {
 
 using test::White;
-using ::testing::HasSubstr;
+using ::testing::AllOf, ::testing::Contains, ::testing::ElementsAre, ::testing::HasSubstr, ::testing::Not;
 
 // Required accuracy of the fitted grid at 20 ke- a pixel.
 constexpr double kGridRms = 0.001;
@@ -286,6 +286,16 @@ TEST(CalibrateGrid, a_saturated_frame_is_measured_by_its_edges_and_counted) {
     ASSERT_TRUE(calibration) << calibration.error().message();
     EXPECT_EQ(calibration->saturated, calibration->found);
     EXPECT_LT(test::compare(drawn, *calibration, white.pitch_px).rms_px, 0.003);
+    EXPECT_THAT(calibration->warnings, ElementsAre(AllOf(HasSubstr("lenslets are saturated"), HasSubstr("lower"))));
+}
+
+TEST(CalibrateGrid, single_saturated_lenslets_are_counted_without_a_warning) {
+    White white{.width_px = 400, .height_px = 400, .pitch_px = 20.6, .rotation_deg = 1};
+    white.light = [](double x, double y) { return std::hypot(x - 200, y - 200) < 25 ? 4.0 : 1.0; };
+    const auto calibration = calibrate_grid(test::draw(white).frame.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
+    EXPECT_GT(calibration->saturated, 0);
+    EXPECT_THAT(calibration->warnings, Not(Contains(HasSubstr("are saturated"))));
 }
 
 TEST(CalibrateGrid, a_bubble_in_the_white_frame_costs_its_own_lenslets_only) {

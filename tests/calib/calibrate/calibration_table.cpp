@@ -148,6 +148,9 @@ void answers() {
     white.light = [](double x, double y) { return x > 500 && y > 500 ? 0.0 : 1.0; };
     answer_row("a quarter of the frame dark", white);
     white = base;
+    white.peak_dn = 200'000;
+    answer_row("even light, three times the full scale", white);
+    white = base;
     white.misplaced_px = 0.15;
     answer_row("lenslets misplaced by 0.15 px", white);
 }
