@@ -45,6 +45,16 @@ HORD_ALWAYS_INLINE V max(const V& a, const V& b) {
     return a < b ? b : a;
 }
 
+// `v`; if it is a mask of 64 bytes, the compiler does not know its origin: GCC 12 combines two comparisons of such
+// vectors lane by lane, in general registers.
+template <class V>
+HORD_ALWAYS_INLINE V as_lanes(V v) {
+#if defined(__x86_64__) && !defined(__clang__)
+    if constexpr (sizeof(V) == 64 && std::is_integral_v<std::remove_cvref_t<decltype(v[0])>>) asm("" : "+v"(v));
+#endif
+    return v;
+}
+
 #if defined(__x86_64__)
 #define HORD_AVX2 "avx2,bmi,bmi2,popcnt"
 // Clang does not know prefer-vector-width and would ignore the whole list.

@@ -115,15 +115,6 @@ struct Vec<T, Count, Bytes, std::index_sequence<I...>> {
     }
 
   private:
-    // A mask of 64 bytes whose origin the compiler does not know: GCC 12 combines two comparisons lane by lane, in
-    // general registers.
-    template <class Mask>
-    HORD_ALWAYS_INLINE static Mask as_lanes(Mask mask) {
-#if defined(__x86_64__) && !defined(__clang__)
-        if constexpr (Bytes == 64) asm("" : "+v"(mask));
-#endif
-        return mask;
-    }
     template <std::size_t... L>
     HORD_ALWAYS_INLINE static V broadcast_lane_0(V v, std::index_sequence<L...>) {
         return __builtin_shufflevector(v, v, static_cast<int>(L * 0)...);

@@ -35,18 +35,18 @@ template <class V>
 HORD_ALWAYS_INLINE VecPair<V> operator~(const VecPair<V>& x) {
     return {~x.a, ~x.b};
 }
-#define HORD_VEC_PAIR_OPERATOR(OP)                                                  \
-    template <class V>                                                              \
-    HORD_ALWAYS_INLINE auto operator OP(const VecPair<V>& x, const VecPair<V>& y) { \
-        return VecPair<decltype(x.a OP y.a)>{x.a OP y.a, x.b OP y.b};               \
-    }                                                                               \
-    template <class V>                                                              \
-    HORD_ALWAYS_INLINE auto operator OP(double x, const VecPair<V>& y) {            \
-        return VecPair<decltype(x OP y.a)>{x OP y.a, x OP y.b};                     \
-    }                                                                               \
-    template <class V>                                                              \
-    HORD_ALWAYS_INLINE auto operator OP(const VecPair<V>& x, double y) {            \
-        return VecPair<decltype(x.a OP y)>{x.a OP y, x.b OP y};                     \
+#define HORD_VEC_PAIR_OPERATOR(OP)                                                                    \
+    template <class V>                                                                                \
+    HORD_ALWAYS_INLINE auto operator OP(const VecPair<V>& x, const VecPair<V>& y) {                   \
+        return VecPair<decltype(x.a OP y.a)>{algo::as_lanes(x.a OP y.a), algo::as_lanes(x.b OP y.b)}; \
+    }                                                                                                 \
+    template <class V>                                                                                \
+    HORD_ALWAYS_INLINE auto operator OP(double x, const VecPair<V>& y) {                              \
+        return VecPair<decltype(x OP y.a)>{algo::as_lanes(x OP y.a), algo::as_lanes(x OP y.b)};       \
+    }                                                                                                 \
+    template <class V>                                                                                \
+    HORD_ALWAYS_INLINE auto operator OP(const VecPair<V>& x, double y) {                              \
+        return VecPair<decltype(x.a OP y)>{algo::as_lanes(x.a OP y), algo::as_lanes(x.b OP y)};       \
     }
 HORD_VEC_PAIR_OPERATOR(+)
 HORD_VEC_PAIR_OPERATOR(-)

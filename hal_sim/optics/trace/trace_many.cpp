@@ -1,6 +1,7 @@
-// Traces one ray per lane, as long as all meet the same surfaces in the same order. A lane that departs from the first
-// one is followed alone from there on. Every lane performs the operations of trace() in the same order, so its bits
-// do not depend on the number of lanes or on the other rays.
+// Traces one ray per lane, as long as all meet the same surfaces in the same order. A ray that departs from the first
+// lane's waits until others are in its state, and goes on together with them. Every lane performs the operations of
+// trace() in the same order, so its bits do not depend on the number of lanes or on the other rays.
+#include <algorithm>
 #include <bit>
 
 #include "hal_sim/optics/scene/exact_math.h"
@@ -99,31 +100,172 @@ HORD_ALWAYS_INLINE void each(unsigned lanes, const Do& what) {
     for (; lanes != 0; lanes &= lanes - 1) what(static_cast<unsigned>(std::countr_zero(lanes)));
 }
 
-// Traces 2 to kLanes rays. One long function: the state of all lanes is shared by every step and kept in registers.
-template <int Bytes, bool kLosses>
-HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, unsigned count, Arrival* arrivals,
-                                     [[maybe_unused]] Ghost ghost) {
-    using D = Doubles<Bytes>;
-    using P = Paths<Bytes>;
+constexpr int kFewest = 3;  // rays of a packet that are sooner followed together than one by one
+
+// Rays that may go on together: they have met the same surfaces in the same order.
+struct PathState {
+    std::uint64_t inside_bits = 0, on_bits = 0;
+    int step = 0, faces = 0;
+    bool operator==(const PathState&) const = default;
+};
+
+template <class D>
+struct Packet {
+    RayLanes<D> ray;
+    D weight, leaves;
+    VecPair<algo::Vector<std::uint64_t, sizeof(D) / 2>> path;
+    unsigned lanes = 0;  // bit k: lane k still follows the path of the lowest set lane, the leader
+    PathState at;
+    std::uint32_t index[kLaneCount<D>];  // of the ray of each lane
+    bool alone = false;                  // its few rays need not wait for others
+};
+
+// The lanes of vectors, one by one.
+template <class D>
+struct Lanes {
+    double values[8][kLaneCount<D>];  // origin, direction, weight, leaves
+    std::uint64_t path[kLaneCount<D>];
+
+    template <class P>
+    HORD_ALWAYS_INLINE Lanes(const RayLanes<D>& ray, const D& weight, const D& leaves, const P& paths) {
+        algo::store(ray.origin.x, values[0]), algo::store(ray.origin.y, values[1]);
+        algo::store(ray.origin.z, values[2]), algo::store(ray.direction.x, values[3]);
+        algo::store(ray.direction.y, values[4]), algo::store(ray.direction.z, values[5]);
+        algo::store(weight, values[6]), algo::store(leaves, values[7]), algo::store(paths, path);
+    }
+};
+
+// Rays that have left their packets, by state.
+template <class D>
+class Departed {
+  public:
+    static constexpr unsigned kLanes = kLaneCount<D>;
+
+    // False: there is no room.
+    HORD_ALWAYS_INLINE bool add(const PathState& at, std::uint32_t index, const Lanes<D>& lanes, unsigned lane) {
+        Group* to = nullptr;
+        for (Group& group : groups_) {
+            if (group.count != 0 && group.at == at) {
+                to = &group;
+                break;
+            }
+            if (group.count == 0) to = &group;
+        }
+        if (to == nullptr || to->count == kRoom) return false;
+        to->at = at;
+        const unsigned k = to->count++;
+        to->index[k] = index;
+        to->path[k] = lanes.path[lane];
+        for (int v = 0; v < 8; ++v) to->values[v][k] = lanes.values[v][lane];
+        return true;
+    }
+
+    // Takes up to kLanes rays of one state; with `full` only where so many wait. False: there are none.
+    HORD_ALWAYS_INLINE bool take(bool full, Packet<D>& packet) {
+        Group* from = nullptr;  // the least advanced one: its rays may yet join the others
+        for (Group& group : groups_) {
+            if (group.count < (full ? kLanes : 1)) continue;
+            if (from == nullptr || group.at.step < from->at.step) from = &group;
+        }
+        if (from == nullptr) return false;
+        const unsigned count = std::min(from->count, kLanes);
+        from->count -= count;
+        const unsigned first = from->count;
+        double values[8][kLanes];
+        std::uint64_t path[kLanes];
+        for (unsigned k = 0; k < kLanes; ++k) {
+            const unsigned of = first + (k < count ? k : 0);
+            for (int v = 0; v < 8; ++v) values[v][k] = from->values[v][of];
+            path[k] = from->path[of];
+            packet.index[k] = from->index[of];
+        }
+        packet.ray = {{algo::load<D>(values[0]), algo::load<D>(values[1]), algo::load<D>(values[2])},
+                      {algo::load<D>(values[3]), algo::load<D>(values[4]), algo::load<D>(values[5])}};
+        packet.weight = algo::load<D>(values[6]);
+        packet.leaves = algo::load<D>(values[7]);
+        packet.path = algo::load<decltype(packet.path)>(path);
+        packet.lanes = (1U << count) - 1;
+        packet.at = from->at;
+        packet.alone = !full && static_cast<int>(count) < kFewest;
+        return true;
+    }
+
+  private:
+    static constexpr unsigned kGroups = 8, kRoom = 2 * kLanes;
+    struct Group {
+        PathState at;
+        unsigned count = 0;
+        std::uint32_t index[kRoom];
+        double values[8][kRoom];  // origin, direction, weight, leaves
+        std::uint64_t path[kRoom];
+    };
+    Group groups_[kGroups];
+};
+
+// 2 to kLanes rays from the camera on.
+template <bool kLosses, class D>
+HORD_ALWAYS_INLINE void start_packet(const Body& body, const CameraRay* rays, std::size_t first, unsigned count,
+                                     Departed<D>& departed, Arrival* arrivals, [[maybe_unused]] Ghost ghost,
+                                     Packet<D>& packet) {
     constexpr unsigned kLanes = kLaneCount<D>;
     double given[4][kLanes];
     for (unsigned k = 0; k < kLanes; ++k) {
-        const CameraRay& one = from[k < count ? k : 0];
+        packet.index[k] = static_cast<std::uint32_t>(first + (k < count ? k : 0));
+        const CameraRay& one = rays[packet.index[k]];
         given[0][k] = one.x, given[1][k] = one.y, given[2][k] = one.u, given[3][k] = one.v;
     }
     const D x = algo::load<D>(given[0]), y = algo::load<D>(given[1]), u = algo::load<D>(given[2]),
             v = algo::load<D>(given[3]);
     const double start = body.high.z;
-    RayLanes<D> ray{{x + u * start, y + v * start, broadcast<D>(start)}, unit(Vec3Lanes<D>{-u, -v, broadcast<D>(-1)})};
-    D weight = broadcast<D>(1), leaves = leaves_box_from_above(body, ray);
-    P path{};
+    packet.ray = {{x + u * start, y + v * start, broadcast<D>(start)}, unit(Vec3Lanes<D>{-u, -v, broadcast<D>(-1)})};
+    packet.weight = broadcast<D>(1);
+    packet.leaves = leaves_box_from_above(body, packet.ray);
+    decltype(packet.path) path{};
     path.a += kFreePath, path.b += kFreePath;
-    unsigned lanes = (1U << count) - 1;  // bit k: lane k still follows the path of the lowest set lane, the leader
-    std::uint64_t inside_bits = 0, on_bits = 0;
-    [[maybe_unused]] int faces = 0;
+    packet.path = path;
+    packet.at = {};
+    unsigned lanes = (1U << count) - 1;
+    const unsigned past = mask_bits(packet.leaves < 0) & lanes;
+    each(past, [&](unsigned k) {
+        const CameraRay& from = rays[packet.index[k]];
+        arrivals[packet.index[k]] =
+            kLosses && ghost.is_one() ? Arrival{} : Arrival{from.u, from.v, from.x, from.y, 1, kFreePath};
+    });
+    packet.lanes = lanes &= ~past;
+    if (lanes == 0) return;
+    std::uint64_t inside_bits[kLanes] = {};
+    for (std::size_t s = 0; s < body.surfaces.size(); ++s)
+        each(inside_of(body.surfaces[s], packet.ray.origin) & lanes,
+             [&](unsigned k) { inside_bits[k] |= std::uint64_t{1} << s; });
+    packet.at.inside_bits = inside_bits[std::countr_zero(lanes)];
+    unsigned others = 0;
+    each(lanes, [&](unsigned k) { others |= unsigned{inside_bits[k] != packet.at.inside_bits} << k; });
+    if (others != 0) {
+        Lanes<D> out(packet.ray, packet.weight, packet.leaves, packet.path);
+        each(others, [&](unsigned k) {
+            if (body.medium(inside_bits[k]) != 0) out.values[7][k] = kNever;
+            if (!departed.add({inside_bits[k], 0, 0, 0}, packet.index[k], out, k))
+                arrivals[packet.index[k]] = trace(body, rays[packet.index[k]], nullptr, ghost);
+        });
+        packet.lanes = lanes & ~others;
+    }
+    if (body.medium(packet.at.inside_bits) != 0) packet.leaves = broadcast<D>(kNever);
+}
+
+// Follows a packet until each of its rays has arrived, is lost or has departed. One long function: the state of all
+// lanes is shared by every step and kept in registers.
+template <bool kLosses, class D>
+HORD_ALWAYS_INLINE void follow_packet(const Body& body, const CameraRay* rays, const Packet<D>& packet,
+                                      Departed<D>& departed, Arrival* arrivals, [[maybe_unused]] Ghost ghost) {
+    constexpr unsigned kLanes = kLaneCount<D>;
+    RayLanes<D> ray = packet.ray;
+    D weight = packet.weight, leaves = packet.leaves;
+    auto path = packet.path;
+    unsigned lanes = packet.lanes;
+    auto [inside_bits, on_bits, step, faces] = packet.at;
 
     const auto lose = [&](unsigned of) __attribute__((always_inline)) {
-        each(of, [&](unsigned k) { arrivals[k] = {}; });
+        each(of, [&](unsigned k) { arrivals[packet.index[k]] = {}; });
     };
     const auto arrive = [&](unsigned of) __attribute__((always_inline)) {
         if (!body.discs.empty()) pass_discs(body, ray, broadcast<D>(kNever), weight, path);
@@ -136,37 +278,39 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
         algo::store(weight, out[4]), algo::store(path, paths);
         const unsigned back = mask_bits(d.z >= 0);
         each(of, [&](unsigned k) {
-            if (((back >> k) & 1U) != 0) arrivals[k] = {};
-            else if (paths[k] == kFreePath)
-                arrivals[k] = {from[k].u, from[k].v, from[k].x, from[k].y, out[4][k], kFreePath};
-            else arrivals[k] = {out[0][k], out[1][k], out[2][k], out[3][k], out[4][k], paths[k]};
+            Arrival& arrival = arrivals[packet.index[k]];
+            const CameraRay& from = rays[packet.index[k]];
+            if (((back >> k) & 1U) != 0) arrival = {};
+            else if (paths[k] == kFreePath) arrival = {from.u, from.v, from.x, from.y, out[4][k], kFreePath};
+            else arrival = {out[0][k], out[1][k], out[2][k], out[3][k], out[4][k], paths[k]};
         });
     };
 
-    if (const unsigned past = mask_bits(leaves < 0) & lanes; past != 0) {
-        each(past, [&](unsigned k) {
-            arrivals[k] = kLosses && ghost.is_one() ? Arrival{}
-                                                    : Arrival{from[k].u, from[k].v, from[k].x, from[k].y, 1, kFreePath};
-        });
-        lanes &= ~past;
-        if (lanes == 0) return;
-    }
     const std::size_t surfaces = body.surfaces.size();
     const int most = max_crossings(body);
-    unsigned other = 0;
-    for (std::size_t s = 0; s < surfaces; ++s) {
-        const unsigned inside = inside_of(body.surfaces[s], ray.origin),
-                       leads = (inside >> std::countr_zero(lanes)) & 1U;
-        inside_bits |= std::uint64_t{leads} << s;
-        other |= leads != 0 ? ~inside : inside;
-    }
-    each(other & lanes, [&](unsigned k) { arrivals[k] = trace(body, from[k], nullptr, ghost); });
-    lanes &= ~other;
     std::uint8_t medium = body.medium(inside_bits);
-    if (medium != 0) leaves = broadcast<D>(kNever);
-
+    // Those in `alone` are followed here to their end.
+    const auto depart = [&](unsigned of, unsigned alone) __attribute__((always_inline)) {
+        const Lanes<D> out(ray, weight, leaves, path);
+        const auto& v = out.values;
+        each(of, [&](unsigned k) {
+            const std::uint32_t index = packet.index[k];
+            if (((alone >> k) & 1U) == 0 && departed.add({inside_bits, on_bits, step, faces}, index, out, k)) return;
+            RayState state{{{v[0][k], v[1][k], v[2][k]}, {v[3][k], v[4][k], v[5][k]}},
+                           v[6][k],
+                           out.path[k],
+                           inside_bits,
+                           on_bits,
+                           medium,
+                           v[7][k],
+                           step,
+                           faces};
+            arrivals[index] = continue_trace(body, state, nullptr, ghost) ? arrival_of(state, rays[index]) : Arrival{};
+        });
+    };
     D next[Body::kMaxSurfaces];
-    for (int step = 0;; ++step) {
+    for (;; ++step) {
+        if (std::popcount(lanes) < kFewest) return depart(lanes, packet.alone ? lanes : 0);
         D t = broadcast<D>(kNever);
         for (std::size_t s = 0; s < surfaces; ++s) {
             const bool inside = ((inside_bits >> s) & 1U) != 0, on = ((on_bits >> s) & 1U) != 0;
@@ -185,15 +329,18 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
                 if (lanes == 0) return;
             }
         }
+        if (step == most) return lose(lanes);  // they never leave: caused by rounding only
         std::size_t first = 0;
         while (first + 1 < surfaces && ((mask_bits(next[first] == t) >> std::countr_zero(lanes)) & 1U) == 0) ++first;
-        // Lanes with another first surface, or with two that may coincide, are followed alone from here.
+        // Lanes with another first surface depart. Those with two that may coincide are followed alone from here.
         const D nearest = t + kCoincident * body.size;
-        auto clear = (next[first] == t) & (t < kNever);
+        const auto meets = next[first] == t;
+        auto clear = meets & (t < kNever);
         for (std::size_t s = 0; s < surfaces; ++s) {
             if (s != first) clear = clear & (next[s] > nearest);
         }
-        unsigned same = step == most ? 0 : mask_bits(clear) & lanes;
+        unsigned same = mask_bits(clear) & lanes;
+        const unsigned alone = mask_bits(meets) & lanes & ~same;
 
         const std::uint64_t crossed = std::uint64_t{1} << first;
         const std::uint8_t beyond = body.medium(inside_bits ^ crossed);
@@ -210,22 +357,8 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
             direction = bent.direction;
             if (kLosses && body.fresnel) passes = bent.passes;
         }
-        if (const unsigned alone = lanes & ~same; alone != 0) {
-            double weights[kLanes], leave[kLanes];
-            std::uint64_t paths[kLanes];
-            algo::store(weight, weights), algo::store(leaves, leave), algo::store(path, paths);
-            each(alone, [&](unsigned k) {
-                RayState state{{ray.origin.at(k), ray.direction.at(k)},
-                               weights[k],
-                               paths[k],
-                               inside_bits,
-                               on_bits,
-                               medium,
-                               leave[k],
-                               step,
-                               faces};
-                arrivals[k] = continue_trace(body, state, nullptr, ghost) ? arrival_of(state, from[k]) : Arrival{};
-            });
+        if (const unsigned leave = lanes & ~same; leave != 0) {
+            depart(leave, alone);
             lanes = same;
             if (lanes == 0) return;
         }
@@ -273,17 +406,29 @@ HORD_ALWAYS_INLINE void trace_packet(const Body& body, const CameraRay* from, un
     }
 }
 
+template <bool kLosses, class D>
+HORD_ALWAYS_INLINE void trace_packets(const Body& body, const CameraRay* rays, std::size_t count, Arrival* arrivals,
+                                      Ghost ghost) {
+    Departed<D> departed;
+    for (std::size_t k = 0;;) {
+        Packet<D> packet;
+        if (!departed.take(true, packet)) {
+            const std::size_t some = std::min<std::size_t>(count - k, kLaneCount<D>);
+            if (some > 1)
+                start_packet<kLosses>(body, rays, k, static_cast<unsigned>(some), departed, arrivals, ghost, packet);
+            else if (some == 1) arrivals[k] = trace(body, rays[k], nullptr, ghost);
+            else if (!departed.take(false, packet)) return;
+            k += some;
+        }
+        if (packet.lanes != 0) follow_packet<kLosses>(body, rays, packet, departed, arrivals, ghost);
+    }
+}
+
 template <int Bytes>
 HORD_ALWAYS_INLINE void trace_all(const Body& body, const CameraRay* rays, std::size_t count, Arrival* arrivals,
                                   Ghost ghost) {
-    constexpr std::size_t kLanes = kLaneCount<Doubles<Bytes>>;
-    for (std::size_t k = 0; k < count; k += kLanes) {
-        const std::size_t some = count - k < kLanes ? count - k : kLanes;
-        if (some == 1) arrivals[k] = trace(body, rays[k], nullptr, ghost);
-        else if (body.has_losses())
-            trace_packet<Bytes, true>(body, rays + k, static_cast<unsigned>(some), arrivals + k, ghost);
-        else trace_packet<Bytes, false>(body, rays + k, static_cast<unsigned>(some), arrivals + k, ghost);
-    }
+    if (body.has_losses()) trace_packets<true, Doubles<Bytes>>(body, rays, count, arrivals, ghost);
+    else trace_packets<false, Doubles<Bytes>>(body, rays, count, arrivals, ghost);
 }
 
 HORD_FOR_EACH_ISA(traced, trace_all)
@@ -295,7 +440,7 @@ void trace_many(const Body& body, std::span<const CameraRay> rays, Arrival* arri
 }
 
 void trace_many(const Body& body, std::span<const CameraRay> rays, Arrival* arrivals, Ghost ghost) {
-    static const algo::Isa isa = algo::best_isa();
+    static const algo::Isa isa = algo::widest_isa();
     trace_many(body, rays, arrivals, ghost, isa);
 }
 
