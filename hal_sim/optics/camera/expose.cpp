@@ -1,6 +1,7 @@
 // From light to the sensor's samples: the linear sensor of EMVA Standard 1288, release 4.0, section 2.
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "hal_sim/optics/camera/render.h"
 #include "hal_sim/optics/scene/noise.h"
@@ -30,6 +31,22 @@ class Sensor {
         return dn + noise_.dark_dn;
     }
 
+    // The sample that every pixel without light has, whatever is drawn; none if noise may change it.
+    [[nodiscard]] std::optional<std::uint32_t> without_light(double top) const {
+        double noise_dn = 0;
+        if (noise_.electrons_per_dn > 0) {
+            if (dark_e_ > 0) return {};
+            noise_dn = Noise::kLargestNormal * (noise_.dsnu_e + noise_.read_e) / noise_.electrons_per_dn;
+        }
+        const std::uint32_t least = sample(noise_.dark_dn - noise_dn, top),
+                            most = sample(noise_.dark_dn + noise_dn, top);
+        return least == most ? std::optional(least) : std::nullopt;
+    }
+
+    static std::uint32_t sample(double dn, double top) {
+        return static_cast<std::uint32_t>(std::clamp(std::floor(dn + 0.5), 0.0, top));
+    }
+
   private:
     const SensorNoise& noise_;
     std::uint64_t seed_;
@@ -43,11 +60,14 @@ Frame expose(std::span<const float> light, int width_px, int height_px, const Sc
     Frame frame(width_px, height_px, scene.camera.bits);
     const double top = frame.view().full_scale(), full = scene.camera.full_bin_dn * strength;
     const Sensor sensor(scene.noise, seed);
+    const auto unlit = sensor.without_light(top);
     std::size_t at = 0;
     for (int y = 0; y < height_px; ++y) {
         for (int x = 0; x < width_px; ++x, ++at) {
-            const double dn = std::floor(sensor.read(full * static_cast<double>(light[at]), at) + 0.5);
-            frame.set(x, y, static_cast<std::uint32_t>(std::clamp(dn, 0.0, top)));
+            frame.set(x, y,
+                      unlit && light[at] == 0
+                          ? *unlit
+                          : Sensor::sample(sensor.read(full * static_cast<double>(light[at]), at), top));
         }
     }
     return frame;

@@ -27,17 +27,21 @@ constexpr double kMaxMixedBox = 1.2;  // bins: a box with larger half sides is h
 constexpr int kMirrorRays = 256, kMirrorBatches = 4;
 constexpr double kMirrorNear = 0.5;  // bins from the source: reflected rays this close count
 
-// Shortest distance of a feature from the segment a..b.
-double distance_of_segments(const Vec3& a, const Vec3& b, const Feature& feature) {
-    // Exact for a point. For a segment a lower bound, by points at most one reach apart.
-    const double span = length(feature.to - feature.from);
-    const int steps = span > 0 ? std::min(64, 1 + static_cast<int>(2 * span / feature.reach)) : 0;
-    double least = distance_to_segment(feature.from, a, b);
-    for (int k = 1; k <= steps; ++k) {
-        const Vec3 p = feature.from + (static_cast<double>(k) / steps) * (feature.to - feature.from);
-        least = std::min(least, distance_to_segment(p, a, b));
+// Whether a feature comes within `reach` of the segment a..b. Exact for a point; for a segment by points at most one
+// reach of the feature apart, never false where it should be true.
+bool comes_within(double reach, const Vec3& a, const Vec3& b, const Feature& feature) {
+    const Vec3 way = feature.to - feature.from;
+    const double span = length(way);
+    if (span == 0) return distance_to_segment(feature.from, a, b) < reach;
+    const double middle = distance_to_segment(feature.from + 0.5 * way, a, b);
+    if (middle > (1 + 1e-9) * (reach + span)) return false;  // no point of it can be that near
+    const int steps = std::min(64, 1 + static_cast<int>(2 * span / feature.reach));
+    const double between = 0.5 * span / steps;
+    for (int k = 0; k <= steps; ++k) {
+        if (distance_to_segment(feature.from + (static_cast<double>(k) / steps) * way, a, b) - between < reach)
+            return true;
     }
-    return steps > 0 ? least - 0.5 * span / steps : least;
+    return false;
 }
 
 bool is_smooth(const CellSamples& samples) {
@@ -172,7 +176,7 @@ void LensletLight::Gathering::keep_near(const LensletCell& cell, const std::vect
         const double depth = std::max(std::abs(feature->from.z), std::abs(feature->to.z)) + feature->reach + foot;
         const double reach = feature->reach + 1.5 * (across + aslant * depth);
         for (int k = 1; k < way.count; ++k) {
-            if (distance_of_segments(way.points[k - 1], way.points[k], *feature) >= reach) continue;
+            if (!comes_within(reach, way.points[k - 1], way.points[k], *feature)) continue;
             near.push_back(feature);
             break;
         }

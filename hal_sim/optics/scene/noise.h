@@ -16,6 +16,8 @@ class Noise {
     double normal();                     // mean 0, variance 1: M. Wichura, AS 241 (1988), of one uniform()
     std::uint64_t poisson(double mean);  // 0 <= mean < 2^48: by inversion below 10, else W. Hörmann, PTRS (1993)
 
+    static constexpr double kLargestNormal = 8.3;  // no normal() is further from 0: uniform() has 53 bits
+
   private:
     std::uint32_t key_[2];
     std::uint32_t place_[2];

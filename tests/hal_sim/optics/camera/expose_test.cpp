@@ -47,6 +47,27 @@ TEST(Sensor, dark_current_adds_its_electrons_and_their_shot_noise) {
     EXPECT_NEAR(m.variance, 100 / 0.25 + 1.0 / 12, kSigmas * 400 * std::sqrt(2.0 / kPixels));
 }
 
+TEST(Sensor, pixels_without_light_are_drawn_unless_no_noise_can_change_them) {
+    constexpr float kHardlyAny = 1e-30F;
+    Scene scene;
+    const SensorNoise kinds[] = {
+        {.electrons_per_dn = 40, .read_e = 2, .dark_dn = 1},
+        {.electrons_per_dn = 40, .read_e = 2.3, .dark_dn = 1},
+        {.electrons_per_dn = 40, .read_e = 2.5, .dark_dn = 1},  // may reach the next sample, once in 10^15 pixels
+        {.electrons_per_dn = 40, .read_e = 2, .dark_dn = 1.02, .dsnu_e = 0.3},
+        {.electrons_per_dn = 4, .read_e = 8, .dark_dn = 20},
+        {.dark_dn = 7.49},
+    };
+    for (const SensorNoise& noise : kinds) {
+        scene.noise = noise;
+        const Frame dark = even(scene, 0, 1), drawn = even(scene, kHardlyAny, 1);
+        const bool varies = moments(drawn).variance > 1e-6;
+        EXPECT_EQ(varies, noise.read_e == 8);
+        EXPECT_EQ(varies, moments(dark).variance > 1e-6);
+        EXPECT_TRUE(varies || std::memcmp(dark.bytes().data(), drawn.bytes().data(), dark.bytes().size()) == 0);
+    }
+}
+
 TEST(Sensor, prnu_is_a_pattern_of_the_camera_and_grows_with_the_light) {
     Scene scene;
     scene.camera.bits = 16;
