@@ -41,6 +41,7 @@ void RimFinder::describe(Deflections deflections, Sums sums, std::span<const std
     found_.parts = regions_ == 1 ? 1 : count_parts(deflections, mask);
     found_.islands = count_islands(sums, mask);
     found_.sharp_outline = sharp_share(deflections, sums, mask);
+    if (form_ == PartForm::plate) found_.shaded = shaded_share(sums);
     found_.free_beside = least_free_beside();
     found_.symmetry = point_symmetry();
     found_.convexity = convexity();
@@ -145,6 +146,46 @@ double RimFinder::sharp_share(Deflections deflections, Sums sums, std::span<cons
     for (int n = 0; n < extents_.n; ++n) look_at(extents_.index(0, n), extents_.index(0, n) + columns - 1, 1);
     look_at(0, state_.size() - columns, columns);
     return steps == 0 ? 0 : static_cast<double>(sharp) / static_cast<double>(steps);
+}
+
+// At each end of a row or column of the part: the mean of two to four lenslets of free light on either side, the margin
+// away from what the edge darkens or deflects.
+double RimFinder::shaded_share(Sums sums) const {
+    constexpr int kMin = 2, kMost = 4;
+    int steps = 0, shaded = 0;
+    const auto mean_light = [&](std::size_t from, std::ptrdiff_t step, int available, std::uint8_t free) {
+        std::int64_t sum = 0;
+        int count = 0;
+        for (; count < std::min(available, kMost) && (state_[from] & free) != 0; ++count) {
+            sum += sums[from];
+            from += static_cast<std::size_t>(step);
+        }
+        return count < kMin ? 0.0 : static_cast<double>(sum) / count;
+    };
+    // `outside`: lenslets of the line before the part's first one, `half`: of the part up to its middle.
+    const auto take = [&](std::size_t first, std::ptrdiff_t step, int outside, int half) {
+        const auto at = [&](int steps_in) { return first + static_cast<std::size_t>(step * steps_in); };
+        int edge = 0;
+        while (edge < half && (state_[at(edge)] & kFree) == 0) ++edge;
+        const double within = mean_light(at(edge + margin_), step, half - edge - margin_, kFree),
+                     beside = mean_light(at(-1 - margin_), -step, outside - margin_, kReached);
+        if (within <= 0 || beside <= 0) return;
+        ++steps;
+        shaded += within < kShadedLight * beside ? 1 : 0;
+    };
+    const auto look_at = [&](std::size_t start, std::ptrdiff_t step, int length) {
+        const auto is_part = [&](int k) { return (state_[start + static_cast<std::size_t>(step * k)] & kPart) != 0; };
+        int first = 0, last = length - 1;
+        while (first < length && !is_part(first)) ++first;
+        while (last > first && !is_part(last)) --last;
+        if (first >= last) return;
+        const int half = (last - first + 1) / 2;
+        take(start + static_cast<std::size_t>(step * first), step, first, half);
+        take(start + static_cast<std::size_t>(step * last), -step, length - 1 - last, half);
+    };
+    for (int n = 0; n < extents_.n; ++n) look_at(extents_.index(0, n), 1, extents_.m);
+    for (int m = 0; m < extents_.m; ++m) look_at(extents_.index(m, 0), extents_.m, extents_.n);
+    return steps < kMinShadedSteps ? 0 : static_cast<double>(shaded) / steps;
 }
 
 double RimFinder::point_symmetry() {

@@ -292,6 +292,7 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     findings_.free_beside = static_cast<float>(part.free_beside);
     findings_.symmetry = static_cast<float>(part.symmetry);
     findings_.convexity = static_cast<float>(part.convexity);
+    findings_.shaded = static_cast<float>(part.shaded);
     findings_.deflecting = static_cast<float>(part.deflecting);
     if (part.area > 0) {
         const double diameter = 2 * std::sqrt(static_cast<double>(part.area) / kPi);
@@ -305,32 +306,43 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     if (part.islands > 0) return FrameFault::several;
     // Tubes and plates may leave the field, and a plate may show its edges alone.
     if (form_ == PartForm::tube && part.deflecting < kMinDeflectingShare) return FrameFault::hollow;
-    // What one edge or two seem to enclose, and the field cuts, is a plate if it is flat.
-    const bool is_cut = static_cast<double>(findings_.border_cut) > kMaxBorderCut;
-    if (form_ == PartForm::plate && is_cut && part.deflecting > 1 - kMinDeflectingShare) return FrameFault::not_flat;
+    if (form_ == PartForm::plate) return check_plate(part);
     if (form_ != PartForm::round) return FrameFault::none;
     if (part.parts > 1) return FrameFault::several;
-    if (is_cut) return FrameFault::cut_by_field;
+    if (is_cut_by_field()) return FrameFault::cut_by_field;
     if (part.free_beside < kMinFreeBeside) return FrameFault::interrupted;
     if (symmetric_ && part.symmetry < min_symmetry(part.area)) return FrameFault::lopsided;
     if (symmetric_ && part.convexity < min_convexity(part.area)) return FrameFault::notched;
     return part.deflecting < kMinDeflectingShare ? FrameFault::hollow : FrameFault::none;
 }
 
+// What one edge or two seem to enclose, and the field cuts, is a plate if it is flat. Hairs and empty frames have
+// edges, too: a plate shows itself by the light that its faces reflect, or that it deflects.
+FrameFault FrameChecks::check_plate(const FoundPart& part) const {
+    if (is_cut_by_field() && part.deflecting > 1 - kMinDeflectingShare) return FrameFault::not_flat;
+    return part.deflecting < kMinDeflectingShare && part.shaded < kMinShadedShare ? FrameFault::unproven
+                                                                                  : FrameFault::none;
+}
+
+bool FrameChecks::has_other_period(const FrameView& frame) {
+    if (!check_period_) return false;
+    const MacroPeriod period = period_.find(frame);
+    findings_.period_x = period.x;
+    findings_.period_y = period.y;
+    const auto other = [](int found, int bins, int of_reference) {
+        return found != 0 && found != bins && found != of_reference;
+    };
+    if (!other(period.x, extents_.i, period_of_reference_.x) && !other(period.y, extents_.j, period_of_reference_.y))
+        return false;
+    findings_.fault = FrameFault::other_period;
+    return true;
+}
+
 Reason FrameChecks::judge(const FrameView& frame, const DecodedField& field, const FoundPart& part,
                           const Alternation& alternation) {
     FrameFault fault = check_light(frame, field, part, alternation);
     // Free light that is as it should be cannot have another period: the period is only looked for where it is not.
-    if (check_period_ && (fault != FrameFault::none || !part.free_light)) {
-        const MacroPeriod period = period_.find(frame);
-        findings_.period_x = period.x;
-        findings_.period_y = period.y;
-        const auto other = [](int found, int bins, int of_reference) {
-            return found != 0 && found != bins && found != of_reference;
-        };
-        if (other(period.x, extents_.i, period_of_reference_.x) || other(period.y, extents_.j, period_of_reference_.y))
-            fault = FrameFault::other_period;
-    }
+    if ((fault != FrameFault::none || !part.free_light) && has_other_period(frame)) fault = FrameFault::other_period;
     if (max_offset_bins_ > 0 && fault == FrameFault::none && !part.free_light) {
         findings_.turned_rad = static_cast<float>(turn_of_bins(field));
         const int half = std::max(extents_.width_px(), extents_.height_px()) / 2;

@@ -33,6 +33,7 @@ enum class FrameFault : std::uint8_t {
     no_flanks,     // a tube that the field cuts lengthwise, or whose edges show no flanks
     hollow,        // an outline with free light inside: a ring, or a flat part of another form
     not_flat,      // a plate that the field cuts, and that deflects light nearly everywhere: lost samples, another part
+    unproven,      // the edges of a plate, and nothing between them that takes or deflects light: hairs, a frame
 };
 
 struct FrameFindings {
@@ -64,6 +65,7 @@ struct FrameFindings {
     float free_beside = 1;  // least share of free light beside the part in a row or column
     float symmetry = 0;     // overlap of the part and its image turned by 180 degrees, over both together
     float convexity = 0;    // of the part, with what it encloses, over its convex hull
+    float shaded = 0;       // share of the steps across a plate's edges at which the light inside is less than outside
     float deflecting = 1;   // share of the inside of the part that deflects light, or is dark
 };
 

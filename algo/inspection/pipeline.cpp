@@ -336,6 +336,8 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
 
     result.lenslets = w.count_lenslets();
     result.reason = w.unfit_reason(result.lenslets);
+    const bool shows_little = result.reason == Reason::too_dark || result.reason == Reason::nothing_to_see;
+    if (shows_little && w.checks.has_other_period(frame)) result.reason = Reason::unexpected_geometry;
     if (result.reason == Reason::none)
         result.reason = w.checks.judge(frame, {w.deflections, w.sums, w.mask}, w.rim.found(), alternation);
     result.frame = w.checks.findings();

@@ -25,6 +25,8 @@ constexpr int kSmallestPart = 16;            // a part covers at least 1/kSmalle
 constexpr double kJumpBins = 0.25;           // light jumps between two lenslets if its mean deflection changes by more
 constexpr double kJumpLight = 1.25;          // or its sum by more than this factor
 constexpr int kMinBeside = 8;                // lenslets beside the part in a row or column that tell something
+constexpr double kShadedLight = 0.985;       // of the light outside an edge; glass reflects 0.04 at each face or more
+constexpr int kMinShadedSteps = 8;           // steps across a plate's edges that tell something
 constexpr std::size_t kDustOfPart = 64;      // an island beside the part below 1/kDustOfPart of its area is dust
 
 // What mark() found. `parts`: regions of at least 1/kSmallestPart of the field. Regions between which the light changes
@@ -49,6 +51,9 @@ struct FoundPart {
     double symmetry = 0;
     // Lenslets of the part, with what it encloses, over those of its convex hull: 1 for a disc or a rectangle.
     double convexity = 0;
+    // Of a plate: share of the steps across its edges, along rows and columns, at which the free light inside is less
+    // than kShadedLight of the free light outside. 0 if fewer than kMinShadedSteps can be compared.
+    double shaded = 0;
     // Share of the lenslets inside the part, its rim left out, that deflect light by more than kFreeToleranceBins from
     // the free light or are dark; 1 if nothing is left or there is no part. If no free light is seen around a tube, its
     // place is taken by the median of the lenslets inside.
@@ -99,6 +104,7 @@ class RimFinder {
     [[nodiscard]] int count_islands(Sums sums, std::span<const std::uint8_t> mask);
     [[nodiscard]] int count_parts(Deflections deflections, std::span<const std::uint8_t> mask);
     [[nodiscard]] double sharp_share(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) const;
+    [[nodiscard]] double shaded_share(Sums sums) const;
     [[nodiscard]] double least_free_beside();
     [[nodiscard]] double point_symmetry();
     double convexity();

@@ -14,8 +14,11 @@ namespace {
 // Lenslets: a defect of 4 x 4 is a whole bubble or speck, and no longer noise of single lenslets.
 constexpr std::uint32_t kLargeMinArea = 16;
 
+// As a recipe file's problems name it: counted from 0.
+std::string name_of_zone(std::size_t number) { return "zone[" + std::to_string(number) + "]: "; }
+
 void check_zone(const Zone& zone, std::size_t number, float lenslet_mm, std::vector<std::string>& messages) {
-    const std::string name = "zone " + std::to_string(number + 1) + ": ";
+    const std::string name = name_of_zone(number);
     const bool in_mm = zone.unit == Zone::Unit::mm;
     const std::string unit = in_mm ? "mm" : "lenslets";
     if (in_mm && !(lenslet_mm > 0))
@@ -119,11 +122,18 @@ std::vector<std::string> notes(const Recipe& recipe) {
     if (recipe.form == PartForm::tube && alone)
         messages.emplace_back(
             "the flanks and ends of a tube are not judged without a reference: learn one with `hordctl learn`");
-    if (recipe.form == PartForm::plate && recipe.part_required)
+    if (recipe.form == PartForm::plate && recipe.part_required && alone)
         messages.emplace_back(
-            "a plate is found by its edges: one whose edges neither darken nor deflect light looks "
-            "like an empty field (for such plates write [part] present = \"unchecked\"), and two dark lines across an "
-            "empty field look like a plate");
+            "a plate is found by its edges and by the light that its faces reflect: one whose edges neither darken nor "
+            "deflect light, or whose faces are coated against reflections, is unfit (no-part); learn a reference of it "
+            "(hordctl learn), or write [part] present = \"unchecked\"");
+    const Recipe usual;
+    if (alone &&
+        (recipe.reject_score != usual.reject_score || recipe.grow_score != usual.grow_score ||
+         recipe.cluster_score != usual.cluster_score))
+        messages.emplace_back(
+            "the scores of [reference] change nothing, because it names no file: parts are compared with themselves, "
+            "by [limits]; learn a reference with `hordctl learn`");
     // Gradients of 15x15 bins are at most the diagonal, 14 * sqrt(2), along both axes.
     constexpr float kLargestGradient = 28;
     const bool any_gradient = (recipe.gradient == Feature::emd && recipe.emd_limit_bins < kLargestGradient) ||
@@ -194,9 +204,8 @@ std::vector<std::string> problems(const Recipe& recipe, const Extents& extents) 
         const std::size_t known = messages.size();
         check_zone(recipe.zones[k], k, recipe.lenslet_mm, messages);
         if (messages.size() == known && is_outside(recipe.zones[k], extents, recipe.lenslet_mm))
-            messages.push_back("zone " + std::to_string(k + 1) + ": lies outside the field of " +
-                               std::to_string(extents.m) + "x" + std::to_string(extents.n) +
-                               " lenslets: move it into the field, or leave it out");
+            messages.push_back(name_of_zone(k) + "lies outside the field of " + std::to_string(extents.m) + "x" +
+                               std::to_string(extents.n) + " lenslets: move it into the field, or leave it out");
     }
     return messages;
 }

@@ -115,15 +115,20 @@ std::string missing_part(const algo::FrameFindings& f) {
                    "none";
         case algo::FrameFault::hollow:
             return fmt::format(
-                "{:.0f} % of what the outline encloses shows free light, as if nothing were in it: check the part, or "
-                "set "
-                "[part] form = \"plate\" if it is flat",
+                "{:.0f} % of what the outline encloses shows free light, as if nothing were in it: check that the part "
+                "is there; of a flat one learn a reference (hordctl learn), or set [part] form = \"plate\"",
                 100 * (1 - f.deflecting));
         case algo::FrameFault::not_flat:
             return fmt::format(
                 "{:.0f} % of what the edges enclose deflects light, and the field cuts it: show the whole part, check "
                 "the frame (lost samples move all light behind them), or learn a reference (hordctl learn)",
                 100 * f.deflecting);
+        case algo::FrameFault::unproven:
+            return fmt::format(
+                "{:.0f} % of the steps across the edges lead to less light (at least {:.0f} %), and hardly any light "
+                "between them is deflected, as if only hairs or a frame were there: check that the plate is there; of "
+                "one whose faces are coated learn a reference (hordctl learn)",
+                100 * f.shaded, 100 * algo::kMinShadedShare);
         default:
             return "no free light surrounds the part: show the whole part, calibrate again if free light does "
                    "surround it (the bins then do not lie where the light does), or set [part] form = \"web\" if it "
@@ -182,11 +187,17 @@ std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, cons
             "frame, a pixel of the sensor is warm there; have the camera correct it, or cool the sensor.",
             lone.x, lone.y, lone.dn);
     }
-    if (recipe.form != algo::PartForm::round || recipe.reference || found.defects.size() < 2) return "";
-    const auto [shorter, longer] = std::minmax(found.defects[0].length, found.defects[1].length);
+    if (recipe.reference) return "";
     const auto is_line = [](const algo::Defect& d) { return d.kind == algo::DefectKind::scratch; };
-    const bool flanks = is_line(found.defects[0]) && is_line(found.defects[1]) &&
-        3 * shorter >= static_cast<float>(std::min(e.m, e.n)) && 4 * longer <= 5 * shorter;
+    const auto side = static_cast<float>(std::min(e.m, e.n));
+    const bool light_is_there = found.reason != algo::Reason::absorption;
+    if (recipe.form == algo::PartForm::tube && light_is_there && 2 * found.defects[0].length >= side)
+        return " What goes on along the tube may be the slope of the tube and what is in it: use wider bins, or raise "
+               "the limits.";
+    if (recipe.form != algo::PartForm::round || found.defects.size() < 2) return "";
+    const auto [shorter, longer] = std::minmax(found.defects[0].length, found.defects[1].length);
+    const bool flanks =
+        is_line(found.defects[0]) && is_line(found.defects[1]) && 3 * shorter >= side && 4 * longer <= 5 * shorter;
     return flanks
         ? " Two lines of one length may be the flanks of a tube: set [part] form = \"tube\" if the part is one."
         : "";

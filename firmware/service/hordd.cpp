@@ -224,15 +224,26 @@ int main(int argc, char** argv) {
         const auto use = [&](const auto& result) {
             if (!result) found.add(result.error());
         };
-        use(recipe_or_default(config->inspection.recipe));
+        const auto recipe = recipe_or_default(config->inspection.recipe);
+        use(recipe);
         // There need not be a folder of recipes.
-        if (const auto all = list_recipes(config->inspection.recipes)) use(check_numbers(*all));
+        const auto all = list_recipes(config->inspection.recipes);
+        if (all) use(check_numbers(*all));
         if (!config->inspection.grid.empty()) use(calib::read_grid(config->inspection.grid));
         const auto folders = check_folders(*config);
         use(folders);
         if (!found.empty()) return refuse_configuration(found.as_error().value());
         for (const std::string& folder : *folders) fmt::print("{}\n", folder);
         for (const Error& note : notes(*config)) fmt::print("note: {}\n", note.message());
+        const auto print_notes = [](const std::filesystem::path& file, const algo::Recipe& of) {
+            for (const std::string& note : algo::notes(of)) fmt::print("{}: note: {}\n", file.string(), note);
+        };
+        print_notes(config->inspection.recipe, recipe->recipe);
+        for (const RecipeEntry& entry : all.value_or(std::vector<RecipeEntry>())) {
+            std::error_code none;
+            if (entry.recipe && !std::filesystem::equivalent(entry.file, config->inspection.recipe, none))
+                print_notes(entry.file, entry.recipe->recipe);
+        }
         fmt::print("{} can be used; devices were not asked\n", options.config);
         return end_output(0);
     }

@@ -1,8 +1,10 @@
 // Forms of parts (docs/notes/inspection.md): what is part, flank and field, on fields drawn as text; what the recipe's
 // notes say.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -11,6 +13,7 @@
 #include "algo/inspection/pipeline.h"
 #include "algo/inspection/rim.h"
 #include "algo/recipe/recipe.h"
+#include "algo/reference/reference.h"
 #include "tests/support/counted_heap.h"
 #include "tests/support/frames.h"
 
@@ -21,7 +24,7 @@ using namespace hord::algo::testing;
 using Rows = std::vector<std::string>;
 
 // '.' free light, 'p' deflected by a bin, '+' and '-' by 0.8 bin to either side, 'd' dark, 'h' with a third of the
-// light.
+// light, 'q' with 120 of 200, 'g' with 196, 'b' with 198.
 struct Marked {
     Rows rows;  // 'o' outside, 'r' rim, 'j' judged
     FoundPart found;
@@ -36,7 +39,9 @@ Marked marked(const Rows& drawing, PartForm form, int margin = 1, float steepest
         for (const char c : row) {
             const double x = c == 'p' ? 1 : c == '+' ? 0.8 : c == '-' ? -0.8 : 0;
             deflections.push_back({DeflectionQ::from_raw(static_cast<std::int64_t>(x * (1 << 24))), {}});
-            sums.push_back(c == 'd' ? 0 : c == 'h' ? 66 : 200);
+            const std::string_view letters = "dhqgb";
+            constexpr std::array<std::uint32_t, 6> light{0, 66, 120, 196, 198, 200};
+            sums.push_back(light.at(std::min(letters.find(c), letters.size())));
             mask.push_back(c == 'd' ? kDark : kValid);
         }
     }
@@ -406,6 +411,98 @@ TEST(Parts, that_lack_a_corner_do_not_enclose_dust_that_lies_there) {
     EXPECT_EQ(part.rows[20], "ooor" + std::string(22, 'j') + "rooo");
 }
 
+// A plate with dark edges in a field with `beside` lenslets of free light on all sides, filled by `row`.
+Rows plate_of(const std::string& row, std::size_t rows, std::size_t beside) {
+    const std::size_t columns = row.size() + 2 + 2 * beside;
+    const Rows outside = repeated(std::string(columns, '.'), beside);
+    const auto line = [&](const std::string& of_plate) {
+        return std::string(beside, '.') + of_plate + std::string(beside, '.');
+    };
+    const Rows edge = {line(std::string(row.size() + 2, 'd'))};
+    return joined({outside, edge, repeated(line("d" + row + "d"), rows), edge, outside});
+}
+
+TEST(Plate, tells_at_how_many_steps_across_its_edges_light_is_lost) {
+    const auto shaded = [](const Rows& drawing) { return marked(drawing, PartForm::plate).found.shaded; };
+    EXPECT_EQ(shaded(plate_of("gggggggggg", 10, 5)), 1);  // 0.98 of the light
+    EXPECT_EQ(shaded(plate_of("bbbbbbbbbb", 10, 5)), 0);  // 0.99 of it
+    EXPECT_EQ(shaded(plate_of("..........", 10, 5)), 0);
+    EXPECT_EQ(shaded(plate_of("ggggg.....", 10, 5)), 0.5);
+    EXPECT_EQ(shaded(turned(plate_of("ggggg.....", 10, 5))), 0.5);
+    // What the edge itself dims, one lenslet here, does not count, on either side; what lies further in does.
+    EXPECT_EQ(shaded(plate_of("q........q", 10, 5)), 2.0 * 2 / 40);
+    EXPECT_EQ(shaded(plate_of(".q......q.", 10, 5)), (2.0 * 10 + 2 * 2) / 40);
+    // A deflected middle is not compared.
+    EXPECT_EQ(marked(plate_of("pppppppppp", 10, 5), PartForm::plate).found.shaded, 0);
+    // Two lenslets on either side are enough, the margin apart; one is not.
+    EXPECT_EQ(shaded(plate_of("gggggggggg", 10, 3)), 1);
+    EXPECT_EQ(shaded(plate_of("gggggggggg", 10, 2)), 0);
+}
+
+TEST(Plate, needs_eight_steps_that_can_be_compared) {
+    const auto shaded = [](std::size_t rows) {
+        // The plate leaves the field on the left, and too little light is seen above and below it.
+        const Rows free = repeated("................", 2), edge = {"ddddddddddd....."};
+        const Rows drawing = joined({free, edge, repeated("ggggggggggd.....", rows), edge, free});
+        return marked(drawing, PartForm::plate).found.shaded;
+    };
+    EXPECT_EQ(shaded(8), 1);
+    EXPECT_EQ(shaded(7), 0);
+}
+
+// What two faces of glass let through.
+constexpr double kGlass = 0.92;
+
+Frame lines_across(const Extents& e, double between, double middle, int width) {
+    const auto is_line = [width](int m) { return (m >= 10 && m < 10 + width) || (m >= 29 && m < 29 + width); };
+    return noisy(drawn(e, 8, 240,
+                       [&](int m, int) {
+                           const bool inside = m >= 10 && m <= 29;
+                           return Spot{0, 0, is_line(m) ? 0 : inside ? between : m < 10 ? 1 : middle};
+                       }),
+                 {10, 2, 1}, 3);
+}
+
+// Hairs have two edges; a plate has something between them that reflects light.
+TEST(Plate, is_none_where_the_light_between_two_lines_is_that_beside_them) {
+    const Extents e{40, 44, 9, 9}, turned{44, 40, 9, 9};
+    Recipe plate;
+    plate.form = PartForm::plate;
+    for (const int width : {1, 2}) {
+        for (const auto& [between, beside] : {std::pair{1.0, 1.0}, {1.05, 1.0}, {1.0, 1.1}, {0.97, 0.94}}) {
+            const Frame frame = lines_across(e, between, beside, width);
+            EXPECT_EQ(verdict_on(frame, e, plate), Verdict::unfit) << width << ", " << between;
+            EXPECT_EQ(verdict_on(transposed(frame), turned, plate), Verdict::unfit) << width << ", " << between;
+        }
+        const Frame glass = lines_across(e, kGlass, 1, width);
+        EXPECT_EQ(verdict_on(glass, e, plate), Verdict::pass) << width;
+        EXPECT_EQ(verdict_on(transposed(glass), turned, plate), Verdict::pass) << width;
+    }
+}
+
+// A ring, a nest, a cross of hairs: nothing is in them.
+TEST(Plate, is_none_where_an_outline_has_nothing_in_it) {
+    const Extents e{40, 44, 9, 9};
+    Recipe plate;
+    plate.form = PartForm::plate;
+    const auto judged = [&](auto&& is_dark, double between) {
+        return verdict_on(noisy(drawn(e, 8, 240,
+                                      [&](int m, int n) {
+                                          const bool inside = m > 8 && m < 31 && n > 8 && n < 35;
+                                          return Spot{0, 0, is_dark(m, n) ? 0 : inside ? between : 1};
+                                      }),
+                                {10, 2, 1}, 3),
+                          e, plate);
+    };
+    const auto box = [](int m, int n) {
+        return m >= 8 && m <= 31 && n >= 8 && n <= 35 && (m == 8 || m == 31 || n == 8 || n == 35);
+    };
+    EXPECT_EQ(judged(box, 1), Verdict::unfit);
+    EXPECT_EQ(judged(box, kGlass), Verdict::pass);
+    EXPECT_EQ(judged([](int m, int n) { return m == n || m + n == 39; }, 1), Verdict::unfit);
+    EXPECT_EQ(judged([](int m, int n) { return m == 12 || n == 20; }, 1), Verdict::unfit);
+}
+
 // Samples that a transfer lost: one edge, and behind it all light is moved. A wedge inside the field may be judged so.
 TEST(Plate, is_none_where_all_light_behind_an_edge_is_deflected) {
     const Extents e{40, 44, 9, 9};
@@ -426,7 +523,7 @@ TEST(Plate, is_none_where_all_light_behind_an_edge_is_deflected) {
         const auto whole = [bins](int m, int n) {
             return m < 8 || m > 31 || n < 8 || n > 35    ? Spot{}
                 : m == 8 || m == 31 || n == 8 || n == 35 ? Spot{0, 0, 0}
-                                                         : Spot{bins, 0, 1};
+                                                         : Spot{bins, 0, kGlass};
         };
         EXPECT_EQ(verdict_on(noisy(drawn(e, 8, 240, whole), {10, 2, 1}, 3), e, plate), Verdict::pass) << bins;
     }
@@ -445,8 +542,23 @@ TEST(Notes, of_plates_and_webs_are_true) {
     Recipe plate;
     plate.form = PartForm::plate;
     ASSERT_EQ(notes(plate).size(), 1U);
-    EXPECT_NE(notes(plate)[0].find("looks like an empty field"), std::string::npos);
+    EXPECT_NE(notes(plate)[0].find("neither darken nor deflect light"), std::string::npos);
+    EXPECT_NE(notes(plate)[0].find("hordctl learn"), std::string::npos);
+    EXPECT_EQ(verdict_on(empty, e, plate), Verdict::unfit);
+    plate.reference = std::make_shared<const Reference>();
+    EXPECT_TRUE(notes(plate).empty());
     EXPECT_TRUE(notes(Recipe{}).empty());
+}
+
+TEST(Notes, say_that_scores_without_a_reference_change_nothing) {
+    for (float Recipe::*const score : {&Recipe::reject_score, &Recipe::grow_score, &Recipe::cluster_score}) {
+        Recipe recipe;
+        recipe.*score += 0.25F;
+        ASSERT_EQ(notes(recipe).size(), 1U);
+        EXPECT_NE(notes(recipe)[0].find("it names no file"), std::string::npos);
+        recipe.reference = std::make_shared<const Reference>();
+        EXPECT_TRUE(notes(recipe).empty());
+    }
 }
 
 TEST(Notes, say_that_no_defect_can_reach_the_limits) {

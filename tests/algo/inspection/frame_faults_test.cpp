@@ -128,7 +128,11 @@ TEST(FrameFaults, of_the_outline_count_for_the_forms_that_have_it) {
     }
     EXPECT_EQ(of_form(PartForm::tube, [](FoundPart& p) { p.deflecting = 0.249; }), hollow);
     EXPECT_EQ(of_form(PartForm::tube, [](FoundPart& p) { p.deflecting = 0.25; }), none);
-    EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0; }), none);
+    // A plate deflects light, or takes it.
+    EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0, p.shaded = 0.75; }), none);
+    EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0, p.shaded = 0.749; }), unproven);
+    EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0.249, p.shaded = 0; }), unproven);
+    EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0.25, p.shaded = 0; }), none);
     EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0.75, p.at_border = 8; }), none);
     EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0.751, p.at_border = 7; }), none);
     EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0.751, p.at_border = 8; }), not_flat);

@@ -109,7 +109,7 @@ TEST(Pipeline, refuses_what_it_cannot_do_and_names_it) {
     ASSERT_FALSE(refused);
     EXPECT_EQ(refused.error().code, ErrorCode::invalid_argument);
     for (const char* part :
-         {"lid", "emd_limit_bins", "transmission_limit", "rim_margin 18", "saturated_dn", "zone 1", "zone 2"}) {
+         {"lid", "emd_limit_bins", "transmission_limit", "rim_margin 18", "saturated_dn", "zone[0]", "zone[1]"}) {
         EXPECT_NE(refused.error().message().find(part), std::string::npos)
             << part << " is not in: " << refused.error().message();
     }

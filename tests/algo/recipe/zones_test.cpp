@@ -78,7 +78,7 @@ TEST(Zones, that_cannot_be_placed_are_named) {
     recipe.zones = {circle(Use::ignore, {0, 0}, 1)};
     recipe.zones[0].unit = Zone::Unit::mm;
     ASSERT_EQ(problems(recipe, kField).size(), 1U);
-    EXPECT_NE(problems(recipe, kField)[0].find("zone 1: is in mm, and the size of a lenslet is not known"),
+    EXPECT_NE(problems(recipe, kField)[0].find("zone[0]: is in mm, and the size of a lenslet is not known"),
               std::string::npos);
     recipe.lenslet_mm = 0.2F;
     EXPECT_TRUE(problems(recipe, kField).empty());
@@ -121,9 +121,9 @@ TEST(Zones, problems_name_the_zone) {
                     circle(Use::inspect, {0, 0}, 1)};
     const std::vector<std::string> lines = problems(recipe, kField);
     ASSERT_EQ(lines.size(), 3U);
-    EXPECT_EQ(lines[0].find("zone 1: "), 0U);
-    EXPECT_EQ(lines[1].find("zone 2: "), 0U);
-    EXPECT_EQ(lines[2].find("zone 3: "), 0U);
+    EXPECT_EQ(lines[0].find("zone[0]: "), 0U);
+    EXPECT_EQ(lines[1].find("zone[1]: "), 0U);
+    EXPECT_EQ(lines[2].find("zone[2]: "), 0U);
 }
 
 TEST(Zones, problems_name_a_zone_that_holds_no_lenslet_of_the_field) {
@@ -137,7 +137,7 @@ TEST(Zones, problems_name_a_zone_that_holds_no_lenslet_of_the_field) {
         recipe.zones = {zone};
         const auto lines = problems(recipe, kField);
         ASSERT_EQ(lines.size(), 1U);
-        EXPECT_EQ(lines[0], "zone 1: lies outside the field of 7x5 lenslets: move it into the field, or leave it out");
+        EXPECT_EQ(lines[0], "zone[0]: lies outside the field of 7x5 lenslets: move it into the field, or leave it out");
     }
     for (const Zone& zone :
          {circle(Use::inspect, {9, 2}, 3), polygon(Use::ignore, {{6, 0}, {9, 0}, {9, 4}}), inside_mm}) {

@@ -153,6 +153,27 @@ TEST(VerdictText, of_two_lines_of_one_length_names_the_form_of_a_tube) {
     EXPECT_FALSE(tells_tube(9, 9, DefectKind::scratch, algo::PartForm::round));
 }
 
+// Without a reference a line along the tube is called a scratch; it may be the slope of what the tube holds.
+TEST(VerdictText, of_a_line_along_a_tube_names_its_own_slope) {
+    algo::Inspection found;
+    found.verdict = Verdict::reject;
+    const auto names_slope = [&](Reason reason, float length, algo::PartForm form) {
+        const std::vector<algo::Defect> defects{
+            {.area = 90, .kind = algo::DefectKind::scratch, .length = length, .width = 3}};
+        found.defects = defects;
+        found.reason = reason;
+        algo::Recipe alone = recipe(false);
+        alone.form = form;
+        return explain(found, alone, kField).find("slope of the tube and what is in it") != std::string::npos;
+    };
+    const auto half = static_cast<float>(std::min(kField.m, kField.n)) / 2;
+    EXPECT_TRUE(names_slope(Reason::deflection_gradient, half, algo::PartForm::tube));
+    EXPECT_TRUE(names_slope(Reason::neighbours_disagree, half, algo::PartForm::tube));
+    EXPECT_FALSE(names_slope(Reason::absorption, half, algo::PartForm::tube));
+    EXPECT_FALSE(names_slope(Reason::deflection_gradient, half - 1, algo::PartForm::tube));
+    EXPECT_FALSE(names_slope(Reason::deflection_gradient, half, algo::PartForm::round));
+}
+
 TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
     const auto light = [](FrameFault fault) {
         return unfit(Reason::unexpected_light,
@@ -219,8 +240,12 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
          "the "
          "trigger's delay"},
         {unfit(Reason::no_part, {.fault = FrameFault::hollow, .deflecting = 0.1F}),
-         "90 % of what the outline encloses shows free light, as if nothing were in it: check the part, or set [part] "
-         "form = \"plate\" if it is flat"},
+         "90 % of what the outline encloses shows free light, as if nothing were in it: check that the part is there; "
+         "of a flat one learn a reference (hordctl learn), or set [part] form = \"plate\""},
+        {unfit(Reason::no_part, {.fault = FrameFault::unproven, .shaded = 0.1F}),
+         "10 % of the steps across the edges lead to less light (at least 75 %), and hardly any light between them is "
+         "deflected, as if only hairs or a frame were there: check that the plate is there; of one whose faces are "
+         "coated learn a reference (hordctl learn)"},
         {part(FrameFault::fills_field),
          "no free light surrounds the part: show the whole part, calibrate again if free light does surround it (the "
          "bins then do not lie where the light does), or set [part] form = \"web\" if it fills the field"},

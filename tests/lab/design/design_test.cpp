@@ -225,6 +225,7 @@ TEST(WholeParts, of_plates_with_dark_bevels_get_a_wider_rim_and_a_limit_for_the_
         plate.of.push_back(bevel);
     }
     task.part.part = sim::SolidPart{plate, 1.5};
+    task.part.effects.fresnel = true;  // else nothing tells the plate from its edges
     task.base.form = algo::PartForm::plate;
     task.base.symmetric_outline = false;
     task.camera.pixels = 395.0 * 395.0;  // 79x79 lenslets of 0.3 mm

@@ -75,7 +75,24 @@ TEST(Recipes, that_single_frames_cannot_judge_in_full_are_noted_and_can_be_used)
     EXPECT_THAT(checked("[part]\nform = \"plate\"\n"), HasSubstr("note: a plate is found by its edges"));
     EXPECT_THAT(checked("[limits]\nmin_area = 12321\n"), HasSubstr("note: defects of fewer than 12321 lenslets pass"));
     EXPECT_THAT(checked("[light]\nmin_sum_dn = 100000\n"), HasSubstr("such frames are refused"));
+    EXPECT_THAT(checked("[reference]\nreject_score = 8\n"),
+                HasSubstr("note: the scores of [reference] change nothing"));
     EXPECT_EQ(checked("name = \"bottle\"\n").find("note"), std::string::npos);
+}
+
+TEST(Recipes, are_noted_by_a_check_of_the_configuration_once) {
+    const TemporaryFolder folder;
+    std::filesystem::create_directory(folder / "recipes");
+    write(folder / "recipes/plate.toml", "[part]\nform = \"plate\"\n");
+    write(folder / "recipes/web.toml", "number = 2\n[part]\nform = \"web\"\n");
+    write(folder / "c.toml",
+          simulated_beside("[inspection]\nrecipe = \"recipes/plate.toml\"\nrecipes = \"recipes\"\n"));
+    const Said said = run("hordd", {"--check", "--config", folder / "c.toml"});
+    EXPECT_EQ(said.status, 0) << said.err;
+    const auto plate = said.out.find("plate.toml: note: a plate is found by its edges");
+    EXPECT_NE(plate, std::string::npos) << said.out;
+    EXPECT_EQ(said.out.find("plate.toml: note:", plate + 1), std::string::npos) << said.out;
+    EXPECT_THAT(said.out, HasSubstr("web.toml: note: whether a part is there is not checked"));
 }
 
 TEST(Recipes, of_the_package_can_be_used) {
