@@ -49,7 +49,8 @@ void FeatureViews::add_sums() {
     sums_.assign(found_.sums.begin(), found_.sums.end());
     mask_of_sums_.assign(found_.mask.begin(), found_.mask.end());
     for (std::uint8_t& bits : mask_of_sums_) {
-        if ((bits & algo::kSaturated) != 0) bits |= algo::kAtLimit;  // the sum is a lower limit
+        bits &= static_cast<std::uint8_t>(~(algo::kDark | algo::kBorder));  // their light is a value like any other
+        if ((bits & algo::kSaturated) != 0) bits |= algo::kAtLimit;         // the sum is a lower limit
     }
     FeatureView view{.name = std::string(kSums), .title = "light of each lenslet", .unit = "DN", .map = sums_};
     view.mask = mask_of_sums_;

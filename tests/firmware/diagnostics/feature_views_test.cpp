@@ -87,6 +87,9 @@ TEST(Views, of_a_dark_lenslet_have_its_transmission_and_no_gradient) {
     EXPECT_TRUE(light->is_judged(0));  // missing light is judged at the border, too
     for (std::size_t k = 0; k < kExtents.lenslets(); ++k) EXPECT_TRUE(views.find(kSums)->has_value(k));
     EXPECT_NE(views.find(kSums)->mask[kPlace + 1] & algo::kAtLimit, 0);  // a saturated sum is a lower limit
+    EXPECT_EQ(views.find(kSums)->mask[kPlace], algo::kValid);            // little light is a value like any other
+    EXPECT_EQ(views.find(kSums)->mask[0], algo::kValid);
+    EXPECT_EQ(views.find(kSums)->mask[kPlace + 2], algo::kRim);
 }
 
 TEST(Views, name_the_range_of_an_overlap_by_what_it_is_taken_over) {
