@@ -99,10 +99,10 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
     part.edge_counts = counts;
     part.target_counts = counts + config_.transport_counts;
     part.exposure_start = config_.by_encoder ? TimePoint::max() : arrived + config_.exposure_delay;
-    // The line is coming to a stop, or did so with this edge or after it, and the edge was told late.
-    const bool belt_stops = arrived < permit_lost_at_ || (arrived == permit_lost_at_ && !run_permit_);
+    // Without the permit since then, the belt coasts to a stop, stands or is moved by hand: no time tells where.
+    const bool belt_runs = run_permit_ && arrived >= permitted_since_;
     part.abandoned = looked_after_since(arrived);
-    part.place_lost = part.abandoned || (!config_.by_encoder && (state_ == State::error || belt_stops));
+    part.place_lost = part.abandoned || (!config_.by_encoder && !belt_runs);
     part.result.part = number;
     part.result.arrived_ns = arrived.time_since_epoch().count();
 
@@ -194,7 +194,6 @@ void Core::on(const hal::EncoderReading& reading) {
 // commands still go out by time until the reset, because the line may keep running.
 void Core::lose_permit() {
     if (config_.by_encoder) return;
-    permit_lost_at_ = now_;
     covered_ = false;        // on a standing belt the covered time means nothing
     std::uint32_t lost = 0;  // number of the first part whose place is lost
     for (std::uint32_t k = 0; k < line_.size(); ++k) {

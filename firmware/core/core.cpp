@@ -26,7 +26,8 @@ Answer Core::step(const Event& event, TimePoint now, Actions& actions) {
     if (permit != run_permit_) {
         run_permit_ = permit;
         actions.push(SetRunPermit{permit});
-        if (!permit) lose_permit();
+        if (permit) permitted_since_ = now_;
+        else lose_permit();
     }
     if (line_stop_unseen_ > Duration::zero())
         next_wake_ = std::min(next_wake_, now_ + std::min(line_stop_unseen_, kMaxTurn));

@@ -127,7 +127,7 @@ class Core {
     std::uint32_t up_ = 0;  // the FaultBits of the devices that work
     bool started_ = false;  // StartDevice was pushed for the devices
     bool run_permit_ = false;
-    TimePoint permit_lost_at_ = TimePoint::min();   // without encoder: when the run permit was withdrawn last
+    TimePoint permitted_since_;                     // when the run permit was given last
     TimePoint started_at_ = TimePoint::min();       // the last start: a part that came before it is not inspected
     TimePoint looked_after_at_ = TimePoint::min();  // the last reset that ended a line stop
     bool line_stop_ = false;

@@ -9,7 +9,7 @@ std::string text_of(const LineStop& why) {
         case LineStopCause::reject_failed: return "the rejection of " + part + " was not confirmed";
         case LineStopCause::reject_late: return "the rejection of " + part + " came too late";
         case LineStopCause::place_lost:
-            return "the run permit was withdrawn while " + part + " was on the line: its place is not known";
+            return "the line had no run permit while " + part + " came or was on its way: its place is not known";
         case LineStopCause::untracked_part: return part + " came that the station cannot follow";
         case LineStopCause::part_sensor_lost: return "the part sensor was lost or missed edges: a part may have passed";
         case LineStopCause::encoder_silent: return "the encoder is silent while parts are on the line";

@@ -141,7 +141,7 @@ enum class LineStopCause : std::uint8_t {
     none,
     reject_failed,     // the rejection of `part` was not confirmed
     reject_late,       // the rejection of `part` came too late
-    place_lost,        // the run permit was withdrawn while `part` was on the line: its place is not known
+    place_lost,        // no run permit while `part` came or was on its way: its place is not known
     untracked_part,    // a part came that the station cannot follow: `part`, or one without a number (0)
     part_sensor_lost,  // the part sensor was lost, or missed edges
     encoder_silent,

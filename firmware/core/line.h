@@ -27,7 +27,7 @@ struct Part {
     bool inspecting = false;  // its frame is with the inspector
     bool judged = false;
     bool command_late = false;  // the part reached the ejector before its command
-    bool place_lost = false;    // without encoder: the line may have stopped before the part reached the ejector
+    bool place_lost = false;    // without encoder: it came, or was on its way, while the line had no run permit
     bool abandoned = false;     // place_lost, and a reset has ended its tracking
     bool reported = false;      // the rejector's report has come
     PartReason stray_frame = PartReason::none;  // that came meanwhile: the reason if its own frame never comes

@@ -43,7 +43,12 @@ void SimRejector::move_permit(bool permit) {
 }
 
 void SimRejector::do_set_run_permit(bool permit) {
-    if (up_ || !permit) move_permit(permit);
+    if (up_ && !permit && permit_ && options_.permit_moves_belt) {
+        permit_ = false;
+        world_.run_out();
+    } else if (up_ || !permit) {
+        move_permit(permit);
+    }
 }
 
 Result<void> SimRejector::do_reject(const hal::RejectCommand& command) {

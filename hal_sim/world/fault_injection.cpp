@@ -27,7 +27,7 @@ constexpr std::array<Row, kInjectedFaults> kRows = {{
     {"plc-commands", 0ns},       {"plc-nonsense", 0ns},       {"scada-floods", 0ns},     {"store-error", 1s},
     {"store-in-doubt", 1s},      {"store-slow", 2s},          {"disk-full", 3s},         {"clock-set", 1h},
     {"inspector-hangs", 1500ms}, {"device-unplugged", 300ms}, {"plc-walks", 1500ms},     {"strobe-short", 22us},
-    {"trigger-late", 60ms},      {"plc-orders", 1s},
+    {"trigger-late", 60ms},      {"plc-orders", 1s},          {"belt-coasts", 60ms},
 }};
 
 }  // namespace

@@ -73,8 +73,9 @@ enum class InjectedFault : std::uint8_t {
                    // was
     plc_orders,    // each arrival        the operator stops the line by one to three commands; `amount` (1 s) after
                    // the last one it is started again
+    belt_coasts,   // each arrival        from now on the belt runs on for `amount` (60 ms) when the permit falls
 };
-inline constexpr std::size_t kInjectedFaults = static_cast<std::size_t>(InjectedFault::plc_orders) + 1;
+inline constexpr std::size_t kInjectedFaults = static_cast<std::size_t>(InjectedFault::belt_coasts) + 1;
 
 std::string_view name_of(InjectedFault fault);  // "frame-drop"
 std::optional<InjectedFault> injected_fault_named(std::string_view name);

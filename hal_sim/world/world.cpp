@@ -30,6 +30,7 @@ World::World(hal::EventLoop& loop, InjectionPlan& faults, const ConveyorOptions&
 
 World::~World() {
     loop_.cancel(timer_);
+    loop_.cancel(coasting_);
     for (const auto timer : meddling_) loop_.cancel(timer);
 }
 
@@ -128,6 +129,7 @@ void World::apply_arrival_faults(const PartRecord& arrived) {
             take_off([number](const PartRecord& part) { return part.number == number; });
         }));
     }
+    coast_ = faults_.fires(InjectedFault::belt_coasts).value_or(coast_);
     if (const auto stands_for = faults_.fires(InjectedFault::belt_stop)) {
         ++stopped_;
         move();
@@ -149,11 +151,27 @@ void World::take_off(const std::function<bool(const PartRecord&)>& takes) {
 }
 
 void World::halt() {
+    loop_.cancel(coasting_);
     may_move_ = false;
     move();
 }
 
+void World::run_out() {
+    if (!may_move_ || !conveyor_ || coast_ == hal::Duration::zero()) return halt();
+    PartRecord* const next = with_index(next_arrival_);
+    if (unfed_since_mm_ && next != nullptr && next_exit_ == next_arrival_) {  // onto the empty belt
+        const double shift = conveyor_->position_mm(loop_.now()) + kHeldBeforeSensorMm - next->front_mm;
+        next->front_mm += shift;
+        last_front_mm_ += shift;
+        unfed_since_mm_.reset();
+        plan();
+    }
+    loop_.cancel(coasting_);
+    coasting_ = loop_.call_after(coast_, [this] { halt(); });
+}
+
 void World::resume() {
+    loop_.cancel(coasting_);
     may_move_ = true;
     move();
 }

@@ -81,8 +81,11 @@ class World {
     // Starts the belt at the loop's now(), or at resume() after a halt(). Call once.
     void start();
 
-    // Stops and starts the belt: the run permit. Without a call it has its permit.
+    // Stops and starts the belt: the run permit. Without a call it has its permit. run_out() stops it as the withdrawn
+    // permit does: it may coast (fault belt_coasts). Then the feeder lets go of the part that it holds before an empty
+    // line.
     void halt();
+    void run_out();
     void resume();
 
     // Whether parts are put on the belt. When it ends, parts that have not reached the part sensor wait, and come with
@@ -106,6 +109,7 @@ class World {
     [[nodiscard]] InView in_view(hal::TimePoint at);
 
     [[nodiscard]] double belt_mm(hal::TimePoint at) { return conveyor_ ? conveyor_->position_mm(at) : 0; }
+    [[nodiscard]] hal::Duration coast() const { return coast_; }  // of run_out()
     [[nodiscard]] double nominal_speed_mm_s() const { return conveyor_options_.speed_mm_s; }
     [[nodiscard]] const WorldTotals& totals() const { return totals_; }
     [[nodiscard]] bool finished() const;  // every scheduled part is gone
@@ -135,6 +139,7 @@ class World {
     bool may_move_ = true;  // the run permit
     std::optional<double> unfed_since_mm_;
     std::uint32_t stopped_ = 0;  // active belt_stop faults
+    hal::Duration coast_{};      // of the last belt_coasts fault
 
     // Parts in order; line_[0] has index first_index_. All three cursors are indices.
     std::deque<PartRecord> line_;
@@ -145,7 +150,7 @@ class World {
     double share_sum_ = 0;
 
     std::vector<hal::EventLoop::TimerId> meddling_;
-    hal::EventLoop::TimerId timer_{};
+    hal::EventLoop::TimerId timer_{}, coasting_{};
     enum class Next : std::uint8_t { nothing, arrival, departure, exit };
     Next next_ = Next::nothing;
     hal::TimePoint next_at_;

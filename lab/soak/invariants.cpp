@@ -47,6 +47,7 @@ void Invariants::part_arrives(const sim::PartRecord& part) {
     history.front_mm = part.front_mm;
     history.arrived_ns = part.arrived.time_since_epoch().count();
     history.station_ran = core_ != nullptr && executing(core_->state());
+    history.permitted = core_ != nullptr && core_->run_permit();
     // A part that touches one without an edge has no edge either: the sensor stays covered.
     history.invisible = part.touches_ahead && newest_ != 0 && parts_[newest_ % kMemory].invisible;
     // Closer to the part ahead than this, a part may be rejected, or its light may not have had its rest time.
@@ -106,8 +107,8 @@ void Invariants::check_exit(PartHistory& history, TimePoint left) {
         ++excused_;
         return;
     }
-    // Without a running process nothing stops the line: the next process must, before the belt moves on.
-    if (core_ == nullptr || clock_.now() <= stalled_until_ + milliseconds(20)) {
+    // Without a running process nothing stops the line: the next process must, before the belt moves on. It may coast.
+    if (core_ == nullptr || clock_.now() <= stalled_until_ + milliseconds(20) + cell_.world().coast()) {
         left_in_outage_ = {left, clock_.now()};
         return;
     }

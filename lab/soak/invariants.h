@@ -120,6 +120,7 @@ class Invariants {
         bool bad = false;
         bool invisible = false;    // the sensor gave no edge for it
         bool station_ran = false;  // the station executed when the part came
+        bool permitted = false;    // the line had its run permit when the part came
         bool delivered = false;    // the station received its edge
         bool commanded = false;    // the station commanded its rejection
         bool stuck = false;        // the valve acknowledged and did not move

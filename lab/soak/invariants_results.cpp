@@ -155,7 +155,10 @@ void Invariants::stepped(State before, const Event& event) {
     if (had_permit_ && !now.run_permit) permit_lost_at_ = clock_.now();
     had_permit_ = now.run_permit;
     PartHistory& newest = parts_[newest_ % kMemory];  // it may have come at the very moment of the start
-    if (executing(now.state) && newest.arrived_ns == clock_.now().time_since_epoch().count()) newest.station_ran = true;
+    if (newest.arrived_ns == clock_.now().time_since_epoch().count()) {
+        newest.station_ran = newest.station_ran || executing(now.state);
+        newest.permitted = newest.permitted || now.run_permit;
+    }
     check_event(before, event);
     pulse_until_before_ = pulse_until_;
     if (cell_.rejector().run_permit() && now.line_stop)
@@ -281,7 +284,7 @@ void Invariants::check_passed(const PartResult& r, PartHistory* history) {
 }
 
 // The first report of a rejection counts. On a line without an encoder no rejection is sure if the run permit was
-// withdrawn while the part was on its way.
+// away when the part came, or was withdrawn while it was on its way.
 void Invariants::check_rejection(const PartResult& r) {
     const std::int64_t age_us = (clock_.now().time_since_epoch().count() - r.arrived_ns) / 1000;
     if (r.verdict == PartVerdict::pass ? r.latency_us != age_us : r.latency_us > age_us)
@@ -300,6 +303,9 @@ void Invariants::check_rejection(const PartResult& r) {
     const TimePoint arrived(Duration(r.arrived_ns)), at_ejector = arrived + rules_.core.transport;
     if (!rules_.core.by_encoder && permit_lost_at_ > arrived && permit_lost_at_ < at_ejector)
         broken(Promise::unconfirmed_stops, "is called ejected, and the belt may have stood on its way", r.part);
+    const PartHistory* const history = arrived_at(r.arrived_ns);
+    if (!rules_.core.by_encoder && history != nullptr && !history->permitted)
+        broken(Promise::unconfirmed_stops, "is called ejected, and came while the belt had no permit", r.part);
 }
 
 void Invariants::check_reason(const PartResult& r) {

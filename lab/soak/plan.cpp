@@ -15,6 +15,9 @@ using namespace std::chrono_literals;
 
 constexpr std::uint64_t kPlanStream = 0x50A7;
 
+// Faults that are not drawn among the others, so that their plans stay the same: those of draw_plan().
+constexpr std::size_t kDrawnFaults = static_cast<std::size_t>(InjectedFault::plc_orders) + 1;
+
 // A fault's number of opportunities in `parts` parts. Rejections have fewer: at most one part in ten is rejected.
 std::uint64_t opportunities(InjectedFault fault, std::uint64_t parts) {
     return fault >= InjectedFault::reject_lost && fault <= InjectedFault::rejector_down ? parts / 12 : parts * 9 / 10;
@@ -65,6 +68,7 @@ hal::Duration draw_amount(InjectedFault fault, std::uint64_t bits) {
         case InjectedFault::inspector_hangs: return one_of({400ms, 700ms, 1500ms});
         case InjectedFault::device_unplugged: return one_of({100ms, 300ms, 700ms});
         case InjectedFault::plc_orders: return one_of({100ms, 1000ms, 2500ms});
+        case InjectedFault::belt_coasts: return one_of({20ms, 60ms});
         case InjectedFault::plc_walks: return one_of({400ms, 1500ms, 2500ms});
         case InjectedFault::trigger_late: return one_of({1ms, 20ms, 60ms, 99ms, 101ms});
         case InjectedFault::clock_set: return one_of({2ms, 1000ms, 3600000ms});
@@ -87,12 +91,13 @@ EpisodePlan draw_plan(std::uint64_t seed, std::uint64_t parts) {
     std::uint64_t n = 1000;
     const std::uint64_t count = 1 + sim::random_bits(seed, kPlanStream, n++) % 4;
     while (faults.size() < count) {
-        const auto fault = static_cast<InjectedFault>(sim::random_bits(seed, kPlanStream, n++) % sim::kInjectedFaults);
+        const auto fault = static_cast<InjectedFault>(sim::random_bits(seed, kPlanStream, n++) % kDrawnFaults);
         if (std::find(faults.begin(), faults.end(), fault) == faults.end()) faults.push_back(fault);
     }
     const bool ordered = sim::random_bits(seed, kPlanStream, 998) % 2 == 0;
     if (ordered && std::find(faults.begin(), faults.end(), InjectedFault::plc_orders) == faults.end())
         faults.push_back(InjectedFault::plc_orders);
+    if (ordered && sim::random_bits(seed, kPlanStream, 997) % 2 == 0) faults.push_back(InjectedFault::belt_coasts);
     EpisodePlan plan = draw_plan(seed, parts, faults);
     plan.real = sim::random_bits(seed, kPlanStream, 999) % 50 == 0;
     return plan;

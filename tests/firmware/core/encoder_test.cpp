@@ -365,6 +365,37 @@ TEST_F(Encoder, the_count_of_an_edge_is_a_reading) {
     EXPECT_FALSE(rig.shot().line_stop) << "the encoder is not silent";
 }
 
+TEST_F(Encoder, a_part_that_comes_without_the_run_permit_is_rejected_and_confirmed) {
+    EXPECT_EQ(rig.send(Command::stop), Answer::done);
+    EXPECT_EQ(rig.permits, std::vector<bool>{false});
+    const auto part = rig.part_arrives();  // the belt coasts
+    EXPECT_FALSE(rig.shot().line_stop);
+    run(milliseconds(170), 10);
+    ASSERT_TRUE(rig.rejected(part));
+    rig.confirmed(part);
+    run(milliseconds(30), 10);
+    EXPECT_EQ(rig.only_result().reject, RejectState::confirmed);
+    EXPECT_FALSE(rig.shot().line_stop);
+}
+
+TEST_F(Encoder, a_part_that_came_before_the_start_is_not_the_single_one_though_its_edge_is_told_after_it) {
+    CoreRig one(with_encoder());
+    one.bring_to(State::ready);
+    one.belt(0);
+    const TimePoint came = one.now;
+    one.advance(Duration(1));
+    one.send(Command::start_single);
+    one.send(hal::PartEdge{hal::PartEdge::Kind::arrives, came, ++one.edges, one.counts});
+    EXPECT_EQ(one.core.line()[0].result.reason, PartReason::station_not_running);
+    EXPECT_FALSE(one.shot().line_stop);
+    for (int k = 0; k < 10; ++k) {
+        one.advance(milliseconds(10));
+        one.belt(100);
+    }
+    EXPECT_EQ(one.part_arrives(), 2U);
+    EXPECT_TRUE(one.core.line()[1].accepted) << "the single part is the next one";
+}
+
 TEST_F(Encoder, parts_keep_their_place_while_the_run_permit_is_down) {
     const auto part = bad_part();
     rig.send(DeviceLost{Device::strobe});

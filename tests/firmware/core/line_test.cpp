@@ -85,6 +85,7 @@ TEST_F(Running, an_edge_from_the_future_or_before_the_last_one_is_no_part_to_be_
     for (const Duration off : {Duration(1), milliseconds(-11)}) {
         CoreRig one;
         one.bring_to(State::continuous_execution);
+        one.advance(milliseconds(20));
         one.part_is_seen();
         one.exposures.clear();
         one.send(hal::PartEdge{hal::PartEdge::Kind::arrives, one.now + off, ++one.edges, {}});
@@ -136,11 +137,8 @@ TEST_F(Running, a_part_that_came_before_the_start_is_not_inspected_though_its_ed
         EXPECT_EQ(one.core.line()[0].accepted, inspected);
         EXPECT_EQ(one.exposures.size(), inspected ? 1U : 0U);
         EXPECT_EQ(one.core.line()[0].result.reason, inspected ? PartReason::none : PartReason::station_not_running);
-        EXPECT_FALSE(one.shot().line_stop);
+        EXPECT_EQ(one.shot().line_stop, !inspected) << "the belt had no permit when it came";
         if (inspected) continue;
-        one.advance(milliseconds(30));
-        EXPECT_EQ(one.part_arrives(), 2U);
-        EXPECT_TRUE(one.core.line()[1].accepted) << "the single part is the next one";
         EXPECT_TRUE(one.advance_until_rejected(1));
     }
 }

@@ -383,37 +383,63 @@ TEST(NotRunning, parts_that_come_while_the_line_stops_are_commanded_and_keep_the
     EXPECT_TRUE(rig.shot().line_stop);
 }
 
-// The process was held up, or the edge comes as the permit falls: it is told when the belt may stand already.
-TEST_F(Running, a_part_that_came_before_the_permit_was_withdrawn_and_is_told_later_stops_the_line) {
-    for (const Duration after : {Duration(-1), Duration(0), Duration(1)}) {
+// Before the permit falls, as it falls (the process was held up), and after it, on a belt that coasts: the belt may
+// stand before the part is at the ejector.
+TEST_F(Running, a_part_that_comes_about_the_withdrawal_of_the_permit_stops_the_line) {
+    for (const Duration after : {Duration(-1), Duration(0), Duration(1), Duration(milliseconds(20))}) {
         CoreRig one;
         one.bring_to(State::continuous_execution);
         EXPECT_EQ(one.send(Command::stop), Answer::done);
         EXPECT_EQ(one.permits, std::vector<bool>{false});
         const TimePoint edge = one.now + after;
-        one.advance(Duration(1));
+        one.advance(std::max(Duration(1), after));
         one.send(hal::PartEdge{hal::PartEdge::Kind::arrives, edge, ++one.edges, {}});
-        const bool lost = after <= Duration(0);
-        EXPECT_EQ(one.shot().line_stop, lost) << "the belt may stand before the part is at the ejector";
-        ASSERT_TRUE(one.advance_until_rejected(1));
+        EXPECT_TRUE(one.shot().line_stop);
+        EXPECT_EQ(one.shot().line_stop_why, (LineStop{LineStopCause::place_lost, 1}));
+        ASSERT_TRUE(one.advance_until_rejected(1)) << "the belt may run on";
         one.confirmed(1);
-        EXPECT_EQ(one.only_result().reject, lost ? RejectState::failed : RejectState::confirmed);
+        EXPECT_EQ(one.only_result().reject, RejectState::failed);
     }
 }
 
-TEST(NotRunning, parts_are_rejected_and_counted_where_the_rejector_is_up) {
+TEST_F(Running, a_part_that_comes_as_the_permit_is_given_keeps_its_place) {
+    for (const bool before : {false, true}) {
+        CoreRig one;
+        one.bring_to(State::ready);
+        one.advance(milliseconds(1));
+        const TimePoint given = one.now;
+        one.send(Command::start_continuous);
+        one.advance(milliseconds(2));
+        one.send(hal::PartEdge{hal::PartEdge::Kind::arrives, given - Duration(before ? 1 : 0), ++one.edges, {}});
+        EXPECT_EQ(one.shot().line_stop, before);
+    }
+}
+
+TEST_F(Running, a_reset_ends_the_tracking_of_a_part_that_came_without_the_permit) {
+    EXPECT_EQ(rig.send(Command::stop), Answer::done);
+    rig.part_arrives();
+    EXPECT_EQ(rig.core.state(), State::error);
+    rig.advance(kMinLineStop);
+    EXPECT_EQ(rig.send(Command::reset), Answer::done);
+    rig.advance(milliseconds(200));
+    EXPECT_EQ(rig.core.line().size(), 0U);
+    EXPECT_FALSE(rig.shot().line_stop) << "a person has taken it off";
+    EXPECT_EQ(rig.only_result().reject, RejectState::failed);
+}
+
+TEST(NotRunning, parts_are_rejected_and_counted_and_stop_the_line) {
     for (const State state : {State::initialized, State::ready}) {
         CoreRig rig;
         rig.bring_to(state);
         const auto part = rig.part_arrives();
+        EXPECT_EQ(rig.core.state(), State::error) << name_of(state);
         EXPECT_TRUE(rig.exposures.empty());
         rig.advance(milliseconds(156));
         ASSERT_TRUE(rig.rejected(part)) << name_of(state);
         rig.confirmed(part);
         EXPECT_EQ(rig.only_result().reason, PartReason::station_not_running);
         EXPECT_EQ(rig.only_result().latency_us, 0U) << "decided at its edge";
-        EXPECT_EQ(rig.shot().counters.reject_confirmed, 1U);
-        EXPECT_FALSE(rig.shot().line_stop);
+        EXPECT_EQ(rig.shot().counters.reject_failed, 1U) << "nobody knows where it is";
     }
 }
 

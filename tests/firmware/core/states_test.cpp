@@ -92,9 +92,10 @@ TEST(States, the_table_has_no_pair_twice) {
     for (const Transition& t : kTransitions) EXPECT_TRUE(seen.emplace(t.from, t.cause).second) << name_of(t.from);
 }
 
-// The other events, in every state. An event that belongs to no part and no running device changes no state. Exception:
-// a lost device is an error while the station is ready or executing.
-TEST(States, events_change_the_state_only_where_a_device_is_lost_or_a_part_was_at_the_sensor) {
+// The other events, in every state. An event that belongs to no part and no running device changes no state.
+// Exceptions: a lost device is an error while the station is ready or executing, and a part while the line has no
+// permit.
+TEST(States, events_change_the_state_only_where_a_device_is_lost_or_a_part_is_at_the_sensor) {
     const auto start = TimePoint(std::chrono::seconds(100));
     const std::vector<std::pair<const char*, Event>> events = {
         {"tick", Tick{}},
@@ -131,8 +132,10 @@ TEST(States, events_change_the_state_only_where_a_device_is_lost_or_a_part_was_a
             const bool part_was_there = edge != nullptr &&
                 edge->kind == hal::PartEdge::Kind::leaves &&  // the first edge of all
                 state != State::preoperational && state != State::halted;
-            const State expected =
-                part_was_there || (operational && std::holds_alternative<DeviceLost>(event)) ? State::error : state;
+            const bool part_comes = edge != nullptr && edge->kind == hal::PartEdge::Kind::arrives &&
+                !executing(state) && state != State::halted;
+            const bool device_lost = operational && std::holds_alternative<DeviceLost>(event);
+            const State expected = part_was_there || part_comes || device_lost ? State::error : state;
             EXPECT_EQ(rig.core.state(), expected) << name_of(state) << ", " << name;
             EXPECT_TRUE(rig.rejects.empty()) << name_of(state) << ", " << name;
             EXPECT_TRUE(rig.inspections.empty()) << name_of(state) << ", " << name;

@@ -180,8 +180,8 @@ TEST(StationJournal, tells_a_fault_when_it_is_raised_and_why_the_line_is_stopped
     story.state(State::halted, State::preoperational, 0);
     ASSERT_EQ(told.size(), 5U);
     EXPECT_THAT(told[1],
-                HasSubstr("the line is stopped (the run permit was withdrawn while part 12 was on the line: its place "
-                          "is not known): take the parts"));
+                HasSubstr("the line is stopped (the line had no run permit while part 12 came or was on its way: its "
+                          "place is not known): take the parts"));
     EXPECT_EQ(told[2], "ContinuousExecution to Halted");
     EXPECT_EQ(told[3], "fault reject-unconfirmed is over");
     story.state(State::ready, State::error, kFaultSensor);

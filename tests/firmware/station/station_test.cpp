@@ -499,7 +499,7 @@ TEST_F(StationTest, a_halt_with_a_part_on_the_line_tells_the_fault_and_why_befor
     ASSERT_EQ(observer.faults.size(), 1U);
     EXPECT_EQ(observer.faults[0].first, std::uint32_t{kFaultRejectUnconfirmed});
     EXPECT_EQ(observer.faults[0].second,
-              "the run permit was withdrawn while part 1 was on the line: its place is not known");
+              "the line had no run permit while part 1 came or was on its way: its place is not known");
     EXPECT_EQ(observer.states.back(), State::halted);
     loop.run_for(milliseconds(300));
     ASSERT_EQ(station->request(Command::reset), Answer::done);
