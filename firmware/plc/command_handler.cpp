@@ -60,6 +60,16 @@ void set_if_changed(float& limit, std::uint16_t staged, std::uint16_t was, doubl
     if (staged != was) limit = static_cast<float>(staged / scale);
 }
 
+// As much of a text as REPLY holds; what is left out is in the journal.
+RemarkText remark_of(std::string text) {
+    if (text.size() > kRemarkChars) {
+        std::size_t end = kRemarkChars - 3;
+        while ((static_cast<unsigned char>(text[end]) & 0xC0U) == 0x80U) --end;  // between two UTF-8 characters
+        text.replace(end, text.npos, "...");
+    }
+    return RemarkText(text);
+}
+
 }  // namespace
 
 StagedRecipe staged_from(const NumberedRecipe& numbered) {
@@ -257,7 +267,9 @@ CommandOutcome CommandHandler::teach(const RequestOrigin& who, const CommandRequ
 void CommandHandler::on_learned(Result<TeachResult> result) {
     if (!result) {
         report(result.error());
-        return end_teach(failed(CommandError::failed));
+        CommandOutcome outcome = failed(CommandError::failed);
+        outcome.remarks = remark_of(result.error().what);
+        return end_teach(outcome);
     }
     if (!result->remarks.empty()) {
         report({ErrorCode::refused, fmt::format("taught from {} parts: {}", running_teach_->parts, result->remarks),
@@ -266,7 +278,9 @@ void CommandHandler::on_learned(Result<TeachResult> result) {
     const std::uint32_t crc = crc32_of(result->recipe);
     pending_reference_ = PendingReference{running_teach_->who, std::move(result->recipe)};
     const auto used = use_learned_reference();  // at once, or later
-    end_teach(used ? done(crc) : failed(CommandError::failed));
+    CommandOutcome outcome = used ? done(crc) : failed(CommandError::failed);
+    outcome.remarks = remark_of(used ? result->remarks : used.error().what);
+    end_teach(outcome);
 }
 
 void CommandHandler::end_teach(const CommandOutcome& outcome) {

@@ -110,6 +110,7 @@ void PlcInterface::Remembered::set(const CommandOutcome& outcome, hal::TimePoint
     reply.state = outcome.state;
     reply.error = outcome.error;
     reply.result = outcome.result;
+    reply.remarks = outcome.remarks;
     replied_at = now;
 }
 

@@ -32,6 +32,7 @@ struct CommandOutcome {
     CommandState state = CommandState::completed;
     CommandError error = CommandError::none;
     std::uint32_t result = 0;
+    RemarkText remarks = {};  // for people
 };
 
 // Executes what the PLC writes. Called on the loop's thread during a Modbus request: must not block.

@@ -46,6 +46,10 @@ inline constexpr Register kReply[] = {
            "commands that the station executed or refused since this boot; those that REPLY refuses before (token, "
            "boot, checksum, argument left out) and repeats do not count",
            plc<&PlcView::commands_done>),
+    text(8031, kRemarkChars / 2, "remarks",
+         "teach: which parts were left out, counted once or would be rejected, or why nothing was learned; ends with "
+         "... where the journal has more; else empty",
+         [](const Source& s) { return s.extras.plc ? s.extras.plc->reply.remarks.view() : std::string_view{}; }),
 };
 
 inline constexpr Register kPlc[] = {

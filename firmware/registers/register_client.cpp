@@ -243,6 +243,7 @@ Result<Client::Reply> Client::command(Command code, std::uint32_t argument, std:
                              std::uint32_t{(*words)[at("result")]} << 16U | (*words)[at("result") + 1]};
                 for (const Reading& row : *rows) {
                     if (row.what->name == "error") answer.error_name = row.text.substr(row.text.find(' ') + 1);
+                    if (row.what->name == "remarks" && row.text != "-") answer.remarks = row.text;
                 }
                 if (answer.error == CommandError::not_in_this_state) {
                     if (const auto now = read(find_register(BlockId::status, "state")->address, 1))

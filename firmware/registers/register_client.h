@@ -63,6 +63,7 @@ class Client {
         CommandError error = CommandError::none;
         std::uint32_t result = 0;
         std::string error_name = {};              // "not_in_this_state"
+        std::string remarks = {};                 // for people; empty: none, or an older station
         std::optional<State> station_state = {};  // after that refusal
 
         // What a person can do about a refusal. Names the commands that the state allows; `offered`: of these only

@@ -64,6 +64,7 @@ Reading take(const Register& row, std::span<const std::uint16_t> words) {
     if (row.type == RegisterType::text) {
         reading.text.clear();
         for (const std::uint16_t word : words) {
+            if (word == 0xFFFF) return reading;  // an older station: it has no such row
             for (const unsigned c : {unsigned{word} >> 8U, word & 0xFFU}) {
                 if (c == 0) return reading;
                 reading.text += c >= 0x20 && c < 0x7F ? static_cast<char>(c) : '?';

@@ -15,7 +15,7 @@
 namespace hord::firmware {
 
 // Incremented when a row is added to the register map (station_blocks.h, plc_blocks.h).
-inline constexpr std::uint16_t kMapVersion = 6;
+inline constexpr std::uint16_t kMapVersion = 7;
 
 // Also served as Modbus device identification (FC 43/14).
 struct StationIdentity {
@@ -27,22 +27,26 @@ struct StationIdentity {
     std::uint32_t simulated = 0;  // the fault bits of the devices that are simulated, or play recorded frames
 };
 
-// Text of at most 32 characters, copied without allocating; longer text is truncated.
-class ShortText {
+// Text of at most `most` characters, copied without allocating; longer text is truncated.
+template <std::size_t most>
+class FixedText {
   public:
-    ShortText() = default;
-    ShortText(std::string_view text) {
+    FixedText() = default;
+    FixedText(std::string_view text) {
         std::copy_n(text.begin(), std::min(text.size(), chars_.size()), chars_.begin());
     }
     [[nodiscard]] std::string_view view() const {
         return {chars_.data(),
                 static_cast<std::size_t>(std::find(chars_.begin(), chars_.end(), '\0') - chars_.begin())};
     }
-    bool operator==(const ShortText&) const = default;
+    bool operator==(const FixedText&) const = default;
 
   private:
-    std::array<char, 32> chars_{};
+    std::array<char, most> chars_{};
 };
+using ShortText = FixedText<32>;
+inline constexpr std::size_t kRemarkChars = 120;
+using RemarkText = FixedText<kRemarkChars>;
 
 struct RecipeInUse {
     std::optional<std::uint16_t> number = {};
@@ -136,6 +140,7 @@ struct CommandReply {
     CommandState state = CommandState::none;
     CommandError error = CommandError::none;
     std::uint32_t result = 0;
+    RemarkText remarks = {};
 };
 
 // Limits of algo/recipe/recipe.h as integers in the map's units.

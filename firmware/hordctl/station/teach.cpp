@@ -39,15 +39,18 @@ Exit run_teach(const TeachOptions& options) {
         }
         return complain(error);
     }
-    if (reply->state != CommandState::completed)
-        return complain({ErrorCode::refused, "not taught: " + reply->error_name, cure_of_teach(*reply)});
+    if (reply->state != CommandState::completed) {
+        const std::string& why = reply->remarks.empty() ? reply->error_name : reply->remarks;
+        return complain({ErrorCode::refused, "not taught: " + why, cure_of_teach(*reply)});
+    }
     const auto in_use = client->read(find_register(BlockId::status, "recipe_crc32")->address, 2);
     const bool now = in_use && (std::uint32_t{(*in_use)[0]} << 16U | (*in_use)[1]) == reply->result;
     fmt::print("taught: the recipe with its reference, CRC-32 {:08X}, is {}\n", reply->result,
                now ? "in use" : "in use as soon as the line is stopped and empty");
-    fmt::print(
-        "The station's journal names the parts that were left out, that repeat others, or that the recipe would reject "
-        "(journalctl -u hordd).\n");
+    if (!reply->remarks.empty()) {
+        fmt::print("{}\nLook at these parts; if they are good, teach again with more parts.\n", reply->remarks);
+        if (reply->remarks.ends_with("...")) fmt::print("The station's journal has the rest (journalctl -u hordd).\n");
+    }
     return Exit::good;
 }
 

@@ -57,6 +57,15 @@ class Teach : public PlcCommands {
         EXPECT_EQ(read32(8022), asked);
         return static_cast<CommandError>(read(8026, 1)[0]);
     }
+    std::string remarks() {
+        std::string text;
+        for (const std::uint16_t word : read(8031, 60)) {
+            for (const unsigned c : {unsigned{word} >> 8U, word & 0xFFU}) {
+                if (c != 0) text += static_cast<char>(c);
+            }
+        }
+        return text;
+    }
     const Change* recorded(Change::What what) const {
         const auto found =
             std::find_if(notes.changes.rbegin(), notes.changes.rend(), [&](const Change& c) { return c.what == what; });
@@ -181,6 +190,29 @@ TEST_F(Teach, no_recipe_changes_while_parts_are_under_way) {
     EXPECT_EQ(command(Command::teach), CommandError::none);
 }
 
+TEST_F(Teach, names_the_parts_that_were_left_out_in_the_reply_as_far_as_they_fit) {
+    open();
+    ready();
+    EXPECT_EQ(command(Command::teach), CommandError::none);
+    EXPECT_EQ(remarks(), "");
+    std::uint32_t asked = token;
+    (void)told.comes_to("part 12 was left out: it differs from all others");
+    EXPECT_EQ(reply_to(asked), CommandError::none);
+    EXPECT_EQ(remarks(), "part 12 was left out: it differs from all others");
+    EXPECT_EQ(command(Command::disarm), CommandError::none);  // another command has none
+    EXPECT_EQ(remarks(), "");
+    EXPECT_EQ(reply_to(asked), CommandError::none);  // repeated: the same reply
+    EXPECT_EQ(remarks(), "part 12 was left out: it differs from all others");
+
+    EXPECT_EQ(command(Command::teach), CommandError::none);
+    asked = token;
+    const std::string about = std::string(116, 'x') + "\u00E4 and more";  // the letter takes bytes 116 and 117
+    (void)told.comes_to(about);
+    EXPECT_EQ(reply_to(asked), CommandError::none);
+    EXPECT_EQ(remarks(), std::string(116, 'x') + "...");
+    EXPECT_THAT(troubles.back(), HasSubstr(about));  // the journal has it all
+}
+
 TEST_F(Teach, that_fails_says_why_and_the_old_recipe_stays) {
     open();
     running();
@@ -188,6 +220,7 @@ TEST_F(Teach, that_fails_says_why_and_the_old_recipe_stays) {
     const std::uint32_t asked = token;
     told.fails({ErrorCode::io, "the disk is full", "make room"});
     EXPECT_EQ(reply_to(asked), CommandError::failed);
+    EXPECT_EQ(remarks(), "the disk is full");
     EXPECT_THAT(troubles, ElementsAre("the disk is full: make room"));
     EXPECT_EQ(recorded(Change::What::command)->after, "failed failed");
     EXPECT_EQ(recorded(Change::What::recipe), nullptr);

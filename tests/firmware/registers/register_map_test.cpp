@@ -66,6 +66,16 @@ TEST(Registers, status_is_encoded_as_documented) {
     EXPECT_EQ(image.back(), 0xFFFF) << "a register without a row";
 }
 
+TEST(Registers, a_text_that_an_older_station_does_not_have_is_empty) {
+    const Block& reply = *find_block(BlockId::reply);
+    std::vector<std::uint16_t> image(reply.size(), 0xFFFF);
+    image[0] = static_cast<std::uint16_t>(BlockId::reply), image[1] = reply.length;
+    const auto readings = decode(reply, image);
+    ASSERT_TRUE(readings);
+    EXPECT_EQ(readings->back().what->name, "remarks");
+    EXPECT_EQ(readings->back().text, "");
+}
+
 TEST(Registers, a_result_is_encoded_as_documented) {
     const auto image = image_of(BlockId::last, example());
     EXPECT_THAT(std::vector(image.begin() + 2, image.begin() + 26),
