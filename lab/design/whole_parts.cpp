@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
+#include <numeric>
 
 #include "algo/inspection/rim.h"
 #include "hal_sim/optics/trace/trace.h"
@@ -31,7 +33,7 @@ class WholeParts {
     WholeParts(const CellChoice& cell, const SetTrial& set, const DesignTask& task, const PartSurvey& survey,
                const CheckEffort& effort, const std::function<void(double)>& progress)
         : cell_(cell), set_(set), task_(task), survey_(survey), effort_(effort), progress_(progress),
-          steps_(2.0 * effort.poses * (effort.exposures + 1) +
+          steps_(effort.poses * (3.0 * effort.exposures + 1) +
                  2.0 * effort.bad * static_cast<double>(task.defects.size())) {}
 
     Result<WholeCheck> run() {
@@ -102,13 +104,13 @@ class WholeParts {
 
     Result<void> find_limits(WholeCheck& check) {
         std::vector<Frame> frames;
-        for (int k = 0; k < effort_.poses; ++k) {
-            const sim::Scene scene = good_part(cell_, task_, task_.seed, k);
+        const int count = effort_.poses * effort_.exposures;
+        for (int k = 0; k < count; ++k, step()) {
+            const sim::Scene scene = spread_part(cell_, task_, k, count);
             const auto field = render(scene);
             if (!field) return tl::unexpected(field.error());
             extents_ = scene.camera.extents;
-            for (int x = 0; x < effort_.exposures; ++x, step())
-                frames.push_back(sim::expose(*field, scene, exposure_seed(task_.seed, k, x)));
+            frames.push_back(sim::expose(*field, scene, exposure_seed(task_.seed, k, 0)));
         }
         const auto values = values_beside_bevels(frames);
         if (!values) return tl::unexpected(values.error());
@@ -210,6 +212,16 @@ sim::Scene good_part(const CellChoice& cell, const DesignTask& task, std::uint64
     const auto index = static_cast<std::uint64_t>(k);
     scene.pose.x_mm += kWobbleMm * sim::random_sign(seed, kPose, 2 * index);
     scene.pose.y_mm += kWobbleMm * sim::random_sign(seed, kPose, 2 * index + 1);
+    return scene;
+}
+
+sim::Scene spread_part(const CellChoice& cell, const DesignTask& task, int k, int count) {
+    sim::Scene scene = scene_of(cell, task.part, task.camera);
+    const double pitch = scene.camera.field_mm / scene.camera.extents.m;
+    int step = static_cast<int>(std::lround(count / std::numbers::phi));  // from one y to the next
+    while (std::gcd(step, count) != 1) ++step;
+    scene.pose.x_mm += ((k + 0.5) / count - 0.5) * pitch;
+    scene.pose.y_mm += ((k * step % count + 0.5) / count - 0.5) * pitch;
     return scene;
 }
 

@@ -29,13 +29,13 @@ struct WholeCheck {
 };
 
 struct CheckEffort {
-    int poses = 10;     // rendered good parts of each seed: where the part lies on the lenslets matters more than noise
-    int exposures = 2;  // of each
+    int poses = 10;     // rendered good parts that are judged
+    int exposures = 2;  // of each; the limits come from poses * exposures parts, exposed once each
     int bad = 6;        // parts a defect and size
     Effort trials;      // of the sizes found with the limits of whole parts
 };
-// Parts are drawn by task.seed for the limits, by task.seed + 1000 for the verdicts. They lie within `wobble_mm` of
-// the field's middle.
+// Parts for the limits are spread over one lenslet (spread_part); those for the verdicts are drawn by task.seed + 1000
+// (good_part).
 Result<WholeCheck> check_whole_parts(const CellChoice& cell, const SetTrial& set, const DesignTask& task,
                                      const PartSurvey& survey, const CheckEffort& effort,
                                      const std::function<void(double)>& progress);
@@ -43,6 +43,11 @@ Result<WholeCheck> check_whole_parts(const CellChoice& cell, const SetTrial& set
 constexpr double kWobbleMm = 0.1;
 // The good part number k of a seed: it lies a little differently.
 sim::Scene good_part(const CellChoice& cell, const DesignTask& task, std::uint64_t seed, int k);
+
+// Good part number k of `count` whose places on the lenslets differ evenly: along x and along y each lies in another
+// one of `count` equal parts of a lenslet. Random places leave gaps; a lenslet that the part's edge covers in part
+// misses most light in a tenth of the places.
+sim::Scene spread_part(const CellChoice& cell, const DesignTask& task, int k, int count);
 
 // `whole` with the lenslets of `window` (a rendering of window_of(scene, m, n, side)) in place.
 void paste(sim::LightField& whole, const sim::LightField& window, int m, int n);
