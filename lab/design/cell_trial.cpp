@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <numbers>
+
+#include <fmt/format.h>
 
 #include "hal_sim/optics/camera/render.h"
 #include "hal_sim/optics/trace/trace.h"
@@ -97,6 +100,26 @@ FoundSize found_size(std::span<const DetectionTrial> trials, double smallest) {
     return found;
 }
 
+// Share of the field's edge that the part covers.
+double share_of_edge(const sim::Scene& part, const sim::Body& body) {
+    const double half = 0.5 * part.camera.field_mm, c = std::cos(part.pose.rotation_rad),
+                 s = std::sin(part.pose.rotation_rad);
+    const auto covers = [&](double x, double y) {  // or takes its light
+        sim::RayPolyline line;
+        if (sim::shine(body, x, y, &line).path == 0) return true;
+        return std::any_of(line.in_part, line.in_part + line.count, std::identity());
+    };
+    int covered = 0;
+    for (int k = 0; k < 4 * kSurvey; ++k) {
+        const double along = (2.0 * (k % kSurvey) / (kSurvey - 1) - 1) * half,
+                     across = k / kSurvey % 2 == 0 ? half : -half;
+        const bool is_row = k / kSurvey < 2;
+        const double x = (is_row ? along : across) - part.pose.x_mm, y = (is_row ? across : along) - part.pose.y_mm;
+        if (covers(c * x + s * y, c * y - s * x)) ++covered;
+    }
+    return static_cast<double>(covered) / (4 * kSurvey);
+}
+
 }  // namespace
 
 Result<PartSurvey> PartSurvey::of(const sim::Scene& part) {
@@ -111,12 +134,24 @@ Result<PartSurvey> PartSurvey::of(const sim::Scene& part) {
             if (!survey.holds(x, y, step)) continue;
             const sim::Landing landing = sim::shine(survey.body, x, y);
             survey.area_mm2 += step * step;
+            ThroughPart way;
+            way_through(survey.body, x, y, way);
+            survey.thickest_mm = std::max(survey.thickest_mm, length(way.leaves - way.enters));
             survey.largest_slope = std::max({survey.largest_slope, std::abs(landing.u), std::abs(landing.v)});
         }
     }
-    if (survey.area_mm2 > 0) return survey;
-    return fail(ErrorCode::invalid_argument, "part " + part.name + " has no middle of one solid body in the field",
-                "give a scene with a lens, a plate, a wedge or a solid; hollow parts are not designed for");
+    if (survey.area_mm2 == 0) {
+        return fail(ErrorCode::invalid_argument, "part " + part.name + " has no middle of one solid body in the field",
+                    "give a scene with a lens, a plate, a wedge or a solid; hollow parts are not designed for");
+    }
+    const double edge = share_of_edge(part, survey.body);
+    survey.fills_field = edge == 1;
+    if (edge > 0 && edge < 1) {
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("part {} reaches beyond the field of {:g} mm", part.name, part.camera.field_mm),
+                    "give a scene with a larger camera.field_mm, or one that the part fills (a web)");
+    }
+    return survey;
 }
 
 bool PartSurvey::holds(double x_mm, double y_mm, double radius_mm) const {

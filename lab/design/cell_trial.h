@@ -33,7 +33,9 @@ struct PartSurvey {
     sim::Body body;
     double area_mm2 = 0;       // of its single glass
     double largest_slope = 0;  // of its light, rad
-    // Fails with invalid_argument for a part without a middle of one solid body.
+    double thickest_mm = 0;    // of its glass, along the light
+    bool fills_field = false;  // a web: the field shows no edge of it
+    // Fails with invalid_argument for a part without a middle of one solid body, or one that the field's edge cuts.
     static Result<PartSurvey> of(const sim::Scene& part);
     // Whether all within `radius_mm` of the place is single glass whose light is less than 350 mrad steep.
     [[nodiscard]] bool holds(double x_mm, double y_mm, double radius_mm) const;

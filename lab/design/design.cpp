@@ -124,9 +124,28 @@ class Search {
 
 }  // namespace
 
+Result<void> check_task(const DesignTask& task, const PartSurvey& survey) {
+    for (const WantedDefect& wanted : task.defects) {
+        if ((wanted.kind == WantedKind::bubble || wanted.kind == WantedKind::inclusion) &&
+            wanted.size_mm >= survey.thickest_mm) {
+            return fail(ErrorCode::invalid_argument,
+                        fmt::format("{}={:g} does not fit into part {}, whose glass is {:.3g} mm thick", wanted.name(),
+                                    wanted.size_mm, task.part.name, survey.thickest_mm),
+                        "give a smaller size, or a defect of a face (cut, dimple, scratch)");
+        }
+    }
+    if (survey.fills_field == (task.base.form == algo::PartForm::web)) return {};
+    return survey.fills_field
+        ? fail(ErrorCode::invalid_argument, "part " + task.part.name + " fills the field: it is a web",
+               "give --form web, or a scene with a larger camera.field_mm")
+        : fail(ErrorCode::invalid_argument, "part " + task.part.name + " does not fill the field: it is no web",
+               "give --form round or plate, or a scene with a smaller camera.field_mm");
+}
+
 Result<Design> design_cell(const DesignTask& task, const DesignOptions& options) {
     const auto survey = PartSurvey::of(task.part);
     if (!survey) return tl::unexpected(survey.error());
+    if (auto checked = check_task(task, *survey); !checked) return tl::unexpected(checked.error());
     const auto start = std::chrono::steady_clock::now();
     const double cpu = process_cpu_ms();
     auto design = Search(task, *survey, options).run();

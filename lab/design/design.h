@@ -22,7 +22,11 @@ struct DesignOptions {
     bool quick = false;  // fewer cells, trials and parts
     std::function<void(double done, const std::string& note)> progress = [](double, const std::string&) {};
 };
-// Fails with unsupported when no cell can show the part, and as the renderer does.
+// Fails with invalid_argument for a bubble or an inclusion thicker than the glass, and where the form is web and the
+// part does not fill the field, or the other way round.
+Result<void> check_task(const DesignTask& task, const PartSurvey& survey);
+
+// Fails as check_task(), with unsupported when no cell can show the part, and as the renderer does.
 Result<Design> design_cell(const DesignTask& task, const DesignOptions& options);
 
 // The answer first, then the tables. Markdown.

@@ -35,7 +35,8 @@ Result<double> parse_pixels(const std::string& text) {
                 "write 25M, 5M or 400k; 10k to 200M");
 }
 
-algo::PartForm form_of(const sim::Scene& scene, const std::string& asked) {
+algo::PartForm form_of(const sim::Scene& scene, const PartSurvey& survey, const std::string& asked) {
+    if (asked == "web" || (asked.empty() && survey.fills_field)) return algo::PartForm::web;
     if (asked == "plate" || (asked.empty() && std::holds_alternative<sim::Plate>(scene.part)))
         return algo::PartForm::plate;
     return algo::PartForm::round;
@@ -49,15 +50,17 @@ Exit run_design(DesignArguments& arguments) {
     if (!defects) return complain(defects.error());
     const auto pixels = parse_pixels(arguments.pixels);
     if (!pixels) return complain(pixels.error());
-    task.base.form = form_of(*part, arguments.form);
+    const auto survey = PartSurvey::of(*part);
+    if (!survey) return complain(survey.error());
+    task.base.form = form_of(*part, *survey, arguments.form);
+    if (task.base.form == algo::PartForm::web) task.base.part_required = false;
     task.base.symmetric_outline = !std::holds_alternative<sim::SolidPart>(part->part);
     task.part = std::move(*part);
     task.defects = std::move(*defects);
     task.camera.pixels = *pixels;
     task.camera.diffraction =
         std::ranges::find(task.defects, WantedKind::haze, &WantedDefect::kind) == task.defects.end();
-    const auto survey = PartSurvey::of(task.part);
-    if (!survey) return complain(survey.error());
+    if (auto checked = check_task(task, *survey); !checked) return complain(checked.error());
     if (auto made = make_folder(arguments.out); !made) return complain(made.error());
 
     std::optional<Progress> progress(std::in_place, "design for " + task.part.name);
@@ -110,7 +113,7 @@ void add_design(CLI::App& program, Exit& status) {
     add_number(*command, "--inspection-threads", task.inspection_threads, "Cores that inspect parts", 1, 64);
     add_number(*command, "--false-rejects", task.false_rejects, "Share of good parts that may be rejected", 1e-6, 0.1);
     command->add_option("--form", arguments->form, "Form of the part in the recipe; without it, by its shape")
-        ->check(CLI::IsMember({"round", "plate"}));
+        ->check(CLI::IsMember({"round", "plate", "web"}));
     command->add_flag("--quick", arguments->quick, "Fewer cells, trials and parts: a first look");
     command->add_option("--seed", task.seed, "Seed of places and noise")->capture_default_str();
     command

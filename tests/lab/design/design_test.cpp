@@ -2,6 +2,7 @@
 #include "lab/design/design.h"
 
 #include <cmath>
+#include <set>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -165,6 +166,24 @@ TEST(WholeParts, a_pasted_window_is_the_whole_rendering) {
     EXPECT_LT(off, 0.01);     // and nowhere else
 }
 
+TEST(WholeParts, for_the_limits_lie_in_every_part_of_a_lenslet) {
+    const DesignTask task = small_task("bubble=0.4");
+    for (const int count : {1, 2, 8, 16, 20}) {
+        std::set<int> x, y;
+        for (int k = 0; k < count; ++k) {
+            const sim::Scene scene = spread_part(kCell, task, k, count);
+            const double pitch = scene.camera.field_mm / scene.camera.extents.m;
+            const auto part = [&](double at_mm) { return static_cast<int>(std::floor((at_mm / pitch + 0.5) * count)); };
+            x.insert(part(scene.pose.x_mm));
+            y.insert(part(scene.pose.y_mm));
+        }
+        EXPECT_EQ(static_cast<int>(x.size()), count);
+        EXPECT_EQ(static_cast<int>(y.size()), count);
+        EXPECT_EQ(*x.begin(), 0);
+        EXPECT_EQ(*y.begin(), 0);
+    }
+}
+
 TEST(CellTrials, larger_defects_are_found_and_the_size_found_lies_between) {
     const DesignTask task = small_task("speck=0.4");
     const auto survey = PartSurvey::of(task.part);
@@ -242,6 +261,39 @@ TEST(WholeParts, of_plates_with_dark_bevels_get_a_wider_rim_and_a_limit_for_the_
     EXPECT_GT(check->recipe.transmission_limit, 0.7F);
     EXPECT_EQ(check->rejected, 0);
     EXPECT_EQ(check->defects[0].wanted.found, 2);
+}
+
+TEST(DesignTasks, with_a_part_that_the_edge_of_the_field_cuts_are_refused_and_webs_fill_the_field) {
+    sim::Scene part;
+    part.camera.field_mm = 24;
+    part.part = sim::Plate{8, 2};
+    EXPECT_FALSE(PartSurvey::of(part)->fills_field);
+    part.pose.x_mm = 5;
+    const auto cut = PartSurvey::of(part);
+    ASSERT_FALSE(cut);
+    EXPECT_THAT(cut.error().message(), HasSubstr("beyond the field of 24 mm"));
+    DesignTask task;
+    task.part = part;
+    task.part.part = sim::Plate{20, 2};
+    task.defects = *parse_defects("scratch=0.1");
+    const auto survey = PartSurvey::of(task.part);
+    ASSERT_TRUE(survey);
+    EXPECT_TRUE(survey->fills_field);
+    EXPECT_THAT(check_task(task, *survey).error().message(), HasSubstr("--form web"));
+    task.base.form = algo::PartForm::web;
+    EXPECT_TRUE(check_task(task, *survey));
+}
+
+TEST(DesignTasks, with_bubbles_thicker_than_the_glass_are_refused) {
+    DesignTask task;
+    task.part.part = sim::Plate{8, 0.3};
+    task.defects = *parse_defects("bubble=0.5");
+    const auto survey = PartSurvey::of(task.part);
+    ASSERT_TRUE(survey);
+    EXPECT_NEAR(survey->thickest_mm, 0.3, 1e-9);
+    EXPECT_THAT(check_task(task, *survey).error().message(), HasSubstr("bubble=0.5 does not fit"));
+    task.defects = *parse_defects("bubble=0.2,dimple=0.5");
+    EXPECT_TRUE(check_task(task, *survey));
 }
 
 TEST(CellTrials, hollow_parts_are_refused_with_a_cure) {
