@@ -46,8 +46,10 @@ std::uint64_t number_from_environment(const char* name, std::uint64_t otherwise)
     }
 }
 
-// Kills a station `life` after its start. Returns the last sequence that it reported as acknowledged, or 0.
-std::uint32_t live_and_die(const std::filesystem::path& folder, std::uint32_t boot, std::chrono::microseconds life) {
+// Kills a station `life` after its start, or (reports above 0) after so many reports. Returns the last sequence that it
+// reported as acknowledged, or 0.
+std::uint32_t live_and_die(const std::filesystem::path& folder, std::uint32_t boot, std::chrono::microseconds life,
+                           int reports) {
     int report[2];
     EXPECT_EQ(pipe(report), 0);
     const pid_t child = fork();
@@ -57,7 +59,8 @@ std::uint32_t live_and_die(const std::filesystem::path& folder, std::uint32_t bo
     }
     close(report[1]);
     std::uint32_t acknowledged = 0, next = 0;
-    const auto end = std::chrono::steady_clock::now() + life;
+    const bool counts = reports > 0;
+    const auto end = std::chrono::steady_clock::now() + (counts ? std::chrono::seconds(20) : life);
     pollfd readable{report[0], POLLIN, 0};
     while (true) {
         const auto left =
@@ -67,6 +70,7 @@ std::uint32_t live_and_die(const std::filesystem::path& folder, std::uint32_t bo
         if (ppoll(&readable, 1, &wait, nullptr) <= 0) break;
         if (read(report[0], &next, sizeof next) != sizeof next) break;
         acknowledged = next;
+        if (counts && --reports == 0) break;
     }
     kill(child, SIGKILL);
     while (read(report[0], &next, sizeof next) == sizeof next) acknowledged = next;  // reported before the kill
@@ -88,9 +92,11 @@ TEST(Crash, no_acknowledged_result_is_lost_and_the_store_stays_whole) {
     std::uint64_t lost = 0, damaged = 0, checked = 0, with_results = 0;
     for (std::uint32_t boot = 1; boot <= crashes; ++boot) {
         // The kill comes at any moment from before the file exists to after some hundred batches. On a real disk a
-        // batch takes milliseconds.
+        // batch takes milliseconds. Every second one waits for a number of results, also on a machine that is held up.
         const auto longest = where != nullptr ? 200'000U : 25'000U;
-        const std::uint32_t acknowledged = live_and_die(folder, boot, std::chrono::microseconds(random() % longest));
+        const auto life = std::chrono::microseconds(random() % longest);
+        const int reports = boot % 2 == 0 ? 1 + static_cast<int>(random() % 20) : 0;
+        const std::uint32_t acknowledged = live_and_die(folder, boot, life, reports);
         if (acknowledged == 0 && !std::filesystem::exists(folder / kStoreFile)) continue;
         // Opened as the station does at its next start, which repairs what the kill left behind.
         const auto store = open_sqlite_store(folder);
