@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <fstream>
+#include <functional>
 #include <map>
 #include <numeric>
 
@@ -115,30 +116,39 @@ Table table_of(const std::vector<Pooled>& recipes) {
     return table;
 }
 
-// {"recipe", "frame", instructions}: of a part at kCountedLenslets.
-std::string arm64_text(const std::filesystem::path& file) {
+// Instructions of a recipe's verdict on a good and a bad part at kCountedLenslets.
+struct Counted {
+    std::string name;
+    double good = 0, bad = 0;
+    [[nodiscard]] double most() const { return std::max(good, bad); }
+};
+// Empty without the file.
+std::vector<Counted> read_instructions(const std::filesystem::path& file) {
     std::ifstream stream(file);
-    if (!stream) return {};
-    std::vector<std::string> names;
-    std::map<std::string, std::map<std::string, double>> counted;
+    std::vector<Counted> all;
     for (std::string line; std::getline(stream, line);) {  // frame;instructions;recipe
         const auto first = line.find(';'), second = line.find(';', first + 1);
         if (second == std::string::npos) continue;
         const std::string name = line.substr(second + 1);
-        if (!counted.contains(name)) names.push_back(name);
-        counted[name][line.substr(0, first)] = std::stod(line.substr(first + 1, second - first - 1));
+        auto at = std::ranges::find(all, name, &Counted::name);
+        if (at == all.end()) at = all.insert(all.end(), Counted{name});
+        (line.starts_with("good") ? at->good : at->bad) = std::stod(line.substr(first + 1, second - first - 1));
     }
+    return all;
+}
+
+std::string arm64_text(const std::vector<Counted>& counted) {
+    if (counted.empty()) return {};
     Table table{{"judged by", "instructions, million: good part", "bad part"}, {}};
     constexpr std::array kSizes = {111, 222, 555};
     for (const int lenslets : kSizes) table.header.push_back(fmt::format("{0}x{0}: ms a part", lenslets));
     table.header.emplace_back("555x555: parts a minute a core");
-    for (const std::string& name : names) {
-        const double most = std::ranges::max(counted[name]["good"], counted[name]["bad"]);
-        std::vector<std::string> row{name, fmt::format("{:.1f}", 1e-6 * counted[name]["good"]),
-                                     fmt::format("{:.1f}", 1e-6 * counted[name]["bad"])};
+    for (const Counted& of : counted) {
+        std::vector<std::string> row{of.name, fmt::format("{:.1f}", 1e-6 * of.good),
+                                     fmt::format("{:.1f}", 1e-6 * of.bad)};
         const auto ms = [&](int lenslets, double a_cycle) {
             const double more = std::pow(static_cast<double>(lenslets) / kCountedLenslets, 2);
-            return 1e3 * more * most / a_cycle / kArmHertz;
+            return 1e3 * more * of.most() / a_cycle / kArmHertz;
         };
         const auto text = [](double v) { return v < 9.95 ? fmt::format("{:.1f}", v) : fmt::format("{:.0f}", v); };
         for (const int lenslets : kSizes)
@@ -149,40 +159,70 @@ std::string arm64_text(const std::filesystem::path& file) {
     return to_markdown(table);
 }
 
+template <class Cost>
+const WholeRecipe* choose(const std::vector<const WholeRecipe*>& recipes, const Cost& cost) {
+    const auto missed = [](const WholeRecipe& recipe) {
+        int all = 0;
+        for (const WholeSeed& seed : recipe.seeds) all += seed.missed;
+        return all;
+    };
+    double least = cost(*recipes.front());
+    for (const WholeRecipe* recipe : recipes) least = std::min(least, cost(*recipe));
+    const WholeRecipe* best = nullptr;
+    for (const WholeRecipe* recipe : recipes) {
+        if (cost(*recipe) > (1 + kSameTime) * least) continue;
+        if (best == nullptr || std::pair(missed(*recipe), cost(*recipe)) < std::pair(missed(*best), cost(*best)))
+            best = recipe;
+    }
+    return best;
+}
+
 }  // namespace
 
 const WholeRecipe* advised(const std::vector<WholeRecipe>& recipes) {
-    const WholeRecipe* best = nullptr;
-    double least_ms = 0;
+    std::vector<const WholeRecipe*> good, counted;
     for (const WholeRecipe& recipe : recipes) {
         bool is_good = true;
-        double ms = 0;
         for (std::size_t s = 0; s < recipe.seeds.size(); ++s) {
             int rejected = recipe.seeds[s].rejected, missed = recipe.seeds[s].missed;  // the least of all recipes
             for (const WholeRecipe& other : recipes)
                 rejected = std::min(rejected, other.seeds[s].rejected),
                 missed = std::min(missed, other.seeds[s].missed);
             is_good = is_good && recipe.seeds[s].rejected <= rejected + 1 && recipe.seeds[s].missed <= missed + 1;
-            ms += recipe.seeds[s].mean_ms;
         }
-        if (is_good && (best == nullptr || ms < least_ms)) best = &recipe, least_ms = ms;
+        if (!is_good) continue;
+        good.push_back(&recipe);
+        if (recipe.arm64_instructions > 0) counted.push_back(&recipe);
     }
+    if (good.empty()) return nullptr;
+    const WholeRecipe* best = choose(good, [](const WholeRecipe& r) { return r.seeds.front().mean_ms; });
+    for (std::size_t s = 1; s < best->seeds.size(); ++s) {
+        if (choose(good, [s](const WholeRecipe& r) { return r.seeds[s].mean_ms; }) != best) return nullptr;
+    }
+    if (best->arm64_instructions > 0 && choose(counted, std::mem_fn(&WholeRecipe::arm64_instructions)) != best)
+        return nullptr;
     return best;
 }
 
 void add_wholes(TemplateFields& fields, const std::vector<JudgedWhole>& judged,
                 const std::filesystem::path& instructions) {
     std::string advice, tables;
+    const std::vector<Counted> counted = read_instructions(instructions);
     for (const auto& [lenslets, pooled] : pool(judged)) {
         std::vector<WholeRecipe> recipes;
-        for (const Pooled& p : pooled) recipes.push_back(p.recipe);
+        for (const Pooled& p : pooled) {
+            recipes.push_back(p.recipe);
+            const auto at = std::ranges::find(counted, p.recipe.name, &Counted::name);
+            if (at != counted.end()) recipes.back().arm64_instructions = at->most();
+        }
         const WholeRecipe* best = advised(recipes);
         if (const std::size_t seeds = recipes.front().seeds.size(); seeds < kWholeSeeds) {
             advice += fmt::format("- **{0}x{0} lenslets: no advice yet**: {1} of {2} seeds were judged.\n", lenslets,
                                   seeds, kWholeSeeds);
         } else if (best == nullptr) {
-            advice += fmt::format("- **{0}x{0} lenslets: no advice.** No recipe is among the best in every seed.\n",
-                                  lenslets);
+            advice += fmt::format(
+                "- **{0}x{0} lenslets: no advice.** No recipe is the best in every seed and on every machine.\n",
+                lenslets);
         } else {
             const Pooled& p = *std::ranges::find(pooled, best->name, [](const Pooled& q) { return q.recipe.name; });
             advice +=
@@ -200,13 +240,14 @@ void add_wholes(TemplateFields& fields, const std::vector<JudgedWhole>& judged,
     for (const JudgedWhole& cell : judged) {
         if (std::ranges::find(seeds, cell.point.seed) == seeds.end()) seeds.push_back(cell.point.seed);
     }
+    fields["same_time"] = fmt::format("{:g}", 100 * kSameTime);
     fields["poses"] = std::to_string(WholeEffort{}.poses);
     fields["seeds"] = fmt::format("{} {}", seeds.size() == 1 ? "seed" : "seeds", fmt::join(seeds, ", "));
     fields["counted"] = std::to_string(kCountedLenslets);
     fields["ladders"] = ladders;
     fields["whole_advice"] = advice;
     fields["whole_tables"] = tables;
-    fields["arm64"] = arm64_text(instructions);
+    fields["arm64"] = arm64_text(counted);
 }
 
 }  // namespace hord::lab

@@ -22,9 +22,13 @@ struct WholeSeed {
 struct WholeRecipe {
     std::string name;
     std::vector<WholeSeed> seeds;
+    double arm64_instructions = 0;  // of a verdict; 0: not counted
 };
-// The fastest recipe that, in every seed, rejects at most one good part more than the least and misses at most one bad
-// part more than the least. Null where there is none.
+// The recipe to take: of those that, in every seed, reject at most one good part more than the least and miss at most
+// one bad part more than the least, the fastest. Of several whose times differ by less than kSameTime, the one that
+// misses least, then the fastest. Null where there is none, or where the times of the seeds, or the instructions on
+// arm64 (of those counted), would choose different ones.
 const WholeRecipe* advised(const std::vector<WholeRecipe>& recipes);
+constexpr double kSameTime = 0.1;  // relative: times of equal work vary so
 
 }  // namespace hord::lab

@@ -133,6 +133,22 @@ TEST(WholeTrade, advises_the_fastest_recipe_that_is_among_the_best_in_every_seed
     EXPECT_EQ(advised({whole("a", 1, 0, 5, 9), whole("b", 1, 0, 9, 5)}), nullptr);
 }
 
+TEST(WholeTrade, of_equally_fast_recipes_advises_the_one_that_misses_least) {
+    EXPECT_EQ(advised({whole("fast", 10, 0, 6, 5), whole("as fast", 10.5, 0, 5, 5)})->name, "as fast");
+    EXPECT_EQ(advised({whole("fast", 10, 0, 6, 5), whole("slower", 12, 0, 5, 5)})->name, "fast");
+}
+
+TEST(WholeTrade, advises_nothing_where_seeds_or_machines_choose_differently) {
+    WholeRecipe a = whole("a", 10, 0, 5, 5), b = whole("b", 12, 0, 5, 5);
+    EXPECT_EQ(advised({a, b})->name, "a");
+    a.arm64_instructions = 3e6, b.arm64_instructions = 2e6;  // there b is the faster one
+    EXPECT_EQ(advised({a, b}), nullptr);
+    b.arm64_instructions = 4e6;
+    EXPECT_EQ(advised({a, b})->name, "a");
+    std::swap(a.seeds[1].mean_ms, b.seeds[1].mean_ms);
+    EXPECT_EQ(advised({a, b}), nullptr);
+}
+
 TEST(WholeTrade, finds_large_defects_passes_good_parts_and_does_not_depend_on_threads) {
     const std::function<void(double)> unheard = [](double) {};
     std::vector<Json> found;
