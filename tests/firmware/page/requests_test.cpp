@@ -278,7 +278,7 @@ TEST(PageCommands, a_reset_that_comes_too_early_is_told_that_the_line_stop_is_ne
 TEST(PageCommands, a_refusal_by_the_state_names_the_next_command) {
     SmallPage page;
     page.live.set_station(example_snapshot());  // of the last poll: the refusal is newer
-    page.answer = {CommandState::failed, CommandError::not_in_this_state, 0, "not_in_this_state", State::halted};
+    page.answer = {CommandState::failed, CommandError::not_in_this_state, 0, "not_in_this_state", "", State::halted};
     const Json told = Json::parse(page.reply_to(page.command(R"({"command":"halt"})")).body);
     EXPECT_EQ(told["reason"], "not_in_this_state");
     EXPECT_EQ(told["cure"], "the station is Halted: next is reset; possible are also use_recipe");
