@@ -13,7 +13,7 @@ growth=$("$bin/bench_growth" docs/results)
 gnuplot -e "folder='docs/results'" tests/bench/growth.gp
 {
     sed -n '/^<!-- measured -->$/q;p' tests/bench/features_page.md
-    printf '<!-- made by tests/bench/features_page.sh on %s -->\n\n' "$(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) cores, load $(cut -d' ' -f1 /proc/loadavg)"
+    printf 'Made at commit %s on %s.\n\n' "$(git rev-parse --short=8 HEAD)" "$(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) cores, load $(cut -d' ' -f1 /proc/loadavg)"
     printf '## Exact EMD against peers\n\n%s\n\n## Whole maps\n\n%s\n\n## The whole way of a raw frame\n\n%s\n\n## How cost grows\n\n%s\n\n![cost of a map](growth.png)\n\n' "$emd" "$features" "$whole" "$growth"
     sed '1,/^<!-- measured -->$/d' tests/bench/features_page.md
 } >"$out.new"
