@@ -340,7 +340,11 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
         before = by;
         if (settling && (moved < kSettled || (shorter <= kSwings && shorter * moved < kSettled))) break;
         if (k == kSteps) {
-            if (moved < 0.1) break;  // oscillates within a tenth of a lenslet; the last steps were a quarter of that
+            // Oscillates within a tenth of a lenslet (the last steps were a quarter of that), or the maps do not
+            // determine the pose any better: another step would lower the sum of squares by less than one.
+            double gain = 0;
+            for (std::size_t u = 0; u < 3; ++u) gain += by[u] * step.normal.b[u];
+            if (moved < 0.1 || gain < 1) break;
             return outcome(Registered::Outcome::unsettled);
         }
         // At most a lenslet a step; later steps are shorter, because the weights may make the pose oscillate.
