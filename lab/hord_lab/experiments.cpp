@@ -24,7 +24,10 @@ std::span<const Experiment> experiments() {
          "Judging against a reference: false rejects, bubbles, kinds, slopes, contrast and time on simulated "
          "production",
          "about twenty-five minutes on one core (estimated from its parts)", run_detection},
-        {"guarantee", "Does the bound of false rejects hold that learn and tune tell? Ten families, a hundred seeds",
+        {"guarantee",
+         "Does the bound of false rejects hold that learn and tune tell, and which flaws are found at limits from 60 "
+         "parts? Ten "
+         "families, a hundred seeds",
          "about twenty minutes on two cores", run_guarantee},
         {"reference",
          "Judging light fields of another program against a reference: false rejects, flaws, place and size",
