@@ -139,10 +139,12 @@ std::vector<std::string> notes(const Recipe& recipe) {
     const bool any_gradient = (recipe.gradient == Feature::emd && recipe.emd_limit_bins < kLargestGradient) ||
         (recipe.gradient && recipe.gradient != Feature::emd) ||
         (recipe.slopes && recipe.frobenius_limit_bins < kLargestGradient);
-    if (alone && !any_gradient && (!recipe.light || recipe.transmission_limit <= 0))
+    if (alone && (!recipe.light || recipe.transmission_limit <= 0))
         messages.emplace_back(
-            "no defect can reach these limits, so every part passes: lower emd_bins or "
-            "frobenius_bins below 28, or set transmission above 0");
+            any_gradient ? "missing light is not judged, and dark lenslets have no gradient, so that specks, cuts and "
+                           "bubbles can pass: name transmission in features, with a limit above 0"
+                         : "no defect can reach these limits, so every part passes: lower emd_bins or "
+                           "frobenius_bins below 28, or set transmission above 0");
     constexpr std::uint32_t kSumOf9x9 = 81 * 255;
     if (recipe.min_sum_dn > kSumOf9x9)
         messages.push_back("min_sum_dn " + std::to_string(recipe.min_sum_dn) +

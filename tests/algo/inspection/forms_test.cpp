@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -562,21 +563,53 @@ TEST(Notes, say_that_scores_without_a_reference_change_nothing) {
 }
 
 TEST(Notes, say_that_no_defect_can_reach_the_limits) {
+    const auto every_part_passes = [](const Recipe& of) {
+        return !notes(of).empty() && notes(of)[0].find("every part passes") != std::string::npos;
+    };
     Recipe recipe;
     recipe.transmission_limit = 0;
-    EXPECT_TRUE(notes(recipe).empty());
+    EXPECT_FALSE(every_part_passes(recipe));
     recipe.emd_limit_bins = recipe.frobenius_limit_bins = 28;
     ASSERT_EQ(notes(recipe).size(), 1U);
-    EXPECT_NE(notes(recipe)[0].find("every part passes"), std::string::npos);
+    EXPECT_TRUE(every_part_passes(recipe));
     recipe.frobenius_limit_bins = 27.9F;
-    EXPECT_TRUE(notes(recipe).empty());
+    EXPECT_FALSE(every_part_passes(recipe));
     recipe.slopes = false;
     recipe.transmission_limit = 0.01F;
     EXPECT_TRUE(notes(recipe).empty());
     recipe.light = false;
     EXPECT_EQ(notes(recipe).size(), 1U);
+    EXPECT_TRUE(every_part_passes(recipe));
     recipe.gradient = Feature::hellinger;
-    EXPECT_TRUE(notes(recipe).empty());
+    EXPECT_FALSE(every_part_passes(recipe));
+}
+
+// A dark lenslet has no gradient, and neither have its neighbours.
+TEST(Notes, say_that_dark_defects_pass_where_missing_light_is_not_judged) {
+    const Extents e{24, 24, 9, 9};
+    const Frame speck = noisy(drawn(e, 8, 240,
+                                    [](int m, int n) {
+                                        const bool dark = m > 9 && m < 14 && n > 9 && n < 14;
+                                        return Spot{0, 0, dark ? 0.0 : 1.0};
+                                    }),
+                              {10, 2, 1}, 3);
+    const auto tell = [](const Recipe& of) {
+        return !notes(of).empty() && notes(of)[0].find("missing light is not judged") != std::string::npos;
+    };
+    Recipe web;
+    web.form = PartForm::web;
+    web.part_required = false;
+    EXPECT_EQ(verdict_on(speck, e, web), Verdict::reject);
+    EXPECT_FALSE(tell(web));
+    Recipe without = web, at_zero = web;
+    without.light = false;
+    at_zero.transmission_limit = 0;
+    for (Recipe& blind : {std::ref(without), std::ref(at_zero)}) {
+        EXPECT_EQ(verdict_on(speck, e, blind), Verdict::pass);
+        EXPECT_TRUE(tell(blind));
+        blind.reference = std::make_shared<const Reference>();
+        EXPECT_FALSE(tell(blind));
+    }
 }
 
 TEST(Notes, say_that_a_large_least_area_passes_defects_and_which_sum_no_lenslet_holds) {
