@@ -77,7 +77,7 @@ double DarkBinMeter::noise_clipped_at_zero() const {
     };
     const auto samples_of = [&](std::size_t k) {
         double sum = 0;
-        for (std::size_t v = k * step + 1; v <= std::min((k + 1) * step, counts_.size() - 1); ++v) sum += counts_[v];
+        for (std::size_t v = k * step + 1; v <= (k + 1) * step; ++v) sum += counts_[v];  // k is at most 128
         return sum;
     };
     const double first = samples_of(0);

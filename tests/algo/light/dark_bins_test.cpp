@@ -205,6 +205,8 @@ TEST(DarkBins, clipped_at_zero_show_the_width_of_their_upper_half) {
 TEST(DarkBins, clipped_at_zero_have_as_many_zeros_as_their_noise_clips) {
     for (const auto& [zeros, known] : {std::pair(1.4, true), std::pair(1.6, false), std::pair(1 / 1.4, true)})
         EXPECT_EQ(measured(of_distribution(8, clipped(3, zeros)), {24, 24, 9, 9}).at_zero, !known) << zeros;
+    for (const auto& [zeros, known] : {std::pair(1 / 1.3, true), std::pair(1 / 1.7, false)})
+        EXPECT_EQ(measured(of_distribution(8, clipped(1.2, zeros)), {24, 24, 9, 9}).at_zero, !known) << zeros;
     // An even tail falls to half nowhere.
     EXPECT_TRUE(
         measured(of_distribution(8, [](int v) { return v == 0  ? 0.7

@@ -122,6 +122,14 @@ TEST(Alternation, is_that_of_the_worst_block) {
     }
 }
 
+TEST(Alternation, of_two_bands_is_the_stronger_one_of_each_kind) {
+    const Alternation moved{0.3, 0.1}, dimmed{0.2, 0.4};
+    for (const Alternation& most : {moved.or_stronger(dimmed), dimmed.or_stronger(moved)}) {
+        EXPECT_EQ(most.bins, 0.3);
+        EXPECT_EQ(most.light, 0.4);
+    }
+}
+
 // A frame of lenslets that are all alike. `light(i, j)` is their samples, DN.
 Frame alike(const Extents& e, int bits, const std::function<int(int i, int j)>& light) {
     Frame frame(e.width_px(), e.height_px(), bits);

@@ -141,6 +141,28 @@ TEST(PeriodOf, nothing_is_none) {
     EXPECT_EQ(period(600, 9, on_noise(40)), 0);
 }
 
+// A long period has more means to fit: without its degrees of freedom one window of noise would have a period in 20.
+TEST(PeriodOf, noise_in_one_window_is_none_however_long_the_period_may_be) {
+    std::mt19937 random(5);
+    for (int draw = 0; draw < 300; ++draw) {
+        std::vector<int> noise(60);
+        for (int& v : noise) v = static_cast<int>(random() % 100);
+        EXPECT_EQ(period(60, 9, [&](int k) { return noise[static_cast<std::size_t>(k)]; }), 0) << draw;
+    }
+}
+
+// Each axis is read in bands over the whole field: light in one corner of it is enough.
+TEST(MacroPeriod, is_found_wherever_in_the_field_the_light_is) {
+    const Extents e{90, 90, 5, 5}, read_as{50, 50, 9, 9};
+    for (const auto& [left, top] : {std::pair(0, 0), std::pair(60, 0), std::pair(0, 60), std::pair(60, 60)}) {
+        const LightImage light = spots(e, 200, 0.6, [left = left, top = top](int m, int n) {
+            return Spot{0, 0, m >= left && m < left + 30 && n >= top && n < top + 30 ? 1.0 : 0.0};
+        });
+        const MacroPeriod period = found(exposed(light, {}, 1), read_as);
+        EXPECT_EQ(std::pair(period.x, period.y), std::pair(5, 5)) << left << " " << top;
+    }
+}
+
 // One axis alone contradicts; 12 bits; the finder is used again.
 TEST(MacroPeriod, of_one_axis_is_enough_to_contradict) {
     const Extents read_as{50, 50, 9, 9};

@@ -130,10 +130,36 @@ TEST(MeanSpot, counts_what_no_way_without_a_climb_leads_to_as_a_second_spot) {
     EXPECT_NEAR(of_bins({{4, 4, 90}, {4, 6, 10}}).second_share, 0.1, 1e-6);  // a dark bin lies between
     EXPECT_NEAR(of_bins({{4, 4, 90}, {6, 4, 10}}).second_share, 0.1, 1e-6);
     EXPECT_NEAR(of_bins({{4, 4, 90}, {6, 6, 10}}).second_share, 0.1, 1e-6);
+    for (const auto& [i, j] : {std::pair(2, 4), std::pair(4, 2), std::pair(2, 2), std::pair(2, 6), std::pair(6, 2)})
+        EXPECT_NEAR(of_bins({{4, 4, 90}, {i, j, 10}}).second_share, 0.1, 1e-6) << i << " " << j;
     EXPECT_NEAR(of_bins({{4, 4, 80}, {1, 4, 10}, {8, 8, 10}}).second_share, 0.2, 1e-6);
     EXPECT_LT(of_bins({{4, 4, 90}, {4, 5, 10}}).second_share, 0.02);  // its neighbour
     EXPECT_LT(of_bins({{4, 4, 90}, {5, 5, 10}}).second_share, 0.02);  // over a corner
     EXPECT_LT(of_bins({{4, 4, 96}, {4, 3, 2}, {4, 5, 2}}).second_share, 1e-6);
+}
+
+// The core is 3 x 3 bins about the brightest one, and what is beside it moves the mean alone.
+TEST(MeanSpot, that_is_lopsided_counts_the_way_from_its_core_to_the_mean_over_four_bins) {
+    // Light that falls without a climb: 100, 40, 20, 20 DN, one bin further each.
+    for (const int way : {1, -1}) {
+        const double core = 40.0 / 140, mean = (40.0 + 2 * 20 + 3 * 20) / 180;
+        const MeanSpot right = of_bins({{4, 4, 100}, {4 + way, 4, 40}, {4 + 2 * way, 4, 20}, {4 + 3 * way, 4, 20}}),
+                       down = of_bins({{4, 4, 100}, {4, 4 + way, 40}, {4, 4 + 2 * way, 20}, {4, 4 + 3 * way, 20}});
+        EXPECT_NEAR(right.x, way * mean, 1e-9);
+        EXPECT_NEAR(down.y, way * mean, 1e-9);
+        EXPECT_EQ(right.y, 0);
+        EXPECT_EQ(down.x, 0);
+        EXPECT_NEAR(down.second_share, right.second_share, 1e-9);
+        EXPECT_LT(right.second_share, (mean - core) / 4);  // the core moves towards the light beside it
+        EXPECT_GT(right.second_share, 0.4 * (mean - core) / 4);
+    }
+}
+
+TEST(MeanSpot, that_is_not_measured_is_all_zero) {
+    const MeanSpot none = of_bins({});
+    EXPECT_FALSE(none.measured);
+    for (const double value : {none.x, none.y, none.rms_x, none.rms_y, none.second_share, none.lit_share})
+        EXPECT_EQ(value, 0);
 }
 
 }  // namespace
