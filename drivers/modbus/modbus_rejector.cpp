@@ -232,10 +232,8 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
             lock.unlock();
             const TimePoint next = step(permit);
             lock.lock();
-            const Duration pause = next - now();
-            if (!stopping && requested.empty() && permit_wanted == permit && pause > 0ns) {
-                wake.wait_for(lock, pause, [&] { return stopping || !requested.empty() || permit_wanted != permit; });
-            }
+            wake.wait_for(lock, next - now(),
+                          [&] { return stopping || !requested.empty() || permit_wanted != permit; });
         }
         const TimePoint by = stop_by;
         lock.unlock();

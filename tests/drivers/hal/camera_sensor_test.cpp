@@ -129,6 +129,29 @@ TEST_F(Camera, a_trigger_whose_frame_never_came_is_forgotten_when_the_next_one_i
     EXPECT_EQ(frames.size(), 1U) << "no trigger is open";
 }
 
+TEST_F(Camera, each_of_two_open_triggers_keeps_its_own_frame) {
+    start();
+    ASSERT_TRUE(trigger(0ms));
+    ASSERT_TRUE(trigger(10ms));
+    frame(1ms, 0);
+    ASSERT_EQ(frames.size(), 1U);
+    frame(10ms, 1);
+    ASSERT_EQ(frames.size(), 2U);
+    EXPECT_EQ(frames[1].info().exposure_start, at(10ms));
+}
+
+TEST_F(Camera, the_end_of_an_exposure_belongs_to_the_trigger_that_had_begun_by_the_length_before_it) {
+    start();
+    ASSERT_TRUE(trigger(0ms));
+    ASSERT_TRUE(camera.trigger({2, at(10ms), 5ms}));
+    camera.deliver({0, 0, at(12ms), false, 8, false});  // 5 ms before it, the second one had not begun
+    ASSERT_EQ(frames.size(), 1U);
+    EXPECT_EQ(frames[0].info().exposure_start, at(11ms));
+    camera.deliver({1, 1, at(15ms), false, 8, false});
+    ASSERT_EQ(frames.size(), 2U);
+    EXPECT_EQ(frames[1].info().exposure_start, at(10ms));
+}
+
 // A camera that makes a frame for each trigger and for nothing else.
 class TriggeredCamera : public ::testing::Test, public hal::SensorListener {
   protected:
@@ -335,6 +358,8 @@ TEST_F(Camera, a_loss_is_told_once_by_the_loop_and_refuses_triggers) {
     camera.lose("its cable");
     camera.lose("again");
     EXPECT_EQ(camera.losses, 1);
+    frame(0ms);
+    EXPECT_THAT(frames, IsEmpty()) << "what comes after the loss answers no trigger";
     EXPECT_THAT(lost, IsEmpty());
     EXPECT_FALSE(camera.is_running());
     loop.run_for(0ms);

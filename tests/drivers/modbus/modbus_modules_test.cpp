@@ -129,6 +129,16 @@ TEST_F(Module, whose_pulse_was_started_by_a_request_with_a_lost_answer_is_not_pu
     EXPECT_EQ(times_on(kEjector), 2);  // part 1 and that of the recovery
 }
 
+TEST_F(Module, whose_pulse_width_is_in_its_first_register_has_it_set) {
+    play({.kind = test::ModuleKind::moxa}, "moxa-iologik");
+    options_.module_pulse = 40ms;
+    options_.map.pulse_width_register = 0;
+    start();
+    ASSERT_TRUE(run_until([&] { return ear_.changes == 1; }));
+    EXPECT_FALSE(ear_.up) << "this module has no such register: that it refuses shows that it was asked";
+    EXPECT_THAT(ear_.why_down.what, HasSubstr("register 0 of the rejector module"));
+}
+
 TEST_F(Module, of_moxa_with_its_watchdog_alarm_up_is_given_free) {
     play({.kind = test::ModuleKind::moxa, .watchdog = 1s}, "moxa-iologik");
     start_and_wait();

@@ -116,6 +116,26 @@ TEST_F(Rejector, a_refusal_fails_the_command_and_keeps_the_link) {
     EXPECT_EQ(ear_.changes, 1);
 }
 
+TEST_F(Rejector, a_refused_permit_drops_the_link_with_what_the_module_said) {
+    start_and_wait();
+    module_->misbehave(ModuleFault::exception, 1);
+    rejector_->set_run_permit(true);
+    ASSERT_TRUE(run_until([&] { return ear_.changes >= 3 && ear_.up; }));
+    EXPECT_THAT(ear_.losses[0], AllOf(HasSubstr("coil 1 of the rejector module"), HasSubstr("cannot be written")));
+    EXPECT_FALSE(module_->coil(kPermit)) << "it is set when it is said again";
+}
+
+TEST_F(Rejector, what_is_asked_for_is_done_at_once_and_not_at_the_next_check) {
+    options_.check_every = 20s;
+    start_and_wait();
+    const hal::TimePoint from = loop_->now();
+    rejector_->set_run_permit(true);
+    EXPECT_TRUE(run_until([&] { return module_->coil(kPermit); }));
+    EXPECT_EQ(reject(1, 60s), Outcome::confirmed);
+    rejector_->stop();  // in the middle of the pulse
+    EXPECT_LT(loop_->now() - from, 20s);
+}
+
 TEST_F(Rejector, a_coil_that_does_not_read_back_as_written_is_not_confirmed) {
     start_and_wait();
     module_->misbehave(ModuleFault::stuck, 1);
