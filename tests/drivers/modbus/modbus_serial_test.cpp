@@ -1,4 +1,13 @@
 // The rejector driver on a serial line (a pseudo-terminal) with noise on it.
+#include <atomic>
+#include <cstdlib>
+#include <thread>
+
+#include <fcntl.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include "common/unique_fd.h"
 #include "drivers/modbus/coil_link.h"
 #include "tests/drivers/modbus/rejector_bench.h"
 
@@ -127,6 +136,46 @@ TEST_F(SerialRejector, the_module_says_what_it_is) {
     const auto name = link.identify();
     ASSERT_TRUE(name) << name.error().message();
     EXPECT_EQ(*name, "HORD coil module 1.0");
+}
+
+// A serial line on which bytes never cease, for 3 s at most.
+class BabblingLine {
+  public:
+    BabblingLine() {
+        ::grantpt(line_.get());
+        ::unlockpt(line_.get());
+        termios raw{};
+        ::cfmakeraw(&raw);
+        ::tcsetattr(line_.get(), TCSANOW, &raw);
+        babbler_ = std::jthread([this](const std::stop_token& asked) {
+            const auto end = std::chrono::steady_clock::now() + 3s;
+            while (!asked.stop_requested() && std::chrono::steady_clock::now() < end) {
+                (void)!::write(line_.get(), "UUUUUUUU", 8);
+                std::this_thread::sleep_for(100us);
+            }
+            babbles_ = false;
+        });
+    }
+    [[nodiscard]] std::string device() const { return ::ptsname(line_.get()); }
+    [[nodiscard]] bool babbles() const { return babbles_; }
+
+  private:
+    common::UniqueFd line_{::posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC)};
+    std::atomic<bool> babbles_ = true;
+    std::jthread babbler_;  // ends before the line does
+};
+
+TEST_F(SerialRejector, a_line_that_never_falls_silent_is_waited_for_within_the_time_outs_alone) {
+    const BabblingLine line;
+    options_.address.serial->device = line.device();
+    options_.address.serial->baud = 1200;  // silence of 32 ms ends a frame: so long no busy machine holds the line up
+    CoilLink link(*loop_, options_.address, 50ms);
+    ASSERT_TRUE(link.connect());
+    EXPECT_TRUE(line.babbles()) << "it waited longer than for an answer";
+    CoilLink last(*loop_, options_.address, 10s);
+    last.give_up_at(loop_->now() + 50ms);
+    ASSERT_TRUE(last.connect());
+    EXPECT_TRUE(line.babbles()) << "it waited longer than until it was to give up";
 }
 
 }  // namespace
