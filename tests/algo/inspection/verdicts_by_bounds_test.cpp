@@ -166,7 +166,8 @@ Frame any_exposure(const LightImage& light, std::mt19937_64& random) {
 Recipe any_recipe(const LightImage& light, std::mt19937_64& random) {
     Recipe recipe = pick(random, 0, 4) == 0 ? Recipe{} : unchecked();
     if (pick(random, 0, 4) > 0) recipe.max_dark_rise_dn = 60;
-    recipe.form = pick(random, 0, 1) == 0 ? PartForm::web : PartForm::round;
+    constexpr std::array kForms{PartForm::round, PartForm::web, PartForm::tube, PartForm::plate};
+    recipe.form = kForms.at(static_cast<std::size_t>(pick(random, 0, 3)));
     recipe.slopes = pick(random, 0, 2) > 0;
     recipe.light = pick(random, 0, 2) > 0;
     recipe.min_area = pick(random, 0, 3) == 0 ? 2 : 1;
