@@ -35,27 +35,34 @@ void subtract_row(const Sample* from, float* to, int count) {
     each_of_row(from, to, count, [](auto light, auto sample) { return light - sample; });
 }
 
-// The saturation level, from every 4th pixel: a maximum below full scale that more than 1 in 2000 of them have is
-// clipping. `any`: there are saturated samples.
+constexpr std::size_t kFewestSteps = 64;  // values that occur in a frame: fewer, and rounding makes tops flat
+constexpr std::size_t kBelowTop = 4;      // of them, those next below the maximum
+constexpr double kPile = 8;               // samples at the maximum over those at each value next below it
+
+// The saturation level, from every 4th pixel. Full scale; or the maximum below it, where samples pile up as clipping
+// lets them: more than 1 in 2000 have it, and several times as many as each value next below it. The rounded tops of a
+// dim or flat frame, which has few values, are no such pile. `any`: there are saturated samples.
 std::uint32_t ceiling(const FrameView& frame, bool& any) {
-    std::uint32_t top = 0;
-    std::int64_t count = 0;
+    std::vector<std::int64_t> counts(static_cast<std::size_t>(frame.full_scale()) + 1);
     std::int64_t seen = 0;
     for (int y = 0; y < frame.height_px; y += 2) {
         for (int x = 0; x < frame.width_px; x += 2) {
-            const std::uint32_t value = frame.sample(x, y);
+            ++counts[std::min<std::size_t>(frame.sample(x, y), counts.size() - 1)];
             ++seen;
-            if (value > top) {
-                top = value;
-                count = 1;
-            } else if (value == top) {
-                ++count;
-            }
         }
     }
-    const bool clipped = count * 2000 > seen && top > 0;
-    any = clipped || top >= frame.full_scale();
-    return clipped ? top : frame.full_scale();
+    any = counts.back() > 0;
+    if (any) return frame.full_scale();
+    std::size_t top = counts.size() - 1;
+    while (top > 0 && counts[top] == 0) --top;
+    std::size_t steps = 0;
+    std::int64_t below = 0;  // samples of the values next below the maximum
+    for (std::size_t value = top; value-- > 0;) {
+        if (counts[value] > 0 && steps++ < kBelowTop) below += counts[value];
+    }
+    any = steps >= kFewestSteps && counts[top] * 2000 > seen &&
+        static_cast<double>(counts[top] * static_cast<std::int64_t>(kBelowTop)) > kPile * static_cast<double>(below);
+    return any ? static_cast<std::uint32_t>(top) : frame.full_scale();
 }
 
 }  // namespace

@@ -23,7 +23,7 @@ class WhiteImage {
 
     // Light at one pixel, DN; may be slightly negative after subtraction of a dark frame.
     [[nodiscard]] float at(int x, int y) const;
-    // A sample at or above this value is saturated: full scale, or the frame's maximum if many samples have it.
+    // A sample at or above this value is saturated: full scale, or the frame's maximum if samples pile up there.
     [[nodiscard]] std::uint32_t saturated_dn() const { return saturated_dn_; }
     // True if one of every 4th pixel is saturated.
     [[nodiscard]] bool any_saturated() const { return any_saturated_; }

@@ -289,6 +289,43 @@ TEST(CalibrateGrid, a_saturated_frame_is_measured_by_its_edges_and_counted) {
     EXPECT_THAT(calibration->warnings, ElementsAre(AllOf(HasSubstr("lenslets are saturated"), HasSubstr("lower"))));
 }
 
+// Rounding makes the tops of dim lenslets flat.
+TEST(CalibrateGrid, a_dim_frame_of_few_steps_is_not_saturated) {
+    for (const double background : {0.0, 100.0}) {
+        const White white{.width_px = 600,
+                          .height_px = 600,
+                          .pitch_px = 20.6,
+                          .rotation_deg = 1,
+                          .peak_dn = 20,
+                          .background_dn = background,
+                          .noise = false,
+                          .bits = 8};
+        const auto calibration = calibrate_grid(test::draw(white).frame.view());
+        ASSERT_TRUE(calibration) << calibration.error().message();
+        EXPECT_EQ(calibration->saturated, 0);
+        EXPECT_THAT(calibration->warnings, Not(Contains(HasSubstr("are saturated"))));
+    }
+}
+
+// Samples of 12 bits in the upper bits of 16: they end below full scale.
+TEST(CalibrateGrid, a_plateau_below_full_scale_is_saturated) {
+    const White white{.width_px = 600,
+                      .height_px = 600,
+                      .pitch_px = 20.6,
+                      .rotation_deg = 1,
+                      .peak_dn = 5000,
+                      .background_dn = 100,
+                      .bits = 12};
+    const auto drawn = test::draw(white);
+    Frame shifted(white.width_px, white.height_px, 16);
+    for (int y = 0; y < white.height_px; ++y) {
+        for (int x = 0; x < white.width_px; ++x) shifted.set(x, y, 16 * drawn.frame.view().sample(x, y));
+    }
+    const auto calibration = calibrate_grid(shifted.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
+    EXPECT_EQ(calibration->saturated, calibration->found);
+}
+
 TEST(CalibrateGrid, single_saturated_lenslets_are_counted_without_a_warning) {
     White white{.width_px = 400, .height_px = 400, .pitch_px = 20.6, .rotation_deg = 1};
     white.light = [](double x, double y) { return std::hypot(x - 200, y - 200) < 25 ? 4.0 : 1.0; };
