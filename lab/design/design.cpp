@@ -125,6 +125,13 @@ class Search {
 }  // namespace
 
 Result<void> check_task(const DesignTask& task, const PartSurvey& survey) {
+    if (task.rate > kHighestRate) {
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("{:g} parts a second are more than a station times: its light rests 5 ms after a pulse "
+                                "(strobe.min_rest_ms), and a frame's time stamp is right to 2 ms",
+                                task.rate),
+                    fmt::format("give --rate {:g} or less, and share the line's parts between cells", kHighestRate));
+    }
     for (const WantedDefect& wanted : task.defects) {
         if ((wanted.kind == WantedKind::bubble || wanted.kind == WantedKind::inclusion) &&
             wanted.size_mm >= survey.thickest_mm) {

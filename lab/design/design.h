@@ -22,12 +22,18 @@ struct DesignOptions {
     bool quick = false;  // fewer cells, trials and parts
     std::function<void(double done, const std::string& note)> progress = [](double, const std::string&) {};
 };
-// Fails with invalid_argument for a bubble or an inclusion thicker than the glass, and where the form is web and the
-// part does not fill the field, or the other way round.
+// Parts a second at which the written station takes its light's rest and its window of time stamps.
+inline constexpr double kHighestRate = 173;
+
+// Fails with invalid_argument for a rate above kHighestRate, for a bubble or an inclusion thicker than the glass, and
+// where the form is web and the part does not fill the field, or the other way round.
 Result<void> check_task(const DesignTask& task, const PartSurvey& survey);
 
 // Fails as check_task(), with unsupported when no cell can show the part, and as the renderer does.
 Result<Design> design_cell(const DesignTask& task, const DesignOptions& options);
+
+// Whether more good parts than this share are rejected, with 95 % confidence, by those that were counted.
+bool misses_aim(const WholeCheck& check, double aim);
 
 // The answer first, then the tables. Markdown.
 std::string describe(const Design& design, const DesignTask& task);

@@ -21,17 +21,31 @@ std::string a90_text(const FoundSize& found) {
     return fmt::format("{:.2g} ({})", found.a90_mm, bound);
 }
 
-// One-sided 95 % bounds of a share, Clopper-Pearson, by bisection of the binomial's tail.
-double binomial_upper(int hits, int trials) {
+// The share of a binomial, by bisection, at which `hits` or fewer of `trials` have this probability.
+double share_with_tail(int hits, int trials, double probability) {
     if (trials == 0) return 1;
     double low = 0, high = 1;
     for (int step = 0; step < 60; ++step) {
         const double p = 0.5 * (low + high);
         double term = std::pow(1 - p, trials), tail = term;
         for (int k = 1; k <= hits; ++k) term *= (trials - k + 1.0) / k * p / (1 - p), tail += term;
-        (tail > 0.05 ? low : high) = p;
+        (tail > probability ? low : high) = p;
     }
     return hits == trials ? 1 : low;
+}
+// One-sided 95 % bounds of a share, Clopper-Pearson.
+double binomial_upper(int hits, int trials) { return share_with_tail(hits, trials, 0.05); }
+double binomial_lower(int hits, int trials) { return hits == 0 ? 0 : share_with_tail(hits - 1, trials, 0.95); }
+
+// What the counted rejects say of the share that is aimed at. "" where they show it.
+std::string aim_text(const WholeCheck& check, double aim) {
+    if (check.good == 0 || binomial_upper(check.rejected, check.good) <= aim) return "";
+    const std::string verdict = misses_aim(check, aim)
+        ? fmt::format("**The aim is missed**: with 95 % confidence {:.2g} % or more are rejected.",
+                      100 * binomial_lower(check.rejected, check.good))
+        : fmt::format("**The aim is not shown**: with 95 % confidence it takes {:.0f} good parts without a reject.",
+                      std::ceil(std::log(0.05) / std::log1p(-aim)));
+    return verdict + " Tune the limits with good parts of the line (hordctl tune) before production.\n";
 }
 std::string share_text(int hits, int trials, bool misses) {
     const int bad = misses ? trials - hits : hits;
@@ -109,8 +123,9 @@ Table ruled_out(const Design& design) {
     Table table{{"ruled out because", "cells"}, {}};
     for (const CellTrial& trial : design.coarse) {
         if (trial.problem.empty()) continue;
-        const std::string cell =
-            fmt::format("{0}x{0} at {1:.3g} mrad", trial.cell.bins, 1e3 * trial.cell.bin_pitch_rad);
+        const std::string cell = fmt::format(
+            "{0}x{0} at {1:.3g} mrad{2}", trial.cell.bins, 1e3 * trial.cell.bin_pitch_rad,
+            trial.cell.pixels_share == 1 ? "" : fmt::format(" on {:g} of the pixels", trial.cell.pixels_share));
         const auto row = std::ranges::find_if(table.rows, [&](const auto& r) { return r[0] == trial.problem; });
         if (row == table.rows.end()) table.rows.push_back({trial.problem, cell});
         else (*row)[1] += ", " + cell;
@@ -119,6 +134,8 @@ Table ruled_out(const Design& design) {
 }
 
 }  // namespace
+
+bool misses_aim(const WholeCheck& check, double aim) { return binomial_lower(check.rejected, check.good) > aim; }
 
 std::string describe(const Design& design, const DesignTask& task) {
     const CellTrial& chosen = design.fine.front();
@@ -133,8 +150,9 @@ std::string describe(const Design& design, const DesignTask& task) {
     std::string missed;  // wanted sizes below the size found
     for (std::size_t d = 0; d < task.defects.size(); ++d) {
         if (worst_ratio({check.found[d]}, {task.defects[d]}) <= 1) continue;
-        missed +=
-            fmt::format("{}{} of {:g} mm", missed.empty() ? "" : ", ", task.defects[d].name(), task.defects[d].size_mm);
+        missed += fmt::format(
+            "{}{} of {:g} mm{}", missed.empty() ? "" : ", ", task.defects[d].name(), task.defects[d].size_mm,
+            check.found[d].a90_mm == kNeverFound ? "" : fmt::format(" (a90 {:.3g} mm)", check.found[d].a90_mm));
     }
     text += fmt::format("It {}, and {} {:g} parts a second with {} inspection thread{}.\n\n",
                         check.worst_ratio <= 1 ? "finds every wanted size with 90 % probability or more"
@@ -152,10 +170,10 @@ std::string describe(const Design& design, const DesignTask& task) {
     }
     text += to_markdown(defects) + "\n";
     text += fmt::format(
-        "Good parts rejected: {:g} aimed at, {} counted{}. Limits: {}. They know noise and where the part lies: "
-        "before production, set them by good parts of the line (hordctl tune).\n",
+        "Good parts rejected: {:g} aimed at, {} counted{}. Limits: {}. They know noise and where the part lies.\n",
         task.false_rejects, share_text(check.rejected, check.good, false),
         check.rejected > 0 ? fmt::format(" ({})", name_of(check.reason)) : "", limits_text(check.recipe));
+    text += aim_text(check, task.false_rejects);
     if (check.recipe.rim_margin != task.base.rim_margin) {
         text += fmt::format("The outermost {} lenslets of the part are not judged: those beside its bevels are dark.\n",
                             check.recipe.rim_margin);

@@ -28,6 +28,18 @@ double rounded_up(double limit) {
     return std::ceil(limit / digit) * digit;
 }
 
+// What makes good parts fit that are unfit for this reason.
+const char* cure_of(algo::Reason reason, algo::PartForm form) {
+    if (reason == algo::Reason::no_part && form == algo::PartForm::plate) {
+        return "a plate is told by its dark edges, and sharp ones are not dark: give a part with bevels (kind "
+               "\"solid\", as "
+               "in hal_sim/scenes/plate.toml), or one that fills the field (--form web)";
+    }
+    if (reason == algo::Reason::unexpected_light)
+        return "noise reaches bins without light: lower --read-noise, or raise --full-well";
+    return "give the part's form (--form), or a scene in which the whole part is in the field";
+}
+
 class WholeParts {
   public:
     WholeParts(const CellChoice& cell, const SetTrial& set, const DesignTask& task, const PartSurvey& survey,
@@ -76,7 +88,7 @@ class WholeParts {
             if (measure->verdict() == algo::Verdict::unfit) {
                 return fail(ErrorCode::unsupported,
                             "good parts are unfit in this cell: " + std::string(name_of(measure->reason())),
-                            "give the part's form (--form), or a scene in which the whole part is in the field");
+                            cure_of(measure->reason(), base_.form));
             }
             values.push_back(*of);
         }

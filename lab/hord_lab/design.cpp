@@ -82,7 +82,9 @@ Exit run_design(DesignArguments& arguments) {
     for (const auto& file : *files) fmt::print("{}\n", file.string());
     fmt::print("run it: hordctl run --simulate --config {} --rate {:g} --parts 20\n",
                (std::filesystem::path(arguments.out) / "hordd.toml").string(), task.rate);
-    return design->fine.front().sets.front().holds_rate && design->check.worst_ratio <= 1 ? Exit::good : Exit::rejected;
+    const bool holds = design->fine.front().sets.front().holds_rate && design->check.worst_ratio <= 1 &&
+        !misses_aim(design->check, task.false_rejects);
+    return holds ? Exit::good : Exit::rejected;
 }
 
 }  // namespace
@@ -109,7 +111,7 @@ void add_design(CLI::App& program, Exit& status) {
     add_number(*command, "--read-noise", task.camera.read_e, "Electrons, rms", 0.0, 1e4);
     add_number(*command, "--pixel-um", task.camera.pixel_um, "Width of a pixel, for lenslets to order", 0.5, 100.0);
     add_number(*command, "--fastest", task.camera.fastest_lenslet, "Smallest f-number of the lenslets", 0.3, 100.0);
-    add_number(*command, "--rate", task.rate, "Parts a second", 0.1, 1000.0);
+    add_number(*command, "--rate", task.rate, fmt::format("Parts a second, at most {:g}", kHighestRate), 0.1, 1000.0);
     add_number(*command, "--inspection-threads", task.inspection_threads, "Cores that inspect parts", 1, 64);
     add_number(*command, "--false-rejects", task.false_rejects, "Share of good parts that may be rejected", 1e-6, 0.1);
     command->add_option("--form", arguments->form, "Form of the part in the recipe; without it, by its shape")
@@ -121,7 +123,9 @@ void add_design(CLI::App& program, Exit& status) {
                      "Threads (0: one a core); the answer depends on them by its times alone")
         ->check(in_range(0, 256));
     command->footer(
-        "Exit status: 0 a cell finds every wanted size at the rate, 1 none does, 2 usage.\n"
+        "Exit status: 0 a cell finds every wanted size at the rate and is not seen to reject more good parts than "
+        "asked "
+        "for, 1 none does, 2 usage.\n"
         "Example: hord-lab design hal_sim/scenes/lens.toml --defects bubble=0.1,scratch=0.02 --pixels 5M --rate 10 "
         "--out lens-cell");
     command->callback([arguments, &status] { status = run_design(*arguments); });

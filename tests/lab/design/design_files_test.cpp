@@ -57,6 +57,10 @@ TEST_F(DesignFiles, run_as_they_are_and_judge_as_the_design_says) {
     ASSERT_TRUE(files) << files.error().message();
     const auto config = firmware::load_config(folder / "out" / "hordd.toml");
     ASSERT_TRUE(config) << config.error().message();
+    task.rate = kHighestRate;  // the files of the fastest line are a station's, too
+    ASSERT_TRUE(write_design(folder / "fast", folder / "part.toml", design, task, *survey));
+    const auto fast = firmware::load_config(folder / "fast" / "hordd.toml");
+    EXPECT_TRUE(fast) << fast.error().message();
     const auto recipe = firmware::load_numbered_recipe(config->inspection.recipe);
     ASSERT_TRUE(recipe) << recipe.error().message();
     const auto parts = sim::load_production(std::get<firmware::SimulatedSensor>(config->sensor).scenes, 0.7);

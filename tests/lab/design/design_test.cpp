@@ -135,9 +135,29 @@ TEST(DesignReport, names_the_sizes_that_are_not_found_and_other_cells) {
     design.check.worst_ratio = 2;
     design.check.defects.resize(2);
     const std::string text = describe(design, task);
-    EXPECT_THAT(text, HasSubstr("does not find with 90 % probability: scratch of 0.03 mm, and holds"));
+    EXPECT_THAT(text, HasSubstr("does not find with 90 % probability: scratch of 0.03 mm (a90 0.06 mm), and holds"));
     EXPECT_THAT(text, HasSubstr("7x7 bins"));
-    EXPECT_THAT(text, HasSubstr("hordctl tune"));
+}
+
+TEST(DesignReport, says_whether_the_good_parts_show_the_share_of_rejects_aimed_at) {
+    DesignTask task = small_task("bubble=0.2");
+    Design design;
+    SetTrial set;
+    set.found = {{0.1}};
+    set.time_ms = 1, set.worst_ratio = 0.5, set.holds_rate = true;
+    design.fine = {{kCell, {}, {set}}};
+    design.check.found = {{0.1}};
+    design.check.worst_ratio = 0.5;
+    design.check.defects.resize(1);
+    const auto text = [&](int rejected, int good) {
+        design.check.rejected = rejected, design.check.good = good;
+        return describe(design, task);
+    };
+    EXPECT_THAT(text(0, 8), HasSubstr("it takes 2995 good parts without a reject. Tune"));
+    // One of 8 at 0.64 % or more: p with 1 - (1 - p)^8 = 0.05.
+    EXPECT_THAT(text(1, 8), HasSubstr("The aim is missed**: with 95 % confidence 0.64 % or more are rejected. Tune"));
+    EXPECT_TRUE(misses_aim(design.check, task.false_rejects));
+    EXPECT_THAT(text(0, 2995), ::testing::Not(HasSubstr("The aim")));
 }
 
 TEST(WholeParts, a_pasted_window_is_the_whole_rendering) {
@@ -282,6 +302,16 @@ TEST(DesignTasks, with_a_part_that_the_edge_of_the_field_cuts_are_refused_and_we
     EXPECT_THAT(check_task(task, *survey).error().message(), HasSubstr("--form web"));
     task.base.form = algo::PartForm::web;
     EXPECT_TRUE(check_task(task, *survey));
+}
+
+TEST(DesignTasks, with_a_rate_that_no_station_times_are_refused) {
+    DesignTask task = small_task("bubble=0.2");
+    const auto survey = PartSurvey::of(task.part);
+    ASSERT_TRUE(survey);
+    task.rate = kHighestRate;
+    EXPECT_TRUE(check_task(task, *survey));
+    task.rate = 180;
+    EXPECT_THAT(check_task(task, *survey).error().message(), HasSubstr("give --rate 173 or less"));
 }
 
 TEST(DesignTasks, with_bubbles_thicker_than_the_glass_are_refused) {
