@@ -57,9 +57,12 @@ void add_experiment(CLI::App& program, Exit& status) {
         auto arguments = std::make_shared<ExperimentArguments>();
         one->add_option("--out", arguments->out, "Folder for its files; a run that was interrupted there continues")
             ->required();
-        one->add_flag("--quick", arguments->quick,
-                      "A smaller form that takes less than a minute and checks the same claims");
-        one->add_option("--seed", arguments->seed, "Seed of everything random; the same seed gives the same files")
+        one->add_flag(
+            "--quick", arguments->quick,
+            "A smaller form that takes less than a minute: no comparison with docs/results, because claims may come "
+            "out otherwise on so little");
+        one->add_option("--seed", arguments->seed,
+                        "Seed of everything random; the same seed gives the same files, but for times")
             ->capture_default_str();
         one->add_option("--threads", arguments->threads, "Threads (0: one a core); results do not depend on it")
             ->check(in_range(0, 64));
@@ -76,12 +79,12 @@ void add_experiment(CLI::App& program, Exit& status) {
             one->add_option("--frames", arguments->frames,
                             "Folder of light fields without noise: NAME_raw.png and NAME.json")
                 ->required();
-        one->footer(
-            fmt::format("The full form takes {}.\n"
-                        "Exit status: 0 every claim was decided and came out as in docs/results, 1 one was not or did "
-                        "not, 2 usage.\n"
-                        "Example: hord-lab experiment {}{} --out {} --quick",
-                        experiment.takes, experiment.name, has_frames ? " --frames poses" : "", experiment.name));
+        one->footer(fmt::format(
+            "The full form takes {}.\n"
+            "Exit status: 0 every claim was decided and came out as expected of this form, 1 one was not or "
+            "did not, 2 usage.\n"
+            "Example: hord-lab experiment {}{} --out {} --quick",
+            experiment.takes, experiment.name, has_frames ? " --frames poses" : "", experiment.name));
         one->callback([&experiment, arguments, &status] { status = run_experiment(experiment, *arguments); });
     }
 }
