@@ -125,7 +125,7 @@ Table ruled_out(const Design& design) {
         if (trial.problem.empty()) continue;
         const std::string cell = fmt::format(
             "{0}x{0} at {1:.3g} mrad{2}", trial.cell.bins, 1e3 * trial.cell.bin_pitch_rad,
-            trial.cell.pixels_share == 1 ? "" : fmt::format(" on {:g} of the pixels", trial.cell.pixels_share));
+            trial.cell.pixels_share == 1 ? "" : fmt::format(" on {:g} of the width", trial.cell.pixels_share));
         const auto row = std::ranges::find_if(table.rows, [&](const auto& r) { return r[0] == trial.problem; });
         if (row == table.rows.end()) table.rows.push_back({trial.problem, cell});
         else (*row)[1] += ", " + cell;
