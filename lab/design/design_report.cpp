@@ -175,8 +175,10 @@ std::string describe(const Design& design, const DesignTask& task) {
         check.rejected > 0 ? fmt::format(" ({})", name_of(check.reason)) : "", limits_text(check.recipe));
     text += aim_text(check, task.false_rejects);
     if (check.recipe.rim_margin != task.base.rim_margin) {
-        text += fmt::format("The outermost {} lenslets of the part are not judged: those beside its bevels are dark.\n",
-                            check.recipe.rim_margin);
+        text += fmt::format(
+            "The outermost {} lenslets of the part are not judged: the light beside its edge is dark, or differs much "
+            "from part to part.\n",
+            check.recipe.rim_margin);
     }
     text += fmt::format(
         "A verdict takes {:.1f} ms of one core of this machine (median of {} parts; longest {:.1f} ms).\n\n",

@@ -15,9 +15,10 @@ namespace hord::lab {
 namespace {
 
 constexpr double kMargin = 1.05;  // of a limit over the largest good value
-// Bevels leave dark lenslets beyond the default margin of the rim. It is widened, by at most kWiderRim lenslets, until
-// good parts miss less light than the default recipe tolerates.
-constexpr double kTolerableLight = 0.3;
+// Beside the part's edge light is dark (bevels), or differs much from part to part. The rim is widened, by at most
+// kWiderRim lenslets, until good parts miss less light than the default recipe tolerates, and one lenslet more lowers
+// no largest value of theirs to less than kSteady of it.
+constexpr double kTolerableLight = 0.3, kSteady = 0.9;
 constexpr int kWiderRim = 6;
 constexpr std::uint64_t kOtherSeed = 1000, kTrialSeed = 100;
 enum Stream : std::uint64_t { kPose = 0xDE7, kExposure = 0xDE8 };
@@ -95,23 +96,37 @@ class WholeParts {
         return values;
     }
 
-    // The same with the margin that is wide enough for the light, and sets base_.rim_margin to it. One lenslet more
-    // than the first that is: the next one may be covered in part. As it was if none is wide enough.
-    Result<std::vector<PartValues>> values_beside_bevels(const std::vector<Frame>& frames) {
+    // The same with a rim that is wide enough, and sets base_.rim_margin to it. As it was if none is wide enough for
+    // the light.
+    Result<std::vector<PartValues>> values_inside_rim(const std::vector<Frame>& frames) {
         const int asked = base_.rim_margin;
         auto values = values_of(frames, asked);
-        if (!values) return values;
-        const auto is_tolerable = [](const std::vector<PartValues>& all) {
-            return std::ranges::all_of(all, [](const PartValues& v) { return v[kLightValue] < kTolerableLight; });
-        };
-        if (is_tolerable(*values)) return values;
+        if (!values || base_.form == algo::PartForm::web) return values;
         const int start = asked < 0 ? algo::default_rim_margin(extents_) : asked;
-        for (int margin = start + 1; margin < start + kWiderRim; ++margin) {
-            const auto wider = values_of(frames, margin);
-            if (wider && is_tolerable(*wider)) return values_of(frames, margin + 1);
+        int margin = start;
+        for (; margin < start + kWiderRim; ++margin) {
+            auto wider = values_of(frames, margin + 1);
+            if (!wider) break;
+            const PartValues worst = largest(*values);
+            if (worst[kLightValue] < kTolerableLight && is_steady(worst, largest(*wider))) break;
+            values = std::move(wider);
         }
-        base_.rim_margin = asked;
+        if (largest(*values)[kLightValue] >= kTolerableLight) margin = start, values = values_of(frames, start);
+        base_.rim_margin = margin == start ? asked : margin;
         return values;
+    }
+    static PartValues largest(const std::vector<PartValues>& all) {
+        PartValues worst{};
+        for (const PartValues& of : all) {
+            for (std::size_t v = 0; v < kPartValues; ++v) worst[v] = std::max(worst[v], of[v]);
+        }
+        return worst;
+    }
+    static bool is_steady(const PartValues& worst, const PartValues& with_wider_rim) {
+        for (std::size_t v = 0; v < kPartValues; ++v) {
+            if (with_wider_rim[v] < kSteady * worst[v]) return false;
+        }
+        return true;
     }
 
     Result<void> find_limits(WholeCheck& check) {
@@ -124,7 +139,7 @@ class WholeParts {
             extents_ = scene.camera.extents;
             frames.push_back(sim::expose(*field, scene, exposure_seed(task_.seed, k, 0)));
         }
-        const auto values = values_beside_bevels(frames);
+        const auto values = values_inside_rim(frames);
         if (!values) return tl::unexpected(values.error());
         std::array<std::vector<double>, kPartValues> good;
         for (const PartValues& of : *values) {

@@ -283,6 +283,29 @@ TEST(WholeParts, of_plates_with_dark_bevels_get_a_wider_rim_and_a_limit_for_the_
     EXPECT_EQ(check->defects[0].wanted.found, 2);
 }
 
+// A wedge bends light out of the lenslets beside its edge. Limits that allow for it would allow for defects, too.
+TEST(WholeParts, of_wedges_get_a_rim_beyond_the_light_that_their_edge_bends) {
+    DesignTask task;
+    sim::Wedge wedge;
+    wedge.half_size_mm = 3;
+    wedge.tilt_x_rad = 0.06, wedge.tilt_y_rad = 0.034;
+    wedge.tilts_source_side = true;
+    task.part.part = wedge;
+    task.part.camera.field_mm = 9;
+    task.base.form = algo::PartForm::plate;
+    task.camera.pixels = 525.0 * 525.0;  // 105x105 lenslets of 0.086 mm
+    task.defects = *parse_defects("speck=0.2");
+    task.threads = 1;
+    const auto survey = PartSurvey::of(task.part);
+    ASSERT_TRUE(survey);
+    const std::function<void(double)> unheard = [](double) {};
+    const auto check = check_whole_parts({5, 0.03, 1, 1.2, 1}, {{{}, true, true}, {}, {}, 0, 0, false}, task, *survey,
+                                         {3, 1, 1, {1, 1, 1}}, unheard);
+    ASSERT_TRUE(check) << check.error().message();
+    EXPECT_GT(check->recipe.rim_margin, 2);
+    EXPECT_LT(check->recipe.frobenius_limit_bins, 0.1F);  // 0.9 beside the edge
+}
+
 TEST(DesignTasks, with_a_part_that_the_edge_of_the_field_cuts_are_refused_and_webs_fill_the_field) {
     sim::Scene part;
     part.camera.field_mm = 24;
