@@ -41,7 +41,7 @@ void RimFinder::describe(Deflections deflections, Sums sums, std::span<const std
     found_.parts = regions_ == 1 ? 1 : count_parts(deflections, mask);
     found_.islands = count_islands(sums, mask);
     found_.sharp_outline = sharp_share(deflections, sums, mask);
-    if (form_ == PartForm::plate) found_.shaded = shaded_share(sums);
+    if (form_ == PartForm::plate) found_.shaded = shaded_share({deflections, sums, mask});
     found_.free_beside = least_free_beside();
     found_.symmetry = point_symmetry();
     found_.convexity = convexity();
@@ -148,16 +148,21 @@ double RimFinder::sharp_share(Deflections deflections, Sums sums, std::span<cons
     return steps == 0 ? 0 : static_cast<double>(sharp) / static_cast<double>(steps);
 }
 
-// At each end of a row or column of the part: the mean of two to four lenslets of free light on either side, the margin
-// away from what the edge darkens or deflects.
-double RimFinder::shaded_share(Sums sums) const {
+// At each end of a row or column of the part: the mean of two to four lenslets of undeflected light on either side, the
+// margin away from what the edge darkens or deflects. Tinted glass may leave less inside than counts as free light.
+double RimFinder::shaded_share(const FieldLight& light) const {
     constexpr int kMin = 2, kMost = 4;
     int steps = 0, shaded = 0;
-    const auto mean_light = [&](std::size_t from, std::ptrdiff_t step, int available, std::uint8_t free) {
+    const std::int64_t tolerance = bins_q(kFreeToleranceBins);
+    const auto is_undeflected = [&](std::size_t k) {
+        return (light.mask[k] & kDark) == 0 && within(light.deflections[k], free_, tolerance);
+    };
+    const auto is_reached = [&](std::size_t k) { return (state_[k] & kReached) != 0; };
+    const auto mean_light = [&](std::size_t from, std::ptrdiff_t step, int available, auto&& counts) {
         std::int64_t sum = 0;
         int count = 0;
-        for (; count < std::min(available, kMost) && (state_[from] & free) != 0; ++count) {
-            sum += sums[from];
+        for (; count < std::min(available, kMost) && counts(from); ++count) {
+            sum += light.sums[from];
             from += static_cast<std::size_t>(step);
         }
         return count < kMin ? 0.0 : static_cast<double>(sum) / count;
@@ -167,11 +172,14 @@ double RimFinder::shaded_share(Sums sums) const {
         const auto at = [&](int steps_in) { return first + static_cast<std::size_t>(step * steps_in); };
         int edge = 0;
         while (edge < half && (state_[at(edge)] & kFree) == 0) ++edge;
-        const double within = mean_light(at(edge + margin_), step, half - edge - margin_, kFree),
-                     beside = mean_light(at(-1 - margin_), -step, outside - margin_, kReached);
-        if (within <= 0 || beside <= 0) return;
+        if (edge == half) {  // tinted
+            for (edge = 0; edge < half && !is_undeflected(at(edge));) ++edge;
+        }
+        const double inside = mean_light(at(edge + margin_), step, half - edge - margin_, is_undeflected),
+                     beside = mean_light(at(-1 - margin_), -step, outside - margin_, is_reached);
+        if (inside <= 0 || beside <= 0) return;
         ++steps;
-        shaded += within < kShadedLight * beside ? 1 : 0;
+        shaded += inside < kShadedLight * beside ? 1 : 0;
     };
     const auto look_at = [&](std::size_t start, std::ptrdiff_t step, int length) {
         const auto is_part = [&](int k) { return (state_[start + static_cast<std::size_t>(step * k)] & kPart) != 0; };

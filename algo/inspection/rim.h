@@ -51,8 +51,8 @@ struct FoundPart {
     double symmetry = 0;
     // Lenslets of the part, with what it encloses, over those of its convex hull: 1 for a disc or a rectangle.
     double convexity = 0;
-    // Of a plate: share of the steps across its edges, along rows and columns, at which the free light inside is less
-    // than kShadedLight of the free light outside. 0 if fewer than kMinShadedSteps can be compared.
+    // Of a plate: share of the steps across its edges, along rows and columns, at which the undeflected light inside is
+    // less than kShadedLight of the free light outside. 0 if fewer than kMinShadedSteps can be compared.
     double shaded = 0;
     // Share of the lenslets inside the part, its rim left out, that deflect light by more than kFreeToleranceBins from
     // the free light or are dark; 1 if nothing is left or there is no part. If no free light is seen around a tube, its
@@ -104,7 +104,7 @@ class RimFinder {
     [[nodiscard]] int count_islands(Sums sums, std::span<const std::uint8_t> mask);
     [[nodiscard]] int count_parts(Deflections deflections, std::span<const std::uint8_t> mask);
     [[nodiscard]] double sharp_share(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) const;
-    [[nodiscard]] double shaded_share(Sums sums) const;
+    [[nodiscard]] double shaded_share(const FieldLight& light) const;
     [[nodiscard]] double least_free_beside();
     [[nodiscard]] double point_symmetry();
     double convexity();

@@ -481,6 +481,17 @@ TEST(Plate, is_none_where_the_light_between_two_lines_is_that_beside_them) {
     }
 }
 
+TEST(Plate, may_be_tinted_to_less_than_half_of_the_light) {
+    const Extents e{40, 44, 9, 9}, turned{44, 40, 9, 9};
+    Recipe plate;
+    plate.form = PartForm::plate;
+    for (const double light : {0.6, 0.5, 0.4, 0.2, 0.1}) {
+        const Frame glass = lines_across(e, light, 1, 1);
+        EXPECT_EQ(verdict_on(glass, e, plate), Verdict::pass) << light;
+        EXPECT_EQ(verdict_on(transposed(glass), turned, plate), Verdict::pass) << light;
+    }
+}
+
 // A ring, a nest, a cross of hairs: nothing is in them.
 TEST(Plate, is_none_where_an_outline_has_nothing_in_it) {
     const Extents e{40, 44, 9, 9};
