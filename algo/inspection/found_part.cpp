@@ -149,10 +149,12 @@ double RimFinder::sharp_share(Deflections deflections, Sums sums, std::span<cons
 }
 
 // At each end of a row or column of the part: the mean of two to four lenslets of undeflected light on either side, the
-// margin away from what the edge darkens or deflects. Tinted glass may leave less inside than counts as free light.
+// margin away from what the edge darkens or deflects. Tinted glass may leave less inside than counts as free light. No
+// step counts if the light grows away from the edges on both sides until it is alike: a shadow about a hair or a frame.
 double RimFinder::shaded_share(const FieldLight& light) const {
     constexpr int kMin = 2, kMost = 4;
     int steps = 0, shaded = 0;
+    double near = 0, far = 0;  // sums over the steps, of the light beside the edge and of that farthest from it
     const std::int64_t tolerance = bins_q(kFreeToleranceBins);
     const auto is_undeflected = [&](std::size_t k) {
         return (light.mask[k] & kDark) == 0 && within(light.deflections[k], free_, tolerance);
@@ -180,6 +182,10 @@ double RimFinder::shaded_share(const FieldLight& light) const {
         if (inside <= 0 || beside <= 0) return;
         ++steps;
         shaded += inside < kShadedLight * beside ? 1 : 0;
+        int reached = margin_;
+        while (reached < outside && is_reached(at(-1 - reached))) ++reached;
+        near += beside;
+        far += mean_light(at(-reached), step, reached - margin_, is_reached);
     };
     const auto look_at = [&](std::size_t start, std::ptrdiff_t step, int length) {
         const auto is_part = [&](int k) { return (state_[start + static_cast<std::size_t>(step * k)] & kPart) != 0; };
@@ -193,7 +199,30 @@ double RimFinder::shaded_share(const FieldLight& light) const {
     };
     for (int n = 0; n < extents_.n; ++n) look_at(extents_.index(0, n), 1, extents_.m);
     for (int m = 0; m < extents_.m; ++m) look_at(extents_.index(m, 0), extents_.m, extents_.n);
-    return steps < kMinShadedSteps ? 0 : static_cast<double>(shaded) / steps;
+    if (steps < kMinShadedSteps) return 0;
+    const bool is_shadow = far > near && steps * light_at_centroid(light) >= kShadedLight * far;
+    return is_shadow ? 0 : static_cast<double>(shaded) / steps;
+}
+
+// Median of the undeflected lenslets among the 5x5 about the centroid of the part, with what it encloses; 0: none.
+double RimFinder::light_at_centroid(const FieldLight& light) const {
+    std::int64_t area = 0, m_sum = 0, n_sum = 0;
+    for (std::size_t k = 0; k < state_.size(); ++k) {
+        if ((state_[k] & kInside) == 0) continue;
+        ++area;
+        m_sum += static_cast<std::int64_t>(k) % extents_.m;
+        n_sum += static_cast<std::int64_t>(k) / extents_.m;
+    }
+    if (area == 0) return 0;
+    std::array<std::int64_t, 25> values{};
+    std::size_t count = 0;
+    extents_.for_each_around(static_cast<int>(m_sum / area), static_cast<int>(n_sum / area), 2, [&](int m, int n) {
+        const std::size_t k = extents_.index(m, n);
+        const bool undeflected =
+            (light.mask[k] & kDark) == 0 && within(light.deflections[k], free_, bins_q(kFreeToleranceBins));
+        if (undeflected) values[count++] = std::int64_t{light.sums[k]};
+    });
+    return count == 0 ? 0 : static_cast<double>(common::lower_median(std::span(values).first(count)));
 }
 
 double RimFinder::point_symmetry() {

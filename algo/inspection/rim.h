@@ -52,7 +52,9 @@ struct FoundPart {
     // Lenslets of the part, with what it encloses, over those of its convex hull: 1 for a disc or a rectangle.
     double convexity = 0;
     // Of a plate: share of the steps across its edges, along rows and columns, at which the undeflected light inside is
-    // less than kShadedLight of the free light outside. 0 if fewer than kMinShadedSteps can be compared.
+    // less than kShadedLight of the free light outside. 0 if fewer than kMinShadedSteps can be compared, or if the
+    // edges only cast a soft shadow: the light outside grows away from them, to no more than that in the middle of the
+    // part.
     double shaded = 0;
     // Share of the lenslets inside the part, its rim left out, that deflect light by more than kFreeToleranceBins from
     // the free light or are dark; 1 if nothing is left or there is no part. If no free light is seen around a tube, its
@@ -105,6 +107,7 @@ class RimFinder {
     [[nodiscard]] int count_parts(Deflections deflections, std::span<const std::uint8_t> mask);
     [[nodiscard]] double sharp_share(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) const;
     [[nodiscard]] double shaded_share(const FieldLight& light) const;
+    [[nodiscard]] double light_at_centroid(const FieldLight& light) const;
     [[nodiscard]] double least_free_beside();
     [[nodiscard]] double point_symmetry();
     double convexity();
