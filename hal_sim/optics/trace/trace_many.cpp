@@ -262,7 +262,9 @@ HORD_ALWAYS_INLINE void follow_packet(const Body& body, const CameraRay* rays, c
     D weight = packet.weight, leaves = packet.leaves;
     auto path = packet.path;
     unsigned lanes = packet.lanes;
-    auto [inside_bits, on_bits, step, faces] = packet.at;
+    std::uint64_t inside_bits = packet.at.inside_bits, on_bits = packet.at.on_bits;
+    int step = packet.at.step;
+    [[maybe_unused]] int faces = packet.at.faces;
 
     const auto lose = [&](unsigned of) __attribute__((always_inline)) {
         each(of, [&](unsigned k) { arrivals[packet.index[k]] = {}; });
