@@ -152,7 +152,7 @@ double RimFinder::sharp_share(Deflections deflections, Sums sums, std::span<cons
 // margin away from what the edge darkens or deflects. Tinted glass may leave less inside than counts as free light. No
 // step counts if the light grows away from the edges on both sides until it is alike: a shadow about a hair or a frame.
 double RimFinder::shaded_share(const FieldLight& light) const {
-    constexpr int kMin = 2, kMost = 4;
+    constexpr int kMin = 2, kMax = 4;
     int steps = 0, shaded = 0;
     double near = 0, far = 0;  // sums over the steps, of the light beside the edge and of that farthest from it
     const std::int64_t tolerance = bins_q(kFreeToleranceBins);
@@ -163,7 +163,7 @@ double RimFinder::shaded_share(const FieldLight& light) const {
     const auto mean_light = [&](std::size_t from, std::ptrdiff_t step, int available, auto&& counts) {
         std::int64_t sum = 0;
         int count = 0;
-        for (; count < std::min(available, kMost) && counts(from); ++count) {
+        for (; count < std::min(available, kMax) && counts(from); ++count) {
             sum += light.sums[from];
             from += static_cast<std::size_t>(step);
         }
