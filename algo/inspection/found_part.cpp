@@ -149,12 +149,11 @@ double RimFinder::sharp_share(Deflections deflections, Sums sums, std::span<cons
 }
 
 // At each end of a row or column of the part: the mean of two to four lenslets of undeflected light on either side, the
-// margin away from what the edge darkens or deflects. Tinted glass may leave less inside than counts as free light. No
-// step counts if the light grows away from the edges on both sides until it is alike: a shadow about a hair or a frame.
+// margin away from what the edge darkens or deflects. Tinted glass may leave less inside than counts as free light.
 double RimFinder::shaded_share(const FieldLight& light) const {
     constexpr int kMin = 2, kMax = 4;
     int steps = 0, shaded = 0;
-    double near = 0, far = 0;  // sums over the steps, of the light beside the edge and of that farthest from it
+    LightAcrossEdges sums;
     const std::int64_t tolerance = bins_q(kFreeToleranceBins);
     const auto is_undeflected = [&](std::size_t k) {
         return (light.mask[k] & kDark) == 0 && within(light.deflections[k], free_, tolerance);
@@ -177,15 +176,22 @@ double RimFinder::shaded_share(const FieldLight& light) const {
         if (edge == half) {  // tinted
             for (edge = 0; edge < half && !is_undeflected(at(edge));) ++edge;
         }
+        int reached = margin_;
+        while (reached < outside && is_reached(at(-1 - reached))) ++reached;
         const double inside = mean_light(at(edge + margin_), step, half - edge - margin_, is_undeflected),
-                     beside = mean_light(at(-1 - margin_), -step, outside - margin_, is_reached);
+                     beside = mean_light(at(-1 - margin_), -step, reached - margin_, is_reached);
         if (inside <= 0 || beside <= 0) return;
         ++steps;
         shaded += inside < kShadedLight * beside ? 1 : 0;
-        int reached = margin_;
-        while (reached < outside && is_reached(at(-1 - reached))) ++reached;
-        near += beside;
-        far += mean_light(at(-reached), step, reached - margin_, is_reached);
+        // As far from `beside` as `inside` is, if there is free light; the same lenslets in part, if there is little.
+        const int across = edge + 2 * margin_ + 1, window = std::min(reached - margin_, kMax),
+                  away = std::min(across, reached - margin_ - window);
+        sums.inside += inside;
+        sums.beside += beside;
+        sums.across += across;
+        sums.away += away;
+        sums.farther += mean_light(at(-1 - margin_ - away), -step, window, is_reached);
+        sums.farthest += mean_light(at(-reached), step, window, is_reached);
     };
     const auto look_at = [&](std::size_t start, std::ptrdiff_t step, int length) {
         const auto is_part = [&](int k) { return (state_[start + static_cast<std::size_t>(step * k)] & kPart) != 0; };
@@ -200,8 +206,16 @@ double RimFinder::shaded_share(const FieldLight& light) const {
     for (int n = 0; n < extents_.n; ++n) look_at(extents_.index(0, n), 1, extents_.m);
     for (int m = 0; m < extents_.m; ++m) look_at(extents_.index(m, 0), extents_.m, extents_.n);
     if (steps < kMinShadedSteps) return 0;
-    const bool is_shadow = far > near && steps * light_at_centroid(light) >= kShadedLight * far;
-    return is_shadow ? 0 : static_cast<double>(shaded) / steps;
+    return is_shadow(sums, steps * light_at_centroid(light)) ? 0 : static_cast<double>(shaded) / steps;
+}
+
+// The light outside grows away from the edges: a shadow about a hair or a frame, or a lamp that is darker in the
+// middle. Then what it changes there goes on across the edges, and the middle of a shadow may be as light as the field.
+bool RimFinder::is_shadow(const LightAcrossEdges& sums, double middle) {
+    if (sums.farther <= sums.beside) return false;
+    const double change = (sums.farther - sums.beside) * sums.across / sums.away,
+                 lost = std::min(sums.beside - sums.inside, sums.farthest - middle);
+    return lost - kSmoothChange * change <= (1 - kShadedLight) * sums.beside;
 }
 
 // Median of the undeflected lenslets among the 5x5 about the centroid of the part, with what it encloses; 0: none.

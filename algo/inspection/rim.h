@@ -26,6 +26,7 @@ constexpr double kJumpBins = 0.25;           // light jumps between two lenslets
 constexpr double kJumpLight = 1.25;          // or its sum by more than this factor
 constexpr int kMinBeside = 8;                // lenslets beside the part in a row or column that tell something
 constexpr double kShadedLight = 0.985;       // of the light outside an edge; glass reflects 0.04 at each face or more
+constexpr double kSmoothChange = 2;          // a shadow changes across an edge at most so much more than beside it
 constexpr int kMinShadedSteps = 8;           // steps across a plate's edges that tell something
 constexpr std::size_t kDustOfPart = 64;      // an island beside the part below 1/kDustOfPart of its area is dust
 
@@ -53,8 +54,7 @@ struct FoundPart {
     double convexity = 0;
     // Of a plate: share of the steps across its edges, along rows and columns, at which the undeflected light inside is
     // less than kShadedLight of the free light outside. 0 if fewer than kMinShadedSteps can be compared, or if the
-    // edges only cast a soft shadow: the light outside grows away from them, to no more than that in the middle of the
-    // part.
+    // light outside grows away from the edges as that of a soft shadow does.
     double shaded = 0;
     // Share of the lenslets inside the part, its rim left out, that deflect light by more than kFreeToleranceBins from
     // the free light or are dark; 1 if nothing is left or there is no part. If no free light is seen around a tube, its
@@ -107,6 +107,12 @@ class RimFinder {
     [[nodiscard]] int count_parts(Deflections deflections, std::span<const std::uint8_t> mask);
     [[nodiscard]] double sharp_share(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) const;
     [[nodiscard]] double shaded_share(const FieldLight& light) const;
+    // Sums over the steps across a plate's edges.
+    struct LightAcrossEdges {
+        double inside = 0, beside = 0, farther = 0, farthest = 0;  // light, inside the edge and outside of it
+        int across = 0, away = 0;  // lenslets from `beside` to `inside` and to `farther`
+    };
+    static bool is_shadow(const LightAcrossEdges& sums, double middle);
     [[nodiscard]] double light_at_centroid(const FieldLight& light) const;
     [[nodiscard]] double least_free_beside();
     [[nodiscard]] double point_symmetry();

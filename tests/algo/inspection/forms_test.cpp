@@ -482,22 +482,29 @@ TEST(Plate, is_none_where_the_light_between_two_lines_is_that_beside_them) {
     }
 }
 
-// The light grows away from the lines on both sides, until it is alike. Beside the lines it is darker inside.
+// The light grows away from the lines, on both sides until it is alike, or outside only: a shadow that reaches the
+// middle. Beside the lines it is darker inside. Glass in a faint shadow of the same kind is a plate. An even shadow
+// that ends within the lenslets that the edge hides is a filter: it is not drawn.
 TEST(Plate, is_none_where_lines_cast_a_soft_shadow) {
     const Extents e{61, 61, 9, 9};
     Recipe plate;
     plate.form = PartForm::plate;
     for (const bool closed : {false, true}) {
-        for (const double width : {2.0, 3.0, 4.0}) {
-            for (const double between : {1.0, kGlass}) {
-                const auto spot = [&](int m, int n) {
-                    const int x = std::abs(m - 30), y = std::abs(n - 30), from = (closed ? std::max(x, y) : x) - 12;
-                    const double shadow = (from < 0 ? 0.3 : 0.15) * std::exp(-from * from / (2 * width * width));
-                    return Spot{0, 0, from == 0 ? 0 : (from < 0 ? between : 1) * (1 - shadow)};
-                };
-                EXPECT_EQ(verdict_on(noisy(drawn(e, 8, 240, spot), {10, 2, 1}, 3), e, plate),
-                          between < 1 ? Verdict::pass : Verdict::unfit)
-                    << closed << ", " << width;
+        for (const bool reaches_middle : {false, true}) {
+            for (const double width : {2.0, 3.0, 4.0, 6.0, 8.0}) {
+                if (reaches_middle && width < 3) continue;
+                for (const auto& [between, depth] : {std::pair{1.0, 0.1}, {1.0, 0.3}, {kGlass, 0.03}}) {
+                    const auto spot = [&](int m, int n) {
+                        const int x = std::abs(m - 30), y = std::abs(n - 30), from = (closed ? std::max(x, y) : x) - 12;
+                        const double share =
+                            from < 0 && reaches_middle ? 1 : std::exp(-from * from / (2 * width * width));
+                        const double shadow = (from < 0 || reaches_middle ? depth : depth / 2) * share;
+                        return Spot{0, 0, from == 0 ? 0 : (from < 0 ? between : 1) * (1 - shadow)};
+                    };
+                    EXPECT_EQ(verdict_on(noisy(drawn(e, 8, 240, spot), {10, 2, 1}, 3), e, plate),
+                              between < 1 ? Verdict::pass : Verdict::unfit)
+                        << closed << reaches_middle << ", " << width << ", " << depth;
+                }
             }
         }
     }
