@@ -45,7 +45,8 @@ void Core::on(const hal::PartEdge& edge) {
         covered_since_ = std::min(edge.at, now_);
         covered_since_counts_ = counts;
     }
-    covered_ = arrives && !looked_after_since(edge.at);
+    // Without an encoder a part on a belt that may stand covers the sensor for as long as the belt stands.
+    covered_ = arrives && (config_.by_encoder || belt_runs_since(edge.at));
     if (arrives) arrive(edge, certain);
 }
 
@@ -99,10 +100,8 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
     part.edge_counts = counts;
     part.target_counts = counts + config_.transport_counts;
     part.exposure_start = config_.by_encoder ? TimePoint::max() : arrived + config_.exposure_delay;
-    // Without the permit since then, the belt coasts to a stop, stands or is moved by hand: no time tells where.
-    const bool belt_runs = run_permit_ && arrived >= permitted_since_;
     part.abandoned = looked_after_since(arrived);
-    part.place_lost = part.abandoned || (!config_.by_encoder && !belt_runs);
+    part.place_lost = part.abandoned || (!config_.by_encoder && !belt_runs_since(arrived));
     part.result.part = number;
     part.result.arrived_ns = arrived.time_since_epoch().count();
 
@@ -121,6 +120,10 @@ void Core::arrive(const hal::PartEdge& edge, bool identity_certain) {
     if (too_close) return decide(part, PartVerdict::unfit, PartReason::parts_too_close);
     if (line_.size() > config_.max_parts) return decide(part, PartVerdict::unfit, PartReason::line_full);
 }
+
+// False without the permit since then: the belt coasts to a stop, stands or is moved by hand, and no time tells where a
+// part is.
+bool Core::belt_runs_since(TimePoint at) const { return run_permit_ && at >= permitted_since_; }
 
 // Without an encoder: a person has reset the line since, and has taken off it a part that came at this time. Its edge
 // was told late; had it been told in time, the reset would have ended its tracking (abandon_lost_places).

@@ -84,6 +84,7 @@ class Core {
     void arrive(const hal::PartEdge& edge, bool identity_certain);
     void part_was_there();
     void look_for_touching_parts(TimePoint at, std::int64_t counts);
+    [[nodiscard]] bool belt_runs_since(TimePoint at) const;
     [[nodiscard]] bool looked_after_since(TimePoint at) const;
     [[nodiscard]] bool comes_too_close(TimePoint at, std::int64_t counts);
     [[nodiscard]] TimePoint expose_when_due(Part& part);

@@ -402,6 +402,34 @@ TEST_F(Touching, without_the_run_permit_a_covered_sensor_hides_nothing) {
     EXPECT_EQ(rig.shot().faults_latched & kFaultPartSensor, 0U);
 }
 
+TEST_F(Touching, a_part_that_coasts_onto_the_sensor_and_stands_there_hides_nothing) {
+    rig.send(DeviceLost{Device::rejector});
+    rig.advance(milliseconds(20));
+    edge(hal::PartEdge::Kind::arrives);
+    EXPECT_EQ(rig.shot().line_stop_why.cause, LineStopCause::place_lost);
+    rig.advance(std::chrono::seconds(1));
+    EXPECT_EQ(rig.shot().counters.missed, 0U);
+    EXPECT_EQ(rig.shot().faults_latched & kFaultPartSensor, 0U);
+}
+
+struct TouchingForLong : Touching {
+    TouchingForLong() : Touching(milliseconds(500)) {}
+};
+
+TEST_F(TouchingForLong, a_part_that_stood_before_the_sensor_leaves_it_when_the_belt_runs_again) {
+    rig.send(DeviceLost{Device::rejector});
+    rig.send(DeviceUp{Device::rejector});
+    edge(hal::PartEdge::Kind::arrives);
+    rig.advance(milliseconds(300));
+    ASSERT_EQ(rig.send(Command::reset), Answer::done);
+    ASSERT_EQ(rig.send(Command::arm), Answer::done);
+    ASSERT_EQ(rig.send(Command::start_continuous), Answer::done);
+    rig.advance(milliseconds(300));
+    edge(hal::PartEdge::Kind::leaves);
+    EXPECT_FALSE(rig.shot().line_stop);
+    EXPECT_EQ(rig.shot().counters.missed, 0U);
+}
+
 TEST_F(Touching, the_leaving_edge_itself_shows_that_the_part_was_too_long) {
     for (const Duration covered : {milliseconds(30), milliseconds(31)}) {
         edge(hal::PartEdge::Kind::arrives);
