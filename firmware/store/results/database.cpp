@@ -239,7 +239,6 @@ Result<std::unique_ptr<Database>> Database::open(const std::filesystem::path& fi
     }
     const int code = sqlite3_open_v2(name.c_str(), &database->handle_, flags, vfs.empty() ? nullptr : vfs.c_str());
     if (code != SQLITE_OK) return database->failed(code);
-    sqlite3_extended_result_codes(database->handle_, 1);
     sqlite3_busy_timeout(database->handle_, kBusyMs);
     // A damaged length must not take all memory, and a schema that somebody edited must not call functions.
     sqlite3_limit(database->handle_, SQLITE_LIMIT_LENGTH, kMaxValueBytes);

@@ -172,7 +172,7 @@ bool StoreQueue::write_one_batch(std::unique_lock<std::mutex>& lock) {
         if (const auto* result = std::get_if<ResultRecord>(&entry.record)) durable_ = result->result.sequence;
         const auto* change = std::get_if<ChangeRecord>(&entry.record);
         if (change != nullptr && change->what == ChangeRecord::What::lost)
-            durable_ = std::max(durable_, static_cast<std::uint32_t>(member_of_loss(*change, "to_sequence")));
+            durable_ = static_cast<std::uint32_t>(member_of_loss(*change, "to_sequence"));
     }
     moved_ = false;
     if (std::exchange(failing_, false)) {

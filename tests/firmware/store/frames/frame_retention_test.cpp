@@ -522,6 +522,23 @@ TEST(Replay, with_another_recipe_shows_what_changes) {
     EXPECT_THAT(to_json_line(*bad), HasSubstr("\"changes\":[\"verdict\",\"reason\",\"score\",\"defects\"]"));
 }
 
+TEST(Replay, inspects_each_frame_with_its_own_recipe) {
+    algo::Recipe strict = unchecked_part();
+    strict.emd_limit_bins /= 2;
+    strict.frobenius_limit_bins /= 2;
+    Cell usual({.before = 0, .after = 0}), strictly({.before = 0, .after = 0}, real_disk(), strict);
+    Replay replay;
+    for (Cell* cell : {&usual, &strictly}) {
+        cell->inspect(1, true);
+        cell->write_all();
+        const auto files = list_frames(cell->folder.path() / "frames");
+        ASSERT_EQ(files->size(), 1U);
+        const auto replayed = replay.judge(files->at(0).file);
+        ASSERT_TRUE(replayed) << replayed.error().message();
+        EXPECT_TRUE(replayed->same()) << to_json_line(*replayed);
+    }
+}
+
 TEST(Replay, refuses_a_frame_whose_samples_somebody_exchanged) {
     Cell cell({.before = 0, .after = 0});
     cell.inspect(1, true);

@@ -5,6 +5,7 @@
 #include <csignal>
 #include <random>
 
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -196,6 +197,31 @@ TEST(Shards, of_a_worker_that_is_killed_do_not_appear_and_come_out_the_same_the_
     write_shard(files[1], kReplay, {2, 2}, all);
     ASSERT_TRUE(merge_shards(files, folder.path() / "merged"));
     EXPECT_EQ(read_text(folder.path() / "merged"), read_text(folder.path() / "one"));
+}
+
+TEST(Shards, may_be_more_than_the_files_that_a_process_may_open_at_first) {
+    const TempFolder folder;
+    const auto files = write_shards(folder.path(), 24, frames(24));
+    rlimit before{};
+    ASSERT_EQ(::getrlimit(RLIMIT_NOFILE, &before), 0);
+    rlimit few = before;
+    few.rlim_cur = 16;
+    ASSERT_EQ(::setrlimit(RLIMIT_NOFILE, &few), 0);
+    const auto merged = merge_shards(files, folder.path() / "merged");
+    EXPECT_EQ(::setrlimit(RLIMIT_NOFILE, &before), 0);
+    EXPECT_TRUE(merged) << merged.error().message();
+}
+
+TEST(Shards, know_the_archive_by_the_names_and_sizes_of_its_frames) {
+    const std::string known = archive_identity(frames(3));
+    EXPECT_EQ(archive_identity(frames(3)), known);
+    EXPECT_NE(archive_identity(frames(2)), known);
+    auto others = frames(3);
+    ++others[1].bytes;
+    EXPECT_NE(archive_identity(others), known);
+    others = frames(3);
+    others[1].file = "000000000002-r.png";
+    EXPECT_NE(archive_identity(others), known);
 }
 
 TEST(Shards, are_named_as_one_of_how_many_and_not_otherwise) {

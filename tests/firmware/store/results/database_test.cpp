@@ -110,6 +110,10 @@ TEST_F(AnyDatabase, a_row_is_read_to_its_end_and_its_first_error_is_kept) {
         (void)r.real_or_null(0);
         EXPECT_TRUE(r.error()) << "an integer was not written as REAL";
     });
+    read("1 AS a", [](RowReader& r) {
+        EXPECT_EQ(r.text(0), "");
+        EXPECT_TRUE(r.error()) << "an integer was not written as TEXT";
+    });
 }
 
 TEST_F(AnyDatabase, an_error_of_the_reader_ends_the_run) {

@@ -439,6 +439,30 @@ TEST(StoreQueue, counts_at_the_end_what_found_no_room_in_memory_before) {
     EXPECT_EQ(left.to_sequence, 25U);
 }
 
+// The loss is not yet among the records that wait for the disk.
+TEST(StoreQueue, counts_at_the_end_a_loss_that_no_record_tells) {
+    Bench bench({.capacity = 10});
+    bench.disk.on_write = [] { return std::optional(full()); };
+    EXPECT_FALSE(bench.queue.step());
+    bench.add(1, 25);
+    const Unstored left = bench.queue.finish();
+    EXPECT_EQ(left.results, 25U);
+    EXPECT_EQ(left.to_sequence, 25U);
+}
+
+TEST(StoreQueue, names_at_the_end_results_and_other_records) {
+    Unstored left;
+    left.results = 3;
+    left.from_sequence = 7;
+    left.to_sequence = 9;
+    EXPECT_EQ(left.error().what, "3 results (sequences 7 to 9) could not be stored before the end and are lost");
+    left.others = 2;
+    EXPECT_EQ(left.error().what,
+              "3 results (sequences 7 to 9) and 2 other records could not be stored before the end and are lost");
+    left.results = 0;
+    EXPECT_EQ(left.error().what, "2 other records could not be stored before the end and are lost");
+}
+
 TEST(StoreQueue, keeps_everything_if_the_disk_has_room_again_before_the_end_is_over) {
     MemoryDisk disk;
     int attempts = 0;

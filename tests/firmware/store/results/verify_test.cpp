@@ -129,6 +129,27 @@ TEST(Verify, reports_one_edited_row_as_one_problem) {
     EXPECT_THAT(verify(folder.path()).problems, ElementsAre("results: row 120 is not as it was written"));
 }
 
+TEST(Verify, names_a_hundred_problems_of_a_chain_and_counts_the_others) {
+    for (const int edited : {100, 103}) {
+        const TempFolder folder;
+        write(folder, Story().add_results(1, 120));
+        sql(folder, "UPDATE results SET verdict = 'unfit' WHERE number <= " + std::to_string(edited));
+        const auto problems = verify(folder.path()).problems;
+        ASSERT_THAT(problems, ::testing::SizeIs(edited == 100 ? 100 : 101));
+        EXPECT_EQ(problems[99], "results: row 100 is not as it was written");
+        if (edited > 100) {
+            EXPECT_EQ(problems[100], "results: 3 further problems");
+        }
+    }
+}
+
+TEST(Verify, finds_another_head_of_a_chain_of_one_row) {
+    const TempFolder folder;
+    write(folder, Story().add(result(1)));
+    sql(folder, "UPDATE heads SET hash = zeroblob(32) WHERE chain = 'results'");
+    EXPECT_THAT(verify(folder.path()).problems, ElementsAre("results: row 1 is not the one that was written last"));
+}
+
 TEST(Verify, finds_a_row_of_another_store_with_its_hash) {
     const TempFolder folder, other;
     write(folder, Story().add(result(1)));
@@ -179,6 +200,12 @@ TEST(Verify, accepts_a_noted_head_that_retention_has_removed_since) {
     ASSERT_TRUE(calendar.live(*store, a_day, 10));
     EXPECT_EQ(results(folder).front().number, 71);
     EXPECT_THAT(verify(folder.path(), noted).problems, IsEmpty());
+    ChainHead last_removed;
+    last_removed.chain = "results";
+    last_removed.number = 70;
+    last_removed.hash = std::string(64, 'f');
+    EXPECT_THAT(verify(folder.path(), {last_removed}).problems,
+                ElementsAre("results: row 70, removed by retention, had another hash than was noted"));
 }
 
 TEST(Verify, may_run_while_the_station_writes) {
