@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "algo/frame/extents.h"
+#include "calib/calibrate/cut_lenslets.h"
 #include "calib/calibrate/lenslet_chain.h"
 #include "calib/calibrate/white_frame_checks.h"
 #include "calib/lattice/lenslet_coverage.h"
@@ -266,6 +267,9 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     out.light_roughness = light_roughness(out.fit.grid, out.observations);
     out.light_following = light_following(out.fit.grid, out.observations);
     out.smooth_residuals = smooth_residuals(out.fit.grid, out.observations);
+    out.cut = cut_lenslets(out.fit.grid, out.observations, [&](const Observation& seen) {
+        return finder_for(finders, out.fit.grid, pitch, seen.m, seen.n).elongation(seen.centre_px);
+    });
     if (auto fine = check_white_frame(*image, out); !fine) return tl::unexpected(fine.error());
     out.warnings = warnings_about(out);
     report(1);

@@ -29,7 +29,9 @@ struct GridOptions {
 struct PatternShape {
     double wave_share = 0;   // of the fundamentals: 1 for gratings, and for lenslets blurred to waves
     double first_share = 0;  // of the first harmonics in both steps (square lattices): 1 for crossed gratings
-    double even_share = 0;   // of those even in both steps together (square lattices): 0 for a checkerboard
+    // Of those even in both steps together (square lattices): 0 for a checkerboard, 1 if the middle of four lenslets
+    // looks as they do.
+    double even_share = 0;
 };
 
 // How far the centres' residuals follow the gradient of the light between neighbours: in a white frame not at all.
@@ -44,6 +46,14 @@ struct SmoothResiduals {
     double correlation = 0;  // of neighbours, -1..1
     double px = 0;           // RMS of the common part
     int pairs = 0;           // of neighbours
+};
+
+// How the lenslets' light is narrower along the way to one place in or near the frame than across, in proportion to the
+// squared distance: cat's-eye vignetting (or distortion that scales the lenslets) makes them so.
+struct CutLenslets {
+    double narrower = 0;  // at half a diagonal from that place: share of the moments (Elongation); below 0: wider
+    double sigma = 0;     // standard error of `narrower`, from how regions of the frame differ from the law
+    double of_grid = 0;   // the same of the grid's own distortion
 };
 
 struct GridCalibration {
@@ -72,6 +82,7 @@ struct GridCalibration {
     double light_roughness = 0;  // RMS difference of a lenslet's light from its neighbours', over its own
     LightFollowing light_following;
     SmoothResiduals smooth_residuals;
+    CutLenslets cut;
     std::vector<std::string> warnings;  // sentences for a person: the grid is usable, but something is unusual
 
     struct Node {

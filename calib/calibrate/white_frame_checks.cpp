@@ -36,7 +36,7 @@ constexpr double kMinArea = 0.15;      // of a lenslet's cell, over that in the 
 constexpr double kMaxTorn = 0.002;     // pairs of neighbours, over the lenslets
 constexpr double kMaxWaves = 0.985;    // PatternShape
 constexpr double kMaxFirst = 0.997;
-constexpr double kMinEven = 0.004;
+constexpr double kMinEven = 0.004, kMaxEven = 0.98;
 constexpr double kMaxRoughness = 0.08;
 constexpr double kMaxFollowed = 0.3;     // of the residuals' power: what gradients of the light explain
 constexpr double kMinFollowed = 0.0002;  // of a pitch: explained residuals that matter
@@ -44,7 +44,10 @@ constexpr double kMaxOff = 0.08;         // of the found lenslets
 constexpr double kMaxBend = 0.005;       // of a pitch: by polynomials beyond every lens model
 // Of neighbours' residuals, and in standard deviations of that of independent pairs: frames of few lenslets.
 constexpr double kMaxAlike = 0.2, kMaxAlikeDeviations = 4;
-constexpr double kMaxCommon = 0.0002;    // of a pitch: the common part of residuals
+constexpr double kMaxCommon = 0.0002;  // of a pitch: the common part of residuals
+// CutLenslets::narrower beyond what the grid's distortion makes of it, and in its standard errors. These are too small
+// by half where neighbouring regions differ from the law alike: 8 are 4 then.
+constexpr double kMaxCut = 0.002, kMaxCutDeviations = 8;
 constexpr double kMaxMissing = 0.1;      // of the complete lenslets
 constexpr double kMaxSaturated = 0.1;    // of the found lenslets
 constexpr double kMaxOffOfRegion = 0.2;  // of a region's lenslets: missing or rejected
@@ -344,7 +347,13 @@ PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibratio
             }
         }
     }
-    if (std::any_of(hits.begin(), hits.end(), [](double h) { return h == 0; })) return {.even_share = 1};
+    // Where the pitch is a whole number of pixels, or small, no pixel lies in some cells: these do not count.
+    const auto cells_hit = static_cast<double>(std::count_if(hits.begin(), hits.end(), [](double h) { return h > 0; }));
+    if (cells_hit == 0) return {.even_share = 1};
+    double mean = 0;
+    for (std::size_t cell = 0; cell < sums.size(); ++cell) {
+        if (hits[cell] > 0) mean += sums[cell] / hits[cell] / cells_hit;
+    }
     constexpr int kHarmonics = 4;
     const bool square = grid.kind == algo::LatticeKind::square;
     double all = 0, waves = 0, first = 0, even = 0;
@@ -355,7 +364,9 @@ PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibratio
             for (int y = 0; y < kSide; ++y) {
                 for (int x = 0; x < kSide; ++x) {
                     const auto cell = static_cast<std::size_t>(y * kSide + x);
-                    sum += sums[cell] / hits[cell] * std::polar(1.0, -2 * std::numbers::pi * (p * x + q * y) / kSide);
+                    if (hits[cell] == 0) continue;
+                    sum += (sums[cell] / hits[cell] - mean) *
+                        std::polar(1.0, -2 * std::numbers::pi * (p * x + q * y) / kSide);
                 }
             }
             const double power = std::norm(sum);
@@ -496,6 +507,10 @@ Result<void> check_white_frame(const WhiteImage& image, const GridCalibration& c
         return refuse("this is no white frame: its dark and bright places have the same shape, as of a checkerboard",
                       "record a lenslet array in even light");
     }
+    if (calibration.fit.grid.kind == algo::LatticeKind::square && shape.even_share > kMaxEven) {
+        return refuse("the grid has every second lenslet only: the same light lies in the middle of four of them",
+                      "record lenslets with a pitch of 8 px or more");
+    }
     return {};
 }
 
@@ -542,6 +557,15 @@ std::vector<std::string> warnings_about(const GridCalibration& calibration) {
             "so, and the grid may be off by ten times as much; take objects out of the light, and use "
             "diffuse or collimated light without other optics",
             smooth.px));
+    }
+    const CutLenslets& cut = calibration.cut;
+    const double beyond_grid = cut.narrower - std::max(0.0, cut.of_grid);
+    if (beyond_grid > std::max(kMaxCut, kMaxCutDeviations * cut.sigma)) {
+        out.push_back(fmt::format(
+            "the lenslets are narrower outwards than across, by {:.1f} % at the corners: the stop of the "
+            "optics cuts them, and their centres may be off by tenths of a pixel; stop the optics down until "
+            "the corners' lenslets are whole, and compare the pitch",
+            100 * beyond_grid));
     }
     if (calibration.rejected > kMaxOff * calibration.found) {
         out.push_back(

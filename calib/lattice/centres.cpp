@@ -52,6 +52,15 @@ HORD_ALWAYS_INLINE Responses responses(const float* kernels, const float* light,
 }
 HORD_FOR_EACH_ISA(responses_for, responses)
 
+// The pixels of the window about a centre, with the radial tables at their places.
+struct WindowPixels {
+    struct Pixel {
+        double dx, dy, shape, window, light, weight, steepness;
+    };
+    std::vector<Pixel> pixels;
+    double background = 0, amplitude = 0;  // of the profile, by least squares
+};
+
 }  // namespace
 
 // The weights, sampled for every sub-pixel phase; each a window of `side` x `side` floats.
@@ -78,7 +87,9 @@ struct CentreFinder::Kernels {
     [[nodiscard]] Moments moments(algo::PixelPoint at) const;
     [[nodiscard]] bool complete(algo::PixelPoint at) const;
     [[nodiscard]] std::optional<Spot> measure(algo::PixelPoint at, double most_px) const;
+    [[nodiscard]] std::optional<WindowPixels> pixels_about(algo::PixelPoint centre) const;
     [[nodiscard]] std::optional<algo::PixelPoint> split(algo::PixelPoint centre) const;
+    [[nodiscard]] std::optional<Elongation> elongation(algo::PixelPoint centre) const;
     void calibrate_gain(std::span<const algo::PixelPoint> centres);
 };
 
@@ -188,23 +199,15 @@ std::optional<Spot> CentreFinder::Kernels::measure(algo::PixelPoint at, double m
     return std::nullopt;
 }
 
-// With the weight itself instead of sampled kernels. The light of a half is a + b T + s . dT; the moment of the
-// remainder after a and b depends on the shift s only.
-std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint centre) const {
+std::optional<WindowPixels> CentreFinder::Kernels::pixels_about(algo::PixelPoint centre) const {
     if (!complete(centre)) return std::nullopt;
-    constexpr double kTurnX = 0.98006657784124163,
-                     kTurnY = 0.19866933079506122;  // sectors are rotated by 0.2 rad: no pixel on their edges
-    struct Pixel {
-        double dx, dy, shape, window, light, weight, steepness;
-        bool second;
-    };
-    std::vector<Pixel> pixels;
-    pixels.reserve(static_cast<std::size_t>(side * side));
+    WindowPixels out;
+    out.pixels.reserve(static_cast<std::size_t>(side * side));
     const auto cx = static_cast<int>(std::lround(centre.x_px)), cy = static_cast<int>(std::lround(centre.y_px));
     double sum = 0, sum_t = 0, sum_tt = 0, sum_l = 0, sum_lt = 0;
     for (int y = std::max(0, cy - half); y <= std::min(image->height_px() - 1, cy + half); ++y) {
         for (int x = std::max(0, cx - half); x <= std::min(image->width_px() - 1, cx + half); ++x) {
-            Pixel p{};
+            WindowPixels::Pixel p{};
             p.dx = x - centre.x_px;
             p.dy = y - centre.y_px;
             const double at = std::sqrt(p.dx * p.dx + p.dy * p.dy) / kTableStep;
@@ -218,26 +221,36 @@ std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint ce
             p.weight = here(weights.shift);
             p.steepness = here(weights.steepness);
             p.light = image->at(x, y);
-            const double u = kTurnX * p.dx + kTurnY * p.dy, v = kTurnX * p.dy - kTurnY * p.dx;
-            p.second = ((u > 0) != (v > 0)) != (std::abs(u) > std::abs(v));
             sum += p.window;
             sum_t += p.window * p.shape;
             sum_tt += p.window * p.shape * p.shape;
             sum_l += p.window * p.light;
             sum_lt += p.window * p.light * p.shape;
-            pixels.push_back(p);
+            out.pixels.push_back(p);
         }
     }
     const double spread = sum * sum_tt - sum_t * sum_t;
     if (!(spread > 0)) return std::nullopt;
-    const double b = (sum * sum_lt - sum_t * sum_l) / spread;
-    const double a = (sum_l - b * sum_t) / sum;
-    if (!(b > 0)) return std::nullopt;
+    out.amplitude = (sum * sum_lt - sum_t * sum_l) / spread;
+    out.background = (sum_l - out.amplitude * sum_t) / sum;
+    if (!(out.amplitude > 0)) return std::nullopt;
+    return out;
+}
+
+// With the weight itself instead of sampled kernels. The light of a half is a + b T + s . dT; the moment of the
+// remainder after a and b depends on the shift s only.
+std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint centre) const {
+    constexpr double kTurnX = 0.98006657784124163,
+                     kTurnY = 0.19866933079506122;  // sectors are rotated by 0.2 rad: no pixel on their edges
+    const auto of = pixels_about(centre);
+    if (!of) return std::nullopt;
+    const double a = of->background, b = of->amplitude;
     algo::PixelPoint place[2];
     for (const bool second : {false, true}) {
         double mx = 0, my = 0, xx = 0, xy = 0, yy = 0;
-        for (const Pixel& p : pixels) {
-            if (p.second != second) continue;
+        for (const WindowPixels::Pixel& p : of->pixels) {
+            const double u = kTurnX * p.dx + kTurnY * p.dy, v = kTurnX * p.dy - kTurnY * p.dx;
+            if ((((u > 0) != (v > 0)) != (std::abs(u) > std::abs(v))) != second) continue;
             const double left = p.weight * (p.light - a - b * p.shape), steep = p.weight * p.steepness * b;
             mx += left * p.dx;
             my += left * p.dy;
@@ -250,6 +263,21 @@ std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint ce
         place[second ? 1 : 0] = {(yy * mx - xy * my) / determinant, (xx * my - xy * mx) / determinant};
     }
     return algo::PixelPoint{0.5 * (place[0].x_px - place[1].x_px), 0.5 * (place[0].y_px - place[1].y_px)};
+}
+
+std::optional<Elongation> CentreFinder::Kernels::elongation(algo::PixelPoint centre) const {
+    const auto of = pixels_about(centre);
+    if (!of) return std::nullopt;
+    double sum = 0, xx = 0, xy = 0, yy = 0;
+    for (const WindowPixels::Pixel& p : of->pixels) {
+        const double here = p.window * (p.light - of->background);
+        sum += here;
+        xx += here * p.dx * p.dx;
+        xy += here * p.dx * p.dy;
+        yy += here * p.dy * p.dy;
+    }
+    if (!(xx + yy > 0) || !(sum > 0)) return std::nullopt;
+    return Elongation{(xx - yy) / (xx + yy), 2 * xy / (xx + yy), std::sqrt((xx + yy) / sum)};
 }
 
 // Sets `gain`, from the moments one phase to either side of known centres.
@@ -316,6 +344,9 @@ std::optional<Spot> CentreFinder::measure(algo::PixelPoint at, double most_px) c
     return kernels_->measure(at, most_px);
 }
 std::optional<algo::PixelPoint> CentreFinder::split(algo::PixelPoint centre) const { return kernels_->split(centre); }
+std::optional<Elongation> CentreFinder::elongation(algo::PixelPoint centre) const {
+    return kernels_->elongation(centre);
+}
 bool CentreFinder::complete(algo::PixelPoint at) const { return kernels_->complete(at); }
 double CentreFinder::amplitude_dn(algo::PixelPoint at) const { return kernels_->moments(at).amplitude; }
 double CentreFinder::window_radius_px() const { return kernels_->weights.radius; }

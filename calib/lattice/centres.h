@@ -21,6 +21,13 @@ struct Spot {
     double step_px = 0;       // from the prediction to the centre
 };
 
+// The shape of a lenslet's light, by its second moments.
+struct Elongation {
+    double along_x = 0;    // (xx - yy) / (xx + yy): above 0 for a lenslet that is wider along x
+    double aslant = 0;     // 2 xy / (xx + yy)
+    double radius_px = 0;  // RMS distance of its light from the centre
+};
+
 struct Immunity {
     bool background_gradient = false;
     bool vignetting = false;
@@ -41,6 +48,9 @@ class CentreFinder {
     // halves are alternate sectors of eight about the centre: both respond to x and y alike, and share no pixel and no
     // noise. None if it cannot be measured.
     [[nodiscard]] std::optional<algo::PixelPoint> split(algo::PixelPoint centre) const;
+
+    // None if it cannot be measured.
+    [[nodiscard]] std::optional<Elongation> elongation(algo::PixelPoint centre) const;
 
     // True if the window of a lenslet at `at` is inside the frame.
     [[nodiscard]] bool complete(algo::PixelPoint at) const;

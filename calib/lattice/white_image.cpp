@@ -97,6 +97,13 @@ Result<WhiteImage> WhiteImage::open(const FrameView& white, const std::optional<
                                 (*frame)->height_px, white.width_px, white.height_px),
                     "record all of them with the same region of the sensor");
     }
+    for (const auto& [name, frame] : {std::pair{"dark", &dark}, {"flat", &flat}}) {
+        if (!*frame || (*frame)->sample_bytes() == white.sample_bytes()) continue;
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("a {} frame of {} bits for a white frame of {} bits: a sample means another light",
+                                name, (*frame)->bits, white.bits),
+                    "record all of them with the same pixel format");
+    }
     if (dark && !(light_of(white) > kMinWhiteOverDark * light_of(*dark))) {
         return fail(ErrorCode::invalid_argument, "the dark frame is as bright as the white one",
                     "record it without light, as long exposed as the white frame");

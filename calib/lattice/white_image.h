@@ -14,7 +14,8 @@ class WhiteImage {
   public:
     // The frames are not copied and must outlive the image. A flat frame is one of even light without lenslets; light
     // is multiplied by the mean of flat minus dark over flat minus dark. Fails with invalid_argument if the sizes of
-    // the frames differ, a side is below 24 px (three lenslets of the smallest pitch), or the flat is dark.
+    // the frames differ, some have 8 bits and others more, a side is below 24 px (three lenslets of the smallest
+    // pitch), or the flat is dark.
     static Result<WhiteImage> open(const FrameView& white, const std::optional<FrameView>& dark,
                                    const std::optional<FrameView>& flat = {});
 

@@ -418,6 +418,18 @@ TEST(CalibrateGrid, a_dark_frame_of_another_size_is_named) {
     EXPECT_THAT(calibration.error().message(), HasSubstr("100x100"));
 }
 
+TEST(CalibrateGrid, a_dark_or_flat_frame_of_other_bits_is_named) {
+    const auto drawn = test::draw({.peak_dn = 200, .background_dn = 5, .bits = 8});
+    const Frame other(400, 400, 16);
+    GridOptions with_flat;
+    with_flat.flat = other.view();
+    for (const auto& calibration :
+         {calibrate_grid(drawn.frame.view(), other.view()), calibrate_grid(drawn.frame.view(), {}, with_flat)}) {
+        ASSERT_FALSE(calibration);
+        EXPECT_THAT(calibration.error().message(), HasSubstr("frame of 16 bits for a white frame of 8 bits"));
+    }
+}
+
 TEST(CalibrateGrid, progress_runs_from_nothing_to_all) {
     GridOptions options;
     std::vector<double> seen;

@@ -58,6 +58,35 @@ void answer_row(const char* name, const White& white) {
     std::fflush(stdout);
 }
 
+// Sharp checkerboards, along the pixels, turned by 3 degrees and diagonal: how many are refused or warned of.
+void checkerboards() {
+    constexpr int kSide = 600;
+    int refused = 0, warned = 0, all = 0;
+    for (const double degrees : {0.0, 3.0, 45.0}) {
+        const double c = std::cos(degrees * 3.14159265358979323846 / 180),
+                     s = std::sin(degrees * 3.14159265358979323846 / 180);
+        for (const int field : {4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 18, 20, 24, 30}) {
+            calib::test::Random random(3);
+            Frame frame(kSide, kSide, 16);
+            for (int y = 0; y < kSide; ++y) {
+                for (int x = 0; x < kSide; ++x) {
+                    const double u = std::floor((c * x + s * y) / field), v = std::floor((c * y - s * x) / field);
+                    const double dn = std::fmod(std::abs(u + v), 2) != 0 ? 20000 : 200;
+                    frame.set(x, y, static_cast<std::uint32_t>(std::max(0.0, dn + random.normal() * std::sqrt(dn))));
+                }
+            }
+            const auto calibration = calib::calibrate_grid(frame.view());
+            ++all;
+            if (!calibration) ++refused;
+            else if (!calibration->warnings.empty()) ++warned;
+        }
+    }
+    std::printf(
+        "| %d sharp checkerboards of 600 x 600 px: fields of 4 to 30 px, along the pixels, at 3 and 45 degrees | "
+        "%d refused, %d a grid and a warning, %d a grid | | |\n",
+        all, refused, warned, all - refused - warned);
+}
+
 void answers() {
     std::printf(
         "\n## Frames on which a grid could be wrong without a word\n\n1000 x 1000 px, square, pitch 17.3 px, turned by "
@@ -153,6 +182,19 @@ void answers() {
     white = base;
     white.misplaced_px = 0.15;
     answer_row("lenslets misplaced by 0.15 px", white);
+    white = base;
+    for (const double shift : {0.1, 0.25, 0.5, 1.0, 2.0}) {
+        white.stop = [=](double x, double y) { return std::pair(shift * (500 - x) / 500, shift * (500 - y) / 500); };
+        char name[96];
+        std::snprintf(name, sizeof name, "cat's eye: a stop that cuts lenslets by %g px at the border", shift);
+        answer_row(name, white);
+    }
+    white = base;
+    white.deflect = [](double x, double y) { return std::pair((x - 500) / 500, (y - 500) / 500); };
+    answer_row("a weak lens that fills the field: centres move outwards by 1 px at the border (not detected)", white);
+    white.deflect = [](double, double) { return std::pair(1.0, 0.0); };
+    answer_row("light that falls in at a tilt: all centres move by 1 px (not detected)", white);
+    checkerboards();
 }
 
 void real_row(const std::filesystem::path& folder, const char* name) {

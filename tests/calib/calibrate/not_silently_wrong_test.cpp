@@ -172,14 +172,10 @@ TEST(NotSilentlyWrong, light_that_is_brighter_on_one_side_is_warned_of) {
 }
 
 TEST(NotSilentlyWrong, a_checkerboard_is_refused) {
-    for (const double side : {14.0, 20.0}) {
-        expect_refused(paint(600,
-                             [side](int x, int y) {
-                                 return ((static_cast<int>(x / side) + static_cast<int>(y / side)) & 1) != 0 ? 20000.0
-                                                                                                             : 200.0;
-                             }),
-                       "checkerboard");
-    }
+    const auto board = [](int side) {
+        return paint(400, [side](int x, int y) { return ((x / side + y / side) & 1) != 0 ? 20000.0 : 200.0; });
+    };
+    for (const int side : {6, 7, 9, 11, 14, 20}) expect_refused(board(side), "checkerboard");
 }
 
 TEST(NotSilentlyWrong, two_gratings_are_refused) {
@@ -255,6 +251,33 @@ TEST(NotSilentlyWrong, light_bent_together_is_told_from_misplaced_lenslets) {
     white.deflect = nullptr;
     white.misplaced_px = 0.15;
     EXPECT_THAT(warnings(white), IsEmpty());
+}
+
+// A checkerboard of 5 px: bright fields are 7.07 px apart along the diagonals, too near for a lattice; along the
+// pixels, every second one lies on one of 10 px.
+TEST(NotSilentlyWrong, a_lattice_of_every_second_lenslet_is_refused) {
+    expect_refused(paint(600, [](int x, int y) { return ((x / 5 + y / 5) & 1) != 0 ? 20000.0 : 200.0; }),
+                   "every second lenslet");
+}
+
+// Cat's-eye vignetting, by 1 px at half the side: centres move as another pitch moves them, and lenslets are narrower.
+// Distortion that scales the lenslets makes them so, too: no_warning in expect_corners.
+TEST(NotSilentlyWrong, lenslets_that_a_stop_cuts_are_warned_of) {
+    for (const bool hexagonal : {false, true}) {
+        SCOPED_TRACE(hexagonal);
+        White white{.width_px = 500, .height_px = 450, .hexagonal = hexagonal, .pitch_px = 16.3, .rotation_deg = 2};
+        const auto warnings = [&](double shift_px, double middle_x) {
+            white.stop = [=](double x, double y) {
+                return std::pair(shift_px * (middle_x - x) / 250, shift_px * (225 - y) / 250);
+            };
+            const auto calibration = calibrate_grid(test::draw(white).frame.view());
+            EXPECT_TRUE(calibration) << calibration.error().message();
+            return calibration ? calibration->warnings : std::vector<std::string>{};
+        };
+        EXPECT_THAT(warnings(1, 250), Contains(HasSubstr("the stop of the optics cuts them")));
+        EXPECT_THAT(warnings(1, 150), Contains(HasSubstr("the stop of the optics cuts them")));
+        EXPECT_THAT(warnings(0, 250), IsEmpty());
+    }
 }
 
 TEST(NotSilentlyWrong, missing_lenslets_are_warned_of) {

@@ -68,6 +68,9 @@ struct White {
     int bits = 16;
     // Shift of a lenslet's light from its centre at a place in the frame, px; empty: no shift.
     std::function<std::pair<double, double>(double x, double y)> deflect = nullptr;
+    // Cat's-eye vignetting: a disc of the lenslets' radius lies over each, shifted by this at a place in the frame, px.
+    // Of discs only; empty: none.
+    std::function<std::pair<double, double>(double x, double y)> stop = nullptr;
     // Light at a place in the frame, 0..1; empty: 1 everywhere.
     std::function<double(double x, double y)> light = nullptr;
 };
@@ -142,6 +145,8 @@ inline Drawn draw(const White& w) {
             const auto [more_x, more_y] = w.gradient ? w.gradient(x, y) : std::pair(0.0, 0.0);
             const double gx = g * (x - middle_x) + more_x;
             const double gy = g * (y - middle_y) + more_y;
+            const auto [stop_x, stop_y] = w.stop ? w.stop(x, y) : std::pair(0.0, 0.0);
+            const auto disc = [&](double r) { return 0.5 * std::erfc((r - radius) / (std::sqrt(2.0) * w.edge_px)); };
             for (int py = std::max(0, static_cast<int>(std::ceil(y - reach)));
                  py <= std::min<double>(w.height_px - 1, y + reach); ++py) {
                 for (int px = std::max(0, static_cast<int>(std::ceil(x - reach)));
@@ -154,8 +159,8 @@ inline Drawn draw(const White& w) {
                         const double r = w.to_scale
                             ? std::hypot((dx * out_x + dy * out_y) / along, (dy * out_x - dx * out_y) / across)
                             : std::sqrt(dx * dx + dy * dy);
-                        double here = radius > 0 ? 0.5 * std::erfc((r - radius) / (std::sqrt(2.0) * w.edge_px))
-                                                 : std::exp(-0.5 * r * r / (radius * radius));
+                        double here = radius > 0 ? disc(r) : std::exp(-0.5 * r * r / (radius * radius));
+                        if (w.stop) here *= disc(std::hypot(dx - stop_x, dy - stop_y));
                         here *= 1 + (gx * dx + gy * dy) / (radius > 0 ? radius : -2 * radius);
                         value += here / (w.subpixels * w.subpixels);
                     }
