@@ -18,7 +18,6 @@ namespace hord::firmware::store {
 namespace {
 
 // Also without new frames: other programs fill the disk, too.
-constexpr std::chrono::seconds kTrimEvery{10};
 constexpr std::size_t kMissedKept = 64;
 
 std::string file_time(UtcMicros time_us) {
@@ -193,7 +192,7 @@ void FrameRetention::drop(std::unique_lock<std::mutex>& lock, const Error& error
 void FrameRetention::work(const std::stop_token& stop) {
     std::unique_lock lock(mutex_);
     while (true) {
-        const bool waits = wake_.wait_for(lock, stop, kTrimEvery, [this] { return !waiting_.empty(); });
+        const bool waits = wake_.wait_for(lock, stop, options_.trim_every, [this] { return !waiting_.empty(); });
         if (!waits && stop.stop_requested()) return;
         lock.unlock();
         if (waits) (void)step();

@@ -7,6 +7,7 @@
 // frame_metadata.h says what is kept with a frame.
 #pragma once
 
+#include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <deque>
@@ -28,10 +29,11 @@ struct FrameRetentionOptions {
     algo::Extents extents = {};
     std::string station = {}, software = {};
     std::uint32_t boot = 0;
-    int before = 2, after = 2;       // parts around one that did not pass
-    std::uint32_t sample_every = 0;  // parts; 0: no samples
-    std::size_t buffers = 24;        // each of one frame and its maps
-    bool thread = true;              // false: only step() writes
+    int before = 2, after = 2;                     // parts around one that did not pass
+    std::uint32_t sample_every = 0;                // parts; 0: no samples
+    std::size_t buffers = 24;                      // each of one frame and its maps
+    bool thread = true;                            // false: only step() writes
+    std::chrono::milliseconds trim_every{10'000};  // without a frame: makes room for others on the disk
 };
 
 class FrameRetention {

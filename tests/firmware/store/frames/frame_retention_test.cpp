@@ -2,10 +2,12 @@
 // disk. A second inspection has bit-identical results.
 #include "firmware/store/frames/frame_retention.h"
 
+#include <atomic>
 #include <cmath>
 #include <future>
 #include <random>
 #include <stdexcept>
+#include <thread>
 
 #include <nlohmann/json.hpp>
 
@@ -384,6 +386,30 @@ TEST(FrameRetention, takes_an_exception_of_the_archive_for_a_failure) {
     throws = false;
     cell.inspect(2, true);
     EXPECT_THAT(cell.kept(), ElementsAre("p2-reject"));
+}
+
+TEST(FrameRetention, makes_room_for_other_programs_without_a_frame) {
+    const TempFolder folder;
+    std::atomic<std::uint64_t> free_bytes{1'000'000'000};
+    ArchiveDisk disk = real_disk();
+    disk.free_bytes = [&](const std::filesystem::path&) -> Result<std::uint64_t> { return free_bytes.load(); };
+    FrameRetention keeper(
+        [&] { return FrameArchive::open(folder.path(), {.max_bytes = 100'000'000, .min_free_bytes = 1000}, disk); },
+        {.extents = kExtents, .before = 0, .after = 0, .trim_every = std::chrono::milliseconds(1)},
+        [] { return kNoon; });
+    keeper.set_recipe(format_recipe({.number = 3, .version = 1, .recipe = unchecked_part()}));
+    auto pipeline = algo::Pipeline::create(kExtents, 8, unchecked_part(), 1).value();
+    const Frame frame = part_frame(1, true);
+    keeper.on_inspection(1, frame.view(), pipeline.inspect(frame.view()).value());
+    const auto wait_for = [&](std::size_t count) {
+        const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+        while (names(folder.path()).size() != count && std::chrono::steady_clock::now() < until)
+            std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        return names(folder.path()).size() == count;
+    };
+    ASSERT_TRUE(wait_for(1));
+    free_bytes = 0;
+    EXPECT_TRUE(wait_for(0));
 }
 
 TEST(FrameRetention, has_written_what_waited_when_it_is_finished) {

@@ -53,6 +53,15 @@ TEST(Export, gives_the_same_bytes_as_ever) {
     EXPECT_EQ(all_of(changes(folder), "", json_line), read_text(kExpected / "changes.jsonl"));
 }
 
+TEST(Export, tells_of_long_texts_and_of_several_lines_only_their_size) {
+    StoredChange change;
+    change.before = std::string(60, 'x');
+    change.after = std::string(61, 'x');
+    EXPECT_THAT(to_table(change), ::testing::EndsWith(change.before + " -> (61 bytes)"));
+    change.after = "a\nb";
+    EXPECT_THAT(to_table(change), ::testing::EndsWith(change.before + " -> (3 bytes)"));
+}
+
 TEST(Export, writes_times_of_any_year_and_what_is_no_time) {
     EXPECT_EQ(format_utc(32'503'680'000 * kSecond + 5000),
               "3000-01-01T00:00:00.005Z");  // beyond a clock of nanoseconds

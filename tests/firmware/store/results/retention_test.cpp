@@ -110,6 +110,8 @@ TEST(Retention, removes_no_more_than_is_above_the_limit) {
     const std::uint64_t used = sql_integer(folder,
                                            "SELECT (page_count - freelist_count) * page_size FROM pragma_page_count, "
                                            "pragma_freelist_count, pragma_page_size");
+    ASSERT_TRUE(store->prune({.keep_days = 0, .max_bytes = used}, ClockReading{kNoon, 0}));
+    EXPECT_EQ(results(folder).size(), 4000U) << "the limit itself is not above it";
     ASSERT_TRUE(store->prune({.keep_days = 0, .max_bytes = used * 9 / 10}, ClockReading{kNoon, 0}));
     const std::size_t left = results(folder).size();
     EXPECT_LT(left, 3700U);

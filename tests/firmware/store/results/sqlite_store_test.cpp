@@ -45,6 +45,13 @@ TEST(SqliteStore, gives_back_every_part_as_it_was_written) {
     EXPECT_EQ(all[0].defects, "[]");
 }
 
+// Its layout cannot be changed later, and without it removed rows give no space back.
+TEST(SqliteStore, begins_a_file_that_can_shrink_step_by_step) {
+    const TempFolder folder;
+    write(folder, Story().add(result(1)));
+    EXPECT_EQ(sql_integer(folder, "PRAGMA auto_vacuum"), 2U) << "INCREMENTAL";
+}
+
 TEST(SqliteStore, keeps_so_many_defects_and_says_how_many_there_were) {
     const TempFolder folder;
     ResultRecord record = result(1, PartVerdict::reject);

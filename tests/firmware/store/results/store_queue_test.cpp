@@ -120,6 +120,19 @@ TEST(StoreQueue, opens_a_store_that_was_not_there_at_the_start_and_says_each_dif
     EXPECT_EQ(sequences(bench.disk), count_to(2));
 }
 
+TEST(StoreQueue, says_the_same_trouble_again_when_it_comes_back) {
+    Bench bench;
+    for (int k = 0; k < 2; ++k) {
+        bench.disk.on_write = [] { return std::optional(full()); };
+        bench.add(1, 1);
+        EXPECT_FALSE(bench.queue.step());
+        bench.disk.on_write = nullptr;
+        EXPECT_TRUE(bench.queue.step());
+    }
+    EXPECT_THAT(bench.said,
+                ElementsAre(HasSubstr("disk is full"), "works again", HasSubstr("disk is full"), "works again"));
+}
+
 TEST(StoreQueue, stores_once_what_an_error_left_in_doubt) {
     Bench bench;
     bench.add(1, 3);
