@@ -210,11 +210,13 @@ std::vector<std::string> describe(const ReferenceCheck& check, const Recipe& rec
             lines.push_back("Frame " + std::to_string(j.frame + 1) + " would be rejected: " + j.reason + ".");
     }
     lines.push_back(describe(check.false_rejects));
+    Recipe scaled = recipe;
+    scale_score_limits(scaled, check.factor);
     lines.push_back("The recipe's limits are reject_score " + number(static_cast<double>(recipe.reject_score)) +
                     ", cluster_score " + number(static_cast<double>(recipe.cluster_score)) + ". With reject_score " +
-                    number(check.factor * static_cast<double>(recipe.reject_score)) + ", grow_score " +
-                    number(check.factor * static_cast<double>(recipe.grow_score)) + ", cluster_score " +
-                    number(check.factor * static_cast<double>(recipe.cluster_score)) +
+                    number(static_cast<double>(scaled.reject_score)) + ", grow_score " +
+                    number(static_cast<double>(scaled.grow_score)) + ", cluster_score " +
+                    number(static_cast<double>(scaled.cluster_score)) +
                     " the bound by that distribution would be 0.1 %.");
     for (std::size_t kind = 0; kind < kPaintedFlaws.size(); ++kind) {
         const PaintedFlawKind& k = kPaintedFlaws[kind];

@@ -39,7 +39,7 @@ struct ReferenceCheck {
     std::vector<Judged> judged;        // every frame that was learned from
     std::vector<double> worst_scores;  // of each distinct part, over its exposures
     FalseRejects false_rejects;        // of worst_scores at the recipe's limits
-    // The factor on reject_score, grow_score and cluster_score at which at most kAimedFalseRejects are rejected.
+    // The factor on the limits (scale_score_limits()) at which at most kAimedFalseRejects are rejected.
     double factor = 1;
     struct Found {
         std::size_t trials = 0, found = 0;

@@ -96,6 +96,13 @@ float limit_of_gradient(const Recipe& recipe) {
     return *recipe.gradient == Feature::emd ? recipe.emd_limit_bins : recipe.gradient_limit;
 }
 
+void scale_score_limits(Recipe& recipe, double factor) {
+    const auto scale = [](float& limit, double by) { limit = static_cast<float>(static_cast<double>(limit) * by); };
+    scale(recipe.reject_score, factor), scale(recipe.cluster_score, factor);
+    scale(recipe.grow_score, std::max(factor, 1.0));
+    recipe.grow_score = std::min(recipe.grow_score, recipe.reject_score);
+}
+
 namespace {
 
 std::uint32_t default_dark_dn(int bits) { return kDarkDn8Bit << (bits - 8); }

@@ -143,6 +143,10 @@ struct Recipe {
 // The limit of the chosen gradient; 0 if there is none.
 float limit_of_gradient(const Recipe& recipe);
 
+// Multiplies the limits of scores against a reference. grow_score is not lowered, but to reject_score at most: regions
+// would grow over lenslets of noise alone, and good parts would have higher scores over the lower limits.
+void scale_score_limits(Recipe& recipe, double factor);
+
 // The recipe's light levels at a bit depth, in DN.
 struct LightLevels;  // algo/frame/decode.h
 LightLevels light_levels(const Recipe& recipe, int bits);

@@ -11,9 +11,6 @@ namespace {
 
 constexpr int kCopiedLine = 16, kCopied = kCopiedLine * kMaxBins;  // samples: of a copied lenslet's line; of all
 static_assert(kCopiedLine >= (kMaxBins + 7) / 8 * 8);
-constexpr float kEdgeCurvatureBins = 0.2F,
-                kEdgeCurvatureLight = 0.1F;  // second differences of a reference map: what interpolation cannot follow
-
 // e^x, x >= 0, by operations that IEEE 754 rounds alike on every machine.
 double exact_exp(double x) {
     int halved = 0;
@@ -41,13 +38,12 @@ double clipped_variance(double variance, double clip) {
 ReferenceComparer::ReferenceComparer(const Reference& reference, Isa isa, std::shared_ptr<const ReferenceSoa> soa)
     : reference_(reference), soa_(soa ? std::move(soa) : std::make_shared<const ReferenceSoa>(reference)),
       row_sampler_(reference, *soa_, isa), sampler_(reference, isa), fitter_(reference.extents, isa),
-      edge_(reference.extents.lenslets()), sampled_bins_(kLanes * reference.stride()),
-      copied_(static_cast<std::size_t>(kLanes * kCopied)) {
+      sampled_bins_(kLanes * reference.stride()), copied_(static_cast<std::size_t>(kLanes * kCopied)) {
     const double clip = static_cast<double>(reference.sensor.clip_dn),
                  gain = static_cast<double>(reference.sensor.electrons_per_dn),
                  read = static_cast<double>(reference.sensor.read_dn);
     double clipped = 0, light = 0;
-    for (std::size_t k = 0; k < edge_.size(); ++k) {
+    for (std::size_t k = 0; k < reference.extents.lenslets(); ++k) {
         if (reference.mask[k] != kValid) continue;
         const std::uint16_t* share = reference.shares.data() + k * reference.stride();
         double cut = 0;
@@ -56,44 +52,10 @@ ReferenceComparer::ReferenceComparer(const Reference& reference, Isa isa, std::s
         clipped += cut, light += static_cast<double>(reference.light[k]);
     }
     clipped_ = light > 0 ? clipped / light : 0;
-    find_edges();
     floor_ = read * read + 1.0 / 12;
-    const double quiet = clipped_variance(floor_, clip), empty = std::max({2 * quiet, floor_ / 16, 1.0 / 12});
-    noise_ = {0, static_cast<float>(clip / gain + floor_ - quiet), static_cast<float>(std::sqrt(floor_)),
-              static_cast<float>(empty), static_cast<float>(quiet)};
-    noise_at_edges_ = noise_;
-    noise_at_edges_.empty = static_cast<float>(floor_);
-}
-
-void ReferenceComparer::find_edges() {
-    const Extents& e = reference_.extents;
-    const auto at = [&](int m, int n) { return e.index(m, n); };
-    for (int n = 0; n < e.n; ++n) {
-        for (int m = 0; m < e.m; ++m) {
-            if (reference_.mask[at(m, n)] == kOutside) continue;
-            bool edge = reference_.mask[at(m, n)] != kValid;
-            const auto check_curvature = [&](std::size_t before, std::size_t k, std::size_t after) {
-                if ((reference_.mask[before] | reference_.mask[k] | reference_.mask[after]) != kValid) return;
-                const auto second = [&](const std::vector<float>& map) {
-                    return std::abs(map[before] - 2 * map[k] + map[after]);
-                };
-                edge = edge || second(reference_.x) > kEdgeCurvatureBins || second(reference_.y) > kEdgeCurvatureBins ||
-                    second(reference_.light) > kEdgeCurvatureLight * reference_.light[k];
-            };
-            if (m > 0 && m + 1 < e.m) check_curvature(at(m - 1, n), at(m, n), at(m + 1, n));
-            if (n > 0 && n + 1 < e.n) check_curvature(at(m, n - 1), at(m, n), at(m, n + 1));
-            if (edge) e.for_each_around(m, n, 2, [&](int x, int y) { edge_[at(x, y)] = 1; });
-        }
-    }
-}
-
-// The noise of a part at `light_` times the reference's light.
-BinNoise ReferenceComparer::at_light(const BinNoise& noise) const {
-    BinNoise here = noise;
-    here.a_dn = static_cast<float>(variance_factor_ / static_cast<double>(reference_.sensor.electrons_per_dn));
-    // With less light the fringes of a spot fall below the dark level in part: dark bins vary more.
-    if (light_ < 1) here.empty = std::max(here.empty, static_cast<float>(floor_ * (1 - light_) * (1 - light_)));
-    return here;
+    const double quiet = clipped_variance(floor_, clip);
+    fits_.noise = {0, static_cast<float>(clip / gain + floor_ - quiet), static_cast<float>(std::sqrt(floor_)),
+                   static_cast<float>(floor_ / 2), static_cast<float>(quiet)};
 }
 
 void ReferenceComparer::start_row(const PoseMap& pose, int n, double light) {
@@ -102,7 +64,7 @@ void ReferenceComparer::start_row(const PoseMap& pose, int n, double light) {
     row_sampler_.start_row(pose, n, light_);
     group_.live = 0;
     variance_factor_ = 1 + light_ / reference_.parts;  // the reference's own noise scales with the light
-    row_noise_ = at_light(noise_), row_noise_at_edges_ = at_light(noise_at_edges_);
+    fits_.noise.a_dn = static_cast<float>(variance_factor_ / static_cast<double>(reference_.sensor.electrons_per_dn));
 }
 
 std::uint32_t ReferenceComparer::nearest(const PoseMap::Place& at) const {
@@ -228,9 +190,8 @@ void ReferenceComparer::compare(LensletSamples<Sample> (&samples)[kLanes], std::
         }
         if (fitted == 0) continue;
         for (int l = first; l < first + at_once; ++l) {
-            if ((fitted >> l & 1U) == 0) fits_.light[l] = 1, fits_.empty[l] = row_noise_.empty;
+            if ((fitted >> l & 1U) == 0) fits_.light[l] = 1;
         }
-        fits_.noise = row_noise_;
         fitter_.fit(fits_, fitted);
         for (; fitted != 0; fitted &= fitted - 1) finish(__builtin_ctz(fitted));
     }
@@ -246,13 +207,12 @@ bool ReferenceComparer::compare_light(int lane, double light, double share) {
     const double expected = light * share;
     if (!(light > 0) || expected < static_cast<double>(reference_.levels.min_sum)) return false;
     out.has_light = true;
-    const double per_expected = 1 / expected, a_dn = static_cast<double>(row_noise_.a_dn);
+    const double per_expected = 1 / expected, a_dn = static_cast<double>(fits_.noise.a_dn);
     out.light = static_cast<float>(static_cast<double>(sum) * per_expected - 1);
     constexpr double kBinsLit = 9;  // typical number of lit bins; each adds its reading noise to the sum
     out.light_variance =
         static_cast<float>((a_dn * expected + kBinsLit * floor_ * variance_factor_) * per_expected * per_expected);
     fits_.light[lane] = static_cast<float>(static_cast<double>(sum) / share);
-    fits_.empty[lane] = (edge_[out.at] != 0 ? row_noise_at_edges_ : row_noise_).empty;
     return true;
 }
 
@@ -276,7 +236,7 @@ void ReferenceComparer::finish(int l) {
 // Measures a shift that is too large for the fit: by the mean over all bins.
 void ReferenceComparer::measure_large_shift(int lane, Difference& out) const {
     const double a_dn = variance_factor_ / static_cast<double>(reference_.sensor.electrons_per_dn),
-                 quiet = static_cast<double>(noise_.quiet);
+                 quiet = static_cast<double>(fits_.noise.quiet);
     struct Moments {
         double light = 0, x = 0, y = 0, xx = 0, yy = 0;
         void add(double v, double at_x, double at_y) {

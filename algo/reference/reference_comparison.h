@@ -71,8 +71,6 @@ class ReferenceComparer {
     bool compare_light(int lane, double light, double share);
     void finish(int lane);
     void measure_large_shift(int lane, Difference& out) const;
-    void find_edges();
-    [[nodiscard]] BinNoise at_light(const BinNoise& noise) const;
     [[nodiscard]] std::uint32_t nearest(const PoseMap::Place& at) const;
 
     const Reference& reference_;
@@ -80,17 +78,14 @@ class ReferenceComparer {
     ReferenceRowSampler row_sampler_;
     ReferenceSampler sampler_;  // for lenslets that row_sampler_ cannot interpolate
     TemplateFitter fitter_;
-    std::vector<std::uint8_t> edge_;     // one a lenslet: 1 within two lenslets of an edge
     std::vector<float> sampled_bins_;    // reference bins from sampler_, a Reference's stride a lane
     std::vector<std::uint16_t> copied_;  // samples of lenslets at the end of the frame's lines, lane by lane
     double clipped_ = 0;                 // light that the dark level removes, over the light that remains
     double floor_ = 0;                   // variance of a reading
-    BinNoise noise_{}, noise_at_edges_{};
 
     // Of the current row.
     const PoseMap* pose_ = nullptr;
     double light_ = 1, variance_factor_ = 1;
-    BinNoise row_noise_{}, row_noise_at_edges_{};
     Group group_;
     ReferenceRowSampler::Lanes reference_hords_;
     TemplateFitter::Fits fits_;

@@ -158,11 +158,12 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, TemplateFitter::
                          half_pitch = std::ptrdiff_t{columns} * kWide;
     const BinNoise noise = fits.noise;
     const float a_dn = noise.a_dn, soft = noise.soft;
-    const auto n = load<Floats>(fits.light + first), empty = load<Floats>(fits.empty + first);
+    const auto n = load<Floats>(fits.light + first);
     const auto mass_of = [&](int bin) { return load<Floats>(work.mass[bin] + first); };
 
-    // The bin's variance, e a + empty + lit e / (e + soft), times (e + soft).
-    const Floats linear = (a_dn * soft + empty) + noise.lit, constant = empty * soft, dark_weight = 1.0F / empty;
+    // The bin's variance, e a + empty + (read - empty) e / (e + soft), times (e + soft).
+    const float read = noise.quiet + noise.lit, linear = a_dn * soft + read, constant = noise.empty * soft;
+    const Floats dark_weight = Floats{} + 1.0F / noise.empty;
     Floats rx{}, ry{}, rb{}, xx{}, xy{}, xb{}, yy{}, yb{}, bb{};
     // Adds a bin to the sums.
     const auto add = [&]<BinRole part>(int bin, const float* g, const float* half, float* scattering, float* residual)
@@ -255,7 +256,7 @@ HORD_ALWAYS_INLINE void fit(Work& work, const Extents& extents, TemplateFitter::
     // Chi-square of the rest. Dark bins are weighted with the whole reading noise: one outlier changes it little.
     // `narrowed`: how much less than one a lit bin noise alone contributes, in units of lit * soft.
     const auto of_a = load<Floats>(a), of_b = load<Floats>(b), of_c = load<Floats>(c);
-    const float read = noise.quiet + noise.lit, per_read = 1.0F / read;
+    const float per_read = 1.0F / read;
     Floats squares{}, dark{}, narrowed{};
     scattering = work.scattering, residual = work.residual;
     for (int j = window.top; j <= window.bottom; ++j) {
@@ -371,9 +372,9 @@ void TemplateFitter::limit_largest_dark(Fits& fits, int lane) const {
     }
     if (!(largest > second)) return;
     const BinNoise& noise = fits.noise;
-    const float e = fits.light[lane] * reference_hord(lane, at_i, at_j), empty = fits.empty[lane];
-    const float w = (e + noise.soft) /
-        ((noise.a_dn * e + ((noise.a_dn * noise.soft + empty) + noise.lit)) * e + empty * noise.soft),
+    const float e = fits.light[lane] * reference_hord(lane, at_i, at_j),
+                w = (e + noise.soft) /
+        ((noise.a_dn * e + (noise.a_dn * noise.soft + noise.quiet + noise.lit)) * e + noise.empty * noise.soft),
                 less = w * (second - largest);
     const float x = reference_hord(lane, at_i - 1, at_j) - reference_hord(lane, at_i + 1, at_j),
                 y = reference_hord(lane, at_i, at_j - 1) - reference_hord(lane, at_i, at_j + 1);

@@ -62,8 +62,8 @@ class TemplateFitter {
 
     // One value a lane.
     struct Fits {
-        // In: n, DN; the variance of dark bins of each lane; the other noise, of all lanes.
-        alignas(64) float light[kLanes], empty[kLanes];
+        // In: n, DN, of each lane; the noise of all lanes.
+        alignas(64) float light[kLanes];
         BinNoise noise;
         // Out. found: 1 if the templates are linearly independent; else the other results are not valid.
         alignas(64) std::int32_t found[kLanes];

@@ -98,8 +98,8 @@ Result<void> tune(std::size_t family, std::uint64_t seed, algo::Recipe& recipe, 
     }
     judged.limit = std::max(gumbel_limit(found, kTuneShare), 1.01 * *std::ranges::max_element(found));
     judged.tune_bound = algo::false_rejects_at(judged.to_tune, judged.limit, groups.at_least).bound();
-    for (float* limit : {&recipe.reject_score, &recipe.grow_score, &recipe.cluster_score, &recipe.emd_limit_bins,
-                         &recipe.frobenius_limit_bins})
+    algo::scale_score_limits(recipe, judged.limit);
+    for (float* limit : {&recipe.emd_limit_bins, &recipe.frobenius_limit_bins})
         *limit = static_cast<float>(static_cast<double>(*limit) * judged.limit);
     return {};
 }

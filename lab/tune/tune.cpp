@@ -266,8 +266,8 @@ void Tuner::set_limits(MeasuredFeatureSet& measured, const Values& limits, std::
             factor = rounded_up(std::max(
                 {gumbel_limit(good, options_.false_rejects), (1 + kMargin) * *std::ranges::max_element(good), 1e-3}));
         }
+        algo::scale_score_limits(recipe, factor);
         const auto scale = [&](float& limit) { limit = static_cast<float>(static_cast<double>(limit) * factor); };
-        scale(recipe.reject_score), scale(recipe.grow_score), scale(recipe.cluster_score);
         if (set.gradient) scale(recipe.emd_limit_bins);
         if (set.slopes) scale(recipe.frobenius_limit_bins);
     } else {
