@@ -71,7 +71,7 @@ struct CentreFinder::Kernels {
     Weights weights;
     int half = 0, side = 0, phases = 16;
     Eigen::Index size = 0;
-    Responses (*respond)(const float*, const float*, std::ptrdiff_t) = responses_for(algo::best_isa());
+    Responses (*respond)(const float*, const float*, std::ptrdiff_t) = responses_for(algo::widest_isa());
     double gain = 0;       // first moment a pixel of shift and DN of amplitude
     double own_match = 1;  // keeps `match` in -1..1
     double typical_amplitude = 0;
