@@ -41,7 +41,7 @@ void RimFinder::describe(Deflections deflections, Sums sums, std::span<const std
     found_.parts = regions_ == 1 ? 1 : count_parts(deflections, mask);
     found_.islands = count_islands(sums, mask);
     found_.sharp_outline = sharp_share(deflections, sums, mask);
-    if (form_ == PartForm::plate) found_.shaded = shaded_share({deflections, sums, mask});
+    if (form_ == PartForm::plate) compare_across_edges({deflections, sums, mask});
     found_.free_beside = least_free_beside();
     found_.symmetry = point_symmetry();
     found_.convexity = convexity();
@@ -150,7 +150,7 @@ double RimFinder::sharp_share(Deflections deflections, Sums sums, std::span<cons
 
 // At each end of a row or column of the part: the mean of two to four lenslets of undeflected light on either side, the
 // margin away from what the edge darkens or deflects. Tinted glass may leave less inside than counts as free light.
-double RimFinder::shaded_share(const FieldLight& light) const {
+void RimFinder::compare_across_edges(const FieldLight& light) {
     constexpr int kMin = 2, kMax = 4;
     int steps = 0, shaded = 0;
     LightAcrossEdges sums;
@@ -205,8 +205,10 @@ double RimFinder::shaded_share(const FieldLight& light) const {
     };
     for (int n = 0; n < extents_.n; ++n) look_at(extents_.index(0, n), 1, extents_.m);
     for (int m = 0; m < extents_.m; ++m) look_at(extents_.index(m, 0), extents_.m, extents_.n);
-    if (steps < kMinShadedSteps) return 0;
-    return is_shadow(sums, steps * light_at_centroid(light)) ? 0 : static_cast<double>(shaded) / steps;
+    found_.shaded_steps = steps;
+    if (steps == 0) return;
+    found_.shaded = static_cast<double>(shaded) / steps;
+    found_.soft_shadow = is_shadow(sums, steps * light_at_centroid(light));
 }
 
 // The light outside grows away from the edges: a shadow about a hair or a frame, or a lamp that is darker in the

@@ -293,6 +293,7 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     findings_.symmetry = static_cast<float>(part.symmetry);
     findings_.convexity = static_cast<float>(part.convexity);
     findings_.shaded = static_cast<float>(part.shaded);
+    findings_.shaded_steps = part.shaded_steps;
     findings_.deflecting = static_cast<float>(part.deflecting);
     if (part.area > 0) {
         const double diameter = 2 * std::sqrt(static_cast<double>(part.area) / kPi);
@@ -320,8 +321,10 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
 // edges, too: a plate shows itself by the light that its faces reflect, or that it deflects.
 FrameFault FrameChecks::check_plate(const FoundPart& part) const {
     if (is_cut_by_field() && part.deflecting > 1 - kMinDeflectingShare) return FrameFault::not_flat;
-    return part.deflecting < kMinDeflectingShare && part.shaded < kMinShadedShare ? FrameFault::unproven
-                                                                                  : FrameFault::none;
+    if (part.deflecting >= kMinDeflectingShare) return FrameFault::none;
+    if (part.shaded_steps < kMinShadedSteps) return FrameFault::no_steps;
+    if (part.soft_shadow) return FrameFault::shadow;
+    return part.shaded < kMinShadedShare ? FrameFault::unproven : FrameFault::none;
 }
 
 bool FrameChecks::has_other_period(const FrameView& frame) {

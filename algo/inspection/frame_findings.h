@@ -25,7 +25,7 @@ enum class FrameFault : std::uint8_t {
     // Reason::no_part
     nothing,       // no region is large enough to be a part
     fills_field,   // no free light around it: the part is larger than the field, or something else covers the field
-    no_outline,    // the light changes slowly everywhere: that is no part's outline
+    no_outline,    // the light jumps across less than half of the outline: uneven light, or too fine an edge
     several,       // more than one part
     cut_by_field,  // a part that the field's border cuts off
     lopsided,      // the part's outline is not symmetric: a piece of it is missing or covered
@@ -33,6 +33,8 @@ enum class FrameFault : std::uint8_t {
     no_flanks,     // a tube that the field cuts lengthwise, or whose edges show no flanks
     hollow,        // an outline with free light inside: a ring, or a flat part of another form
     not_flat,      // a plate that the field cuts, and that deflects light nearly everywhere: lost samples, another part
+    no_steps,      // a plate with too little light beside its edges to tell whether it takes any
+    shadow,        // the edges of a plate, and a soft shadow about them: hairs, a frame
     unproven,      // the edges of a plate, and nothing between them that takes or deflects light: hairs, a frame
 };
 
@@ -66,6 +68,7 @@ struct FrameFindings {
     float symmetry = 0;     // overlap of the part and its image turned by 180 degrees, over both together
     float convexity = 0;    // of the part, with what it encloses, over its convex hull
     float shaded = 0;       // share of the steps across a plate's edges at which the light inside is less than outside
+    int shaded_steps = 0;   // how many steps could be compared
     float deflecting = 1;   // share of the inside of the part that deflects light, or is dark
 };
 

@@ -53,9 +53,11 @@ struct FoundPart {
     // Lenslets of the part, with what it encloses, over those of its convex hull: 1 for a disc or a rectangle.
     double convexity = 0;
     // Of a plate: share of the steps across its edges, along rows and columns, at which the undeflected light inside is
-    // less than kShadedLight of the free light outside. 0 if fewer than kMinShadedSteps can be compared, or if the
-    // light outside grows away from the edges as that of a soft shadow does.
+    // less than kShadedLight of the free light outside; how many steps can be compared; whether the light outside grows
+    // away from the edges as that of a soft shadow does.
     double shaded = 0;
+    int shaded_steps = 0;
+    bool soft_shadow = false;
     // Share of the lenslets inside the part, its rim left out, that deflect light by more than kFreeToleranceBins from
     // the free light or are dark; 1 if nothing is left or there is no part. If no free light is seen around a tube, its
     // place is taken by the median of the lenslets inside.
@@ -106,7 +108,7 @@ class RimFinder {
     [[nodiscard]] int count_islands(Sums sums, std::span<const std::uint8_t> mask);
     [[nodiscard]] int count_parts(Deflections deflections, std::span<const std::uint8_t> mask);
     [[nodiscard]] double sharp_share(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) const;
-    [[nodiscard]] double shaded_share(const FieldLight& light) const;
+    void compare_across_edges(const FieldLight& light);
     // Sums over the steps across a plate's edges.
     struct LightAcrossEdges {
         double inside = 0, beside = 0, farther = 0, farthest = 0;  // light, inside the edge and outside of it

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "algo/inspection/frame_checks.h"
+#include "algo/inspection/rim.h"
 
 namespace hord::firmware {
 namespace {
@@ -34,7 +35,7 @@ std::string_view what_is(algo::DefectKind kind) {
 }
 
 // What is wrong with the light, and the cure.
-std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe) {
+std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe, const algo::Extents& e) {
     switch (f.fault) {
         case algo::FrameFault::pedestal:
             return fmt::format(
@@ -66,11 +67,20 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
                 "{:.0f} % of the light is in a second spot: look for a reflection, a second lamp, two exposures "
                 "in one frame, or light of the next lenslet (calibrate again)",
                 100 * f.second_share);
-        case algo::FrameFault::alternating:
+        case algo::FrameFault::alternating: {
+            const bool halves = 4 * f.alternation_bins > static_cast<float>(std::min(e.i, e.j));
             return fmt::format(
-                "neighbouring lenslets differ in turn, by {:.2f} bins or {:.0f} % of their light: look for interlaced "
-                "exposures, and for taps of the sensor that differ",
-                2 * f.alternation_bins, 200 * f.alternation_light);
+                "neighbouring lenslets differ in turn, by {:.2f} bins or {:.0f} % of their light: {}look for "
+                "interlaced "
+                "exposures, and for taps of the sensor that differ{}",
+                2 * f.alternation_bins, 200 * f.alternation_light,
+                halves ? fmt::format("macro-pixels of {0}x{1}, {0}x{3} or {2}x{1} samples do so: give --macro; else ",
+                                     2 * e.i, 2 * e.j, e.i, e.j)
+                       : "",
+                recipe.form == algo::PartForm::web
+                    ? "; the walls of a part that is no web do so, too: set [part] form to the part's"
+                    : "");
+        }
         case algo::FrameFault::glare:
             return fmt::format(
                 "{:.0f} % of the part is far brighter than the free light beside it: look for a second lamp, a "
@@ -85,14 +95,19 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
     }
 }
 
-std::string missing_part(const algo::FrameFindings& f) {
+// `margin`: lenslets along the outline that are not judged.
+std::string missing_part(const algo::FrameFindings& f, int margin) {
     switch (f.fault) {
         case algo::FrameFault::nothing:
             return "nothing in the field is large enough to be a part (a sixteenth of it): check that the part was "
                    "there, "
                    "and the trigger's delay";
         case algo::FrameFault::no_outline:
-            return "the light changes slowly everywhere, as no part's outline does: check the lamp and the optics";
+            return fmt::format(
+                "the light jumps across {:.0f} % of the outline only (at least {:.0f} %), as beside an uneven lamp or "
+                "edges narrower than a lenslet: check the lamp and the optics; of a part with such edges learn a "
+                "reference (hordctl learn), or use smaller lenslets",
+                100 * f.sharp_share, 100 * algo::kMinSharpOutline);
         case algo::FrameFault::several:
             return fmt::format(
                 "there are {} parts in the field: space them, or set [part] form = \"plate\" if it is "
@@ -123,6 +138,16 @@ std::string missing_part(const algo::FrameFindings& f) {
                 "{:.0f} % of what the edges enclose deflects light, and the field cuts it: show the whole part, check "
                 "the frame (lost samples move all light behind them), or learn a reference (hordctl learn)",
                 100 * f.deflecting);
+        case algo::FrameFault::no_steps:
+            return fmt::format(
+                "the light on both sides of the plate's edges can be compared at {} places only (at least {}), and "
+                "hardly any light inside is deflected: show {} lenslets of free light or more beside the edges (a "
+                "larger field, or a smaller [part] rim_margin), or learn a reference (hordctl learn)",
+                f.shaded_steps, algo::kMinShadedSteps, margin + 2);
+        case algo::FrameFault::shadow:
+            return "the light grows away from the edges as beside the soft shadow of hairs or of a frame, and hardly "
+                   "any light between them is deflected: check that the plate is there, and that the lamp is not "
+                   "darker in the middle; or learn a reference (hordctl learn)";
         case algo::FrameFault::unproven:
             return fmt::format(
                 "{:.0f} % of the steps across the edges lead to less light (at least {:.0f} %), and hardly any light "
@@ -168,8 +193,10 @@ std::string why_unfit(const algo::Inspection& found, const algo::Recipe& recipe,
                 "{} of {} lenslets of the part are saturated (at most {:.2g} %): lower the exposure, the light's "
                 "current or the gain",
                 found.lenslets.saturated, found.lenslets.judged, 100 * recipe.max_saturated_share);
-        case algo::Reason::no_part: return missing_part(found.frame);
-        case algo::Reason::unexpected_light: return light_fault(found.frame, recipe);
+        case algo::Reason::no_part:
+            return missing_part(found.frame,
+                                recipe.rim_margin < 0 ? algo::default_rim_margin(extents) : recipe.rim_margin);
+        case algo::Reason::unexpected_light: return light_fault(found.frame, recipe, extents);
         case algo::Reason::unexpected_geometry: return period_fault(found.frame, extents);
         case algo::Reason::not_registered: return algo::explain(found.registered.outcome);
         default:

@@ -441,15 +441,16 @@ TEST(Plate, tells_at_how_many_steps_across_its_edges_light_is_lost) {
     EXPECT_EQ(shaded(plate_of("gggggggggg", 10, 2)), 0);
 }
 
-TEST(Plate, needs_eight_steps_that_can_be_compared) {
-    const auto shaded = [](std::size_t rows) {
+TEST(Plate, tells_how_many_steps_can_be_compared) {
+    for (const int rows : {7, 8}) {
         // The plate leaves the field on the left, and too little light is seen above and below it.
         const Rows free = repeated("................", 2), edge = {"ddddddddddd....."};
-        const Rows drawing = joined({free, edge, repeated("ggggggggggd.....", rows), edge, free});
-        return marked(drawing, PartForm::plate).found.shaded;
-    };
-    EXPECT_EQ(shaded(8), 1);
-    EXPECT_EQ(shaded(7), 0);
+        const Rows drawing =
+            joined({free, edge, repeated("ggggggggggd.....", static_cast<std::size_t>(rows)), edge, free});
+        const FoundPart found = marked(drawing, PartForm::plate).found;
+        EXPECT_EQ(found.shaded, 1);
+        EXPECT_EQ(found.shaded_steps, rows);
+    }
 }
 
 // What two faces of glass let through.

@@ -118,6 +118,7 @@ TEST(FrameFaults, of_the_outline_count_for_the_forms_that_have_it) {
         return with([&](Case& c) {
             c.recipe.form = form;
             c.part.deflecting = 0.5;
+            c.part.shaded_steps = 8;
             change(c.part);
         });
     };
@@ -132,6 +133,13 @@ TEST(FrameFaults, of_the_outline_count_for_the_forms_that_have_it) {
     EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0, p.shaded = 0.75; }), none);
     EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0, p.shaded = 0.749; }), unproven);
     EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0.249, p.shaded = 0; }), unproven);
+    EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0, p.shaded = 1; }), none);
+    EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0, p.shaded = 1, p.soft_shadow = true; }),
+              shadow);
+    EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0.25, p.soft_shadow = true; }), none);
+    EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0, p.shaded = 1, p.shaded_steps = 7; }),
+              no_steps);
+    EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0.25, p.shaded_steps = 0; }), none);
     EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0.25, p.shaded = 0; }), none);
     EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0.75, p.at_border = 8; }), none);
     EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0.751, p.at_border = 7; }), none);

@@ -221,6 +221,11 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
          "neighbouring lenslets differ in turn, by 0.50 bins or 20 % of their light: look for interlaced exposures, "
          "and "
          "for taps of the sensor that differ"},
+        {unfit(Reason::unexpected_light,
+               {.fault = FrameFault::alternating, .alternation_bins = 2.5F, .alternation_light = 0.1F}),
+         "neighbouring lenslets differ in turn, by 5.00 bins or 20 % of their light: macro-pixels of 18x18, 18x9 or "
+         "9x18 samples do so: give --macro; else look for interlaced exposures, and for taps of the sensor that "
+         "differ"},
         {unfit(Reason::unexpected_geometry, {.fault = FrameFault::split_spots, .split_share = 0.4F}),
          "in 40 % of the lenslets the light lies at opposite edges of the bins, as if the macro-pixels drifted against "
          "the frame: give the frame as the sensor recorded it, or calibrate again"},
@@ -249,8 +254,18 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
         {part(FrameFault::fills_field),
          "no free light surrounds the part: show the whole part, calibrate again if free light does surround it (the "
          "bins then do not lie where the light does), or set [part] form = \"web\" if it fills the field"},
-        {part(FrameFault::no_outline),
-         "the light changes slowly everywhere, as no part's outline does: check the lamp and the optics"},
+        {unfit(Reason::no_part, {.fault = FrameFault::no_outline, .sharp_share = 0.4F}),
+         "the light jumps across 40 % of the outline only (at least 50 %), as beside an uneven lamp or edges narrower "
+         "than a lenslet: check the lamp and the optics; of a part with such edges learn a reference (hordctl learn), "
+         "or use smaller lenslets"},
+        {unfit(Reason::no_part, {.fault = FrameFault::no_steps, .shaded_steps = 5}),
+         "the light on both sides of the plate's edges can be compared at 5 places only (at least 8), and hardly any "
+         "light inside is deflected: show 4 lenslets of free light or more beside the edges (a larger field, or a "
+         "smaller [part] rim_margin), or learn a reference (hordctl learn)"},
+        {part(FrameFault::shadow),
+         "the light grows away from the edges as beside the soft shadow of hairs or of a frame, and hardly any light "
+         "between them is deflected: check that the plate is there, and that the lamp is not darker in the middle; or "
+         "learn a reference (hordctl learn)"},
         {part(FrameFault::several),
          "there are 2 parts in the field: space them, or set [part] form = \"plate\" if it is one whose middle does "
          "not "
