@@ -18,8 +18,9 @@ std::vector<std::string> problems_of(const LightLevels& levels, const Extents& e
     const std::uint32_t full_scale = (1U << bits) - 1U;
     const std::string of_bits = " of " + std::to_string(bits) + "-bit samples, " + std::to_string(full_scale);
     if (levels.saturated > full_scale) messages.push_back("saturated_dn must be at most the full scale" + of_bits);
-    if (levels.dark >= levels.saturated)
-        messages.push_back("dark_dn must be below saturated_dn, or the full scale" + of_bits);
+    if (levels.dark >= full_scale) messages.push_back("dark_dn must be below the full scale" + of_bits);
+    else if (levels.dark >= levels.saturated)
+        messages.push_back("saturated_dn must be above the dark level, " + std::to_string(levels.dark) + " DN");
     const std::uint64_t most = std::uint64_t{full_scale} * static_cast<std::uint64_t>(extents.bins());
     if (levels.min_sum > most) {
         messages.push_back("min_sum_dn " + std::to_string(levels.min_sum) + " is more than a lenslet of " +

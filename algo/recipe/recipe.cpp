@@ -6,6 +6,7 @@
 
 #include "algo/frame/decode.h"
 #include "algo/light/dark_bins.h"
+#include "algo/recipe/zones.h"
 #include "algo/reference/reference.h"
 
 namespace hord::algo {
@@ -13,6 +14,9 @@ namespace {
 
 // Lenslets: a defect of 4 x 4 is a whole bubble or speck, and no longer noise of single lenslets.
 constexpr std::uint32_t kLargeMinArea = 16;
+
+// Lenslets: nothing is left of 61x61 lenslets, and little of 111x111.
+constexpr int kLargeMargin = 31;
 
 // As a recipe file's problems name it: counted from 0.
 std::string name_of_zone(std::size_t number) { return "zone[" + std::to_string(number) + "]: "; }
@@ -123,6 +127,63 @@ DarkLevel kind_of_dark_level(const Recipe& recipe) {
     return recipe.dark_dn == 0 && recipe.reference == nullptr ? DarkLevel::by_default : DarkLevel::chosen;
 }
 
+namespace {
+
+// Limits of gradients from which on no light field of the largest bins reaches them: the EMD of neighbours is at most
+// the diagonal along both axes; a central difference of the mean deflection at most half the side, in four components.
+constexpr float kLargestEmdGradient = 2 * (kMaxBins - 1), kLargestJacobian = kMaxBins - 1;
+constexpr std::uint32_t kFullScale8Bit = 255;
+
+// What keys change nothing, or let nothing be judged, at the values that they have.
+void note_blind_limits(const Recipe& recipe, std::vector<std::string>& messages) {
+    const auto out_of_reach = [&](const char* key, float limit, float largest) {
+        messages.push_back(std::string(key) + " " + std::to_string(std::lround(limit)) +
+                           " is reached by no light field, so that nothing is judged by it: 15x15 bins reach " +
+                           std::to_string(std::lround(largest)) + ", 9x9 bins " +
+                           std::to_string(std::lround(largest * 8 / (kMaxBins - 1))) + "; lower it");
+    };
+    if (recipe.gradient == Feature::emd && recipe.emd_limit_bins >= kLargestEmdGradient)
+        out_of_reach("emd_bins", recipe.emd_limit_bins, kLargestEmdGradient);
+    if (recipe.slopes && recipe.frobenius_limit_bins >= kLargestJacobian)
+        out_of_reach("frobenius_bins", recipe.frobenius_limit_bins, kLargestJacobian);
+}
+
+void note_light_levels(const Recipe& recipe, std::vector<std::string>& messages) {
+    const auto of_full_scale = [](std::uint32_t dn) { return std::to_string(dn) + " of 255 DN"; };
+    const std::uint32_t dark = recipe.dark_dn == 0 ? kDarkDn8Bit : recipe.dark_dn;
+    // The light of a full bin, if it lies on the corner of four, is a quarter in each.
+    if (recipe.dark_dn > kFullScale8Bit / 4)
+        messages.push_back("dark_dn takes " + of_full_scale(recipe.dark_dn) +
+                           " of 8-bit frames away: a full bin's light that lies between four does not count above 63 "
+                           "DN, and nothing does from 255 on; give the level of the dark bins");
+    if (recipe.max_dark_rise_dn > 0 && recipe.max_dark_rise_dn + dark > kFullScale8Bit / 4)
+        messages.push_back(
+            "max_dark_rise_dn lets fog or a black level of " +
+            of_full_scale(std::min(recipe.max_dark_rise_dn + dark, kFullScale8Bit)) +
+            " of 8-bit frames pass: above 63 DN it takes a full bin's light that lies between four; lower it");
+    if (recipe.saturated_dn > 0 && recipe.saturated_dn <= kFullScale8Bit / 4)
+        messages.push_back(
+            "lenslets with a sample of " + std::to_string(recipe.saturated_dn) +
+            " DN (saturated_dn) are not judged: at a quarter of the full scale and below that is nearly "
+            "every lit one, and the frame is unfit (saturated); give the level at which the sensor clips");
+}
+
+// Side of the largest of these square fields of which the zones leave nothing; 0: none.
+int side_without_judged(const Recipe& recipe) {
+    if (std::ranges::none_of(recipe.zones, [](const Zone& z) { return z.use == Zone::Use::ignore; })) return 0;
+    if (std::ranges::any_of(recipe.zones, [](const Zone& z) { return z.unit == Zone::Unit::mm; }) &&
+        !(recipe.lenslet_mm > 0))
+        return 0;  // a problem
+    int largest = 0;
+    for (const int side : {15, 31, 61, 111, 222, 555}) {
+        if (!leaves_nothing(recipe.zones, {side, side, 9, 9}, recipe.lenslet_mm)) break;
+        largest = side;
+    }
+    return largest;
+}
+
+}  // namespace
+
 std::vector<std::string> notes(const Recipe& recipe) {
     std::vector<std::string> messages;
     const bool alone = recipe.reference == nullptr;
@@ -135,23 +196,24 @@ std::vector<std::string> notes(const Recipe& recipe) {
             "deflect light, or whose faces are coated against reflections, is unfit (no-part); learn a reference of it "
             "(hordctl learn), or write [part] present = \"unchecked\"");
     const Recipe usual;
-    if (alone &&
-        (recipe.reject_score != usual.reject_score || recipe.grow_score != usual.grow_score ||
-         recipe.cluster_score != usual.cluster_score))
-        messages.emplace_back(
-            "the scores of [reference] change nothing, because it names no file: parts are compared with themselves, "
-            "by [limits]; learn a reference with `hordctl learn`");
-    // Gradients of 15x15 bins are at most the diagonal, 14 * sqrt(2), along both axes.
-    constexpr float kLargestGradient = 28;
-    const bool any_gradient = (recipe.gradient == Feature::emd && recipe.emd_limit_bins < kLargestGradient) ||
+    const bool has_scores = recipe.reject_score != usual.reject_score || recipe.grow_score != usual.grow_score ||
+        recipe.cluster_score != usual.cluster_score;
+    if (alone && (has_scores || recipe.lacks_reference_file))
+        messages.push_back(
+            std::string(has_scores ? "the scores of [reference] change nothing" : "[reference] changes nothing") +
+            ", because it names no file: parts are compared with themselves, by [limits]; learn a "
+            "reference with `hordctl learn`");
+    const bool any_gradient = (recipe.gradient == Feature::emd && recipe.emd_limit_bins < kLargestEmdGradient) ||
         (recipe.gradient && recipe.gradient != Feature::emd) ||
-        (recipe.slopes && recipe.frobenius_limit_bins < kLargestGradient);
+        (recipe.slopes && recipe.frobenius_limit_bins < kLargestJacobian);
     if (alone && (!recipe.light || recipe.transmission_limit <= 0))
         messages.emplace_back(
             any_gradient ? "missing light is not judged, and dark lenslets have no gradient, so that specks, cuts and "
                            "bubbles can pass: name transmission in features, with a limit above 0"
-                         : "no defect can reach these limits, so every part passes: lower emd_bins or "
-                           "frobenius_bins below 28, or set transmission above 0");
+                         : "no defect can reach these limits, so every part passes: lower emd_bins "
+                           "below 28 or frobenius_bins below 14, or set transmission above 0");
+    if (alone && (any_gradient || (recipe.light && recipe.transmission_limit > 0))) note_blind_limits(recipe, messages);
+    note_light_levels(recipe, messages);
     constexpr std::uint32_t kSumOf9x9 = 81 * 255;
     if (recipe.min_sum_dn > kSumOf9x9)
         messages.push_back("min_sum_dn " + std::to_string(recipe.min_sum_dn) +
@@ -163,6 +225,14 @@ std::vector<std::string> notes(const Recipe& recipe) {
                            std::to_string(static_cast<int>(
                                std::lround(2 * std::sqrt(recipe.min_area * std::numbers::inv_pi_v<double>)))) +
                            " lenslets across; choose a smaller min_area, or raise the limits instead");
+    if (recipe.rim_margin >= kLargeMargin)
+        messages.push_back("rim_margin " + std::to_string(recipe.rim_margin) +
+                           " leaves nothing to judge of a field of " + std::to_string(2 * recipe.rim_margin) +
+                           " lenslets across or less, or of such a part: the "
+                           "default is 2 at 111, 4 at 555");
+    if (const int side = side_without_judged(recipe); side > 0)
+        messages.push_back("the zones leave nothing of a field of " + std::to_string(side) + "x" +
+                           std::to_string(side) + " lenslets to judge: make the ignore zones smaller");
     if (!recipe.part_required)
         messages.emplace_back("whether a part is there is not checked: a frame of the empty field can pass");
     return messages;
@@ -216,6 +286,9 @@ std::vector<std::string> problems(const Recipe& recipe, const Extents& extents) 
             messages.push_back(name_of_zone(k) + "lies outside the field of " + std::to_string(extents.m) + "x" +
                                std::to_string(extents.n) + " lenslets: move it into the field, or leave it out");
     }
+    if (messages.empty() && !recipe.zones.empty() && leaves_nothing(recipe.zones, extents, recipe.lenslet_mm))
+        messages.push_back("the zones leave nothing of a field of " + std::to_string(extents.m) + "x" +
+                           std::to_string(extents.n) + " lenslets to judge: make them smaller, or leave them out");
     return messages;
 }
 

@@ -134,6 +134,7 @@ struct Recipe {
     // `grow_score`; a region of weaker scores is a defect when the root of their sum of squares reaches
     // `cluster_score`.
     std::shared_ptr<const Reference> reference;
+    bool lacks_reference_file = false;  // the recipe file has a section [reference] that names none
     float reject_score = 6.0F;
     float grow_score = 3.5F;
     float cluster_score = 9.0F;
@@ -154,7 +155,9 @@ enum class DarkLevel : std::uint8_t;                          // algo/light/dark
 DarkLevel kind_of_dark_level(const Recipe& recipe);           // that of a reference counts as chosen
 std::uint32_t max_dark_rise(const Recipe& recipe, int bits);  // DN
 
-// What single frames cannot judge of the recipe's form of part, one sentence each; empty if there is nothing to say.
+// What of the recipe judges nothing, or less than it seems to, one sentence each, with the value from which on it does:
+// forms of parts that single frames cannot judge, limits out of reach, light levels, margins and zones that leave
+// nothing. Empty if there is nothing to say.
 std::vector<std::string> notes(const Recipe& recipe);
 
 // All problems of a recipe for light fields of these extents, one message each; empty if it can be used.

@@ -1,6 +1,7 @@
 #include "algo/recipe/zones.h"
 
 #include <algorithm>
+#include <vector>
 
 #include "algo/frame/mask.h"
 
@@ -40,6 +41,12 @@ void paint_zones(std::span<const Zone> zones, const Extents& extents, std::span<
             mask[k] = inspected && !ignored ? kValid : kOutside;
         }
     }
+}
+
+bool leaves_nothing(std::span<const Zone> zones, const Extents& extents, float lenslet_mm) {
+    std::vector<std::uint8_t> mask(extents.lenslets());
+    paint_zones(zones, extents, mask, lenslet_mm);
+    return std::ranges::find(mask, kValid) == mask.end();
 }
 
 }  // namespace hord::algo

@@ -17,4 +17,7 @@ namespace hord::algo {
 void paint_zones(std::span<const Zone> zones, const Extents& extents, std::span<std::uint8_t> mask,
                  float lenslet_mm = 0);
 
+// Whether no lenslet is left to judge. Allocates.
+bool leaves_nothing(std::span<const Zone> zones, const Extents& extents, float lenslet_mm);
+
 }  // namespace hord::algo

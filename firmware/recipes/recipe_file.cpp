@@ -264,6 +264,7 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
     reference.number("grow_score", recipe.grow_score, 0.5, 1000);
     reference.number("cluster_score", recipe.cluster_score, 1, 1000);
     if (recipe.grow_score > recipe.reject_score) reference.problem("grow_score", "is above reject_score", "lower it");
+    recipe.lacks_reference_file = file.empty() && root.has("reference");
     if (!file.empty()) {
         numbered.reference_file =
             std::filesystem::path(file).is_absolute() || folder.empty() ? std::filesystem::path(file) : folder / file;

@@ -610,19 +610,105 @@ TEST(Notes, say_that_no_defect_can_reach_the_limits) {
     Recipe recipe;
     recipe.transmission_limit = 0;
     EXPECT_FALSE(every_part_passes(recipe));
-    recipe.emd_limit_bins = recipe.frobenius_limit_bins = 28;
+    recipe.emd_limit_bins = 28;
+    recipe.frobenius_limit_bins = 14;
     ASSERT_EQ(notes(recipe).size(), 1U);
     EXPECT_TRUE(every_part_passes(recipe));
-    recipe.frobenius_limit_bins = 27.9F;
+    recipe.frobenius_limit_bins = 13.9F;
     EXPECT_FALSE(every_part_passes(recipe));
     recipe.slopes = false;
     recipe.transmission_limit = 0.01F;
-    EXPECT_TRUE(notes(recipe).empty());
+    ASSERT_EQ(notes(recipe).size(), 1U);
+    EXPECT_FALSE(every_part_passes(recipe));
     recipe.light = false;
     EXPECT_EQ(notes(recipe).size(), 1U);
     EXPECT_TRUE(every_part_passes(recipe));
     recipe.gradient = Feature::hellinger;
     EXPECT_FALSE(every_part_passes(recipe));
+}
+
+// The largest gradients of 15x15 bins: light that jumps between opposite corners.
+TEST(Notes, say_which_limits_no_light_field_reaches) {
+    const Extents e{10, 10, 15, 15};  // few lenslets: all are solved within the limit of work
+    const Frame corners = drawn(e, 8, 240, [](int m, int n) {
+        const bool first = ((m / 2) + (n / 2)) % 2 == 0;
+        return Spot{first ? -7.0 : 7.0, first ? -7.0 : 7.0, 1};
+    });
+    Recipe web;
+    web.form = PartForm::web;
+    web.part_required = web.light = web.check_period = false;
+    web.max_offset_bins = web.max_spot_bins = web.max_second_share = 0;
+    web.transmission_limit = Recipe{}.transmission_limit;
+    const auto told = [](const Recipe& of, const char* key) {
+        return std::ranges::any_of(notes(of), [&](const std::string& note) {
+            return note.starts_with(key) && note.find("reached by no light field") != std::string::npos;
+        });
+    };
+    for (const bool emd : {true, false}) {
+        Recipe one = web;
+        one.slopes = !emd;
+        if (!emd) one.gradient.reset();
+        float& limit = emd ? one.emd_limit_bins : one.frobenius_limit_bins;
+        const float largest = emd ? 28 : 14;
+        const char* const key = emd ? "emd_bins" : "frobenius_bins";
+        limit = largest - 0.5F;
+        EXPECT_EQ(verdict_on(corners, e, one), Verdict::reject) << key;
+        one.light = true;
+        EXPECT_FALSE(told(one, key));
+        limit = largest;
+        EXPECT_TRUE(told(one, key));
+        one.light = false;
+        limit = largest + 0.1F;
+        EXPECT_EQ(verdict_on(corners, e, one), Verdict::pass) << key;
+    }
+}
+
+bool some_note_has(const Recipe& of, const char* text) {
+    return std::ranges::any_of(notes(of), [&](const std::string& n) { return n.find(text) != std::string::npos; });
+}
+
+TEST(Notes, say_which_light_levels_leave_little_to_judge) {
+    Recipe recipe;
+    recipe.dark_dn = 63;
+    EXPECT_TRUE(notes(recipe).empty());
+    recipe.dark_dn = 64;
+    EXPECT_TRUE(some_note_has(recipe, "dark_dn takes 64 of 255 DN"));
+    recipe = {};
+    recipe.max_dark_rise_dn = 60;  // on top of the default level of 3
+    EXPECT_TRUE(notes(recipe).empty());
+    recipe.max_dark_rise_dn = 61;
+    EXPECT_TRUE(some_note_has(recipe, "max_dark_rise_dn lets fog or a black level of 64 of 255 DN"));
+    recipe = {};
+    recipe.saturated_dn = 64;
+    EXPECT_TRUE(notes(recipe).empty());
+    recipe.saturated_dn = 63;
+    EXPECT_TRUE(some_note_has(recipe, "a sample of 63 DN (saturated_dn) are not judged"));
+    recipe.saturated_dn = 1;
+    const auto refused = Pipeline::create({20, 20, 9, 9}, 8, recipe);
+    ASSERT_FALSE(refused);
+    EXPECT_NE(refused.error().message().find("saturated_dn must be above the dark level, 3 DN"), std::string::npos);
+}
+
+TEST(Notes, say_which_margins_and_zones_leave_nothing) {
+    Recipe recipe;
+    recipe.rim_margin = 30;
+    EXPECT_TRUE(notes(recipe).empty());
+    recipe.rim_margin = 500;
+    EXPECT_TRUE(some_note_has(recipe, "leaves nothing to judge of a field of 1000 lenslets across or less"));
+    EXPECT_FALSE(Pipeline::create({40, 1000, 3, 3}, 8, recipe));
+    recipe = {};
+    Zone all;
+    all.use = Zone::Use::ignore;
+    all.corners = {{-1, -1}, {70, -1}, {70, 70}, {-1, 70}};
+    all.shape = Zone::Shape::polygon;
+    recipe.zones = {all};
+    EXPECT_TRUE(some_note_has(recipe, "leave nothing of a field of 61x61 lenslets"));
+    const auto refused = Pipeline::create({61, 61, 9, 9}, 8, recipe);
+    ASSERT_FALSE(refused);
+    EXPECT_NE(refused.error().message().find("leave nothing of a field of 61x61 lenslets"), std::string::npos);
+    EXPECT_TRUE(Pipeline::create({72, 61, 9, 9}, 8, recipe));
+    recipe.zones[0].corners = {{-1, -1}, {10, -1}, {10, 70}, {-1, 70}};
+    EXPECT_TRUE(notes(recipe).empty());
 }
 
 // A dark lenslet has no gradient, and neither have its neighbours.

@@ -77,6 +77,8 @@ TEST(Recipes, that_single_frames_cannot_judge_in_full_are_noted_and_can_be_used)
     EXPECT_THAT(checked("[light]\nmin_sum_dn = 100000\n"), HasSubstr("such frames are refused"));
     EXPECT_THAT(checked("[reference]\nreject_score = 8\n"),
                 HasSubstr("note: the scores of [reference] change nothing"));
+    EXPECT_THAT(checked("[reference]\n"), HasSubstr("note: [reference] changes nothing, because it names no file"));
+    EXPECT_THAT(checked("[light]\ndark_dn = 200\n"), HasSubstr("note: dark_dn takes 200 of 255 DN"));
     EXPECT_EQ(checked("name = \"bottle\"\n").find("note"), std::string::npos);
 }
 
