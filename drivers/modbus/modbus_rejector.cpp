@@ -164,19 +164,18 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
     }
 
     // Ends a pulse or sets the permit. Unlike a pulse's start, these may be repeated: a write that a serial line lost
-    // is written once more. False: it failed, and the link was lost or is given up.
+    // is written once more. If that fails as well, the link is given up.
     template <class Write>
-    bool write_repeatable(Write write) {
+    void write_repeatable(Write write) {
         Error error;
-        if (succeeded(write(), &error)) return true;
-        if (!module.link().connected()) return false;
-        if (error.code == ErrorCode::io && succeeded(write(), &error)) return true;
+        if (succeeded(write(), &error) || !module.link().connected()) return;
+        if (error.code == ErrorCode::io && succeeded(write(), &error)) return;
         if (module.link().connected()) link_failed(error);
-        return false;
     }
 
     void end_pulse() {
-        if (module.times_pulse() || write_repeatable([&] { return module.end_pulse(); })) pulse_end.reset();
+        if (!module.times_pulse()) write_repeatable([&] { return module.end_pulse(); });
+        pulse_end.reset();
     }
 
     void move_permit(bool permit) {

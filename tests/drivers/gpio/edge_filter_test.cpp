@@ -84,6 +84,17 @@ TEST_F(EdgeFilterTest, a_level_without_an_edge_is_an_edge_with_a_gap) {
     EXPECT_EQ(edges.size(), 1U);
 }
 
+TEST_F(EdgeFilterTest, a_level_that_an_edge_explained_is_waited_for_anew) {
+    settle(true, 5ms);
+    feed(true, 6ms);
+    feed(false, 6050us);
+    settle(false, 7ms);
+    settle(true, 30ms);
+    EXPECT_THAT(edges, IsEmpty());
+    settle(true, 50ms);
+    EXPECT_THAT(edges, ElementsAre(edge(true, 50ms, 2)));
+}
+
 TEST_F(EdgeFilterTest, a_level_whose_edge_is_still_queued_is_no_loss) {
     settle(true, 5ms);
     feed(true, 5ms);

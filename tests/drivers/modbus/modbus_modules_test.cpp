@@ -1,10 +1,12 @@
 // The rejector driver with the features of particular modules: read-back address, watchdog, pulses timed by the module,
 // confirm sensor. The simulated modules follow the manuals, not the profiles.
 #include <algorithm>
+#include <thread>
 
 #include "drivers/modbus/coil_link.h"
 #include "firmware/config/module_profiles.h"
 #include "tests/drivers/modbus/rejector_bench.h"
+#include "tests/support/answering_server.h"
 
 namespace hord::drivers {
 namespace {
@@ -198,6 +200,43 @@ TEST_F(Module, says_what_it_is_where_it_can) {
     const auto none = wago.identify();
     ASSERT_FALSE(none);
     EXPECT_EQ(none.error().code, ErrorCode::unsupported);
+}
+
+// An answer with `count` objects, of which these follow; it comes after `delay`.
+Result<std::string> identification(int count, const std::string& objects, hal::Duration delay = {}) {
+    const test::AnsweringServer server([&](const std::string& sent) {
+        std::this_thread::sleep_for(delay);
+        const std::string data = std::string("\x2b\x0e\1\1\0\0", 6) + static_cast<char>(count) + objects;
+        return sent.substr(0, 5) + static_cast<char>(data.size() + 1) + sent[6] + data;
+    });
+    const auto loop = std::move(*firmware::SdEventLoop::open());
+    CoilLink link(*loop, {.host = "127.0.0.1", .port = server.port()}, 10s);
+    EXPECT_TRUE(link.connect());
+    return link.identify();
+}
+
+TEST(Identification, is_read_no_further_than_its_answer) {
+    const std::string first("\0\4Acme", 6);
+    EXPECT_EQ(identification(2, first + std::string("\1\2X1", 4)).value_or("nothing"), "Acme X1");
+    EXPECT_EQ(identification(1, first + std::string("\1\2X1", 4)).value_or("nothing"), "Acme");
+    EXPECT_EQ(identification(3, first).value_or("nothing"), "Acme") << "objects are missing";
+    EXPECT_EQ(identification(2, first + '\1').value_or("nothing"), "Acme") << "cut before a length";
+    EXPECT_EQ(identification(2, first + std::string("\1\x63X1", 4)).value_or("nothing"), "Acme X1") << "cut in a text";
+}
+
+TEST(Identification, of_a_module_that_thinks_is_waited_for) {
+    EXPECT_EQ(identification(1, std::string("\0\4Acme", 6), 50ms).value_or("nothing"), "Acme");
+}
+
+TEST(Registers, have_their_high_byte_first) {
+    const test::AnsweringServer server([](const std::string& sent) {
+        return sent.substr(0, 5) + std::string("\x07", 1) + sent.substr(6, 2) + std::string("\4\1\2\3\4");
+    });
+    const auto loop = std::move(*firmware::SdEventLoop::open());
+    CoilLink link(*loop, {.host = "127.0.0.1", .port = server.port()}, 10s);
+    ASSERT_TRUE(link.connect());
+    EXPECT_THAT(link.read_registers(CoilLink::RegisterKind::holding, 0, 2).value_or(std::vector<std::uint16_t>{}),
+                testing::ElementsAre(0x0102, 0x0304));
 }
 
 // ---- the confirm sensor

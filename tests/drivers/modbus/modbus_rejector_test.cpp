@@ -168,6 +168,7 @@ TEST_F(Rejector, what_answers_and_is_not_the_module_is_told_as_that_and_not_as_s
         {refusal(2), "no such output", "hordctl devices --module"},
         {refusal(10), "a gateway answers", "rejector.unit"},
         {refusal(11), "a gateway answers", "behind the gateway"},
+        {refusal(12), "Invalid exception code (the answer is none of Modbus)", "really at"},
         // The request itself is the answer to a write: of another unit, and of another coil.
         {[](std::string sent) { return sent.replace(6, 1, "\7"); }, "unit 7 answers, not unit 1", "rejector.unit"},
         {[](std::string sent) { return sent.replace(9, 1, "\5"); }, "the answer acknowledges address 5, not 0",
@@ -238,6 +239,18 @@ TEST_F(Rejector, a_request_that_is_lost_while_it_stops_is_made_again_and_the_per
         module_->misbehave(fault, 1);
         rejector_->stop();
         EXPECT_FALSE(module_->coil(kPermit));
+        ear_.up = false;
+    }
+}
+
+TEST_F(Rejector, what_is_refused_while_it_stops_is_asked_for_again_and_the_permit_falls) {
+    for (const int refusals : {1, 2, 3}) {
+        start_and_wait();
+        rejector_->set_run_permit(true);
+        ASSERT_TRUE(run_until([&] { return module_->coil(kPermit); }));
+        module_->misbehave(ModuleFault::exception, refusals);
+        rejector_->stop();
+        EXPECT_FALSE(module_->coil(kPermit)) << refusals;
         ear_.up = false;
     }
 }
