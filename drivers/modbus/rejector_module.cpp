@@ -60,7 +60,6 @@ Result<void> RejectorModule::start_pulse() {
 }
 
 Result<void> RejectorModule::end_pulse() {
-    if (times_pulse()) return {};
     return write_output(options_.ejector_coil, coil_value(false));
 }
 

@@ -224,6 +224,16 @@ TEST(Identification, is_read_no_further_than_its_answer) {
     EXPECT_EQ(identification(2, first + std::string("\1\x63X1", 4)).value_or("nothing"), "Acme X1") << "cut in a text";
 }
 
+TEST(Identification, that_ends_with_the_connection_is_told_as_that_and_not_as_silence) {
+    const test::AnsweringServer server([](const std::string&) { return std::string(); });
+    const auto loop = std::move(*firmware::SdEventLoop::open());
+    CoilLink link(*loop, {.host = "127.0.0.1", .port = server.port()}, 10s);
+    ASSERT_TRUE(link.connect());
+    const auto said = link.identify();
+    ASSERT_FALSE(said);
+    EXPECT_THAT(said.error().what, HasSubstr("closes the connection without an answer as unit 1"));
+}
+
 TEST(Identification, of_a_module_that_thinks_is_waited_for) {
     EXPECT_EQ(identification(1, std::string("\0\4Acme", 6), 50ms).value_or("nothing"), "Acme");
 }
