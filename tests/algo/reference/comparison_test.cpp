@@ -121,13 +121,13 @@ TEST(Reference, reference_hords_along_a_row_are_those_of_single_places) {
     }
 }
 
-// Templates of shift are wider than a narrow spot. The dark bins that they reach must not decide how far light went.
-TEST(Reference, a_narrow_spot_is_told_to_move_and_one_dark_reading_does_not_scatter_it) {
+// Noise in a dark bin beside a narrow spot, which scattered light would reach, is no haze.
+TEST(Reference, one_dark_reading_beside_a_narrow_spot_is_no_scattering) {
     const Extents e{24, 8, 9, 9};
-    constexpr double kElectrons = 2000, kSigma = 0.6, kMoved = 0.1;
-    constexpr std::uint32_t kReading = 12;  // DN above the dark level
-    const auto share = [](int bin, double middle) {
-        const auto below = [&](double edge) { return 0.5 * std::erf((edge - middle) / (kSigma * std::sqrt(2.0))); };
+    constexpr double kElectrons = 2000, kSigma = 0.6;
+    constexpr std::uint32_t kReading = 24;  // DN above the dark level
+    const auto share = [](int bin) {
+        const auto below = [&](double edge) { return 0.5 * std::erf(edge / (kSigma * std::sqrt(2.0))); };
         return below(bin - 3.5) - below(bin - 4.5);
     };
     Reference r;
@@ -144,30 +144,22 @@ TEST(Reference, a_narrow_spot_is_told_to_move_and_one_dark_reading_does_not_scat
     for (std::size_t k = 0; k < e.lenslets(); ++k) {
         for (int b = 0; b < e.bins(); ++b)
             r.shares[k * r.stride() + r.place(b % 9, b / 9)] =
-                static_cast<std::uint16_t>(32767 * share(b % 9, 0) * share(b / 9, 0));
+                static_cast<std::uint16_t>(32767 * share(b % 9) * share(b / 9));
     }
-    const auto difference = [&](double moved, std::uint32_t reading) {
-        Frame frame(e.width_px(), e.height_px(), 12);
-        for (int y = 0; y < e.height_px(); ++y) {
-            for (int x = 0; x < e.width_px(); ++x) {
-                const double light = kElectrons * share(x % 9, moved) * share(y % 9, 0);
-                frame.set(x, y,
-                          kLevels.dark + static_cast<std::uint32_t>(std::lround(light)) +
-                              (x % 9 == 6 && y % 9 == 6 ? reading : 0));
-            }
+    Frame frame(e.width_px(), e.height_px(), 12);
+    for (int y = 0; y < e.height_px(); ++y) {
+        for (int x = 0; x < e.width_px(); ++x) {
+            const auto light = static_cast<std::uint32_t>(std::lround(kElectrons * share(x % 9) * share(y % 9)));
+            frame.set(x, y, kLevels.dark + light + (x % 9 == 6 && y % 9 == 6 ? kReading : 0));
         }
-        ReferenceComparer comparer(r);
-        HordRow row(e);
-        std::vector<Difference> out(static_cast<std::size_t>(e.m));
-        decode_row(frame.view(), e, kLevels, 4, row);
-        comparer.compare_row(frame.view(), row.sums(), row.mask(), 4, PoseMap({}, e), 1, kLevels.dark, out);
-        return out[12];
-    };
-    const Difference with_shift = difference(kMoved, 0), with_reading = difference(0, kReading);
-    ASSERT_TRUE(with_shift.has_hord && with_reading.has_hord);
-    EXPECT_GT(with_shift.x, 0.4 * kMoved);
-    EXPECT_LT(with_shift.x, 1.2 * kMoved);
-    EXPECT_LT(std::abs(scores_of(with_reading, r)[static_cast<std::size_t>(Deviation::scattering)]), 4);
+    }
+    ReferenceComparer comparer(r);
+    HordRow row(e);
+    std::vector<Difference> out(static_cast<std::size_t>(e.m));
+    decode_row(frame.view(), e, kLevels, 4, row);
+    comparer.compare_row(frame.view(), row.sums(), row.mask(), 4, PoseMap({}, e), 1, kLevels.dark, out);
+    ASSERT_TRUE(out[12].has_hord);
+    EXPECT_LT(std::abs(scores_of(out[12], r)[static_cast<std::size_t>(Deviation::scattering)]), 4);
 }
 
 // Rows and columns of bins are processed differently (algo/reference/template_fit.h), but a shift along either has the
