@@ -6,6 +6,7 @@
 
 #include "algo/inspection/pipeline.h"
 #include "algo/maps/feature_map.h"
+#include "algo/maps/optical_map.h"
 #include "common/file_writing.h"
 #include "common/tiff_codec.h"
 #include "firmware/diagnostics/feature_views.h"
@@ -89,6 +90,10 @@ class Exporter {
         }
         for (const std::string& name : options_.features) {
             const auto choice = algo::feature_named(name);
+            if (std::ranges::find(algo::kOpticalNames, name) != algo::kOpticalNames.end()) {
+                return fail(ErrorCode::invalid_argument, "export does not write the map " + name,
+                            "use hordctl inspect FRAME --feature " + name + " --out FOLDER: it writes the map as TIFF");
+            }
             if (!choice || choice->against_reference || choice->feature == algo::Feature::transmission) {
                 return fail(ErrorCode::invalid_argument, "feature " + name + " is no feature over neighbours",
                             "leave --feature out for the maps of an inspection, or name one such as emd or marginal");
@@ -285,8 +290,10 @@ void add_export(CLI::App& program, Exit& status) {
                      "NAME.FEATURE.mask.npy; tiff: the same as images; hdf5: all in NAME.h5")
         ->check(CLI::IsMember({"npy", "tiff", "hdf5"}))
         ->capture_default_str();
-    command->add_option("--feature", options->features,
-                        "Also these features over neighbours, exact over the whole field (repeatable)");
+    command->add_option(
+        "--feature", options->features,
+        "Also these features over neighbours, exact over the whole field (repeatable); maps in dioptres: "
+        "hordctl inspect --feature optical-power");
     command->add_option("--recipe", options->recipe, "Limits and zones (TOML); without it the default recipe");
     command->add_option("--reference", options->reference, "What hordctl learn has learned: adds the z-score");
     command->add_flag("--no-light-field", options->no_light_field, "Only the maps");

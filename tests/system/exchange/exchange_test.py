@@ -64,6 +64,11 @@ class Export(unittest.TestCase):
             self.assertEqual(text(file["maps/emd"].attrs["unit"]), "bin pitches")
             self.assertEqual(json.loads(text(file.attrs["inspection"]))["verdict"], "reject")
 
+    def test_maps_in_dioptres_are_those_of_inspect(self):
+        status, _, error = hordctl("export", bubble, "--out", cell.path("power"), "--feature", "optical-power")
+        self.assertEqual(status, 2)
+        self.assertIn("use hordctl inspect FRAME --feature optical-power", error)
+
     def test_sixteen_bits_and_maps_alone(self):
         deep = cell.render("deep", BUBBLE, bits=12)
         status, _, error = hordctl("export", deep, "--out", cell.path("deep"))
