@@ -17,6 +17,7 @@ constexpr double kPitchesQuick[] = {0.015, 0.06};
 constexpr double kSources[] = {0.3, 1.2};
 constexpr double kPitchSteps[] = {0.7, 1.4};
 constexpr std::size_t kStarts = 3, kFine = 3;
+constexpr int kFitCells = 2;
 
 bool cell_is_better(const CellTrial& a, const CellTrial& b) {
     if (a.sets.empty() || b.sets.empty()) return !a.sets.empty();
@@ -30,6 +31,7 @@ class Search {
 
     Result<Design> run() {
         const std::vector<CellChoice> grid = grid_of_cells();
+        if (auto fit = find_fit(grid); !fit) return tl::unexpected(fit.error());
         if (auto done = try_all(grid, 0, 0.45); !done) return tl::unexpected(done.error());
         std::vector<CellChoice> steps;
         for (const CellChoice& start : best(options_.quick ? 1 : kStarts)) {
@@ -71,6 +73,19 @@ class Search {
             for (const double pitch : pitches) cells.push_back({n, pitch, 1, 0.61, 1});
         }
         return cells;
+    }
+    // Fails where a good part is unfit in the first cells that are not ruled out: no search would find a cell then.
+    [[nodiscard]] Result<void> find_fit(const std::vector<CellChoice>& grid) const {
+        Result<void> fit;
+        int tried = 0;
+        for (const CellChoice& cell : grid) {
+            if (!problem_of(cell, task_.part, task_.camera, survey_.largest_slope).empty()) continue;
+            if (tried++ == kFitCells) return fit;
+            options_.progress(0, "a good part in " + describe(cell, task_.part, task_.camera));
+            fit = check_good_part(cell, task_);
+            if (fit) return fit;
+        }
+        return fit;
     }
     [[nodiscard]] static std::vector<CellChoice> steps_from(const CellChoice& start) {
         std::vector<CellChoice> cells;

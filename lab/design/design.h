@@ -29,7 +29,8 @@ inline constexpr double kHighestRate = 173;
 // where the form is web and the part does not fill the field, or the other way round.
 Result<void> check_task(const DesignTask& task, const PartSurvey& survey);
 
-// Fails as check_task(), with unsupported when no cell can show the part, and as the renderer does.
+// Fails as check_task(), with unsupported when good parts are unfit in the first cells (before the search) or no cell
+// can show the part, and as the renderer does.
 Result<Design> design_cell(const DesignTask& task, const DesignOptions& options);
 
 // Whether more good parts than this share are rejected, with 95 % confidence, by those that were counted.

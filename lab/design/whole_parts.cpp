@@ -32,13 +32,21 @@ double rounded_up(double limit) {
 // What makes good parts fit that are unfit for this reason.
 const char* cure_of(algo::Reason reason, algo::PartForm form) {
     if (reason == algo::Reason::no_part && form == algo::PartForm::plate) {
-        return "a plate is told by its dark edges, and sharp ones are not dark: give a part with bevels (kind "
-               "\"solid\", as "
-               "in hal_sim/scenes/plate.toml), or one that fills the field (--form web)";
+        return "a plate is told by its dark edges and by the light that its faces reflect: give a part with bevels "
+               "(kind "
+               "\"solid\") and [effects] fresnel = true, as hal_sim/scenes/plate.toml has, or one that fills the field "
+               "(--form web)";
     }
     if (reason == algo::Reason::unexpected_light)
         return "noise reaches bins without light: lower --read-noise, or raise --full-well";
     return "give the part's form (--form), or a scene in which the whole part is in the field";
+}
+
+// Fails with unsupported where the last frame of good parts was unfit.
+Result<void> check_fit(const FrameValues& measured, algo::PartForm form) {
+    if (measured.verdict() != algo::Verdict::unfit) return {};
+    return fail(ErrorCode::unsupported, "good parts are unfit in this cell: " + std::string(name_of(measured.reason())),
+                cure_of(measured.reason(), form));
 }
 
 class WholeParts {
@@ -86,11 +94,7 @@ class WholeParts {
         for (const Frame& frame : frames) {
             const auto of = measure->of(frame.view());
             if (!of) return tl::unexpected(of.error());
-            if (measure->verdict() == algo::Verdict::unfit) {
-                return fail(ErrorCode::unsupported,
-                            "good parts are unfit in this cell: " + std::string(name_of(measure->reason())),
-                            cure_of(measure->reason(), base_.form));
-            }
+            if (auto fit = check_fit(*measure, base_.form); !fit) return tl::unexpected(fit.error());
             values.push_back(*of);
         }
         return values;
@@ -250,6 +254,17 @@ sim::Scene spread_part(const CellChoice& cell, const DesignTask& task, int k, in
     scene.pose.x_mm += ((k + 0.5) / count - 0.5) * pitch;
     scene.pose.y_mm += ((k * step % count + 0.5) / count - 0.5) * pitch;
     return scene;
+}
+
+Result<void> check_good_part(const CellChoice& cell, const DesignTask& task) {
+    const sim::Scene scene = good_part(cell, task, task.seed, 0);
+    const auto field = sim::render(scene, {task.threads, {}});
+    if (!field) return tl::unexpected(field.error());
+    auto measure = FrameValues::create(scene.camera.extents, scene.camera.bits, task.base, JudgedSet{{}, false, true});
+    if (!measure) return tl::unexpected(measure.error());
+    if (const auto of = measure->of(sim::expose(*field, scene, task.seed).view()); !of)
+        return tl::unexpected(of.error());
+    return check_fit(*measure, task.base.form);
 }
 
 void paste(sim::LightField& whole, const sim::LightField& window, int m, int n) {

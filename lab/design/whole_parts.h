@@ -40,6 +40,9 @@ Result<WholeCheck> check_whole_parts(const CellChoice& cell, const SetTrial& set
                                      const PartSurvey& survey, const CheckEffort& effort,
                                      const std::function<void(double)>& progress);
 
+// Judges one good part. Fails with unsupported and the reason if it is unfit in this cell.
+Result<void> check_good_part(const CellChoice& cell, const DesignTask& task);
+
 constexpr double kWobbleMm = 0.1;
 // The good part number k of a seed: it lies a little differently.
 sim::Scene good_part(const CellChoice& cell, const DesignTask& task, std::uint64_t seed, int k);

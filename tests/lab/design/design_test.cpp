@@ -337,6 +337,27 @@ TEST(DesignTasks, with_a_rate_that_no_station_times_are_refused) {
     EXPECT_THAT(check_task(task, *survey).error().message(), HasSubstr("give --rate 173 or less"));
 }
 
+// A sharp plate has no dark edges: the station sees no part.
+TEST(DesignTasks, with_parts_that_are_unfit_end_before_the_search) {
+    DesignTask task;
+    task.part.part = sim::Plate{4, 1};
+    task.part.camera.field_mm = 12;
+    task.base.form = algo::PartForm::plate;
+    task.camera.pixels = 400.0 * 400.0;
+    task.defects = *parse_defects("scratch=0.2");
+    task.threads = 1;
+    DesignOptions options;
+    options.quick = true;
+    std::vector<double> progress;
+    options.progress = [&](double done, const std::string&) { progress.push_back(done); };
+    const auto design = design_cell(task, options);
+    ASSERT_FALSE(design);
+    EXPECT_THAT(design.error().message(), HasSubstr("no-part"));
+    EXPECT_THAT(design.error().cure, HasSubstr("bevels"));
+    EXPECT_THAT(progress, ::testing::Each(0));
+    EXPECT_TRUE(check_good_part({5, 0.03, 1, 0.61, 1}, small_task("bubble=0.2")));
+}
+
 TEST(DesignTasks, with_bubbles_thicker_than_the_glass_are_refused) {
     DesignTask task;
     task.part.part = sim::Plate{8, 0.3};
