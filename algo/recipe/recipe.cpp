@@ -286,9 +286,6 @@ std::vector<std::string> problems(const Recipe& recipe, const Extents& extents) 
             messages.push_back(name_of_zone(k) + "lies outside the field of " + std::to_string(extents.m) + "x" +
                                std::to_string(extents.n) + " lenslets: move it into the field, or leave it out");
     }
-    if (messages.empty() && !recipe.zones.empty() && leaves_nothing(recipe.zones, extents, recipe.lenslet_mm))
-        messages.push_back("the zones leave nothing of a field of " + std::to_string(extents.m) + "x" +
-                           std::to_string(extents.n) + " lenslets to judge: make them smaller, or leave them out");
     return messages;
 }
 
