@@ -27,6 +27,7 @@ constexpr double kJumpLight = 1.25;          // or its sum by more than this fac
 constexpr int kMinBeside = 8;                // lenslets beside the part in a row or column that tell something
 constexpr double kShadedLight = 0.985;       // of the light outside an edge; glass reflects 0.04 at each face or more
 constexpr double kSmoothChange = 2;          // a shadow changes across an edge at most so much more than beside it
+constexpr double kFarthestExtrapolated = 2;  // times the distance over which a change of light was seen
 constexpr int kMinShadedSteps = 8;           // steps across a plate's edges that tell something
 constexpr std::size_t kDustOfPart = 64;      // an island beside the part below 1/kDustOfPart of its area is dust
 
