@@ -73,17 +73,23 @@ class GumbelSamples {
     // it does not exceed with kTailConfidence.
     [[nodiscard]] double most_above(double away) const {
         std::vector<double> shares;
-        for (const Moments& s : samples_) shares.push_back(-std::expm1(-std::exp(-(s.mean + away * s.deviation))));
+        for (const Moments& s : samples_) shares.push_back(share_above(s, away));
         return common::nth_smallest(std::span(shares),
                                     static_cast<std::size_t>(kTailConfidence * static_cast<double>(shares.size())));
     }
-    // How far away the limit must be until that is at most `share`.
-    [[nodiscard]] double away_for(double share) const {
+    // The same share, mean over the samples.
+    [[nodiscard]] double mean_above(double away) const {
+        double sum = 0;
+        for (const Moments& s : samples_) sum += share_above(s, away);
+        return sum / static_cast<double>(samples_.size());
+    }
+    // How far away the limit must be until that share is at most `share`: with kTailConfidence, or in the mean.
+    [[nodiscard]] double away_for(double share, double (GumbelSamples::*above)(double) const) const {
         double low = 0, high = 1;
-        while (most_above(high) > share && high < 1e6) high *= 2;
+        while ((this->*above)(high) > share && high < 1e6) high *= 2;
         for (int step = 0; step < 40; ++step) {
             const double middle = (low + high) / 2;
-            (most_above(middle) > share ? low : high) = middle;
+            ((this->*above)(middle) > share ? low : high) = middle;
         }
         return high;
     }
@@ -94,6 +100,9 @@ class GumbelSamples {
     }
 
   private:
+    [[nodiscard]] static double share_above(const Moments& s, double away) {
+        return -std::expm1(-std::exp(-(s.mean + away * s.deviation)));
+    }
     std::vector<Moments> samples_;
 };
 
@@ -127,6 +136,15 @@ struct BothMoments {
                         std::exp(std::min(logs.mean + away * logs.deviation, 50.0)));
     }
 };
+
+// `above`: the share beyond a distance from the mean, of GumbelSamples.
+double limit_at(std::span<const double> scores, double share, double (GumbelSamples::*above)(double) const) {
+    if (scores.empty()) return 0;
+    constexpr double kAbove = 1.01;
+    const double least = kAbove * std::max(*std::ranges::max_element(scores), kMinScore);
+    if (scores.size() < 2) return least;
+    return std::max(least, BothMoments(scores).limit_at(gumbel_samples(scores.size()).away_for(share, above)));
+}
 
 std::string percent(double share) {
     char text[32];
@@ -171,11 +189,11 @@ FalseRejects false_rejects_at(std::span<const double> scores, double limit, std:
 }
 
 double limit_for(std::span<const double> scores, double share) {
-    if (scores.empty()) return 0;
-    constexpr double kAbove = 1.01;
-    const double least = kAbove * std::max(*std::ranges::max_element(scores), kMinScore);
-    if (scores.size() < 2) return least;
-    return std::max(least, BothMoments(scores).limit_at(gumbel_samples(scores.size()).away_for(share)));
+    return limit_at(scores, share, &GumbelSamples::most_above);
+}
+
+double predicted_limit(std::span<const double> scores, double share) {
+    return limit_at(scores, share, &GumbelSamples::mean_above);
 }
 
 std::string describe(const FalseRejects& r) {

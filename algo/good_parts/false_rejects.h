@@ -42,6 +42,12 @@ FalseRejects false_rejects_at(std::span<const double> scores, double limit, std:
 // The least limit at which the tail bound is at most `share`, and which is above the highest score.
 double limit_for(std::span<const double> scores, double share);
 
+// The limit, above the highest score, that a share `share` of further parts exceeds in the mean over all sets of as
+// many parts as gave `scores`, if these or their logarithms follow a Gumbel distribution, whichever gives the higher
+// limit. The error of the estimate is part of it: 60 parts need 5.4 standard deviations for 0.1 %, an estimate without
+// error 4.9 (docs/adr/0017-limits-from-few-parts.md).
+double predicted_limit(std::span<const double> scores, double share);
+
 // One to three sentences for people: the bound, what it assumes, and how many more parts would prove 0.3 % and 0.1 %
 // without the assumption.
 std::string describe(const FalseRejects& rejects);

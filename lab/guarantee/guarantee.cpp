@@ -156,7 +156,7 @@ void add_claims(const std::vector<FamilyResults>& all, std::vector<Claim>& claim
 Result<ExperimentReport> run_or_report(const ExperimentOptions& options, bool only_finished) {
     auto cells =
         ResultCache::open(options.out / "cells.jsonl",
-                          {{"experiment", "guarantee"}, {"seed", options.seed}, {"tested", kTested}, {"form", 2}});
+                          {{"experiment", "guarantee"}, {"seed", options.seed}, {"tested", kTested}, {"form", 3}});
     if (!cells) return tl::unexpected(cells.error());
     const int wanted = options.quick ? kQuickSeeds : kSeeds;
     const auto families = drawn_families();

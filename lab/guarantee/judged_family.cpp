@@ -5,11 +5,11 @@
 #include <utility>
 
 #include "algo/good_parts/distinct_parts.h"
+#include "algo/good_parts/false_rejects.h"
 #include "algo/good_parts/reference_check.h"
 #include "algo/inspection/pipeline.h"
 #include "algo/reference/read_noise.h"
 #include "algo/reference/reference_learner.h"
-#include "lab/report/statistics.h"
 
 namespace hord::lab {
 namespace {
@@ -96,7 +96,7 @@ Result<void> tune(std::size_t family, std::uint64_t seed, algo::Recipe& recipe, 
     for (const double score : judged.to_tune) {
         if (score < algo::ReferenceCheck::kUnfit) found.push_back(score);
     }
-    judged.limit = std::max(gumbel_limit(found, kTuneShare), 1.01 * *std::ranges::max_element(found));
+    judged.limit = algo::predicted_limit(found, kTuneShare);
     judged.tune_bound = algo::false_rejects_at(judged.to_tune, judged.limit, groups.at_least).bound();
     algo::scale_score_limits(recipe, judged.limit);
     for (float* limit : {&recipe.emd_limit_bins, &recipe.frobenius_limit_bins})

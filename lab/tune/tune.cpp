@@ -12,6 +12,7 @@
 
 #include "algo/frame/decode.h"
 #include "algo/frame/mask.h"
+#include "algo/good_parts/false_rejects.h"
 #include "algo/inspection/pipeline.h"
 #include "lab/report/cpu_time.h"
 #include "lab/tune/worst_value.h"
@@ -263,8 +264,8 @@ void Tuner::set_limits(MeasuredFeatureSet& measured, const Values& limits, std::
         if (found < kMinGood) {
             measured.no_limit = fmt::format("the reference finds only {} of the good parts", found);
         } else {
-            factor = rounded_up(std::max(
-                {gumbel_limit(good, options_.false_rejects), (1 + kMargin) * *std::ranges::max_element(good), 1e-3}));
+            factor = rounded_up(std::max({algo::predicted_limit(good, options_.false_rejects),
+                                          (1 + kMargin) * *std::ranges::max_element(good), 1e-3}));
         }
         algo::scale_score_limits(recipe, factor);
         const auto scale = [&](float& limit) { limit = static_cast<float>(static_cast<double>(limit) * factor); };

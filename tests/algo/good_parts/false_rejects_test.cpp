@@ -65,6 +65,46 @@ TEST(FalseRejects, the_tail_bound_holds_in_95_of_100_draws_that_follow_it) {
     }
 }
 
+// 0.1 % in the mean over the draws, the error of 60 parts included; a limit by the fitted quantile rejects more.
+TEST(FalseRejects, a_predicted_limit_is_exceeded_by_the_share_in_the_mean) {
+    std::uniform_real_distribution<double> uniform(1e-12, 1 - 1e-12);
+    for (const std::size_t parts : {20U, 60U}) {
+        double share = 0, plugged = 0;
+        constexpr int kDraws = 300;
+        for (std::uint64_t seed = 1; seed <= kDraws; ++seed) {
+            std::mt19937_64 random(seed);
+            std::vector<double> scores;
+            double mean = 0, square = 0;
+            for (std::size_t k = 0; k < parts; ++k) {
+                const double log = -0.15 * std::log(-std::log(uniform(random)));
+                scores.push_back(0.5 * std::exp(log));
+                mean += log / static_cast<double>(parts), square += log * log / static_cast<double>(parts);
+            }
+            const auto above = [](double limit) { return -std::expm1(-std::exp(-std::log(limit / 0.5) / 0.15)); };
+            share += above(predicted_limit(scores, 1e-3)) / kDraws;
+            plugged += above(0.5 * std::exp(mean + 4.936 * std::sqrt(square - mean * mean))) / kDraws;
+        }
+        EXPECT_NEAR(share, 1e-3, 2e-4) << parts;
+        EXPECT_GT(plugged, 1.3 * share) << parts;
+    }
+}
+
+TEST(FalseRejects, a_predicted_limit_is_above_the_highest_score_and_falls_with_more_parts) {
+    EXPECT_EQ(predicted_limit({}, 1e-3), 0);
+    const std::vector<double> one = {0.7};
+    EXPECT_NEAR(predicted_limit(one, 1e-3), 0.707, 1e-9);
+    std::vector<double> scores;
+    double last = 1e9;
+    std::mt19937_64 random(5);
+    for (const std::size_t parts : {8U, 60U, 1000U}) {
+        while (scores.size() < parts) scores.push_back(0.5 + 0.01 * static_cast<double>(random() % 10));
+        const double limit = predicted_limit(scores, 1e-3);
+        EXPECT_GT(limit, 0.59);
+        EXPECT_LT(limit, last);
+        last = limit;
+    }
+}
+
 TEST(FalseRejects, more_parts_give_a_smaller_bound_at_the_same_limit) {
     std::mt19937_64 random(5);
     std::uniform_real_distribution<double> uniform(1e-12, 1 - 1e-12);
