@@ -23,12 +23,6 @@ constexpr int kWiderRim = 6;
 constexpr std::uint64_t kOtherSeed = 1000, kTrialSeed = 100;
 enum Stream : std::uint64_t { kPose = 0xDE7, kExposure = 0xDE8 };
 
-// Limits are written with three digits.
-double rounded_up(double limit) {
-    const double digit = std::pow(10, std::floor(std::log10(limit)) - 2);
-    return std::ceil(limit / digit) * digit;
-}
-
 // What makes good parts fit that are unfit for this reason.
 const char* cure_of(algo::Reason reason, algo::PartForm form) {
     if (reason == algo::Reason::no_part && form == algo::PartForm::plate) {
@@ -152,7 +146,8 @@ class WholeParts {
         PartValues limits{};
         for (std::size_t v = 0; v < kPartValues; ++v) {
             const double largest = *std::ranges::max_element(good[v]);
-            limits[v] = rounded_up(std::max({gumbel_limit(good[v], task_.false_rejects), kMargin * largest, 1e-3}));
+            limits[v] =
+                std::max(1e-3, limit_above(std::max(gumbel_limit(good[v], task_.false_rejects), kMargin * largest)));
         }
         check.recipe = recipe_of(set_.set, limits, base_);
         DesignTask other_places = task_;

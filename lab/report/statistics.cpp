@@ -123,6 +123,12 @@ double gumbel_limit(std::span<const double> good, double share) {
     return std::max(worst, mean - std::numbers::egamma * beta - beta * std::log(-std::log(1 - share)));
 }
 
+double limit_above(double value) {
+    if (!(value > 0)) return 0;
+    const double digit = std::pow(10.0, std::floor(std::log10(value)) - 2);
+    return std::ceil(value / digit + 0.01) * digit;  // 1e-7 at 1e-3: more than 1 - limit is rounded by
+}
+
 double tail_limit(std::vector<double> values, double above) {
     if (values.empty()) return 0;
     std::ranges::sort(values, std::greater<>());

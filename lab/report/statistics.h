@@ -41,6 +41,10 @@ Estimate auc_difference(std::span<const ScoredPlace> a, std::span<const ScoredPl
 // many), fitted by moments; at least the largest score. 0 for none. For tens of parts; for hundreds use tail_limit().
 double gumbel_limit(std::span<const double> good, double share);
 
+// The limit of three digits that a recipe gets for parts that reach `value`: above it, so that they pass, also in the
+// single precision of the station and as 1 - limit (transmission). 0 for none.
+double limit_above(double value);
+
 using algo::DetectionTrial, algo::PodCurve, algo::pod_curve;
 using common::quantile;
 

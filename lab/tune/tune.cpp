@@ -39,12 +39,6 @@ std::size_t index_of(algo::Feature gradient) {
                                     algo::kJudgedGradients.begin());
 }
 
-// Rounds up to three significant digits.
-double rounded_up(double value) {
-    const double unit = std::pow(10.0, std::floor(std::log10(value)) - 2);
-    return std::ceil(value / unit - 1e-9) * unit;
-}
-
 double wall_ms() {
     return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
@@ -243,7 +237,8 @@ Values Tuner::limits() const {
     for (std::size_t v = 0; v < kValues; ++v) {
         const std::vector<double> good = worst_of_good([&](const Part& part) { return std::optional(part.values[v]); });
         const double highest = *std::ranges::max_element(good);
-        limits[v] = rounded_up(std::max({gumbel_limit(good, options_.false_rejects), (1 + kMargin) * highest, 1e-3}));
+        limits[v] = std::max(
+            1e-3, limit_above(std::max(algo::predicted_limit(good, options_.false_rejects), (1 + kMargin) * highest)));
     }
     return limits;
 }
@@ -264,8 +259,9 @@ void Tuner::set_limits(MeasuredFeatureSet& measured, const Values& limits, std::
         if (found < kMinGood) {
             measured.no_limit = fmt::format("the reference finds only {} of the good parts", found);
         } else {
-            factor = rounded_up(std::max({algo::predicted_limit(good, options_.false_rejects),
-                                          (1 + kMargin) * *std::ranges::max_element(good), 1e-3}));
+            factor = std::max(1e-3,
+                              limit_above(std::max(algo::predicted_limit(good, options_.false_rejects),
+                                                   (1 + kMargin) * *std::ranges::max_element(good))));
         }
         algo::scale_score_limits(recipe, factor);
         const auto scale = [&](float& limit) { limit = static_cast<float>(static_cast<double>(limit) * factor); };

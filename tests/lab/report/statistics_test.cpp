@@ -67,6 +67,22 @@ TEST(Limit, is_the_gumbel_quantile_and_never_below_what_was_seen) {
     EXPECT_GT(gumbel_limit(good, 1e-3), good.back());
 }
 
+// A part at the value passes at the station: a severity of 1 rejects, and floats hold the limits and 1 - transmission.
+TEST(Limit, of_three_digits_passes_a_part_at_the_value_in_single_precision) {
+    EXPECT_EQ(limit_above(0), 0);
+    EXPECT_NEAR(limit_above(0.02942), 0.0295, 1e-12);
+    EXPECT_NEAR(limit_above(0.0295), 0.0296, 1e-12);
+    for (int digits = 100; digits < 1000; ++digits) {
+        for (const double unit : {1e-5, 1e-4, 1e-3, 1e-2}) {
+            const double value = digits * unit, limit = limit_above(value);
+            EXPECT_GT(static_cast<float>(limit), static_cast<float>(value));
+            EXPECT_LE(limit, value * 1.0101);
+            if (limit >= 1) continue;
+            EXPECT_LT((1 - static_cast<float>(1 - value)) / (1 - static_cast<float>(1 - limit)), 1) << value;
+        }
+    }
+}
+
 // Normal scores, the bad ones shifted by d: the area is Phi(d / sqrt 2).
 std::vector<ScoredPlace> normal_scores(std::uint64_t seed, double shift, int parts, int each) {
     std::vector<ScoredPlace> scores;
