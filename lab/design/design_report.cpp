@@ -133,6 +133,21 @@ Table ruled_out(const Design& design) {
     return table;
 }
 
+// What the part's scene says of its own camera's optics, which a design does not take.
+std::string dropped_text(const sim::Camera& camera) {
+    std::string names;
+    const auto add = [&](bool is_set, const char* name) {
+        if (is_set) names += (names.empty() ? "" : ", ") + std::string(name);
+    };
+    const sim::Relay &relay = camera.relay, usual;
+    add(camera.main_lens.focal_mm > 0, "main_lens");
+    add(relay.f1_mm != usual.f1_mm || relay.f2_mm != usual.f2_mm || relay.stop_radius_mm > 0 ||
+            relay.lens1_radius_mm > 0 || relay.lens2_radius_mm > 0,
+        "relay");
+    add(!camera.dust.empty(), "dust");
+    return names.empty() ? names : "Not taken from the scene's camera, whose place the cell takes: " + names + ".\n\n";
+}
+
 }  // namespace
 
 bool misses_aim(const WholeCheck& check, double aim) { return binomial_lower(check.rejected, check.good) > aim; }
@@ -144,6 +159,7 @@ std::string describe(const Design& design, const DesignTask& task) {
     std::string text = fmt::format(
         "Part {}, {:.3g} megapixels of {} bits, full well {:g} e-, {:g} parts a second, seed {}.\n\n", task.part.name,
         task.camera.pixels * 1e-6, task.camera.bits, task.camera.full_well_e, task.rate, task.seed);
+    text += dropped_text(task.part.camera);
     text += fmt::format("**Build: {}.** Judge by {}.\n{}\n\n", describe(chosen.cell, task.part, task.camera),
                         set.set.name(), hardware_text(chosen.cell, task));
     const bool holds = check.time_ms * 1e-3 * task.rate <= task.inspection_threads;

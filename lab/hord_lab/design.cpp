@@ -124,7 +124,7 @@ void add_design(CLI::App& program, Exit& status) {
         ->check(in_range(0, 256));
     command->footer(
         "Exit status: 0 a cell finds every wanted size at the rate and is not seen to reject too many good parts, 1 "
-        "none does, 2 usage.\n"
+        "none does, 2 usage, or no cell shows the part.\n"
         "Example: hord-lab design hal_sim/scenes/lens.toml --defects bubble=0.1,scratch=0.02 --pixels 5M --rate 10 "
         "--out lens-cell");
     command->callback([arguments, &status] { status = run_design(*arguments); });

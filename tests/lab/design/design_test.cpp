@@ -139,6 +139,21 @@ TEST(DesignReport, names_the_sizes_that_are_not_found_and_other_cells) {
     EXPECT_THAT(text, HasSubstr("7x7 bins"));
 }
 
+TEST(DesignReport, names_the_optics_of_the_scene_that_a_design_does_not_take) {
+    DesignTask task = small_task("bubble=0.2");
+    Design design;
+    SetTrial set;
+    set.found = {{0.1}};
+    design.fine = {{kCell, {}, {set}}};
+    design.check.found = {{0.1}};
+    design.check.defects.resize(1);
+    EXPECT_THAT(describe(design, task), ::testing::Not(HasSubstr("Not taken")));
+    task.part.camera.main_lens = {100, 600};
+    task.part.camera.relay.stop_radius_mm = 2;
+    task.part.camera.dust.resize(1);
+    EXPECT_THAT(describe(design, task), HasSubstr("whose place the cell takes: main_lens, relay, dust."));
+}
+
 TEST(DesignReport, says_whether_the_good_parts_show_the_share_of_rejects_aimed_at) {
     DesignTask task = small_task("bubble=0.2");
     Design design;
