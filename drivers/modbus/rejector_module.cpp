@@ -59,9 +59,7 @@ Result<void> RejectorModule::start_pulse() {
     return times_pulse() ? link_.write(pulse_coil(), true) : write_output(options_.ejector_coil, coil_value(true));
 }
 
-Result<void> RejectorModule::end_pulse() {
-    return write_output(options_.ejector_coil, coil_value(false));
-}
+Result<void> RejectorModule::end_pulse() { return write_output(options_.ejector_coil, coil_value(false)); }
 
 Result<void> RejectorModule::set_permit(bool permit) {
     if (options_.permit_coil < 0) return {};
