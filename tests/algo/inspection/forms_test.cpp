@@ -494,7 +494,8 @@ TEST(Plate, is_none_where_lines_cast_a_soft_shadow) {
         for (const bool reaches_middle : {false, true}) {
             for (const double width : {2.0, 3.0, 4.0, 6.0, 8.0}) {
                 if (reaches_middle && width < 3) continue;
-                for (const auto& [between, depth] : {std::pair{1.0, 0.1}, {1.0, 0.3}, {kGlass, 0.03}}) {
+                for (const auto& light : {std::pair{1.0, 0.1}, {1.0, 0.3}, {kGlass, 0.03}}) {
+                    const double between = light.first, depth = light.second;
                     const auto spot = [&](int m, int n) {
                         const int x = std::abs(m - 30), y = std::abs(n - 30), from = (closed ? std::max(x, y) : x) - 12;
                         const double share =
