@@ -215,9 +215,9 @@ void RimFinder::compare_across_edges(const FieldLight& light) {
 // middle. Then what it changes there goes on across the edges, and the middle of a shadow may be as light as the field.
 bool RimFinder::is_shadow(const LightAcrossEdges& sums, double middle) {
     if (sums.farther <= sums.beside) return false;
-    const double change = (sums.farther - sums.beside) *
-        std::min(static_cast<double>(sums.across) / sums.away, kFarthestExtrapolated),
-                 lost = std::min(sums.beside - sums.inside, sums.farthest - middle);
+    const double distance = std::min(static_cast<double>(sums.across) / sums.away, kFarthestExtrapolated);
+    const double change = (sums.farther - sums.beside) * distance;
+    const double lost = std::min(sums.beside - sums.inside, sums.farthest - middle);
     return lost - kSmoothChange * change <= (1 - kShadedLight) * sums.beside;
 }
 

@@ -22,7 +22,7 @@ Elongation of_steps(const algo::LensletGrid::Steps& here, const algo::LensletGri
         return (Eigen::Matrix2d() << s.along_u.x_px, s.along_v.x_px, s.along_u.y_px, s.along_v.y_px).finished();
     };
     const Eigen::Matrix2d scale = matrix(here) * matrix(middle).inverse(), moments = scale * scale.transpose();
-    return {(moments(0, 0) - moments(1, 1)) / moments.trace(), 2 * moments(0, 1) / moments.trace(), 0};
+    return {(moments(0, 0) - moments(1, 1)) / moments.trace(), 2 * moments(0, 1) / moments.trace()};
 }
 
 // Medians of one region.

@@ -268,16 +268,15 @@ std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint ce
 std::optional<Elongation> CentreFinder::Kernels::elongation(algo::PixelPoint centre) const {
     const auto of = pixels_about(centre);
     if (!of) return std::nullopt;
-    double sum = 0, xx = 0, xy = 0, yy = 0;
+    double xx = 0, xy = 0, yy = 0;
     for (const WindowPixels::Pixel& p : of->pixels) {
         const double here = p.window * (p.light - of->background);
-        sum += here;
         xx += here * p.dx * p.dx;
         xy += here * p.dx * p.dy;
         yy += here * p.dy * p.dy;
     }
-    if (!(xx + yy > 0) || !(sum > 0)) return std::nullopt;
-    return Elongation{(xx - yy) / (xx + yy), 2 * xy / (xx + yy), std::sqrt((xx + yy) / sum)};
+    if (!(xx + yy > 0)) return std::nullopt;
+    return Elongation{(xx - yy) / (xx + yy), 2 * xy / (xx + yy)};
 }
 
 // Sets `gain`, from the moments one phase to either side of known centres.

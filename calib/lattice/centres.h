@@ -23,9 +23,8 @@ struct Spot {
 
 // The shape of a lenslet's light, by its second moments.
 struct Elongation {
-    double along_x = 0;    // (xx - yy) / (xx + yy): above 0 for a lenslet that is wider along x
-    double aslant = 0;     // 2 xy / (xx + yy)
-    double radius_px = 0;  // RMS distance of its light from the centre
+    double along_x = 0;  // (xx - yy) / (xx + yy): above 0 for a lenslet that is wider along x
+    double aslant = 0;   // 2 xy / (xx + yy)
 };
 
 struct Immunity {

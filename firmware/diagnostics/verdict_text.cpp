@@ -71,8 +71,7 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
             const bool halves = 4 * f.alternation_bins > static_cast<float>(std::min(e.i, e.j));
             return fmt::format(
                 "neighbouring lenslets differ in turn, by {:.2f} bins or {:.0f} % of their light: {}look for "
-                "interlaced "
-                "exposures, and for taps of the sensor that differ{}",
+                "interlaced exposures, and for taps of the sensor that differ{}",
                 2 * f.alternation_bins, 200 * f.alternation_light,
                 halves ? fmt::format("macro-pixels of {0}x{1}, {0}x{3} or {2}x{1} samples do so: give --macro; else ",
                                      2 * e.i, 2 * e.j, e.i, e.j)

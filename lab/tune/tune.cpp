@@ -237,8 +237,8 @@ Values Tuner::limits() const {
     for (std::size_t v = 0; v < kValues; ++v) {
         const std::vector<double> good = worst_of_good([&](const Part& part) { return std::optional(part.values[v]); });
         const double highest = *std::ranges::max_element(good);
-        limits[v] = std::max(
-            1e-3, limit_above(std::max(algo::predicted_limit(good, options_.false_rejects), (1 + kMargin) * highest)));
+        limits[v] =
+            std::max(1e-3, limit_above(std::max(gumbel_limit(good, options_.false_rejects), (1 + kMargin) * highest)));
     }
     return limits;
 }

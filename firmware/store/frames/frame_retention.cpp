@@ -17,7 +17,6 @@
 namespace hord::firmware::store {
 namespace {
 
-// Also without new frames: other programs fill the disk, too.
 constexpr std::size_t kMissedKept = 64;
 
 std::string file_time(UtcMicros time_us) {

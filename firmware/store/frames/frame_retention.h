@@ -33,7 +33,7 @@ struct FrameRetentionOptions {
     std::uint32_t sample_every = 0;                // parts; 0: no samples
     std::size_t buffers = 24;                      // each of one frame and its maps
     bool thread = true;                            // false: only step() writes
-    std::chrono::milliseconds trim_every{10'000};  // without a frame: makes room for others on the disk
+    std::chrono::milliseconds trim_every{10'000};  // without new frames, too: other programs fill the disk
 };
 
 class FrameRetention {
