@@ -48,6 +48,8 @@ void Invariants::part_arrives(const sim::PartRecord& part) {
     history.arrived_ns = part.arrived.time_since_epoch().count();
     history.station_ran = core_ != nullptr && executing(core_->state());
     history.permitted = core_ != nullptr && core_->run_permit();
+    history.touches = part.touches_ahead;
+    history.touched = part.touched_behind;
     // A part that touches one without an edge has no edge either: the sensor stays covered.
     history.invisible = part.touches_ahead && newest_ != 0 && parts_[newest_ % kMemory].invisible;
     // Closer to the part ahead than this, a part may be rejected, or its light may not have had its rest time.
@@ -230,7 +232,8 @@ void Invariants::process_starts(const Core& core, const CoreConfig& config) {
     core_ = &core;
     rules_.core = config;
     reported_ = checked_counters_ = {};
-    checked_results_ = 0;
+    checked_results_ = missed_ = last_edge_ = 0;
+    front_at_ = TimePoint::min();
     reported_inspected_ = results_in_process_ = 0;
     pulse_until_ = pulse_until_before_ = permit_lost_at_ = {};
     had_permit_ = false;

@@ -119,6 +119,8 @@ class Invariants {
         double slipped_mm = 0;  // lost by the encoder since its arrival
         bool bad = false;
         bool invisible = false;    // the sensor gave no edge for it
+        bool touches = false;      // the part ahead: no edge between the two
+        bool touched = false;      // by the part behind, unless that is taken away first
         bool station_ran = false;  // the station executed when the part came
         bool permitted = false;    // the line had its run permit when the part came
         bool delivered = false;    // the station received its edge
@@ -160,6 +162,8 @@ class Invariants {
     void check_undisturbed(const PartResult& result, const PartHistory& history);
     void check_reason(const PartResult& result);
     void check_counters();
+    void check_missed(State before, const Event& event);
+    [[nodiscard]] bool hides_a_part(const hal::PartEdge& leaves);
 
     Rules rules_;
     sim::SimulatedCell& cell_;
@@ -210,7 +214,11 @@ class Invariants {
     TimePoint light_until_ = TimePoint::min();
     bool ever_lit_ = false;
 
-    Counters checked_counters_;  // at the last check
+    std::uint32_t missed_ = 0;               // the station's count after its last step
+    std::uint32_t missed_at_front_ = 0;      // after the newest edge `arrives`
+    std::uint32_t last_edge_ = 0;            // number of the newest edge since the part sensor came up
+    TimePoint front_at_ = TimePoint::min();  // of the newest edge `arrives`
+    Counters checked_counters_;              // at the last check
     std::uint32_t checked_results_ = 0;
     Counters reported_;  // sums over the results of this process
     std::uint32_t reported_inspected_ = 0, results_in_process_ = 0;

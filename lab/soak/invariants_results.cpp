@@ -68,6 +68,15 @@ constexpr std::array kPossibleCauses{
                           InjectedFault::strobe_short, InjectedFault::device_unplugged, InjectedFault::trigger_late)},
     PossibleCauses{PartReason::saturated, any_of(InjectedFault::frame_saturated, InjectedFault::frame_stale)},
 };
+// Faults that make edges which are not those of a part: the station cannot count hidden parts exactly.
+constexpr std::uint64_t kUnclearEdges =
+    any_of(InjectedFault::edge_ghost, InjectedFault::edge_bounce, InjectedFault::edge_missed);
+// Faults that make one part look like two that touch: a ghost edge covers the sensor, a bounce does if the part's other
+// edges are missed, the belt stands with its permit, the encoder is silent as the part comes, or the process reads the
+// time or the encoder after a stall before the edges that wait for it.
+constexpr std::uint64_t kSeemToTouch =
+    any_of(InjectedFault::edge_ghost, InjectedFault::edge_missed, InjectedFault::belt_stop,
+           InjectedFault::encoder_silent, InjectedFault::process_stalled);
 // Longest time from the end of a fault's effect to the verdict that it causes: a part is on the line for 0.8 s, and a
 // PLC's silence ends with its next cycle. The time for which the belt stood with the part on it comes on top.
 constexpr Duration kCauseLag = milliseconds(1000);
@@ -180,6 +189,7 @@ void Invariants::stepped(State before, const Event& event) {
             broken(Promise::ready_again, "the station is still in " + std::string(name_of(now.state)));
         }
     }
+    check_missed(before, event);
     check_counters();
 }
 
@@ -369,6 +379,53 @@ void Invariants::check_counters() {
         c.reject_commanded == reported_.reject + reported_.unfit + pending.reject_commanded &&
         c.inspected == reported_inspected_ + inspected && c.seen == c.pass + c.reject + c.unfit + waiting;
     if (!agree) broken(Promise::counters_agree, "the counters are not what was reported");
+}
+
+// True if the sensor was covered by two parts that touch, and the station could know it.
+bool Invariants::hides_a_part(const hal::PartEdge& leaves) {
+    const PartHistory &behind = parts_[newest_ % kMemory], &ahead = parts_[(newest_ - 1) % kMemory];
+    if (!behind.touches || ahead.arrived_ns != front_at_.time_since_epoch().count()) return false;
+    const CoreConfig& core = rules_.core;
+    if (!core.by_encoder && (!ahead.permitted || !had_permit_ || permit_lost_at_ > front_at_)) return false;
+    const sim::World& world = cell_.world();
+    const double longest_mm = core.by_encoder
+        ? static_cast<double>(core.max_part_counts) * world.geometry().camera_mm /
+            static_cast<double>(core.exposure_counts)
+        : 1e-9 * static_cast<double>(core.max_part.count()) * world.nominal_speed_mm_s();
+    return cell_.world().belt_mm(leaves.at) - ahead.front_mm > longest_mm + 1 &&
+        !any_in_effect(kUnclearEdges | any_of(InjectedFault::edge_lost), clock_.now() - kCauseLag);
+}
+
+// A part counts as missed if its edge was lost, if it covered the sensor as that came up, or if it touches another one;
+// and for no other reason.
+void Invariants::check_missed(State before, const Event& event) {
+    const std::uint32_t grown = core_->counters().missed - std::exchange(missed_, core_->counters().missed);
+    if (const auto* up = std::get_if<DeviceUp>(&event); up != nullptr && up->device == Device::part_sensor)
+        last_edge_ = 0;
+    std::uint32_t lost = 0;
+    const auto* edge = std::get_if<hal::PartEdge>(&event);
+    if (edge != nullptr) {
+        const bool arrives = edge->kind == hal::PartEdge::Kind::arrives;
+        lost = edge->sequence > last_edge_ ? edge->sequence - last_edge_ - 1 : 0;
+        if (lost > 0 && grown == 0 && !any_in_effect(kUnclearEdges, clock_.now() - kCauseLag))
+            broken(Promise::counters_agree, "an arrival was lost, and no part counts as missed");
+        const bool was_there = !arrives && last_edge_ == 0 && lost == 0;
+        if (was_there && grown == 0 && before != State::halted && before != State::preoperational)
+            broken(Promise::counters_agree, "a part covered the sensor as it came up, and does not count as missed");
+        lost += was_there ? 1U : 0U;
+        if (!arrives && hides_a_part(*edge) && missed_ == missed_at_front_)
+            broken(Promise::counters_agree, "a part touches the one ahead, and does not count as missed", newest_);
+        last_edge_ = edge->sequence;
+        if (arrives) {
+            missed_at_front_ = missed_;
+            front_at_ = edge->at;
+        }
+    }
+    const PartHistory &newest = parts_[newest_ % kMemory], &ahead = parts_[(newest_ - 1) % kMemory];
+    const bool touches = newest.touches || newest.touched || ahead.touches || ahead.touched;
+    if (grown > lost + 1 || (grown == lost + 1 && !touches && !any_in_effect(kSeemToTouch, clock_.now() - kCauseLag))) {
+        broken(Promise::counters_agree, "a part counts as missed, and nothing of the kind happened");
+    }
 }
 
 void Invariants::end() {

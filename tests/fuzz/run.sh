@@ -1,5 +1,6 @@
 #!/bin/bash
-# Runs fuzz targets and prints a table: run.sh BIN RUNS [TARGET...]. HORD_FUZZ_SECONDS ends each target after this time.
+# Runs fuzz targets and prints a table: run.sh BIN RUNS [TARGET...]. HORD_FUZZ_SECONDS ends each target after this time;
+# HORD_FUZZ_SEED (1) lets a later piece of a long run draw other inputs.
 # Inputs with new coverage and findings are left in build/fuzz/found/TARGET. Exit status: 1 if there is a finding.
 set -u
 bin=$1 runs=$2 here=$(dirname "$0") status=0
@@ -18,7 +19,7 @@ for name in "$@"; do
         verdict) max_len=64 ;;  # a recipe and eight changes
         *) max_len=16384 ;;
     esac
-    "$bin/fuzz_$name" -runs="$runs" ${HORD_FUZZ_SECONDS:+-max_total_time=$HORD_FUZZ_SECONDS} -max_len=$max_len -malloc_limit_mb=512 -rss_limit_mb=2048 -timeout=20 -seed=1 -print_final_stats=1 \
+    "$bin/fuzz_$name" -runs="$runs" ${HORD_FUZZ_SECONDS:+-max_total_time=$HORD_FUZZ_SECONDS} -max_len=$max_len -malloc_limit_mb=512 -rss_limit_mb=2048 -timeout=20 -seed="${HORD_FUZZ_SEED:-1}" -print_final_stats=1 \
         -artifact_prefix="$found/" "$found/new" "$here/corpus/$name" >"$found/log" 2>&1
     findings=$(find "$found" -maxdepth 1 -type f ! -name log | wc -l)
     [ "$findings" -eq 0 ] || status=1
