@@ -393,7 +393,7 @@ bool Invariants::hides_a_part(const hal::PartEdge& leaves) {
             static_cast<double>(core.exposure_counts)
         : 1e-9 * static_cast<double>(core.max_part.count()) * world.nominal_speed_mm_s();
     return cell_.world().belt_mm(leaves.at) - ahead.front_mm > longest_mm + 1 &&
-        !any_in_effect(kUnclearEdges | any_of(InjectedFault::edge_lost), clock_.now() - kCauseLag);
+        !any_in_effect(kUnclearEdges | any_of(InjectedFault::edge_lost), front_at_ - kCauseLag);
 }
 
 // A part counts as missed if its edge was lost, if it covered the sensor as that came up, or if it touches another one;
@@ -423,7 +423,9 @@ void Invariants::check_missed(State before, const Event& event) {
     }
     const PartHistory &newest = parts_[newest_ % kMemory], &ahead = parts_[(newest_ - 1) % kMemory];
     const bool touches = newest.touches || newest.touched || ahead.touches || ahead.touched;
-    if (grown > lost + 1 || (grown == lost + 1 && !touches && !any_in_effect(kSeemToTouch, clock_.now() - kCauseLag))) {
+    // What covered the sensor is the cause, however long the belt stood since.
+    const TimePoint since = (front_at_ == TimePoint::min() ? clock_.now() : front_at_) - kCauseLag;
+    if (grown > lost + 1 || (grown == lost + 1 && !touches && !any_in_effect(kSeemToTouch, since))) {
         broken(Promise::counters_agree, "a part counts as missed, and nothing of the kind happened");
     }
 }
