@@ -26,8 +26,10 @@ using Clock = std::chrono::steady_clock;
 constexpr int kAttempts = 4;
 // A delay that counts as a hold-up. The shortest deadline of a thread in the tested lines is 40 ms (hordctl run without
 // a configuration); half of it is left for the scheduler. Tests of devices have longer ones.
-#ifdef HORD_SERIAL_LINE_MS
+#if defined HORD_SERIAL_LINE_MS
 constexpr std::chrono::milliseconds kHeldUp{HORD_SERIAL_LINE_MS};
+#elif defined HORD_HELD_UP_MS
+constexpr std::chrono::milliseconds kHeldUp{HORD_HELD_UP_MS};
 #else
 constexpr std::chrono::milliseconds kHeldUp{20};
 #endif
