@@ -229,6 +229,23 @@ Result<FoundDefects> Pipeline::Workspace::find_defects(bool& bounded) {
     return found;
 }
 
+// Of a part that passes: a place where material is missing is its only defect.
+void Pipeline::Workspace::find_missing(Inspection& result) {
+    const std::optional<MissingMaterial> found = missing_material->find(sums, mask, recipe.min_area);
+    if (!found) return;
+    const auto side = static_cast<float>(found->side);
+    missing = {.m = found->m,
+               .n = found->n,
+               .area = static_cast<std::uint32_t>(found->side * found->side),
+               .peak = found->excess,
+               .length = side,
+               .width = side};
+    result.defects = {&missing, 1};
+    result.reason = Reason::missing_material;
+    result.score = found->score;
+    result.verdict = Verdict::reject;
+}
+
 // The same of a part that is compared with a reference.
 FoundDefects Pipeline::Workspace::find_differences(const FrameView& frame, const Registered& registered,
                                                    bool& bounded) {
@@ -359,6 +376,7 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
         result.score = found->score > kInsignificantScore ? found->score : 0;
         result.out_of_time = result.bounded && w.exact->out_of_time();
         result.verdict = found->defects.empty() ? Verdict::pass : Verdict::reject;
+        if (result.verdict == Verdict::pass && w.missing_material) w.find_missing(result);
         if (w.comparison) {
             result.z_score = w.comparison->z_score;
             auto& compared = w.comparison->compared;

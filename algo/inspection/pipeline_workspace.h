@@ -17,6 +17,7 @@
 #include "algo/inspection/defects.h"
 #include "algo/inspection/exact_gradients.h"
 #include "algo/inspection/frame_checks.h"
+#include "algo/inspection/missing_material.h"
 #include "algo/inspection/pipeline.h"
 #include "algo/inspection/raw_rows.h"
 #include "algo/inspection/reference_defects.h"
@@ -93,6 +94,7 @@ struct Pipeline::Workspace {
           checks(e, sample_bits, r), rim(RimFinder::of(r, e)), defect_finder(e, r) {
         paint_zones(recipe.zones, extents, zones, recipe.lenslet_mm);
         if (recipe.reference) comparison.emplace(e, recipe, maps);
+        else if (recipe.light && recipe.transmission_limit > 0) missing_material.emplace(e);
     }
 
     Extents extents;
@@ -115,6 +117,8 @@ struct Pipeline::Workspace {
     FrameChecks checks;
     RimFinder rim;
     DefectFinder defect_finder;
+    std::optional<MissingMaterialFinder> missing_material;  // without a reference, if light is judged
+    Defect missing;                                         // what it found
     // If neighbours are judged by the EMD, and its map is not wanted.
     std::optional<SoaEmdBounds> emd_bounds;
     std::optional<ExactGradients> exact;
@@ -170,6 +174,7 @@ struct Pipeline::Workspace {
     void find_bounded_columns(int first_row, int last_row);
     void bound_row(SoaDistances& rows, const FrameView& frame, int n, int& next);
     Result<FoundDefects> find_defects(bool& bounded);
+    void find_missing(Inspection& result);
     FoundDefects find_differences(const FrameView& frame, const Registered& registered, bool& bounded);
 };
 

@@ -25,6 +25,7 @@ enum class Reason : std::uint8_t {
     no_part,              // unfit: no part in the field, or not one whole part
     unexpected_light,  // unfit: the light is not that of the calibrated cell (fog, defocus, shift, ghost, dark level)
     unexpected_geometry,  // unfit: the frame has macro-pixels of another size, or none
+    missing_material,  // light passes through a place of the part as where there is none (more than the part beside it)
 };
 
 enum class DefectKind : std::uint8_t { unknown, scattering, absorbing, surface, scratch };
@@ -55,7 +56,7 @@ constexpr std::string_view name_of(Verdict v) {
 constexpr std::string_view name_of(Reason r) {
     constexpr std::string_view names[] = {"none",     "neighbours-disagree", "deflection-gradient", "absorption",
                                           "too-dark", "saturated",           "nothing-to-see",      "not-registered",
-                                          "no-part",  "unexpected-light",    "unexpected-geometry"};
+                                          "no-part",  "unexpected-light",    "unexpected-geometry", "missing-material"};
     return names[static_cast<unsigned>(r)];
 }
 

@@ -59,6 +59,7 @@ enum class PartReason : std::uint16_t {
     no_part = static_cast<std::uint16_t>(algo::Reason::no_part),
     unexpected_light = static_cast<std::uint16_t>(algo::Reason::unexpected_light),
     unexpected_geometry = static_cast<std::uint16_t>(algo::Reason::unexpected_geometry),
+    missing_material = static_cast<std::uint16_t>(algo::Reason::missing_material),
 
     verdict_late = 16,         // no verdict by the deadline
     frame_lost = 17,           // no frame came
@@ -82,7 +83,7 @@ constexpr std::string_view name_of(PartReason reason) {
                                           "frame-short",         "frame-corrupt", "strobe-failed", "parts-too-close",
                                           "station-not-running", "device-lost",   "line-full",     "edge-lost",
                                           "inspector-failed",    "plc-lost"};
-    if (reason <= PartReason::unexpected_geometry) return algo::name_of(static_cast<algo::Reason>(reason));
+    if (reason <= PartReason::missing_material) return algo::name_of(static_cast<algo::Reason>(reason));
     const auto row = static_cast<std::size_t>(reason) - 16;
     return !is_judged(reason) && row < std::size(names) ? names[row] : "unknown";
 }

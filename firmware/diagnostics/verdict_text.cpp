@@ -259,6 +259,12 @@ std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, c
     if (found.defects.empty())
         return fmt::format("Passed: the worst place reaches {:.0f} % of its limit.{}", 100 * found.score, bounds);
     const algo::Defect& d = found.defects.front();
+    if (found.reason == algo::Reason::missing_material) {
+        return fmt::format(
+            "Rejected: light passes as if material were missing at {}: {:.0f} % more than beside it in a square of {}, "
+            "{:.1f} times its limit.{}",
+            place_text(d, recipe, extents), 100 * d.peak, length_text(d.length, recipe), found.score, bounds);
+    }
     std::string text = fmt::format("Rejected: {} of {} at {}, {:.1f} times its limit", what_is(d.kind),
                                    size_text(d, recipe), place_text(d, recipe, extents), found.score);
     const std::size_t more = found.defects.size() - 1;

@@ -295,6 +295,19 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
     for (const auto& [found, why] : all) EXPECT_EQ(told(found), "Not judged: " + why + ".");
 }
 
+TEST(VerdictText, of_missing_material_says_where_and_how_much_light_passes) {
+    algo::Inspection found;
+    const algo::Defect hole{.m = 20, .n = 35, .area = 9, .peak = 0.082F, .length = 3, .width = 3};
+    found.verdict = algo::Verdict::reject;
+    found.reason = Reason::missing_material;
+    found.score = 2.3F;
+    found.defects = {&hole, 1};
+    EXPECT_EQ(
+        told(found),
+        "Rejected: light passes as if material were missing at lenslet (20.0, 35.0): 8 % more than beside it in a "
+        "square of 3.0 lenslets, 2.3 times its limit.");
+}
+
 TEST(VerdictText, of_light_off_the_middle_says_by_how_much_and_to_which_side) {
     for (const auto& [x, y, where] :
          {std::tuple(0.75F, 0.5F, "to the right of"), std::tuple(-0.75F, 0.5F, "to the left of"),

@@ -1,0 +1,153 @@
+// Places of a part through which light passes as if there were no material: drawn light, and whole verdicts.
+#include "algo/inspection/missing_material.h"
+
+#include <cmath>
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "algo/frame/mask.h"
+#include "algo/inspection/pipeline.h"
+#include "tests/support/counted_heap.h"
+#include "tests/support/frames.h"
+
+namespace hord::algo {
+namespace {
+
+using namespace hord::algo::testing;
+
+constexpr Extents kField{61, 61, 9, 9};
+constexpr std::uint32_t kLight = 10'000;
+
+// A part within `from`..`to` lenslets of each axis; light relative to that of the part.
+struct Field {
+    std::vector<std::uint32_t> sums = std::vector<std::uint32_t>(kField.lenslets());
+    std::vector<std::uint8_t> mask = std::vector<std::uint8_t>(kField.lenslets(), kValid);
+};
+
+Field field(const std::function<double(int m, int n)>& light, int from = 0, int to = 60) {
+    Field f;
+    for (int n = 0; n < kField.n; ++n) {
+        for (int m = 0; m < kField.m; ++m) {
+            // +- 1 %, the same for each run, without a period
+            const double noise = 0.02 * (std::fmod(0.6180339887 * (m * 7919 + n * 104'729), 1.0) - 0.5);
+            f.sums[kField.index(m, n)] = static_cast<std::uint32_t>(kLight * light(m, n) * (1 + noise));
+            if (m < from || m > to || n < from || n > to) f.mask[kField.index(m, n)] = kOutside;
+        }
+    }
+    return f;
+}
+
+std::function<double(int, int)> hole(double m, double n, double radius, double light) {
+    return [=](int x, int y) { return std::hypot(x - m, y - n) <= radius ? light : 1; };
+}
+
+std::optional<MissingMaterial> found_in(const Field& f, std::uint32_t min_area = 1) {
+    MissingMaterialFinder finder(kField);
+    return finder.find(f.sums, f.mask, min_area);
+}
+
+TEST(MissingMaterial, is_a_hole_of_any_size_whose_light_is_that_of_no_glass) {
+    for (const double radius : {2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 11.0}) {
+        const auto found = found_in(field(hole(33, 27, radius, 1.08)));
+        ASSERT_TRUE(found) << radius;
+        EXPECT_LE(std::hypot(found->m - 33, found->n - 27), radius) << radius;
+        EXPECT_LE(found->side, 2 * radius + 1) << radius;
+        EXPECT_NEAR(found->excess, 0.08, 0.03) << radius;
+    }
+}
+
+TEST(MissingMaterial, is_a_single_lenslet_of_a_dark_part) {
+    const auto found = found_in(field(hole(12, 40, 0.5, 1.6)));
+    ASSERT_TRUE(found);
+    EXPECT_EQ(found->m, 12);
+    EXPECT_EQ(found->n, 40);
+    EXPECT_EQ(found->side, 1);
+    EXPECT_GT(found->score, 1);
+}
+
+TEST(MissingMaterial, is_a_notch_that_is_open_at_one_side) {
+    const auto found = found_in(field(hole(10, 30, 6, 1.08), 10, 50));
+    ASSERT_TRUE(found);
+    EXPECT_LE(std::hypot(found->m - 10, found->n - 30), 6);
+}
+
+TEST(MissingMaterial, is_none_where_light_changes_smoothly_or_the_rim_is_dark_or_light_is_missing) {
+    const auto none = [](const std::function<double(int, int)>& light, const char* what) {
+        EXPECT_FALSE(found_in(field(light, 8, 52))) << what;
+    };
+    none([](int, int) { return 1.0; }, "even");
+    none([](int m, int) { return 1 + 0.02 * m; }, "a slope");
+    none([](int m, int n) { return 1 + 0.3 * std::exp(-(std::pow(m - 30, 2) + std::pow(n - 30, 2)) / 800); }, "a lens");
+    none([](int m, int n) { return m < 12 || m > 48 || n < 12 || n > 48 ? 0.8 : 1; }, "a dark rim");
+    none([](int m, int) { return m < 30 ? 1.0 : 1.3; }, "a step");
+    none(hole(30, 30, 6, 0.8), "a dark place");
+}
+
+TEST(MissingMaterial, beside_the_part_is_none) {
+    EXPECT_FALSE(found_in(field([](int m, int n) { return m < 8 || n < 8 || m > 52 || n > 52 ? 1.08 : 1; }, 8, 52)));
+}
+
+TEST(MissingMaterial, counts_saturated_lenslets_and_not_dark_ones) {
+    Field f = field(hole(30, 30, 4, 1.3));
+    for (int n = 27; n < 34; ++n) f.mask[kField.index(30, n)] = kSaturated;
+    EXPECT_TRUE(found_in(f));
+    for (int n = 26; n < 35; ++n) {
+        for (int m = 26; m < 35; ++m) f.mask[kField.index(m, n)] = kDark;
+    }
+    EXPECT_FALSE(found_in(f));
+}
+
+TEST(MissingMaterial, of_fewer_lenslets_than_a_defect_has_is_none) {
+    const Field f = field(hole(30, 30, 0.5, 1.6));
+    EXPECT_TRUE(found_in(f, 1));
+    EXPECT_FALSE(found_in(f, 10));
+}
+
+TEST(MissingMaterial, is_sought_without_allocating) {
+    const Field f = field(hole(33, 27, 5, 1.08));
+    MissingMaterialFinder finder(kField);
+    bool any = false;
+    EXPECT_EQ(hord::test::allocated_by([&] { any = finder.find(f.sums, f.mask).has_value(); }), 0U);
+    EXPECT_TRUE(any);
+}
+
+TEST(MissingMaterial, is_sought_in_fields_of_any_size) {
+    for (const Extents& e : {Extents{1, 1, 9, 9}, Extents{3, 90, 9, 9}, Extents{64, 5, 9, 9}, Extents{129, 12, 9, 9}}) {
+        MissingMaterialFinder finder(e);
+        const std::vector<std::uint32_t> sums(e.lenslets(), kLight);
+        const std::vector<std::uint8_t> mask(e.lenslets(), kValid);
+        EXPECT_FALSE(finder.find(sums, mask)) << e.m << "x" << e.n;
+    }
+}
+
+// A film with a hole, judged as a web: the verdict, and what is switched off with the light.
+TEST(MissingMaterial, rejects_a_part_that_all_else_passes) {
+    const auto film = [](double light) {
+        return noisy(drawn(kField, 8, 200,
+                           [=](int m, int n) { return Spot{.light = std::hypot(m - 20, n - 35) < 4 ? light : 0.9}; }),
+                     {}, 11);
+    };
+    Recipe recipe;
+    recipe.form = PartForm::web;
+    recipe.part_required = false;
+    const auto judged = [&](const Recipe& r, const Frame& frame) {
+        auto pipeline = Pipeline::create(kField, 8, r);
+        EXPECT_TRUE(pipeline);
+        const auto found = pipeline->inspect(frame.view());
+        EXPECT_TRUE(found);
+        return std::tuple(found->verdict, found->reason, found->defects.empty() ? Defect{} : found->defects.front());
+    };
+    EXPECT_EQ(std::get<0>(judged(recipe, film(0.9))), Verdict::pass);
+    const auto [verdict, reason, defect] = judged(recipe, film(1));
+    EXPECT_EQ(verdict, Verdict::reject);
+    EXPECT_EQ(reason, Reason::missing_material);
+    EXPECT_LE(std::hypot(defect.m - 20, defect.n - 35), 4);
+    recipe.light = false;
+    EXPECT_EQ(std::get<0>(judged(recipe, film(1))), Verdict::pass);
+}
+
+}  // namespace
+}  // namespace hord::algo
