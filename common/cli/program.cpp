@@ -13,17 +13,19 @@
 #include <vector>
 
 #include <errno.h>
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "common/cli/help_text.h"
+#include "common/cli/message.h"
 #include "common/nearest_name.h"
 
 namespace hord {
 
 Exit complain(const Error& error) {
-    fmt::print(stderr, "{}: {}\n", program_invocation_short_name, error.message());
+    print_message("{}: {}\n", program_invocation_short_name, error.message());
     return Exit::bad_input;
 }
 
@@ -119,6 +121,15 @@ int end_output(int status) {
 }
 
 namespace {
+
+// A descriptor from 0 to 2 that is closed gets /dev/null. Otherwise the next socket or file would get its number, and
+// messages would be written there. Output still fails, as on a closed descriptor: that descriptor cannot be written.
+void open_standard_streams() {
+    for (const auto& [descriptor, access] :
+         {std::pair(STDIN_FILENO, O_RDONLY), {STDOUT_FILENO, O_RDONLY}, {STDERR_FILENO, O_WRONLY}}) {
+        if (::fcntl(descriptor, F_GETFD) < 0) (void)::open("/dev/null", access);  // the lowest that is free
+    }
+}
 
 // Why `text` is no number of `type` (INT..., UINT..., FLOAT...). Empty: it is one. CLI11 reads 010 as octal, and -3 as
 // 18446744073709551613.
@@ -294,6 +305,7 @@ std::string mistake_text(const CLI::App& program, const CLI::App& command, const
 }  // namespace
 
 std::optional<int> parse_command_line(CLI::App& program, int argc, char** argv) {
+    open_standard_streams();
     const char* name = program_invocation_short_name;
     refuse_empty_and_odd_values(program);
     try {
@@ -307,11 +319,11 @@ std::optional<int> parse_command_line(CLI::App& program, int argc, char** argv) 
     } catch (const CLI::ParseError& error) {
         const auto [command, command_name] = deepest_command(program);
         const std::string what = mistake_text(program, *command, error);
-        fmt::print(stderr, "{}: {}{} {} --help\n", name, what, what.ends_with('?') ? " See" : ": see", command_name);
+        print_message("{}: {}{} {} --help\n", name, what, what.ends_with('?') ? " See" : ": see", command_name);
         return static_cast<int>(Exit::bad_input);
     } catch (const std::exception& error) {
         if (std::ferror(stdout) != 0) return end_output(0);
-        fmt::print(stderr, "{}: stopped by an unexpected error: {}: please report it\n", name, error.what());
+        print_message("{}: stopped by an unexpected error: {}: please report it\n", name, error.what());
         return static_cast<int>(Exit::bad_input);
     }
     return std::nullopt;

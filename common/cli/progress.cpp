@@ -5,13 +5,15 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include "common/cli/message.h"
+
 namespace hord {
 
 Progress::Progress(std::string what, bool quiet)
     : what_(std::move(what)), quiet_(quiet), terminal_(isatty(STDERR_FILENO) == 1) {}
 
 Progress::~Progress() {
-    if (drawn_) fmt::print(stderr, "\n");
+    if (drawn_) print_message("\n");
 }
 
 void Progress::show(double done, const std::string& note) {
@@ -21,7 +23,7 @@ void Progress::show(double done, const std::string& note) {
         const int tenths = static_cast<int>(done * 10);
         if (tenths == tenths_) return;
         tenths_ = tenths;
-        fmt::print(stderr, "{}: {} %{}{}\n", what_, tenths * 10, note.empty() ? "" : ", ", note);
+        print_message("{}: {} %{}{}\n", what_, tenths * 10, note.empty() ? "" : ", ", note);
         return;
     }
     const int permille = static_cast<int>(done * 1000);
@@ -29,8 +31,8 @@ void Progress::show(double done, const std::string& note) {
     permille_ = permille;
     constexpr int kWidth = 40;
     const auto full = static_cast<std::size_t>(done * kWidth);
-    fmt::print(stderr, "\r{} [{}{}] {:3.0f} % {}\033[K", what_, std::string(full, '#'), std::string(kWidth - full, '.'),
-               done * 100, note);
+    print_message("\r{} [{}{}] {:3.0f} % {}\033[K", what_, std::string(full, '#'), std::string(kWidth - full, '.'),
+                  done * 100, note);
     std::fflush(stderr);
     drawn_ = true;
 }

@@ -12,6 +12,7 @@
 #include <fmt/format.h>
 #include <systemd/sd-daemon.h>
 
+#include "common/cli/message.h"
 #include "common/cli/program.h"
 #include "firmware/mqtt/agent.h"
 #include "firmware/mqtt/mqtt_config.h"
@@ -28,7 +29,7 @@ constexpr std::chrono::milliseconds kModbusAnswer(1000), kPause(50);
 
 volatile std::sig_atomic_t asked_to_stop = 0;
 
-void say(const std::string& line) { fmt::print(stderr, "hord-mqtt: {}\n", line); }
+void say(const std::string& line) { print_message("hord-mqtt: {}\n", line); }
 
 int complain(const Error& error, int status) {
     say(error.message());

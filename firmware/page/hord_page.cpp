@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include "common/cli/message.h"
 #include "common/cli/program.h"
 #include "firmware/page/server.h"
 #include "firmware/page/station_watch.h"
@@ -33,7 +34,7 @@ struct Options {
 };
 
 int complain(const Error& error, int status) {
-    fmt::print(stderr, "hord-page: {}\n", error.message());
+    print_message("hord-page: {}\n", error.message());
     return status;
 }
 
@@ -62,7 +63,7 @@ Result<PageConfig> configuration(const Options& options) {
     return config;
 }
 
-void log(const std::string& line) { fmt::print(stderr, "hord-page: {}\n", line); }
+void log(const std::string& line) { print_message("hord-page: {}\n", line); }
 
 // SIGINT and SIGTERM: blocked in all threads from here on; wait() receives them.
 class EndSignals {

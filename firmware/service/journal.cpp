@@ -14,6 +14,7 @@
 #include <systemd/sd-journal.h>
 #include <unistd.h>
 
+#include "common/cli/message.h"
 #include "firmware/core/faults.h"
 
 namespace hord::firmware {
@@ -99,7 +100,7 @@ std::string format_catalog() {
 void write_to_journal(const Entry& entry, std::string_view message, std::span<const Field> fields) {
     static const bool to_journal = stderr_is_the_journal();
     if (!to_journal) {
-        fmt::print(stderr, "{}: {}\n", program_invocation_short_name, message);
+        print_message("{}: {}\n", program_invocation_short_name, message);
         std::fflush(stderr);
         return;
     }

@@ -199,8 +199,12 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
     if (auto done = assign(loop_, SdEventLoop::open()); !done) return done;
     opened_at_ = loop_->now();
     identity_ = identity_of(config_, simulation);
-    if (auto done = loop_->stop_on_signals(); !done) return done;
-    if (watchers_.reload) {
+    // A message that nobody reads, or a signal sent by mistake, must not end a station: its line would run on.
+    for (const int signal : {SIGPIPE, SIGUSR1, SIGUSR2, SIGALRM}) std::signal(signal, SIG_IGN);
+    if (auto done = loop_->stop_on_signals({SIGINT, SIGTERM, SIGQUIT}); !done) return done;
+    if (!watchers_.reload) {
+        if (auto done = loop_->stop_on_signals({SIGHUP}); !done) return done;  // its terminal was closed
+    } else {
         if (auto done = loop_->on_signal(SIGHUP, [this] { watchers_.reload(); }); !done) return done;
     }
     // The ports come before the devices: a quick check. A simulated cell renders for seconds and nobody answers

@@ -32,7 +32,7 @@ struct ServiceWatchers {
     // The FaultBits `raised` were latched; before the change of state that they cause.
     std::function<void(std::uint32_t raised, const Snapshot&)> fault;
     std::function<void(const NumberedRecipe&)> recipe;  // another recipe is in use; not called for the first one
-    std::function<void()> reload;                       // SIGHUP; empty: the signal is not handled
+    std::function<void()> reload;                       // SIGHUP; empty: the signal stops the station
     std::function<void(const Error&)> trouble;          // to be logged once
     std::function<void(const Backends::Fate&)> fate;    // simulated line: ground truth of a part
     std::function<void()> line_over;  // simulated line: all parts came and left; their results may still come

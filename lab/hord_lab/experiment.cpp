@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "common/cli/message.h"
 #include "common/cli/progress.h"
 #include "lab/detection/detection.h"
 #include "lab/guarantee/guarantee.h"
@@ -27,8 +28,8 @@ Exit run_experiment(const Experiment& experiment, const ExperimentArguments& arg
     if (error)
         return complain({ErrorCode::io, arguments.out + " cannot be created (" + error.message() + ")",
                          "give a folder that may be written to"});
-    fmt::print(stderr, "experiment {}{}, seed {}; takes {}\n", experiment.name, arguments.quick ? " (quick)" : "",
-               arguments.seed, arguments.quick ? "less than a minute" : std::string(experiment.takes));
+    print_message("experiment {}{}, seed {}; takes {}\n", experiment.name, arguments.quick ? " (quick)" : "",
+                  arguments.seed, arguments.quick ? "less than a minute" : std::string(experiment.takes));
     auto progress = std::make_unique<Progress>(std::string(experiment.name));
     const auto run = !arguments.finished  ? experiment.run
         : experiment.run == run_guarantee ? report_finished_guarantee

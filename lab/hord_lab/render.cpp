@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "common/cli/message.h"
 #include "common/cli/progress.h"
 #include "drivers/files/frame_file.h"
 #include "hal_sim/optics/scene/array_geometry.h"
@@ -99,10 +100,10 @@ Exit run_render(const RenderArguments& arguments) {
     if (!scene) return complain(scene.error());
     if (arguments.seed) scene->seed = *arguments.seed;
     if (arguments.seed && !scene->noise.is_random() && scene->camera.array.dead_share == 0) {
-        fmt::print(stderr,
-                   "hord-lab: --seed changes nothing: {} has no noise; give it electrons_per_dn in [noise] "
-                   "(docs/scene.md)\n",
-                   arguments.scene);
+        print_message(
+            "hord-lab: --seed changes nothing: {} has no noise; give it electrons_per_dn in [noise] "
+            "(docs/scene.md)\n",
+            arguments.scene);
     }
     std::optional<Progress> progress(std::in_place, "render " + scene->name);
     auto field = sim::render(*scene, {arguments.threads, [&](double done) { progress->show(done); }});

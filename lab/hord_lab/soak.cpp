@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 
+#include "common/cli/message.h"
 #include "common/cli/progress.h"
 #include "lab/hord_lab/commands.h"
 #include "lab/soak/shrink.h"
@@ -68,7 +69,7 @@ Exit run_soak(const SoakArguments& arguments) {
     options.threads = arguments.threads;
     auto progress = std::make_unique<Progress>("soak");
     options.progress = [&](double done) { progress->show(done); };
-    fmt::print(stderr, "seed {}, {} parts\n", options.seed, arguments.parts);
+    print_message("seed {}, {} parts\n", options.seed, arguments.parts);
     const auto report = soak(options);
     progress.reset();
     if (!report) return complain(report.error());

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "common/cli/message.h"
 #include "common/file_writing.h"
 #include "lab/report/scatter.h"
 #include "lab/report/template.h"
@@ -269,7 +270,7 @@ Result<std::vector<fs::path>> write_report(Tuned& tuned, const fs::path& out, co
     if (auto done = common::write_durably(table, text); !done) return tl::unexpected(done.error());
     if (auto done = write_csv(numbers, numbers_of(tuned)); !done) return tl::unexpected(done.error());
     if (const auto drawn = plot_tuned(tuned, folder, name)) written.insert(written.end(), drawn->begin(), drawn->end());
-    else fmt::print(stderr, "hordctl: the plot is not drawn: {}\n", drawn.error().message());
+    else print_message("hordctl: the plot is not drawn: {}\n", drawn.error().message());
     fs::path& reference = tuned.feature_sets[*tuned.chosen].recipe.reference_file;
     std::error_code error;
     if (!reference.empty() && fs::equivalent(reference.parent_path(), folder, error)) reference = reference.filename();

@@ -11,6 +11,7 @@
 #include "calib/calibrate/calibrate_grid.h"
 #include "calib/files/accept_calibration.h"
 #include "calib/files/grid_toml.h"
+#include "common/cli/message.h"
 #include "common/cli/progress.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/frames/calibrate_pictures.h"
@@ -196,7 +197,7 @@ Exit run_calibrate(const CalibrateArguments& arguments) {
     if (!arguments.centres.empty()) {
         if (auto done = calib::write_centres(arguments.centres, *found); !done) return complain(done.error());
     }
-    for (const std::string& warning : found->warnings) fmt::print(stderr, "hordctl: warning: {}\n", warning);
+    for (const std::string& warning : found->warnings) print_message("hordctl: warning: {}\n", warning);
     if (arguments.json) {
         fmt::print("{}\n", store::to_text(to_json(arguments, *found, directions)));
         return Exit::good;

@@ -12,6 +12,7 @@
 #include "algo/maps/feature_map.h"
 #include "algo/maps/optical_map.h"
 #include "common/assign.h"
+#include "common/cli/message.h"
 #include "common/file_writing.h"
 #include "firmware/diagnostics/feature_views.h"
 #include "firmware/diagnostics/inspection_json.h"
@@ -187,7 +188,7 @@ class Inspector {
     Result<void> choose_feature() {
         feature_ = options_.feature;
         if (feature_ == "surprise") {
-            fmt::print(stderr, "hordctl: the feature \"surprise\" is called \"{}\" now\n", kZScore);
+            print_message("hordctl: the feature \"surprise\" is called \"{}\" now\n", kZScore);
             feature_ = kZScore;
         }
         const auto refuse = [](std::string what, std::string cure) {

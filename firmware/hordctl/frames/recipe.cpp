@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <sys/stat.h>
 
+#include "common/cli/message.h"
 #include "common/file_kind.h"
 #include "common/file_writing.h"
 #include "common/toml_fields.h"
@@ -87,8 +88,8 @@ Exit seal(const RecipeOptions& options) {
         if (auto done = common::write_durably(file, fmt::format("crc32 = \"{}\"\n", sum) + text); !done)
             return complain(done.error());
         if (known && ::stat(file.c_str(), &after) == 0 && !lost_access(before, after).empty()) {
-            fmt::print(stderr, "hordctl: {}: {} could not be kept: give them back as root: chown {}:{} {}\n", file,
-                       lost_access(before, after), before.st_uid, before.st_gid, file);
+            print_message("hordctl: {}: {} could not be kept: give them back as root: chown {}:{} {}\n", file,
+                          lost_access(before, after), before.st_uid, before.st_gid, file);
         }
         fmt::print("{}: sealed with {}\n", file, sum);
     }

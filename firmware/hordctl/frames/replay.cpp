@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "common/cli/message.h"
 #include "common/cli/progress.h"
 #include "common/file_writing.h"
 #include "firmware/hordctl/commands.h"
@@ -133,7 +134,7 @@ Exit write_shard(const ReplayOptions& options, const store::Shard& shard, const 
     if (trouble) return complain(*trouble);
     const auto tally = writer->finish();
     if (!tally) return complain(tally.error());
-    fmt::print(stderr, "{}; shard {} is in {}\n", summary_of(*tally), shard.text(), options.out);
+    print_message("{}; shard {} is in {}\n", summary_of(*tally), shard.text(), options.out);
     return status_of(*tally);
 }
 
@@ -164,7 +165,7 @@ Exit print_replay(const ReplayOptions& options, const Chosen& chosen, const std:
             progress.show(static_cast<double>(tally.records) / static_cast<double>(mine.size()));
             return true;
         });
-    fmt::print(options.json ? stderr : stdout, "{}\n", summary_of(tally));
+    std::fputs((summary_of(tally) + "\n").c_str(), options.json ? stderr : stdout);
     return status_of(tally);
 }
 
@@ -202,7 +203,7 @@ Exit run_merge(const std::vector<std::string>& names, const std::string& out) {
     if (auto fine = check_outputs({{"--out", out}}, names); !fine) return complain(fine.error());
     const auto tally = store::merge_shards(std::vector<fs::path>(names.begin(), names.end()), out);
     if (!tally) return complain(tally.error());
-    fmt::print(stderr, "{}; all of it is in {}\n", summary_of(*tally), out);
+    print_message("{}; all of it is in {}\n", summary_of(*tally), out);
     return status_of(*tally);
 }
 

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "common/cli/message.h"
 #include "common/cli/progress.h"
 #include "drivers/files/frame_file.h"
 #include "firmware/hordctl/commands.h"
@@ -126,8 +127,7 @@ Exit run_tune(const TuneArguments& arguments) {
     }
     if (tuned->chosen && !options.base.recipe.tolerances.empty() &&
         !tuned->feature_sets[*tuned->chosen].set.reference) {
-        fmt::print(
-            stderr,
+        print_message(
             "hordctl: the tolerances of {} need a reference, which this feature set does without: they are left out\n",
             arguments.recipe);
     }

@@ -11,6 +11,7 @@
 #include <fmt/ranges.h>
 
 #include "common/assign.h"
+#include "common/cli/message.h"
 #include "firmware/core/enum_values.h"
 #include "firmware/core/station_types.h"
 #include "firmware/hordctl/commands.h"
@@ -42,7 +43,7 @@ Result<void> complete(ResultsOptions& options) {
     if (options.filter.reason.empty()) return {};
     const auto present = algo::present_reason_name(options.filter.reason);
     if (present != options.filter.reason)
-        fmt::print(stderr, "hordctl: the reason \"{}\" is called \"{}\" now\n", options.filter.reason, present);
+        print_message("hordctl: the reason \"{}\" is called \"{}\" now\n", options.filter.reason, present);
     std::vector<std::string_view> known;
     for (const PartReason reason : kValuesOf<PartReason>) known.push_back(name_of(reason));
     if (std::ranges::find(known, present) == known.end()) {
@@ -76,8 +77,7 @@ void print_age(StoreReader& reader) {
             : age_s < 2 * 3600     ? fmt::format("{} min ago", age_s / 60)
             : age_s < 2 * kDay_s   ? fmt::format("{} h ago", age_s / 3600)
                                    : fmt::format("{} days ago", age_s / kDay_s);
-        fmt::print(stderr, "hordctl: the newest result of this store is of {}, {}\n", store::format_utc(row.time_us),
-                   age);
+        print_message("hordctl: the newest result of this store is of {}, {}\n", store::format_utc(row.time_us), age);
     });
     (void)said;  // what cannot be read was told before
 }
@@ -99,7 +99,7 @@ Exit list(ResultsOptions options, bool changes) {
         ++rows;
         print_head();
         if (!row.damage.empty() && ++damaged <= kDamagedTold)
-            fmt::print(stderr, "hordctl: row {}: {}\n", row.number, row.damage);
+            print_message("hordctl: row {}: {}\n", row.number, row.damage);
         fmt::print("{}\n",
                    csv        ? store::to_csv(row)
                        : json ? store::to_line(store::to_json(row))
@@ -112,7 +112,7 @@ Exit list(ResultsOptions options, bool changes) {
         if (auto known = check_recipe(**reader, options.filter.recipe); !known) return complain(known.error());
     }
     print_head();
-    if (rows == 0) fmt::print(stderr, "hordctl: no row of {} is as asked for\n", options.folder);
+    if (rows == 0) print_message("hordctl: no row of {} is as asked for\n", options.folder);
     if (!changes && !csv && !json) print_age(**reader);
     if (damaged == 0) return Exit::good;
     return complain({ErrorCode::unreadable,

@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "common/cli/message.h"
 #include "common/cli/progress.h"
 #include "firmware/core/faults.h"
 #include "firmware/diagnostics/verdict_text.h"
@@ -154,8 +155,8 @@ class Run {
         if (!service) return complain(service.error());
         service_ = std::move(*service);
         on_recipe(service_->recipe());
-        fmt::print(stderr, "registers at {}\nsimulated: {}\n", service_->registers_address(),
-                   names_of_faults(service_->simulated()));
+        print_message("registers at {}\nsimulated: {}\n", service_->registers_address(),
+                      names_of_faults(service_->simulated()));
         progress_ = std::make_unique<Progress>("parts", options_.line.parts == 0);
         for (const Error& note : notes(*config)) say(note.message());
         if (options_.line.parts > 0 || options_.reset_after_s > 0) watch_for_line_stop(0);
@@ -179,8 +180,8 @@ class Run {
             if (*rendering) (*rendering)->show(done);
             if (done >= 1) rendering->reset();
         };
-        if (options_.line.parts == 0) fmt::print(stderr, "seed {}, until interrupted\n", options_.line.seed);
-        else fmt::print(stderr, "seed {}, {} parts\n", options_.line.seed, options_.line.parts);
+        if (options_.line.parts == 0) print_message("seed {}, until interrupted\n", options_.line.seed);
+        else print_message("seed {}, {} parts\n", options_.line.seed, options_.line.parts);
 
         ServiceWatchers watchers;
         watchers.result = [this](const PartResult& result) { on_result(result); };
@@ -226,7 +227,7 @@ class Run {
 
     void say(const std::string& line) {
         progress_.reset();
-        fmt::print(stderr, "hordctl: {}\n", line);
+        print_message("hordctl: {}\n", line);
         progress_ = std::make_unique<Progress>("parts", options_.line.parts == 0);
     }
 
@@ -292,7 +293,8 @@ class Run {
         report_.add(result->second, fate->second);
         if (options_.json) {
             const std::string sentence = sentences_.take(result->second.part);
-            fmt::print("{}\n", store::to_text(to_json(result->second, fate->second, sentence)));
+            const std::string line = store::to_text(to_json(result->second, fate->second, sentence)) + "\n";
+            if (std::fputs(line.c_str(), stdout) < 0 || std::fflush(stdout) != 0) end();  // nobody reads it any more
         }
         gallery_.settle(result->second.part, fate->second.kind, fate->second.look);
         ++settled_;
@@ -322,17 +324,19 @@ class Run {
     Exit finish() {
         if (!ending_) last_snapshot_ = service_->snapshot();
         const Duration elapsed = last_seen_.time_since_epoch() - first_arrival_.value_or(Duration::zero());
-        std::FILE* out = options_.json ? stderr : stdout;
-        fmt::print(out, "\n{}", report_.parts() > 0 ? report_.text(elapsed) : std::string("no part came\n"));
-        if (options_.reset_after_s > 0) fmt::print(out, "the line was stopped and reset {} times\n", resets_);
+        const auto print = [out = options_.json ? stderr : stdout](const std::string& text) {
+            std::fputs(text.c_str(), out);  // does not throw: what is lost must still be told
+        };
+        print(fmt::format("\n{}", report_.parts() > 0 ? report_.text(elapsed) : std::string("no part came\n")));
+        if (options_.reset_after_s > 0) print(fmt::format("the line was stopped and reset {} times\n", resets_));
         if (!options_.vitals.empty()) {
-            fmt::print(out, "{}", vitals_.text());
+            print(vitals_.text());
             if (auto written = vitals_.write(options_.vitals); !written) return complain(written.error());
         }
         if (counters_) {
-            fmt::print(out, "\ncounters, read over Modbus:");
-            for (const Reading& reading : *counters_) fmt::print(out, " {} {}", reading.what->name, reading.text);
-            fmt::print(out, "\n");
+            print("\ncounters, read over Modbus:");
+            for (const Reading& reading : *counters_) print(fmt::format(" {} {}", reading.what->name, reading.text));
+            print("\n");
         }
         Result<std::string> picture;
         if (!options_.out.empty()) {
@@ -341,17 +345,17 @@ class Run {
             });
         }
         const std::vector<Error> lost = service_->close();
-        for (const Error& error : lost) fmt::print(stderr, "hordctl: {}\n", error.message());
+        for (const Error& error : lost) print_message("hordctl: {}\n", error.message());
         const Snapshot& last = *last_snapshot_;
         const bool stands = last.line_stop || last.state == State::error || waits_for_device(last);
         if (stands) {
-            fmt::print(out, "the station ended in {}{}\n", name_of(last.state),
-                       last.line_stop ? ", line stop raised" : "");
+            print(fmt::format("the station ended in {}{}\n", name_of(last.state),
+                              last.line_stop ? ", line stop raised" : ""));
             for (const std::string& fault : fault_lines(last.faults_active | last.faults_latched, last.line_stop_why))
-                fmt::print(out, "{}\n", fault);
+                print(fmt::format("{}\n", fault));
         }
         if (!picture) return complain(picture.error());
-        if (!options_.out.empty()) fmt::print(out, "picture: {}\n", *picture);
+        if (!options_.out.empty()) print(fmt::format("picture: {}\n", *picture));
         return stands || !lost.empty() ? Exit::unfit : Exit::good;
     }
 

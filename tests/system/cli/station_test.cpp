@@ -17,6 +17,7 @@
 #include <unistd.h>
 
 #include "firmware/registers/register_client.h"
+#include "tests/support/modbus_module/modbus_module.h"
 #include "tests/system/cli/program.h"
 
 namespace hord::test {
@@ -51,6 +52,13 @@ class HeldPort {
   private:
     int fd_;
     int port_ = 0;
+};
+
+class MonotonicClock : public hal::Clock {
+  public:
+    [[nodiscard]] hal::TimePoint now() const override {
+        return hal::TimePoint(std::chrono::steady_clock::now().time_since_epoch());
+    }
 };
 
 std::vector<Json> json_lines(const std::string& text) {
@@ -191,6 +199,38 @@ TEST(Run, simulated_defects_are_rejected_for_three_reasons_and_shown_beside_an_o
     }
     EXPECT_THAT(reasons, ::testing::IsSupersetOf({"neighbours-disagree", "deflection-gradient", "absorption"}));
     EXPECT_TRUE(std::filesystem::exists(folder / "pictures/montage.png"));
+}
+
+// Its rejector's module has no watchdog: only the station drops the run permit.
+TEST(Run, halts_however_it_is_ended_and_goes_on_when_nobody_hears_its_messages) {
+    const TemporaryFolder folder;
+    const MonotonicClock clock;
+    const auto module = std::move(*ModbusModule::open(clock));
+    std::string line = std::string(kRoomyLine) + "[modbus]\nport = 0\n";
+    const std::string rejector = "[rejector]\n";
+    line.insert(line.find(rejector) + rejector.size(),
+                "backend = \"modbus\"\nport = " + std::to_string(module->port()) + "\n");
+    std::ofstream(folder / "c.toml") << simulated_beside(line);
+    const std::string hordctl = std::string(HORD_BIN_DIR) + "/hordctl";
+    const auto permit_comes_to_be = [&](bool on) {
+        for (int k = 0; k < 24'000 && module->coil(1) != on; ++k)
+            std::this_thread::sleep_for(std::chrono::milliseconds(10));
+        return module->coil(1) == on;
+    };
+    for (const auto& [messages, ends] : {std::pair("", SIGHUP),
+                                         {"", SIGQUIT},
+                                         {"2>/dev/full", SIGTERM},
+                                         {"2>&-", SIGINT},
+                                         {"2> >(head -n 1 >/dev/null)", SIGTERM}}) {
+        SCOPED_TRACE(std::string(messages) + ", signal " + std::to_string(ends));
+        Running station(
+            "/bin/bash",
+            {"-c", "exec " + hordctl + " run --config " + (folder / "c.toml") + " --variety 1 --rate 2 " + messages});
+        ASSERT_TRUE(permit_comes_to_be(true)) << station.so_far().err;
+        for (const int mistaken : {SIGUSR1, SIGUSR2, SIGALRM}) station.signal(mistaken);
+        EXPECT_EQ(station.stop(ends).status, 0) << station.so_far().err;
+        EXPECT_FALSE(module->coil(1));
+    }
 }
 
 TEST(Run, vitals_are_written_and_stay_flat) {
