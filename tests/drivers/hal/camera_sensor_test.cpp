@@ -48,10 +48,10 @@ class TestCamera final : public CameraSensor {
         stride_bytes_ = stride;
     }
     std::shared_ptr<TestStream> stream = std::make_shared<TestStream>(3, std::size_t{kWidth} * kHeight);
-    int losses = 0;
+    int losses = 0, descriptor = -1;
 
   private:
-    Result<void> do_start(Listener& listener) override { return begin(stream, -1, listener); }
+    Result<void> do_start(Listener& listener) override { return begin(stream, descriptor, listener); }
     void do_stop() override { (void)end(); }
     void on_ready() override {}
     void on_lost(const Error&) override { ++losses; }
@@ -404,6 +404,36 @@ TEST_F(Camera, too_few_or_too_small_buffers_are_refused) {
     EXPECT_FALSE(camera.is_running());
     EXPECT_FALSE(TestCamera::check_buffers(1) || TestCamera::check_buffers(33));
     EXPECT_TRUE(TestCamera::check_buffers(2) && TestCamera::check_buffers(32));
+}
+
+// Rows of four samples of 10 bits in 5 bytes and one of padding.
+TEST_F(Camera, packed_rows_of_a_sensor_are_taken_row_by_row) {
+    camera.packed(SampleLayout::mipi, 10, 6);
+    camera.stream = std::make_shared<TestStream>(3, 12);
+    for (std::size_t k = 0; k < 12; ++k) camera.stream->bytes[0][k] = static_cast<std::byte>(k + 1);
+    start();
+    for (const auto& [given, whole] : {std::pair(12, 16), std::pair(11, 16), std::pair(10, 8), std::pair(4, 0)}) {
+        ASSERT_TRUE(trigger(0ms));
+        frame(0ms, 0, 0, static_cast<std::size_t>(given));
+        ASSERT_EQ(frames.size(), 1U);
+        EXPECT_EQ(frames[0].info().bytes_used, static_cast<std::size_t>(whole)) << given;
+        EXPECT_EQ(frames[0].view().stride_bytes, 8);
+        if (given == 12) {  // the lowest bits of the four are in the fifth byte
+            const auto* const samples = reinterpret_cast<const std::uint16_t*>(frames[0].view().data);
+            EXPECT_EQ(samples[0], (1U << 2U) + (5U & 3U));
+            EXPECT_EQ(samples[1], (2U << 2U) + (5U >> 2U & 3U));
+            EXPECT_EQ(samples[4], (7U << 2U) + (11U & 3U));
+        }
+        frames.clear();
+    }
+}
+
+TEST_F(Camera, on_a_loop_that_cannot_watch_it_does_not_start) {
+    camera.descriptor = 0;
+    EXPECT_FALSE(camera.start(*this));
+    EXPECT_FALSE(camera.is_running());
+    camera.descriptor = -1;
+    start();
 }
 
 TEST_F(Camera, the_green_of_complete_rows_is_taken) {

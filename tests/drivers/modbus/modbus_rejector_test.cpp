@@ -188,6 +188,36 @@ TEST_F(Rejector, what_answers_and_is_not_the_module_is_told_as_that_and_not_as_s
     }
 }
 
+TEST_F(Rejector, a_command_that_comes_again_is_reported_again_and_carried_out_once) {
+    start_and_wait();
+    const hal::RejectCommand command{7, loop_->now(), kWindow};
+    ASSERT_TRUE(rejector_->reject(command));
+    ASSERT_TRUE(rejector_->reject(command)) << "while it is under way";
+    ASSERT_TRUE(run_until([&] { return ear_.reports.size() == 2; }));
+    ASSERT_TRUE(rejector_->reject(command)) << "after its report";
+    ASSERT_TRUE(run_until([&] { return ear_.reports.size() == 3; }));
+    for (const auto& report : ear_.reports) {
+        EXPECT_EQ(report.part, 7U);
+        EXPECT_EQ(report.outcome, Outcome::confirmed);
+        EXPECT_EQ(report.at, ear_.reports.front().at);
+    }
+    EXPECT_EQ(times_on(kEjector), 1);
+}
+
+TEST_F(Rejector, takes_32_commands_and_what_waits_when_it_stops_has_failed) {
+    start_and_wait();
+    const hal::TimePoint later = loop_->now() + 3600s;
+    for (std::uint32_t part = 1; part <= 32; ++part) ASSERT_TRUE(rejector_->reject({part, later, kWindow})) << part;
+    const auto refused = rejector_->reject({33, later, kWindow});
+    ASSERT_FALSE(refused);
+    EXPECT_EQ(refused.error().code, ErrorCode::busy);
+    EXPECT_TRUE(ear_.reports.empty());
+    rejector_->stop();
+    ASSERT_EQ(ear_.reports.size(), 32U);
+    for (const auto& report : ear_.reports) EXPECT_EQ(report.outcome, Outcome::failed);
+    EXPECT_EQ(times_on(kEjector), 0);
+}
+
 TEST_F(Rejector, a_connection_closed_in_the_middle_fails_the_command_and_is_made_anew) {
     start_and_wait();
     module_->misbehave(ModuleFault::close, 1);

@@ -15,6 +15,7 @@
 #include "firmware/store/frames/frame_archive.h"
 #include "firmware/store/frames/frame_png.h"
 #include "firmware/store/frames/replay.h"
+#include "firmware/store/frames/replay_run.h"
 #include "tests/firmware/store/results/samples.h"
 
 namespace hord::firmware::store::test {
@@ -576,6 +577,104 @@ TEST(Replay, refuses_a_frame_whose_samples_somebody_exchanged) {
     const auto replayed = Replay().judge(file);
     ASSERT_FALSE(replayed);
     EXPECT_THAT(replayed.error().message(), HasSubstr("other samples"));
+}
+
+// 129 frames: one more than a block of two threads.
+TEST(ReplayAll, gives_each_result_with_its_frame_in_order_on_any_number_of_threads_until_it_is_told_to_stop) {
+    Cell cell({.before = 0, .after = 0});
+    for (std::uint32_t part = 1; part <= 3; ++part) cell.inspect(part, true);
+    cell.write_all();
+    const auto kept = *list_frames(cell.folder.path() / "frames");
+    ASSERT_THAT(kept, SizeIs(3));
+    std::vector<ArchivedFile> frames, few;
+    for (std::size_t k = 0; k < 129; ++k) frames.push_back(kept.at(k * k % 3));
+    few.assign(frames.begin(), frames.begin() + 3);
+    for (const unsigned jobs : {0U, 1U, 2U, 5U}) {
+        for (const std::size_t most : {std::size_t{1}, std::size_t{2}, std::size_t{128}, std::size_t{1000}}) {
+            const auto& all = jobs == 2 && most > 2 ? frames : few;
+            std::size_t taken = 0;
+            replay_all(all, std::nullopt, jobs, [&](const ArchivedFile& frame, const Result<Replayed>& replayed) {
+                EXPECT_EQ(frame.number, all.at(taken).number);
+                EXPECT_TRUE(replayed && replayed->part == frame.number && replayed->same());
+                return ++taken < most;
+            });
+            EXPECT_EQ(taken, std::min(most, all.size())) << jobs;
+        }
+    }
+}
+
+TEST(ReplayAll, inspects_every_frame_with_the_recipe_that_it_is_given) {
+    Cell cell({.before = 0, .after = 0});
+    cell.inspect(1, true);
+    cell.write_all();
+    algo::Recipe lenient = unchecked_part();
+    lenient.emd_limit_bins = 100;
+    lenient.slopes = lenient.light = false;
+    for (const unsigned jobs : {1U, 2U}) {
+        replay_all(*list_frames(cell.folder.path() / "frames"), lenient, jobs,
+                   [&](const ArchivedFile&, const Result<Replayed>& replayed) {
+                       EXPECT_TRUE(replayed && replayed->then.verdict == "reject" && replayed->now.verdict == "pass");
+                       return true;
+                   });
+    }
+}
+
+TEST(ReplayOrder, is_that_of_the_names_as_they_are_written_and_no_name_is_there_twice) {
+    std::vector<ArchivedFile> frames{{3, "b/x.png", 1}, {1, "c/a\"q.png", 2}, {2, "a/y.png", 3}, {4, "z/a.png", 4}};
+    ASSERT_TRUE(put_in_order(frames));
+    std::vector<std::string> names;
+    for (const ArchivedFile& frame : frames) names.push_back(std::to_string(frame.number) + written_name(frame));
+    EXPECT_THAT(names, ElementsAre("4a.png", "1a\\\"q.png", "3x.png", "2y.png"));
+    frames.push_back({5, "another/y.png", 3});
+    EXPECT_THAT(put_in_order(frames).error().message(), HasSubstr("two frames are called y.png"));
+    frames.clear();
+    EXPECT_TRUE(put_in_order(frames));
+}
+
+TEST(FrameRetention, keeps_how_an_inspection_ended) {
+    for (int ended = 0; ended < 3; ++ended) {
+        Cell cell({.before = 0, .after = 0});
+        const Frame frame = part_frame(1, true);
+        algo::Inspection inspection = *cell.pipeline.inspect(frame.view());
+        inspection.bounded = ended == 0;
+        inspection.out_of_time = ended == 1;
+        inspection.has_bounds = ended == 2;
+        inspection.dark_dn = 17;
+        cell.keeper.on_inspection(1, frame.view(), inspection);
+        cell.write_all();
+        const auto files = list_frames(cell.folder.path() / "frames");
+        ASSERT_THAT(*files, SizeIs(1));
+        const auto read = FrameMetadata::from_json(read_annotated_frame(files->at(0).file)->metadata, "frame");
+        ASSERT_TRUE(read);
+        EXPECT_EQ(read->judgement.bounded, ended == 0);
+        EXPECT_EQ(read->judgement.out_of_time, ended == 1);
+        EXPECT_EQ(read->judgement.maps_of_bounds, ended == 2);
+        EXPECT_EQ(read->judgement.score, inspection.score);
+        EXPECT_EQ(read->dark_dn, std::optional(17U));
+        EXPECT_EQ(read->part, 1U);
+        EXPECT_EQ(read->time_us, kNoon);
+        EXPECT_EQ(read->grid, kExtents);
+        EXPECT_EQ(read->bits, 8);
+        EXPECT_EQ(read->judgement.defects.size(), inspection.defects.size());
+    }
+}
+
+// Parts whose verdict came too late are expected, at most 64 of them; others that were rejected without an inspection
+// are not.
+TEST(FrameRetention, remembers_so_many_late_parts_and_only_late_ones) {
+    Cell cell({.before = 0, .after = 0});
+    PartResult result;
+    result.verdict = PartVerdict::unfit;
+    for (std::uint32_t part = 1; part <= 65; ++part) {
+        result.part = part;
+        result.reason = PartReason::verdict_late;
+        cell.keeper.on_result(result);
+    }
+    result.part = 70;
+    result.reason = PartReason::frame_lost;
+    cell.keeper.on_result(result);
+    for (const std::uint32_t part : {1U, 2U, 65U, 65U, 70U}) cell.inspect(part, false);
+    EXPECT_THAT(cell.kept(), ElementsAre("p2-reject", "p65-reject"));
 }
 
 }  // namespace

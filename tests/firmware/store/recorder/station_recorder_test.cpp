@@ -4,6 +4,9 @@
 #include <thread>
 
 #include "firmware/core/faults.h"
+#include "firmware/store/frames/frame_archive.h"
+#include "firmware/store/frames/frame_metadata.h"
+#include "firmware/store/frames/frame_png.h"
 #include "firmware/store/recorder/store_setup.h"
 #include "lab/virtual_time/virtual_time.h"
 #include "tests/firmware/store/results/samples.h"
@@ -244,6 +247,94 @@ TEST(StoreSetup, the_recipe_and_the_configuration_in_use_are_recorded) {
                                                 "configuration # as it was read\n", "recipe its text"));
     EXPECT_EQ(changes(folder).at(0).name, "cell 9");
     EXPECT_EQ(results(folder).at(0).software, "1.2");
+}
+
+Recorded recorded_frames(const std::string& recipe) {
+    Recorded recorded = recorded_with(recipe);
+    recorded.extents = {3, 3, 3, 3};
+    return recorded;
+}
+
+void inspected(StationRecorder& recorder, std::uint32_t part, algo::Verdict verdict) {
+    static const Frame frame(9, 9, 8);
+    algo::Inspection inspection;
+    inspection.verdict = verdict;
+    recorder.on_inspection(part, frame.view(), inspection);
+}
+
+TEST(StoreSetup, frames_are_kept_as_the_configuration_wants_it) {
+    const TempFolder folder;
+    lab::VirtualTime loop;
+    Config config;
+    config.name = "cell 9";
+    config.store.folder = folder.path() / "store";
+    config.store.frames_mb = 1;
+    config.store.free_mb = 0;
+    config.store.frames_before = 1;
+    config.store.frames_after = 2;
+    config.store.sample_every = 10;
+    const auto recorder = make_recorder(loop, config, recorded_frames("its text"), {});
+    for (std::uint32_t part = 1; part <= 10; ++part)
+        inspected(*recorder, part, part == 3 ? algo::Verdict::reject : algo::Verdict::pass);
+    EXPECT_THAT(recorder->finish(), IsEmpty());
+    std::vector<std::string> kept;
+    const auto files = *list_frames(config.store.folder / kFramesFolder);
+    for (const ArchivedFile& file : files) {
+        const auto read = FrameMetadata::from_json(read_annotated_frame(file.file)->metadata, "frame");
+        ASSERT_TRUE(read);
+        kept.push_back(std::to_string(read->part) + " " + read->role);
+        EXPECT_EQ(read->station + read->software + read->recipe, "cell 91.2its text");
+        EXPECT_EQ(read->boot, 11U);
+        EXPECT_EQ(read->grid, (algo::Extents{3, 3, 3, 3}));
+    }
+    EXPECT_THAT(kept, ElementsAre("2 before", "3 reject", "4 after", "5 after", "10 sample"));
+}
+
+// A recipe of 400 kB goes into each frame.
+TEST(StoreSetup, frames_stay_within_their_megabytes) {
+    const TempFolder folder;
+    lab::VirtualTime loop;
+    Config config;
+    config.store.folder = folder.path();
+    config.store.frames_mb = 1;
+    config.store.free_mb = 0;
+    std::string text;
+    std::uint32_t state = 1;
+    while (text.size() < 400'000)
+        text += static_cast<char>('!' + (state = state * 1664525U + 1013904223U) / 46'000'000U);
+    const auto recorder = make_recorder(loop, config, recorded_frames(text), {});
+    for (std::uint32_t part = 1; part <= 5; ++part) inspected(*recorder, part, algo::Verdict::reject);
+    EXPECT_THAT(recorder->finish(), IsEmpty());
+    const auto kept = *list_frames(folder.path() / kFramesFolder);
+    ASSERT_THAT(kept, ::testing::Not(IsEmpty()));
+    std::uint64_t bytes = 0;
+    for (const ArchivedFile& file : kept) bytes += file.bytes;
+    EXPECT_LE(bytes, 1'000'000U);
+    EXPECT_GT(bytes + kept.back().bytes, 1'000'000U);
+    EXPECT_EQ(kept.back().number, 5U);
+}
+
+TEST(StoreSetup, a_folder_of_frames_that_cannot_be_used_is_a_fault_of_the_frames_alone) {
+    const TempFolder folder;
+    lab::VirtualTime loop;
+    Config config;
+    config.store.folder = folder.path();
+    config.store.frames_mb = 1;
+    write_text(folder.path() / kFramesFolder, "a file is in the way");
+    std::vector<std::string> troubles;
+    std::uint32_t faults = 0;
+    const auto recorder = make_recorder(
+        loop, config, recorded_frames("x"),
+        {[&](const Error& error) { troubles.push_back(error.what); }, [&](std::uint32_t now) { faults = now; }});
+    inspected(*recorder, 1, algo::Verdict::reject);
+    while (faults == 0 && !::testing::Test::HasFailure()) {
+        if (!loop.run_one()) std::this_thread::yield();
+    }
+    recorder->finish();
+    while (loop.run_one()) {
+    }
+    EXPECT_EQ(faults, std::uint32_t{kFaultPictures});
+    EXPECT_THAT(troubles, ElementsAre(HasSubstr((folder.path() / kFramesFolder).string())));
 }
 
 }  // namespace

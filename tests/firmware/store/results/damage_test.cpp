@@ -123,6 +123,7 @@ std::vector<std::string> columns_of(const TempFolder& folder, const std::string&
     return names;
 }
 
+// HORD_EDITS=N makes one edit in N.
 class EveryValue : public ::testing::TestWithParam<bool> {};
 
 TEST_P(EveryValue, of_every_column_may_be_damaged) {
@@ -147,14 +148,16 @@ TEST_P(EveryValue, of_every_column_may_be_damaged) {
                                        "1.5e300",
                                        R"('{"boot":"x","software":7,"to":"x","hash":5,"day":"x","kind":9}')",
                                        R"('[{"kind":5,"m":"x"},7]')"};
-    std::size_t edits = 0, found = 0;
+    const char* wanted = std::getenv("HORD_EDITS");
+    const std::size_t every = wanted != nullptr ? std::max<std::size_t>(1, std::strtoul(wanted, nullptr, 10)) : 1;
+    std::size_t considered = 0, edits = 0, found = 0;
     for (const std::string table : {"meta", "results", "commands", "changes", "heads", "acknowledged"}) {
         for (const std::string& column : columns_of(whole, table)) {
             for (const char* value : kValues) {
                 // Every row; and only the newest one, with which the station goes on.
                 for (const char* rows : {"", " WHERE rowid = (SELECT max(rowid) FROM "}) {
                     const bool rowid = table != "meta" && table != "heads";
-                    if (!rowid && *rows != '\0') continue;
+                    if ((!rowid && *rows != '\0') || considered++ % every != 0) continue;
                     const TempFolder folder;
                     copy(loose, folder);
                     sqlite3* db = nullptr;
@@ -181,8 +184,8 @@ TEST_P(EveryValue, of_every_column_may_be_damaged) {
             }
         }
     }
-    EXPECT_GT(edits, 600U);
-    EXPECT_GT(found, 500U);
+    EXPECT_GT(edits * every, 600U);
+    EXPECT_GT(found * every, 500U);
 }
 
 INSTANTIATE_TEST_SUITE_P(Damage, EveryValue, ::testing::Values(true, false), [](const auto& test) {

@@ -174,6 +174,15 @@ TEST_F(AnyDatabase, values_that_the_store_cannot_have_written_are_damage) {
     sql("SELECT zeroblob(64000000)");
 }
 
+TEST_F(AnyDatabase, that_another_program_holds_is_locked_and_no_damage) {
+    sql("CREATE TABLE t (v); PRAGMA busy_timeout = 1");
+    const auto other = std::move(*Database::open(file, Database::Access::create));
+    ASSERT_TRUE(other->execute("BEGIN EXCLUSIVE"));
+    const Error held = error_of("INSERT INTO t VALUES (1)");
+    EXPECT_EQ(held.code, ErrorCode::busy);
+    EXPECT_THAT(held.what, HasSubstr("is locked by another program"));
+}
+
 TEST_F(AnyDatabase, another_schema_is_no_damage) {
     const Error other = error_of("SELECT nothing FROM nowhere");
     EXPECT_EQ(other.code, ErrorCode::unsupported);
@@ -196,6 +205,13 @@ TEST_F(AnyDatabase, a_read_that_takes_too_long_is_ended_and_the_next_has_time_ag
 TEST_F(AnyDatabase, a_schema_that_was_edited_calls_no_functions_with_effects) {
     sql("CREATE TABLE t (v); CREATE VIEW w AS SELECT load_extension('x') FROM t; INSERT INTO t VALUES (1)");
     EXPECT_FALSE(database->execute("SELECT * FROM w"));
+}
+
+// A function that reads a blob's bytes as a tree is not among those that a schema may call.
+TEST_F(AnyDatabase, a_schema_that_was_edited_calls_no_function_that_may_not_be_trusted) {
+    sql("CREATE VIEW w AS SELECT rtreedepth(zeroblob(4)) AS d");
+    sql("SELECT rtreedepth(zeroblob(4))");
+    EXPECT_THAT(error_of("SELECT d FROM w").what, HasSubstr("unsafe use"));
 }
 
 TEST(DatabaseFile, that_does_not_exist_is_made_only_by_a_writer) {

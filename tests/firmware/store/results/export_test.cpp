@@ -86,6 +86,11 @@ TEST(Export, times_are_read_as_people_write_them) {
     EXPECT_EQ(format_utc(*read("2026-11-21T07:15:30Z")), "2026-11-21T07:15:30.000Z");
     EXPECT_EQ(*read("90s"), now - 90 * kSecond);
     EXPECT_EQ(*read("7d"), now - 7 * kDay);
+    EXPECT_EQ(*read("0d"), now);
+    EXPECT_EQ(*read("1m"), now - 60 * kSecond);
+    EXPECT_EQ(*read("2h"), now - 7200 * kSecond);
+    EXPECT_EQ(*read("1000000s"), now - 1'000'000 * kSecond);
+    EXPECT_FALSE(read("1000001s"));
     EXPECT_EQ(format_utc(-1), "1969-12-31T23:59:59.999Z");
     for (const char* bad : {"", "yesterday", "2026-02-30", "2026-11-21T", "2026-11-21T7", "21.11.2026", "-3d", "3w",
                             "2026-11-21T07:15:30+01:00", "2026-11-21T25:00"}) {
@@ -169,6 +174,51 @@ TEST(StoreScores, are_mean_and_highest_of_those_that_passed_and_highest_of_the_o
     }
     EXPECT_FALSE(scores[0].other_highest);
     EXPECT_TRUE(scores[1].other_highest);
+}
+
+TEST(Export, heads_of_tables_stand_above_their_columns) {
+    StoredResult r;
+    r.number = 7;
+    r.part = 107;
+    r.verdict = "reject";
+    r.reason = "neighbours-disagree";
+    r.score = 1.25;
+    r.bounded = true;
+    r.defect_count = 2;
+    r.defects = R"([{"kind":"scratch"},{"kind":"absorbing"},{"kind":"scratch"}])";
+    r.latency_us = 4260;
+    r.reject = "confirmed";
+    r.recipe = "lens";
+    const std::string head = table_head_of_results(), row = to_table(r);
+    for (const auto& [name, value] :
+         {std::pair("part", "107"), std::pair("verdict", "reject"), std::pair("reason", "neighbours-disagree"),
+          std::pair("score", "<=1.250"), std::pair("latency ms", "4.3"), std::pair("recipe", "lens")}) {
+        const auto from = head.find(name), to = row.find(value);
+        ASSERT_NE(from, std::string::npos) << head;
+        ASSERT_NE(to, std::string::npos) << row;
+        EXPECT_TRUE(from == to || from + std::string_view(name).size() == to + std::string_view(value).size())
+            << head << "\n"
+            << row;
+    }
+    r.bounded = false;
+    EXPECT_EQ(to_table(r).find("<="), std::string::npos);
+    r.score.reset();
+    EXPECT_EQ(to_table(r).find("1.25"), std::string::npos);
+    EXPECT_THAT(table_head_of_changes(), ::testing::StartsWith("time (UTC)"));
+}
+
+TEST(Export, tells_what_retention_removed_also_of_older_software) {
+    EXPECT_EQ(describe_removal("x"), "x");
+    EXPECT_EQ(describe_removal(R"({"from":3})"), R"({"from":3})");
+    EXPECT_EQ(describe_removal(R"({"to":3})"), R"({"to":3})");
+    EXPECT_EQ(describe_removal(R"({"from":3,"to":9})"), "3 to 9 removed");
+    EXPECT_EQ(describe_removal(R"({"from":3,"to":9,"first_time":"a","last_time":"b","rule":"keep_mb",)"
+                               R"("used_bytes":5999999,"limit_bytes":4000000})"),
+              "3 to 9 (a to b) removed: the store had 5 MB (keep_mb 4)");
+    EXPECT_EQ(describe_removal(R"({"from":3,"to":9,"rule":"keep_days"})"),
+              "3 to 9 removed: 0 days old and more (keep_days 0), by the days that the clock has shown since ?");
+    EXPECT_EQ(describe_removal(R"({"from":3,"to":9,"rule":"keep_days","age_days":8,"limit":7,"witnessed":"c"})"),
+              "3 to 9 removed: 8 days old and more (keep_days 7), by the days that the clock has shown since c");
 }
 
 }  // namespace

@@ -279,9 +279,76 @@ TEST(ClockDays, with_a_damaged_number_removes_nothing_that_a_later_day_has) {
     EXPECT_FALSE(days.older_than(22));
     EXPECT_FALSE(clock_day_from(R"({"day":"x","date":"","results":1,"commands":1})"));
     EXPECT_FALSE(clock_day_from(R"({"day":5,"results":-1,"commands":1})"));
+    EXPECT_EQ(format_day(20'783), "2026-11-26");
+    EXPECT_THAT(to_json_line({20'783, 0, 0}), ::testing::HasSubstr("\"2026-11-26\""));
     const ClockDay day{kFirstDay, 7, 8};
     EXPECT_EQ(clock_day_from(to_json_line(day))->results, 7);
     EXPECT_TRUE(clock_day_from(to_json_line({0, 0, 0}))) << "1970-01-01, and nothing stored so far";
+}
+
+// What is older, computed anew for each day: its date is the median of seven entries from it on, not before that of any
+// earlier one; its age counts the gaps between known days, unless they are too long.
+std::optional<ClockDays::Older> older_by_hand(const std::vector<ClockDay>& entries, std::int64_t keep_days) {
+    constexpr std::size_t kSeven = 7;
+    if (entries.size() < kSeven) return std::nullopt;
+    std::vector<std::int64_t> known;
+    for (const ClockDay& entry : entries) known.push_back(entry.day);
+    std::sort(known.begin(), known.end());
+    const auto age = [&](std::int64_t from, std::int64_t to) {
+        std::int64_t sum = 0;
+        for (std::size_t k = 1; k < known.size(); ++k) {
+            const std::int64_t gap = known[k] - known[k - 1];
+            if (known[k - 1] >= from && known[k] <= to && gap <= ClockDays::kLongestGap) sum += gap;
+        }
+        return sum;
+    };
+    std::int64_t today = entries.back().day, latest = 0;
+    for (std::size_t k = entries.size() - kSeven; k < entries.size(); ++k) today = std::min(today, entries[k].day);
+    std::optional<ClockDays::Older> older;
+    for (std::size_t k = 0; k + kSeven <= entries.size(); ++k) {
+        std::vector<std::int64_t> held;
+        for (std::size_t i = k; i < k + kSeven; ++i) held.push_back(entries[i].day);
+        std::sort(held.begin(), held.end());
+        latest = std::max(latest, held[3]);
+        if (latest > today || age(latest, today) < keep_days) break;
+        ClockDay entry = entries[k];
+        for (const ClockDay& later : entries) {  // numbers only grow: a later lower one is right
+            if (&later <= &entries[k]) continue;
+            entry.results = std::min(entry.results, later.results);
+            entry.commands = std::min(entry.commands, later.commands);
+        }
+        older = ClockDays::Older{entry, age(latest, today)};
+    }
+    return older;
+}
+
+TEST(ClockDays, are_older_as_the_median_of_seven_entries_says) {
+    std::uint32_t state = 20261126;
+    const auto draw = [&](std::uint32_t below) { return (state = state * 1664525U + 1013904223U) / 65'536U % below; };
+    int some = 0;
+    for (int story = 0; story < 300; ++story) {
+        ClockDays days;
+        std::vector<ClockDay> entries;
+        std::int64_t day = draw(2) == 0 ? 0 : 20'000, results = 0, commands = 0;
+        const std::uint32_t count = 1 + draw(40);
+        for (std::uint32_t k = 0; k < count; ++k) {
+            day += draw(8) == 0 ? draw(60) : draw(3);
+            const std::int64_t shown = draw(5) == 0 ? std::max<std::int64_t>(0, day + draw(40) - 20) : day;
+            const std::int64_t damage = draw(12) == 0 ? draw(1000) : 0;
+            entries.push_back({shown, (results += draw(100)) + damage, (commands += draw(3)) + damage / 100});
+            days.add(entries.back());
+        }
+        for (const std::int64_t keep : {0, 1, 7, 30, 100}) {
+            const auto older = days.older_than(keep), by_hand = older_by_hand(entries, keep);
+            ASSERT_EQ(older.has_value(), by_hand.has_value()) << story << " " << keep;
+            if (!older) continue;
+            ++some;
+            EXPECT_EQ(older->entry.results, by_hand->entry.results) << story << " " << keep;
+            EXPECT_EQ(older->entry.commands, by_hand->entry.commands) << story << " " << keep;
+            EXPECT_EQ(older->age_days, by_hand->age_days) << story << " " << keep;
+        }
+    }
+    EXPECT_GT(some, 200);
 }
 
 }  // namespace

@@ -45,6 +45,28 @@ TEST(HashChain, begins_with_the_names_of_the_format_the_store_and_the_chain) {
     EXPECT_NE(genesis("id", "results"), genesis("id", "changes"));
 }
 
+// docs/store.md: a letter for the type, eight bytes of the value or its length, the lowest first, and its bytes.
+TEST(HashChain, follows_with_the_type_the_length_and_the_bytes_of_every_value) {
+    const std::array<Value, 7> row{std::monostate{}, std::int64_t{-2}, 1.0,   std::string("a\0b", 3),
+                                   std::string(),    Blob{0, 255},     Blob{}};
+    const std::string eight(8, '\xFF'), zero(7, '\0');
+    std::string text(32, '\x11');
+    text += "ni\xFE" + eight.substr(0, 7) + "f" + std::string(6, '\0') + "\xF0\x3F" + "t\3" + zero +
+        std::string("a\0b", 3) + "t" + std::string(8, '\0') + "b\2" + zero + std::string("\0\xFF", 2) + "b" +
+        std::string(8, '\0');
+    Hash before{};
+    before.fill(0x11);
+    const Hash after = follow(before, row);
+    EXPECT_EQ(after, sha256({reinterpret_cast<const std::uint8_t*>(text.data()), text.size()}));
+    EXPECT_EQ(hash_from_hex(to_hex(after)), std::optional(after));
+    EXPECT_TRUE(equals(to_value(after), after));
+    EXPECT_FALSE(equals(to_value(before), after));
+    EXPECT_FALSE(equals(Value(std::string(32, '\x11')), before));
+    for (const std::string& wrong : {std::string(), std::string(63, 'a'), std::string(65, 'a'),
+                                     "g" + std::string(63, 'a'), std::string(63, 'a') + "-", std::string(64, ' ')})
+        EXPECT_FALSE(hash_from_hex(wrong)) << wrong;
+}
+
 TEST(Migration, brings_an_older_file_up_to_date_and_says_so_in_the_changes) {
     const TempFolder folder;
     write(folder, Story().add_results(1, 40));
@@ -66,6 +88,19 @@ TEST(Migration, brings_an_older_file_up_to_date_and_says_so_in_the_changes) {
         if (change.what == "migration") migrations.push_back(change.before + " to " + change.after);
     }
     EXPECT_THAT(migrations, ::testing::ElementsAre("1 to " + std::to_string(kSchemaVersion)));
+}
+
+TEST(Migration, of_a_file_of_version_2_only_adds_what_came_after_it) {
+    const TempFolder folder;
+    write(folder, Story().add_results(1, 4));
+    turn_into_version_1(folder);
+    sql(folder,
+        "CREATE INDEX results_not_passed ON results (verdict, number) WHERE verdict <> 'pass'; PRAGMA user_version = "
+        "2");
+    write(folder, Story(start(8)).add_results(1, 2));
+    EXPECT_EQ(sql_integer(folder, "PRAGMA user_version"), static_cast<std::uintmax_t>(kSchemaVersion));
+    EXPECT_THAT(results(folder), SizeIs(6));
+    EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
 }
 
 TEST(Migration, of_older_rows_does_not_hide_that_one_was_called_bounded) {

@@ -255,5 +255,67 @@ TEST(SqliteStore, survives_a_cut_off_or_overwritten_file_with_an_error) {
     }
 }
 
+// Two runs: results 1 to 5 of boot 7, 6 to 10 of boot 8.
+TEST(SqliteStore, filters_by_number_run_boot_and_part) {
+    const TempFolder folder;
+    write(folder, Story(start(7)).add_results(1, 5));
+    write(folder, Story(start(8)).add_results(1, 5));
+    const auto numbers = [&](const ResultFilter& filter) {
+        std::vector<std::int64_t> all;
+        for (const StoredResult& r : results(folder, filter)) all.push_back(r.number);
+        return all;
+    };
+    ResultFilter by;
+    by.number = 4;
+    EXPECT_THAT(numbers(by), ElementsAre(4));
+    by = {};
+    by.before = 4;
+    EXPECT_THAT(numbers(by), ElementsAre(1, 2, 3));
+    by.newest = 2;
+    EXPECT_THAT(numbers(by), ElementsAre(2, 3));
+    by = {};
+    by.after = 8;
+    EXPECT_THAT(numbers(by), ElementsAre(9, 10));
+    by.after = 3;
+    by.oldest = 2;
+    EXPECT_THAT(numbers(by), ElementsAre(4, 5));
+    by = {};
+    by.boot = 8;
+    EXPECT_THAT(numbers(by), ElementsAre(6, 7, 8, 9, 10));
+    by.part = 102;
+    EXPECT_THAT(numbers(by), ElementsAre(7));
+    by.boot = 9;
+    EXPECT_THAT(numbers(by), IsEmpty());
+    by = {};
+    by.run = results(folder).front().run;
+    EXPECT_THAT(numbers(by), ElementsAre(1, 2, 3, 4, 5));
+    EXPECT_EQ(changes(folder, by).size(), 1U);
+    by = {};
+    by.since = kNoon + 200'000;
+    by.until = kNoon + 300'000;
+    EXPECT_THAT(numbers(by), ElementsAre(2, 7)) << "the first moment counts, the last does not";
+    by = {};
+    by.newest = 1;
+    EXPECT_EQ(changes(folder, by).at(0).after, changes(folder).at(1).after);
+}
+
+TEST(SqliteStore, says_its_newest_number_and_what_is_in_a_part_that_nobody_rejected) {
+    const TempFolder folder;
+    write(folder, Story(start(7)));
+    EXPECT_EQ(StoreReader::open(folder.path()).value()->newest_number().value(), 0);
+    write(folder, Story(start(8)).add_results(1, 3));
+    EXPECT_EQ(StoreReader::open(folder.path()).value()->newest_number().value(), 3);
+    const StoredResult first = results(folder).at(0);
+    EXPECT_EQ(first.recipe + first.calibration, "");
+    EXPECT_EQ(first.recipe_change, 0);
+    EXPECT_EQ(first.reject_latency_us, 0);
+    EXPECT_EQ(first.bounded, std::optional(false));
+    EXPECT_EQ(results(folder).at(1).bounded, std::optional(true));
+    write_text(folder.path() / "results.db", "");
+    const auto empty = StoreReader::open(folder.path());
+    ASSERT_FALSE(empty);
+    EXPECT_THAT(empty.error().what, HasSubstr("is empty"));
+}
+
 }  // namespace
 }  // namespace hord::firmware::store::test

@@ -500,5 +500,50 @@ TEST(StoreQueue, takes_an_exception_of_the_store_for_a_failure) {
     EXPECT_EQ(sequences(bench.disk), count_to(2));
 }
 
+// A store that has more to remove, three times.
+class Backlog final : public ResultStore {
+  public:
+    explicit Backlog(std::atomic<int>& pruned) : pruned_(pruned) {}
+    Result<void> write(std::span<const Entry>) override { return {}; }
+    Result<bool> prune(const Retention&, const ClockReading&) override { return ++pruned_ < 3; }
+
+  private:
+    std::atomic<int>& pruned_;
+};
+
+TEST(StoreQueue, with_its_thread_prunes_on_while_there_is_more_and_then_waits) {
+    std::atomic<int> pruned = 0;
+    const StoreQueueOptions options{.commit_every = std::chrono::milliseconds(1),
+                                    .check_every = std::chrono::milliseconds(1),
+                                    .prune_every = std::chrono::hours(1),
+                                    .retention = {.keep_days = 1, .max_bytes = 0}};
+    StoreQueue queue([&]() -> Result<std::unique_ptr<ResultStore>> { return std::make_unique<Backlog>(pruned); },
+                     options, start(), [] { return kNoon; });
+    const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+    while (pruned < 3 && std::chrono::steady_clock::now() < until) std::this_thread::yield();
+    for (std::uint32_t k = 1; k <= 20; ++k) {
+        queue.add(result(k));
+        while (queue.acknowledge("plc", kNoon, k) == AckStatus::not_yet) std::this_thread::yield();
+    }
+    EXPECT_EQ(queue.finish().results, 0U);
+    EXPECT_EQ(pruned, 3);
+}
+
+TEST(StoreQueue, has_room_for_changes_when_there_is_none_for_results) {
+    Bench bench({.capacity = 10});
+    bench.disk.on_write = [] { return std::optional(full()); };
+    EXPECT_FALSE(bench.queue.step());
+    bench.add(1, 10);
+    for (int k = 0; k < 1024; ++k) bench.queue.add(recipe("a", std::to_string(k)));
+    EXPECT_EQ(bench.queue.state().lost, 0U);
+    EXPECT_EQ(bench.queue.state().waiting, 1034U);
+    bench.queue.add(recipe("a", "one more"));
+    EXPECT_EQ(bench.queue.state().lost, 1U);
+    bench.add(11, 11);
+    EXPECT_EQ(bench.queue.state().lost, 2U);
+    EXPECT_TRUE(bench.queue.state().failing);
+    EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 1), AckStatus::failed);
+}
+
 }  // namespace
 }  // namespace hord::firmware::store::test

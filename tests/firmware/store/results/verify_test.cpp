@@ -219,5 +219,18 @@ TEST(Verify, may_run_while_the_station_writes) {
     }
 }
 
+TEST(Verify, names_a_head_that_cannot_be_read_and_a_run_that_never_began) {
+    const TempFolder folder;
+    fill(folder);
+    loosen(folder);
+    sql(folder, "UPDATE heads SET number = 'x' WHERE chain = 'results'");
+    EXPECT_THAT(verify(folder.path()).problems,
+                ElementsAre("results: the number of the row that was written last cannot be read"));
+    sql(folder,
+        "UPDATE heads SET number = 340 WHERE chain = 'results'; UPDATE results SET run = 99 WHERE number = 340");
+    EXPECT_THAT(verify(folder.path()).problems,
+                Contains("results: row 340 belongs to a run that the changes do not know"));
+}
+
 }  // namespace
 }  // namespace hord::firmware::store::test
