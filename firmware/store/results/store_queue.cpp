@@ -114,8 +114,8 @@ Unstored StoreQueue::finish() {
     left.why = last_error_;
     const auto add = [&left](std::size_t results, std::uint32_t from, std::uint32_t to) {
         if (results == 0) return;
-        left.from_sequence = left.results == 0 ? from : std::min(left.from_sequence, from);
-        left.to_sequence = std::max(left.to_sequence, to);
+        if (left.results == 0) left.from_sequence = from;  // they come in their order
+        left.to_sequence = to;
         left.results += results;
     };
     for (const Entry& entry : waiting_) {

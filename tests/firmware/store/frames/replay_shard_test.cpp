@@ -2,6 +2,7 @@
 // together or are incomplete are refused by name.
 #include "firmware/store/frames/replay_shard.h"
 
+#include <array>
 #include <csignal>
 #include <random>
 
@@ -100,6 +101,12 @@ TEST(Shards, that_do_not_belong_together_are_refused_by_name) {
     const auto all = frames(10);
     const auto files = write_shards(folder.path(), 3, all);
     EXPECT_THAT(refusal({files[0], files[2]}, out), HasSubstr("1 of 3 shards are missing: 2/3"));
+    const auto many = write_shards(folder.path(), 12, all);
+    EXPECT_THAT(refusal({many[1]}, out),
+                HasSubstr("11 of 12 shards are missing: 1/12, 3/12, 4/12, 5/12, 6/12, 7/12, "
+                          "8/12, 9/12, 10/12, 11/12 ...: replay them"));
+    EXPECT_THAT(refusal({many[0], many[1]}, out), HasSubstr("10/12, 11/12, 12/12: replay them"));
+    write_shards(folder.path(), 3, all);
     EXPECT_THAT(refusal({files[0], files[1], files[2], files[1]}, out), HasSubstr("are both shard 2/3"));
     EXPECT_THAT(refusal({files[0], folder.path() / "nowhere"}, out), HasSubstr("nowhere cannot be read"));
     write_text(folder.path() / "foreign", "{\"frame\":\"a\"}\n");
@@ -147,6 +154,20 @@ TEST(Shards, torn_at_any_byte_or_changed_in_any_are_refused) {
     }
     write_text(torn, whole + "\n");
     EXPECT_THAT(refusal({files[0], torn}, out), HasSubstr("something follows"));
+}
+
+TEST(Shards, whose_frames_are_out_of_order_or_there_twice_are_refused) {
+    const TempFolder folder;
+    const auto all = frames(3);
+    for (const auto& order : {std::array{1, 0, 2}, std::array{0, 1, 1}, std::array{0, 2, 1}}) {
+        ReplayIdentity identity = kReplay;
+        identity.frames = 3;
+        auto writer = ShardWriter::create(folder.path() / "odd", identity, {});
+        ASSERT_TRUE(writer);
+        for (const int k : order) ASSERT_TRUE(writer->add(line_of(all.at(static_cast<std::size_t>(k)))));
+        ASSERT_TRUE(writer->finish());
+        EXPECT_THAT(refusal({folder.path() / "odd"}, folder.path() / "out"), HasSubstr("a line is out of place"));
+    }
 }
 
 TEST(Shards, with_a_line_that_does_not_end_are_refused_before_it_is_read) {

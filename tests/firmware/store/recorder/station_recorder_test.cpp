@@ -282,12 +282,12 @@ TEST(StoreSetup, frames_are_kept_as_the_configuration_wants_it) {
     for (const ArchivedFile& file : files) {
         const auto read = FrameMetadata::from_json(read_annotated_frame(file.file)->metadata, "frame");
         ASSERT_TRUE(read);
-        kept.push_back(std::to_string(read->part) + " " + read->role);
+        kept.push_back(std::to_string(read->part) + " " + read->role + " of " + std::to_string(read->trigger));
         EXPECT_EQ(read->station + read->software + read->recipe, "cell 91.2its text");
         EXPECT_EQ(read->boot, 11U);
         EXPECT_EQ(read->grid, (algo::Extents{3, 3, 3, 3}));
     }
-    EXPECT_THAT(kept, ElementsAre("2 before", "3 reject", "4 after", "5 after", "10 sample"));
+    EXPECT_THAT(kept, ElementsAre("2 before of 3", "3 reject of 3", "4 after of 3", "5 after of 3", "10 sample of 0"));
 }
 
 // A recipe of 400 kB goes into each frame.

@@ -183,6 +183,12 @@ TEST_F(AnyDatabase, that_another_program_holds_is_locked_and_no_damage) {
     EXPECT_THAT(held.what, HasSubstr("is locked by another program"));
 }
 
+TEST_F(AnyDatabase, a_value_without_a_place_is_refused) {
+    const std::array<Value, 2> two{std::int64_t{1}, std::int64_t{2}};
+    EXPECT_TRUE(database->run("SELECT ?1, ?2", two));
+    EXPECT_FALSE(database->run("SELECT ?1", two));
+}
+
 TEST_F(AnyDatabase, another_schema_is_no_damage) {
     const Error other = error_of("SELECT nothing FROM nowhere");
     EXPECT_EQ(other.code, ErrorCode::unsupported);

@@ -76,6 +76,20 @@ TEST(Retention, works_in_bounded_steps_and_never_removes_the_newest_row) {
     EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
 }
 
+TEST(Retention, may_go_row_by_row) {
+    const TempFolder folder;
+    const auto store = open(folder, {.rows_in_one_prune = 1});
+    ASSERT_TRUE(store->write(Story().add_results(1, 3).entries()));
+    Calendar calendar;
+    const Retention a_day{.keep_days = 1, .max_bytes = 0};
+    const auto more = calendar.live(*store, a_day, 14);
+    ASSERT_TRUE(more) << more.error().message();
+    EXPECT_FALSE(*more);
+    EXPECT_THAT(results(folder), SizeIs(1));
+    EXPECT_THAT(changes_of(folder, "retention"), SizeIs(2));
+    EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
+}
+
 TEST(Retention, keeps_the_file_under_its_limit_and_gives_space_back) {
     const TempFolder folder;
     const auto store = open(folder);

@@ -545,5 +545,22 @@ TEST(StoreQueue, has_room_for_changes_when_there_is_none_for_results) {
     EXPECT_EQ(bench.queue.acknowledge("plc", kNoon, 1), AckStatus::failed);
 }
 
+// Nobody acknowledges, and the files are looked at in an hour.
+TEST(StoreQueue, with_its_thread_writes_a_single_record_without_being_asked) {
+    const TempFolder folder;
+    const StoreQueueOptions options{.commit_every = std::chrono::milliseconds(1), .check_every = std::chrono::hours(1)};
+    StoreQueue queue([&] { return open_sqlite_store(folder.path()); }, options, start(), [] { return kNoon; });
+    const auto wait_for = [&](std::uint32_t sequence) {
+        const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+        while (queue.state().durable_sequence < sequence && std::chrono::steady_clock::now() < until)
+            std::this_thread::yield();
+        return queue.state().durable_sequence == sequence;
+    };
+    for (std::uint32_t k = 1; k <= 3; ++k) {
+        queue.add(result(k));
+        ASSERT_TRUE(wait_for(k)) << k;
+    }
+}
+
 }  // namespace
 }  // namespace hord::firmware::store::test
