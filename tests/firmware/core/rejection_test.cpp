@@ -28,6 +28,11 @@ TEST_F(Running, an_unconfirmed_rejection_stops_the_line) {
         if (story.report >= 0) one.send(hal::RejectReport{part, static_cast<Outcome>(story.report), one.now});
         one.advance(milliseconds(200));
         EXPECT_TRUE(one.shot().line_stop) << story.what;
+        EXPECT_EQ(
+            one.shot().line_stop_why,
+            (LineStop{story.state == RejectState::late ? LineStopCause::reject_late : LineStopCause::reject_failed,
+                      part}))
+            << story.what;
         EXPECT_EQ(one.core.state(), State::error) << story.what;
         EXPECT_EQ(one.permits, std::vector<bool>{false}) << story.what;
         EXPECT_EQ(one.only_result().reject, story.state) << story.what;
