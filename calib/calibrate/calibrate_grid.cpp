@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <numbers>
 
+#include <Eigen/Dense>
 #include <fmt/format.h>
 
 #include "algo/frame/extents.h"
@@ -11,6 +13,7 @@
 #include "calib/calibrate/lenslet_chain.h"
 #include "calib/calibrate/white_frame_checks.h"
 #include "calib/lattice/lenslet_coverage.h"
+#include "common/statistics.h"
 
 namespace hord::calib {
 namespace {
@@ -23,6 +26,11 @@ constexpr double kMinNeighbours = 0.5;  // share of the neighbours of measured l
 // bin of the finest decode, so that its centre bin is correct. Larger errors mean that the frame is no white frame:
 // light with structure, such as through a part, moves centres by tenths of a pixel.
 constexpr double kMaxError = 0.5 / algo::kMaxBins / 3;
+// Straight edges lie alike on the pixels along their whole length, and pixels sample the narrow weight coarsely:
+// centres of lenslets with corners are off by up to 0.13 px. So such frames are smoothed.
+constexpr double kMaxCorners = 0.01;
+constexpr int kForShape = 200;  // lenslets
+constexpr double kSmooth = 1;   // px, sigma
 constexpr std::size_t kSplitCentres = 1500, kFewestSplit = 250;
 constexpr double kSplitPixels = 400'000;  // of all their windows together, to limit the time
 
@@ -45,20 +53,73 @@ LensletGrid grid_of(const Lattice& lattice, const WhiteImage& image) {
     return grid;
 }
 
-// Learns the lenslets' profile near the seed.
-Result<CentreFinder> learn_profile(const WhiteImage& image, const Lattice& lattice, const LensletGrid& steps) {
+// The places of lenslets near the seed, the nearest first.
+std::vector<PixelPoint> near_seed(const Lattice& lattice, const LensletGrid& steps) {
     std::vector<std::pair<double, PixelPoint>> by_distance;
     for (const LensletPlace& place : lenslets_inside(steps, steps, lattice.reach_px)) {
         by_distance.emplace_back(std::hypot(place.at.x_px - lattice.seed_px.x_px, place.at.y_px - lattice.seed_px.y_px),
                                  place.at);
     }
     std::sort(by_distance.begin(), by_distance.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
-    std::vector<PixelPoint> seeds;
+    std::vector<PixelPoint> places;
     for (const auto& [far, at] : by_distance) {
-        if (far > 0.7 * lattice.reach_px || seeds.size() == 400) break;
-        seeds.push_back(at);
+        if (far > 0.7 * lattice.reach_px || places.size() == 400) break;
+        places.push_back(at);
     }
-    return CentreFinder::learn(image, seeds, lattice.pitch_px());
+    return places;
+}
+
+// How far the lenslets near the seed have corners that lie between the neighbours, as square lenslets of a square
+// lattice and hexagonal ones of a hexagonal lattice have: the part of their light with four or six lobes
+// (CentreFinder::lobes). 0 for round ones, below 0 for crosses and stars towards the neighbours.
+double corners_of(const CentreFinder& finder, const Lattice& lattice, std::span<const PixelPoint> places) {
+    const int count = lattice.kind == algo::LatticeKind::square ? 4 : 6;
+    const PixelPoint to_neighbour = lattice.stagger == algo::Stagger::columns ? lattice.step_v : lattice.step_u;
+    std::complex<double> sum;
+    int measured = 0;
+    for (const PixelPoint& place : places) {
+        const auto spot = finder.measure(place, 0.3 * lattice.pitch_px());
+        const auto lobes = spot ? finder.lobes(spot->centre_px, count) : std::nullopt;
+        if (!lobes) continue;
+        sum += *lobes;
+        if (++measured == kForShape) break;
+    }
+    if (measured == 0) return 0;
+    return -(sum * std::polar(1.0, -count * std::atan2(to_neighbour.y_px, to_neighbour.x_px))).real() / measured;
+}
+
+// What is left of the shift that straight edges cause: it depends on where between the pixels a centre lies. Learned
+// from the residuals and subtracted. Where all centres lie alike between pixels, there is nothing to learn from.
+void remove_pixel_phase(const LensletGrid& grid, std::vector<Observation>& observations) {
+    for (double PixelPoint::*axis : {&PixelPoint::x_px, &PixelPoint::y_px}) {
+        const auto waves = [&](const Observation& seen) {
+            const double turn = 2 * std::numbers::pi * seen.centre_px.*axis;
+            return Eigen::Vector2d(std::sin(turn), std::sin(2 * turn));
+        };
+        Eigen::Matrix2d normal = 1e-3 * static_cast<double>(observations.size()) * Eigen::Matrix2d::Identity();
+        Eigen::Vector2d right = Eigen::Vector2d::Zero();
+        for (const Observation& seen : observations) {
+            if (!seen.used) continue;
+            const Eigen::Vector2d here = waves(seen);
+            normal += here * here.transpose();
+            right += (seen.centre_px.*axis - grid.at(grid.uv(seen.m, seen.n)).*axis) * here;
+        }
+        const Eigen::Vector2d height = normal.ldlt().solve(right);
+        for (Observation& seen : observations) seen.centre_px.*axis -= height.dot(waves(seen));
+    }
+}
+
+// The median gradient of the lenslets' light along x and y, its length (CentreFinder::gradient).
+double one_sided(const CentreFinder& finder, std::span<const Observation> observations) {
+    std::vector<double> x, y;
+    const std::size_t every = std::max<std::size_t>(1, observations.size() / kForShape);
+    for (std::size_t k = 0; k < observations.size(); k += every) {
+        const auto of = finder.gradient(observations[k].centre_px);
+        if (!of) continue;
+        x.push_back(of->x_px);
+        y.push_back(of->y_px);
+    }
+    return x.empty() ? 0 : std::hypot(common::upper_median(std::span(x)), common::upper_median(std::span(y)));
 }
 
 // Renumbers lenslets: (0, 0) is the first column and row with one inside the frame.
@@ -209,15 +270,22 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
         if (options.progress) options.progress(done);
     };
     report(0);
-    const auto image = WhiteImage::open(white, dark, options.flat);
+    auto image = WhiteImage::open(white, dark, options.flat);
     if (!image) return tl::unexpected(image.error());
     const auto lattice = find_lattice(*image, options.hint);
     if (!lattice) return tl::unexpected(lattice.error());
     report(0.2);
     const LensletGrid steps = grid_of(*lattice, *image);
     const double pitch = lattice->pitch_px();
-    auto profile = learn_profile(*image, *lattice, steps);
+    const std::vector<PixelPoint> places = near_seed(*lattice, steps);
+    auto profile = CentreFinder::learn(*image, places, pitch);
     if (!profile) return tl::unexpected(profile.error());
+    const double corners = corners_of(*profile, *lattice, places);
+    if (corners > kMaxCorners) {
+        *image = image->smoothed(kSmooth);
+        profile = CentreFinder::learn(*image, places, pitch);
+        if (!profile) return tl::unexpected(profile.error());
+    }
     LocalFinders finders(std::move(*profile));
     const CentreFinder& finder = finders.middle();
     auto chain = follow_chains(*image, finders, steps, pitch);
@@ -243,6 +311,10 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
                     "record an evenly lit white frame, without a part and below saturation");
     }
     auto fit = fit_grid(grid, out.observations);
+    if (fit && corners > kMaxCorners) {
+        remove_pixel_phase(fit->grid, out.observations);
+        fit = fit_grid(grid, out.observations);
+    }
     if (!fit) return tl::unexpected(fit.error());
     out.fit = std::move(*fit);
     const double pitches = std::max(out.fit.cv_x_rms_px, out.fit.cv_y_rms_px) / pitch;
@@ -264,12 +336,14 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
         : std::atan2(middle.along_u.y_px, middle.along_u.x_px);
     count_lenslets(finders, pitch, out);
     out.shape = shape_of(*image, out);
+    out.shape.corners = corners;
     out.light_roughness = light_roughness(out.fit.grid, out.observations);
     out.light_following = light_following(out.fit.grid, out.observations);
     out.smooth_residuals = smooth_residuals(out.fit.grid, out.observations);
     out.cut = cut_lenslets(out.fit.grid, out.observations, [&](const Observation& seen) {
         return finder_for(finders, out.fit.grid, pitch, seen.m, seen.n).elongation(seen.centre_px);
     });
+    out.one_sided = one_sided(finder, out.observations);
     if (auto fine = check_white_frame(*image, out); !fine) return tl::unexpected(fine.error());
     out.warnings = warnings_about(out);
     report(1);

@@ -32,6 +32,11 @@ struct PatternShape {
     // Of those even in both steps together (square lattices): 0 for a checkerboard, 1 if the middle of four lenslets
     // looks as they do.
     double even_share = 0;
+    // Light half way to the neighbours, over that in the middle, both less that of the places farthest from all
+    // lenslets: 1 if what lies between dark dots was taken for lenslets.
+    double between = 0;
+    double dark_share = 1;  // of the lattice's cell: below half of the light
+    double corners = 0;     // of the lenslets; below 0: they are stars, with rays towards their neighbours
 };
 
 // How far the centres' residuals follow the gradient of the light between neighbours: in a white frame not at all.
@@ -54,6 +59,9 @@ struct CutLenslets {
     double narrower = 0;  // at half a diagonal from that place: share of the moments (Elongation); below 0: wider
     double sigma = 0;     // standard error of `narrower`, from how regions of the frame differ from the law
     double of_grid = 0;   // the same of the grid's own distortion
+    // How the shape changes evenly over the frame, at half a diagonal from its middle: a stop far to one side makes it
+    // so. What the grid's own distortion explains is not in it.
+    double uneven = 0, uneven_sigma = 0;
 };
 
 struct GridCalibration {
@@ -80,6 +88,9 @@ struct GridCalibration {
     std::vector<algo::PixelPoint> missing_px;  // where the grid places the missing ones
     PatternShape shape;
     double light_roughness = 0;  // RMS difference of a lenslet's light from its neighbours', over its own
+    // How much the light of all lenslets is brighter on the same side: its change from the middle to the half height,
+    // over the mean. 0 where lenslets are spots, which move instead.
+    double one_sided = 0;
     LightFollowing light_following;
     SmoothResiduals smooth_residuals;
     CutLenslets cut;

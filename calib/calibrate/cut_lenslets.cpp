@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <vector>
 
 #include <Eigen/Dense>
@@ -14,7 +15,7 @@ namespace {
 constexpr int kSide = 6;                 // regions of the frame along its width and height
 constexpr std::size_t kFewest = 4;       // lenslets of a region
 constexpr std::size_t kLenslets = 1000;  // that are measured
-constexpr Eigen::Index kParameters = 5;
+constexpr Eigen::Index kParameters = 7;
 
 // The shape that the grid's distortion gives to a round lenslet, if it scales lenslets as it scales their distances.
 Elongation of_steps(const algo::LensletGrid::Steps& here, const algo::LensletGrid::Steps& middle) {
@@ -30,11 +31,17 @@ struct Region {
     std::vector<double> x, y, along_x, aslant, grid_along_x, grid_aslant;
 };
 
-// What lenslets do that are narrower along the way to one place, by `k` times the squared distance r2:
-//     -along_x = k ((x - x0)^2 - (y - y0)^2) + const    -aslant = 2 k (x - x0) (y - y0) + const
-// linear in k, k x0, k y0 and two constants.
+// What lenslets do that a stop cuts. With z = x + iy and e = along_x + i aslant, -e = k (z - z0)^2 where they are
+// narrower along the way to the place z0 by k times the squared distance. A stop that is far to one side cuts by the
+// distance itself: e changes evenly over the frame, by z and by its conjugate. So the law is
+//     -e = k z^2 + b z + c conj(z) + const
+// with a real k; e and the other constants are complex.
 struct Law {
-    double k = 0, sigma = 0;
+    double k = 0, k_sigma = 0;
+    std::complex<double> b, c;
+    double linear_sigma = 0;
+    // The most that e changes from the frame's middle to half a diagonal, beside the squares.
+    [[nodiscard]] double linear() const { return std::abs(b) + std::abs(c); }
 };
 Law fit_law(std::span<const Region> regions, std::vector<double> Region::*along_x,
             std::vector<double> Region::*aslant) {
@@ -45,16 +52,17 @@ Law fit_law(std::span<const Region> regions, std::vector<double> Region::*along_
     const auto median = [](std::vector<double> of) { return common::upper_median(std::span(of)); };
     for (const Region& region : regions) {
         const double x = median(region.x), y = median(region.y);
-        a.row(at) << x * x - y * y, -2 * x, 2 * y, 1, 0;
+        a.row(at) << x * x - y * y, x, -y, x, y, 1, 0;
         seen(at++) = -median(region.*along_x);
-        a.row(at) << 2 * x * y, -2 * y, -2 * x, 0, 1;
+        a.row(at) << 2 * x * y, y, x, -y, x, 0, 1;
         seen(at++) = -median(region.*aslant);
     }
     const auto solver = a.colPivHouseholderQr();
-    if (solver.rank() < kParameters) return {};
-    const Eigen::VectorXd fitted = solver.solve(seen);
-    const double variance = (a * fitted - seen).squaredNorm() / static_cast<double>(rows - kParameters);
-    return {fitted(0), std::sqrt(variance * (a.transpose() * a).inverse()(0, 0))};
+    if (solver.rank() < kParameters || rows <= kParameters) return {};
+    const Eigen::VectorXd f = solver.solve(seen);
+    const double variance = (a * f - seen).squaredNorm() / static_cast<double>(rows - kParameters);
+    const Eigen::VectorXd variances = variance * (a.transpose() * a).inverse().diagonal();
+    return {f(0), std::sqrt(variances(0)), {f(1), f(2)}, {f(3), f(4)}, std::sqrt(variances.segment(1, 4).sum())};
 }
 
 }  // namespace
@@ -86,7 +94,9 @@ CutLenslets cut_lenslets(const algo::LensletGrid& grid, std::span<const Observat
     std::erase_if(regions, [](const Region& region) { return region.x.size() < kFewest; });
     if (regions.size() < 4) return {};
     const Law law = fit_law(regions, &Region::along_x, &Region::aslant);
-    return {law.k, law.sigma, fit_law(regions, &Region::grid_along_x, &Region::grid_aslant).k};
+    const Law of_grid = fit_law(regions, &Region::grid_along_x, &Region::grid_aslant);
+    const Law beyond{.b = law.b - of_grid.b, .c = law.c - of_grid.c};
+    return {law.k, law.k_sigma, of_grid.k, std::min(law.linear(), beyond.linear()), law.linear_sigma};
 }
 
 }  // namespace hord::calib

@@ -37,6 +37,12 @@ constexpr double kMaxTorn = 0.002;     // pairs of neighbours, over the lenslets
 constexpr double kMaxWaves = 0.985;    // PatternShape
 constexpr double kMaxFirst = 0.997;
 constexpr double kMinEven = 0.004, kMaxEven = 0.98;
+// Dark dots on a bright ground, on a square lattice (a hexagonal one has two gaps a dot, and no lattice of them): what
+// was taken for lenslets are the gaps between them. Between small dots it is bright
+// everywhere; round lenslets that touch leave more dark. Between large dots the gaps are stars; spots with the cross of
+// diffraction are smaller.
+constexpr double kMaxBetween = 0.8, kMinDark = 0.17, kMaxDarkOfStars = 0.8, kMaxStar = 0.1;
+constexpr double kMaxOneSided = 0.35;  // of the light; centres are right to 0.01 px up to there
 constexpr double kMaxRoughness = 0.08;
 constexpr double kMaxFollowed = 0.3;     // of the residuals' power: what gradients of the light explain
 constexpr double kMinFollowed = 0.0002;  // of a pitch: explained residuals that matter
@@ -48,6 +54,7 @@ constexpr double kMaxCommon = 0.0002;  // of a pitch: the common part of residua
 // CutLenslets::narrower beyond what the grid's distortion makes of it, and in its standard errors. These are too small
 // by half where neighbouring regions differ from the law alike: 8 are 4 then.
 constexpr double kMaxCut = 0.002, kMaxCutDeviations = 8;
+constexpr double kMaxUneven = 0.012;     // CutLenslets::uneven; a real white frame has 0.9 %
 constexpr double kMaxMissing = 0.1;      // of the complete lenslets
 constexpr double kMaxSaturated = 0.1;    // of the found lenslets
 constexpr double kMaxOffOfRegion = 0.2;  // of a region's lenslets: missing or rejected
@@ -313,16 +320,40 @@ std::optional<PixelPoint> fold_of(const LensletGrid& grid) {
 
 }  // namespace
 
-PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibration) {
-    constexpr int kSide = 16;  // cells of the mean lenslet along each step of the lattice
+namespace {
+
+// The mean of some lenslets, in cells along the primitive steps of the lattice: u and v, or for a hexagonal one two
+// steps 60 degrees apart.
+struct MeanLenslet {
+    static constexpr int kSide = 16;  // cells along each step
+    std::array<double, static_cast<std::size_t>(kSide) * kSide> sums{}, hits{};
+
+    static std::size_t cell(double u, double v) {
+        const auto part = [](double at) { return static_cast<std::size_t>((at - std::floor(at)) * kSide) % kSide; };
+        return part(v + 0.5) * kSide + part(u + 0.5);
+    }
+    // Light about a place, in steps from the lenslet's centre: the mean of 4x4 cells.
+    [[nodiscard]] double at(double u, double v) const {
+        double sum = 0, count = 0;
+        for (const double dv : {-1.5, -0.5, 0.5, 1.5}) {
+            for (const double du : {-1.5, -0.5, 0.5, 1.5}) {
+                const std::size_t k = cell(u + du / kSide, v + dv / kSide);
+                sum += sums[k];
+                count += hits[k];
+            }
+        }
+        return count > 0 ? sum / count : 0;
+    }
+};
+
+MeanLenslet mean_lenslet(const WhiteImage& image, const GridCalibration& calibration) {
     constexpr std::size_t kLenslets = 300;
     const LensletGrid& grid = calibration.fit.grid;
-    std::array<double, static_cast<std::size_t>(kSide) * kSide> sums{}, hits{};
+    MeanLenslet mean;
     const std::size_t every = std::max<std::size_t>(1, calibration.observations.size() / kLenslets);
     for (std::size_t k = 0; k < calibration.observations.size(); k += every) {
         const Observation& seen = calibration.observations[k];
         if (!seen.used) continue;
-        // The primitive steps of the lattice: u and v, or for a hexagonal one two steps 60 degrees apart.
         const LensletGrid::Steps steps = grid.steps_px(grid.uv(seen.m, seen.n));
         PixelPoint a = steps.along_u, b = steps.along_v;
         const auto mixed = [](PixelPoint p, double s, PixelPoint q, double t) {
@@ -340,13 +371,47 @@ PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibratio
                 const double dx = x - seen.centre_px.x_px, dy = y - seen.centre_px.y_px;
                 const double u = (dx * b.y_px - dy * b.x_px) / det, v = (dy * a.x_px - dx * a.y_px) / det;
                 if (std::abs(u) >= 0.5 || std::abs(v) >= 0.5) continue;
-                const auto cell = static_cast<std::size_t>(static_cast<int>((v + 0.5) * kSide) * kSide +
-                                                           static_cast<int>((u + 0.5) * kSide));
-                sums[cell] += image.at(x, y);
-                hits[cell] += 1;
+                const std::size_t cell = MeanLenslet::cell(u, v);
+                mean.sums[cell] += image.at(x, y);
+                mean.hits[cell] += 1;
             }
         }
     }
+    return mean;
+}
+
+// Share of the cells with less than half of the light.
+double dark_share(const MeanLenslet& mean) {
+    std::vector<double> light;
+    for (std::size_t k = 0; k < mean.sums.size(); ++k) {
+        if (mean.hits[k] > 0) light.push_back(mean.sums[k] / mean.hits[k]);
+    }
+    if (light.empty()) return 1;
+    const auto [low, high] = std::ranges::minmax_element(light);
+    const double half = (*low + *high) / 2;
+    return static_cast<double>(std::ranges::count_if(light, [=](double of) { return of < half; })) /
+        static_cast<double>(light.size());
+}
+
+// Light half way to the neighbours, over that in the middle of a lenslet, both less that of the places farthest from
+// all lenslets: 1 if what lies between dark dots was taken for lenslets.
+double light_between(const MeanLenslet& mean, algo::LatticeKind kind) {
+    const bool square = kind == algo::LatticeKind::square;
+    // Of a hexagonal lattice, the third neighbour lies at the difference of the steps.
+    const double between =
+        square ? (mean.at(0.5, 0) + mean.at(0, 0.5)) / 2 : (mean.at(0.5, 0) + mean.at(0, 0.5) + mean.at(0.5, -0.5)) / 3;
+    const double farthest = square ? mean.at(0.5, 0.5) : (mean.at(1 / 3.0, 1 / 3.0) + mean.at(-1 / 3.0, -1 / 3.0)) / 2;
+    const double lenslet = mean.at(0, 0) - farthest;
+    return lenslet > 0 ? (between - farthest) / lenslet : 0;
+}
+
+}  // namespace
+
+PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibration) {
+    constexpr int kSide = MeanLenslet::kSide;
+    const LensletGrid& grid = calibration.fit.grid;
+    const MeanLenslet of = mean_lenslet(image, calibration);
+    const auto &sums = of.sums, &hits = of.hits;
     // Where the pitch is a whole number of pixels, or small, no pixel lies in some cells: these do not count.
     const auto cells_hit = static_cast<double>(std::count_if(hits.begin(), hits.end(), [](double h) { return h > 0; }));
     if (cells_hit == 0) return {.even_share = 1};
@@ -379,8 +444,9 @@ PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibratio
             if ((p + q) % 2 == 0) even += power;
         }
     }
-    return all > 0 ? PatternShape{waves / all, square ? first / all : 0, square ? even / all : 1}
-                   : PatternShape{0, 0, 1};
+    if (!(all > 0)) return {.even_share = 1};
+    return {waves / all, square ? first / all : 0, square ? even / all : 1, light_between(of, grid.kind),
+            dark_share(of)};
 }
 
 double light_roughness(const LensletGrid& grid, std::span<const Observation> observations) {
@@ -511,6 +577,12 @@ Result<void> check_white_frame(const WhiteImage& image, const GridCalibration& c
         return refuse("the grid has every second lenslet only: the same light lies in the middle of four of them",
                       "record lenslets with a pitch of 8 px or more");
     }
+    if (calibration.fit.grid.kind == algo::LatticeKind::square &&
+        ((shape.between > kMaxBetween && shape.dark_share < kMinDark) ||
+         (shape.dark_share < kMaxDarkOfStars && shape.corners < -kMaxStar))) {
+        return refuse("this is no white frame: between its lenslets it is as bright as in them, as between dark dots",
+                      "record the light behind a lenslet array, bright on dark, not inverted");
+    }
     return {};
 }
 
@@ -566,6 +638,18 @@ std::vector<std::string> warnings_about(const GridCalibration& calibration) {
             "optics cuts them, and their centres may be off by tenths of a pixel; stop the optics down until "
             "the corners' lenslets are whole, and compare the pitch",
             100 * beyond_grid));
+    } else if (cut.uneven > std::max(kMaxUneven, kMaxCutDeviations * cut.uneven_sigma)) {
+        out.push_back(fmt::format(
+            "the shape of the lenslets changes from border to border of the frame, by {:.1f} %: something on one side "
+            "of the optics cuts their light, and the grid may be off by pixels; centre the array on the optics' axis "
+            "and stop the optics down until the lenslets at all borders are whole",
+            200 * cut.uneven));
+    }
+    if (calibration.one_sided > kMaxOneSided) {
+        out.push_back(fmt::format(
+            "all lenslets are brighter on the same side, by {:.0f} % at their rim: their centres may be off by tenths "
+            "of a pixel; light the array evenly from all directions",
+            100 * calibration.one_sided));
     }
     if (calibration.rejected > kMaxOff * calibration.found) {
         out.push_back(

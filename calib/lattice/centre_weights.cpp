@@ -116,6 +116,12 @@ Profile measure_profile(const WhiteImage& image, std::span<const Spot> spots, do
     return profile;
 }
 
+std::size_t half_height(const Table& profile) {
+    std::size_t half = 0;
+    while (half + 1 < profile.size() && profile[half] > 0.5 * profile[0]) ++half;
+    return half;
+}
+
 Weights design_weights(const Profile& profile, double radius, bool against_gradients) {
     Weights weights;
     weights.radius = radius;
@@ -174,9 +180,8 @@ Weights design_weights(const Profile& profile, double radius, bool against_gradi
     if (!against_gradients) return weights;
     // A gradient of light can be separated from a shift only if the lenslet has a plateau: half way to its half height
     // it has nearly its full height (a Gaussian has 0.84 there).
-    std::size_t half = 0;
-    while (half + 1 < count && weights.profile[half] > 0.5 * weights.profile[0]) ++half;
-    const bool plateau = weights.profile[half / 2] > kPlateau * weights.profile[0];
+    const std::size_t half = half_height(weights.profile);
+    const bool plateau = weights.plateau = weights.profile[half / 2] > kPlateau * weights.profile[0];
     // Try both, then vignetting alone, then the background alone.
     const double ll = vignetting(light), lw = vignetting(weights.window);
     const double bl = background(light), bw = background(weights.window);

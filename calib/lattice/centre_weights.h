@@ -34,7 +34,11 @@ struct Weights {
     double radius = 0;
     Table shift, profile, window, steepness;
     Immunity immunity;
+    bool plateau = false;  // half way to its half height the profile has nearly its full height
 };
+
+// The first index at which a table is at most half of its first value, or its last index.
+std::size_t half_height(const Table& profile);
 
 // The profile to begin with: a raised cosine of this radius.
 Profile raised_cosine(double radius);

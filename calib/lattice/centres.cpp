@@ -14,6 +14,7 @@ namespace hord::calib {
 namespace {
 
 constexpr std::size_t kMaxSeeds = 400;
+constexpr double kInside = 0.7, kSmallestInside = 2;  // of the half height, and px: the inside of a lenslet
 
 // Response of one window to the kernels of one phase (see CentreFinder::Kernels::bank).
 struct Responses {
@@ -165,7 +166,7 @@ CentreFinder::Kernels::Moments CentreFinder::Kernels::moments(algo::PixelPoint a
 }
 
 bool CentreFinder::Kernels::complete(algo::PixelPoint at) const {
-    const double reach = weights.radius - 0.5;
+    const double reach = weights.radius - 0.5 + image->margin_px();
     return at.x_px >= reach && at.y_px >= reach && at.x_px <= image->width_px() - 1 - reach &&
         at.y_px <= image->height_px() - 1 - reach;
 }
@@ -346,9 +347,48 @@ std::optional<algo::PixelPoint> CentreFinder::split(algo::PixelPoint centre) con
 std::optional<Elongation> CentreFinder::elongation(algo::PixelPoint centre) const {
     return kernels_->elongation(centre);
 }
+std::optional<std::complex<double>> CentreFinder::lobes(algo::PixelPoint centre, int count) const {
+    const auto of = kernels_->pixels_about(centre);
+    if (!of) return std::nullopt;
+    std::complex<double> sum;
+    double all = 0;
+    for (const WindowPixels::Pixel& p : of->pixels) {
+        const double here = p.window * (p.light - of->background) * (p.dx * p.dx + p.dy * p.dy);
+        sum += here * std::polar(1.0, count * std::atan2(p.dy, p.dx));
+        all += here;
+    }
+    if (!(all > 0)) return std::nullopt;
+    return sum / all;
+}
+std::optional<algo::PixelPoint> CentreFinder::gradient(algo::PixelPoint centre) const {
+    const double half = half_height_radius_px(), inside = std::min(half - kTaper, kInside * half);
+    if (!kernels_->weights.plateau || inside < kSmallestInside) return std::nullopt;
+    const auto of = kernels_->pixels_about(centre);
+    if (!of) return std::nullopt;
+    double count = 0, x = 0, y = 0, xx = 0, yy = 0, all = 0, lx = 0, ly = 0;
+    for (const WindowPixels::Pixel& p : of->pixels) {
+        if (p.dx * p.dx + p.dy * p.dy > inside * inside) continue;
+        const double light = p.light - of->background;
+        count += 1;
+        x += p.dx;
+        y += p.dy;
+        xx += p.dx * p.dx;
+        yy += p.dy * p.dy;
+        all += light;
+        lx += p.dx * light;
+        ly += p.dy * light;
+    }
+    if (!(count > 0 && all > 0)) return std::nullopt;
+    const double to_mean = half * count / all;
+    return algo::PixelPoint{to_mean * (lx - all * x / count) / (xx - x * x / count),
+                            to_mean * (ly - all * y / count) / (yy - y * y / count)};
+}
 bool CentreFinder::complete(algo::PixelPoint at) const { return kernels_->complete(at); }
 double CentreFinder::amplitude_dn(algo::PixelPoint at) const { return kernels_->moments(at).amplitude; }
 double CentreFinder::window_radius_px() const { return kernels_->weights.radius; }
+double CentreFinder::half_height_radius_px() const {
+    return static_cast<double>(half_height(kernels_->weights.profile)) * kTableStep;
+}
 Immunity CentreFinder::immunity() const { return kernels_->weights.immunity; }
 double CentreFinder::typical_amplitude_dn() const { return kernels_->typical_amplitude; }
 

@@ -3,6 +3,7 @@
 // cancel as far as the profile allows (immunity()). Derivation: docs/notes/calibration.md.
 #pragma once
 
+#include <complex>
 #include <optional>
 #include <span>
 #include <vector>
@@ -51,6 +52,15 @@ class CentreFinder {
     // None if it cannot be measured.
     [[nodiscard]] std::optional<Elongation> elongation(algo::PixelPoint centre) const;
 
+    // How far the light of a lenslet has corners: its part with `count` lobes about the centre, over all of it, both
+    // times the squared distance; the angle is that of the lobes, times `count`. 0 for a round lenslet. None if it
+    // cannot be measured.
+    [[nodiscard]] std::optional<std::complex<double>> lobes(algo::PixelPoint centre, int count) const;
+
+    // How much brighter a lenslet is towards +x and +y: the change of its light from the middle to its half height,
+    // over the mean, from the pixels well inside. None for a spot, which has no inside, or if it cannot be measured.
+    [[nodiscard]] std::optional<algo::PixelPoint> gradient(algo::PixelPoint centre) const;
+
     // True if the window of a lenslet at `at` is inside the frame.
     [[nodiscard]] bool complete(algo::PixelPoint at) const;
 
@@ -61,6 +71,7 @@ class CentreFinder {
     [[nodiscard]] double saturated_share(algo::PixelPoint at) const;
 
     [[nodiscard]] double window_radius_px() const;
+    [[nodiscard]] double half_height_radius_px() const;  // of the profile
     [[nodiscard]] Immunity immunity() const;
     [[nodiscard]] double typical_amplitude_dn() const;  // median of the lenslets learned from
 

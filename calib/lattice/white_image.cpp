@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
 
 namespace hord::calib {
 namespace {
@@ -119,7 +120,21 @@ Result<WhiteImage> WhiteImage::open(const FrameView& white, const std::optional<
     return image;
 }
 
+WhiteImage WhiteImage::smoothed(double sigma_px) const {
+    std::vector<float> smooth(static_cast<std::size_t>(width_px()) * static_cast<std::size_t>(height_px()));
+    window(0, 0, width_px(), height_px(), smooth.data(), width_px());
+    cv::Mat light(height_px(), width_px(), CV_32F, smooth.data());
+    cv::GaussianBlur(light, light, {0, 0}, sigma_px);
+    WhiteImage out = *this;
+    out.smooth_ = std::move(smooth);
+    out.margin_px_ = 2 * sigma_px;
+    return out;
+}
+
 float WhiteImage::at(int x, int y) const {
+    if (!smooth_.empty())
+        return smooth_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_px()) +
+                       static_cast<std::size_t>(x)];
     const auto light = static_cast<float>(white_.sample(x, y));
     const float net = dark_ ? light - static_cast<float>(dark_->sample(x, y)) : light;
     return gain_.empty()
@@ -159,6 +174,11 @@ void WhiteImage::window(int x, int y, int width, int height, float* out, int str
         std::fill(to, to + first, 0.0F);
         std::fill(to + last, to + width, 0.0F);
         const int count = last - first;
+        if (!smooth_.empty()) {
+            std::copy_n(smooth_.data() + static_cast<std::ptrdiff_t>(from_y) * width_px() + x + first, count,
+                        to + first);
+            continue;
+        }
         // Windows are read from left to right, with rows pages apart: hardware does not prefetch them.
         __builtin_prefetch(white_.data + from_y * white_.stride_bytes +
                            std::clamp(x + 2 * width, 0, width_px() - 1) * white_.sample_bytes());

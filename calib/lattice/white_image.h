@@ -19,6 +19,12 @@ class WhiteImage {
     static Result<WhiteImage> open(const FrameView& white, const std::optional<FrameView>& dark,
                                    const std::optional<FrameView>& flat = {});
 
+    // The same frame, blurred by a Gaussian of this sigma, px; saturation is that of the frame itself.
+    [[nodiscard]] WhiteImage smoothed(double sigma_px) const;
+
+    // Of a smoothed frame, pixels from its border on that what lies outside would change; 0 else.
+    [[nodiscard]] double margin_px() const { return margin_px_; }
+
     [[nodiscard]] int width_px() const { return white_.width_px; }
     [[nodiscard]] int height_px() const { return white_.height_px; }
 
@@ -38,7 +44,9 @@ class WhiteImage {
     [[nodiscard]] bool learn_gain(const FrameView& flat);
     FrameView white_;
     std::optional<FrameView> dark_;
-    std::vector<float> gain_;  // one a pixel; empty without a flat frame
+    std::vector<float> gain_;    // one a pixel; empty without a flat frame
+    std::vector<float> smooth_;  // light of each pixel; empty if not smoothed
+    double margin_px_ = 0;
     std::uint32_t saturated_dn_ = 0;
     bool any_saturated_ = false;
 };

@@ -4,7 +4,7 @@
     tests/calib/calibrate/calibration_page.py [BUILD/bin] [FOLDER with lenslet/ and bench/] > docs/results/calibration.md
 
 Needs the targets calibration_table, bench_decode and those of PROGRAMS. Fails when a test fails."""
-import datetime, json, os, subprocess, sys, tempfile
+import contextlib, datetime, io, json, os, subprocess, sys, tempfile, textwrap
 
 here = os.path.dirname(os.path.abspath(__file__))
 root = os.path.abspath(os.path.join(here, "../../.."))
@@ -25,7 +25,7 @@ PROMISES = [  # what is promised, by which tests
     ("a worse calibration does not replace a better one, in the file or in the station", "Better.*"),
     ("", "CalibrationFile.*"),
     ("strong distortion is followed to the corners, or refused", "NotSilentlyWrong.radial*:NotSilentlyWrong.so_is*:NotSilentlyWrong.corners*:NotSilentlyWrong.no_lenslet*"),
-    ("what is no white frame is refused or warned of", "NotSilentlyWrong.a_*:NotSilentlyWrong.light_*:NotSilentlyWrong.two*:NotSilentlyWrong.an_*:NotSilentlyWrong.aberrated*:NotSilentlyWrong.missing*:NotSilentlyWrong.lenslets*"),
+    ("what is no white frame is refused or warned of", "NotSilentlyWrong.a_*:NotSilentlyWrong.light_*:NotSilentlyWrong.two*:NotSilentlyWrong.an_*:NotSilentlyWrong.aberrated*:NotSilentlyWrong.missing*:NotSilentlyWrong.lenslets*:NotSilentlyWrong.square*:NotSilentlyWrong.dark*"),
     ("no white frame: refused", "CalibrateGrid.a_frame_with_a_part*:CalibrateGrid.frames_without*"),
 ]
 EXTREMES = [
@@ -61,26 +61,37 @@ def tests(which):
     return ran
 
 
-commit = subprocess.run(["git", "-C", root, "rev-parse", "--short=8", "HEAD"], capture_output=True, text=True).stdout.strip()
-model = next((line.split(": ")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")), "a machine")
-print("# Lenslet-grid calibration, measured\n")
-print(f"Made by `tests/calib/calibrate/calibration_page.py BUILD/bin FOLDER > docs/results/calibration.md`; FOLDER holds `lenslet/` and `bench/`.\n"
-      f"Run on {datetime.date.today()} at commit {commit}, on {model}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.0f} at the start: other work lengthens\n"
-      "CPU times. Every number comes from that run, but for the speed against threshold and components. tests/calib/support/synthetic.h draws the\n"
-      "frames of known truth; it shares no code with the fitter, and its seed is 1 where none is named.\n")
-print(open(os.path.join(here, "calibration_answer.md")).read())
-print(run("calibration_table", data))
-print(open(os.path.join(here, "calibration_speed.md")).read())
-print("## What tests hold\n\n| promise | test | measured |\n|---|---|---|")
-for promise, which in PROMISES:
-    for name, recorded in tests(which):
-        print(f"| {promise} | `{name}` | {recorded or 'held'} |")
-        promise = ""
-print("\n## Extremes\n\n| case | test |\n|---|---|")
-for case, which in EXTREMES:
-    print(f"| {case} | {', '.join(f'`{name}`' for name, _ in tests(which))} |")
-print("\n## What decoding costs\n\n"
-      "The macro-pixel path is one whole inspection, from the frame's samples to the verdict, of a macro-pixel frame of 555x555 lenslets with 9x9 bins (`bench_decode`,\n"
-      "CPU time of one thread). A raw frame is decoded first, then judged the same way: the share in the last column is what is added. Splitting a macro-pixel frame into\n"
-      "HORDs is the part of the path that decoding most resembles; decoding reads 9 raw pixels a bin where splitting reads one.\n")
-print("\n".join(line for line in run("bench_decode").splitlines() if line.startswith("|")))
+def wrapped(line):
+    """Prose in at most 120 columns; tables and code as they are."""
+    if len(line) <= 120 or line.startswith(("|", "    ")):
+        return line
+    rest = "  " if line.startswith(("- ", "  ")) else ""
+    return textwrap.fill(line, 120, subsequent_indent=rest, break_long_words=False, break_on_hyphens=False)
+
+
+page = io.StringIO()
+with contextlib.redirect_stdout(page):
+    commit = subprocess.run(["git", "-C", root, "rev-parse", "--short=8", "HEAD"], capture_output=True, text=True).stdout.strip()
+    model = next((line.split(": ")[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")), "a machine")
+    print("# Lenslet-grid calibration, measured\n")
+    print(f"Made by `tests/calib/calibrate/calibration_page.py BUILD/bin FOLDER > docs/results/calibration.md`; FOLDER holds `lenslet/` and `bench/`.\n"
+          f"Run on {datetime.date.today()} at commit {commit}, on {model}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.0f} at the start: other work lengthens\n"
+          "CPU times. Every number comes from that run, but for the speed against threshold and components. tests/calib/support/synthetic.h draws the\n"
+          "frames of known truth; it shares no code with the fitter, and its seed is 1 where none is named.\n")
+    print(open(os.path.join(here, "calibration_answer.md")).read())
+    print(run("calibration_table", data))
+    print(open(os.path.join(here, "calibration_speed.md")).read())
+    print("## What tests hold\n\n| promise | test | measured |\n|---|---|---|")
+    for promise, which in PROMISES:
+        for name, recorded in tests(which):
+            print(f"| {promise} | `{name}` | {recorded or 'held'} |")
+            promise = ""
+    print("\n## Extremes\n\n| case | test |\n|---|---|")
+    for case, which in EXTREMES:
+        print(f"| {case} | {', '.join(f'`{name}`' for name, _ in tests(which))} |")
+    print("\n## What decoding costs\n\n"
+          "The macro-pixel path is one whole inspection, from the frame's samples to the verdict, of a macro-pixel frame of 555x555 lenslets with 9x9 bins (`bench_decode`,\n"
+          "CPU time of one thread). A raw frame is decoded first, then judged the same way: the share in the last column is what is added. Splitting a macro-pixel frame into\n"
+          "HORDs is the part of the path that decoding most resembles; decoding reads 9 raw pixels a bin where splitting reads one.\n")
+    print("\n".join(line for line in run("bench_decode").splitlines() if line.startswith("|")))
+print("\n".join(wrapped(line) for line in page.getvalue().splitlines()))

@@ -189,6 +189,36 @@ void answers() {
         std::snprintf(name, sizeof name, "cat's eye: a stop that cuts lenslets by %g px at the border", shift);
         answer_row(name, white);
     }
+    for (const double middle_x : {0.0, -500.0, -2000.0}) {
+        for (const double shift : {0.3, 1.0}) {
+            white.stop = [=](double x, double y) {
+                return std::pair(shift * (middle_x - x) / 500, shift * (500 - y) / 500);
+            };
+            char name[128];
+            std::snprintf(name, sizeof name, "the same by %g px more for every 500 px from a middle at column %g",
+                          shift, middle_x);
+            answer_row(name, white);
+        }
+    }
+    white = base;
+    for (const double gradient : {0.3, 0.45, 0.7}) {
+        white.gradient = [=](double, double) { return std::pair(gradient, 0.0); };
+        char name[96];
+        std::snprintf(name, sizeof name, "discs, light brighter by %.0f %% on one side all over the frame",
+                      100 * gradient);
+        answer_row(name, white);
+    }
+    white = base;
+    white.square = true, white.edge_px = 1, white.subpixels = 4;
+    for (const double pitch : {10.0, 12.0, 16.0, 17.3}) {
+        for (const double turn : {0.0, 0.6, 2.0}) {
+            white.pitch_px = pitch, white.rotation_deg = turn, white.disc_radius_px = 0.44 * pitch;
+            char name[96];
+            std::snprintf(name, sizeof name, "sharp squares, pitch %g px, turned by %g degrees, 88 %% of the pitch",
+                          pitch, turn);
+            answer_row(name, white);
+        }
+    }
     white = base;
     white.deflect = [](double x, double y) { return std::pair((x - 500) / 500, (y - 500) / 500); };
     answer_row("a weak lens that fills the field: centres move outwards by 1 px at the border (not detected)", white);

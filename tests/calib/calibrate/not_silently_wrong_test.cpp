@@ -280,6 +280,102 @@ TEST(NotSilentlyWrong, lenslets_that_a_stop_cuts_are_warned_of) {
     }
 }
 
+// A stop far to one side cuts all lenslets on the same side, the more the farther they are from it: their shape changes
+// evenly over the frame.
+TEST(NotSilentlyWrong, lenslets_that_are_cut_from_one_side_are_warned_of) {
+    for (const double middle_x : {0.0, -250.0, -1000.0}) {
+        SCOPED_TRACE(middle_x);
+        White white{.width_px = 500, .height_px = 450, .pitch_px = 16.3, .rotation_deg = 2};
+        white.stop = [=](double x, double y) { return std::pair(0.6 * (middle_x - x) / 250, 0.6 * (225 - y) / 250); };
+        const auto calibration = calibrate_grid(test::draw(white).frame.view());
+        ASSERT_TRUE(calibration) << calibration.error().message();
+        EXPECT_THAT(calibration->warnings,
+                    Contains(::testing::AnyOf(HasSubstr("the stop of the optics cuts them"),
+                                              HasSubstr("changes from border to border"))));
+    }
+}
+
+// All over the frame, on lenslets that light fills: the centres are right up to 30 %.
+TEST(NotSilentlyWrong, light_that_is_brighter_on_one_side_of_all_lenslets_is_warned_of) {
+    for (const double gradient : {0.16, 0.45, 0.7}) {
+        SCOPED_TRACE(gradient);
+        White white{.width_px = 500, .height_px = 450, .pitch_px = 16.3, .rotation_deg = 2};
+        white.gradient = [=](double, double) { return std::pair(0.0, gradient); };
+        const auto drawn = test::draw(white);
+        const auto calibration = calibrate_grid(drawn.frame.view());
+        ASSERT_TRUE(calibration) << calibration.error().message();
+        if (gradient > 0.4) {
+            EXPECT_THAT(calibration->warnings, Contains(HasSubstr("brighter on the same side")));
+        } else {
+            EXPECT_THAT(calibration->warnings, IsEmpty());
+            EXPECT_LT(test::compare(drawn, *calibration, white.pitch_px).rms_px, 0.02);
+        }
+    }
+}
+
+// Straight sharp edges along the pixels: the frame is smoothed for them. Aligned and turned, centred on pixels and not.
+TEST(NotSilentlyWrong, square_lenslets_with_sharp_edges_are_where_the_grid_says) {
+    for (const double pitch : {10.0, 15.2, 20.0}) {
+        for (const double turn : {0.0, 0.6, 4.0}) {
+            SCOPED_TRACE(::testing::Message() << pitch << " px, " << turn << " degrees");
+            const White white{.width_px = 320,
+                              .height_px = 300,
+                              .pitch_px = pitch,
+                              .rotation_deg = turn,
+                              .offset_x_px = 0.3,
+                              .offset_y_px = -0.2,
+                              .disc_radius_px = 0.44 * pitch,
+                              .edge_px = 1,
+                              .square = true,
+                              .subpixels = 4};
+            const auto drawn = test::draw(white);
+            const auto calibration = calibrate_grid(drawn.frame.view());
+            ASSERT_TRUE(calibration) << calibration.error().message();
+            EXPECT_LT(test::compare(drawn, *calibration, pitch).rms_px, 0.015);
+            EXPECT_THAT(calibration->warnings, IsEmpty());
+        }
+    }
+}
+
+// The gaps between dark dots lie on a lattice, too.
+TEST(NotSilentlyWrong, dark_dots_on_a_bright_ground_are_refused) {
+    for (const bool hexagonal : {false, true}) {
+        for (const double radius : {0.2, 0.3, 0.4, 0.46}) {
+            SCOPED_TRACE(::testing::Message() << hexagonal << ", radius " << radius);
+            const White white{.width_px = 450,
+                              .height_px = 450,
+                              .hexagonal = hexagonal,
+                              .pitch_px = 16.3,
+                              .rotation_deg = 2,
+                              .disc_radius_px = radius * 16.3};
+            const Frame bright = test::draw(white).frame;
+            const auto calibration =
+                calibrate_grid(paint(450, [&](int x, int y) { return 22000.0 - bright.view().sample(x, y); }).view());
+            ASSERT_FALSE(calibration);
+            EXPECT_EQ(calibration.error().code, ErrorCode::refused);
+            if (!hexagonal && radius > 0.25) {
+                EXPECT_THAT(calibration.error().what, HasSubstr("dark dots"));
+            }
+        }
+    }
+}
+
+// Round lenslets that touch one another are no such gaps.
+TEST(NotSilentlyWrong, lenslets_that_touch_are_measured) {
+    for (const bool hexagonal : {false, true}) {
+        const White white{.width_px = 450,
+                          .height_px = 450,
+                          .hexagonal = hexagonal,
+                          .pitch_px = 16.3,
+                          .rotation_deg = 2,
+                          .disc_radius_px = 0.5 * 16.3};
+        const auto drawn = test::draw(white);
+        const auto calibration = calibrate_grid(drawn.frame.view());
+        ASSERT_TRUE(calibration) << calibration.error().message();
+        EXPECT_LT(test::compare(drawn, *calibration, white.pitch_px).rms_px, 0.05);
+    }
+}
+
 TEST(NotSilentlyWrong, missing_lenslets_are_warned_of) {
     White white{.width_px = 700, .height_px = 700, .pitch_px = 18.7, .rotation_deg = 2};
     white.light = [](double x, double y) { return x > 350 && y > 350 ? 0.0 : 1.0; };

@@ -54,8 +54,9 @@ struct White {
     double offset_x_px = 0.3, offset_y_px = -0.4;  // of a lenslet from the middle
     double disc_radius_px = 0;                     // 0: 0.42 pitch; negative: a Gaussian spot of that sigma
     double edge_px = 0.8;                          // blur of the disc's edge, sigma
-    int subpixels = 1;                             // samples a side averaged per pixel; sharp edges need more than one
-    double misplaced_px = 0;                       // independent shift of each lenslet along x and y, sigma
+    bool square = false;      // lenslets are squares along the lattice, edge_px wide at their edges
+    int subpixels = 1;        // samples a side averaged per pixel; sharp edges need more than one
+    double misplaced_px = 0;  // independent shift of each lenslet along x and y, sigma
     // Relative change of light from the middle of a lenslet to its rim, at the frame's corner; brighter outwards.
     double vignetting = 0;
     // The same along x and y at a place in the frame, beside `vignetting`; empty: none.
@@ -92,7 +93,8 @@ inline Drawn draw(const White& w) {
     const double half = 0.5 * std::max(w.width_px, w.height_px);
     const double angle = w.rotation_deg * 3.14159265358979323846 / 180;
     const double radius = w.disc_radius_px == 0 ? 0.42 * w.pitch_px : w.disc_radius_px;
-    const double reach = (w.to_scale ? 1.6 : 1) * (radius > 0 ? radius + 6 * w.edge_px : -6 * radius);
+    const double reach =
+        (w.to_scale ? 1.6 : 1) * (radius > 0 ? (w.square ? 1.5 : 1) * radius + 6 * w.edge_px : -6 * radius);
     std::vector<float> light(static_cast<std::size_t>(w.width_px) * static_cast<std::size_t>(w.height_px), 0.0F);
     Drawn out;
     // Squared distance of the farthest lenslet from the middle before distortion: strong barrel distortion draws
@@ -159,7 +161,13 @@ inline Drawn draw(const White& w) {
                         const double r = w.to_scale
                             ? std::hypot((dx * out_x + dy * out_y) / along, (dy * out_x - dx * out_y) / across)
                             : std::sqrt(dx * dx + dy * dy);
-                        double here = radius > 0 ? disc(r) : std::exp(-0.5 * r * r / (radius * radius));
+                        const auto edge = [&](double at) {
+                            return std::clamp((radius - std::abs(at)) / w.edge_px + 0.5, 0.0, 1.0);
+                        };
+                        double here = w.square ? edge(std::cos(angle) * dx + std::sin(angle) * dy) *
+                                edge(std::cos(angle) * dy - std::sin(angle) * dx)
+                            : radius > 0 ? disc(r)
+                                         : std::exp(-0.5 * r * r / (radius * radius));
                         if (w.stop) here *= disc(std::hypot(dx - stop_x, dy - stop_y));
                         here *= 1 + (gx * dx + gy * dy) / (radius > 0 ? radius : -2 * radius);
                         value += here / (w.subpixels * w.subpixels);
