@@ -1,6 +1,5 @@
 // While the service runs: passes results, states and monitors' reports to registers, recorder and watchers.
 #include <algorithm>
-#include <filesystem>
 #include <fstream>
 
 #include <fmt/format.h>
@@ -21,14 +20,6 @@ std::optional<double> processor_celsius() {
     std::ifstream in(kProcessorMillidegrees);
     double millidegrees = 0;
     return in >> millidegrees ? std::optional(millidegrees / 1000) : std::nullopt;
-}
-
-std::optional<double> disk_free_percent(const std::filesystem::path& folder) {
-    if (folder.empty()) return std::nullopt;
-    std::error_code error;
-    const auto space = std::filesystem::space(folder, error);
-    if (error || space.capacity == 0) return std::nullopt;
-    return 100.0 * static_cast<double>(space.available) / static_cast<double>(space.capacity);
 }
 
 }  // namespace
@@ -173,7 +164,7 @@ void Service::publish_health_again() {
     health_.modbus_evicted = counted(all.evicted);
     health_.modbus_broken = counted(all.broken);
     health_.processor_celsius = processor_celsius();
-    health_.disk_free_percent = disk_free_percent(config_.state_folder);
+    health_.disk_free_percent = store_disk_free_percent(config_);
     health_.optics = report_of(optics_->view());
     registers_->publish(health_);
     publish_calibration();

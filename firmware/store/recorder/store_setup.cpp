@@ -45,6 +45,14 @@ std::filesystem::path store_folder(const Config& config) {
     return config.state_folder.empty() ? std::filesystem::path() : config.state_folder / "store";
 }
 
+std::optional<double> store_disk_free_percent(const Config& config) {
+    const std::filesystem::path folder = store_folder(config);
+    std::error_code error;
+    const auto space = folder.empty() ? std::filesystem::space_info{} : std::filesystem::space(folder, error);
+    if (error || space.capacity == 0) return std::nullopt;
+    return 100.0 * static_cast<double>(space.available) / static_cast<double>(space.capacity);
+}
+
 std::size_t frame_buffers(const StoreConfig& config, const algo::Extents& extents, int bits) {
     const std::size_t bytes = static_cast<std::size_t>(extents.width_px()) *
         static_cast<std::size_t>(extents.height_px()) * (bits > 8 ? 2 : 1);

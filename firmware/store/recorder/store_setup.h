@@ -3,6 +3,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "algo/frame/extents.h"
@@ -28,6 +29,9 @@ struct RecordingWatchers {
 
 // The folder of the store; empty: no store is configured.
 std::filesystem::path store_folder(const Config& config);
+
+// Share of the disk with the store that is free. None: no store is configured, or its folder does not exist (yet).
+std::optional<double> store_disk_free_percent(const Config& config);
 
 // How many frames may wait for the disk: store.frame_buffers, limited to 256 MB, but at least the frames kept before a
 // reject and two more.

@@ -101,6 +101,30 @@ TEST(FrameBuffers, are_as_many_as_fit_into_the_memory_for_them) {
     EXPECT_EQ(frame_buffers(config, extents, 8), 32U) << "those that a rejected part needs";
 }
 
+TEST(StoreDisk, is_the_one_with_the_results_whatever_the_state_folder_is) {
+    const TempFolder folder;
+    const auto share_of = [](const std::filesystem::path& where) {
+        const auto space = std::filesystem::space(where);
+        return 100.0 * static_cast<double>(space.available) / static_cast<double>(space.capacity);
+    };
+    Config config;
+    EXPECT_FALSE(store_disk_free_percent(config)) << "nothing is stored";
+    config.store.folder = folder.path();
+    ASSERT_TRUE(store_disk_free_percent(config)) << "without a state folder";
+    EXPECT_NEAR(*store_disk_free_percent(config), share_of(folder.path()), 1);
+    config.state_folder = "/proc";  // another file system
+    EXPECT_NEAR(store_disk_free_percent(config).value_or(-1), share_of(folder.path()), 1);
+    config.store.folder = folder.path() / "gone";
+    EXPECT_FALSE(store_disk_free_percent(config));
+    config.store.folder.clear();
+    config.state_folder = folder.path();
+    EXPECT_FALSE(store_disk_free_percent(config)) << "the store's folder is made at the start";
+    std::filesystem::create_directory(folder.path() / "store");
+    EXPECT_NEAR(store_disk_free_percent(config).value_or(-1), share_of(folder.path()), 1);
+    config.store.enabled = false;
+    EXPECT_FALSE(store_disk_free_percent(config));
+}
+
 TEST_F(Recorder, the_inspection_of_a_self_test_is_not_kept) {
     inspected(99, {at(1)});
     result_of(99);
