@@ -49,6 +49,21 @@ void Pipeline::Workspace::find_bounded_columns(int first_row, int last_row) {
     }
 }
 
+// A part of which very many lenslets have twice the slope that rejects it is rejected, whatever the EMD. Bounds of
+// large boxes of lit bins, which take most of the time of such a frame, are then not worth it.
+int Pipeline::Workspace::most_bins_to_bound() const {
+    constexpr std::size_t kManyOf = 16;  // of the judged lenslets
+    constexpr float kFarAbove = 2;       // times the limit
+    constexpr int kLargeBox = 16;        // bins
+    if (!recipe.slopes || comparison) return kMaxBinCount;
+    const auto is_judged = [of = mask.data()](std::size_t k) { return (of[k] & (kNoGradient | kNotJudged)) == 0; };
+    const auto is_steep = [=, slope = frobenius.data(), limit = kFarAbove * recipe.frobenius_limit_bins](
+                              std::size_t k) { return is_judged(k) & (slope[k] >= limit); };
+    const std::size_t judged = count_suiting(0, mask.size(), is_judged),
+                      steep = count_suiting(0, mask.size(), is_steep);
+    return steep == 0 || kManyOf * steep < judged ? kMaxBinCount : kLargeBox;
+}
+
 // The second look at a frame, once it is known that it can be judged: bounds of the EMD gradient, and how every lenslet
 // differs from the reference at the part's pose. Row by row, so that a row is read from memory once.
 void Pipeline::Workspace::look_again(const FrameView& frame, const Registered& registered, Stopwatch& watch,
@@ -62,6 +77,7 @@ void Pipeline::Workspace::look_again(const FrameView& frame, const Registered& r
         if (comparison) comparison->outline.take_in(*pose, zones, mask, first, last);
         if (emd_bounds) find_bounded_columns(first, last);
     });
+    const int most_bins = emd_bounds ? most_bins_to_bound() : 0;
     const auto columns = static_cast<std::size_t>(extents.m);
     const auto of_row = [&](auto& map, int n) { return std::span(map).subspan(extents.index(0, n), columns); };
     pool->share_out(bands, [&](int worker, int band) {
@@ -74,7 +90,7 @@ void Pipeline::Workspace::look_again(const FrameView& frame, const Registered& r
         const int first = band * rows;
         int next = first - 1;  // row to load for the bounds
         for (int n = first; n < std::min(first + rows, extents.n); ++n) {
-            if (emd_bounds) bound_row(*w.shares, frame, n, next);
+            if (emd_bounds) bound_row(*w.shares, frame, n, next, most_bins);
             by.lap(to.bound_ns);
             if (!comparison) continue;
             const std::span<const std::uint32_t> of_sums = of_row(sums, n);
@@ -89,7 +105,7 @@ void Pipeline::Workspace::look_again(const FrameView& frame, const Registered& r
     watch.lap(comparison ? times.compare_ns : times.bound_ns);
 }
 
-void Pipeline::Workspace::bound_row(SoaDistances& rows, const FrameView& frame, int n, int& next) {
+void Pipeline::Workspace::bound_row(SoaDistances& rows, const FrameView& frame, int n, int& next, int most_bins) {
     float* const gradients = gradient.data() + extents.index(0, n);
     if (bounded_columns[static_cast<std::size_t>(n)].last < 0) {
         std::fill_n(gradients, extents.m, 0.0F);
@@ -104,7 +120,7 @@ void Pipeline::Workspace::bound_row(SoaDistances& rows, const FrameView& frame, 
         rows.load_blocks(frame, levels, next, (columns.first - 1) / SoaRow::kLanes,
                          (columns.last + 1) / SoaRow::kLanes);
     }
-    emd_bounds->row(rows, n, mask.data() + extents.index(0, n), gradient_left_out(), gradients);
+    emd_bounds->row(rows, n, mask.data() + extents.index(0, n), gradient_left_out(), gradients, most_bins);
 }
 
 LensletCounts Pipeline::Workspace::count_lenslets() const {

@@ -172,7 +172,8 @@ struct Pipeline::Workspace {
     Registered find_pose(std::span<const std::uint8_t> lit);
     void look_again(const FrameView& frame, const Registered& registered, Stopwatch& watch, StageTimes& times);
     void find_bounded_columns(int first_row, int last_row);
-    void bound_row(SoaDistances& rows, const FrameView& frame, int n, int& next);
+    void bound_row(SoaDistances& rows, const FrameView& frame, int n, int& next, int most_bins);
+    [[nodiscard]] int most_bins_to_bound() const;
     Result<FoundDefects> find_defects(bool& bounded);
     void find_missing(Inspection& result);
     FoundDefects find_differences(const FrameView& frame, const Registered& registered, bool& bounded);

@@ -212,8 +212,8 @@ float SoaEmdBounds::alone(const SoaRow& a, int m_a, const SoaRow& b, int m_b) co
     return upper[0];
 }
 
-void SoaEmdBounds::row(const SoaDistances& rows, int n, const std::uint8_t* mask, std::uint8_t left_out,
-                       float* upper) const {
+void SoaEmdBounds::row(const SoaDistances& rows, int n, const std::uint8_t* mask, std::uint8_t left_out, float* upper,
+                       int most_bins) const {
     if (n == 0 || n == extents_.n - 1) {
         std::fill_n(upper, extents_.m, 0.0F);
         return;
@@ -230,10 +230,19 @@ void SoaEmdBounds::row(const SoaDistances& rows, int n, const std::uint8_t* mask
         if (block > 0) unite(lit, here.lit(block - 1));
         if (block + 1 < here.blocks()) unite(lit, here.lit(block + 1));
         alignas(kAlignment) float across[kLanes], down[kLanes];
-        bound_(here.array(0) + first - 1, here.array(0) + first + 1, here.stride(), extents_.i, box_of(lit), across);
+        const LitBox box = box_of(lit);
         lit = above.lit(block);
         unite(lit, below.lit(block));
-        bound_(above.array(0) + first, below.array(0) + first, here.stride(), extents_.i, box_of(lit), down);
+        const LitBox box_down = box_of(lit);
+        if (std::max(box.bins(), box_down.bins()) > most_bins) {
+            // A difference to one neighbour alone counts twice.
+            const float most =
+                2 * std::hypot(box.diagonal(), box_down.diagonal()) * (1 + kRelativeMargin) + kMarginBins;
+            for (int m = first; m < first + count; ++m) upper[m] = (mask[m] & left_out) != 0 ? 0 : most;
+            continue;
+        }
+        bound_(here.array(0) + first - 1, here.array(0) + first + 1, here.stride(), extents_.i, box, across);
+        bound_(above.array(0) + first, below.array(0) + first, here.stride(), extents_.i, box_down, down);
         const bool whole = rows.all_neighbours_have_hords(n, block);
         for (int l = 0; l < count; ++l) {
             const int m = first + l;

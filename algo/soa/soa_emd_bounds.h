@@ -8,6 +8,8 @@
 // Test: tests/algo/soa/soa_emd_bounds_test.cpp, against EmdSolver.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 
 #include "algo/simd/aligned.h"
@@ -18,6 +20,12 @@ namespace hord::algo {
 // Lit bins of a block of lenslets, and of those it is compared with: columns first_i..last_i, lines first_j..last_j.
 struct LitBox {
     int first_i = 0, last_i = -1, first_j = 0, last_j = -1;
+    [[nodiscard]] int bins() const { return std::max(last_i - first_i + 1, 0) * std::max(last_j - first_j + 1, 0); }
+    // Bin pitches, between the middles of its outermost bins; no light moves farther.
+    [[nodiscard]] float diagonal() const {
+        return std::hypot(static_cast<float>(std::max(last_i - first_i, 0)),
+                          static_cast<float>(std::max(last_j - first_j, 0)));
+    }
 };
 
 class SoaEmdBounds {
@@ -29,7 +37,10 @@ class SoaEmdBounds {
 
     // Bounds of row n, bin pitches; 0 where `mask` has one of the bits `left_out`, which include kNoGradient. `rows`:
     // made for Feature::emd, with the lenslets that are not left out, and their neighbours, loaded. No allocation.
-    void row(const SoaDistances& rows, int n, const std::uint8_t* mask, std::uint8_t left_out, float* upper) const;
+    // Where the box of a block or of those it is compared with has more than `most_bins` bins, the bounds are twice its
+    // diagonals: of any use only if it does not matter how large a value is.
+    void row(const SoaDistances& rows, int n, const std::uint8_t* mask, std::uint8_t left_out, float* upper,
+             int most_bins = kMaxBinCount) const;
 
   private:
     [[nodiscard]] LitBox box_of(const SoaRow::Lit& lit) const;
