@@ -15,8 +15,14 @@ namespace {
 // Lenslets: a defect of 4 x 4 is a whole bubble or speck, and no longer noise of single lenslets.
 constexpr std::uint32_t kLargeMinArea = 16;
 
-// Lenslets: nothing is left of 61x61 lenslets, and little of 111x111.
-constexpr int kLargeMargin = 31;
+// Lenslets: a quarter is left of 61x61 lenslets, half of 111x111.
+constexpr int kLargeMargin = 16;
+
+// Scores against a reference: a lenslet without any light has sqrt(2 N) for N electrons, 100 at 5000; a hundred of them
+// as a region ten times as much.
+constexpr float kLargeScore = 100, kLargeClusterScore = 1000;
+
+constexpr float kLargeSaturatedShare = 0.25F;
 
 // As a recipe file's problems name it: counted from 0.
 std::string name_of_zone(std::size_t number) { return "zone[" + std::to_string(number) + "]: "; }
@@ -161,11 +167,18 @@ void note_light_levels(const Recipe& recipe, std::vector<std::string>& messages)
             "max_dark_rise_dn lets fog or a black level of " +
             of_full_scale(std::min(recipe.max_dark_rise_dn + dark, kFullScale8Bit)) +
             " of 8-bit frames pass: above 63 DN it takes a full bin's light that lies between four; lower it");
+    const bool most_may_be = recipe.max_saturated_share > kLargeSaturatedShare;
     if (recipe.saturated_dn > 0 && recipe.saturated_dn <= kFullScale8Bit / 4)
-        messages.push_back(
-            "lenslets with a sample of " + std::to_string(recipe.saturated_dn) +
-            " DN (saturated_dn) are not judged: at a quarter of the full scale and below that is nearly "
-            "every lit one, and the frame is unfit (saturated); give the level at which the sensor clips");
+        messages.push_back("lenslets with a sample of " + std::to_string(recipe.saturated_dn) +
+                           " DN (saturated_dn) are not judged: at a quarter of the full scale and below that is nearly "
+                           "every lit one, and the frame " +
+                           (most_may_be ? "passes unjudged (max_saturated_share)" : "is unfit (saturated)") +
+                           "; give the level at which the sensor clips");
+    if (most_may_be)
+        messages.push_back("saturated lenslets are not judged, and " +
+                           std::to_string(std::lround(100 * recipe.max_saturated_share)) +
+                           " % of a part may be (max_saturated_share): a defect among them passes; lower it, and the "
+                           "exposure");
 }
 
 // Side of the largest of these square fields of which the zones leave nothing; 0: none.
@@ -194,7 +207,12 @@ std::vector<std::string> notes(const Recipe& recipe) {
         messages.emplace_back(
             "a plate is found by its edges and by the light that its faces reflect: one whose edges neither darken nor "
             "deflect light, or whose faces are coated against reflections, is unfit (no-part); learn a reference of it "
-            "(hordctl learn), or write [part] present = \"unchecked\"");
+            "(hordctl learn), or write [part] present = \"unchecked\"; holes of three lenslets across or less in clear "
+            "glass pass without one");
+    if (recipe.form == PartForm::web && alone && recipe.light && recipe.transmission_limit > 0)
+        messages.emplace_back(
+            "a hole in a film that takes less than 3 % of the light, as one that is coated against reflections, shows "
+            "the same light as the film and passes: learn a reference with `hordctl learn`");
     const Recipe usual;
     const bool has_scores = recipe.reject_score != usual.reject_score || recipe.grow_score != usual.grow_score ||
         recipe.cluster_score != usual.cluster_score;
@@ -213,6 +231,18 @@ std::vector<std::string> notes(const Recipe& recipe) {
                          : "no defect can reach these limits, so every part passes: lower emd_bins "
                            "below 28 or frobenius_bins below 14, or set transmission above 0");
     if (alone && (any_gradient || (recipe.light && recipe.transmission_limit > 0))) note_blind_limits(recipe, messages);
+    if (alone && !recipe.gradient && !recipe.slopes && recipe.light && recipe.transmission_limit > 0)
+        messages.emplace_back(
+            "nothing but light is judged: scratches, dimples, striae and bubbles that bend light and take none pass; "
+            "name emd and jacobian-frobenius in features, with limits in reach");
+    if (!alone && recipe.reject_score > kLargeScore)
+        messages.push_back("reject_score " + std::to_string(std::lround(recipe.reject_score)) +
+                           " is reached by hardly any defect: a lenslet without light has 100 at 5000 electrons; lower "
+                           "it (the default is 6)");
+    if (!alone && recipe.cluster_score > kLargeClusterScore)
+        messages.push_back("cluster_score " + std::to_string(std::lround(recipe.cluster_score)) +
+                           " is reached by hardly any region: a hundred lenslets without light have 1000 at 5000 "
+                           "electrons; lower it (the default is 9)");
     note_light_levels(recipe, messages);
     constexpr std::uint32_t kSumOf9x9 = 81 * 255;
     if (recipe.min_sum_dn > kSumOf9x9)
@@ -225,11 +255,13 @@ std::vector<std::string> notes(const Recipe& recipe) {
                            std::to_string(static_cast<int>(
                                std::lround(2 * std::sqrt(recipe.min_area * std::numbers::inv_pi_v<double>)))) +
                            " lenslets across; choose a smaller min_area, or raise the limits instead");
-    if (recipe.rim_margin >= kLargeMargin)
+    if (recipe.rim_margin >= kLargeMargin) {
+        const auto left_of = [&](int side) { return std::to_string(std::max(side - 2 * recipe.rim_margin, 0)); };
         messages.push_back("rim_margin " + std::to_string(recipe.rim_margin) +
                            " leaves nothing to judge of a field of " + std::to_string(2 * recipe.rim_margin) +
-                           " lenslets across or less, or of such a part: the "
-                           "default is 2 at 111, 4 at 555");
+                           " lenslets across or less, or of such a part, " + left_of(61) +
+                           " lenslets across of 61 and " + left_of(111) + " of 111: the default is 2 at 111, 4 at 555");
+    }
     if (const int side = side_without_judged(recipe); side > 0)
         messages.push_back("the zones leave nothing of a field of " + std::to_string(side) + "x" +
                            std::to_string(side) + " lenslets to judge: make the ignore zones smaller");

@@ -579,8 +579,10 @@ TEST(Notes, of_plates_and_webs_are_true) {
     Recipe web;
     web.form = PartForm::web;
     web.part_required = false;
-    ASSERT_EQ(notes(web).size(), 1U);
-    EXPECT_EQ(notes(web)[0], "whether a part is there is not checked: a frame of the empty field can pass");
+    ASSERT_EQ(notes(web).size(), 2U);
+    EXPECT_NE(notes(web)[0].find("a hole in a film that takes less than 3 % of the light"), std::string::npos);
+    EXPECT_NE(notes(web)[0].find("hordctl learn"), std::string::npos);
+    EXPECT_EQ(notes(web)[1], "whether a part is there is not checked: a frame of the empty field can pass");
     EXPECT_EQ(verdict_on(empty, e, web), Verdict::pass);
     Recipe plate;
     plate.form = PartForm::plate;
@@ -690,10 +692,44 @@ TEST(Notes, say_which_light_levels_leave_little_to_judge) {
     EXPECT_NE(refused.error().message().find("saturated_dn must be above the dark level, 3 DN"), std::string::npos);
 }
 
+TEST(Notes, say_that_many_lenslets_may_be_saturated) {
+    Recipe recipe;
+    recipe.max_saturated_share = 0.25F;
+    EXPECT_TRUE(notes(recipe).empty());
+    recipe.max_saturated_share = 1;
+    EXPECT_TRUE(some_note_has(recipe, "100 % of a part may be (max_saturated_share)"));
+    recipe.saturated_dn = 20;
+    EXPECT_TRUE(some_note_has(recipe, "passes unjudged (max_saturated_share)"));
+}
+
+TEST(Notes, say_that_light_alone_is_judged) {
+    Recipe recipe;
+    recipe.gradient.reset();
+    EXPECT_TRUE(notes(recipe).empty());
+    recipe.slopes = false;
+    EXPECT_TRUE(some_note_has(recipe, "nothing but light is judged"));
+    recipe.reference = std::make_shared<const Reference>();
+    EXPECT_FALSE(some_note_has(recipe, "nothing but light is judged"));
+}
+
+TEST(Notes, say_which_scores_hardly_any_defect_reaches) {
+    Recipe recipe;
+    recipe.reference = std::make_shared<const Reference>();
+    recipe.reject_score = 100;
+    recipe.cluster_score = 1000;
+    EXPECT_TRUE(notes(recipe).empty());
+    recipe.reject_score = 101;
+    EXPECT_TRUE(some_note_has(recipe, "reject_score 101 is reached by hardly any defect"));
+    recipe.cluster_score = 1001;
+    EXPECT_TRUE(some_note_has(recipe, "cluster_score 1001 is reached by hardly any region"));
+}
+
 TEST(Notes, say_which_margins_and_zones_leave_nothing) {
     Recipe recipe;
-    recipe.rim_margin = 30;
+    recipe.rim_margin = 15;
     EXPECT_TRUE(notes(recipe).empty());
+    recipe.rim_margin = 30;
+    EXPECT_TRUE(some_note_has(recipe, "1 lenslets across of 61 and 51 of 111"));
     recipe.rim_margin = 500;
     EXPECT_TRUE(some_note_has(recipe, "leaves nothing to judge of a field of 1000 lenslets across or less"));
     EXPECT_FALSE(Pipeline::create({40, 1000, 3, 3}, 8, recipe));
