@@ -44,6 +44,7 @@ void RimFinder::describe(Deflections deflections, Sums sums, std::span<const std
     if (form_ == PartForm::plate) compare_across_edges({deflections, sums, mask});
     found_.free_beside = least_free_beside();
     found_.symmetry = point_symmetry();
+    found_.lacks_place = form_ == PartForm::plate && found_.at_border == 0 && lacks_place();
     found_.convexity = convexity();
 }
 
@@ -221,19 +222,33 @@ bool RimFinder::is_shadow(const LightAcrossEdges& sums, double middle) {
     return lost - kSmoothChange * change <= (1 - kShadedLight) * sums.beside;
 }
 
+RimFinder::Centroid RimFinder::centroid() const {
+    Centroid found;
+    std::int64_t m_sum = 0, n_sum = 0;
+    for (int n = 0; n < extents_.n; ++n) {
+        const std::uint8_t* const row = state_.data() + extents_.index(0, n);
+        std::int32_t in_row = 0, m_in_row = 0;
+        for (int m = 0; m < extents_.m; ++m) {
+            in_row += (row[m] & kInside) != 0 ? 1 : 0;
+            m_in_row += (row[m] & kInside) != 0 ? m : 0;
+        }
+        found.area += in_row;
+        m_sum += m_in_row;
+        n_sum += std::int64_t{in_row} * n;
+    }
+    if (found.area == 0) return found;
+    found.twice_m = static_cast<int>(divide_rounded(2 * m_sum, found.area));
+    found.twice_n = static_cast<int>(divide_rounded(2 * n_sum, found.area));
+    return found;
+}
+
 // Median of the undeflected lenslets among the 5x5 about the centroid of the part, with what it encloses; 0: none.
 double RimFinder::light_at_centroid(const FieldLight& light) const {
-    std::int64_t area = 0, m_sum = 0, n_sum = 0;
-    for (std::size_t k = 0; k < state_.size(); ++k) {
-        if ((state_[k] & kInside) == 0) continue;
-        ++area;
-        m_sum += static_cast<std::int64_t>(k) % extents_.m;
-        n_sum += static_cast<std::int64_t>(k) / extents_.m;
-    }
-    if (area == 0) return 0;
+    const Centroid middle = centroid();
+    if (middle.area == 0) return 0;
     std::array<std::int64_t, 25> values{};
     std::size_t count = 0;
-    extents_.for_each_around(static_cast<int>(m_sum / area), static_cast<int>(n_sum / area), 2, [&](int m, int n) {
+    extents_.for_each_around(middle.twice_m / 2, middle.twice_n / 2, 2, [&](int m, int n) {
         const std::size_t k = extents_.index(m, n);
         const bool undeflected =
             (light.mask[k] & kDark) == 0 && within(light.deflections[k], free_, bins_q(kFreeToleranceBins));
@@ -244,21 +259,9 @@ double RimFinder::light_at_centroid(const FieldLight& light) const {
 
 double RimFinder::point_symmetry() {
     const auto inside = [&](int n) { return state_.data() + extents_.index(0, n); };
-    std::int64_t area = 0, m_sum = 0, n_sum = 0, both = 0;
-    for (int n = 0; n < extents_.n; ++n) {
-        const std::uint8_t* const row = inside(n);
-        std::int32_t in_row = 0, m_in_row = 0;
-        for (int m = 0; m < extents_.m; ++m) {
-            in_row += (row[m] & kInside) != 0 ? 1 : 0;
-            m_in_row += (row[m] & kInside) != 0 ? m : 0;
-        }
-        area += in_row;
-        m_sum += m_in_row;
-        n_sum += std::int64_t{in_row} * n;
-    }
+    const auto [area, twice_m, twice_n] = centroid();
     if (area == 0) return 0;
-    const auto twice_m = static_cast<int>(divide_rounded(2 * m_sum, area)),
-               twice_n = static_cast<int>(divide_rounded(2 * n_sum, area));
+    std::int64_t both = 0;
     std::uint8_t* const turned = seen_.data();
     // A lenslet and its image in row twice_n - n count both.
     const int first_m = std::max(0, twice_m - (extents_.m - 1)), last_m = std::min(extents_.m - 1, twice_m);
@@ -270,6 +273,27 @@ double RimFinder::point_symmetry() {
         both += static_cast<std::int64_t>(2 * n == twice_n ? in_both : 2 * in_both);
     }
     return static_cast<double>(both) / static_cast<double>(2 * area - both);
+}
+
+// The hull of an outline is exact to a lenslet or two. What is missing opposite each other is not seen.
+bool RimFinder::lacks_place() {
+    const Centroid middle = centroid();
+    const int side = default_rim_margin(extents_) + 1;
+    const auto is_inside = [&](int m, int n) {
+        return m >= 0 && n >= 0 && m < extents_.m && n < extents_.n && (state_[extents_.index(m, n)] & kInside) != 0;
+    };
+    std::ranges::fill(in_column_, std::int16_t{0});  // lenslets without an image, in a row down to this one
+    for (int n = 0; n < extents_.n; ++n) {
+        int beside = 0;
+        for (int m = 0; m < extents_.m; ++m) {
+            const bool alone = is_inside(m, n) && !is_inside(middle.twice_m - m, middle.twice_n - n);
+            std::int16_t& above = in_column_[static_cast<std::size_t>(m)];
+            above = static_cast<std::int16_t>(alone ? above + 1 : 0);
+            beside = above >= side ? beside + 1 : 0;
+            if (beside >= side) return true;
+        }
+    }
+    return false;
 }
 
 double RimFinder::convexity() {

@@ -327,6 +327,34 @@ FrameFault FrameChecks::check_plate(const FoundPart& part) const {
     return part.shaded < kMinShadedShare ? FrameFault::unproven : FrameFault::none;
 }
 
+Reason FrameChecks::judge_good(const FoundPart& part) {
+    const bool checked = form_ == PartForm::plate && part_required_ && !has_reference_ && symmetric_;
+    if (!checked || !part.lacks_place) return Reason::none;
+    findings_.fault = FrameFault::lopsided;
+    return reason_of(findings_.fault);
+}
+
+// A plate turns no spot into a wider one. What does so all over is no plate, or one that scatters.
+FrameFault FrameChecks::check_spread(const FrameView& frame, const DecodedField& field, const FoundPart& part) {
+    if (form_ != PartForm::plate || !part_required_ || has_reference_ || !part.free_light || !findings_.spot_measured ||
+        part.deflecting >= kMinDeflectingShare)
+        return FrameFault::none;
+    choose_lenslets(field.mask.size(), kMaxChosen,
+                    [mask = field.mask](std::size_t k) { return (mask[k] & (kNoHord | kNotJudged)) == 0; });
+    if (chosen_.size() < kMinChosen) return FrameFault::none;
+    const MeanSpot spot = mean_spot(frame, extents_, dark_dn_, chosen_, field.deflections);
+    if (!spot.measured) return FrameFault::none;
+    findings_.inside_x_bins = static_cast<float>(spot.rms_x);
+    findings_.inside_y_bins = static_cast<float>(spot.rms_y);
+    const auto is_wider = [](double inside, double free) {
+        return inside * inside - free * free > kMaxAddedSpread * kMaxAddedSpread;
+    };
+    return is_wider(spot.rms_x, static_cast<double>(findings_.spot_x_bins)) ||
+            is_wider(spot.rms_y, static_cast<double>(findings_.spot_y_bins))
+        ? FrameFault::wide_inside
+        : FrameFault::none;
+}
+
 bool FrameChecks::has_other_period(const FrameView& frame) {
     if (!check_period_) return false;
     const MacroPeriod period = period_.find(frame);
@@ -353,6 +381,7 @@ Reason FrameChecks::judge(const FrameView& frame, const DecodedField& field, con
     }
     const FrameFault of_part = check_part(field, part);
     if (fault == FrameFault::none) fault = of_part;
+    if (fault == FrameFault::none) fault = check_spread(frame, field, part);
     findings_.fault = fault;
     return reason_of(fault);
 }

@@ -30,9 +30,10 @@ constexpr double kMaxAlternationBins = 0.15;  // half the difference of lenslets
 constexpr double kMaxAlternationLight = 0.1;  // the same of their light, relative
 constexpr double kMaxSplitShare = 1.0 / 16;   // of the judged lenslets
 constexpr double kMaxLight = 2.5;  // light of a lenslet of the part over that of free light; a part focuses some
-constexpr double kMaxGlareShare = 1.0 / 64;   // of the judged lenslets may exceed it: the edge of a cut does
-constexpr double kMaxSpotOfEven = 0.95;       // of the width of evenly lit bins
-constexpr double kMinShadedShare = 0.75;      // of the steps across a plate's edges, where little light is deflected
+constexpr double kMaxGlareShare = 1.0 / 64;  // of the judged lenslets may exceed it: the edge of a cut does
+constexpr double kMaxAddedSpread = 0.5;   // bin pitches rms along each axis, behind a plate beside that of free light
+constexpr double kMaxSpotOfEven = 0.95;   // of the width of evenly lit bins
+constexpr double kMinShadedShare = 0.75;  // of the steps across a plate's edges, where little light is deflected
 constexpr double kMinDeflectingShare = 0.25;  // of the inside of a part, and of the lit lenslets in an opaque holder
 
 // Least overlap of a part's outline and its image turned by 180 degrees, over both together. A part of few lenslets has
@@ -67,6 +68,10 @@ class FrameChecks {
     Reason judge(const FrameView& frame, const DecodedField& field, const FoundPart& part,
                  const Alternation& alternation);
 
+    // Of a frame that was judged, and of a part without a defect: Reason::no_part if its outline lacks a piece that
+    // hides nothing of the rest; none if not. (A defect is told with its place instead.)
+    Reason judge_good(const FoundPart& part);
+
     // The light repeats with another period than the macro-pixels. Of frames that are too dark or show nothing to
     // judge: wrong macro-pixels do.
     bool has_other_period(const FrameView& frame);
@@ -83,6 +88,7 @@ class FrameChecks {
     FrameFault check_part(const DecodedField& field, const FoundPart& part);
     [[nodiscard]] FrameFault check_plate(const FoundPart& part) const;
     [[nodiscard]] bool is_cut_by_field() const { return static_cast<double>(findings_.border_cut) > kMaxBorderCut; }
+    FrameFault check_spread(const FrameView& frame, const DecodedField& field, const FoundPart& part);
     FrameFault check_holder(const DecodedField& field) const;
     // The turn of the outermost lenslets' light about the field's middle, rad; 0 where it does not follow a plane.
     [[nodiscard]] double turn_of_bins(const DecodedField& field) const;

@@ -18,6 +18,7 @@ enum class FrameFault : std::uint8_t {
     noise,        // pedestal and noise of the dark bins together take more than is allowed
     off_centre,   // undeflected light is not in the middle of its lenslet
     wide_spot,    // spots are wider than a collimated source makes them: defocus, stray light
+    wide_inside,  // spots behind a plate are wider than beside it: a blurred shadow, or a plate that scatters all over
     second_spot,  // a second spot beside the main one: ghost, neighbouring light, a second exposure
     alternating,  // neighbouring lenslets differ in turn: interlaced exposures, taps of the sensor
     glare,        // the part is far brighter than free light: another lamp, a reflection
@@ -51,8 +52,9 @@ struct FrameFindings {
     bool spot_measured = false;
     float x_bins = 0, y_bins = 0;            // mean deflection of the free light from where it is expected, bin pitches
     float spot_x_bins = 0, spot_y_bins = 0;  // root mean square of the spot along each axis, bin pitches
-    float second_share = 0;                  // of the light, in spots beside the main one
-    float undeflected_share = 0;             // of the light where the part deflects light far: what stays undeflected
+    float inside_x_bins = 0, inside_y_bins = 0;  // the same behind a plate that hardly deflects light
+    float second_share = 0;                      // of the light, in spots beside the main one
+    float undeflected_share = 0;  // of the light where the part deflects light far: what stays undeflected
     float alternation_bins = 0, alternation_light = 0;  // algo/light/exposures.h: bin pitches; relative
     float split_share = 0;                              // of the judged lenslets, light at opposite edges of the bins
     float glare_share = 0;                              // of the judged lenslets, far brighter than free light

@@ -262,6 +262,17 @@ void Pipeline::Workspace::find_missing(Inspection& result) {
     result.verdict = Verdict::reject;
 }
 
+// Of a part without a defect: unfit if a piece of it is missing.
+void Pipeline::Workspace::check_good(Inspection& result) {
+    const Reason reason = checks.judge_good(rim.found());
+    if (reason == Reason::none) return;
+    result.frame = checks.findings();
+    result.verdict = Verdict::unfit;
+    result.reason = reason;
+    result.score = 0;
+    result.bounded = result.out_of_time = false;
+}
+
 // The same of a part that is compared with a reference.
 FoundDefects Pipeline::Workspace::find_differences(const FrameView& frame, const Registered& registered,
                                                    bool& bounded) {
@@ -393,6 +404,7 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
         result.out_of_time = result.bounded && w.exact->out_of_time();
         result.verdict = found->defects.empty() ? Verdict::pass : Verdict::reject;
         if (result.verdict == Verdict::pass && w.missing_material) w.find_missing(result);
+        if (result.verdict == Verdict::pass) w.check_good(result);
         if (w.comparison) {
             result.z_score = w.comparison->z_score;
             auto& compared = w.comparison->compared;

@@ -117,7 +117,8 @@ void RimFinder::find_part(const FieldLight& light) {
             const Sides ends = tube_ && tube_->along_columns() ? Sides::beside_rows : Sides::beside_columns;
             if (tube_ && free_sides_ == ends) found_.free_light = false;
             // A tube shows by its flanks: what is cut off by the field, or has none, is no whole tube.
-            found_.lacks_flanks = tube_ && !tube_->has_flanks();
+            // Without free light beside it only dark flanks tell it from light that is bent all over the field.
+            found_.lacks_flanks = tube_ && !(tube_->has_flanks() && (found_.free_light || tube_->has_dark_flanks()));
             regions_ = found_.lacks_flanks ? 0 : 1;
             return;
         }

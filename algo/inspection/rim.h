@@ -51,6 +51,9 @@ struct FoundPart {
     // Overlap of the part, with what it encloses, and its image turned by 180 degrees about its centroid, over both
     // together: 1 for a disc or a rectangle, 0.69 for half a disc.
     double symmetry = 0;
+    // Of a plate that the field does not cut: a square of default_rim_margin() + 1 lenslets of its hull has no image
+    // when the hull is turned by 180 degrees, as where a corner is missing.
+    bool lacks_place = false;
     // Lenslets of the part, with what it encloses, over those of its convex hull: 1 for a disc or a rectangle.
     double convexity = 0;
     // Of a plate: share of the steps across its edges, along rows and columns, at which the undeflected light inside is
@@ -116,9 +119,16 @@ class RimFinder {
         int across = 0, away = 0;  // lenslets from `beside` to `inside` and to `farther`
     };
     static bool is_shadow(const LightAcrossEdges& sums, double middle);
+    // Of what is inside: its lenslets, and twice the column and row of its centroid, rounded.
+    struct Centroid {
+        std::int64_t area = 0;
+        int twice_m = 0, twice_n = 0;
+    };
+    [[nodiscard]] Centroid centroid() const;
     [[nodiscard]] double light_at_centroid(const FieldLight& light) const;
     [[nodiscard]] double least_free_beside();
     [[nodiscard]] double point_symmetry();
+    [[nodiscard]] bool lacks_place();
     double convexity();
     [[nodiscard]] double deflecting_share(Deflections deflections, std::span<const std::uint8_t> mask) const;
     [[nodiscard]] Deflection median_inside(Deflections deflections, std::span<const std::uint8_t> mask);

@@ -57,6 +57,7 @@ bool TubeOutline::find(const FieldLight& light, std::span<std::uint8_t> state) {
     width_ = view.width() - sides_[0].line(middle) - sides_[1].line(middle);
     if (!find_straight(view, sides_[0]) || !find_straight(view, sides_[1])) return false;
     find_flanks(view, light);
+    has_dark_flanks_ = find_dark_flanks(view, light);
     find_ends(view);
     if (enclose(view) * kSmallestPart < extents_.lenslets()) return false;
     for (std::size_t k = 0; k < state.size(); ++k) {
@@ -200,6 +201,28 @@ void TubeOutline::find_flanks(View view, const FieldLight& light) {
     // A tube looks alike on both sides of its axis: what is much thicker on one side is a defect there.
     const int most = std::min(found[0], found[1]) + 2 * margin_;
     for (const std::size_t s : {0U, 1U}) sides_[s].thickness = std::min(found[s], most);
+}
+
+bool TubeOutline::find_dark_flanks(View view, const FieldLight& light) const {
+    int lines = 0, dark = 0;
+    for (const int u : present_) {
+        bool both = true;
+        for (const bool far : {false, true}) {
+            view.from_far_side = far;
+            const Side& side = sides_[far ? 1 : 0];
+            const int edge = std::max(side.line(u), 0),
+                      end = std::min(edge + side.thickness + kEdgeReach, view.width());
+            bool any = false;
+            for (int v = edge; v < end; ++v) {
+                const std::size_t k = view.at(u, v);
+                any = any || (light.mask[k] & kDark) != 0 || 2 * std::uint64_t{light.sums[k]} < typical_;
+            }
+            both = both && any;
+        }
+        ++lines;
+        dark += both ? 1 : 0;
+    }
+    return 2 * dark >= lines;
 }
 
 // The two ends of the tube at each place across: straight and square to the axis, through the outermost place where one

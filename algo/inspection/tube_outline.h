@@ -35,6 +35,8 @@ class TubeOutline {
     // Of the last tube: its axis runs along the columns, else along the rows; both sides have a flank.
     [[nodiscard]] bool along_columns() const { return along_columns_; }
     [[nodiscard]] bool has_flanks() const { return sides_[0].thickness > 0 && sides_[1].thickness > 0; }
+    // In half of the lines across or more, both flanks have a lenslet with less than half of the band's light.
+    [[nodiscard]] bool has_dark_flanks() const { return has_dark_flanks_; }
 
   private:
     // The field with u along the axis, and v across it, counted from one of the two sides.
@@ -65,6 +67,7 @@ class TubeOutline {
     void find_typical_light(View view, const FieldLight& light);
     [[nodiscard]] bool is_flank(View view, const FieldLight& light, int u, int v, bool steep_too) const;
     [[nodiscard]] bool is_steep(View view, const FieldLight& light, int u, int v) const;
+    [[nodiscard]] bool find_dark_flanks(View view, const FieldLight& light) const;
     [[nodiscard]] int lines_with_flanks(View view, const FieldLight& light) const;
     bool fit_line(View view, Side& side);
     [[nodiscard]] bool find_straight(View view, Side& side) const;
@@ -77,7 +80,7 @@ class TubeOutline {
     int margin_;
     std::int64_t steepest_;  // over two lenslets, raw DeflectionQ; 0: no limit
     std::array<Side, 2> sides_;
-    bool along_columns_ = true;
+    bool along_columns_ = true, has_dark_flanks_ = false;
     int width_ = 0;                  // of the tube, lenslets
     std::uint32_t typical_ = 0;      // light of the band, DN
     std::vector<int> first_, last_;  // u of the tube's ends at each v

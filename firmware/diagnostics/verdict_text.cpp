@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "algo/frame/mask.h"
 #include "algo/inspection/frame_checks.h"
 #include "algo/inspection/rim.h"
 
@@ -62,6 +63,14 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
                 "spots are {:.1f} x {:.1f} bins wide (at most {:.1f}): focus the collimator and the "
                 "lenslets, or raise [light] max_spot_bins for a wide source",
                 f.spot_x_bins, f.spot_y_bins, recipe.max_spot_bins);
+        case algo::FrameFault::wide_inside:
+            return fmt::format(
+                "spots between the edges are {:.1f} x {:.1f} bins wide, beside them {:.1f} x {:.1f}: a plate makes "
+                "none "
+                "wider; check that it is there and does not scatter light all over (haze, a rough face, dirt), or "
+                "learn "
+                "a reference (hordctl learn)",
+                f.inside_x_bins, f.inside_y_bins, f.spot_x_bins, f.spot_y_bins);
         case algo::FrameFault::second_spot:
             return fmt::format(
                 "{:.0f} % of the light is in a second spot: look for a reflection, a second lamp, two exposures "
@@ -95,9 +104,14 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
 }
 
 // `margin`: lenslets along the outline that are not judged.
-std::string missing_part(const algo::FrameFindings& f, int margin) {
+std::string missing_part(const algo::FrameFindings& f, algo::PartForm form, int margin) {
     switch (f.fault) {
         case algo::FrameFault::nothing:
+            if (form == algo::PartForm::plate)
+                return "no edges enclose a sixteenth of the field: check that the plate was there, and the trigger's "
+                       "delay; edges and bevels narrower than a lenslet may not be seen (use smaller lenslets, or "
+                       "learn "
+                       "a reference with hordctl learn)";
             return "nothing in the field is large enough to be a part (a sixteenth of it): check that the part was "
                    "there, "
                    "and the trigger's delay";
@@ -117,6 +131,10 @@ std::string missing_part(const algo::FrameFindings& f, int margin) {
                    "show "
                    "the whole part";
         case algo::FrameFault::lopsided:
+            if (form == algo::PartForm::plate)
+                return "the plate's outline is not symmetric, as if a corner were missing, or an edge were not seen "
+                       "(one "
+                       "narrower than a lenslet): check the part, or set [part] outline = \"any\" if it has this shape";
             return "the part's outline is not symmetric, as if a piece were missing: check the part, or set [part] "
                    "outline = \"any\" if it has this shape";
         case algo::FrameFault::notched:
@@ -128,6 +146,13 @@ std::string missing_part(const algo::FrameFindings& f, int margin) {
             return "the edges of the tube show no flank on both sides: show it whole, or set [part] form if it is "
                    "none";
         case algo::FrameFault::hollow:
+            if (form == algo::PartForm::tube) {
+                return fmt::format(
+                    "{:.0f} % of the tube between its flanks shows free light, as if only two rails were there: check "
+                    "that the tube is there; the bins may be too wide to see its walls bend light (use narrower ones), "
+                    "or learn a reference (hordctl learn)",
+                    100 * (1 - f.deflecting));
+            }
             return fmt::format(
                 "{:.0f} % of what the outline encloses shows free light, as if nothing were in it: check that the part "
                 "is there; of a flat one learn a reference (hordctl learn), or set [part] form = \"plate\"",
@@ -193,7 +218,7 @@ std::string why_unfit(const algo::Inspection& found, const algo::Recipe& recipe,
                 "current or the gain",
                 found.lenslets.saturated, found.lenslets.judged, 100 * recipe.max_saturated_share);
         case algo::Reason::no_part:
-            return missing_part(found.frame,
+            return missing_part(found.frame, recipe.form,
                                 recipe.rim_margin < 0 ? algo::default_rim_margin(extents) : recipe.rim_margin);
         case algo::Reason::unexpected_light: return light_fault(found.frame, recipe, extents);
         case algo::Reason::unexpected_geometry: return period_fault(found.frame, extents);
@@ -202,6 +227,19 @@ std::string why_unfit(const algo::Inspection& found, const algo::Recipe& recipe,
             return "no lenslet is left to judge: the part is too small for its rim margin, or the zones leave nothing "
                    "of it; lower [part] rim_margin, or see to the zones";
     }
+}
+
+constexpr std::size_t kSteepPartOf = 8;  // a place of 1/8 of the judged lenslets is no usual defect
+
+// The worst defect's middle lies within three lenslets of the rim.
+bool is_beside_rim(const algo::Inspection& found, const algo::Extents& e) {
+    constexpr int kNear = 3;
+    const algo::Defect& d = found.defects[0];
+    if (found.mask.empty()) return false;
+    bool any = false;
+    e.for_each_around(static_cast<int>(std::lround(d.m)), static_cast<int>(std::lround(d.n)), kNear,
+                      [&](int m, int n) { any = any || (found.mask[e.index(m, n)] & algo::kRim) != 0; });
+    return any;
 }
 
 // What the reason of a reject may be beside a defect, as a sentence of its own; "": nothing.
@@ -220,6 +258,14 @@ std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, cons
     if (recipe.form == algo::PartForm::tube && light_is_there && 2 * found.defects[0].length >= side)
         return " What goes on along the tube may be the slope of the tube and what is in it: use wider bins, or raise "
                "the limits.";
+    if (recipe.form == algo::PartForm::plate && is_line(found.defects[0]) && is_beside_rim(found, e))
+        return " A line along an edge may be the plate's bevel: set [part] rim_margin wider, or show the plate square "
+               "to "
+               "the light.";
+    if (recipe.form == algo::PartForm::round && light_is_there && found.lenslets.judged > 0 &&
+        kSteepPartOf * found.defects[0].area >= found.lenslets.judged)
+        return " So large a place may be the slope of the part itself: if good parts have it, use wider bins, or raise "
+               "the limits (hordctl tune).";
     if (recipe.form != algo::PartForm::round || found.defects.size() < 2) return "";
     const auto [shorter, longer] = std::minmax(found.defects[0].length, found.defects[1].length);
     const bool flanks =

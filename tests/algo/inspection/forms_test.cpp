@@ -313,6 +313,25 @@ TEST(Plate, is_what_its_edges_enclose_though_they_have_gaps) {
     EXPECT_EQ(open.found.parts, 1);
 }
 
+// A triangle is missing at a corner: the hull of what is left is convex. A small one is within the outline's error.
+TEST(Plate, tells_that_its_outline_lacks_a_corner) {
+    const auto without_corner = [](int corner, int left) {
+        Rows drawing(24, std::string(28, '.'));
+        for (int n = 3; n < 21; ++n) {
+            for (int m = left; m < 25; ++m) {
+                const bool gone = m - left + n - 3 < corner,
+                           at_edge = n == 3 || n == 20 || m == left || m == 24 || m - left + n - 3 == corner;
+                if (!gone && at_edge) drawing[static_cast<std::size_t>(n)][static_cast<std::size_t>(m)] = 'd';
+            }
+        }
+        return marked(drawing, PartForm::plate).found;
+    };
+    EXPECT_FALSE(without_corner(0, 3).lacks_place);
+    EXPECT_FALSE(without_corner(3, 3).lacks_place);
+    EXPECT_TRUE(without_corner(8, 3).lacks_place);
+    EXPECT_FALSE(without_corner(8, 0).lacks_place);  // the field cuts it
+}
+
 TEST(Plate, may_leave_the_field_on_one_or_two_sides) {
     const Rows right = {"..............", "..............", "..dddddddddddd", "..d...........", "..d...........",
                         "..d...........", "..d...........", "..dddddddddddd", "..............", ".............."};
@@ -524,6 +543,39 @@ TEST(Plate, may_be_tinted_to_less_than_half_of_the_light) {
 }
 
 // A ring, a nest, a cross of hairs: nothing is in them.
+// Verdicts: a corner that is missing, unless the recipe allows any outline; spots that are wider than beside the plate.
+TEST(Plate, without_a_corner_or_with_wide_spots_all_over_is_unfit) {
+    const Extents e{50, 44, 9, 9};
+    const auto plate = [&](int corner, double wider) {
+        Frame frame = drawn(e, 8, 220, [&](int m, int n) -> Spot {
+            const int left = m - 9, top = n - 9, right = 40 - m, bottom = 34 - n;
+            const int inside = std::min(std::min({left, right, top, bottom}), left + top - corner);
+            return {0, 0, inside < 0 ? 1 : inside == 0 ? 0.05 : wider > 0 ? 0.5 : 0.92};
+        });
+        if (wider > 0) {  // the other half of the light, one bin to the left and to the right
+            for (int n = 12; n < 32; ++n) {
+                for (int m = 12; m < 38; ++m) {
+                    for (int j = 3; j < 6; ++j) {
+                        for (const int i : {2, 3, 5, 6}) {
+                            const int x = m * 9 + i, y = n * 9 + j;
+                            frame.set(x, y, frame.view().sample(x, y) + (j == 4 ? 45U : 5U));
+                        }
+                    }
+                }
+            }
+        }
+        return noisy(frame, {10, 2, 1}, 5);
+    };
+    Recipe recipe;
+    recipe.form = PartForm::plate;
+    EXPECT_EQ(verdict_on(plate(0, 0), e, recipe), Verdict::pass);
+    EXPECT_EQ(verdict_on(plate(12, 0), e, recipe), Verdict::unfit);
+    EXPECT_EQ(verdict_on(plate(0, 1), e, recipe), Verdict::unfit);
+    recipe.symmetric_outline = false;
+    EXPECT_EQ(verdict_on(plate(12, 0), e, recipe), Verdict::pass);
+    EXPECT_EQ(verdict_on(plate(0, 1), e, recipe), Verdict::unfit);
+}
+
 TEST(Plate, is_none_where_an_outline_has_nothing_in_it) {
     const Extents e{40, 44, 9, 9};
     Recipe plate;

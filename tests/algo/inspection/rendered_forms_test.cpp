@@ -235,9 +235,9 @@ TEST_P(RenderedForm, with_a_dark_spot_on_any_judged_lenslet_is_rejected) {
             const Frame frame = expose(spotted, good, static_cast<std::uint64_t>(tried));
             const auto found = pipeline->inspect(frame.view());
             ASSERT_TRUE(found);
-            // A spot may also hide that there is a tube: unfit.
-            const bool bad = found->verdict == Verdict::reject ||
-                (GetParam().form == PartForm::tube && found->verdict == Verdict::unfit);
+            // A spot may also hide that there is a tube or a plate: unfit.
+            const bool may_hide = GetParam().form == PartForm::tube || GetParam().form == PartForm::plate;
+            const bool bad = found->verdict == Verdict::reject || (may_hide && found->verdict == Verdict::unfit);
             EXPECT_TRUE(bad) << m << ", " << n << ", radius " << radius << (turned ? ", turned" : "");
         }
         EXPECT_GT(spots, 20);

@@ -135,6 +135,22 @@ TEST(Tube, is_no_part_where_light_is_deflected_in_a_third_of_the_field) {
 
 // The property: a fully dark speck in the band, of one lenslet up to the band's width, is rejected wherever it lies.
 // Left out are specks that do not reach further than margin + 1 lenslets from the flanks and the ends into the band.
+// Light bent in waves all over the field, a fifth of it lost at two sides: the field shows no free light.
+TEST(Tube, is_no_part_where_light_is_bent_in_waves) {
+    const Extents e{40, 40, 7, 7};
+    for (const double dim : {0.8, 0.3}) {
+        const Frame frame = noisy(drawn(e, 8, 200,
+                                        [&](int m, int n) -> Spot {
+                                            const bool side = m < 5 || m > 34;
+                                            return {1.2 * std::sin(m / 6.0), 1.2 * std::cos(n / 5.5), side ? dim : 1};
+                                        }),
+                                  {10, 2, 1}, 3);
+        const auto found = judged(frame, e, tube_recipe());
+        if (dim > 0.5) EXPECT_EQ(found.verdict, Verdict::unfit);
+        else EXPECT_NE(found.reason, Reason::no_part);
+    }
+}
+
 TEST(Tube, with_a_dark_speck_in_its_band_is_rejected_wherever_it_lies_and_however_large_it_is) {
     int specks = 0;
     for (std::size_t which = 0; which < std::size(kTubes); ++which) {

@@ -9,6 +9,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "algo/frame/mask.h"
 #include "algo/reference/reference.h"
 
 namespace hord::firmware {
@@ -213,6 +214,15 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
         {light(FrameFault::wide_spot),
          "spots are 1.5 x 1.2 bins wide (at most 1.0): focus the collimator and the lenslets, or raise [light] "
          "max_spot_bins for a wide source"},
+        {unfit(Reason::unexpected_light,
+               {.fault = FrameFault::wide_inside,
+                .spot_x_bins = 0.4F,
+                .spot_y_bins = 0.5F,
+                .inside_x_bins = 0.9F,
+                .inside_y_bins = 1}),
+         "spots between the edges are 0.9 x 1.0 bins wide, beside them 0.4 x 0.5: a plate makes none wider; check that "
+         "it is there and does not scatter light all over (haze, a rough face, dirt), or learn a reference (hordctl "
+         "learn)"},
         {light(FrameFault::second_spot),
          "7 % of the light is in a second spot: look for a reflection, a second lamp, two exposures in one frame, or "
          "light of the next lenslet (calibrate again)"},
@@ -306,6 +316,47 @@ TEST(VerdictText, of_missing_material_says_where_and_how_much_light_passes) {
         told(found),
         "Rejected: light passes as if material were missing at lenslet (20.0, 35.0): 8 % more than beside it in a "
         "square of 3.0 lenslets, 2.3 times its limit.");
+}
+
+TEST(VerdictText, of_a_steep_part_and_of_a_line_at_a_plates_edge_says_what_else_it_may_be) {
+    algo::Inspection found;
+    algo::Defect defect{.m = 5, .n = 5, .area = 100, .length = 12, .width = 11};
+    found.verdict = algo::Verdict::reject;
+    found.reason = Reason::deflection_gradient;
+    found.defects = {&defect, 1};
+    found.lenslets.judged = 801;
+    algo::Recipe recipe;
+    const algo::Extents extents{12, 12, 9, 9};
+    const auto says = [&](const char* text) { return explain(found, recipe, extents).find(text) != std::string::npos; };
+    EXPECT_FALSE(says("the slope of the part itself"));
+    found.lenslets.judged = 800;
+    EXPECT_TRUE(says("the slope of the part itself"));
+    recipe.form = algo::PartForm::plate;
+    defect.kind = algo::DefectKind::scratch;
+    std::vector<std::uint8_t> mask(extents.lenslets());
+    found.mask = mask;
+    EXPECT_FALSE(says("the plate's bevel"));
+    mask[extents.index(2, 8)] = algo::kRim;
+    EXPECT_TRUE(says("the plate's bevel"));
+    mask[extents.index(2, 8)] = 0;
+    mask[extents.index(1, 5)] = algo::kRim;
+    EXPECT_FALSE(says("the plate's bevel"));
+}
+
+TEST(VerdictText, of_a_plate_or_a_tube_that_is_not_found_names_the_cures_of_its_form) {
+    algo::Recipe recipe;
+    const algo::Extents extents{111, 111, 9, 9};
+    recipe.form = algo::PartForm::plate;
+    EXPECT_NE(explain(unfit(Reason::no_part, {.fault = FrameFault::nothing}), recipe, extents)
+                  .find("bevels narrower than a lenslet"),
+              std::string::npos);
+    EXPECT_NE(explain(unfit(Reason::no_part, {.fault = FrameFault::lopsided}), recipe, extents)
+                  .find("as if a corner were missing, or an edge were not seen"),
+              std::string::npos);
+    recipe.form = algo::PartForm::tube;
+    EXPECT_NE(explain(unfit(Reason::no_part, {.fault = FrameFault::hollow, .deflecting = 0}), recipe, extents)
+                  .find("the bins may be too wide"),
+              std::string::npos);
 }
 
 TEST(VerdictText, of_light_off_the_middle_says_by_how_much_and_to_which_side) {
