@@ -17,7 +17,7 @@ hal::EventLoop::TimerId VirtualTime::call_at(TimePoint due, Callback callback) {
     slots_[slot].callback = std::move(callback);
     slots_[slot].used = true;
     heap_.push_back({due, order_++, slot, slots_[slot].generation});
-    std::push_heap(heap_.begin(), heap_.end(), later);
+    std::push_heap(heap_.begin(), heap_.end(), Later());
     ++pending_;
     return static_cast<TimerId>((static_cast<std::uint64_t>(slots_[slot].generation) << 32U) | slot);
 }
@@ -65,7 +65,7 @@ std::optional<TimePoint> VirtualTime::next_due() {
     while (!heap_.empty()) {
         const Due& next = heap_.front();
         if (slots_[next.slot].used && slots_[next.slot].generation == next.generation) return next.at;
-        std::pop_heap(heap_.begin(), heap_.end(), later);
+        std::pop_heap(heap_.begin(), heap_.end(), Later());
         heap_.pop_back();
     }
     return std::nullopt;
@@ -73,7 +73,12 @@ std::optional<TimePoint> VirtualTime::next_due() {
 
 bool VirtualTime::run_one() {
     if (!next_due()) return false;
-    std::pop_heap(heap_.begin(), heap_.end(), later);
+    run_next();
+    return true;
+}
+
+void VirtualTime::run_next() {
+    std::pop_heap(heap_.begin(), heap_.end(), Later());
     const Due due = heap_.back();
     heap_.pop_back();
     const Callback callback = std::move(slots_[due.slot].callback);
@@ -81,11 +86,10 @@ bool VirtualTime::run_one() {
     now_ = std::max(now_, due.at);
     ++run_;
     callback();
-    return true;
 }
 
 void VirtualTime::run_until(TimePoint end) {
-    for (auto due = next_due(); due && *due <= std::max(end, now_); due = next_due()) run_one();
+    for (auto due = next_due(); due && *due <= std::max(end, now_); due = next_due()) run_next();
     now_ = std::max(now_, end);
 }
 
@@ -93,7 +97,7 @@ bool VirtualTime::run_until(const std::function<bool()>& done, TimePoint limit) 
     while (!done()) {
         const auto due = next_due();
         if (!due || *due > limit) return false;
-        run_one();
+        run_next();
     }
     return true;
 }
@@ -101,7 +105,7 @@ bool VirtualTime::run_until(const std::function<bool()>& done, TimePoint limit) 
 bool VirtualTime::run_until_idle(TimePoint limit) {
     for (auto due = next_due(); due; due = next_due()) {
         if (*due > limit) return false;
-        run_one();
+        run_next();
     }
     return true;
 }

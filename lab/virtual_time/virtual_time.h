@@ -64,9 +64,12 @@ class VirtualTime final : public hal::EventLoop {
         std::uint32_t generation = 1;
         bool used = false;
     };
-    static bool later(const Due& a, const Due& b) { return a.at != b.at ? a.at > b.at : a.order > b.order; }
+    struct Later {  // a type, so that the heap's functions inline it
+        bool operator()(const Due& a, const Due& b) const { return a.at != b.at ? a.at > b.at : a.order > b.order; }
+    };
 
     void take_posted();
+    void run_next();  // next_due() has found it
     void release(std::uint32_t slot);
 
     hal::TimePoint now_;
