@@ -133,7 +133,8 @@ SWAPS = {
     "arithmetic": {"+": "-", "-": "+", "*": "/", "/": "*", "%": "*", "+=": "-=", "-=": "+="},
     "logical": {"&&": "||", "||": "&&", "&": "|", "|": "&", "<<": ">>", ">>": "<<", "|=": "&=", "&=": "|="},
 }
-DECLARATION = re.compile(r"(?:(?:const|static|constexpr|inline|explicit|virtual|friend|using|typedef|struct|class|enum|"
+DECLARATION = re.compile(r"(?:[^;=]*= default;|"
+                         r"(?:const|static|constexpr|inline|explicit|virtual|friend|using|typedef|struct|class|enum|"
                          r"template|namespace|public|private|protected|goto|case|default|delete|throw)\b|\[\[|~|std::function<|"
                          r"return\s*[^;\s]|(?!return\b|continue\b|break\b|else\b|co_)[\w:<>,*& ]+[\w>&*] [&*]?\w+\s*"
                          r"(?:=|;|\{|\(|,|:|$)|"
