@@ -21,7 +21,6 @@ constexpr int kMaxWindow = 33, kMinWindow = 15, kLargestDefectWindow = 61;  // l
 constexpr double kSizes[] = {0.25, 0.4, 0.63, 1, 1.6};                      // of the wanted size
 constexpr std::size_t kWanted = 3;                                          // index of 1
 constexpr double kMargin = 1.01;                                            // of a limit over the largest good value
-constexpr double kUseOfCore = 0.8;  // largest share of a core's time for inspection
 constexpr double kSameRatio = 0.1;
 constexpr double kSteepest = 0.35;  // slope of light that no camera is built for: of bevels
 enum Stream : std::uint64_t { kPlaces = 0xDE5, kNoise = 0xDE6 };
@@ -193,7 +192,12 @@ bool is_better(const SetTrial& a, const SetTrial& b) {
     // Steps of a tenth, so that the order is one.
     const auto step = [](double ratio) { return std::lround(std::log(ratio) / std::log1p(kSameRatio)); };
     if (!a_never && step(a.worst_ratio) != step(b.worst_ratio)) return a.worst_ratio < b.worst_ratio;
-    return a.time_ms < b.time_ms;
+    return a.work < b.work;
+}
+
+double work_of(const JudgedSet& set, const algo::Extents& extents) {
+    const int times = 1 + (set.slopes ? 1 : 0) + (!set.gradient ? 0 : *set.gradient == algo::Feature::emd ? 4 : 1);
+    return static_cast<double>(extents.lenslets()) * static_cast<double>(extents.bins()) * times;
 }
 
 namespace {
@@ -262,6 +266,7 @@ class Trials {
             const auto ns = time_a_lenslet(*last, window, set.set, limits);
             if (!ns) return tl::unexpected(ns.error());
             set.time_ms = *ns * 1e-6 * static_cast<double>(scene_.camera.extents.lenslets());
+            set.work = work_of(set.set, scene_.camera.extents);
         }
         return {};
     }

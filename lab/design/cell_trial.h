@@ -59,11 +59,18 @@ struct SetTrial {
     std::vector<FoundSize> found;      // of the task's defects
     double time_ms = 0;                // of a part on one core of this machine, from the time of a window
     double worst_ratio = kNeverFound;  // largest a90 over the wanted size
-    bool holds_rate = false;
+    bool holds_rate = false;           // by that time
+    double work = 0;                   // of a part (work_of)
     [[nodiscard]] bool is_enough() const { return holds_rate && worst_ratio <= 1; }
 };
+// Largest share of a core's time for inspection.
+inline constexpr double kUseOfCore = 0.8;
+// The work of a verdict on a part, counted, so that other work on the machine does not change a choice: the bins that
+// are read, once for the light, once more for the Jacobian and for a distance between neighbours, four times more for
+// the EMD.
+double work_of(const JudgedSet& set, const algo::Extents& extents);
 // Whether `a` is the better choice: it holds the rate, finds all wanted sizes with the most room (differences below a
-// tenth do not count), and takes less time.
+// tenth do not count), and takes less work.
 bool is_better(const SetTrial& a, const SetTrial& b);
 
 struct CellTrial {

@@ -56,9 +56,10 @@ class Search {
         }
         std::ranges::stable_sort(design_.fine, cell_is_better);
         const CellTrial& chosen = design_.fine.front();
-        auto check = check_whole_parts(chosen.cell, chosen.sets.front(), task_, survey_,
-                                       options_.quick ? CheckEffort{8, 1, 4, effort} : CheckEffort{10, 2, 8, effort},
-                                       [&](double done) { options_.progress(0.85 + 0.15 * done, "whole parts"); });
+        auto check =
+            check_whole_parts(chosen.cell, chosen.sets.front(), task_, survey_,
+                              options_.quick ? CheckEffort{8, 1, 8, 4, effort} : CheckEffort{10, 2, 4, 8, effort},
+                              [&](double done) { options_.progress(0.85 + 0.15 * done, "whole parts"); });
         if (!check) return tl::unexpected(check.error());
         design_.check = std::move(*check);
         return std::move(design_);

@@ -33,6 +33,12 @@ Result<void> check_task(const DesignTask& task, const PartSurvey& survey);
 // can show the part, and as the renderer does.
 Result<Design> design_cell(const DesignTask& task, const DesignOptions& options);
 
+// Whether a verdict takes at most kUseOfCore of the time between parts.
+bool holds_rate(const WholeCheck& check, const DesignTask& task);
+
+// Whether the chosen cell holds the rate, finds every wanted size, and is not seen to miss the aim.
+bool meets(const Design& design, const DesignTask& task);
+
 // Whether more good parts than this share are rejected, with 95 % confidence, by those that were counted.
 bool misses_aim(const WholeCheck& check, double aim);
 

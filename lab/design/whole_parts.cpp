@@ -5,6 +5,7 @@
 #include <numbers>
 #include <numeric>
 
+#include "algo/good_parts/false_rejects.h"
 #include "algo/inspection/rim.h"
 #include "hal_sim/optics/trace/trace.h"
 #include "hal_sim/world/random.h"
@@ -79,39 +80,49 @@ class WholeParts {
                                 static_cast<std::uint64_t>(exposure));
     }
 
-    // The values of good frames with this margin of the rim. Fails where one is unfit.
-    Result<std::vector<PartValues>> values_of(const std::vector<Frame>& frames, int rim_margin) {
-        base_.rim_margin = rim_margin;
-        auto measure = FrameValues::create(extents_, frames.front().bits(), base_, set_.set);
-        if (!measure) return tl::unexpected(measure.error());
+    // The values of good frames with one margin of the rim.
+    struct RimValues {
+        int margin = 0;
+        FrameValues measure;
         std::vector<PartValues> values;
-        for (const Frame& frame : frames) {
-            const auto of = measure->of(frame.view());
-            if (!of) return tl::unexpected(of.error());
-            if (auto fit = check_fit(*measure, base_.form); !fit) return tl::unexpected(fit.error());
-            values.push_back(*of);
+    };
+    // From the asked margin to kWiderRim lenslets more; a web has no rim.
+    Result<std::vector<RimValues>> rims_of(int bits) {
+        const int asked = base_.rim_margin;
+        const int start = asked < 0 ? algo::default_rim_margin(extents_) : asked;
+        std::vector<RimValues> rims;
+        for (int wider = 0; wider <= (base_.form == algo::PartForm::web ? 0 : kWiderRim); ++wider) {
+            algo::Recipe base = base_;
+            if (wider > 0) base.rim_margin = start + wider;
+            auto measure = FrameValues::create(extents_, bits, base, set_.set);
+            if (!measure) return tl::unexpected(measure.error());
+            rims.push_back({base.rim_margin, std::move(*measure), {}});
         }
-        return values;
+        return rims;
+    }
+    // Adds a good frame. Fails where it is unfit with the asked margin; wider ones that make it unfit are dropped.
+    Result<void> measure(const Frame& frame, std::vector<RimValues>& rims) const {
+        for (std::size_t k = 0; k < rims.size(); ++k) {
+            const auto of = rims[k].measure.of(frame.view());
+            if (!of) return tl::unexpected(of.error());
+            if (auto fit = check_fit(rims[k].measure, base_.form); !fit) {
+                if (k == 0) return fit;
+                rims.erase(rims.begin() + static_cast<std::ptrdiff_t>(k), rims.end());
+                return {};
+            }
+            rims[k].values.push_back(*of);
+        }
+        return {};
     }
 
-    // The same with a rim that is wide enough, and sets base_.rim_margin to it. As it was if none is wide enough for
-    // the light.
-    Result<std::vector<PartValues>> values_inside_rim(const std::vector<Frame>& frames) {
-        const int asked = base_.rim_margin;
-        auto values = values_of(frames, asked);
-        if (!values || base_.form == algo::PartForm::web) return values;
-        const int start = asked < 0 ? algo::default_rim_margin(extents_) : asked;
-        int margin = start;
-        for (; margin < start + kWiderRim; ++margin) {
-            auto wider = values_of(frames, margin + 1);
-            if (!wider) break;
-            const PartValues worst = largest(*values);
-            if (worst[kLightValue] < kTolerableLight && is_steady(worst, largest(*wider))) break;
-            values = std::move(wider);
+    // The narrowest rim that is wide enough. The asked one if none is wide enough for the light.
+    static const RimValues& wide_enough(const std::vector<RimValues>& rims) {
+        std::size_t k = 0;
+        for (; k + 1 < rims.size(); ++k) {
+            const PartValues worst = largest(rims[k].values);
+            if (worst[kLightValue] < kTolerableLight && is_steady(worst, largest(rims[k + 1].values))) break;
         }
-        if (largest(*values)[kLightValue] >= kTolerableLight) margin = start, values = values_of(frames, start);
-        base_.rim_margin = margin == start ? asked : margin;
-        return values;
+        return largest(rims[k].values)[kLightValue] < kTolerableLight ? rims[k] : rims.front();
     }
     static PartValues largest(const std::vector<PartValues>& all) {
         PartValues worst{};
@@ -128,26 +139,33 @@ class WholeParts {
     }
 
     Result<void> find_limits(WholeCheck& check) {
-        std::vector<Frame> frames;
+        std::vector<RimValues> rims;
         const int count = effort_.poses * effort_.exposures;
         for (int k = 0; k < count; ++k, step()) {
             const sim::Scene scene = spread_part(cell_, task_, k, count);
             const auto field = render(scene);
             if (!field) return tl::unexpected(field.error());
             extents_ = scene.camera.extents;
-            frames.push_back(sim::expose(*field, scene, exposure_seed(task_.seed, k, 0)));
+            for (int x = 0; x < effort_.limit_exposures; ++x) {
+                const Frame frame = sim::expose(*field, scene, exposure_seed(task_.seed, k, x));
+                if (rims.empty()) {
+                    auto made = rims_of(frame.bits());
+                    if (!made) return tl::unexpected(made.error());
+                    rims = std::move(*made);
+                }
+                if (auto done = measure(frame, rims); !done) return done;
+            }
         }
-        const auto values = values_inside_rim(frames);
-        if (!values) return tl::unexpected(values.error());
-        std::array<std::vector<double>, kPartValues> good;
-        for (const PartValues& of : *values) {
-            for (std::size_t v = 0; v < kPartValues; ++v) good[v].push_back(of[v]);
-        }
+        const RimValues& rim = wide_enough(rims);
+        base_.rim_margin = rim.margin;
+        check.limit_frames = static_cast<int>(rim.values.size());
         PartValues limits{};
         for (std::size_t v = 0; v < kPartValues; ++v) {
-            const double largest = *std::ranges::max_element(good[v]);
-            limits[v] =
-                std::max(1e-3, limit_above(std::max(gumbel_limit(good[v], task_.false_rejects), kMargin * largest)));
+            std::vector<double> good;
+            for (const PartValues& of : rim.values) good.push_back(of[v]);
+            const double largest = *std::ranges::max_element(good);
+            limits[v] = std::max(
+                1e-3, limit_above(std::max(algo::predicted_limit(good, task_.false_rejects), kMargin * largest)));
         }
         check.recipe = recipe_of(set_.set, limits, base_);
         DesignTask other_places = task_;

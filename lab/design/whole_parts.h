@@ -20,6 +20,7 @@ struct DefectCheck {
 };
 struct WholeCheck {
     algo::Recipe recipe;           // the limits for the station
+    int limit_frames = 0;          // good frames that set them
     std::vector<FoundSize> found;  // with these limits, of the task's defects
     double worst_ratio = kNeverFound;
     int good = 0, rejected = 0;
@@ -29,10 +30,11 @@ struct WholeCheck {
 };
 
 struct CheckEffort {
-    int poses = 10;     // rendered good parts that are judged
-    int exposures = 2;  // of each; the limits come from poses * exposures parts, exposed once each
-    int bad = 6;        // parts a defect and size
-    Effort trials;      // of the sizes found with the limits of whole parts
+    int poses = 10;           // rendered good parts that are judged
+    int exposures = 2;        // of each; the limits come from poses * exposures parts
+    int limit_exposures = 4;  // of each of these: noise alone sets the limits of a part without form
+    int bad = 6;              // parts a defect and size
+    Effort trials;            // of the sizes found with the limits of whole parts
 };
 // Parts for the limits are spread over one lenslet (spread_part); those for the verdicts are drawn by task.seed + 1000
 // (good_part).

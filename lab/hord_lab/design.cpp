@@ -82,9 +82,7 @@ Exit run_design(DesignArguments& arguments) {
     for (const auto& file : *files) fmt::print("{}\n", file.string());
     fmt::print("run it: hordctl run --simulate --config {} --rate {:g} --parts 20\n",
                (std::filesystem::path(arguments.out) / "hordd.toml").string(), task.rate);
-    const bool holds = design->fine.front().sets.front().holds_rate && design->check.worst_ratio <= 1 &&
-        !misses_aim(design->check, task.false_rejects);
-    return holds ? Exit::good : Exit::rejected;
+    return meets(*design, task) ? Exit::good : Exit::rejected;
 }
 
 }  // namespace

@@ -41,7 +41,7 @@ TEST_F(DesignFiles, run_as_they_are_and_judge_as_the_design_says) {
     design.fine.push_back(*trial);
     design.coarse.push_back(std::move(*trial));
     double done = 0;
-    auto check = check_whole_parts(design.fine[0].cell, design.fine[0].sets[0], task, *survey, {4, 2, 2, {2, 2, 1}},
+    auto check = check_whole_parts(design.fine[0].cell, design.fine[0].sets[0], task, *survey, {4, 2, 4, 2, {2, 2, 1}},
                                    [&](double now) { done = now; });
     ASSERT_TRUE(check) << check.error().message();
     EXPECT_EQ(check->good, 8);

@@ -175,6 +175,37 @@ TEST(DesignReport, says_whether_the_good_parts_show_the_share_of_rejects_aimed_a
     EXPECT_THAT(text(0, 2995), ::testing::Not(HasSubstr("The aim")));
 }
 
+// The exit status of hord-lab design.
+TEST(DesignReport, a_design_meets_its_task_by_rate_sizes_and_false_rejects) {
+    const DesignTask task = small_task("bubble=0.2");
+    Design design;
+    design.check.good = 8, design.check.worst_ratio = 1, design.check.time_ms = 80;
+    EXPECT_TRUE(meets(design, task));
+    design.check.time_ms = 81;  // 0.8 of a core at 10 parts a second
+    EXPECT_FALSE(meets(design, task));
+    design.check.time_ms = 1, design.check.worst_ratio = 1.01;
+    EXPECT_FALSE(meets(design, task));
+    design.check.worst_ratio = kNeverFound;
+    EXPECT_FALSE(meets(design, task));
+    design.check.worst_ratio = 0.5, design.check.rejected = 1;
+    EXPECT_FALSE(meets(design, task));
+}
+
+TEST(DesignReport, says_where_the_rate_may_have_decided) {
+    const DesignTask task = small_task("bubble=0.2");
+    Design design;
+    SetTrial set;
+    set.found = {{0.1}};
+    set.time_ms = 30, set.holds_rate = true;
+    design.fine = {{kCell, {}, {set}}};
+    design.check.found = {{0.1}};
+    design.check.defects.resize(1);
+    EXPECT_THAT(describe(design, task), ::testing::Not(HasSubstr("The rate decided")));
+    set.time_ms = 100;
+    design.coarse = {{kCell, {}, {set}}};
+    EXPECT_THAT(describe(design, task), HasSubstr("The rate decided"));
+}
+
 TEST(WholeParts, a_pasted_window_is_the_whole_rendering) {
     const DesignTask task = small_task("bubble=0.4");
     const auto survey = PartSurvey::of(task.part);
@@ -247,8 +278,26 @@ TEST(CellTrials, a_slow_set_is_not_chosen_whatever_it_finds) {
     EXPECT_FALSE(is_better(slow, fast));
     slow.holds_rate = true;
     EXPECT_TRUE(is_better(slow, fast));
-    slow.worst_ratio = fast.worst_ratio;  // no more room: the faster one
-    EXPECT_TRUE(is_better(fast, slow));
+}
+
+// Times differ with what else the machine does.
+TEST(CellTrials, of_equal_sets_the_one_with_less_counted_work_is_chosen_whatever_the_times_were) {
+    const algo::Extents extents{111, 111, 9, 9};
+    const auto sets = judged_sets();
+    SetTrial light, emd;
+    light.set = sets.front(), emd.set = sets.back();
+    for (SetTrial* of : {&light, &emd})
+        of->holds_rate = true, of->worst_ratio = 0.5, of->work = work_of(of->set, extents);
+    EXPECT_EQ(light.work, 111.0 * 111 * 81);
+    EXPECT_EQ(emd.work, 6 * light.work);
+    for (const double time_ms : {0.1, 10.0}) {
+        light.time_ms = time_ms, emd.time_ms = 1;
+        EXPECT_TRUE(is_better(light, emd));
+        EXPECT_FALSE(is_better(emd, light));
+    }
+    light.work = emd.work;
+    EXPECT_FALSE(is_better(light, emd));
+    EXPECT_FALSE(is_better(emd, light));
 }
 
 // Dark places in good parts, such as bevels, leave no room for a limit of the light.
@@ -290,7 +339,7 @@ TEST(WholeParts, of_plates_with_dark_bevels_get_a_wider_rim_and_a_limit_for_the_
     ASSERT_TRUE(survey);
     const std::function<void(double)> unheard = [](double) {};
     const auto check = check_whole_parts(kCell, {{{}, false, true}, {}, {}, 0, 0, false}, task, *survey,
-                                         {2, 1, 2, {2, 1, 1}}, unheard);
+                                         {2, 1, 4, 2, {2, 1, 1}}, unheard);
     ASSERT_TRUE(check) << check.error().message();
     EXPECT_GT(check->recipe.rim_margin, 2);
     EXPECT_GT(check->recipe.transmission_limit, 0.7F);
@@ -315,7 +364,7 @@ TEST(WholeParts, of_wedges_get_a_rim_beyond_the_light_that_their_edge_bends) {
     ASSERT_TRUE(survey);
     const std::function<void(double)> unheard = [](double) {};
     const auto check = check_whole_parts({5, 0.03, 1, 1.2, 1}, {{{}, true, true}, {}, {}, 0, 0, false}, task, *survey,
-                                         {3, 1, 1, {1, 1, 1}}, unheard);
+                                         {3, 1, 4, 1, {1, 1, 1}}, unheard);
     ASSERT_TRUE(check) << check.error().message();
     EXPECT_GT(check->recipe.rim_margin, 2);
     EXPECT_LT(check->recipe.frobenius_limit_bins, 0.1F);  // 0.9 beside the edge

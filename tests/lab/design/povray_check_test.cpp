@@ -84,7 +84,7 @@ TEST(DesignAgainstPovRay, flaws_are_found_from_the_size_that_it_promises) {
     ASSERT_TRUE(survey);
     SetTrial trial;
     trial.set = judged_sets().back();
-    const auto check = check_whole_parts(kCell, trial, task, *survey, {8, 2, 1, {4, 6, 2}}, [](double) {});
+    const auto check = check_whole_parts(kCell, trial, task, *survey, {8, 2, 4, 1, {4, 6, 2}}, [](double) {});
     ASSERT_TRUE(check) << check.error().message();
     Judge judge(task, check->recipe);
 
