@@ -661,6 +661,32 @@ TEST(FrameRetention, keeps_how_an_inspection_ended) {
 
 // Parts whose verdict came too late are expected, at most 64 of them; others that were rejected without an inspection
 // are not.
+// One buffer: its memory is used again.
+TEST(FrameRetention, keeps_frames_of_any_size_one_after_the_other) {
+    const TempFolder folder;
+    FrameRetention keeper(
+        [&] { return FrameArchive::open(folder.path(), {.max_bytes = 1'000'000, .min_free_bytes = 0}); },
+        {.extents = kExtents, .before = 0, .after = 0, .buffers = 1, .thread = false}, [] { return kNoon; });
+    keeper.set_recipe("x");
+    algo::Inspection inspection;
+    inspection.verdict = algo::Verdict::reject;
+    std::uint32_t part = 0;
+    for (const auto& [width, height, bits] : {std::tuple(9, 9, 8), {9, 12, 8}, {12, 12, 8}, {12, 12, 12}, {9, 9, 8}}) {
+        Frame frame(width, height, bits);
+        frame.set(width - 1, height - 1, 77);
+        keeper.on_inspection(++part, frame.view(), inspection);
+        ASSERT_TRUE(keeper.step());
+        const auto files = *list_frames(folder.path());
+        ASSERT_THAT(files, SizeIs(part));
+        const auto kept = read_annotated_frame(files.back().file);
+        ASSERT_TRUE(kept) << kept.error().message();
+        EXPECT_EQ(kept->frame.view().width_px, width);
+        EXPECT_EQ(kept->frame.view().height_px, height);
+        EXPECT_EQ(kept->frame.view().bits, bits);
+        EXPECT_EQ(kept->frame.view().sample(width - 1, height - 1), 77U);
+    }
+}
+
 TEST(FrameRetention, remembers_so_many_late_parts_and_only_late_ones) {
     Cell cell({.before = 0, .after = 0});
     PartResult result;

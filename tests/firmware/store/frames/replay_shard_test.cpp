@@ -156,6 +156,40 @@ TEST(Shards, torn_at_any_byte_or_changed_in_any_are_refused) {
     EXPECT_THAT(refusal({files[0], torn}, out), HasSubstr("something follows"));
 }
 
+TEST(Shards, say_how_they_are_torn_and_whether_other_software_wrote_them) {
+    const TempFolder folder;
+    const fs::path file = folder.path() / "s", out = folder.path() / "out";
+    write_shard(file, kReplay, {}, frames(3));
+    const std::string whole = read_text(file);
+    const std::size_t last = whole.rfind('\n', whole.size() - 2) + 1;
+    write_text(file, whole.substr(0, last));
+    EXPECT_THAT(refusal({file}, out), HasSubstr("its end is missing"));
+    write_text(file, whole.substr(0, last - 2));
+    EXPECT_THAT(refusal({file}, out), HasSubstr("its last line is cut off"));
+    write_text(file, whole + "{}\n");
+    EXPECT_THAT(refusal({file}, out), HasSubstr("something follows its end"));
+    std::string newer = whole;
+    newer.replace(newer.find("\"hord_replay\":1"), 15, "\"hord_replay\":2");
+    write_text(file, newer);
+    EXPECT_THAT(refusal({file}, out), HasSubstr("was written by other software"));
+}
+
+TEST(Shards, know_names_with_quotes_and_backslashes) {
+    const TempFolder folder;
+    std::vector<ArchivedFile> all{{0, "a\\\"b.png", 1}, {0, "a\\\"c.png", 1}, {0, "a\\\\.png", 1}};
+    ASSERT_TRUE(put_in_order(all));
+    ReplayIdentity identity = kReplay;
+    identity.frames = all.size();
+    auto writer = ShardWriter::create(folder.path() / "s", identity, {});
+    ASSERT_TRUE(writer);
+    for (const ArchivedFile& frame : all)
+        ASSERT_TRUE(writer->add("{\"frame\":\"" + written_name(frame) + "\",\"part\":1,\"changes\":[]}"));
+    ASSERT_TRUE(writer->finish());
+    const auto merged = merge_shards({folder.path() / "s"}, folder.path() / "out");
+    ASSERT_TRUE(merged) << merged.error().message();
+    EXPECT_EQ(merged->records, 3U);
+}
+
 TEST(Shards, whose_frames_are_out_of_order_or_there_twice_are_refused) {
     const TempFolder folder;
     const auto all = frames(3);
