@@ -35,6 +35,11 @@ Result<void> accept_calibration(const GridFile& fresh, const GridFile& held) {
                                  held.grid.width_px, held.grid.height_px, fresh.grid.width_px, fresh.grid.height_px),
                      "give another --out, or --force");
     }
+    if (fresh.grid.kind != held.grid.kind) {
+        return worse(fmt::format("the calibration in its place is of a {} lattice, this one of a {} one",
+                                 name_of(held.grid.kind), name_of(fresh.grid.kind)),
+                     "give another --out for another array, or --force");
+    }
     const GridStatistics& a = fresh.statistics;
     const GridStatistics& b = held.statistics;
     const double is = expected_error(fresh);

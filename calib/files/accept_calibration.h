@@ -7,7 +7,7 @@
 namespace hord::calib {
 
 // Fails with `refused`, with the reason, if `fresh` is worse than `held`:
-//   - its frame has another size;
+//   - its frame has another size, or its lattice another kind;
 //   - its cross-validated error is larger by more than chance: two standard errors of the difference, where the RMS
 //     over B blocks and two axes has the relative standard error 1 / sqrt(4 B);
 //   - its share of measured lenslets is lower by more than 0.01;

@@ -40,6 +40,9 @@ TEST(Better, a_worse_one_may_not_and_says_why) {
     fresh = good();
     fresh.grid.width_px = 501;
     EXPECT_THAT(accept_calibration(fresh, good()).error().message(), HasSubstr("501x400"));
+    fresh = good();
+    fresh.grid.kind = algo::LatticeKind::hexagonal;
+    EXPECT_THAT(accept_calibration(fresh, good()).error().message(), HasSubstr("of a square lattice"));
 }
 
 TEST(Better, shifts_of_single_lenslets_are_not_lost) {
