@@ -118,7 +118,7 @@ TEST(DesignAgainstPovRay, flaws_are_found_from_the_size_that_it_promises) {
     }
     RecordProperty("good rejected of 60", fine);
     RecordProperty("rippled rejected of 16", rippled);
-    EXPECT_LE(fine, 12);
+    EXPECT_LE(fine, 2);
 }
 
 }  // namespace
