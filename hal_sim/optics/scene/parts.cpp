@@ -1,5 +1,6 @@
 // The presets of a scene as surfaces and solids.
 #include <algorithm>
+#include <numbers>
 
 #include "hal_sim/optics/scene/exact_math.h"
 #include "hal_sim/optics/scene/shapes.h"
@@ -102,6 +103,12 @@ void build(Body& body, const CylinderLens& lens) {
 
 void build(Body& body, const Plate& plate) {
     build(body, Wedge{plate.half_size_mm, plate.thickness_mm, 0, 0, plate.refractive_index});
+    const Waviness& w = plate.waviness;
+    double s = 0, c = 1;
+    exact::sin_cos(w.direction_rad, s, c);
+    // Light bends towards the longer optical path, by the wavefront's slope.
+    const double k = 2 * std::numbers::pi / w.period_mm, slope = 0.5e-6 * w.wavefront_nm * k;
+    body.wave = {slope * c, slope * s, k * c, k * s, w.phase_rad};
 }
 
 void build(Body& body, const Vial& vial) {

@@ -47,10 +47,17 @@ struct CylinderLens {  // curved towards the camera, across x; straight along y
     double edge_thickness_mm = 3;
     double refractive_index = 1.5;
 };
+struct Waviness {             // one wave of the transmitted wavefront, across the light
+    double wavefront_nm = 0;  // peak to valley, as of ISO 10110-14; 0: none
+    double period_mm = 2;
+    double direction_rad = 0;  // in which it changes, from x towards y
+    double phase_rad = 0;      // at the part's middle: 0 where the wavefront is half way up
+};
 struct Plate {
     double half_size_mm = 8;
     double thickness_mm = 4;
     double refractive_index = 1.5;
+    Waviness waviness = {};
 };
 struct Vial {  // a tube along y, closed by its contents' ends
     double outer_radius_mm = 6, inner_radius_mm = 5;

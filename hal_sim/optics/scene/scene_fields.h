@@ -44,6 +44,12 @@ void fields(auto& on, Is<Plate> auto& plate) {
     on.number("thickness_mm", plate.thickness_mm, kThinnest, kLargest);
     on.number("refractive_index", plate.refractive_index, 1, 4);
 }
+void fields(auto& on, Is<Waviness> auto& wave) {
+    on.number("wavefront_nm", wave.wavefront_nm, 0, 1e6);
+    on.number("period_mm", wave.period_mm, 0.01, kLargest);
+    on.number("direction_rad", wave.direction_rad, -1e3, 1e3);
+    on.number("phase_rad", wave.phase_rad, -1e3, 1e3);
+}
 void fields(auto& on, Is<Vial> auto& vial) {
     on.number("outer_radius_mm", vial.outer_radius_mm, kThinnest, kLargest);
     on.number("inner_radius_mm", vial.inner_radius_mm, kThinnest, kLargest);

@@ -176,6 +176,11 @@ Result<Scene> load_scene(const std::filesystem::path& file) {
         TomlTable shape = table("part").table("shape");
         read_shape(shape, solid->shape, "part.shape", tables);
     }
+    if (auto* plate = std::get_if<Plate>(&scene.part)) {
+        TomlTable waviness = table("part").table("waviness");
+        read_fields(waviness, plate->waviness);
+        tables["part.waviness"] = {waviness};
+    }
     read_fields(table("part"), scene.glass);
     read_fields(table("pose"), scene.pose);
     tables["defect"] = root.tables("defect");

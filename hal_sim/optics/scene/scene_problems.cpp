@@ -130,6 +130,11 @@ void check_together(Checker& c, const SolidPart& part) {
     c.require(size.x > 0 && size.y > 0 && size.z > 0, "kind", "is empty: its shapes do not meet", "move them together");
 }
 
+void check_together(Checker& c, const Plate& plate) {
+    c.in("part.waviness");
+    fields(c, plate.waviness);
+}
+
 // Half width of the part across the light; 0 without one.
 double reach_of(const Part& part) {
     return std::visit(

@@ -56,6 +56,14 @@ struct Body {
     bool empty = true;
     bool convex = false;  // the part without its defects: a ray leaves it only once
 
+    // Waviness: what passes is deflected by `u`, `v` times the cosine of kx x + ky y + phase.
+    struct Wave {
+        double u = 0, v = 0;
+        double kx = 0, ky = 0;  // per mm
+        double phase = 0;
+    };
+    Wave wave;
+
     bool fresnel = false;  // reflection losses
     bool absorbs = false;  // absorption in some medium
     [[nodiscard]] bool has_losses() const { return fresnel || absorbs; }

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "hal_sim/optics/scene/exact_math.h"
 #include "hal_sim/optics/trace/trace.h"
 
 namespace hord::sim {
@@ -45,6 +46,27 @@ inline Arrival arrival_of(const RayState& state, const CameraRay& from) {
     if (state.path == kFreePath) return {from.u, from.v, from.x, from.y, state.weight, kFreePath};
     const double u = d.x / d.z, v = d.y / d.z;
     return {u, v, o.x - u * o.z, o.y - v * o.z, state.weight, state.path};
+}
+
+// trace() without the body's waviness.
+Arrival trace_even(const Body& body, const CameraRay& from, RayPolyline* polyline, Ghost ghost);
+
+// The deflection by the body's waviness where a ray or light crosses the measurement plane; false if it meets nothing.
+inline bool waviness_at(const Body& body, double x, double y, std::uint64_t path, double& u, double& v) {
+    const Body::Wave& wave = body.wave;
+    if ((wave.u == 0 && wave.v == 0) || path == 0 || path == kFreePath) return false;
+    double sine = 0, cosine = 1;
+    exact::sin_cos(wave.kx * x + wave.ky * y + wave.phase, sine, cosine);
+    u = wave.u * cosine;
+    v = wave.v * cosine;
+    return true;
+}
+// The ray is followed backwards: at the source it has the slope from before the deflection.
+inline void add_waviness(const Body& body, const CameraRay& from, Arrival& arrival) {
+    double u = 0, v = 0;
+    if (!waviness_at(body, from.x, from.y, arrival.path, u, v)) return;
+    arrival.u -= u;
+    arrival.v -= v;
 }
 
 }  // namespace hord::sim

@@ -150,11 +150,17 @@ bool continue_trace(const Body& body, RayState& state, RayPolyline* polyline, Gh
     return body.has_losses() ? follow<true>(body, state, polyline, ghost) : follow<false>(body, state, polyline, {});
 }
 
-Arrival trace(const Body& body, const CameraRay& from, RayPolyline* polyline, Ghost ghost) {
+Arrival trace_even(const Body& body, const CameraRay& from, RayPolyline* polyline, Ghost ghost) {
     const double start = body.high.z;
     RayState state;
     state.ray = {{from.x + from.u * start, from.y + from.v * start, start}, unit({-from.u, -from.v, -1})};
     return pass(body, state, polyline, ghost) ? arrival_of(state, from) : Arrival{};
+}
+
+Arrival trace(const Body& body, const CameraRay& from, RayPolyline* polyline, Ghost ghost) {
+    Arrival arrival = trace_even(body, from, polyline, ghost);
+    add_waviness(body, from, arrival);
+    return arrival;
 }
 
 Landing shine(const Body& body, double x, double y, RayPolyline* polyline) {
@@ -163,7 +169,10 @@ Landing shine(const Body& body, double x, double y, RayPolyline* polyline) {
     const Vec3 &o = state.ray.origin, &d = state.ray.direction;
     if (!pass(body, state, polyline, {}) || d.z <= 0) return {};
     const double u = d.x / d.z, v = d.y / d.z;
-    return {o.x - u * o.z, o.y - v * o.z, u, v, state.weight, state.path};
+    Landing landing{o.x - u * o.z, o.y - v * o.z, u, v, state.weight, state.path};
+    double more_u = 0, more_v = 0;
+    if (waviness_at(body, x, y, state.path, more_u, more_v)) landing.u += more_u, landing.v += more_v;
+    return landing;
 }
 
 }  // namespace hord::sim

@@ -245,7 +245,7 @@ HORD_ALWAYS_INLINE void start_packet(const Body& body, const CameraRay* rays, st
         each(others, [&](unsigned k) {
             if (body.medium(inside_bits[k]) != 0) out.values[7][k] = kNever;
             if (!departed.add({inside_bits[k], 0, 0, 0}, packet.index[k], out, k))
-                arrivals[packet.index[k]] = trace(body, rays[packet.index[k]], nullptr, ghost);
+                arrivals[packet.index[k]] = trace_even(body, rays[packet.index[k]], nullptr, ghost);
         });
         packet.lanes = lanes & ~others;
     }
@@ -418,7 +418,7 @@ HORD_ALWAYS_INLINE void trace_packets(const Body& body, const CameraRay* rays, s
             const std::size_t some = std::min<std::size_t>(count - k, kLaneCount<D>);
             if (some > 1)
                 start_packet<kLosses>(body, rays, k, static_cast<unsigned>(some), departed, arrivals, ghost, packet);
-            else if (some == 1) arrivals[k] = trace(body, rays[k], nullptr, ghost);
+            else if (some == 1) arrivals[k] = trace_even(body, rays[k], nullptr, ghost);
             else if (!departed.take(false, packet)) return;
             k += some;
         }
@@ -439,6 +439,8 @@ HORD_FOR_EACH_ISA(traced, trace_all)
 
 void trace_many(const Body& body, std::span<const CameraRay> rays, Arrival* arrivals, Ghost ghost, algo::Isa isa) {
     traced(isa)(body, rays.data(), rays.size(), arrivals, ghost);
+    if (body.wave.u == 0 && body.wave.v == 0) return;
+    for (std::size_t k = 0; k < rays.size(); ++k) add_waviness(body, rays[k], arrivals[k]);
 }
 
 void trace_many(const Body& body, std::span<const CameraRay> rays, Arrival* arrivals, Ghost ghost) {

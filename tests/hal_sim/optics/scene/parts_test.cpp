@@ -33,6 +33,29 @@ TEST(Parts, a_cylinder_lens_bends_across_its_axis_only) {
     EXPECT_NEAR(out.v, 0, 1e-15);
 }
 
+// A wave of the transmitted wavefront, peak to valley 800 nm over 2 mm: its slope is pi times their ratio at the most.
+TEST(Parts, a_wavy_plate_deflects_by_the_slope_of_its_wavefront) {
+    Plate plate{.half_size_mm = 8, .thickness_mm = 3};
+    plate.waviness = {.wavefront_nm = 800, .period_mm = 2, .direction_rad = 0.5};
+    const double most = 3.14159265358979 * 800e-6 / 2;
+    const Body wavy = body(plate);
+    const double c = std::cos(0.5), s = std::sin(0.5);
+    for (const double along : {0.0, 0.3, 0.5, 1.0, 1.7}) {
+        const Landing out = shine(wavy, along * c - 0.4 * s, along * s + 0.4 * c);  // the same all across
+        EXPECT_NEAR(out.u * c + out.v * s, most * std::cos(3.14159265358979 * along), 1e-12) << along;
+        EXPECT_NEAR(out.v * c - out.u * s, 0, 1e-15);
+        // What the camera sees under that slope came straight from the source.
+        const Arrival back = trace(wavy, {along * c, along * s, out.u, out.v});
+        EXPECT_NEAR(back.u, 0, 1e-12);
+        EXPECT_NEAR(back.v, 0, 1e-12);
+    }
+    EXPECT_EQ(shine(wavy, 9, 0).u, 0);  // beside the plate
+    plate.waviness.phase_rad = 3.14159265358979;
+    EXPECT_NEAR(shine(body(plate), 0, 0).u, -most * c, 1e-12);
+    plate.waviness.wavefront_nm = 0;
+    EXPECT_EQ(shine(body(plate), 0.3, 0.3).u, 0);
+}
+
 TEST(Parts, a_vial_filled_with_its_own_glass_is_a_rod) {
     const Body rod = body(Vial{6, 5, 10, 1.5, 1.5});
     for (const double share : {0.1, 0.5, 0.8}) {

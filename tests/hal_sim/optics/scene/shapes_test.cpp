@@ -209,6 +209,14 @@ std::string refusal(const std::string& text) {
     return scene ? std::string("accepted") : scene.error().what;
 }
 
+TEST(Waviness, is_read_of_plates_and_refused_of_other_parts) {
+    const std::string wave = "[part.waviness]\nwavefront_nm = 500\nperiod_mm = 3\n";
+    EXPECT_EQ(refusal("[part]\nkind = \"plate\"\n" + wave), "accepted");
+    EXPECT_NE(refusal("[part]\nkind = \"wedge\"\n" + wave).find("waviness"), std::string::npos);
+    EXPECT_NE(refusal("[part]\nkind = \"plate\"\n[part.waviness]\nperiod_mm = 0\n").find("use 0.01 to 10000"),
+              std::string::npos);
+}
+
 TEST(Shapes, are_read_nested_and_refused_with_line_and_cure) {
     const std::string good = R"([part]
 kind = "solid"

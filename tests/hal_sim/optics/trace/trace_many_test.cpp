@@ -62,6 +62,9 @@ std::vector<Scene> scenes() {
                            with(SolidPart{drilled, 1.52}),
                            with(SolidPart{across, 1.6}),
                            with(SolidPart{both, 1.6})};
+    Plate wavy;
+    wavy.waviness = {.wavefront_nm = 900, .period_mm = 1.5, .direction_rad = 0.4, .phase_rad = 1};
+    out.push_back(with(wavy, {bubble}));
     Scene lossy =
         with(DoubleConvexLens{}, {bubble, Absorber{{3, 0, 0}, 0.8, false, 0.7}, Absorber{{-3, 0, 0}, 0.8, true}});
     lossy.glass.absorption_per_mm = 0.01;
