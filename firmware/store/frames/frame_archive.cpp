@@ -151,6 +151,14 @@ Result<void> FrameArchive::make_room(std::uint64_t bytes) {
     }
 }
 
+Result<void> FrameArchive::leave_more_free(std::uint64_t bytes) {
+    const auto left = disk_.free_bytes(folder_);
+    if (!left) return tl::unexpected(left.error());
+    // Without a frame to remove, a higher limit would only keep later ones off a disk that others have filled.
+    if (!files_.empty()) limits_.min_free_bytes = std::max(limits_.min_free_bytes, *left + bytes);
+    return trim();
+}
+
 Result<void> FrameArchive::remove_oldest() {
     const ArchivedFile& oldest = files_.front();
     if (const std::error_code error = disk_.remove(oldest.file))

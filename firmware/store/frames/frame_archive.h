@@ -62,6 +62,10 @@ class FrameArchive {
     // Removes the oldest until the limits hold; other programs fill the disk, too. Fails with io when none is left.
     Result<void> trim() { return make_room(0); }
 
+    // Leaves `bytes` more of the disk free than it has now, from now on: removes the oldest, and adds nothing before
+    // there is room. Fails as trim().
+    Result<void> leave_more_free(std::uint64_t bytes);
+
     [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
     [[nodiscard]] std::size_t count() const { return files_.size(); }
 
@@ -72,7 +76,7 @@ class FrameArchive {
     Result<void> remove_oldest();
 
     const std::filesystem::path folder_;
-    const ArchiveLimits limits_;
+    ArchiveLimits limits_;
     const ArchiveDisk disk_;
     std::deque<ArchivedFile> files_;
     std::uint64_t bytes_ = 0, next_ = 1;

@@ -191,7 +191,8 @@ void FrameRetention::drop(std::unique_lock<std::mutex>& lock, const Error& error
 void FrameRetention::work(const std::stop_token& stop) {
     std::unique_lock lock(mutex_);
     while (true) {
-        const bool waits = wake_.wait_for(lock, stop, options_.trim_every, [this] { return !waiting_.empty(); });
+        const bool waits =
+            wake_.wait_for(lock, stop, options_.trim_every, [this] { return !waiting_.empty() || results_need_room_; });
         if (!waits && stop.stop_requested()) return;
         lock.unlock();
         if (waits) (void)step();
@@ -202,26 +203,41 @@ void FrameRetention::work(const std::stop_token& stop) {
 }
 
 bool FrameRetention::step() {
-    Handle buffer;
-    {
-        const std::lock_guard lock(mutex_);
-        if (waiting_.empty()) return false;
-        buffer = std::move(waiting_.front());
-        waiting_.pop_front();
+    std::unique_lock lock(mutex_);
+    if (std::exchange(results_need_room_, false)) {
+        lock.unlock();
+        // An error is reported with the next frame.
+        (void)without_exceptions(
+            [&] { return use_archive().and_then([&] { return archive_->leave_more_free(kRoomForResults); }); });
+        return true;
     }
+    if (waiting_.empty()) return false;
+    Handle buffer = std::move(waiting_.front());
+    waiting_.pop_front();
+    lock.unlock();
     write(*buffer);
-    const std::lock_guard lock(mutex_);
+    lock.lock();
     free_.push_back(std::move(buffer));
     return true;
 }
 
+Result<void> FrameRetention::use_archive() {
+    if (archive_ != nullptr) return {};
+    auto opened = open_();
+    if (!opened) return tl::unexpected(opened.error());
+    archive_ = std::move(*opened);
+    return {};
+}
+
+void FrameRetention::make_room_for_results() {
+    const std::lock_guard lock(mutex_);
+    results_need_room_ = true;
+    wake_.notify_one();
+}
+
 void FrameRetention::write(Buffer& buffer) {
     const auto done = without_exceptions([&]() -> Result<void> {
-        if (archive_ == nullptr) {
-            auto opened = open_();
-            if (!opened) return tl::unexpected(opened.error());
-            archive_ = std::move(*opened);
-        }
+        if (auto usable = use_archive(); !usable) return usable;
         const auto png = encode_png(buffer.samples.view(), metadata_of(buffer));
         if (!png) return tl::unexpected(png.error());
         return archive_->add(fmt::format("{}-p{}-{}", file_time(buffer.time_us), buffer.part, buffer.role), *png);

@@ -67,7 +67,12 @@ class FrameRetention {
     };
     [[nodiscard]] Counts counts() const;
 
-    // Without a thread: writes one frame. False: none waits.
+    // Any thread; does not wait for the disk. The store's disk is full: the oldest frames are removed, kRoomForResults
+    // more of it stay free from now on, and no frame is written before.
+    void make_room_for_results();
+    static constexpr std::uint64_t kRoomForResults = 1'000'000;  // bytes at each call
+
+    // Without a thread: makes room, writes one frame. False: neither was to be done.
     bool step();
 
   private:
@@ -75,6 +80,7 @@ class FrameRetention {
     using Handle = std::unique_ptr<Buffer>;
     void work(const std::stop_token& stop);
     void write(Buffer& buffer);
+    Result<void> use_archive();
     void trigger(std::uint32_t part, Handle buffer);
     void enqueue(Handle buffer, const char* role, std::uint32_t trigger);
     void drop(std::unique_lock<std::mutex>& lock, const Error& error);
@@ -94,6 +100,7 @@ class FrameRetention {
     std::deque<std::uint32_t> missed_;  // rejected parts whose frame has not come yet
     std::shared_ptr<const std::string> recipe_ = std::make_shared<std::string>();
     int after_ = 0;
+    bool results_need_room_ = false;
     std::uint32_t trigger_ = 0;
     Counts counts_;
     std::jthread thread_;

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include <sys/stat.h>
+
 #include "common/file_writing.h"
 #include "firmware/station/station.h"
 #include "firmware/store/results/export.h"
@@ -35,6 +37,14 @@ std::function<void(const Error&)> raise(const std::shared_ptr<Faults>& faults, s
 }
 std::function<void()> clear(const std::shared_ptr<Faults>& faults, std::uint32_t bit) {
     return [faults, bit] { faults->loop.post([faults, bit] { faults->set(bit, false); }); };
+}
+
+// Whether removing frames makes room for results: a plant may mount another disk for them.
+bool on_one_disk(const std::filesystem::path& folder) {
+    struct stat all {
+    }, frames{};
+    return ::stat(folder.c_str(), &all) == 0 && ::stat((folder / store::kFramesFolder).c_str(), &frames) == 0 &&
+        all.st_dev == frames.st_dev;
 }
 
 }  // namespace
@@ -98,9 +108,14 @@ std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, cons
     options.queue.retention.keep_days = wanted.keep_days;
     options.queue.retention.max_bytes = static_cast<std::uint64_t>(wanted.keep_mb) * kMegabyte;
     options.ignored_part = Station::kTestPart;
-    const auto open = [folder, options = store::SqliteStoreOptions{}] {
-        return store::open_sqlite_store(folder, options);
-    };
+    store::SqliteStoreOptions disk;
+    if (frames) {
+        // The recorder ends the queue, which has the store, before the frames.
+        disk.disk_full = [folder, retention = frames.get()] {
+            if (on_one_disk(folder)) retention->make_room_for_results();
+        };
+    }
+    const auto open = [folder, disk] { return store::open_sqlite_store(folder, disk); };
     auto recorder = std::make_unique<store::StationRecorder>(
         loop, store::utc_now, open, std::move(options),
         store::StoreQueue::Listener{raise(faults, kFaultStore), clear(faults, kFaultStore)}, std::move(frames));

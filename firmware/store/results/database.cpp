@@ -1,5 +1,6 @@
 #include "firmware/store/results/database.h"
 
+#include <cerrno>
 #include <limits>
 #include <utility>
 
@@ -28,10 +29,15 @@ std::string percent_encoded(const std::string& name) {
 tl::unexpected<Error> Database::failed(int code) const {
     const std::string name = file_.string();
     const std::string detail = handle_ != nullptr ? sqlite3_errmsg(handle_) : sqlite3_errstr(code);
-    switch (code & 0xFF) {
+    const int primary = code & 0xFF, system = handle_ != nullptr ? sqlite3_system_errno(handle_) : 0;
+    // The log's index and new files fail with other codes on a full disk.
+    const bool no_room =
+        (primary == SQLITE_IOERR || primary == SQLITE_CANTOPEN) && (system == ENOSPC || system == EDQUOT);
+    switch (no_room ? SQLITE_FULL : primary) {
         case SQLITE_FULL:
+            disk_full_ = true;
             return fail(ErrorCode::io, name + " cannot grow: the disk is full",
-                        "free space on its disk, or lower store.keep_mb and store.frames_mb");
+                        "free space on its disk, or lower store.keep_mb and store.frames_mb, or raise store.free_mb");
         case SQLITE_READONLY:
         case SQLITE_PERM:
             return fail(ErrorCode::io, name + " cannot be written (" + detail + ")",

@@ -110,6 +110,7 @@ class Database {
     void limit_time(std::chrono::milliseconds most);
 
     [[nodiscard]] const std::filesystem::path& file() const { return file_; }
+    [[nodiscard]] bool disk_full() const { return disk_full_; }  // an operation failed for that reason
 
   private:
     friend class Statement;
@@ -118,6 +119,7 @@ class Database {
     std::filesystem::path file_;
     sqlite3* handle_ = nullptr;
     std::chrono::steady_clock::time_point until_{};
+    mutable bool disk_full_ = false;
 };
 
 // Rolls back unless committed.

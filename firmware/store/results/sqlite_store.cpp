@@ -27,12 +27,18 @@ namespace {
 
 namespace fs = std::filesystem;
 
+void report_full(const SqliteStoreOptions& options, bool full) {
+    if (full && options.disk_full) options.disk_full();
+}
+
 // One writer a store: a lock of the process (flock), which ends with it even when it is killed.
-Result<common::UniqueFd> lock_folder(const fs::path& folder) {
+Result<common::UniqueFd> lock_folder(const fs::path& folder, const SqliteStoreOptions& options) {
     const fs::path file = folder / "lock";
     common::UniqueFd fd(open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644));
     if (!fd) {
-        return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(errno) + ")",
+        const int why = errno;
+        report_full(options, why == ENOSPC || why == EDQUOT);
+        return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(why) + ")",
                     "give the station's user the right to write its folder, and see that its disk has space and is "
                     "not mounted read-only");
     }
@@ -86,6 +92,8 @@ class SqliteStore final : public ResultStore {
     // Migrates the file and reads the changes in use.
     Result<void> prepare();
 
+    [[nodiscard]] bool disk_full() const { return database_->disk_full(); }
+
     Result<void> write(std::span<const Entry> entries) override;
     Result<bool> prune(const Retention& retention, const ClockReading& now) override;
 
@@ -108,6 +116,7 @@ class SqliteStore final : public ResultStore {
     Result<void> check_files();
     Result<void> read_changes();
     Result<void> witness(const ClockReading& now);
+    Result<bool> witness_and_prune(const Retention& retention, const ClockReading& now);
     Result<bool> prune(const ChainTable& table, const Retention& retention, UtcMicros now_us);
     Result<void> remove(const ChainTable& table, std::int64_t first, std::int64_t to, const Json& why,
                         UtcMicros now_us);
@@ -208,6 +217,7 @@ Result<void> SqliteStore::write(std::span<const Entry> entries) {
     auto done = entries.empty() ? Result<void>() : write_batch(entries);
     if (done) done = check_files();  // after the commit: a batch in files that have no name is not durable
     broken_ = !done;
+    report_full(options_, broken_ && database_->disk_full());
     return done;
 }
 
@@ -303,7 +313,13 @@ Result<void> SqliteStore::store(std::uint64_t entry, const ChangeRecord& change)
 
 Result<bool> SqliteStore::prune(const Retention& retention, const ClockReading& now) {
     if (broken_) return fail(ErrorCode::internal, "the store failed before", "open it again");
-    broken_ = true;
+    auto more = witness_and_prune(retention, now);
+    broken_ = !more;
+    report_full(options_, broken_ && database_->disk_full());
+    return more;
+}
+
+Result<bool> SqliteStore::witness_and_prune(const Retention& retention, const ClockReading& now) {
     if (auto done = witness(now); !done) return tl::unexpected(done.error());
     bool more = false;
     for (const ChainTable* table : {&kResults, &kCommands}) {
@@ -313,7 +329,6 @@ Result<bool> SqliteStore::prune(const Retention& retention, const ClockReading& 
     }
     // Returns free pages to the file system, a few at a time.
     if (auto done = database_->execute("PRAGMA incremental_vacuum(4096)"); !done) return tl::unexpected(done.error());
-    broken_ = false;
     return more;
 }
 
@@ -422,12 +437,15 @@ Result<std::unique_ptr<ResultStore>> open_sqlite_store(const fs::path& folder, c
     if (const std::error_code error = options.make_folder(folder)) {
         return folder_unusable(folder, error);
     }
-    auto lock = lock_folder(folder);
+    auto lock = lock_folder(folder, options);
     if (!lock) return tl::unexpected(lock.error());
     auto database = Database::open(file, Database::Access::create, options.vfs);
     if (!database) return tl::unexpected(database.error());
     auto store = std::make_unique<SqliteStore>(std::move(*lock), options, std::move(*database));
-    if (auto done = store->prepare(); !done) return tl::unexpected(done.error());
+    if (auto done = store->prepare(); !done) {
+        report_full(options, store->disk_full());
+        return tl::unexpected(done.error());
+    }
     *options.moved = false;
     return std::unique_ptr<ResultStore>(std::move(store));
 }

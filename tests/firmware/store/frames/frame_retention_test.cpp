@@ -170,6 +170,40 @@ TEST(FrameArchive, leaves_the_disk_what_it_was_told_to_whatever_others_write) {
     EXPECT_TRUE((*archive)->add("x", bytes));
 }
 
+TEST(FrameArchive, gives_its_room_to_results_and_leaves_it_to_them) {
+    const TempFolder folder;
+    const std::vector<std::uint8_t> bytes(1000, 1);
+    static constexpr std::uint64_t kDisk = 10'000;
+    std::uint64_t others = 0;
+    ArchiveDisk disk = real_disk();
+    disk.free_bytes = [&](const std::filesystem::path&) -> Result<std::uint64_t> {
+        const auto files = list_frames(folder.path());
+        std::uint64_t used = others;
+        for (const ArchivedFile& file : *files) used += file.bytes;
+        return kDisk - std::min(kDisk, used);
+    };
+    auto archive = FrameArchive::open(folder.path(), {.max_bytes = 1'000'000, .min_free_bytes = 0}, disk);
+    ASSERT_TRUE(archive);
+    EXPECT_TRUE((*archive)->leave_more_free(20'000)) << "there is none to remove";
+    for (int k = 0; k < 12; ++k) ASSERT_TRUE((*archive)->add("x", bytes));
+    EXPECT_EQ((*archive)->count(), 10U) << "they fill the disk";
+    ASSERT_TRUE((*archive)->leave_more_free(1500));
+    EXPECT_EQ((*archive)->count(), 8U);
+    EXPECT_TRUE(std::filesystem::exists(folder.path() / "000000000012-x.png")) << "the oldest are removed";
+    ASSERT_TRUE((*archive)->add("y", bytes));
+    EXPECT_EQ((*archive)->count(), 8U) << "the room stays free";
+    others = 1500;  // the results took it
+    ASSERT_TRUE((*archive)->leave_more_free(1500));
+    EXPECT_EQ((*archive)->count(), 6U) << "2000 bytes stay free: 500 were left";
+    others = kDisk;
+    EXPECT_FALSE((*archive)->leave_more_free(1500));
+    EXPECT_EQ((*archive)->count(), 0U);
+    EXPECT_FALSE((*archive)->add("z", bytes)) << "no frame before there is room";
+    for (int k = 0; k < 5; ++k) EXPECT_FALSE((*archive)->leave_more_free(1500));
+    others = kDisk - 4000;
+    EXPECT_TRUE((*archive)->add("z", bytes)) << "without frames, nothing more was asked of them";
+}
+
 TEST(FrameArchive, removes_what_a_crash_left_unfinished_and_nothing_else) {
     const TempFolder folder;
     write_text(folder.path() / "000000000007-x.png", "whole");
@@ -370,6 +404,31 @@ TEST(FrameRetention, goes_on_when_a_full_disk_has_room_again) {
     is_full = false;
     cell.inspect(3, true);
     EXPECT_THAT(cell.kept(), ElementsAre("p3-reject"));
+    EXPECT_EQ(cell.said.back(), "works again");
+}
+
+TEST(FrameRetention, makes_room_for_results_before_it_writes_another_frame) {
+    static constexpr std::uint64_t kDisk = 2'000'000;
+    std::uint64_t others = 0;
+    ArchiveDisk disk = real_disk();
+    disk.free_bytes = [&](const std::filesystem::path& folder) -> Result<std::uint64_t> {
+        const auto files = list_frames(folder);
+        std::uint64_t used = others;
+        for (const ArchivedFile& file : *files) used += file.bytes;
+        return kDisk - std::min(kDisk, used);
+    };
+    Cell cell({.before = 0, .after = 0}, disk);
+    for (const std::uint32_t part : {1U, 2U, 3U}) cell.inspect(part, true);
+    EXPECT_THAT(cell.kept(), SizeIs(3));
+    others = kDisk - FrameRetention::kRoomForResults;  // the disk is full but for what the results take now
+    cell.inspect(4, true);
+    cell.keeper.make_room_for_results();
+    EXPECT_THAT(cell.kept(), IsEmpty());
+    EXPECT_EQ(cell.keeper.counts().dropped, 1U);
+    EXPECT_THAT(cell.said, ElementsAre(HasSubstr("stay free")));
+    others = 0;
+    cell.inspect(5, true);
+    EXPECT_THAT(cell.kept(), ElementsAre("p5-reject"));
     EXPECT_EQ(cell.said.back(), "works again");
 }
 

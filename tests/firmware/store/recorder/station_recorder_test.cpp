@@ -1,7 +1,14 @@
 // What the station reports, as it stands in the store.
 #include "firmware/store/recorder/station_recorder.h"
 
+#include <cstdlib>
+#include <random>
 #include <thread>
+
+#include <sched.h>
+#include <sys/mount.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include "firmware/core/faults.h"
 #include "firmware/store/frames/frame_archive.h"
@@ -248,6 +255,69 @@ TEST(StoreSetup, a_folder_that_cannot_be_used_is_a_fault_and_nothing_is_lost_whe
     while (loop.run_one()) {
     }
     EXPECT_EQ(faults, 0U);
+}
+
+// An own file system of 3 MB on `folder`, for this process alone. False: it may not mount one.
+bool mount_small_disk(const std::filesystem::path& folder) {
+    const bool apart = ::unshare(CLONE_NEWNS) == 0 || ::unshare(CLONE_NEWUSER | CLONE_NEWNS) == 0;
+    return apart && ::mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) == 0 &&
+        ::mount("small", folder.c_str(), "tmpfs", 0, "size=3m") == 0;
+}
+
+// Frames fill the disk, then results come. Ends the process: 0 all results are stored, 1 not, 2 no disk.
+[[noreturn]] void store_beside_frames(const std::filesystem::path& folder) {
+    if (!mount_small_disk(folder)) std::_Exit(2);
+    const auto wait_until = [](const auto& holds) {
+        const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+        while (!holds() && std::chrono::steady_clock::now() < until)
+            std::this_thread::sleep_for(std::chrono::milliseconds(2));
+        return holds();
+    };
+    lab::VirtualTime loop;
+    Config config;
+    config.store.folder = folder / "store";
+    config.store.free_mb = 0;
+    config.store.frames_mb = 100;
+    Recorded recorded = recorded_with("its text");
+    recorded.extents = {40, 40, 9, 9};
+    const auto recorder = make_recorder(loop, config, recorded, {});
+    PartResult result;
+    const auto store = [&](std::uint32_t up_to) {
+        while (result.sequence < up_to) {
+            result.part = ++result.sequence;
+            recorder->on_result(result);
+        }
+        return wait_until([&] { return recorder->state().durable_sequence == up_to; });
+    };
+    bool good = store(10);
+    const auto left = [&] { return std::filesystem::space(folder).available; };
+    Frame frame(360, 360, 8);
+    std::mt19937 random(1);
+    for (std::byte& sample : frame.bytes()) sample = std::byte{static_cast<std::uint8_t>(random())};
+    algo::Inspection inspection;
+    inspection.verdict = algo::Verdict::reject;
+    for (std::uint32_t part = 1; part <= 40; ++part) {
+        recorder->on_inspection(part, frame.view(), inspection);
+        std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+    good = good && wait_until([&] { return left() < 150'000; });
+    good = good && store(6000);
+    good = good && recorder->finish().empty() && recorder->state().lost == 0;
+    std::error_code none;
+    good = good && !std::filesystem::is_empty(config.store.folder / "frames", none);
+    std::_Exit(good ? 0 : 1);
+}
+
+TEST(StoreSetup, frames_that_fill_the_disk_make_room_for_results) {
+    const TempFolder folder;
+    const pid_t child = ::fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) store_beside_frames(folder.path());
+    int status = 0;
+    ASSERT_EQ(::waitpid(child, &status, 0), child);
+    ASSERT_TRUE(WIFEXITED(status));
+    if (WEXITSTATUS(status) == 2) GTEST_SKIP() << "this user may not mount a file system";
+    EXPECT_EQ(WEXITSTATUS(status), 0);
 }
 
 TEST(StoreSetup, the_recipe_and_the_configuration_in_use_are_recorded) {

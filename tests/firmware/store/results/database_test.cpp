@@ -152,6 +152,7 @@ TEST_F(AnyDatabase, a_full_disk_is_no_damage) {
     EXPECT_EQ(full.code, ErrorCode::io);
     EXPECT_THAT(full.message(), HasSubstr("the disk is full"));
     EXPECT_THAT(full.cure, HasSubstr("store.keep_mb"));
+    EXPECT_TRUE(database->disk_full());
 }
 
 TEST_F(AnyDatabase, a_file_that_may_only_be_read_is_no_damage) {
