@@ -109,6 +109,11 @@ std::unique_ptr<store::StationRecorder> make_recorder(hal::EventLoop& loop, cons
     options.queue.retention.max_bytes = static_cast<std::uint64_t>(wanted.keep_mb) * kMegabyte;
     options.ignored_part = Station::kTestPart;
     store::SqliteStoreOptions disk;
+    disk.note = [faults](const Error& note) {
+        faults->loop.post([faults, note] {
+            if (faults->watchers.trouble) faults->watchers.trouble(note);
+        });
+    };
     if (frames) {
         // The recorder ends the queue, which has the store, before the frames.
         disk.disk_full = [folder, retention = frames.get()] {

@@ -74,6 +74,12 @@ Error log_without_database(const fs::path& file) {
             "put " + std::string(kStoreFile) + " back, or move its -wal and its -shm out of the folder, too"};
 }
 
+Error log_of_empty(const fs::path& file) {
+    return {ErrorCode::unreadable, file.string() + " is empty, 0 bytes, and its -wal has results",
+            "stop the station, keep the -wal, and put a backup of " + std::string(kStoreFile) +
+                " in its place; or move the three files out of the folder: the station begins a new store"};
+}
+
 // The file that a path leads to; both 0: none.
 struct FileId {
     dev_t device = 0;
@@ -434,6 +440,10 @@ Result<std::unique_ptr<ResultStore>> open_sqlite_store(const fs::path& folder, c
         // SQLite would remove this log, with the results in it, and make a new file.
         if (file_id(file.string() + "-wal") != FileId{}) return tl::unexpected(log_without_database(file));
     }
+    std::error_code none;
+    const bool emptied = fs::is_regular_file(file, none) && fs::file_size(file, none) == 0 && !none;
+    // SQLite would remove the log of an empty file, with the results in it.
+    if (emptied && fs::file_size(file.string() + "-wal", none) > 0 && !none) return tl::unexpected(log_of_empty(file));
     if (const std::error_code error = options.make_folder(folder)) {
         return folder_unusable(folder, error);
     }
@@ -447,6 +457,10 @@ Result<std::unique_ptr<ResultStore>> open_sqlite_store(const fs::path& folder, c
         return tl::unexpected(done.error());
     }
     *options.moved = false;
+    if (emptied && options.note) {
+        options.note({ErrorCode::unreadable, file.string() + " was empty, 0 bytes: a new store begins in it",
+                      "if it had results before, see the disk; they are in the last backup"});
+    }
     return std::unique_ptr<ResultStore>(std::move(store));
 }
 

@@ -20,6 +20,8 @@ struct SqliteStoreOptions {
     // Set when a store finds its files moved or removed while they are open. Then only a file that was put back is
     // opened, and none is made. Share it between the openings of one run.
     std::shared_ptr<bool> moved = std::make_shared<bool>(false);
+    // Called with what a person should know of a store that can be used all the same. May be empty.
+    std::function<void(const Error&)> note = {};
     // Called when an operation has failed because the disk is full. May be empty.
     std::function<void()> disk_full = {};
     // Makes the folder unless it exists. Replaceable in tests.

@@ -63,7 +63,8 @@ Result<std::unique_ptr<StoreReader>> StoreReader::open(const std::filesystem::pa
     if (!age) return tl::unexpected(age.error());
     if (*age == Age::empty)
         return fail(ErrorCode::unreadable, (*database)->file().string() + " is empty",
-                    "name the folder of a station's store");
+                    "start its station, which begins a new store in it; if it had results before, see the disk, and "
+                    "put a backup in its place");
     if (*age == Age::older) {
         return fail(ErrorCode::unsupported, (*database)->file().string() + " was written by older software",
                     "start the station once: it brings the store up to date");

@@ -215,6 +215,29 @@ TEST(SqliteStore, refuses_what_is_no_store_and_leaves_it_alone) {
     EXPECT_EQ(read_text(folder.path() / "results.db"), text);
 }
 
+TEST(SqliteStore, begins_in_an_empty_file_and_says_so_but_not_where_its_log_has_results) {
+    const TempFolder folder;
+    const auto file = folder.path() / "results.db", log = folder.path() / "results.db-wal";
+    std::vector<std::string> notes;
+    SqliteStoreOptions options;
+    options.note = [&](const Error& note) { notes.push_back(note.message()); };
+    EXPECT_TRUE(open(folder, options));
+    EXPECT_TRUE(open(folder, options));
+    EXPECT_THAT(notes, IsEmpty()) << "no file, then a store";
+    std::filesystem::remove(file);
+    write_text(file, "");
+    write_text(log, "results");
+    const auto refused = open_sqlite_store(folder.path(), options);
+    ASSERT_FALSE(refused);
+    EXPECT_THAT(refused.error().message(), HasSubstr("results.db is empty, 0 bytes, and its -wal has results"));
+    EXPECT_EQ(read_text(log), "results");
+    std::filesystem::remove(log);
+    EXPECT_THAT(StoreReader::open(folder.path()).error().cure, HasSubstr("start its station"));
+    EXPECT_TRUE(open(folder, options));
+    EXPECT_THAT(notes, ElementsAre(HasSubstr("results.db was empty, 0 bytes: a new store begins in it")));
+    EXPECT_TRUE(StoreReader::open(folder.path()));
+}
+
 TEST(SqliteStore, refuses_another_programs_database_and_a_newer_schema) {
     const TempFolder other, newer;
     sql(other, "CREATE TABLE t (a); INSERT INTO t VALUES (1)");
