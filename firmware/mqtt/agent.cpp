@@ -15,6 +15,8 @@ constexpr milliseconds kReadEvery(100);  // period of reading results; at once w
 constexpr milliseconds kRetryStore(1000);
 constexpr milliseconds kWriteEvery(500);  // the cursor: results above the saved one are sent again after a crash
 constexpr milliseconds kGoodbye(2000);
+constexpr std::chrono::seconds kSoon(10);  // a connection of a broker that works lasts longer
+constexpr int kAgainAndAgain = 4;          // connections in a row
 constexpr std::chrono::minutes kRepeatAfter(10);
 constexpr std::size_t kRecentLines = 16;
 constexpr double kMaxLines = 10;  // at once; then one a second
@@ -27,27 +29,34 @@ UtcMs utc_now() {
 
 Result<std::unique_ptr<Agent>> Agent::open(MqttConfig config, std::unique_ptr<ResultSource> results,
                                            ReadStation read_station, Log log) {
+    auto lock = lock_cursor(config.state_file);
+    if (!lock) return tl::unexpected(lock.error());
     const auto cursor = read_cursor(config.state_file);
     if (!cursor) return tl::unexpected(cursor.error());
     return std::unique_ptr<Agent>(new Agent(std::move(config), std::move(results), std::move(read_station),
-                                            std::move(log), cursor->value_or(Cursor{})));
+                                            std::move(log), std::move(*lock), cursor->value_or(Cursor{})));
 }
 
 Agent::Agent(MqttConfig config, std::unique_ptr<ResultSource> results, ReadStation read_station, Log log,
-             const Cursor& cursor)
+             common::UniqueFd lock, const Cursor& cursor)
     : config_(std::move(config)), results_(std::move(results)), read_station_(std::move(read_station)),
-      log_(std::move(log)), node_(config_.node, cursor), saved_(cursor) {}
+      log_(std::move(log)), lock_(std::move(lock)), node_(config_.node, cursor), saved_(cursor) {}
+
+bool Agent::may_log(Clock::time_point now) {
+    lines_left_ =
+        std::min(lines_left_ + std::chrono::duration<double>(now - std::exchange(lines_at_, now)).count(), kMaxLines);
+    if (lines_left_ < 1) return false;
+    lines_left_ -= 1;
+    return true;
+}
 
 void Agent::log(const std::string& line) {
     if (line.empty()) return;
     const auto now = Clock::now();
-    lines_left_ =
-        std::min(lines_left_ + std::chrono::duration<double>(now - std::exchange(lines_at_, now)).count(), kMaxLines);
     const auto known =
         std::find_if(recent_lines_.begin(), recent_lines_.end(), [&](const auto& said) { return said.first == line; });
     if (known != recent_lines_.end() && now - known->second < kRepeatAfter) return;
-    if (lines_left_ < 1) return;
-    lines_left_ -= 1;
+    if (!may_log(now)) return;
     if (known != recent_lines_.end()) recent_lines_.erase(known);
     recent_lines_.emplace_back(line, now);
     if (recent_lines_.size() > kRecentLines) recent_lines_.pop_front();
@@ -56,7 +65,7 @@ void Agent::log(const std::string& line) {
 
 void Agent::log_event(const std::string& line) {
     recent_lines_.clear();
-    log_(line);
+    if (may_log(Clock::now())) log_(line);
 }
 
 void Agent::step(milliseconds wait) {
@@ -72,6 +81,7 @@ void Agent::step(milliseconds wait) {
             send();
             link_->leave(kGoodbye);
             link_.reset();
+            accepted_at_.reset();
             node_.disconnected();
             log_event("the primary host is gone: results wait in the store until it is back");
         }
@@ -94,12 +104,25 @@ void Agent::connect() {
 void Agent::drop_connection(const Error& error) {
     link_.reset();
     node_.disconnected();
-    if (!error.what.empty()) log(error.message());
+    const auto now = Clock::now();
+    const auto accepted_at = std::exchange(accepted_at_, std::nullopt);
+    const bool soon = error.code == ErrorCode::disconnected && accepted_at && now - *accepted_at < kSoon;
+    ended_soon_ = soon ? ended_soon_ + 1 : 0;
+    const bool displaced = error.code == ErrorCode::busy || ended_soon_ >= kAgainAndAgain;
+    if (soon && displaced) {
+        log(
+            fmt::format("broker {}:{} accepts this station and ends the connection within {} s, again and again: "
+                        "another client that calls itself \"{}\" probably takes its place: give each station a "
+                        "sparkplug.node of its own, and run hord-mqtt once; else see the broker's log",
+                        config_.broker.host, config_.broker.port, kSoon.count(), config_.broker.client_id));
+    } else if (!error.what.empty()) {
+        log(error.message());
+    }
     // A random delay: a whole fleet reconnects to a broker that comes back. The longest one when another client has
     // taken the session: two stations of one name would disconnect each other forever.
     backoff_ = std::clamp(std::exchange(useful_, false) ? kFirstBackoff : backoff_ * 2, kFirstBackoff, kLongestBackoff);
-    if (error.code == ErrorCode::busy) backoff_ = kLongestBackoff;
-    connect_at_ = Clock::now() +
+    if (displaced) backoff_ = kLongestBackoff;
+    connect_at_ = now +
         milliseconds(std::uniform_int_distribution<std::int64_t>(backoff_.count() / 2, backoff_.count())(random_));
 }
 
@@ -107,6 +130,7 @@ void Agent::handle(const BrokerLink::Event& event) {
     const UtcMs now = utc_now();
     switch (event.kind) {
         case BrokerLink::Event::Kind::subscribed:
+            accepted_at_ = Clock::now();
             node_.connected(now);
             log_event(fmt::format("connected with {}:{} as {}/{}{}", config_.broker.host, config_.broker.port,
                                   config_.node.group, config_.node.node,

@@ -23,9 +23,11 @@ class Agent {
     // The station's registers; empty: it does not answer. May block as long as a Modbus request.
     using ReadStation = std::function<std::vector<Reading>()>;
     // Log lines: the same line at most once in ten minutes or a session; ten at once, then one a second.
+    // A connection that the broker ends again and again soon after it was accepted is taken for one whose place another
+    // client of the same name takes: not every broker says so.
     using Log = std::function<void(const std::string&)>;
 
-    // Reads the state file. Fails as read_cursor() does.
+    // Locks and reads the state file. Fails as lock_cursor() and read_cursor() do.
     static Result<std::unique_ptr<Agent>> open(MqttConfig config, std::unique_ptr<ResultSource> results,
                                                ReadStation read_station, Log log);
 
@@ -40,7 +42,7 @@ class Agent {
 
   private:
     Agent(MqttConfig config, std::unique_ptr<ResultSource> results, ReadStation read_station, Log log,
-          const Cursor& cursor);
+          common::UniqueFd lock, const Cursor& cursor);
     void connect();
     void drop_connection(const Error& error);
     void handle(const BrokerLink::Event& event);
@@ -49,19 +51,23 @@ class Agent {
     void send();
     bool save_cursor(bool now);
     void log(const std::string& line);        // subject to the limits of Log
-    void log_event(const std::string& line);  // always; resets the repetition
+    void log_event(const std::string& line);  // begins the repetition anew
+    bool may_log(Clock::time_point now);
 
     const MqttConfig config_;
     const std::unique_ptr<ResultSource> results_;
     const ReadStation read_station_;
     const Log log_;
+    const common::UniqueFd lock_;  // of the state file
     EdgeNode node_;
     std::unique_ptr<BrokerLink> link_;
     std::mt19937 random_{std::random_device{}()};
 
     Clock::time_point connect_at_{}, station_at_{}, read_at_{}, write_at_{};
-    std::chrono::milliseconds backoff_{0};  // before the next attempt
-    bool useful_ = false;                   // this connection delivered a result
+    std::chrono::milliseconds backoff_{0};          // before the next attempt
+    bool useful_ = false;                           // this connection delivered a result
+    std::optional<Clock::time_point> accepted_at_;  // this connection
+    int ended_soon_ = 0;                            // accepted connections in a row that ended soon
     std::string store_;
     std::deque<std::pair<std::string, Clock::time_point>> recent_lines_;  // the newest few
     double lines_left_ = 10;

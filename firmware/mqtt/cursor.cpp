@@ -1,10 +1,13 @@
 #include "firmware/mqtt/cursor.h"
 
+#include <cerrno>
 #include <fstream>
 #include <iterator>
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <sys/file.h>
 
 #include "common/crc32.h"
 #include "common/file_writing.h"
@@ -23,6 +26,15 @@ std::string text_of(const Cursor& cursor) {
 }
 
 }  // namespace
+
+Result<common::UniqueFd> lock_cursor(const std::filesystem::path& file) {
+    common::UniqueFd lock(::open((file.string() + ".lock").c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644));
+    if (lock && ::flock(lock.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+        return fail(ErrorCode::busy, file.string() + " is in use by another hord-mqtt",
+                    "end that one, or give each a results.state_file of its own");
+    }
+    return lock;
+}
 
 Result<std::optional<Cursor>> read_cursor(const std::filesystem::path& file) {
     std::error_code error;

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "common/result.h"
+#include "common/unique_fd.h"
 
 namespace hord::firmware::mqtt {
 
@@ -19,6 +20,11 @@ struct Cursor {
     std::int64_t lost_until = 0;  // lost results are counted up to this number
     bool operator==(const Cursor&) const = default;
 };
+
+// Keeps other processes off the cursor until it is destroyed, by a lock (flock) on FILE.lock. Fails with busy if
+// another one holds it. Nothing is held, without an error, where that file cannot be opened: writing the cursor tells
+// why.
+Result<common::UniqueFd> lock_cursor(const std::filesystem::path& file);
 
 // Empty: no such file. Fails with unreadable (damaged), io.
 Result<std::optional<Cursor>> read_cursor(const std::filesystem::path& file);

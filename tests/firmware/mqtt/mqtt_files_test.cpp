@@ -65,6 +65,21 @@ TEST(MqttConfig, refuses_what_cannot_be_with_line_and_cure) {
     EXPECT_EQ(tls->broker.ca, "/etc/hord/ca.pem");
 }
 
+TEST(Cursor, is_of_one_process) {
+    const TempFolder folder;
+    const fs::path file = folder.path() / "cursor";
+    {
+        const auto lock = lock_cursor(file);
+        ASSERT_TRUE(lock);
+        const auto second = lock_cursor(file);
+        ASSERT_FALSE(second);
+        EXPECT_EQ(second.error().code, ErrorCode::busy);
+        EXPECT_THAT(second.error().message(), HasSubstr("results.state_file"));
+    }
+    EXPECT_TRUE(lock_cursor(file)) << "its end ends the lock";
+    EXPECT_TRUE(lock_cursor(folder.path() / "none" / "cursor")) << "writing tells what is wrong";
+}
+
 TEST(MqttConfig, takes_a_password_that_only_its_owner_may_read) {
     const TempFolder folder;
     const fs::path file = folder.path() / "mqtt.password";

@@ -407,6 +407,37 @@ TEST_F(Mqtt, uses_its_certificate_and_password_and_says_which_of_them_is_wrong) 
     EXPECT_TRUE(wait_until([&] { return arrived(consumer).first == 3; })) << mqtt->so_far().err;
 }
 
+// This broker ends the connection of the one that was there, without a word.
+TEST_F(Mqtt, says_that_another_client_has_its_name_and_leaves_it_the_place_for_a_while) {
+    Broker broker(folder.path().string());
+    write_config(broker.port());
+    const auto one = node();
+    ASSERT_TRUE(one->says("connected with", std::chrono::seconds(120))) << one->so_far().err;
+    const Said twice = run("hord-mqtt", {"--config", folder / "mqtt.toml"});
+    EXPECT_EQ(twice.status, 2);
+    EXPECT_THAT(twice.err, HasSubstr("cursor is in use by another hord-mqtt"));
+    {
+        std::string text;
+        std::getline(std::ifstream(folder / "mqtt.toml"), text, '\0');
+        std::ofstream(folder / "other.toml") << text.replace(text.find("\"cursor\""), 8, "\"other\"");
+    }
+    Running two("hord-mqtt", {"--config", folder / "other.toml"});
+    const std::string reason = "another client that calls itself \"hord-g-n\" probably takes its place";
+    const auto both = [&] { return one->so_far().err + two.so_far().err; };
+    const auto sessions = [&] {
+        int found = 0;
+        const std::string text = both(), what = "connected with";
+        for (auto at = text.find(what); at != std::string::npos; at = text.find(what, at + 1)) ++found;
+        return found;
+    };
+    constexpr std::chrono::seconds kMoment(1), kWhile(5);
+    ASSERT_TRUE(wait_until([&] { return one->says(reason, kMoment) || two.says(reason, kMoment); })) << both();
+    const int before = sessions();
+    // The one that was displaced stays away for 15 s; what says() waits for is never said.
+    (void)(one->says("\n\n", kWhile) || two.says("\n\n", kWhile));
+    EXPECT_LE(sessions(), before + 4) << both();
+}
+
 TEST_F(Mqtt, says_what_it_cannot_use_and_ends) {
     write_config(free_port());
     std::ofstream(folder / "cursor") << "garbage\n";
