@@ -292,7 +292,8 @@ void add_export(CLI::App& program, Exit& status) {
         ->capture_default_str();
     command->add_option(
         "--feature", options->features,
-        "Also these features over neighbours, exact over the whole field (repeatable); maps in dioptres: "
+        "Also these features over neighbours, exact over the whole field, without rim and zones, in place of the "
+        "inspection's map of the same name (repeatable); maps in dioptres: "
         "hordctl inspect --feature optical-power");
     command->add_option("--recipe", options->recipe, "Limits and zones (TOML); without it the default recipe");
     command->add_option("--reference", options->reference, "What hordctl learn has learned: adds the z-score");
