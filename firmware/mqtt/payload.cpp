@@ -187,8 +187,8 @@ std::string encode(const Payload& payload) {
 
 Result<Payload> decode_command(std::string_view bytes) {
     if (bytes.size() > kMaxCommandBytes) {
-        return fail(ErrorCode::unreadable, "a command of " + std::to_string(bytes.size()) + " bytes",
-                    "commands have at most " + std::to_string(kMaxCommandBytes));
+        return fail(ErrorCode::unreadable, "a command of more than " + std::to_string(kMaxCommandBytes) + " bytes",
+                    "see who writes to the command topic");
     }
     const auto no_payload = [] {
         return fail(ErrorCode::unreadable, "a command that is no Sparkplug B payload",

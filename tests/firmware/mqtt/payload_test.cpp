@@ -74,7 +74,8 @@ TEST(Payload, of_strangers_is_read_or_refused_and_never_more_than_it_holds) {
         decode_command("\x2A\x03"
                        "abc"
                        "\x25\x01\x02\x03\x04\x98\x06\x01"s));  // unknown fields
-    EXPECT_THAT(decode_command(std::string(kMaxCommandBytes + 1, 'x')).error().message(), HasSubstr("4097 bytes"));
+    EXPECT_THAT(decode_command(std::string(kMaxCommandBytes + 1, 'x')).error().message(),
+                HasSubstr("a command of more than 4096 bytes"));
     std::string many;
     for (std::size_t k = 0; k <= kMaxCommandMetrics; ++k) many += "\x12\x00"s;
     EXPECT_FALSE(decode_command(many));
