@@ -135,7 +135,9 @@ Error cannot_read(const fs::path& file) {
     const int reason = errno;
     return {reason == ENOENT ? ErrorCode::not_found : ErrorCode::unreadable,
             fmt::format("{}: cannot be read ({})", file.string(), std::strerror(reason)),
-            reason == EISDIR ? "give a file of this folder" : "check that the file exists and may be read"};
+            reason == EISDIR      ? "give a file of this folder"
+                : reason == EFBIG ? "it is larger than 2 GiB, or never ends: give another file"
+                                  : "check that the file exists and may be read"};
 }
 
 int write_all(int fd, std::span<const std::byte> bytes) {

@@ -92,6 +92,7 @@ static bool ends_line(std::string_view text, std::size_t line, std::size_t colum
 // Of a syntax error, by what toml++ says of it.
 static std::string_view cure_of(std::string_view description) {
     const auto says = [&](std::string_view words) { return description.find(words) != std::string_view::npos; };
+    if (says("utf-8") || says("UTF-16") || says("UTF-32") || says("u0000")) return "save the file as UTF-8";
     constexpr std::string_view kLine = "write each line as key = value, [section] or # comment";
     if (says("key-value pair: expected") && !says("expected value")) return kLine;
     if (says("redefine")) return "take one of them out";
@@ -135,6 +136,10 @@ TomlTable TomlTable::parse_file(const std::filesystem::path& file, TomlProblems&
 
 namespace {
 
+// The system would end a path there, and a protocol a name.
+bool has_nul(const std::string& text) { return text.find('\0') != std::string::npos; }
+constexpr std::string_view kNul = "holds a NUL character: take \\u0000 out";
+
 // Why a key's value is no `wanted` ("number", "whole number").
 std::string no_number(const toml::node* node, const std::string& wanted) {
     const char* cure = node == nullptr ? ""
@@ -164,7 +169,10 @@ void TomlTable::boolean(std::string_view key, bool& value) {
 }
 
 void TomlTable::text(std::string_view key, std::string& value) {
-    if (auto read = node_->value<std::string>(key, "is not a text: write it in quotes")) value = std::move(*read);
+    auto read = node_->value<std::string>(key, "is not a text: write it in quotes");
+    if (!read) return;
+    if (has_nul(*read)) node_->report(*node_->find(key), key, kNul);
+    else value = std::move(*read);
 }
 
 void TomlTable::name(std::string_view key, std::string& value) {
@@ -178,7 +186,8 @@ void TomlTable::name(std::string_view key, std::string& value) {
 void TomlTable::scalar(std::string_view key, std::string& value) {
     const toml::node* node = node_->find(key);
     if (node == nullptr) return;
-    if (node->is_string()) value = node->as_string()->get();
+    if (node->is_string() && has_nul(node->as_string()->get())) node_->report(*node, key, kNul);
+    else if (node->is_string()) value = node->as_string()->get();
     else if (node->is_integer()) value = fmt::format("{}", node->as_integer()->get());
     else if (node->is_floating_point() && std::isfinite(node->as_floating_point()->get()))
         value = fmt::format("{}", node->as_floating_point()->get());
@@ -204,7 +213,8 @@ void TomlTable::texts(std::string_view key, std::vector<std::string>& values) {
     auto read =
         node_->list<std::string>(key, "is not a list of texts: write [\"a\", \"b\"]",
                                  [](const toml::node& element, const std::string&) { return element.is_string(); });
-    if (read) values = std::move(*read);
+    if (read && std::ranges::any_of(*read, has_nul)) node_->report(*node_->find(key), key, kNul);
+    else if (read) values = std::move(*read);
 }
 
 std::optional<std::size_t> TomlTable::choice(std::string_view key, std::span<const std::string_view> names) {

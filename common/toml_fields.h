@@ -70,6 +70,7 @@ class TomlTable {
         if (auto read = read_integer(key, low, high)) value = static_cast<Int>(*read);
     }
     void boolean(std::string_view key, bool& value);
+    // Refuses a NUL, as every reading of a text does.
     void text(std::string_view key, std::string& value);
     // A text that people, tables and protocols call something by: refuses "" and control characters.
     void name(std::string_view key, std::string& value);

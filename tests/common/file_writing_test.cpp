@@ -47,6 +47,7 @@ TEST(WholeFile, of_a_pipe_is_waited_for_and_what_never_ends_is_not_read) {
     ::close(ends[0]);
     EXPECT_FALSE(read_file("/dev/zero"));
     EXPECT_EQ(errno, EFBIG);
+    EXPECT_EQ(cannot_read("x").cure, "it is larger than 2 GiB, or never ends: give another file");
     EXPECT_EQ(read_file("/dev/null"), "");
 }
 

@@ -183,6 +183,36 @@ TEST(TomlFields, a_text_that_is_not_closed_is_told) {
     EXPECT_THAT(problems.lines(), ElementsAre(HasSubstr("a.toml:1: not valid TOML")));
 }
 
+TEST(TomlFields, a_text_with_a_nul_is_refused_and_its_key_named) {
+    TomlProblems problems;
+    TomlTable root = TomlTable::parse_text(
+        "a = \"x\\u0000y\"\nb = [\"x\", \"\\u0000\"]\nc = \"\\u0000\"\nd = \"x\\ty\"\n", "file", problems);
+    std::string a = "as it was", c = a, d;
+    std::vector<std::string> b{a};
+    root.text("a", a);
+    root.texts("b", b);
+    root.scalar("c", c);
+    root.text("d", d);
+    EXPECT_THAT(problems.lines(),
+                testing::ElementsAre("file:1: a: holds a NUL character: take \\u0000 out",
+                                     "file:2: b: holds a NUL character: take \\u0000 out",
+                                     "file:3: c: holds a NUL character: take \\u0000 out"));
+    EXPECT_EQ(a + b[0] + c, "as it wasas it wasas it was");
+    EXPECT_EQ(d, "x\ty");
+}
+
+TEST(TomlFields, a_file_that_is_no_utf8_gets_that_cure) {
+    for (const std::string_view text :
+         {std::string_view("name = \"S\xFC"
+                           "d\"\n"),
+          std::string_view("\xFF\xFE[\0a\0]\0\n\0", 10), std::string_view("[\0a\0]\0\n\0", 8)}) {
+        TomlProblems problems;
+        (void)TomlTable::parse_text(text, "file", problems);
+        ASSERT_EQ(problems.lines().size(), 1U);
+        EXPECT_THAT(problems.lines()[0], testing::EndsWith(": save the file as UTF-8"));
+    }
+}
+
 TEST(TomlFields, a_missing_file_is_not_found) {
     TomlProblems problems;
     (void)TomlTable::parse_file("/none/a.toml", problems);
