@@ -1,12 +1,16 @@
 #include "firmware/config/path_check.h"
 
+#include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <linux/magic.h>
 #include <pwd.h>
+#include <sys/vfs.h>
 #include <unistd.h>
 
 #include "common/toml_fields.h"
@@ -26,6 +30,14 @@ std::string refusal(const fs::path& path, int mode) {
     return ::faccessat(AT_FDCWD, path.c_str(), mode, AT_EACCESS) == 0 ? std::string() : std::strerror(errno);
 }
 
+// Permissions do not tell that no file can be made there.
+bool is_view_of_kernel(const fs::path& path) {
+    struct statfs system {};
+    if (::statfs(path.c_str(), &system) != 0) return false;
+    constexpr std::array<long, 4> kViews{PROC_SUPER_MAGIC, SYSFS_MAGIC, CGROUP_SUPER_MAGIC, CGROUP2_SUPER_MAGIC};
+    return std::ranges::find(kViews, static_cast<long>(system.f_type)) != kViews.end();
+}
+
 class Folders {
   public:
     void read(const char* key, const fs::path& folder) {
@@ -41,6 +53,7 @@ class Folders {
         std::error_code error;
         if (fs::exists(folder, error) || error) {
             if (!is_folder(key, folder)) return;
+            if (is_view_of_kernel(folder)) return problem(key, folder, "cannot hold files", "name another folder");
             if (const auto why = refusal(folder, W_OK | X_OK); !why.empty())
                 return problem(key, folder, "cannot be written by user " + user_ + " (" + why + ")",
                                "give this user the right, or name another folder");
@@ -53,6 +66,9 @@ class Folders {
                            fmt::format("cannot be created: {} {}", parent.string(),
                                        fs::exists(parent, error) ? "is not a folder" : "does not exist"),
                            "create that folder, or name another one");
+        if (is_view_of_kernel(parent))
+            return problem(key, folder, fmt::format("cannot be created: {} cannot hold files", parent.string()),
+                           "name another one");
         if (const auto why = refusal(parent, W_OK | X_OK); !why.empty())
             return problem(key, folder,
                            fmt::format("cannot be created by user {} in {} ({})", user_, parent.string(), why),

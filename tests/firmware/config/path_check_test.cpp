@@ -48,6 +48,13 @@ TEST_F(FolderCheck, a_store_is_there_or_can_be_created_and_which_is_said) {
     EXPECT_THAT(good(), ElementsAre(HasSubstr("may write it")));
 }
 
+TEST_F(FolderCheck, what_the_kernel_shows_as_files_holds_no_store) {
+    config_.store.folder = "/proc/hord";
+    EXPECT_THAT(problem(), HasSubstr("/proc/hord cannot be created: /proc cannot hold files"));
+    config_.store.folder = "/proc";
+    EXPECT_THAT(problem(), HasSubstr("store.folder: /proc cannot hold files"));
+}
+
 TEST_F(FolderCheck, a_store_that_cannot_be_is_refused_unless_it_is_switched_off) {
     config_.store.folder = root_.path() / "missing" / "store/";
     EXPECT_THAT(problem(), AllOf(HasSubstr("store.folder"), HasSubstr("missing does not exist: create that folder")));
