@@ -7,6 +7,7 @@
 
 #include "common/crc32.h"
 #include "common/file_kind.h"
+#include "common/file_writing.h"
 #include "common/toml_fields.h"
 #include "firmware/recipes/reference_file.h"
 
@@ -194,14 +195,16 @@ void read_features(TomlTable& root, algo::Recipe& recipe) {
     }
 }
 
-// A limit for a feature that is off is a problem.
-void read_limits(TomlTable& limits, algo::Recipe& recipe) {
+// A limit for a feature that is off is a problem. Returns the keys of limits for features that are on and not set.
+std::vector<std::string> read_limits(TomlTable& limits, algo::Recipe& recipe) {
+    std::vector<std::string> unset;
     const auto limit = [&](bool on, std::string_view key, float& value, double low, double high,
                            std::string_view feature) {
         if (!on && limits.has(key))
             limits.problem(key, fmt::format("is a limit of {}, which is not among the features", feature),
                            "remove it, or add that to features");
         limits.number(key, value, low, high);
+        if (on && !limits.has(key)) unset.emplace_back(key);
     };
     for (const algo::Feature gradient : algo::kJudgedGradients) {
         const bool on = recipe.gradient == gradient;
@@ -215,6 +218,7 @@ void read_limits(TomlTable& limits, algo::Recipe& recipe) {
     limit(recipe.slopes, "frobenius_bins", recipe.frobenius_limit_bins, 1e-3, 30, kSlopes);
     limit(recipe.light, "transmission", recipe.transmission_limit, 0, 0.999, kLight);
     limits.integer("min_area", recipe.min_area, 1, 1'000'000);
+    return unset;
 }
 
 Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::filesystem::path& folder) {
@@ -240,7 +244,7 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
     if (const auto period = light.choice("period", kChecked)) recipe.check_period = *period == 0;
     TomlTable limits = root.table("limits");
     read_features(root, recipe);
-    read_limits(limits, recipe);
+    numbered.unset_limits = read_limits(limits, recipe);
     if (recipe.dark_dn != 0 && recipe.saturated_dn != 0 && recipe.dark_dn >= recipe.saturated_dn) {
         light.problem("dark_dn", "is not below saturated_dn", "lower it, or raise saturated_dn");
     }
@@ -418,10 +422,44 @@ Result<algo::Recipe> parse_recipe(std::string_view text, std::string_view name) 
 
 Result<NumberedRecipe> load_numbered_recipe(const std::filesystem::path& file) {
     if (auto right = common::require_kind(file, common::FileKind::recipe); !right) return tl::unexpected(right.error());
+    const auto text = common::read_file(file);
+    if (!text) return tl::unexpected(common::cannot_read(file));
+    return parse_recipe_file(*text, file);
+}
+
+Result<NumberedRecipe> parse_recipe_file(std::string_view text, const std::filesystem::path& file) {
+    if (auto fine = common::refuse_blank(text, file); !fine) return tl::unexpected(fine.error());
     TomlProblems found;
-    TomlTable root = TomlTable::parse_file(file, found);
+    TomlTable root = TomlTable::parse_text(text, file.string(), found);
+    if (!text.ends_with('\n')) {
+        found.add(
+            fmt::format("{}:{}: the last line has no line end, so the file may have lost its end: end it with a "
+                        "line end, or copy the file again",
+                        file.string(), 1 + std::ranges::count(text, '\n')));
+    }
     if (!found.empty()) return found.as_error();
+    if (!root.has("schema"))
+        root.problem("schema", "is missing", fmt::format("write schema = {} above the first section", kRecipeSchema));
     return read(std::move(root), found, std::filesystem::absolute(file).parent_path());
+}
+
+std::vector<std::string> notes(const NumberedRecipe& numbered) {
+    std::vector<std::string> messages = algo::notes(numbered.recipe);
+    if (!numbered.unset_limits.empty()) {
+        std::string counts;
+        for (const std::string& key : numbered.unset_limits) {
+            const algo::Recipe& r = numbered.recipe;
+            const float value = key == kLight ? r.transmission_limit
+                : key == "frobenius_bins"     ? r.frobenius_limit_bins
+                                              : r.emd_limit_bins;
+            counts += fmt::format("{}{} = {}", counts.empty() ? "" : ", ", key, value);
+        }
+        messages.push_back(
+            fmt::format("[limits] does not set {}: the defaults count ({}); a file that lost its end "
+                        "looks like this: set them, or compare it with its original",
+                        fmt::join(numbered.unset_limits, ", "), counts));
+    }
+    return messages;
 }
 
 Result<NumberedRecipe> recipe_or_default(const std::filesystem::path& file) {

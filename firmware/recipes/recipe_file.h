@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "algo/recipe/recipe.h"
 #include "common/result.h"
@@ -16,7 +17,8 @@ struct NumberedRecipe {
     std::uint16_t number = 0;   // by which a PLC selects it, 0..65534
     std::uint32_t version = 1;  // whoever changes the recipe increments it
     algo::Recipe recipe = {};
-    std::filesystem::path reference_file = {};  // file of recipe.reference; empty: none
+    std::filesystem::path reference_file = {};   // file of recipe.reference; empty: none
+    std::vector<std::string> unset_limits = {};  // keys of [limits] for its features that its file does not set
 };
 
 // The recipe as the text of a recipe file; parsing it gives the same recipe.
@@ -30,6 +32,12 @@ std::uint32_t crc32_of(const NumberedRecipe& recipe);
 // lie on the light field is checked later, with its extents: algo::problems(recipe, extents).
 Result<NumberedRecipe> load_numbered_recipe(const std::filesystem::path& file);
 Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_view name);
+// The text of a recipe's file. It must have `schema` and end with a line end: a part of a file can lack either.
+Result<NumberedRecipe> parse_recipe_file(std::string_view text, const std::filesystem::path& file);
+
+// What the recipe allows and hardly anybody wants: algo::notes() and limits that count though the file does not
+// set them.
+std::vector<std::string> notes(const NumberedRecipe& recipe);
 
 // The same for the default recipe where `file` is empty.
 Result<NumberedRecipe> recipe_or_default(const std::filesystem::path& file);

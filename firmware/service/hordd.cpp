@@ -235,14 +235,15 @@ int main(int argc, char** argv) {
         if (!found.empty()) return refuse_configuration(found.as_error().value());
         for (const std::string& folder : *folders) fmt::print("{}\n", folder);
         for (const Error& note : notes(*config)) fmt::print("note: {}\n", note.message());
-        const auto print_notes = [](const std::filesystem::path& file, const algo::Recipe& of) {
-            for (const std::string& note : algo::notes(of)) fmt::print("{}: note: {}\n", file.string(), note);
+        const auto print_notes = [](const std::filesystem::path& file, const NumberedRecipe& of) {
+            for (const std::string& note : notes(of)) fmt::print("{}: note: {}\n", file.string(), note);
         };
-        print_notes(config->inspection.recipe, recipe->recipe);
+        print_notes(config->inspection.recipe, *recipe);
         for (const RecipeEntry& entry : all.value_or(std::vector<RecipeEntry>())) {
             std::error_code none;
-            if (entry.recipe && !std::filesystem::equivalent(entry.file, config->inspection.recipe, none))
-                print_notes(entry.file, entry.recipe->recipe);
+            if (std::filesystem::equivalent(entry.file, config->inspection.recipe, none)) continue;
+            if (entry.recipe) print_notes(entry.file, *entry.recipe);
+            else fmt::print("note: a recipe that cannot be selected: {}\n", entry.recipe.error().message());
         }
         fmt::print("{} can be used; devices were not asked\n", options.config);
         return end_output(0);

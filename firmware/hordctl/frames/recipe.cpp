@@ -55,7 +55,7 @@ Exit check(const RecipeOptions& options) {
         }
         fmt::print("{}: number {}, version {}, CRC-32 {:08X}\n", file, recipe->number, recipe->version,
                    crc32_of(*recipe));
-        for (const std::string& note : algo::notes(recipe->recipe)) fmt::print("{}: note: {}\n", file, note);
+        for (const std::string& note : notes(*recipe)) fmt::print("{}: note: {}\n", file, note);
     }
     if (const auto unique = check_numbers(all); !unique) status = complain(unique.error());
     return status;
@@ -79,7 +79,7 @@ Exit seal(const RecipeOptions& options) {
             return complain(right.error());
         static const std::regex old_seal("(^|\n)crc32[ \t]*=[^\n]*\n");
         const std::string text = std::regex_replace(*read, old_seal, "$1");
-        const auto recipe = parse_numbered_recipe(text, file);
+        const auto recipe = parse_recipe_file(text, file);
         if (!recipe) return complain(recipe.error());
         const std::string sum = fmt::format("{:08X}", crc32_of(*recipe));
         struct stat before {

@@ -1,5 +1,7 @@
 #include "firmware/recipes/recipe_file.h"
 
+#include <algorithm>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -292,16 +294,53 @@ TEST(Recipe, limits_that_no_pipeline_takes_are_refused_at_reading) {
     }
 }
 
+TEST(RecipeFile, a_file_that_lost_a_part_of_it_is_refused_or_noted) {
+    const std::string whole =
+        "schema = 1\nname = \"lens\"\nnumber = 3\nversion = 1\n[limits]\nemd_bins = 0.5\n"
+        "frobenius_bins = 0.5\ntransmission = 0.8\n[light]\ndark_dn = 2\n";
+    const auto said = [](const std::string& text) {
+        const auto recipe = parse_recipe_file(text, "r.toml");
+        return recipe ? "" : recipe.error().message();
+    };
+    ASSERT_EQ(said(whole), "");
+    EXPECT_THAT(notes(*parse_recipe_file(whole, "r.toml")), ::testing::IsEmpty());
+    // Cut anywhere: refused, or its notes name the limits that were lost.
+    for (std::size_t length = 0; length < whole.find("[light]"); ++length) {
+        const std::string rest = whole.substr(0, length);
+        const auto recipe = parse_recipe_file(rest, "r.toml");
+        if (!rest.ends_with('\n')) {
+            EXPECT_FALSE(recipe) << rest;
+        } else if (recipe) {
+            EXPECT_EQ(rest.find("transmission") == rest.npos,
+                      !notes(*recipe).empty() && notes(*recipe).back().find("transmission") != std::string::npos)
+                << rest;
+        }
+    }
+    EXPECT_THAT(said(whole.substr(0, whole.size() - 1)), HasSubstr("r.toml:10: the last line has no line end"));
+    EXPECT_THAT(said(whole.substr(whole.find("name"))), HasSubstr("schema: is missing: write schema = 1"));
+    const auto cut = parse_recipe_file(whole.substr(0, whole.find("[limits]")), "r.toml");
+    ASSERT_TRUE(cut);
+    EXPECT_THAT(cut->unset_limits, ::testing::ElementsAre("emd_bins", "frobenius_bins", "transmission"));
+    EXPECT_THAT(notes(*cut).back(), HasSubstr("transmission = "));
+    const auto light = parse_recipe_file("schema = 1\nfeatures = [\"transmission\"]\n", "r.toml");
+    ASSERT_TRUE(light) << light.error().message();
+    EXPECT_THAT(light->unset_limits, ::testing::ElementsAre("transmission")) << "those of its features";
+    // What the programs write is whole.
+    const auto written = parse_recipe_file(format_recipe(*cut), "r.toml");
+    ASSERT_TRUE(written) << written.error().message();
+    EXPECT_THAT(notes(*written), ::testing::IsEmpty());
+}
+
 TEST(RecipeFolder, finds_by_number_and_says_why_it_cannot) {
     const auto folder = std::filesystem::temp_directory_path() / ("hord-recipes-" + std::to_string(::getpid()));
     std::filesystem::create_directories(folder);
     const auto write = [&](const char* name, const char* text) { std::ofstream(folder / name) << text; };
-    write("a.toml", "number = 1\n");
-    write("b.toml", "number = 2\n");
+    write("a.toml", "schema = 1\nnumber = 1\n");
+    write("b.toml", "schema = 1\nnumber = 2\n");
     write("notes.txt", "number = 3\n");
     EXPECT_TRUE(find_recipe(folder, 2));
     EXPECT_EQ(find_recipe(folder, 3).error().code, ErrorCode::not_found);
-    write("c.toml", "number = 1\n");
+    write("c.toml", "schema = 1\nnumber = 1\n");
     EXPECT_EQ(find_recipe(folder, 1).error().code, ErrorCode::refused);
     write("c.toml", "nubmer = 3\n");
     EXPECT_THAT(find_recipe(folder, 3).error().what, HasSubstr("c.toml:1"));

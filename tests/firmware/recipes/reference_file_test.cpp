@@ -135,13 +135,12 @@ TEST_F(ReferenceFile, a_recipe_that_names_it_survives_being_written_and_read) {
 }
 
 TEST_F(ReferenceFile, where_something_is_tolerated_may_be_named_with_mm_as_zones_are) {
-    const auto read =
-        [&](const std::string& place) {
-            std::ofstream(folder / "r.toml")
-                << "[scale]\nlenslet_mm = 0.5\n[reference]\nfile = \"part.hordref\"\n[[tolerate]]\nlargest_mm = 1.5\n"
-                << place;
-            return load_numbered_recipe(folder / "r.toml");
-        };
+    const auto read = [&](const std::string& place) {
+        std::ofstream(folder / "r.toml") << "schema = 1\n[scale]\nlenslet_mm = 0.5\n[reference]\nfile = "
+                                            "\"part.hordref\"\n[[tolerate]]\nlargest_mm = 1.5\n"
+                                         << place;
+        return load_numbered_recipe(folder / "r.toml");
+    };
     const auto plain = read("shape = \"circle\"\ncentre = [0.5, -0.25]\nradius = 0.75\n"),
                named = read("shape = \"circle\"\ncentre_mm = [0.5, -0.25]\nradius_mm = 0.75\n");
     ASSERT_TRUE(plain) << plain.error().message();

@@ -68,9 +68,9 @@ class TeachService : public ::testing::Test {
         folder = ::mkdtemp(name.data());
         fs::create_directories(folder / "state");
         // Without a reference it passes every part with light.
-        std::ofstream(folder / "wide.toml")
-            << "name = \"wide\"\nnumber = 7\n[limits]\nemd_bins = 30\nfrobenius_bins = 30\ntransmission = 0\n"
-               "[reference]\nreject_score = 12\ncluster_score = 18\n";
+        std::ofstream(folder / "wide.toml") << "schema = 1\nname = \"wide\"\nnumber = 7\n[limits]\nemd_bins = "
+                                               "30\nfrobenius_bins = 30\ntransmission = 0\n"
+                                               "[reference]\nreject_score = 12\ncluster_score = 18\n";
         const auto wide = load_numbered_recipe(folder / "wide.toml");
         EXPECT_TRUE(wide) << wide.error().message();
         configured = crc32_of(*wide);

@@ -134,7 +134,7 @@ TEST(Inspect, every_feature_it_names_has_a_map) {
 TEST(Inspect, deflection_and_power_are_maps_in_a_lens_makers_units) {
     const TemporaryFolder folder;
     const std::string frame = write(folder, "a.png", plain_frame());
-    std::ofstream(folder / "scale.toml") << "[scale]\nlenslet_mm = 0.2\nbin_rad = 0.015\n";
+    std::ofstream(folder / "scale.toml") << "schema = 1\n[scale]\nlenslet_mm = 0.2\nbin_rad = 0.015\n";
     for (const auto& [feature, unit, value] : {std::tuple{"deflection-x", "mrad", 15.0},
                                                {"deflection-y", "mrad", 0.0},
                                                {"optical-power", "dioptres", 0.0}}) {
@@ -194,7 +194,7 @@ TEST(Inspect, a_lenslet_without_a_value_is_NaN_in_the_map_of_every_feature) {
 // Without --feature the map that decided is shown, and the JSON names it.
 TEST(Inspect, shows_the_map_that_decided) {
     const TemporaryFolder folder;
-    std::ofstream(folder / "r.toml") << "[part]\npresent = \"unchecked\"\n";
+    std::ofstream(folder / "r.toml") << "schema = 1\n[part]\npresent = \"unchecked\"\n";
     const auto inspect = [&](const std::string& name, const Frame& frame) {
         const Said said = run("hordctl",
                               {"inspect", write(folder, name + ".png", frame), "--recipe", folder / "r.toml", "--json",

@@ -14,6 +14,8 @@ namespace {
 
 using ::testing::HasSubstr;
 
+constexpr const char* kLimits = "[limits]\nemd_bins = 0.5\nfrobenius_bins = 0.5\ntransmission = 0.8\n";
+
 void write(const std::string& file, const std::string& text) { std::ofstream(file) << text; }
 std::string text_of(const std::string& file) {
     std::ifstream in(file);
@@ -24,15 +26,15 @@ std::string text_of(const std::string& file) {
 
 TEST(Recipes, of_a_folder_are_listed_with_what_a_plc_must_know_and_bad_ones_are_named) {
     const TemporaryFolder folder;
-    write(folder / "a.toml", "name = \"bottle\"\nnumber = 7\nversion = 3\n");
+    write(folder / "a.toml", "schema = 1\nname = \"bottle\"\nnumber = 7\nversion = 3\n");
     EXPECT_EQ(run("hordctl", {"recipe", "list", folder.path().string()}).status, 0);
     write(folder / "b.toml", "nmae = \"vial\"\n");
     const Said said = run("hordctl", {"recipe", "list", folder.path().string()});
     EXPECT_EQ(said.status, 2);
     EXPECT_THAT(said.out, HasSubstr("bottle"));
     EXPECT_THAT(said.err, HasSubstr("b.toml:1"));
-    write(folder / "b.toml", "number = 7\n");
-    write(folder / "c.toml", "number = 7\n");
+    write(folder / "b.toml", "schema = 1\nnumber = 7\n");
+    write(folder / "c.toml", "schema = 1\nnumber = 7\n");
     const std::string a = folder / "a.toml";
     EXPECT_EQ(run("hordctl", {"recipe", "list", folder.path().string()}).err,
               "hordctl: " + a + " and " + (folder / "b.toml") + " both have number 7, " + a + " and " +
@@ -42,7 +44,7 @@ TEST(Recipes, of_a_folder_are_listed_with_what_a_plc_must_know_and_bad_ones_are_
 TEST(Recipes, that_are_sealed_are_refused_once_somebody_changed_what_they_say_but_not_how) {
     const TemporaryFolder folder;
     const std::string file = folder / "a.toml";
-    write(file, "# ours\nname = \"bottle\"\n[limits]\nemd_bins = 0.9\n");
+    write(file, "# ours\nschema = 1\nname = \"bottle\"\n[limits]\nemd_bins = 0.9\n");
     EXPECT_EQ(run("hordctl", {"recipe", "seal", file}).status, 0);
     EXPECT_EQ(run("hordctl", {"recipe", "seal", file}).status, 0);  // again: one seal
     EXPECT_EQ(run("hordctl", {"recipe", "check", file}).status, 0);
@@ -61,7 +63,7 @@ TEST(Recipes, that_single_frames_cannot_judge_in_full_are_noted_and_can_be_used)
     const TemporaryFolder folder;
     const std::string file = folder / "a.toml";
     const auto checked = [&](const std::string& text) {
-        write(file, text);
+        write(file, "schema = 1\n" + text);
         const Said said = run("hordctl", {"recipe", "check", file});
         EXPECT_EQ(said.status, 0) << said.err;
         return said.out;
@@ -79,14 +81,17 @@ TEST(Recipes, that_single_frames_cannot_judge_in_full_are_noted_and_can_be_used)
                 HasSubstr("note: the scores of [reference] change nothing"));
     EXPECT_THAT(checked("[reference]\n"), HasSubstr("note: [reference] changes nothing, because it names no file"));
     EXPECT_THAT(checked("[light]\ndark_dn = 200\n"), HasSubstr("note: dark_dn takes 200 of 255 DN"));
-    EXPECT_EQ(checked("name = \"bottle\"\n").find("note"), std::string::npos);
+    EXPECT_THAT(checked("name = \"bottle\"\n[limits]\nemd_bins = 0.5\n"),
+                HasSubstr("note: [limits] does not set frobenius_bins, transmission: the defaults count"));
+    EXPECT_EQ(checked(std::string("name = \"bottle\"\n") + kLimits).find("note"), std::string::npos);
 }
 
 TEST(Recipes, are_noted_by_a_check_of_the_configuration_once) {
     const TemporaryFolder folder;
     std::filesystem::create_directory(folder / "recipes");
-    write(folder / "recipes/plate.toml", "[part]\nform = \"plate\"\n");
-    write(folder / "recipes/web.toml", "number = 2\n[part]\nform = \"web\"\n");
+    write(folder / "recipes/plate.toml", std::string("schema = 1\n[part]\nform = \"plate\"\n") + kLimits);
+    write(folder / "recipes/web.toml", "schema = 1\nnumber = 2\n[part]\nform = \"web\"\n");
+    write(folder / "recipes/bad.toml", "garbage\n");
     write(folder / "c.toml",
           simulated_beside("[inspection]\nrecipe = \"recipes/plate.toml\"\nrecipes = \"recipes\"\n"));
     const Said said = run("hordd", {"--check", "--config", folder / "c.toml"});
@@ -95,6 +100,8 @@ TEST(Recipes, are_noted_by_a_check_of_the_configuration_once) {
     EXPECT_NE(plate, std::string::npos) << said.out;
     EXPECT_EQ(said.out.find("plate.toml: note:", plate + 1), std::string::npos) << said.out;
     EXPECT_THAT(said.out, HasSubstr("web.toml: note: whether a part is there is not checked"));
+    EXPECT_THAT(said.out,
+                HasSubstr("note: a recipe that cannot be selected: " + (folder / "recipes/bad.toml") + ":1: "));
 }
 
 TEST(Recipes, of_the_package_can_be_used) {

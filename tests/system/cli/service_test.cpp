@@ -171,7 +171,7 @@ class BeatingPlc {
 // One long test, because the service is started only once.
 TEST_F(Service, rejects_every_part_while_the_plc_is_silent_and_inspects_again_when_it_is_back) {
     std::ofstream(folder / "wide.toml")
-        << "name = \"wide\"\nnumber = 7\n[limits]\nemd_bins = 30\nfrobenius_bins = 30\ntransmission = 0\n";
+        << "schema = 1\nname = \"wide\"\nnumber = 7\n[limits]\nemd_bins = 30\nfrobenius_bins = 30\ntransmission = 0\n";
     std::ofstream(folder / "c.toml")
         << "[station]\nmax_failures_in_a_row = 0\n[line]\nexposure_delay_ms = 400\ntransport_ms = 3000\nmin_gap_ms = "
            "450\n"
@@ -345,7 +345,7 @@ TEST_F(Service, starts_warm_from_what_it_rendered_before) {
 
 TEST_F(Service, remembers_the_recipe_that_was_committed_until_another_is_configured) {
     std::filesystem::create_directories(folder / "recipes");
-    std::ofstream(folder / "recipes/seven.toml") << "name = \"seven\"\nnumber = 7\n";
+    std::ofstream(folder / "recipes/seven.toml") << "schema = 1\nname = \"seven\"\nnumber = 7\n";
     write_config("[station]\nautostart = false\n");
     const std::vector<std::string> arguments = under({"STATE_DIRECTORY=" + folder.path().string()});
     const auto number_in_use = [&](bool switch_to_seven) {
@@ -364,7 +364,7 @@ TEST_F(Service, remembers_the_recipe_that_was_committed_until_another_is_configu
     EXPECT_EQ(number_in_use(false), 0);
     EXPECT_EQ(number_in_use(true), 7);
     EXPECT_EQ(number_in_use(false), 7);
-    std::ofstream(folder / "other.toml") << "name = \"other\"\nnumber = 9\n";
+    std::ofstream(folder / "other.toml") << "schema = 1\nname = \"other\"\nnumber = 9\n";
     std::ofstream(folder / "c.toml") << simulated_beside(
         "[inspection]\nmacro = \"3x3\"\nrecipe = \"other.toml\"\n[modbus]\nport = 0\n"
         "[station]\nautostart = false\n");

@@ -373,7 +373,8 @@ class Plc {
 TEST(Plc, brings_the_station_up_takes_results_changes_the_recipe_and_tests_it) {
     const TemporaryFolder folder;
     std::filesystem::create_directories(folder / "recipes");
-    std::ofstream(folder / "recipes/seven.toml") << "name = \"seven\"\nnumber = 7\n[limits]\nemd_bins = 0.9\n";
+    std::ofstream(folder / "recipes/seven.toml")
+        << "schema = 1\nname = \"seven\"\nnumber = 7\n[limits]\nemd_bins = 0.9\n";
     std::ofstream(folder / "c.toml") << "[station]\nautostart = false\n[plc]\npolicy = \"stop\"\ntimeout_ms = 60000\n"
                                      << kRoomyLine;
     Running station("hordctl",

@@ -83,7 +83,7 @@ TEST(Store, of_a_simulated_line_holds_every_part_verifies_and_replays_to_the_bit
     ASSERT_GT(lines(replayed.out), 0U);
     std::istringstream each(replayed.out);
     for (std::string line; std::getline(each, line);) EXPECT_THAT(line, HasSubstr("\"explain\":\"")) << line;
-    std::ofstream(folder / "strict.toml") << "name = \"strict\"\n[limits]\nemd_bins = 0.01\n";
+    std::ofstream(folder / "strict.toml") << "schema = 1\nname = \"strict\"\n[limits]\nemd_bins = 0.01\n";
     const Said stricter = run("hordctl", {"replay", "--store", store, "--json", "--recipe", folder / "strict.toml"});
     EXPECT_EQ(stricter.status, 1);
     EXPECT_THAT(stricter.out, HasSubstr("\"changes\":[\"verdict\""));

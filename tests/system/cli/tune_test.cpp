@@ -59,7 +59,7 @@ std::string text_of(const std::string& file) {
 }
 
 // The drawn part fills the field.
-constexpr const char* kFillsField = "[part]\npresent = \"unchecked\"\n";
+constexpr const char* kFillsField = "schema = 1\n[part]\npresent = \"unchecked\"\n";
 
 class Tune : public ::testing::Test {
   protected:
@@ -250,7 +250,7 @@ TEST_F(Tune, starts_from_a_recipe_and_measures_a_reference) {
         learn.push_back(folder / ("learn" + std::to_string(k) + ".png"));
     }
     ASSERT_EQ(run("hordctl", learn).status, 0);
-    std::ofstream(folder / "base.toml") << "name = \"lens\"\nnumber = 7\nversion = 3\n[limits]\nmin_area = "
+    std::ofstream(folder / "base.toml") << "schema = 1\nname = \"lens\"\nnumber = 7\nversion = 3\n[limits]\nmin_area = "
                                            "4\n[[zone]]\nshape = \"circle\"\ncentre = [13, 11]\nradius = 20\n"
                                         << kFillsField;
     const Said said = tune({"--budget", "100000", "--recipe", folder / "base.toml", "--reference",
