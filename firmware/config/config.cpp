@@ -3,9 +3,13 @@
 #include <algorithm>
 #include <tuple>
 
+#include <fmt/format.h>
+
 #include "algo/frame/extents.h"
 #include "common/file_kind.h"
+#include "common/name_bytes.h"
 #include "common/toml_fields.h"
+#include "common/utf8.h"
 #include "firmware/config/device_sections.h"
 
 namespace hord::firmware {
@@ -238,6 +242,13 @@ std::vector<Error> notes(const Config& config) {
         else
             add("the strobe is simulated and the camera is not: no light of this station falls on the parts",
                 "light them by hand for a trial, or describe the light in [strobe]");
+    }
+    if (config.name.size() > common::kNameBytes) {
+        const std::string_view held = common::utf8_prefix(config.name, common::kNameBytes);
+        found.push_back({ErrorCode::invalid_argument,
+                         fmt::format("station.name has {} bytes, and registers hold {} of them (\"{}\")",
+                                     config.name.size(), common::kNameBytes, held),
+                         "shorten it"});
     }
     return found;
 }

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "common/utf8.h"
 #include "firmware/core/faults.h"
 #include "firmware/core/states.h"
 #include "firmware/registers/register_map.h"
@@ -62,11 +63,7 @@ void set_if_changed(float& limit, std::uint16_t staged, std::uint16_t was, doubl
 
 // As much of a text as REPLY holds; what is left out is in the journal.
 RemarkText remark_of(std::string text) {
-    if (text.size() > kRemarkChars) {
-        std::size_t end = kRemarkChars - 3;
-        while ((static_cast<unsigned char>(text[end]) & 0xC0U) == 0x80U) --end;  // between two UTF-8 characters
-        text.replace(end, text.npos, "...");
-    }
+    if (text.size() > kRemarkChars) text.replace(common::utf8_prefix(text, kRemarkChars - 3).size(), text.npos, "...");
     return RemarkText(text);
 }
 

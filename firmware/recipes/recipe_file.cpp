@@ -8,7 +8,9 @@
 #include "common/crc32.h"
 #include "common/file_kind.h"
 #include "common/file_writing.h"
+#include "common/name_bytes.h"
 #include "common/toml_fields.h"
+#include "common/utf8.h"
 #include "firmware/recipes/reference_file.h"
 
 namespace hord::firmware {
@@ -458,6 +460,10 @@ std::vector<std::string> notes(const NumberedRecipe& numbered) {
             fmt::format("[limits] does not set {}: the defaults count ({}); a file that lost its end "
                         "looks like this: set them, or compare it with its original",
                         fmt::join(numbered.unset_limits, ", "), counts));
+    }
+    if (const std::string& name = numbered.recipe.name; name.size() > common::kNameBytes) {
+        messages.push_back(fmt::format("name has {} bytes, and registers hold {} of them (\"{}\"): shorten it",
+                                       name.size(), common::kNameBytes, common::utf8_prefix(name, common::kNameBytes)));
     }
     return messages;
 }

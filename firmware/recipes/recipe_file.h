@@ -35,8 +35,8 @@ Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_
 // The text of a recipe's file. It must have `schema` and end with a line end: a part of a file can lack either.
 Result<NumberedRecipe> parse_recipe_file(std::string_view text, const std::filesystem::path& file);
 
-// What the recipe allows and hardly anybody wants: algo::notes() and limits that count though the file does not
-// set them.
+// What the recipe allows and hardly anybody wants: algo::notes(), limits that count though the file does not set them,
+// a name that registers cut.
 std::vector<std::string> notes(const NumberedRecipe& recipe);
 
 // The same for the default recipe where `file` is empty.

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "common/crc32.h"
+#include "common/utf8.h"
 
 namespace hord::firmware {
 namespace {
@@ -42,7 +43,7 @@ std::int64_t whole_number(const Register& row, std::optional<double> value) {
 
 void put(const Register& row, std::span<std::uint16_t> words, const RegisterValues& source) {
     if (row.type == RegisterType::text) {
-        const std::string_view text = row.text(source);
+        const std::string_view text = common::utf8_prefix(row.text(source), 2 * words.size());
         for (std::size_t k = 0; k < words.size(); ++k) {
             const auto at = [&](std::size_t c) { return c < text.size() ? static_cast<unsigned char>(text[c]) : 0U; };
             words[k] = static_cast<std::uint16_t>(at(2 * k) << 8U | at(2 * k + 1));
@@ -59,17 +60,31 @@ std::string_view name_among(std::span<const NamedValue> values, std::uint32_t va
     return found == values.end() ? std::string_view{} : found->name;
 }
 
+// Bytes that are no UTF-8, and control characters, which must not reach a terminal, become question marks.
+std::string printable(std::string_view bytes) {
+    std::string out;
+    while (!bytes.empty()) {
+        const std::size_t length = common::utf8_length(bytes);
+        const auto second = static_cast<unsigned char>(length == 2 ? bytes[1] : 0);
+        const bool control = length == 1 ? bytes[0] < 0x20 || bytes[0] == 0x7F : bytes[0] == '\xC2' && second < 0xA0;
+        if (length == 0 || control) out += '?';
+        else out += bytes.substr(0, length);
+        bytes.remove_prefix(std::max<std::size_t>(length, 1));
+    }
+    return out;
+}
+
 Reading take(const Register& row, std::span<const std::uint16_t> words) {
     Reading reading{.what = &row, .number = {}, .text = "-"};
     if (row.type == RegisterType::text) {
-        reading.text.clear();
+        std::string bytes;
         for (const std::uint16_t word : words) {
-            if (word == 0xFFFF) return reading;  // an older station: it has no such row
-            for (const unsigned c : {unsigned{word} >> 8U, word & 0xFFU}) {
-                if (c == 0) return reading;
-                reading.text += c >= 0x20 && c < 0x7F ? static_cast<char>(c) : '?';
-            }
+            if (word == 0xFFFF) break;  // an older station: it has no such row
+            bytes += static_cast<char>(word >> 8U);
+            bytes += static_cast<char>(word & 0xFFU);
         }
+        bytes.resize(std::min(bytes.find('\0'), bytes.size()));
+        reading.text = printable(bytes);
         return reading;
     }
     const std::uint32_t raw = row.words == 2 ? std::uint32_t{words[0]} << 16U | words[1] : words[0];

@@ -9,6 +9,8 @@
 #include <string>
 #include <string_view>
 
+#include "common/name_bytes.h"
+#include "common/utf8.h"
 #include "firmware/core/commands.h"
 #include "firmware/core/station_types.h"
 
@@ -27,14 +29,12 @@ struct StationIdentity {
     std::uint32_t simulated = 0;  // the fault bits of the devices that are simulated, or play recorded frames
 };
 
-// Text of at most `most` characters, copied without allocating; longer text is truncated.
+// Text of at most `most` bytes, copied without allocating; longer text is cut between two characters.
 template <std::size_t most>
 class FixedText {
   public:
     FixedText() = default;
-    FixedText(std::string_view text) {
-        std::copy_n(text.begin(), std::min(text.size(), chars_.size()), chars_.begin());
-    }
+    FixedText(std::string_view text) { std::ranges::copy(common::utf8_prefix(text, most), chars_.begin()); }
     [[nodiscard]] std::string_view view() const {
         return {chars_.data(),
                 static_cast<std::size_t>(std::find(chars_.begin(), chars_.end(), '\0') - chars_.begin())};
@@ -44,7 +44,7 @@ class FixedText {
   private:
     std::array<char, most> chars_{};
 };
-using ShortText = FixedText<32>;
+using ShortText = FixedText<common::kNameBytes>;
 inline constexpr std::size_t kRemarkChars = 120;
 using RemarkText = FixedText<kRemarkChars>;
 

@@ -761,5 +761,18 @@ TEST(Config, a_missing_file_and_broken_toml_are_named) {
     EXPECT_THAT(problems_of("[line\n"), HasSubstr("cell.toml:1: not valid TOML"));
 }
 
+TEST(Notes, tell_of_a_name_that_registers_cut) {
+    Config config;
+    config.name = "Zelle Süd";
+    EXPECT_THAT(notes(config), ::testing::IsEmpty());
+    config.name = "Glas für die Linsen der Zelle Süd";
+    const auto told = notes(config);
+    ASSERT_EQ(told.size(), 1U);
+    EXPECT_THAT(told[0].message(),
+                ::testing::HasSubstr(
+                    "station.name has 35 bytes, and registers hold 32 of them (\"Glas für die Linsen der Zelle "
+                    "S\"): shorten it"));
+}
+
 }  // namespace
 }  // namespace hord::firmware

@@ -331,6 +331,14 @@ TEST(RecipeFile, a_file_that_lost_a_part_of_it_is_refused_or_noted) {
     EXPECT_THAT(notes(*written), ::testing::IsEmpty());
 }
 
+TEST(RecipeFile, a_name_that_registers_cut_is_noted) {
+    NumberedRecipe recipe;
+    recipe.recipe.name = "Glas für die Linsen der Zelle Süd";
+    EXPECT_THAT(notes(recipe), ::testing::ElementsAre(HasSubstr("name has 35 bytes, and registers hold 32")));
+    recipe.recipe.name = "Zelle Süd";
+    EXPECT_THAT(notes(recipe), ::testing::IsEmpty());
+}
+
 TEST(RecipeFolder, finds_by_number_and_says_why_it_cannot) {
     const auto folder = std::filesystem::temp_directory_path() / ("hord-recipes-" + std::to_string(::getpid()));
     std::filesystem::create_directories(folder);

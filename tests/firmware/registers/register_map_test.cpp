@@ -76,6 +76,33 @@ TEST(Registers, a_text_that_an_older_station_does_not_have_is_empty) {
     EXPECT_EQ(readings->back().text, "");
 }
 
+TEST(Registers, a_name_is_utf8_cut_between_two_characters) {
+    const auto shown = [](const std::string& name) {
+        RegisterExtras extras;
+        extras.recipe.name = ShortText(name);
+        std::vector<std::string> texts;
+        for (const auto& [block, row] : {std::pair(BlockId::ident, "serial"), std::pair(BlockId::recipe, "name")}) {
+            const auto image = image_of(block, example(), {.serial = name}, extras);
+            const auto readings = decode(*find_block(block), image);
+            for (const Reading& r : readings.value()) {
+                if (r.what->name == row) texts.push_back(r.text);
+            }
+        }
+        return texts;
+    };
+    EXPECT_THAT(shown("Zelle Süd"), ElementsAre("Zelle Süd", "Zelle Süd"));
+    EXPECT_THAT(shown("€ 𝄞"), ElementsAre("€ 𝄞", "€ 𝄞"));
+    const std::string all = std::string(30, 'x') + "ü";
+    EXPECT_THAT(shown(all), ElementsAre(all, all)) << "32 bytes";
+    const std::string fits(31, 'x');
+    EXPECT_THAT(shown(fits + "ü"), ElementsAre(fits, fits));
+    EXPECT_THAT(shown(fits + "𝄞"), ElementsAre(fits, fits));
+    // What must not reach a terminal or is no UTF-8: control characters, Latin-1, overlong, surrogates, cut.
+    for (const char* bad : {"a\x1B", "a\x7F", "a\xC2\x9B", "a\xFC", "a\xC0\xAF", "a\xE2\x82"})
+        EXPECT_EQ(shown(bad)[0].substr(0, 2), "a?") << bad;
+    EXPECT_THAT(shown("\xED\xA0\x80"), ElementsAre("???", "???"));
+}
+
 TEST(Registers, a_result_is_encoded_as_documented) {
     const auto image = image_of(BlockId::last, example());
     EXPECT_THAT(std::vector(image.begin() + 2, image.begin() + 26),
