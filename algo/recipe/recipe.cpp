@@ -195,6 +195,17 @@ int side_without_judged(const Recipe& recipe) {
     return largest;
 }
 
+// Of the fields that a sensor is likely to have, the largest; lenslets.
+constexpr int kLargeField = 555;
+
+// An inspect zone of which no lenslet lies on a field of any usual size.
+bool has_zone_outside(const Recipe& recipe) {
+    return std::ranges::any_of(recipe.zones, [&](const Zone& zone) {
+        return zone.use == Zone::Use::inspect && (zone.unit == Zone::Unit::lenslets || recipe.lenslet_mm > 0) &&
+            leaves_nothing(std::span(&zone, 1), {kLargeField, kLargeField, 9, 9}, recipe.lenslet_mm);
+    });
+}
+
 }  // namespace
 
 std::vector<std::string> notes(const Recipe& recipe) {
@@ -265,6 +276,9 @@ std::vector<std::string> notes(const Recipe& recipe) {
     if (const int side = side_without_judged(recipe); side > 0)
         messages.push_back("the zones leave nothing of a field of " + std::to_string(side) + "x" +
                            std::to_string(side) + " lenslets to judge: make the ignore zones smaller");
+    if (has_zone_outside(recipe))
+        messages.push_back("an inspect zone lies outside of a field of " + std::to_string(kLargeField) + "x" +
+                           std::to_string(kLargeField) + " lenslets, and of smaller ones: nothing is judged in it");
     if (!recipe.part_required)
         messages.emplace_back("whether a part is there is not checked: a frame of the empty field can pass");
     return messages;

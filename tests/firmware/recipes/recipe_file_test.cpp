@@ -331,6 +331,24 @@ TEST(RecipeFile, a_file_that_lost_a_part_of_it_is_refused_or_noted) {
     EXPECT_THAT(notes(*written), ::testing::IsEmpty());
 }
 
+TEST(RecipeFile, an_inspect_zone_outside_of_every_field_is_noted) {
+    const auto noted = [](const std::string& place, const std::string& use = "inspect") {
+        const auto recipe = parse_numbered_recipe(
+            "[scale]\nlenslet_mm = 0.1\n[[zone]]\nuse = \"" + use + "\"\nshape = \"circle\"\n" + place, "r.toml");
+        EXPECT_TRUE(recipe) << recipe.error().message();
+        const auto all = recipe ? algo::notes(recipe->recipe) : std::vector<std::string>();
+        return std::ranges::any_of(
+            all, [](const std::string& note) { return note.starts_with("an inspect zone lies outside"); });
+    };
+    EXPECT_TRUE(noted("centre = [-20, 50]\nradius = 10\n"));
+    EXPECT_TRUE(noted("centre = [50, 5000]\nradius = 10\n"));
+    EXPECT_TRUE(noted("centre_mm = [40, 0]\nradius_mm = 1\n"));
+    EXPECT_FALSE(noted("centre = [-5, 50]\nradius = 10\n"));
+    EXPECT_FALSE(noted("centre = [500, 500]\nradius = 10\n")) << "on a large field";
+    EXPECT_FALSE(noted("centre_mm = [0, 0]\nradius_mm = 1\n"));
+    EXPECT_FALSE(noted("centre = [-20, 50]\nradius = 10\n", "ignore"));
+}
+
 TEST(RecipeFile, a_name_that_registers_cut_is_noted) {
     NumberedRecipe recipe;
     recipe.recipe.name = "Glas für die Linsen der Zelle Süd";
