@@ -98,7 +98,7 @@ class Daemon {
         if (!ran) return complain(JournalEvent::trouble, ran.error(), kCannotRun);
         if (!lost.empty()) sd_notifyf(0, "STATUS=%s", lost.front().message().c_str());
         write_to_journal(JournalEvent::stopped,
-                         lost.empty() ? "stopped as asked" : "stopped as asked; " + lost.front().what);
+                         lost.empty() ? "stopped as asked" : "stopped as asked; not everything could be stored");
         return lost.empty() ? 0 : kResultsLost;
     }
 
