@@ -153,10 +153,12 @@ Result<void> SqliteStore::prepare() {
         // auto_vacuum sets the layout of the file: it must be the first statement.
         if (auto done = database_->execute("PRAGMA auto_vacuum = INCREMENTAL"); !done) return done;
     }
-    // Bounds the write-ahead log: a checkpoint every 1000 pages (SQLite's default), and 16 MB after a burst.
-    if (auto done = database_->execute(
-            "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA journal_size_limit = 16777216; "
-            "PRAGMA temp_store = MEMORY");
+    // Bounds the write-ahead log: a checkpoint every 250 pages, and 16 MB after a burst. A log that has filled the disk
+    // cannot be moved to the database any more: 250 pages are what frames leave it (FrameRetention::kRoomForResults).
+    if (auto done =
+            database_->execute("PRAGMA journal_mode = WAL; PRAGMA wal_autocheckpoint = 250; PRAGMA synchronous = FULL; "
+                               "PRAGMA journal_size_limit = 16777216; "
+                               "PRAGMA temp_store = MEMORY");
         !done) {
         return done;
     }
