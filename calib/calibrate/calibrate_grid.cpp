@@ -29,7 +29,7 @@ constexpr double kMaxError = 0.5 / algo::kMaxBins / 3;
 // Straight edges lie alike on the pixels along their whole length, and pixels sample the narrow weight coarsely:
 // centres of lenslets with corners are off by up to 0.13 px. So such frames are smoothed.
 constexpr double kMaxCorners = 0.01;
-constexpr int kForShape = 200;  // lenslets
+constexpr int kForShape = 100;  // lenslets
 constexpr double kSmooth = 1;   // px, sigma
 constexpr std::size_t kSplitCentres = 1500, kFewestSplit = 250;
 constexpr double kSplitPixels = 400'000;  // of all their windows together, to limit the time

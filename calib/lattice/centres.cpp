@@ -350,15 +350,23 @@ std::optional<Elongation> CentreFinder::elongation(algo::PixelPoint centre) cons
 std::optional<std::complex<double>> CentreFinder::lobes(algo::PixelPoint centre, int count) const {
     const auto of = kernels_->pixels_about(centre);
     if (!of) return std::nullopt;
-    std::complex<double> sum;
-    double all = 0;
+    double sum_re = 0, sum_im = 0, all = 0;
     for (const WindowPixels::Pixel& p : of->pixels) {
-        const double here = p.window * (p.light - of->background) * (p.dx * p.dx + p.dy * p.dy);
-        sum += here * std::polar(1.0, count * std::atan2(p.dy, p.dx));
-        all += here;
+        const double square = p.dx * p.dx + p.dy * p.dy, here = p.window * (p.light - of->background);
+        if (square == 0) continue;
+        double re = here, im = 0;  // times (dx + i dy) to the power of `count`, over that of the distance less two
+        for (int k = 0; k < count; ++k) {
+            const double next = re * p.dx - im * p.dy;
+            im = re * p.dy + im * p.dx;
+            re = next;
+        }
+        for (int k = 2; k < count; k += 2) re /= square, im /= square;
+        sum_re += re;
+        sum_im += im;
+        all += here * square;
     }
     if (!(all > 0)) return std::nullopt;
-    return sum / all;
+    return std::complex(sum_re / all, sum_im / all);
 }
 std::optional<algo::PixelPoint> CentreFinder::gradient(algo::PixelPoint centre) const {
     const double half = half_height_radius_px(), inside = std::min(half - kTaper, kInside * half);

@@ -53,8 +53,8 @@ class CentreFinder {
     [[nodiscard]] std::optional<Elongation> elongation(algo::PixelPoint centre) const;
 
     // How far the light of a lenslet has corners: its part with `count` lobes about the centre, over all of it, both
-    // times the squared distance; the angle is that of the lobes, times `count`. 0 for a round lenslet. None if it
-    // cannot be measured.
+    // times the squared distance; the angle is that of the lobes, times `count`. 0 for a round lenslet. `count` is
+    // even. None if it cannot be measured.
     [[nodiscard]] std::optional<std::complex<double>> lobes(algo::PixelPoint centre, int count) const;
 
     // How much brighter a lenslet is towards +x and +y: the change of its light from the middle to its half height,
