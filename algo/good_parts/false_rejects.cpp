@@ -131,19 +131,20 @@ struct BothMoments {
         return gumbel.most_above(
             std::min((limit - plain.mean) / plain.deviation, (log_of(limit) - logs.mean) / logs.deviation));
     }
+    [[nodiscard]] double plain_limit_at(double away) const { return plain.mean + away * plain.deviation; }
     [[nodiscard]] double limit_at(double away) const {
-        return std::max(plain.mean + away * plain.deviation,
-                        std::exp(std::min(logs.mean + away * logs.deviation, 50.0)));
+        return std::max(plain_limit_at(away), std::exp(std::min(logs.mean + away * logs.deviation, 50.0)));
     }
 };
 
 // `above`: the share beyond a distance from the mean, of GumbelSamples.
-double limit_at(std::span<const double> scores, double share, double (GumbelSamples::*above)(double) const) {
+double limit_at(std::span<const double> scores, double share, double (GumbelSamples::*above)(double) const,
+                double (BothMoments::*limit)(double) const = &BothMoments::limit_at) {
     if (scores.empty()) return 0;
     constexpr double kAbove = 1.01;
     const double least = kAbove * std::max(*std::ranges::max_element(scores), kMinScore);
     if (scores.size() < 2) return least;
-    return std::max(least, BothMoments(scores).limit_at(gumbel_samples(scores.size()).away_for(share, above)));
+    return std::max(least, (BothMoments(scores).*limit)(gumbel_samples(scores.size()).away_for(share, above)));
 }
 
 std::string percent(double share) {
@@ -194,6 +195,10 @@ double limit_for(std::span<const double> scores, double share) {
 
 double predicted_limit(std::span<const double> scores, double share) {
     return limit_at(scores, share, &GumbelSamples::mean_above);
+}
+
+double predicted_light_tailed_limit(std::span<const double> scores, double share) {
+    return limit_at(scores, share, &GumbelSamples::mean_above, &BothMoments::plain_limit_at);
 }
 
 std::string describe(const FalseRejects& r) {

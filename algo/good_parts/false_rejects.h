@@ -47,6 +47,9 @@ double limit_for(std::span<const double> scores, double share);
 // limit. The error of the estimate is part of it: 60 parts need 5.4 standard deviations for 0.1 %, an estimate without
 // error 4.9 (docs/adr/0017-limits-from-few-parts.md).
 double predicted_limit(std::span<const double> scores, double share);
+// The same if the scores themselves follow a Gumbel distribution: of scores that are over the spread of their own frame
+// (algo/reference/pooled_scores.h), which have no heavier tail (docs/adr/0019-scores-of-several-lenslets.md).
+double predicted_light_tailed_limit(std::span<const double> scores, double share);
 
 // One to three sentences for people: the bound, what it assumes, and how many more parts would prove 0.3 % and 0.1 %
 // without the assumption.

@@ -57,6 +57,7 @@ Result<void> Checker::judge(const std::vector<std::size_t>& learn_from, const st
     if (!learned) return tl::unexpected(learned.error());
     Recipe recipe = options_.recipe;
     recipe.reference = std::make_shared<const Reference>(std::move(learned->reference));
+    if (!(recipe.pooled_score > 0)) recipe.pooled_score = kPooledUnreached;
     auto pipeline = Pipeline::create(extents_, bits_, recipe, options_.learning.threads);
     if (!pipeline) return tl::unexpected(pipeline.error());
     for (const std::size_t k : held_out) {
@@ -66,7 +67,8 @@ Result<void> Checker::judge(const std::vector<std::size_t>& learn_from, const st
         if (!seen) return tl::unexpected(seen.error());
         const bool unfit = seen->verdict == Verdict::unfit;
         check.judged.push_back({k, part_of[k], unfit ? ReferenceCheck::kUnfit : static_cast<double>(seen->score),
-                                seen->verdict == Verdict::pass ? "" : std::string(name_of(seen->reason))});
+                                seen->verdict == Verdict::pass ? "" : std::string(name_of(seen->reason)),
+                                static_cast<double>(seen->by_lenslets), static_cast<double>(seen->together)});
         if (seen->verdict != Verdict::pass) continue;
         const std::vector<std::uint8_t> mask(seen->mask.begin(), seen->mask.end());
         if (auto done = try_flaws(*pipeline, *frame, mask, trials_a_frame); !done) return done;
@@ -166,18 +168,23 @@ Result<ReferenceCheck> check_reference(const Extents& extents, int bits, std::si
         options.progress(static_cast<double>(fold + 1) / static_cast<double>(folds));
     }
     std::ranges::sort(check.judged, {}, &ReferenceCheck::Judged::frame);
-    std::map<std::size_t, double> worst;
+    struct Worst {
+        double score = 0, by_lenslets = 0, together = 0;
+    };
+    std::map<std::size_t, Worst> worst;
     for (const ReferenceCheck::Judged& j : check.judged) {
-        const auto [at, is_new] = worst.try_emplace(j.part, j.score);
-        if (!is_new) at->second = std::max(at->second, j.score);
+        Worst& of = worst[j.part];
+        of = {std::max(of.score, j.score), std::max(of.by_lenslets, j.by_lenslets), std::max(of.together, j.together)};
     }
-    std::vector<double> passed;
-    for (const auto& [part, score] : worst) {
-        check.worst_scores.push_back(score);
-        if (score < ReferenceCheck::kUnfit) passed.push_back(score);
+    std::vector<double> by_lenslets, together;
+    for (const auto& [part, of] : worst) {
+        check.worst_scores.push_back(of.score);
+        if (of.score < ReferenceCheck::kUnfit) by_lenslets.push_back(of.by_lenslets), together.push_back(of.together);
     }
     check.false_rejects = false_rejects_at(check.worst_scores, 1);
-    check.factor = limit_for(passed, kAimedFalseRejects);
+    check.factor = limit_for(by_lenslets, kAimedFalseRejects / 2);
+    if (std::ranges::any_of(together, [](double score) { return score > 0; }))
+        check.pooled_score = limit_for(together, kAimedFalseRejects / 2);
     for (std::size_t kind = 0; kind < kPaintedFlaws.size(); ++kind) {
         const auto& trials = checker.trials(kind);
         auto& found = check.flaws[kind];
@@ -217,6 +224,7 @@ std::vector<std::string> describe(const ReferenceCheck& check, const Recipe& rec
                     number(static_cast<double>(scaled.reject_score)) + ", grow_score " +
                     number(static_cast<double>(scaled.grow_score)) + ", cluster_score " +
                     number(static_cast<double>(scaled.cluster_score)) +
+                    (check.pooled_score > 0 ? ", pooled_score " + number(check.pooled_score) : "") +
                     " the bound by that distribution would be 0.1 %.");
     for (std::size_t kind = 0; kind < kPaintedFlaws.size(); ++kind) {
         const PaintedFlawKind& k = kPaintedFlaws[kind];

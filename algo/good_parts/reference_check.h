@@ -35,12 +35,14 @@ struct ReferenceCheck {
         std::size_t frame = 0, part = 0;
         double score = 0;  // over the limit: 1 and above is rejected
         std::string reason;
+        double by_lenslets = 0, together = 0;  // Inspection::by_lenslets, together
     };
     std::vector<Judged> judged;        // every frame that was learned from
     std::vector<double> worst_scores;  // of each distinct part, over its exposures
     FalseRejects false_rejects;        // of worst_scores at the recipe's limits
-    // The factor on the limits (scale_score_limits()) at which at most kAimedFalseRejects are rejected.
-    double factor = 1;
+    // At which at most kAimedFalseRejects are rejected: the factor on the limits of lenslets (scale_score_limits()),
+    // and pooled_score, 0 if it is not known.
+    double factor = 1, pooled_score = 0;
     struct Found {
         std::size_t trials = 0, found = 0;
         PodCurve curve;  // a90, a90_95: empty if the sizes that were tried do not reach it

@@ -36,6 +36,9 @@ struct FoundDefects {
     Reason reason = Reason::none;     // of the most severe
     float score = 0;                  // its severity; without defects the largest severity of the part, below 1, where
                                       // gradients that are bounds do not count
+    // With a reference: the score of what lenslets show together (algo/reference/pooled_scores.h), standard deviations;
+    // and `score` without it.
+    float together = 0, by_lenslets = 0;
 };
 
 class DefectFinder {

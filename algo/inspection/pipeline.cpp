@@ -287,8 +287,9 @@ FoundDefects Pipeline::Workspace::find_differences(const FrameView& frame, const
     FoundDefects found = finder.find(compared, pose, !bounded);
     if (!found.defects.empty()) return found;
     bool known = true;
-    found.score = exact->largest(
-        found.score, grow, [&](std::size_t k) { return finder.severity(compared, k); }, known);
+    found.by_lenslets = exact->largest(
+        found.by_lenslets, grow, [&](std::size_t k) { return finder.severity(compared, k); }, known);
+    found.score = std::max(found.by_lenslets, found.score);
     bounded = bounded || !known;
     return found;
 }
@@ -400,7 +401,9 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
         if (!found) return tl::unexpected(found.error());
         result.defects = found->defects;
         result.reason = found->reason;
-        result.score = found->score > kInsignificantScore ? found->score : 0;
+        const auto significant = [](float score) { return score > kInsignificantScore ? score : 0; };
+        result.score = significant(found->score);
+        result.by_lenslets = significant(found->by_lenslets), result.together = found->together;
         result.out_of_time = result.bounded && w.exact->out_of_time();
         result.verdict = found->defects.empty() ? Verdict::pass : Verdict::reject;
         if (result.verdict == Verdict::pass && w.missing_material) w.find_missing(result);

@@ -70,7 +70,10 @@ struct Inspection {
     FrameView macro_pixels;  // the frame that was given, or, of a raw one, what was decoded from it
     Verdict verdict = Verdict::unfit;
     Reason reason = Reason::nothing_to_see;
-    float score = 0;                      // the worst value over its limit: >= 1 rejects; 0: <= kInsignificantScore
+    float score = 0;  // the worst value over its limit: >= 1 rejects; 0: <= kInsignificantScore
+    // With a reference: `score` by lenslets and their regions alone; and the score of what several lenslets show
+    // together (algo/reference/pooled_scores.h), standard deviations; 0 where it is not judged.
+    float by_lenslets = 0, together = 0;
     bool bounded = false;                 // a limit was reached: score, defects and peaks may be upper bounds
     bool out_of_time = false;             // it was the limit of time: another run may give other values
     std::uint32_t dark_dn = 0;            // DN, the level that was subtracted from every sample of this frame

@@ -65,6 +65,7 @@ ReferenceDefects::ReferenceDefects(const Extents& extents, const Recipe& recipe)
       queue_(extents.lenslets()), used_(recipe.tolerances.size()) {
     found_.reserve(1000);
     defects_.reserve(1000);
+    if (recipe_.pooled_score > 0 && !reference_.pooled_scales.empty()) pooled_.emplace(extents);
 }
 
 void ReferenceDefects::score_lenslets(const ComparedFrame& c, std::span<float> z_score) {
@@ -218,7 +219,7 @@ void ReferenceDefects::measure_worst(const ComparedLight& light, const PoseMap& 
     sizer_.start_frame();
     std::size_t lenslets = 0;
     for (Found& found : std::span(found_).first(std::min(found_.size(), kMaxSized))) {
-        if (found.defect.area > FlawSizer::kMaxLenslets) continue;
+        if (found.defect.weak || found.defect.area > FlawSizer::kMaxLenslets) continue;
         lenslets += found.defect.area;
         if (lenslets > kMaxSizedLenslets || sizer_.lenslets_read() > extents_.lenslets() / kSizedOf) return;
         const auto size = sizer_.measure(light, pose, take_lenslets(found.seed),
@@ -237,6 +238,47 @@ void ReferenceDefects::measure_worst(const ComparedLight& light, const PoseMap& 
         d.length = static_cast<float>(size->length);
         d.width = static_cast<float>(size->area / size->length);
     }
+}
+
+Defect ReferenceDefects::describe(const PooledPeak& peak, Reason& reason) const {
+    const PooledFilter& filter = pooled_filters()[peak.filter];
+    Defect d;
+    d.m = peak.m, d.n = peak.n;
+    d.area = peak.area;
+    d.length = peak.length, d.width = peak.width;
+    d.peak = filter.deviation == Deviation::scattering ? std::sqrt(std::max(0.0F, peak.value)) : std::abs(peak.value);
+    d.weak = true;
+    switch (filter.deviation) {
+        case Deviation::light:
+            d.kind = filter.is_band() && d.length >= kScratchLength ? DefectKind::scratch : DefectKind::absorbing;
+            reason = Reason::absorption;
+            break;
+        case Deviation::deflection_shift:
+            d.kind = DefectKind::surface;
+            reason = Reason::deflection_gradient;
+            break;
+        default: d.kind = DefectKind::scattering, reason = Reason::neighbours_disagree;
+    }
+    return d;
+}
+
+// Takes what lenslets show together as a defect, or as part of a region that lies there; unless a tolerance allows it.
+void ReferenceDefects::add_pooled(PooledPeak& peak, std::span<const Difference> differences, float severity,
+                                  bool all_exact, const PoseMap& map) {
+    pooled_->find(peak, differences);
+    for (Found& found : found_) {
+        const float reach = 2 + 0.5F * peak.length + std::sqrt(static_cast<float>(found.defect.area));
+        if (std::hypot(found.defect.m - peak.m, found.defect.n - peak.n) > reach) continue;
+        found.defect.score = std::max(found.defect.score, severity);
+        return;
+    }
+    Reason reason = Reason::none;
+    Defect defect = describe(peak, reason);
+    defect.score = severity;
+    Region region;  // of it only the depth counts
+    region.max_shift = region.max_scattering = reason == Reason::absorption ? 0 : defect.peak;
+    if (defect.area < recipe_.min_area || (all_exact && tolerated(defect, region, map))) return;
+    found_.push_back({defect, reason, 0});
 }
 
 bool ReferenceDefects::tolerated(const Defect& d, const Region& r, const PoseMap& pose) {
@@ -296,14 +338,23 @@ FoundDefects ReferenceDefects::find(const ComparedFrame& compared, const Pose& p
     };
     if (compared.bounds.empty()) take_largest([](std::size_t) { return true; });
     else take_largest([bounds = compared.bounds](std::size_t k) { return bounds[k] == 0; });
-    if (found_.empty()) return {{}, Reason::none, below};
+    float by_lenslets = below, together = 0;
+    for (const Found& f : found_) by_lenslets = std::max(by_lenslets, f.defect.score);
+    if (pooled_) {
+        PooledPeak peak = pooled_->highest(compared.differences, compared.mask, reference_);
+        together = peak.score;
+        const float of_limit = together / recipe_.pooled_score;
+        below = std::max(below, std::min(of_limit, 0.999F));
+        if (of_limit >= 1) add_pooled(peak, compared.differences, of_limit, all_exact, map);
+    }
+    if (found_.empty()) return {{}, Reason::none, below, together, by_lenslets};
     std::ranges::sort(found_, [](const auto& a, const auto& b) {
         if (a.defect.score != b.defect.score) return a.defect.score > b.defect.score;
         return std::pair(a.defect.n, a.defect.m) < std::pair(b.defect.n, b.defect.m);
     });
     if (compared.light) measure_worst(*compared.light, map);
     for (const Found& found : found_) defects_.push_back(found.defect);
-    return {defects_, found_.front().reason, found_.front().defect.score};
+    return {defects_, found_.front().reason, found_.front().defect.score, together, by_lenslets};
 }
 
 std::vector<std::string> problems_of_reference(const Recipe& recipe) {
@@ -314,6 +365,8 @@ std::vector<std::string> problems_of_reference(const Recipe& recipe) {
     level(recipe.reject_score, "reject_score");
     level(recipe.grow_score, "grow_score");
     level(recipe.cluster_score, "cluster_score");
+    if (!(recipe.pooled_score >= 0 && recipe.pooled_score <= 1000))
+        messages.emplace_back("pooled_score must be from 0 (not judged) to 1000");
     if (recipe.grow_score > recipe.reject_score) messages.emplace_back("grow_score must be at most reject_score");
     if (!(recipe.lenslet_mm >= 0) || !(recipe.bin_rad >= 0))
         messages.emplace_back("lenslet_mm and bin_rad must be above 0, or 0: not known");

@@ -7,6 +7,7 @@
 // Hysteresis: a region is connected, at sides or corners, at or above `grow_score`. It is a defect if the severity of
 // one lenslet reaches 1, or if the root of the sum of its squared scores reaches `cluster_score`. In that sum a score
 // counts by the share of noise in its variance, because neighbours deviate together by the spread of good parts.
+// What several lenslets show together is a defect where it reaches `pooled_score` and no region lies there.
 // Tolerances of the recipe may allow a defect. Lenslets outside the part, outside the recipe's zones, or saturated are
 // not judged.
 //
@@ -21,6 +22,7 @@
 #include "algo/inspection/defects.h"
 #include "algo/inspection/flaw_size.h"
 #include "algo/recipe/recipe.h"
+#include "algo/reference/pooled_scores.h"
 #include "algo/reference/reference.h"
 #include "algo/reference/reference_comparison.h"
 
@@ -85,18 +87,22 @@ class ReferenceDefects {
     Region grow_region(std::uint32_t seed, const ComparedFrame& compared);
     [[nodiscard]] Defect describe(const Region& region, Reason& reason) const;
     void measure_worst(const ComparedLight& light, const PoseMap& pose);
+    void add_pooled(PooledPeak& peak, std::span<const Difference> differences, float severity, bool all_exact,
+                    const PoseMap& map);
+    [[nodiscard]] Defect describe(const PooledPeak& peak, Reason& reason) const;
     [[nodiscard]] bool tolerated(const Defect& defect, const Region& region, const PoseMap& pose);
 
     struct Found {
         Defect defect;
         Reason reason = Reason::none;
-        std::uint32_t seed = 0;  // a lenslet of the region
+        std::uint32_t seed = 0;  // a lenslet of the region; of a weak one none
     };
 
     Extents extents_;
     const Recipe recipe_;
     const Reference& reference_;
     FlawSizer sizer_;
+    std::optional<PooledScorer> pooled_;  // if it is judged, and the reference has scales for it
     std::vector<Scores> scores_;
     std::vector<float> z_severity_, severity_;  // by the scores alone; of all
     std::vector<float> without_emd_;            // of all but the gradient

@@ -226,7 +226,12 @@ std::vector<std::string> notes(const Recipe& recipe) {
             "the same light as the film and passes: learn a reference with `hordctl learn`");
     const Recipe usual;
     const bool has_scores = recipe.reject_score != usual.reject_score || recipe.grow_score != usual.grow_score ||
-        recipe.cluster_score != usual.cluster_score;
+        recipe.cluster_score != usual.cluster_score || recipe.pooled_score != usual.pooled_score;
+    if (!alone && recipe.pooled_score > 0 && recipe.reference->pooled_scales.empty())
+        messages.emplace_back(
+            "the reference was learned by a program that did not measure what several lenslets show "
+            "together, so that pooled_score changes nothing: haze, striae and faint scratches can pass; learn "
+            "it again (hordctl learn)");
     if (alone && (has_scores || recipe.lacks_reference_file))
         messages.push_back(
             std::string(has_scores ? "the scores of [reference] change nothing" : "[reference] changes nothing") +

@@ -132,12 +132,13 @@ struct Recipe {
     // Good parts to compare with (algo/inspection/reference_defects.h); none: a part is compared with itself only.
     // Scores are in units of noise: a lenslet at `reject_score` is a defect; its region extends over neighbours down to
     // `grow_score`; a region of weaker scores is a defect when the root of their sum of squares reaches
-    // `cluster_score`.
+    // `cluster_score`; what several lenslets show together, at `pooled_score` (algo/reference/pooled_scores.h).
     std::shared_ptr<const Reference> reference;
     bool lacks_reference_file = false;  // the recipe file has a section [reference] that names none
     float reject_score = 6.0F;
     float grow_score = 3.5F;
     float cluster_score = 9.0F;
+    float pooled_score = 0;  // 0: not judged. `hordctl tune` sets it, from good parts
     std::vector<Tolerance> tolerances;
 };
 
@@ -147,6 +148,9 @@ float limit_of_gradient(const Recipe& recipe);
 // Multiplies the limits of scores against a reference. grow_score is not lowered, but to reject_score at most: regions
 // would grow over lenslets of noise alone, and good parts would have higher scores over the lower limits.
 void scale_score_limits(Recipe& recipe, double factor);
+
+// A pooled_score that no frame reaches: to measure what the lenslets of good parts show together.
+constexpr float kPooledUnreached = 1000;
 
 // The recipe's light levels at a bit depth, in DN.
 struct LightLevels;  // algo/frame/decode.h

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <string>
 
+#include "algo/reference/pooled_scores.h"
+
 namespace hord::algo {
 
 Result<void> check(const Reference& r) {
@@ -27,6 +29,10 @@ Result<void> check(const Reference& r) {
         if (!sound(map, 0, 1e9)) return refuse("spreads are out of range");
     }
     if (!sound(r.emd, 0, 100) || !sound(r.frobenius, 0, 100)) return refuse("gradients are out of range");
+    const auto& scales = r.pooled_scales;
+    if ((!scales.empty() && scales.size() != pooled_filters().size()) ||
+        !std::ranges::all_of(scales, [](float v) { return v >= 0 && v < 1e6F; }))
+        return refuse("scales of what lenslets show together are not those of this program");
     if (std::ranges::any_of(r.shares, [](std::uint16_t v) { return v > Reference::kMaxShare; }))
         return refuse("shares are not below 1");
     if (!(r.sensor.electrons_per_dn > 0 && r.sensor.electrons_per_dn < 1e6F && r.sensor.read_dn >= 0 &&

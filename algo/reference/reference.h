@@ -75,6 +75,9 @@ struct Reference {
     // light.
     std::array<std::vector<float>, kDeviations> spread;
     std::vector<float> emd, frobenius;  // the gradients of a typical good part
+    // The standard deviation of what several lenslets show together in a typical good part, one a filter
+    // (algo/reference/pooled_scores.h); 0: it has no room. Empty: learned before they were, none is judged.
+    std::vector<float> pooled_scales;
 
     [[nodiscard]] std::size_t stride() const {
         return (static_cast<std::size_t>((extents.i + 2) * (extents.j + 2)) + 15) / 16 * 16;

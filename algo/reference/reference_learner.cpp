@@ -9,6 +9,7 @@
 #include "algo/light/dark_bins.h"
 #include "algo/maps/feature_map.h"
 #include "algo/reference/photon_noise.h"
+#include "algo/reference/pooled_scores.h"
 #include "algo/reference/reference_comparison.h"
 #include "algo/reference/reference_mean.h"
 #include "algo/reference/spread_estimate.h"
@@ -58,6 +59,7 @@ class Learner {
     Result<void> learn_spread_of(std::span<const std::size_t> fold, const Reference& others,
                                  std::array<std::optional<FeatureMapper>, 2>& mappers);
     Result<void> change_mean(std::span<const std::size_t> fold, bool add);
+    Result<void> learn_pooled_scales();
     bool name_outliers();
     void leave_out(std::size_t part, std::string why);
     [[nodiscard]] std::size_t left() const { return count_ - left_out_list_.size(); }
@@ -339,6 +341,41 @@ Result<void> Learner::learn_spread_of(std::span<const std::size_t> fold, const R
     return {};
 }
 
+// Pass 5. Each part is part of the mean here, which makes its deviations from it smaller; they are corrected as
+// independent ones.
+Result<void> Learner::learn_pooled_scales() {
+    ReferenceComparer comparer(reference_);
+    PooledScorer scorer(extents_);
+    std::vector<Difference> differences(extents_.lenslets());
+    std::vector<std::vector<double>> scales(pooled_filters().size());
+    const auto columns = static_cast<std::size_t>(extents_.m);
+    DecodedPart part;
+    for (std::size_t p = 0; p < count_; ++p) {
+        if (left_out_[p]) continue;
+        const auto one = decode(p, part);
+        if (!one) return tl::unexpected(one.error());
+        const Registered found = find(reference_.maps(), part, reference_.parts);
+        if (!found.found()) continue;
+        const PoseMap pose(found.pose, extents_);
+        for (int n = 0; n < extents_.n; ++n) {
+            const std::size_t first = extents_.index(0, n);
+            comparer.compare_row(one->view(), std::span(part.sums).subspan(first, columns),
+                                 std::span(part.mask).subspan(first, columns), n, pose, found.light,
+                                 reference_.levels.dark, std::span(differences).subspan(first, columns));
+        }
+        const std::span<const float> of_part = scorer.measure(differences, part.mask, reference_);
+        for (std::size_t f = 0; f < scales.size(); ++f) {
+            if (of_part[f] > 0) scales[f].push_back(static_cast<double>(of_part[f]));
+        }
+    }
+    const auto parts = static_cast<double>(left());
+    const double correction = std::sqrt((parts + 1) / (parts - 1));
+    reference_.pooled_scales.clear();
+    for (std::vector<double>& of_filter : scales)
+        reference_.pooled_scales.push_back(static_cast<float>(correction * median_or_0(std::move(of_filter))));
+    return {};
+}
+
 // Leaves out parts that dominate the spread of many lenslets; false if there are none.
 bool Learner::name_outliers() {
     const std::vector<double> alone = spread_->sole_deviations(count_, static_cast<double>(left()));
@@ -395,8 +432,9 @@ Result<Learned> Learner::run() {
         if (!name_outliers()) break;
         if (auto fine = enough(); !fine) return tl::unexpected(fine.error());
     }
-    options_.progress(1);
     reference_.parts = static_cast<std::uint32_t>(left());
+    if (auto done = learn_pooled_scales(); !done) return tl::unexpected(done.error());
+    options_.progress(1);
     return Learned{std::move(reference_), std::move(left_out_list_), std::move(poses_), gain_unsure_};
 }
 

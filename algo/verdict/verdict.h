@@ -37,10 +37,11 @@ struct Defect {
     std::uint32_t area = 0;  // lenslets
     float peak = 0;          // largest value of the feature that exceeds its limit most, in that feature's unit
     DefectKind kind = DefectKind::unknown;
-    float length = 0;  // lenslets, of a uniform bar with the region's second moments; 0: unknown
-    float width = 0;   // the same
-    float score = 0;   // severity: value over limit; 0: unknown
-    float radius = 0;  // lenslets, of a disc that takes or bends as much light; 0: unknown
+    float length = 0;   // lenslets, of a uniform bar with the region's second moments; 0: unknown
+    float width = 0;    // the same
+    float score = 0;    // severity: value over limit; 0: unknown
+    float radius = 0;   // lenslets, of a disc that takes or bends as much light; 0: unknown
+    bool weak = false;  // found by what several lenslets show together (algo/reference/pooled_scores.h): haze, striae
 };
 
 // The radius that the light says; where that is unknown, of a disc of the region's area. Lenslets.

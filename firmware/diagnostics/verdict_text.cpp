@@ -8,6 +8,7 @@
 
 #include "algo/frame/mask.h"
 #include "algo/inspection/frame_checks.h"
+#include "algo/inspection/reference_defects.h"
 #include "algo/inspection/rim.h"
 
 namespace hord::firmware {
@@ -24,7 +25,10 @@ std::string place_text(const algo::Defect& d, const algo::Recipe& recipe, const 
     return fmt::format("lenslet ({:.1f}, {:.1f})", d.m, d.n);
 }
 
-std::string_view what_is(algo::DefectKind kind) {
+std::string_view what_is(const algo::Defect& defect) {
+    const algo::DefectKind kind = defect.kind;
+    if (defect.weak && kind == algo::DefectKind::scattering) return "haze";
+    if (defect.weak && kind == algo::DefectKind::surface && defect.length >= algo::kScratchLength) return "a stria";
     switch (kind) {
         case algo::DefectKind::scattering: return "a scattering defect";
         case algo::DefectKind::absorbing: return "an absorbing defect";
@@ -292,7 +296,8 @@ std::string moved_optics(const algo::Inspection& found) {
 }  // namespace
 
 float size_of(const algo::Defect& d) {
-    return d.kind == algo::DefectKind::scratch && d.length > 0 ? d.length : 2 * algo::radius_of(d);
+    const bool band = d.kind == algo::DefectKind::scratch || d.weak;
+    return band && d.length > 0 ? d.length : 2 * algo::radius_of(d);
 }
 
 std::string size_text(const algo::Defect& d, const algo::Recipe& recipe) { return length_text(size_of(d), recipe); }
@@ -311,8 +316,8 @@ std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, c
             "{:.1f} times its limit.{}",
             place_text(d, recipe, extents), 100 * d.peak, length_text(d.length, recipe), found.score, bounds);
     }
-    std::string text = fmt::format("Rejected: {} of {} at {}, {:.1f} times its limit", what_is(d.kind),
-                                   size_text(d, recipe), place_text(d, recipe, extents), found.score);
+    std::string text = fmt::format("Rejected: {} of {} at {}, {:.1f} times its limit", what_is(d), size_text(d, recipe),
+                                   place_text(d, recipe, extents), found.score);
     const std::size_t more = found.defects.size() - 1;
     if (more > 0) text += fmt::format("; {} weaker {}", more, more == 1 ? "one" : "ones");
     return text + "." + moved_optics(found) + bounds + hint(found, recipe, extents);

@@ -269,6 +269,7 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
     reference.number("reject_score", recipe.reject_score, 1, 1000);
     reference.number("grow_score", recipe.grow_score, 0.5, 1000);
     reference.number("cluster_score", recipe.cluster_score, 1, 1000);
+    reference.number("pooled_score", recipe.pooled_score, 0, 1000);
     if (recipe.grow_score > recipe.reject_score) reference.problem("grow_score", "is above reject_score", "lower it");
     recipe.lacks_reference_file = file.empty() && root.has("reference");
     if (!file.empty()) {
@@ -388,12 +389,14 @@ std::string format(const NumberedRecipe& numbered, const std::string& reference_
     // Score limits may be set before a reference is learned.
     const algo::Recipe usual;
     const bool has_scores = r.reject_score != usual.reject_score || r.grow_score != usual.grow_score ||
-        r.cluster_score != usual.cluster_score;
+        r.cluster_score != usual.cluster_score || r.pooled_score != usual.pooled_score;
     if (!numbered.reference_file.empty() || has_scores) {
         text += "\n[reference]\n";
         if (!numbered.reference_file.empty()) text += fmt::format("file = {}\n", in_quotes(reference_name));
         text += fmt::format("reject_score = {}\ngrow_score = {}\ncluster_score = {}\n", r.reject_score, r.grow_score,
                             r.cluster_score);
+        // Omitted where it is the default, so that the checksum of recipes of before does not change.
+        if (r.pooled_score != usual.pooled_score) text += fmt::format("pooled_score = {}\n", r.pooled_score);
     }
     for (const algo::Tolerance& t : r.tolerances) {
         text += "\n[[tolerate]]\nkinds = [";

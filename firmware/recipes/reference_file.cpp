@@ -57,6 +57,7 @@ std::string bytes_of(const algo::Reference& r) {
     put(text, std::span(&kReferenceVersion, 1));
     each_value(r, [&](const auto& value) { put(text, std::span(&value, 1)); });
     each_map(r, [&](const auto& map, std::size_t) { put(text, std::span(map)); });
+    put(text, std::span(r.pooled_scales));
     return text;
 }
 
@@ -117,9 +118,10 @@ Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesys
         return refuse(ErrorCode::unreadable, "is not a reference");
     std::uint32_t version = 0, seal = 0;
     std::memcpy(&version, text.data() + kMagic.size(), sizeof version);
-    if (version != kReferenceVersion) {
+    if (version < kOldestReferenceVersion || version > kReferenceVersion) {
         return refuse(ErrorCode::unsupported,
-                      fmt::format("is a reference of version {}, this program reads {}", version, kReferenceVersion));
+                      fmt::format("is a reference of version {}, this program reads {} to {}", version,
+                                  kOldestReferenceVersion, kReferenceVersion));
     }
     const std::string_view sealed = std::string_view(text).substr(0, text.size() - sizeof seal);
     std::memcpy(&seal, text.data() + sealed.size(), sizeof seal);
@@ -131,12 +133,16 @@ Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesys
     each_value(*r, [&](const auto& value) { head_bytes += sizeof value; });
     if (rest.size() < head_bytes) return refuse(ErrorCode::unreadable, "is not a whole reference");
     each_value(*r, [&](auto& value) { take(rest, std::span(&value, 1)); });
-    if (!check(r->extents) || rest.size() != bytes_of_maps(r->extents))
+    const std::size_t maps = check(r->extents) ? bytes_of_maps(r->extents) : rest.size() + 1,
+                      scales = rest.size() < maps ? 0 : (rest.size() - maps) / sizeof(float);
+    if (rest.size() != maps + scales * sizeof(float) || (version == 1 && scales != 0))
         return refuse(ErrorCode::unreadable, "is not a whole reference");
     each_map(*r, [&](auto& map, std::size_t values) {
         map.resize(values * r->extents.lenslets());
         take(rest, std::span(map));
     });
+    r->pooled_scales.resize(scales);
+    take(rest, std::span(r->pooled_scales));
     if (auto fine = check(*r); !fine) return refuse(ErrorCode::unreadable, "is not sound: " + fine.error().what);
     known_sums.keep(r, seal);
     return r;

@@ -34,10 +34,11 @@ Json to_json(const JudgedFamily& j) {
         for (const auto& part : j.flawed[flaw]) values.insert(values.end(), {part.size, part.score});
         flawed[std::string(kDrawnFlaws[flaw])] = rounded(std::move(values));
     }
-    return {{"learn_bound", j.learn_bound},    {"counted", j.counted},
-            {"to_tune", rounded(j.to_tune)},   {"limit", j.limit},
-            {"tune_bound", j.tune_bound},      {"by_recipe", rounded(j.by_recipe)},
-            {"by_tuned", rounded(j.by_tuned)}, {"flawed", std::move(flawed)}};
+    return {{"learn_bound", j.learn_bound},      {"counted", j.counted},
+            {"to_tune", rounded(j.to_tune)},     {"limit", j.limit},
+            {"pooled_limit", j.pooled_limit},    {"tune_bound", j.tune_bound},
+            {"by_recipe", rounded(j.by_recipe)}, {"by_tuned", rounded(j.by_tuned)},
+            {"flawed", std::move(flawed)}};
 }
 
 // The results of a family over the seeds.
@@ -62,7 +63,7 @@ struct FamilyResults {
         }
     };
     Told learned, tuned;
-    std::vector<double> counted, limits;
+    std::vector<double> counted, limits, pooled_limits;
     double unfit = 0;  // of the good parts tested
     std::array<std::vector<DetectionTrial>, kDrawnFlaws.size()> flawed;
 
@@ -73,6 +74,7 @@ struct FamilyResults {
         unfit += static_cast<double>(std::ranges::count(by_tuned, algo::ReferenceCheck::kUnfit));
         counted.push_back(j.at("counted").get<double>());
         limits.push_back(j.at("limit").get<double>());
+        pooled_limits.push_back(j.at("pooled_limit").get<double>());
         for (std::size_t flaw = 0; flaw < kDrawnFlaws.size(); ++flaw) {
             const auto values = j.at("flawed").at(std::string(kDrawnFlaws[flaw])).get<std::vector<double>>();
             for (std::size_t k = 0; k + 1 < values.size(); k += 2)
@@ -87,7 +89,7 @@ struct FamilyResults {
 
 Table table_of_false_rejects(const std::vector<FamilyResults>& all) {
     Table table{{"parts", "learn: at most (median)", "rejected", "holds with", "tune: at most (median)", "rejected",
-                 "of that unfit", "holds with", "limit (median)",
+                 "of that unfit", "holds with", "limit (median)", "pooled_score (median)",
                  fmt::format("of {} parts to tune on, told apart (median)", kTunedParts)},
                 {}};
     for (std::size_t family = 0; family < all.size(); ++family) {
@@ -96,6 +98,7 @@ Table table_of_false_rejects(const std::vector<FamilyResults>& all) {
         r.learned.to(row), r.tuned.to(row);
         row.insert(row.end() - 1, fmt::format("{:.3f} %", 100 * r.unfit / r.tuned.parts));
         row.push_back(fmt::format("{:.2f}", quantile(r.limits, 0.5)));
+        row.push_back(fmt::format("{:.1f}", quantile(r.pooled_limits, 0.5)));
         row.push_back(fmt::format("{:.0f}", quantile(r.counted, 0.5)));
         table.rows.push_back(std::move(row));
     }

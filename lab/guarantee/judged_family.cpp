@@ -64,21 +64,26 @@ class Scorer {
     Result<double> score(const Frame& frame) {
         const auto seen = pipeline_.inspect(frame.view());
         if (!seen) return tl::unexpected(seen.error());
+        together_ = static_cast<double>(seen->together), by_lenslets_ = static_cast<double>(seen->by_lenslets);
         return seen->verdict == algo::Verdict::unfit ? algo::ReferenceCheck::kUnfit : static_cast<double>(seen->score);
     }
+    [[nodiscard]] double together() const { return together_; }
+    [[nodiscard]] double by_lenslets() const { return by_lenslets_; }
 
   private:
     explicit Scorer(algo::Pipeline pipeline) : pipeline_(std::move(pipeline)) {}
     algo::Pipeline pipeline_;
+    double together_ = 0, by_lenslets_ = 0;
 };
 
 // As hordctl tune does: the worst score of each distinct part sets a factor on all limits. A part in which the
 // reference is not found sets none.
 Result<void> tune(std::size_t family, std::uint64_t seed, algo::Recipe& recipe, JudgedFamily& judged) {
+    recipe.pooled_score = algo::kPooledUnreached;
     auto scorer = Scorer::create(recipe);
     if (!scorer) return tl::unexpected(scorer.error());
     algo::DistinctParts distinct(kFamilyExtents, recipe.reference->levels.dark);
-    std::vector<double> scores;
+    std::vector<double> scores, by_lenslets, together;
     for (int k = 0; k < kTunedParts + kTunedAgain; ++k) {
         const Frame frame =
             draw_good_part(family, seed, kTune, static_cast<std::uint32_t>(k % kTunedParts), k >= kTunedParts ? 1 : 0);
@@ -86,19 +91,33 @@ Result<void> tune(std::size_t family, std::uint64_t seed, algo::Recipe& recipe, 
         const auto score = scorer->score(frame);
         if (!score) return tl::unexpected(score.error());
         scores.push_back(*score);
+        by_lenslets.push_back(scorer->by_lenslets()), together.push_back(scorer->together());
     }
     const auto groups = distinct.groups();
     judged.counted = groups.at_least;
-    judged.to_tune.resize(groups.parts);
-    for (std::size_t k = 0; k < scores.size(); ++k)
-        judged.to_tune[groups.part_of[k]] = std::max(judged.to_tune[groups.part_of[k]], scores[k]);
-    std::vector<double> found;
-    for (const double score : judged.to_tune) {
-        if (score < algo::ReferenceCheck::kUnfit) found.push_back(score);
+    // Of each part the worst frame.
+    const auto worst_of = [&](const std::vector<double>& of_frames) {
+        std::vector<double> worst(groups.parts);
+        for (std::size_t k = 0; k < of_frames.size(); ++k)
+            worst[groups.part_of[k]] = std::max(worst[groups.part_of[k]], of_frames[k]);
+        return worst;
+    };
+    judged.to_tune = worst_of(scores);
+    std::vector<double> lenslets = worst_of(by_lenslets), pooled = worst_of(together), found[2];
+    for (std::size_t k = 0; k < groups.parts; ++k) {
+        if (judged.to_tune[k] >= algo::ReferenceCheck::kUnfit) continue;
+        found[0].push_back(lenslets[k]), found[1].push_back(pooled[k]);
     }
-    judged.limit = algo::predicted_limit(found, kTuneShare);
-    judged.tune_bound = algo::false_rejects_at(judged.to_tune, judged.limit, groups.at_least).bound();
+    judged.limit = algo::predicted_limit(found[0], kTuneShare / 2);
+    judged.pooled_limit = algo::predicted_light_tailed_limit(found[1], kTuneShare / 2);
+    for (std::size_t k = 0; k < groups.parts; ++k) {
+        double& score = judged.to_tune[k];
+        if (score < algo::ReferenceCheck::kUnfit)
+            score = std::max(lenslets[k] / judged.limit, pooled[k] / judged.pooled_limit);
+    }
+    judged.tune_bound = algo::false_rejects_at(judged.to_tune, 1, groups.at_least).bound();
     algo::scale_score_limits(recipe, judged.limit);
+    recipe.pooled_score = static_cast<float>(judged.pooled_limit);
     for (float* limit : {&recipe.emd_limit_bins, &recipe.frobenius_limit_bins})
         *limit = static_cast<float>(static_cast<double>(*limit) * judged.limit);
     return {};

@@ -18,13 +18,13 @@ constexpr int kLearnedParts = 24, kTunedParts = 60, kTunedAgain = 15;  // parts;
 // Scores are over limits: 1 and above is rejected. A part that is unfit, or in which the reference is not found, has
 // ReferenceCheck::kUnfit.
 struct JudgedFamily {
-    double learn_bound = 1;         // of false rejects, as `learn` tells it for the recipe that a user gets
-    std::size_t counted = 0;        // distinct parts that were found among the frames to tune on
-    std::vector<double> to_tune;    // worst score of each distinct part to tune on, over the recipe's limits
-    double limit = 1;               // of these scores, as `tune` sets it with kTuneShare
-    double tune_bound = 1;          // of false rejects, as `tune` tells it for that limit
-    std::vector<double> by_recipe;  // scores of the good parts to test, over the recipe's limits
-    std::vector<double> by_tuned;   // and over the tuned ones
+    double learn_bound = 1;              // of false rejects, as `learn` tells it for the recipe that a user gets
+    std::size_t counted = 0;             // distinct parts that were found among the frames to tune on
+    std::vector<double> to_tune;         // worst score of each distinct part to tune on, over the tuned limits
+    double limit = 1, pooled_limit = 1;  // as `tune` sets them with kTuneShare: times the recipe's; pooled_score
+    double tune_bound = 1;               // of false rejects, as `tune` tells it for that limit
+    std::vector<double> by_recipe;       // scores of the good parts to test, over the recipe's limits
+    std::vector<double> by_tuned;        // and over the tuned ones
     struct Flawed {
         double size = 0, score = 0;  // over the tuned limits
     };

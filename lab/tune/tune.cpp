@@ -54,11 +54,12 @@ algo::Recipe recipe_of(const FeatureSet& set, const algo::Recipe& base) {
     if (set.gradient != algo::Feature::emd || !set.reference) recipe.emd_limit_bins = defaults.emd_limit_bins;
     if (!set.slopes || !set.reference) recipe.frobenius_limit_bins = defaults.frobenius_limit_bins;
     recipe.transmission_limit = defaults.transmission_limit;
+    if (set.reference) recipe.pooled_score = algo::kPooledUnreached;
     if (!set.reference) {
         recipe.reference.reset();
         recipe.tolerances.clear();
         recipe.reject_score = defaults.reject_score, recipe.grow_score = defaults.grow_score,
-        recipe.cluster_score = defaults.cluster_score;
+        recipe.cluster_score = defaults.cluster_score, recipe.pooled_score = defaults.pooled_score;
     }
     return recipe;
 }
@@ -69,7 +70,8 @@ struct Part {
     bool bad = false;
     std::uint32_t number = 0;  // the same for all frames of a part; good parts first
     Values values{};
-    std::vector<double> scores;  // of the sets with a reference, in order
+    // Of the sets with a reference, in order: Inspection::by_lenslets and together.
+    std::vector<double> by_lenslets, together;
     std::vector<bool> registered;
 };
 
@@ -180,7 +182,8 @@ Result<void> Tuner::measure_frame(const std::string& file, bool bad) {
         const auto inspection = pipeline.inspect(frame->view());
         if (!inspection) return named(inspection.error());
         const bool found = inspection->verdict != algo::Verdict::unfit;
-        part.scores.push_back(found ? static_cast<double>(inspection->score) : kUnregistered);
+        part.by_lenslets.push_back(found ? static_cast<double>(inspection->by_lenslets) : kUnregistered);
+        part.together.push_back(found ? static_cast<double>(inspection->together) : kUnregistered);
         part.registered.push_back(found);
         registered = registered && found;
     }
@@ -249,21 +252,30 @@ void Tuner::set_limits(MeasuredFeatureSet& measured, const Values& limits, std::
     measured.recipe = options_.base;
     measured.recipe.recipe = recipe_of(set, options_.base.recipe);
     algo::Recipe& recipe = measured.recipe.recipe;
-    double factor = 1;
+    double factor = 1, pooled_limit = 0;  // 0: not judged
     if (set.reference) {
-        const std::vector<double> good = worst_of_good([&](const Part& part) {
-            return part.registered[reference_index] ? std::optional(part.scores[reference_index]) : std::nullopt;
-        });
+        const auto good_scores = [&](std::vector<double> Part::*of) {
+            return worst_of_good([&](const Part& part) {
+                return part.registered[reference_index] ? std::optional((part.*of)[reference_index]) : std::nullopt;
+            });
+        };
         const auto found = static_cast<std::size_t>(std::ranges::count_if(
             parts_, [&](const Part& part) { return !part.bad && part.registered[reference_index]; }));
         if (found < kMinGood) {
             measured.no_limit = fmt::format("the reference finds only {} of the good parts", found);
         } else {
-            factor = std::max(1e-3,
-                              limit_above(std::max(algo::predicted_limit(good, options_.false_rejects),
-                                                   (1 + kMargin) * *std::ranges::max_element(good))));
+            const auto factor_of = [&](const std::vector<double>& good, const auto& predicted) {
+                return std::max(1e-3,
+                                limit_above(std::max(predicted(good, options_.false_rejects / 2),
+                                                     (1 + kMargin) * *std::ranges::max_element(good))));
+            };
+            factor = factor_of(good_scores(&Part::by_lenslets), algo::predicted_limit);
+            if (!recipe.reference->pooled_scales.empty())
+                pooled_limit = std::clamp(factor_of(good_scores(&Part::together), algo::predicted_light_tailed_limit),
+                                          1.0, static_cast<double>(algo::kPooledUnreached));
         }
         algo::scale_score_limits(recipe, factor);
+        recipe.pooled_score = static_cast<float>(pooled_limit);
         const auto scale = [&](float& limit) { limit = static_cast<float>(static_cast<double>(limit) * factor); };
         if (set.gradient) scale(recipe.emd_limit_bins);
         if (set.slopes) scale(recipe.frobenius_limit_bins);
@@ -291,7 +303,8 @@ void Tuner::set_limits(MeasuredFeatureSet& measured, const Values& limits, std::
     for (const Part& part : parts_) {
         double score = 0;
         if (set.reference) {
-            score = part.scores[reference_index] / factor;
+            score = part.by_lenslets[reference_index] / factor;
+            if (pooled_limit > 0) score = std::max(score, part.together[reference_index] / pooled_limit);
         } else {
             if (set.gradient) score = part.values[index_of(*set.gradient)] / limits[index_of(*set.gradient)];
             if (set.slopes) score = std::max(score, part.values[kSlopes] / limits[kSlopes]);

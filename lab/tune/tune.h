@@ -12,7 +12,8 @@
 //   limits     From the good parts alone: the value that a share `false_rejects` of good parts exceeds if their worst
 //              values follow a Gumbel distribution (gumbel_limit() of lab/report/statistics.h), at least kMargin above
 //              the highest value, rounded up to three digits. A feature each; with a reference one factor for all
-//              limits of the base recipe, from predicted_limit() of algo/good_parts/false_rejects.h.
+//              limits of lenslets of the base recipe, from predicted_limit() of algo/good_parts/false_rejects.h, and
+//              pooled_score, from predicted_light_tailed_limit(), each for half of the share.
 //   detection  Area under the ROC curve (AUC) of the parts, with a 95 % interval by bootstrap over them.
 //   time       Of judging a frame, median. The sets take turns, so other load disturbs all alike. Reading a file and
 //              decoding it through a calibration are not counted: they are the same for all sets.

@@ -40,6 +40,7 @@ std::string limits_of(const algo::Recipe& r) {
     std::string text;
     const auto add = [&](const std::string& limit) { text += (text.empty() ? "" : ", ") + limit; };
     if (r.reference) add(fmt::format("reject_score {:.3g}", r.reject_score));
+    if (r.reference && r.pooled_score > 0) add(fmt::format("pooled_score {:.3g}", r.pooled_score));
     if (r.gradient) add(fmt::format("{} {:.3g}", name_of(*r.gradient), limit_of_gradient(r)));
     if (r.slopes) add(fmt::format("jacobian-frobenius {:.3g}", r.frobenius_limit_bins));
     if (r.light) add(fmt::format("transmission {:.3g}", r.transmission_limit));

@@ -58,6 +58,27 @@ TEST(VerdictText, of_a_part_that_passed_says_how_near_to_its_limit_it_came) {
               "Passed: the worst place reaches 42 % of its limit. Some values are bounds: the time ran out.");
 }
 
+// What several lenslets show together (algo/reference/pooled_scores.h).
+TEST(VerdictText, of_a_weak_defect_names_haze_and_striae_with_their_length) {
+    const auto told_of = [](algo::DefectKind kind, float length) {
+        algo::Inspection found;
+        found.verdict = Verdict::reject;
+        found.score = 1.5F;
+        const std::vector<algo::Defect> one{
+            {.m = 20, .n = 12, .area = 16, .kind = kind, .length = length, .width = 2, .score = 1.5F, .weak = true}};
+        found.defects = one;
+        return told(found);
+    };
+    EXPECT_EQ(told_of(algo::DefectKind::surface, 8),
+              "Rejected: a stria of 8.0 lenslets at lenslet (20.0, 12.0), 1.5 times its limit.");
+    EXPECT_EQ(told_of(algo::DefectKind::scattering, 3),
+              "Rejected: haze of 3.0 lenslets at lenslet (20.0, 12.0), 1.5 times its limit.");
+    EXPECT_EQ(told_of(algo::DefectKind::scratch, 8),
+              "Rejected: a scratch of 8.0 lenslets at lenslet (20.0, 12.0), 1.5 times its limit.");
+    EXPECT_EQ(told_of(algo::DefectKind::surface, 4.3F),
+              "Rejected: a surface defect of 4.3 lenslets at lenslet (20.0, 12.0), 1.5 times its limit.");
+}
+
 // A shift of all light against the reference, as moved optics make, looks like a surface all over the part.
 TEST(VerdictText, of_a_surface_says_where_the_light_beside_the_part_moved_too) {
     algo::Inspection found;

@@ -11,6 +11,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "algo/reference/pooled_scores.h"
+#include "common/crc32.h"
 #include "firmware/recipes/recipe_file.h"
 
 namespace hord::firmware {
@@ -34,6 +36,7 @@ algo::Reference small() {
     for (auto& map : r.spread) map.assign(count, 1e-4F);
     r.emd.assign(count, 0.1F);
     r.frobenius.assign(count, 0.05F);
+    r.pooled_scales.assign(algo::pooled_filters().size(), 1.25F);
     for (std::size_t k = 0; k < count; ++k)
         r.shares[k * r.stride() + r.place(1, 1)] = static_cast<std::uint16_t>(30000 + k);
     return r;
@@ -70,6 +73,7 @@ TEST_F(ReferenceFile, what_is_written_is_read) {
     EXPECT_EQ(a.spread, b.spread);
     EXPECT_EQ(a.emd, b.emd);
     EXPECT_EQ(a.frobenius, b.frobenius);
+    EXPECT_EQ(a.pooled_scales, b.pooled_scales);
     EXPECT_EQ(a.parts, b.parts);
     EXPECT_EQ(a.sensor.clip_dn, b.sensor.clip_dn);
     EXPECT_EQ(a.levels.saturated, b.levels.saturated);
@@ -93,13 +97,33 @@ TEST_F(ReferenceFile, what_is_cut_off_of_another_version_or_missing_is_refused_w
         EXPECT_FALSE(read_reference(file)) << size << " bytes";
     }
     std::string newer = whole;
-    newer[8] = 2;
+    newer[8] = 3;
     put(newer);
     const auto refused = read_reference(file);
     ASSERT_FALSE(refused);
     EXPECT_EQ(refused.error().code, ErrorCode::unsupported);
     EXPECT_THAT(refused.error().cure, HasSubstr("hordctl learn"));
     EXPECT_EQ(read_reference(folder / "none").error().code, ErrorCode::not_found);
+}
+
+// A program of before wrote no scales of what lenslets show together.
+TEST_F(ReferenceFile, the_first_version_is_read_and_judges_no_lenslets_together) {
+    std::string older = text();
+    older.resize(older.size() - 4 - 4 * algo::pooled_filters().size());
+    older[8] = 1;
+    const std::uint32_t sum = common::crc32(older);
+    older.append(reinterpret_cast<const char*>(&sum), sizeof sum);
+    put(older);
+    const auto read = read_reference(file);
+    ASSERT_TRUE(read) << read.error().message();
+    EXPECT_TRUE((*read)->pooled_scales.empty());
+    EXPECT_EQ((*read)->frobenius, small().frobenius);
+    algo::Recipe recipe;
+    recipe.reference = *read;
+    EXPECT_TRUE(notes(recipe).empty());
+    recipe.pooled_score = 7;
+    ASSERT_EQ(notes(recipe).size(), 1U);
+    EXPECT_THAT(notes(recipe)[0], HasSubstr("pooled_score changes nothing"));
 }
 
 TEST_F(ReferenceFile, what_is_not_sound_is_not_written) {
@@ -114,13 +138,14 @@ TEST_F(ReferenceFile, what_is_not_sound_is_not_written) {
 TEST_F(ReferenceFile, a_recipe_that_names_it_survives_being_written_and_read) {
     const std::filesystem::path recipe = folder / "r.toml";
     std::ofstream(recipe) << "schema = 1\n[scale]\nlenslet_mm = 0.5\nbin_rad = 0.015\n[reference]\nfile = "
-                             "\"part.hordref\"\nreject_score = 5.5\n"
+                             "\"part.hordref\"\nreject_score = 5.5\npooled_score = 6.25\n"
                              "[[tolerate]]\nkinds = [\"scratch\", \"absorbing\"]\nlargest_mm = 1.5\ndeepest_rad = "
                              "0.01\nnumber = 3\nshape = \"circle\"\ncentre = [0.5, -0.25]\nradius = 0.75\n";
     const auto once = load_numbered_recipe(recipe);
     ASSERT_TRUE(once) << once.error().message();
     ASSERT_TRUE(once->recipe.reference);
     EXPECT_EQ(once->recipe.reject_score, 5.5F);
+    EXPECT_EQ(once->recipe.pooled_score, 6.25F);
     ASSERT_EQ(once->recipe.tolerances.size(), 1U);
     const algo::Tolerance& t = once->recipe.tolerances[0];
     EXPECT_TRUE(t.applies_to(algo::DefectKind::scratch) && t.applies_to(algo::DefectKind::absorbing) &&
