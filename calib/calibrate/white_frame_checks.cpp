@@ -42,7 +42,7 @@ constexpr double kMinEven = 0.004, kMaxEven = 0.98;
 // everywhere; round lenslets that touch leave more dark. Between large dots the gaps are stars; spots with the cross of
 // diffraction are smaller.
 constexpr double kMaxBetween = 0.8, kMinDark = 0.17, kMaxDarkOfStars = 0.8, kMaxStar = 0.1;
-constexpr double kMaxOneSided = 0.35;  // of the light; centres are right to 0.01 px up to there
+constexpr double kMaxOneSided = 0.35;  // of the light; below, centres are off by 0.06 px at the most
 constexpr double kMaxRoughness = 0.08;
 constexpr double kMaxFollowed = 0.3;     // of the residuals' power: what gradients of the light explain
 constexpr double kMinFollowed = 0.0002;  // of a pitch: explained residuals that matter

@@ -61,12 +61,20 @@ def tests(which):
     return ran
 
 
-def wrapped(line):
-    """Prose in at most 120 columns; tables and code as they are."""
-    if len(line) <= 120 or line.startswith(("|", "    ")):
-        return line
-    rest = "  " if line.startswith(("- ", "  ")) else ""
-    return textwrap.fill(line, 120, subsequent_indent=rest, break_long_words=False, break_on_hyphens=False)
+def wrapped(lines):
+    """Prose in at most 120 columns, paragraph by paragraph; tables, headings and code as they are."""
+    def is_prose(line):
+        return line.strip() and not line.startswith(("|", "#", "    "))
+
+    while lines:
+        block = [lines.pop(0)]
+        indent = "  " if block[0].startswith("- ") else ""
+        while is_prose(block[0]) and lines and is_prose(lines[0]) and not lines[0].startswith("- "):
+            block.append(lines.pop(0))
+        if max(map(len, block)) > 120 and is_prose(block[0]):
+            text = " ".join(line.strip() for line in block)
+            block = textwrap.wrap(text, 120, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+        yield from block
 
 
 page = io.StringIO()
@@ -94,4 +102,4 @@ with contextlib.redirect_stdout(page):
           "CPU time of one thread). A raw frame is decoded first, then judged the same way: the share in the last column is what is added. Splitting a macro-pixel frame into\n"
           "HORDs is the part of the path that decoding most resembles; decoding reads 9 raw pixels a bin where splitting reads one.\n")
     print("\n".join(line for line in run("bench_decode").splitlines() if line.startswith("|")))
-print("\n".join(wrapped(line) for line in page.getvalue().splitlines()))
+print("\n".join(wrapped(page.getvalue().splitlines())))
