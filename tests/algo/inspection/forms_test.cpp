@@ -550,15 +550,15 @@ TEST(Plate, without_a_corner_or_with_wide_spots_all_over_is_unfit) {
         Frame frame = drawn(e, 8, 220, [&](int m, int n) -> Spot {
             const int left = m - 9, top = n - 9, right = 40 - m, bottom = 34 - n;
             const int inside = std::min(std::min({left, right, top, bottom}), left + top - corner);
-            return {0, 0, inside < 0 ? 1 : inside == 0 ? 0.05 : wider > 0 ? 0.5 : 0.92};
+            return {0, 0, inside < 0 ? 1 : inside == 0 ? 0.05 : wider > 0 ? 0.3 : 0.92};
         });
-        if (wider > 0) {  // the other half of the light, one bin to the left and to the right
+        if (wider > 0) {  // as much light again, one and two bins to the left and to the right
             for (int n = 12; n < 32; ++n) {
                 for (int m = 12; m < 38; ++m) {
                     for (int j = 3; j < 6; ++j) {
                         for (const int i : {2, 3, 5, 6}) {
                             const int x = m * 9 + i, y = n * 9 + j;
-                            frame.set(x, y, frame.view().sample(x, y) + (j == 4 ? 45U : 5U));
+                            frame.set(x, y, frame.view().sample(x, y) + (j == 4 ? 25U : 3U));
                         }
                     }
                 }
@@ -568,12 +568,18 @@ TEST(Plate, without_a_corner_or_with_wide_spots_all_over_is_unfit) {
     };
     Recipe recipe;
     recipe.form = PartForm::plate;
+    const auto fault_of = [&](const Frame& frame) {
+        auto pipeline = Pipeline::create(e, 8, recipe);
+        const auto found = pipeline->inspect(frame.view());
+        EXPECT_EQ(found->verdict == Verdict::unfit, found->frame.fault != FrameFault::none);
+        return found->frame.fault;
+    };
     EXPECT_EQ(verdict_on(plate(0, 0), e, recipe), Verdict::pass);
-    EXPECT_EQ(verdict_on(plate(12, 0), e, recipe), Verdict::unfit);
-    EXPECT_EQ(verdict_on(plate(0, 1), e, recipe), Verdict::unfit);
+    EXPECT_EQ(fault_of(plate(12, 0)), FrameFault::lopsided);
+    EXPECT_EQ(fault_of(plate(0, 1)), FrameFault::wide_inside);
     recipe.symmetric_outline = false;
     EXPECT_EQ(verdict_on(plate(12, 0), e, recipe), Verdict::pass);
-    EXPECT_EQ(verdict_on(plate(0, 1), e, recipe), Verdict::unfit);
+    EXPECT_EQ(fault_of(plate(0, 1)), FrameFault::wide_inside);
 }
 
 TEST(Plate, is_none_where_an_outline_has_nothing_in_it) {
