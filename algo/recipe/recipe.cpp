@@ -213,17 +213,26 @@ std::vector<std::string> notes(const Recipe& recipe) {
     const bool alone = recipe.reference == nullptr;
     if (recipe.form == PartForm::tube && alone)
         messages.emplace_back(
-            "the flanks and ends of a tube are not judged without a reference: learn one with `hordctl learn`");
+            "the flanks and ends of a tube are not judged without a reference, holes and cracks in its wall can pass, "
+            "and good tubes that are filled or have thin walls can be unfit or rejected: learn one with `hordctl "
+            "learn`");
     if (recipe.form == PartForm::plate && recipe.part_required && alone)
         messages.emplace_back(
             "a plate is found by its edges and by the light that its faces reflect: one whose edges neither darken nor "
             "deflect light, or whose faces are coated against reflections, is unfit (no-part); learn a reference of it "
-            "(hordctl learn), or write [part] present = \"unchecked\"; holes of three lenslets across or less in clear "
-            "glass pass without one");
+            "(hordctl learn), or write [part] present = \"unchecked\"; without one small holes (three lenslets "
+            "across or less in clear glass), large ones (more than a third of the plate's width), cracks and notches "
+            "can "
+            "pass");
     if (recipe.form == PartForm::web && alone && recipe.light && recipe.transmission_limit > 0)
         messages.emplace_back(
             "a hole in a film that takes less than 3 % of the light, as one that is coated against reflections, shows "
-            "the same light as the film and passes: learn a reference with `hordctl learn`");
+            "the same light as the film and passes, and large holes, slits, rows of holes and an end of the film in "
+            "the field can pass: learn a reference with `hordctl learn`");
+    if (!recipe.symmetric_outline && alone && (recipe.form == PartForm::round || recipe.form == PartForm::plate))
+        messages.emplace_back(
+            "[part] outline = \"any\" takes a broken part for one of another shape, so that missing corners, notches "
+            "and halves can pass: learn a reference with `hordctl learn`");
     const Recipe usual;
     const bool has_scores = recipe.reject_score != usual.reject_score || recipe.grow_score != usual.grow_score ||
         recipe.cluster_score != usual.cluster_score || recipe.pooled_score != usual.pooled_score;
@@ -242,8 +251,9 @@ std::vector<std::string> notes(const Recipe& recipe) {
         (recipe.slopes && recipe.frobenius_limit_bins < kLargestJacobian);
     if (alone && (!recipe.light || recipe.transmission_limit <= 0))
         messages.emplace_back(
-            any_gradient ? "missing light is not judged, and dark lenslets have no gradient, so that specks, cuts and "
-                           "bubbles can pass: name transmission in features, with a limit above 0"
+            any_gradient ? "missing light is not judged, nor light that is too bright, and dark lenslets have no "
+                           "gradient, so that specks, cuts, bubbles, holes and notches can pass: name transmission in "
+                           "features, with a limit above 0"
                          : "no defect can reach these limits, so every part passes: lower emd_bins "
                            "below 28 or frobenius_bins below 14, or set transmission above 0");
     if (alone && (any_gradient || (recipe.light && recipe.transmission_limit > 0))) note_blind_limits(recipe, messages);

@@ -170,7 +170,7 @@ std::string missing_part(const algo::FrameFindings& f, algo::PartForm form, int 
             return fmt::format(
                 "the light on both sides of the plate's edges can be compared at {} places only (at least {}), and "
                 "hardly any light inside is deflected: show {} lenslets of free light or more beside the edges (a "
-                "larger field, or a smaller [part] rim_margin), or learn a reference (hordctl learn)",
+                "larger field, or a smaller rim_margin), or learn a reference (hordctl learn)",
                 f.shaded_steps, algo::kMinShadedSteps, margin + 2);
         case algo::FrameFault::shadow:
             return "the light grows away from the edges as beside the soft shadow of hairs or of a frame, and hardly "
@@ -229,7 +229,7 @@ std::string why_unfit(const algo::Inspection& found, const algo::Recipe& recipe,
         case algo::Reason::not_registered: return algo::explain(found.registered.outcome);
         default:
             return "no lenslet is left to judge: the part is too small for its rim margin, or the zones leave nothing "
-                   "of it; lower [part] rim_margin, or see to the zones";
+                   "of it; lower rim_margin, or see to the zones";
     }
 }
 
@@ -263,8 +263,7 @@ std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, cons
         return " What goes on along the tube may be the slope of the tube and what is in it: use wider bins, or raise "
                "the limits.";
     if (recipe.form == algo::PartForm::plate && is_line(found.defects[0]) && is_beside_rim(found, e))
-        return " A line along an edge may be the plate's bevel: set [part] rim_margin wider, or show the plate square "
-               "to "
+        return " A line along an edge may be the plate's bevel: set rim_margin wider, or show the plate square to "
                "the light.";
     if (recipe.form == algo::PartForm::round && light_is_there && found.lenslets.judged > 0 &&
         kSteepPartOf * found.defects[0].area >= found.lenslets.judged)

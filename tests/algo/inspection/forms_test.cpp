@@ -648,6 +648,10 @@ TEST(Notes, of_plates_and_webs_are_true) {
     EXPECT_NE(notes(plate)[0].find("neither darken nor deflect light"), std::string::npos);
     EXPECT_NE(notes(plate)[0].find("hordctl learn"), std::string::npos);
     EXPECT_EQ(verdict_on(empty, e, plate), Verdict::unfit);
+    plate.symmetric_outline = false;
+    ASSERT_EQ(notes(plate).size(), 2U);
+    EXPECT_NE(notes(plate)[1].find("outline = \"any\" takes a broken part for one of another shape"),
+              std::string::npos);
     plate.reference = std::make_shared<const Reference>();
     EXPECT_TRUE(notes(plate).empty());
     EXPECT_TRUE(notes(Recipe{}).empty());

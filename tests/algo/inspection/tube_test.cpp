@@ -213,8 +213,9 @@ TEST(Tube, shows_a_speck_on_its_flank_to_a_reference_only) {
     };
     Recipe recipe = tube_recipe();
     EXPECT_EQ(notes(recipe),
-              (std::vector<std::string>{"the flanks and ends of a tube are not judged without a reference: learn "
-                                        "one with `hordctl learn`"}));
+              (std::vector<std::string>{"the flanks and ends of a tube are not judged without a reference, holes "
+                                        "and cracks in its wall can pass, and good tubes that are filled or have thin "
+                                        "walls can be unfit or rejected: learn one with `hordctl learn`"}));
     EXPECT_EQ(judged(frame_of(50, Speck::on_flank), t.extents, recipe).verdict, Verdict::pass);
     LearnOptions options{.levels = light_levels(recipe, 8), .electrons_per_dn = 10.0F};
     const auto learned = learn_reference(

@@ -225,7 +225,7 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
          "gain"},
         {unfit(Reason::nothing_to_see),
          "no lenslet is left to judge: the part is too small for its rim margin, or the zones leave nothing of it; "
-         "lower [part] rim_margin, or see to the zones"},
+         "lower rim_margin, or see to the zones"},
         {light(FrameFault::pedestal),
          "the dark bins read 12.3 DN (at most 11): keep stray light out, lower the sensor's black level, or raise "
          "[light] max_dark_rise_dn"},
@@ -292,7 +292,7 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
         {unfit(Reason::no_part, {.fault = FrameFault::no_steps, .shaded_steps = 5}),
          "the light on both sides of the plate's edges can be compared at 5 places only (at least 8), and hardly any "
          "light inside is deflected: show 4 lenslets of free light or more beside the edges (a larger field, or a "
-         "smaller [part] rim_margin), or learn a reference (hordctl learn)"},
+         "smaller rim_margin), or learn a reference (hordctl learn)"},
         {part(FrameFault::shadow),
          "the light grows away from the edges as beside the soft shadow of hairs or of a frame, and hardly any light "
          "between them is deflected: check that the plate is there, and that the lamp is not darker in the middle; or "
