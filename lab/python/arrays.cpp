@@ -11,8 +11,12 @@ void refuse(std::string what, std::string cure) {
     throw Failure{{ErrorCode::invalid_argument, std::move(what), std::move(cure)}};
 }
 
+bool may_be_path(const py::handle& given) {
+    return py::isinstance<py::str>(given) || py::isinstance<py::bytes>(given) || py::hasattr(given, "__fspath__");
+}
+
 std::filesystem::path path_of(const py::object& given, const char* wanted) {
-    if (!py::isinstance<py::str>(given) && !py::hasattr(given, "__fspath__")) {
+    if (!may_be_path(given)) {
         const auto type = py::str(py::type::of(given).attr("__name__")).cast<std::string>();
         throw py::type_error(fmt::format("{}, not {}", wanted, type));
     }

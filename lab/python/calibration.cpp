@@ -96,14 +96,14 @@ void add_calibration(py::module_& module) {
                             "The lenslet grid of a sensor, and its direction map if tilts were captured.")
         .def_static(
             "load",
-            [](const std::filesystem::path& file) {
+            [](const File& file) {
                 return without_gil([&] { return Calibration{unwrap(calib::read_grid(file)), {}}; });
             },
             py::arg("file"),
             "Reads what hordctl calibrate or save() wrote. Raises NotFound, Unreadable, InvalidArgument, Unsupported.")
         .def(
             "save",
-            [](const Calibration& c, const std::filesystem::path& file) {
+            [](const Calibration& c, const File& file) {
                 without_gil([&] { unwrap(calib::write_grid(file, c.file)); });
             },
             py::arg("file"),

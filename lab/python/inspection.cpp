@@ -147,7 +147,7 @@ void add_recipe_class(py::module_& module) {
         .def(py::init([] { return Recipe{recipe_of(py::none())}; }))
         .def_static(
             "load",
-            [](const std::filesystem::path& file) {
+            [](const File& file) {
                 return without_gil([&] { return Recipe{unwrap(firmware::load_numbered_recipe(file))}; });
             },
             py::arg("file"), "Reads a recipe file (TOML). Raises InvalidArgument with all problems, NotFound.")

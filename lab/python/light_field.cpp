@@ -40,7 +40,7 @@ LightField decode(const py::array& frame, const py::object& bins, const py::obje
     return {std::move(given), extents, 0, {}};
 }
 
-LightField read(const std::filesystem::path& file, const py::object& bins, const py::object& grid, int bits) {
+LightField read(const File& file, const py::object& bins, const py::object& grid, int bits) {
     const std::string name = file.string();
     auto noted = without_gil([&] { return unwrap(drivers::read_noted_frame(file, {.bits = bits})); });
     const auto contradicts = [&](const std::string& given, const std::string& cure) {
@@ -72,7 +72,7 @@ LightField read(const std::filesystem::path& file, const py::object& bins, const
     return {frame_of(std::move(noted.frame)), *extents, 0, name};
 }
 
-void write(const LightField& field, const std::filesystem::path& file) {
+void write(const LightField& field, const File& file) {
     without_gil([&] {
         check_samples(field.frame.view);
         unwrap(drivers::write_frame(
@@ -109,7 +109,7 @@ py::array LightField::samples() const {
 LightField field_of(const py::object& frame, const py::object& bins, const py::object& grid, int bits) {
     if (py::isinstance<LightField>(frame)) return frame.cast<LightField>();
     if (py::isinstance<py::array>(frame)) return decode(frame.cast<py::array>(), bins, grid, bits);
-    return read(path_of(frame, "a frame is a LightField, an array or the path of a file"), bins, grid, bits);
+    return read({path_of(frame, "a frame is a LightField, an array or the path of a file")}, bins, grid, bits);
 }
 
 void add_light_field(py::module_& module) {

@@ -47,9 +47,14 @@ decltype(auto) without_gil(Work&& work) {
 
 // -- arrays (arrays.cpp)
 
-// A str or path-like object. A TypeError says what may be given instead (`wanted`): "a recipe is a Recipe or the path
-// of its file, not int".
+// Whether it is a str, bytes or a path-like object.
+bool may_be_path(const py::handle& given);
+// The path that it is. Refuses an empty one and NUL characters. A TypeError says what may be given instead (`wanted`):
+// "a recipe is a Recipe or the path of its file, not int".
 std::filesystem::path path_of(const py::object& given, const char* wanted);
+
+// The path of an argument that takes nothing else.
+struct File : std::filesystem::path {};
 
 // A copy of one value a lenslet, [n, m].
 template <class T>
@@ -88,3 +93,18 @@ void add_reference(py::module_& module);
 void add_calibration(py::module_& module);
 
 }  // namespace hord::lab::python
+
+namespace pybind11::detail {
+
+template <>
+struct type_caster<hord::lab::python::File> {
+    PYBIND11_TYPE_CASTER(hord::lab::python::File, const_name("os.PathLike"));
+
+    bool load(handle given, bool) {
+        if (!hord::lab::python::may_be_path(given)) return false;  // hord/plain.py says what the argument takes
+        value = {hord::lab::python::path_of(reinterpret_borrow<object>(given), "file is the path of a file")};
+        return true;
+    }
+};
+
+}  // namespace pybind11::detail

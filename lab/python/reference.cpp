@@ -36,8 +36,7 @@ Frame copy_of(const FrameView& view) {
 // The frames as a list: a generator would be at its end after the first reading. One frame, or a path, is refused: its
 // letters or rows would be taken as frames.
 py::list list_of(const py::object& frames) {
-    const bool one = py::isinstance<py::str>(frames) || py::isinstance<py::bytes>(frames) ||
-        py::hasattr(frames, "__fspath__") || py::isinstance<LightField>(frames) ||
+    const bool one = may_be_path(frames) || py::isinstance<LightField>(frames) ||
         (py::isinstance<py::array>(frames) && frames.cast<py::array>().ndim() < 3);
     if (one || !py::hasattr(frames, "__iter__")) {
         const auto type = py::str(py::type::of(frames).attr("__name__")).cast<std::string>();
@@ -214,13 +213,11 @@ void add_reference_class(py::module_& module) {
                   "Good parts, learned: light, HORD and spread of every lenslet. Arrays are read-only views.")
         .def_static(
             "load",
-            [](const std::filesystem::path& file) {
-                return without_gil([&] { return H{unwrap(firmware::read_reference(file))}; });
-            },
+            [](const File& file) { return without_gil([&] { return H{unwrap(firmware::read_reference(file))}; }); },
             py::arg("file"), "Reads what hordctl learn or save() wrote. Raises NotFound, Unreadable, Unsupported.")
         .def(
             "save",
-            [](const H& h, const std::filesystem::path& file) {
+            [](const H& h, const File& file) {
                 without_gil([&] { unwrap(firmware::write_reference(file, *h.reference)); });
             },
             py::arg("file"),

@@ -14,7 +14,7 @@ from .errors import Refused as Refused
 from .errors import Unreadable as Unreadable
 from .errors import Unsupported as Unsupported
 
-File = Union[str, "os.PathLike[str]"]
+File = Union[str, bytes, "os.PathLike[str]", "os.PathLike[bytes]"]
 Samples = Union[NDArray[np.uint8], NDArray[np.uint16]]
 Bins = Union[str, tuple[int, int]]
 Grid = Union["Calibration", File]

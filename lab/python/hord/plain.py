@@ -9,15 +9,13 @@ import os
 
 import numpy
 
-from .errors import InvalidArgument
-
 # What pybind11 calls a type in a signature: what is accepted, and its words.
 _TYPES = {
     "str": (str, "a text"),
     "int": (numbers.Integral, "a whole number"),
     "float": (numbers.Real, "a number"),
     "bool": (bool, "True or False"),
-    "os.PathLike": ((str, os.PathLike), "the path of a file"),
+    "os.PathLike": ((str, bytes, os.PathLike), "the path of a file"),
     "numpy.ndarray": (numpy.ndarray, "a NumPy array"),
 }
 
@@ -59,10 +57,8 @@ def _problem(name, value, kind):
         return None
     types, words = _TYPES[kind]
     if not isinstance(value, types) or (isinstance(value, bool) and kind != "bool"):
-        is_file = kind == "numpy.ndarray" and isinstance(value, (str, os.PathLike))
+        is_file = kind == "numpy.ndarray" and isinstance(value, (str, bytes, os.PathLike))
         return f"{name} is {words}, not {type(value).__name__}" + (": read the file first, for example numpy.asarray(PIL.Image.open(file))" if is_file else "")
-    if kind == "os.PathLike" and "\0" in str(value):
-        raise InvalidArgument(f"the path {os.fspath(value)!r} holds a NUL character", "no file has such a name")
     if kind == "int" and not 0 <= value < 2**31:
         return f"{name} cannot be {value}"
     return None

@@ -1,5 +1,5 @@
 """`import hord` against NumPy's own arithmetic, and against hordctl on the same frames: the same bits."""
-import pathlib, subprocess, sys, threading, time, unittest
+import functools, os, pathlib, subprocess, sys, threading, time, unittest
 
 import numpy as np
 
@@ -380,7 +380,7 @@ class Errors(unittest.TestCase):
         field = hord.decode(np.zeros((90, 90), np.uint8))
         for call, words in (
             (lambda: hord.inspect(3), "a frame is a LightField, an array or the path of a file, not int"),
-            (lambda: hord.inspect(field, recipe=b"a"), "a recipe is a Recipe or the path of its file, not bytes"),
+            (lambda: hord.inspect(field, recipe=bytearray(b"a")), "a recipe is a Recipe or the path of its file, not bytearray"),
             (lambda: hord.inspect(field, reference=1.5), "a reference is .* not float"),
             (lambda: hord.decode(np.zeros((90, 90), np.uint8), grid=[]), "a grid is .* not list"),
         ):
@@ -438,10 +438,31 @@ class Errors(unittest.TestCase):
         self.assertIn("python3-numpy", said.stderr)
 
     def test_an_empty_path_is_not_an_argument_that_is_not_given(self):
+        things = hord.read(lens), hord.learn(cell.good_parts(8), electrons_per_dn=10, read_dn=0.6).reference, hord.calibrate(white_frame())
+        files = hord.read, hord.Recipe.load, hord.Reference.load, hord.Calibration.load, *(thing.save for thing in things)
         for call in (lambda: hord.inspect(lens, recipe=""), lambda: hord.inspect(lens, reference=""),
-                     lambda: hord.decode(pixels(lens), grid=""), lambda: hord.Inspector(recipe=""), lambda: hord.inspect("")):
+                     lambda: hord.decode(pixels(lens), grid=""), lambda: hord.Inspector(recipe=""), lambda: hord.inspect(""),
+                     lambda: hord.inspect(b""), *(functools.partial(file, empty) for file in files for empty in ("", b""))):
             with self.assertRaisesRegex(hord.InvalidArgument, "this path is empty: is a variable of the script not set"):
                 call()
+
+    def test_a_path_may_be_bytes(self):
+        frame, saved, recipe, reference = (os.fsencode(cell.path(name)) for name in ("b.png", "b.toml", "c.toml", "b.hordref"))
+        hord.read(os.fsencode(lens)).save(frame)
+        hord.calibrate(white_frame()).save(saved)
+        self.assertEqual(hord.Calibration.load(saved).toml(), hord.calibrate(white_frame()).toml())
+        learned = hord.learn([os.fsencode(part) for part in cell.good_parts(8)], electrons_per_dn=10, read_dn=0.6).reference
+        learned.save(reference)
+        self.assertEqual(hord.Reference.load(reference).parts, learned.parts)
+        pathlib.Path(os.fsdecode(recipe)).write_text(hord.Recipe().toml())
+        self.assertEqual(hord.Recipe.load(recipe).crc32, hord.Recipe().crc32)
+        for path in str, os.fsencode:
+            self.assertEqual(hord.inspect(path(lens), recipe=recipe, reference=reference).score,
+                             hord.inspect(hord.read(frame), hord.Recipe(), learned).score)
+        with self.assertRaisesRegex(hord.NotFound, r"gr\\xe9n\.png does not exist"):
+            hord.inspect(b"gr\xe9n.png")
+        with self.assertRaisesRegex(hord.InvalidArgument, "holds a NUL character"):
+            hord.read(b"g1\0.png")
 
     def test_what_does_not_exist_is_not_found(self):
         field = hord.decode(np.zeros((90, 90), np.uint8))
