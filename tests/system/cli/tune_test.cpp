@@ -252,7 +252,7 @@ TEST_F(Tune, starts_from_a_recipe_and_measures_a_reference) {
     ASSERT_EQ(run("hordctl", learn).status, 0);
     std::ofstream(folder / "base.toml") << "schema = 1\nname = \"lens\"\nnumber = 7\nversion = 3\n[limits]\nmin_area = "
                                            "4\n[[zone]]\nshape = \"circle\"\ncentre = [13, 11]\nradius = 20\n"
-                                        << kFillsField;
+                                        << "[part]\npresent = \"unchecked\"\n";
     const Said said = tune({"--budget", "100000", "--recipe", folder / "base.toml", "--reference",
                             folder / "lens.hordref", "--out", folder / "lens.toml", "--json"});
     ASSERT_EQ(said.status, 0) << said.err;
