@@ -19,7 +19,7 @@ struct Found {
 inline constexpr std::array kFound{
     Found{"late-verdict-accepted", "own-data", 8410883890119106219U, 217, LineProfile::encoder,
           "inspector-slow@209+556000us"},
-    Found{"touching-parts-unseen", "no-bad-part-passes", 7461442279635777055U, 34, LineProfile::encoder,
+    Found{"touching-parts-unseen", "counters-agree", 7461442279635777055U, 34, LineProfile::encoder,
           "part-touching@24"},
     Found{"token-forgotten", "commands-once", 9950621557077242515U, 41, LineProfile::encoder, "plc-repeats@40"},
     Found{"permit-with-an-empty-line", "lawful-states", 17162889060386944605U, 3, LineProfile::encoder,
