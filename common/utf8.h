@@ -19,9 +19,9 @@ constexpr std::size_t utf8_length(std::string_view text) {
         if ((byte(k) & 0xC0U) != 0x80) return 0;
         code = code << 6U | (byte(k) & 0x3FU);
     }
-    constexpr std::uint32_t kLeast[] = {0, 0, 0x80, 0x800, 0x10000};
+    constexpr std::uint32_t kMin[] = {0, 0, 0x80, 0x800, 0x10000};
     const bool surrogate = code >= 0xD800 && code < 0xE000;
-    return code < kLeast[length] || code > 0x10FFFF || surrogate ? 0 : length;
+    return code < kMin[length] || code > 0x10FFFF || surrogate ? 0 : length;
 }
 
 // The beginning of `text`, of at most `most` bytes, cut between two characters.

@@ -129,7 +129,7 @@ void MissingMaterialFinder::sum_squares(const Level& level) {
 }
 
 // Standard deviation of the relative difference of two squares, of up to kMaxSamples in places all over the part; by
-// the median, so that what is missing does not add to it. None if there are too few.
+// the median, so that a small hole does not add to it (a large one does, and hides itself). None if there are too few.
 std::optional<float> MissingMaterialFinder::noise(const Level& level, int distance) {
     samples_.clear();
     const auto blocks = static_cast<std::size_t>(level.m) * static_cast<std::size_t>(level.n);

@@ -15,10 +15,10 @@ constexpr int kDirections = 8;
 constexpr int kPad = 16;                       // lenslets beside the field, 0: more than a band reaches
 constexpr int kBandRows = 32;                  // rows of the field that are summed together: the sums stay in cache
 constexpr int kReach = 10;                     // rows that a band reaches beyond its first lenslet, with its profile
-constexpr float kLeastShare = 0.7F;            // of a filter's lenslets that must show the part
+constexpr float kMinShare = 0.7F;              // of a filter's lenslets that must show the part
 constexpr float kMedianOfSquare = 0.4549364F;  // of a squared normal variable
 constexpr float kLearnedParts = 3;             // the learned variance counts so many times as the frame's own
-constexpr int kLeastSampled = 512, kLeastRows = 12;
+constexpr int kMinSampled = 512, kMinRows = 12;
 constexpr int kFitted = 512, kFits = 4;  // lenslets of a plane's fit; its iterations
 constexpr float kOutlier = 3;            // standard deviations
 
@@ -183,7 +183,7 @@ HORD_ALWAYS_INLINE void sum_band(Work& w, int first, int last) {
             const float* const shift_line = in_band(w.lines[l][0]);
             const float* const light_line = in_band(w.lines[l][1]);
             const float* const count_line = in_band(w.lines[l][2]);
-            const auto length = static_cast<float>(kLengths[l]) * kLeastShare;
+            const auto length = static_cast<float>(kLengths[l]) * kMinShare;
             Highest<V> of[kProfiles];
             for (int n = 0; n < rows; ++n) {
                 float* samples[kProfiles];
@@ -225,7 +225,7 @@ HORD_ALWAYS_INLINE void sum_band(Work& w, int first, int last) {
                         count += load<V>(has + at);
                     }
                 }
-                most.add(sum, count, kLeastShare * static_cast<float>(patch.lenslets),
+                most.add(sum, count, kMinShare * static_cast<float>(patch.lenslets),
                          patch.deviation == Deviation::light ? -1 : 1, sample == nullptr ? nullptr : sample + m);
             }
         }
@@ -269,7 +269,7 @@ PooledScorer::PooledScorer(const Extents& extents, Isa isa) : work_(std::make_un
     for (auto& of_length : w.lines) {
         for (auto& sums : of_length) sums.resize(band);
     }
-    w.sampled_rows = spread(extents.n, std::max(kLeastRows, (kLeastSampled + extents.m - 1) / extents.m));
+    w.sampled_rows = spread(extents.n, std::max(kMinRows, (kMinSampled + extents.m - 1) / extents.m));
     for (auto& samples : w.samples) samples.assign(w.sampled_rows.size() * (pitch - 2 * kPad), -1.0F);
     w.sum_band = sum_band_for(isa);
 }
@@ -454,7 +454,7 @@ void PooledScorer::find(PooledPeak& peak, std::span<const Difference> difference
     for (int n = first; n < std::min(first + kBandRows, w.extents.n); ++n) {
         for (int m = 0; m < static_cast<int>(w.pitch) - 2 * kPad; ++m) {
             const auto [sum, room] = w.at(peak.filter, m, n);
-            if (room < kLeastShare * static_cast<float>(lenslets) || static_cast<float>(sign) * sum < 0) continue;
+            if (room < kMinShare * static_cast<float>(lenslets) || static_cast<float>(sign) * sum < 0) continue;
             if (sum * sum / std::max(room, 1.0F) <= best) continue;
             best = sum * sum / std::max(room, 1.0F), at_m = m, at_n = n;
         }
