@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <string>
+#include <utility>
 
 #include <arv.h>
 
@@ -41,5 +42,14 @@ class ArvFailure {
   private:
     GError* error_ = nullptr;
 };
+
+// An error tells the camera's name first.
+template <class T>
+Result<T> named(const std::string& camera, Result<T> result) {
+    return std::move(result).map_error([&](Error error) {
+        error.what = camera + ": " + error.what;
+        return error;
+    });
+}
 
 }  // namespace hord::drivers

@@ -12,10 +12,7 @@
 #include <thread>
 #include <vector>
 
-#include <netinet/in.h>
 #include <sys/mman.h>
-#include <sys/resource.h>
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include "common/unique_fd.h"
@@ -23,7 +20,8 @@
 #include "drivers/genicam/genicam_barrier.h"
 #include "drivers/genicam/genicam_discovery.h"
 #include "drivers/genicam/genicam_features.h"
-#include "drivers/hal/packed_samples.h"
+#include "drivers/genicam/genicam_setup.h"
+#include "drivers/genicam/receive_buffer.h"
 
 namespace hord::drivers {
 namespace {
@@ -36,7 +34,6 @@ constexpr auto kPlausible = 10s;  // between a latched camera's time stamp and t
 // Of a socket buffer that is not configured. Packets take more of it than they have bytes.
 constexpr std::size_t kMinSocketBytes = 1U << 22U, kMaxSocketBytes = 1U << 30U;
 constexpr int kSuspicious = 3;  // incomplete frames and no complete one
-constexpr int kEthernetMtu = 1500;
 constexpr std::uint64_t kPopWaitUs = 50'000;
 
 hal::Duration time_of(clockid_t clock) {
@@ -45,48 +42,6 @@ hal::Duration time_of(clockid_t clock) {
     return std::chrono::seconds(time.tv_sec) + std::chrono::nanoseconds(time.tv_nsec);
 }
 hal::TimePoint now() { return hal::TimePoint(time_of(CLOCK_MONOTONIC)); }
-
-std::size_t frame_bytes(const GreyFormat& format, std::size_t samples) {
-    switch (format.layout) {
-        case SampleLayout::gige: return gige_bytes(samples);
-        case SampleLayout::pfnc: return pfnc_bytes(format.bits, samples);
-        default: return samples * (format.bits > 8 ? 2U : 1U);
-    }
-}
-
-// Sets a receive buffer. Returns what the kernel gives: net.core.rmem_max limits it, and the service does not see
-// /proc/sys.
-int set_receive_buffer(int socket, int bytes) {
-    int given = 0;
-    socklen_t size = sizeof given;
-    if (::setsockopt(socket, SOL_SOCKET, SO_RCVBUF, &bytes, sizeof bytes) != 0 ||
-        ::getsockopt(socket, SOL_SOCKET, SO_RCVBUF, &given, &size) != 0)
-        return 0;
-    return given / 2;  // the kernel doubles the value for its own use
-}
-
-int granted_socket_buffer(int bytes) {
-    const common::UniqueFd socket(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
-    return socket ? set_receive_buffer(socket.get(), bytes) : 0;
-}
-
-// This process's UDP socket on `port`; -1: none. Aravis does not give its stream's socket away.
-int udp_socket_on(std::uint16_t port) {
-    rlimit limit{};
-    const int end =
-        ::getrlimit(RLIMIT_NOFILE, &limit) == 0 ? static_cast<int>(std::min<rlim_t>(limit.rlim_cur, 65'536)) : 1024;
-    for (int fd = 0; fd < end; ++fd) {
-        sockaddr_in own{};
-        socklen_t size = sizeof own;
-        int type = 0;
-        socklen_t type_size = sizeof type;
-        if (::getsockname(fd, reinterpret_cast<sockaddr*>(&own), &size) == 0 && own.sin_family == AF_INET &&
-            ntohs(own.sin_port) == port && ::getsockopt(fd, SOL_SOCKET, SO_TYPE, &type, &type_size) == 0 &&
-            type == SOCK_DGRAM)
-            return fd;
-    }
-    return -1;
-}
 
 // Memory that the station maps, too.
 class SharedMemory {
@@ -119,14 +74,15 @@ class GenicamDevice final : public CameraDevice {
     Result<std::vector<hal::ListedCamera>> list() override { return list_genicam_cameras(); }
 
     Result<CameraFormat> look() override {
-        auto format = take();
-        let_go();
-        return format;
+        return set_up_genicam(request_).map([](const GenicamSetup& setup) { return setup.format; });
     }
 
     Result<std::vector<CameraBuffer>> start(CameraPort::Listener& listener) override {
-        auto format = take();
-        auto buffers = format ? stream(*format, listener) : tl::unexpected(format.error());
+        auto setup = set_up_genicam(request_);
+        if (!setup) return tl::unexpected(setup.error());
+        agreed_ = std::move(*setup);
+        device_ = agreed_.device();
+        auto buffers = stream(listener);
         if (!buffers) stop();
         return buffers;
     }
@@ -150,11 +106,12 @@ class GenicamDevice final : public CameraDevice {
         if (receiver_.joinable()) receiver_.join();
         if (stream_) {
             ArvFailure failed;
-            arv_camera_stop_acquisition(camera_.get(), failed.out());
+            arv_camera_stop_acquisition(agreed_.camera.get(), failed.out());
             tell_statistics(true);
         }
         stream_.reset();  // with the buffers it has; those that are lent end with the process
-        let_go();
+        device_ = nullptr;
+        agreed_.camera.reset();  // releases the control
     }
 
     bool is_there() override {
@@ -168,194 +125,27 @@ class GenicamDevice final : public CameraDevice {
     std::string why_gone() override { return "is lost: it does not answer, or another program took its control"; }
 
   private:
-    void let_go() {
-        device_ = nullptr;
-        camera_.reset();  // releases the control
-    }
-
     template <class... Parts>
     void say(const char* format, Parts... parts) const {
-        std::fprintf(stderr, "%s: ", name_.c_str());
+        std::fprintf(stderr, "%s: ", agreed_.name.c_str());
         std::fprintf(stderr, format, parts...);
         std::fputc('\n', stderr);
     }
 
-    // Finds the camera, takes its control and sets it up.
-    Result<CameraFormat> take() {
-        auto taken = take_genicam_camera(request_.camera);
-        if (!taken) return tl::unexpected(taken.error());
-        camera_ = std::move(taken->camera);
-        name_ = std::move(taken->name);
-        device_ = arv_camera_get_device(camera_.get());
-        if (auto done = check_socket_buffer(); !done) return tl::unexpected(done.error());
-        const auto format = choose_format();
-        if (!format) return tl::unexpected(format.error());
-        for (const auto& [feature, value] : features_of(*format)) {
-            if (auto done = set(feature, value); !done) return tl::unexpected(done.error());
-        }
-        if (auto done = set_packets(); !done) return tl::unexpected(done.error());
-        if (auto done = set_trigger(); !done) return tl::unexpected(done.error());
-        for (const auto& [feature, value] : request_.features) {
-            if (auto done = set(feature, value); !done) return tl::unexpected(done.error());
-        }
-        if (auto done = set_light(); !done) return tl::unexpected(done.error());
-        if (auto done = set_barrier(); !done) return tl::unexpected(done.error());
-        return agreed_format(*format);
-    }
-
-    // After the features of the configuration, so that none of them lengthens the light.
-    Result<void> set_light() {
-        if (request_.light_line.empty()) return {};
-        const char* const exposure = exposure_feature();
-        const Features light{{"LineSelector", request_.light_line},
-                             {"LineMode", "Output"},
-                             {"LineSource", "ExposureActive"},
-                             {exposure, std::to_string(request_.light_us)}};
-        for (const auto& [feature, value] : light) {
-            if (auto done = set(feature, value); !done) return done;
-        }
-        ArvFailure failed;
-        const double us = arv_device_get_float_feature_value(device_, exposure, failed.out());
-        if (!failed && std::abs(us - static_cast<double>(request_.light_us)) <= 1) return {};
-        return fail(ErrorCode::refused,
-                    name_ + ": " + exposure + " is " + std::to_string(us) + " us after it was set to " +
-                        std::to_string(request_.light_us),
-                    "set timing.strobe_us to a length that the camera has, and switch ExposureAuto off");
-    }
-
-    Result<void> set_barrier() {
-        if (request_.barrier_line.empty()) return {};
-        return named(set_input_events(device_, request_.barrier_line).map([this](const InputEvents& events) {
-            input_.emplace(events.rising, events.falling);
-        }));
-    }
-
-    template <class T>
-    Result<T> named(Result<T> result) {
-        return std::move(result).map_error([this](Error error) {
-            error.what = name_ + ": " + error.what;
-            return error;
-        });
-    }
-
-    Result<void> set(const std::string& feature, const std::string& value) {
-        return named(set_feature(device_, feature, value));
-    }
-
-    Result<GreyFormat> choose_format() {
-        guint count = 0;
-        ArvFailure failed;
-        const GlibOwned<const char*> names(
-            arv_camera_dup_available_pixel_formats_as_strings(camera_.get(), &count, failed.out()));
-        const std::vector<std::string> there(names.get(), names.get() + (names ? count : 0));
-        std::vector<GreyFormat> known = genicam_formats();
-        if (!request_.pixel_format.empty()) {
-            std::erase_if(known, [&](const GreyFormat& one) { return one.name != request_.pixel_format; });
-            if (known.empty() || known.front().bits != request_.bits) {
-                return fail(ErrorCode::invalid_argument,
-                            "sensor.pixel_format \"" + request_.pixel_format + "\" does not hold grey samples of " +
-                                std::to_string(request_.bits) + " bits",
-                            "use Mono8, Mono10, Mono10p, Mono10Packed, Mono12, Mono12p, Mono12Packed or Mono16, with "
-                            "sensor.bits to match; or leave it out");
-            }
-        }
-        return choose_grey_format(name_, there, known, request_.bits,
-                                  "set sensor.bits, or sensor.pixel_format, to what the camera has");
-    }
-
-    using Features = std::vector<std::pair<std::string, std::string>>;
-    [[nodiscard]] Features features_of(const GreyFormat& format) const {
-        Features out{{"PixelFormat", format.name}};
-        const bool has_offset = has_feature(device_, "OffsetX") && has_feature(device_, "OffsetY");
-        if (has_offset) out.insert(out.end(), {{"OffsetX", "0"}, {"OffsetY", "0"}});  // else no full width would fit
-        if (request_.width_px > 0) out.emplace_back("Width", std::to_string(request_.width_px));
-        if (request_.height_px > 0) out.emplace_back("Height", std::to_string(request_.height_px));
-        if (request_.offset_x_px > 0) out.emplace_back("OffsetX", std::to_string(request_.offset_x_px));
-        if (request_.offset_y_px > 0) out.emplace_back("OffsetY", std::to_string(request_.offset_y_px));
-        if (has_feature(device_, "AcquisitionMode")) out.emplace_back("AcquisitionMode", "Continuous");
-        return out;
-    }
-
-    Result<void> set_packets() {
-        if (arv_camera_is_gv_device(camera_.get()) == FALSE) return {};
-        arv_camera_gv_set_stream_options(camera_.get(), ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
-        ArvFailure failed;
-        if (request_.packet_bytes == 0) {
-            // A camera that cannot test packets keeps what it has, also from another program or configuration.
-            arv_camera_gv_set_packet_size(camera_.get(), kEthernetMtu, ArvFailure().out());
-            arv_camera_gv_auto_packet_size(camera_.get(), failed.out());
-        } else {
-            arv_camera_gv_set_packet_size(camera_.get(), request_.packet_bytes, failed.out());
-        }
-        const std::string why = failed.what();
-        const bool set = !failed;
-        packet_bytes_ = static_cast<int>(arv_camera_gv_get_packet_size(camera_.get(), failed.out()));
-        if (set && !failed && (request_.packet_bytes == 0 || packet_bytes_ == request_.packet_bytes)) {
-            arv_camera_gv_set_packet_size_adjustment(camera_.get(), ARV_GV_PACKET_SIZE_ADJUSTMENT_NEVER);
-            return {};
-        }
-        const std::string wanted = request_.packet_bytes == 0 ? "a size that was negotiated"
-                                                              : std::to_string(request_.packet_bytes) + " bytes";
-        return fail(ErrorCode::refused,
-                    name_ + ": packets of " + wanted + " were refused (they have " + std::to_string(packet_bytes_) +
-                        "): " + why,
-                    "set sensor.packet_bytes to 0, which negotiates it, or to the MTU of the whole way: cameras want "
-                    "multiples of 4");
-    }
-
-    Result<void> set_trigger() {
-        ArvFailure failed;
-        if (request_.trigger == CameraTrigger::free) {
-            arv_camera_clear_triggers(camera_.get(), failed.out());
-        } else {
-            const std::string source =
-                request_.trigger == CameraTrigger::software ? "Software" : request_.trigger_source;
-            if (auto known = set("TriggerSource", source); !known) return known;
-            arv_camera_set_trigger(camera_.get(), source.c_str(), failed.out());
-        }
-        if (failed)
-            return fail(ErrorCode::refused, name_ + ": the trigger was refused: " + failed.what(),
-                        "see TriggerMode and TriggerSource in the camera's manual");
-        return {};
-    }
-
-    Result<CameraFormat> agreed_format(const GreyFormat& grey) {
-        ArvFailure failed;
-        int x = 0, y = 0, width = 0, height = 0;
-        arv_camera_get_region(camera_.get(), &x, &y, &width, &height, failed.out());
-        const std::size_t needed =
-            frame_bytes(grey, static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-        payload_ = arv_camera_get_payload(camera_.get(), failed.out());
-        if (failed || width <= 0 || height <= 0)
-            return fail(ErrorCode::io, name_ + " does not say its region: " + failed.what(), "switch it off and on");
-        if (payload_ != needed) {
-            return fail(ErrorCode::unsupported,
-                        name_ + " sends " + std::to_string(payload_) + " bytes a frame, and " + std::to_string(width) +
-                            " x " + std::to_string(height) + " samples of " + grey.name + " are " +
-                            std::to_string(needed),
-                        "switch chunk data off (ChunkModeActive = false), and choose a width that needs no padding");
-        }
-        region_ = {x, y, width, height};
-        pixel_format_ = arv_camera_get_pixel_format(camera_.get(), failed.out());
-        if (failed)
-            return fail(ErrorCode::io, name_ + " does not say its format: " + failed.what(), "switch it off and on");
-        // Packed rows may end inside a byte: whole bytes of a row.
-        return CameraFormat{width, height, grey, static_cast<std::ptrdiff_t>(payload_) / height};
-    }
-
-    Result<std::vector<CameraBuffer>> stream(const CameraFormat& format, CameraPort::Listener& listener) {
+    Result<std::vector<CameraBuffer>> stream(CameraPort::Listener& listener) {
         std::vector<CameraBuffer> out;
         for (int k = 0; k < request_.buffers; ++k) {
-            const SharedMemory& memory = memory_.emplace_back(payload_);
+            const SharedMemory& memory = memory_.emplace_back(agreed_.payload);
             if (memory.data() == nullptr)
                 return fail(ErrorCode::io, std::string("no memory for frames: ") + std::strerror(errno),
                             "set fewer sensor.buffers");
-            buffers_.push_back(arv_buffer_new_full(payload_, memory.data(), GUINT_TO_POINTER(k), nullptr));
-            out.push_back({memory.fd(), 0, payload_});
+            buffers_.push_back(arv_buffer_new_full(agreed_.payload, memory.data(), GUINT_TO_POINTER(k), nullptr));
+            out.push_back({memory.fd(), 0, agreed_.payload});
         }
         ArvFailure failed;
-        stream_.reset(arv_camera_create_stream(camera_.get(), nullptr, nullptr, failed.out()));
-        if (!stream_) return fail(ErrorCode::io, name_ + " gives no stream: " + failed.what(), "switch it off and on");
+        stream_.reset(arv_camera_create_stream(agreed_.camera.get(), nullptr, nullptr, failed.out()));
+        if (!stream_)
+            return fail(ErrorCode::io, agreed_.name + " gives no stream: " + failed.what(), "switch it off and on");
         const auto socket_bytes = set_socket_buffer();
         if (!socket_bytes) return tl::unexpected(socket_bytes.error());
         socket_bytes_ = static_cast<std::size_t>(*socket_bytes);
@@ -369,35 +159,34 @@ class GenicamDevice final : public CameraDevice {
         for (int k = 0; k < kFirstLatches; ++k) latch(failed);
         listener_ = &listener;
         if (auto done = listen_to_barrier(); !done) return tl::unexpected(done.error());
-        arv_camera_start_acquisition(camera_.get(), failed.out());
+        arv_camera_start_acquisition(agreed_.camera.get(), failed.out());
         if (failed)
-            return fail(ErrorCode::io, name_ + " does not stream: " + failed.what(),
+            return fail(ErrorCode::io, agreed_.name + " does not stream: " + failed.what(),
                         "look at sensor.trigger and at the features of the configuration");
         stopping_ = false;
         any_complete_ = false;
         incomplete_ = 0;
         receiver_ = std::thread([this] { receive(); });
         checked_ = told_ = now();
-        tell_start(format, *socket_bytes);
+        tell_start(*socket_bytes);
         return out;
     }
 
     Result<void> listen_to_barrier() {
-        if (!input_) return {};
+        if (!agreed_.input) return {};
         ArvFailure failed;
         ticks_a_second_ = 1'000'000'000;
         if (ARV_IS_GV_DEVICE(device_)) {
             const guint64 frequency = arv_gv_device_get_timestamp_tick_frequency(ARV_GV_DEVICE(device_), failed.out());
             if (!failed && frequency > 0) ticks_a_second_ = frequency;
         }
-        return named(MessageChannel::open(device_, [this](const GvcpMessage& message) {
-                         take(message);
-                     }).map([this](auto channel) { messages_ = std::move(channel); }));
+        auto opened = MessageChannel::open(device_, [this](const GvcpMessage& message) { take(message); });
+        return named(agreed_.name, std::move(opened)).map([this](auto channel) { messages_ = std::move(channel); });
     }
 
     void take(const GvcpMessage& message) {
         heard_ = true;
-        for (const InputEdges::Edge& edge : input_->take(message)) {
+        for (const InputEdges::Edge& edge : agreed_.input->take(message)) {
             const hal::Duration stamp = time_of_ticks(edge.ticks, ticks_a_second_);
             const hal::TimePoint arrival = now();
             const std::scoped_lock lock(mutex_);
@@ -421,33 +210,24 @@ class GenicamDevice final : public CameraDevice {
         if (!ARV_IS_GV_STREAM(stream_.get())) return 0;
         const int wanted = request_.socket_buffer_bytes > 0
             ? request_.socket_buffer_bytes
-            : static_cast<int>(std::clamp<std::size_t>(payload_, kMinSocketBytes, kMaxSocketBytes));
+            : static_cast<int>(std::clamp<std::size_t>(agreed_.payload, kMinSocketBytes, kMaxSocketBytes));
         g_object_set(stream_.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size", wanted,
                      nullptr);
         // Aravis sets it at the first packet: too late for the first burst.
         const int socket = udp_socket_on(arv_gv_stream_get_port(ARV_GV_STREAM(stream_.get())));
         if (socket >= 0) return set_receive_buffer(socket, wanted);
         say("its socket was not found: until its first packet it has the buffer of net.core.rmem_default");
-        return granted_socket_buffer(wanted);
+        return granted_receive_buffer(wanted);
     }
 
-    // Of a socket that is not the stream's: so that the station does not open where the stream would not start.
-    [[nodiscard]] Result<void> check_socket_buffer() const {
-        const int wanted = request_.socket_buffer_bytes;
-        const int given = wanted > 0 && arv_camera_is_gv_device(camera_.get()) ? granted_socket_buffer(wanted) : wanted;
-        if (given >= wanted) return {};
-        return fail(ErrorCode::unsupported,
-                    "the kernel gives a socket " + std::to_string(given) + " of the " + std::to_string(wanted) +
-                        " bytes of sensor.socket_buffer_bytes",
-                    "sysctl net.core.rmem_max=" + std::to_string(wanted) + ", and in /etc/sysctl.d to keep it");
-    }
-
-    void tell_start(const CameraFormat& format, int socket_bytes) {
-        say("%d x %d %s, %zu bytes a frame", format.width_px, format.height_px, format.grey.name.c_str(), payload_);
+    void tell_start(int socket_bytes) {
+        const CameraFormat& format = agreed_.format;
+        say("%d x %d %s, %zu bytes a frame", format.width_px, format.height_px, format.grey.name.c_str(),
+            agreed_.payload);
         if (ARV_IS_GV_STREAM(stream_.get())) {
-            say("packets of %d bytes (%s), socket buffer of %d bytes%s", packet_bytes_,
+            say("packets of %d bytes (%s), socket buffer of %d bytes%s", agreed_.packet_bytes,
                 request_.packet_bytes == 0 ? "negotiated" : "as configured", socket_bytes,
-                static_cast<std::size_t>(socket_bytes) < payload_
+                static_cast<std::size_t>(socket_bytes) < agreed_.payload
                     ? ", less than a frame: frames may lose packets while the processor is busy; raise "
                       "net.core.rmem_max"
                     : "");
@@ -466,7 +246,7 @@ class GenicamDevice final : public CameraDevice {
 
     // A camera that nobody told its exposure has that of its maker, often some 10 ms: light from elsewhere, and blur.
     void tell_exposure() {
-        const char* const exposure = exposure_feature();
+        const char* const exposure = exposure_feature(device_);
         ArvFailure failed;
         const double us = arv_device_get_float_feature_value(device_, exposure, failed.out());
         if (failed) return;
@@ -482,7 +262,6 @@ class GenicamDevice final : public CameraDevice {
             say("it exposes for %.0f us", us);
         }
     }
-    const char* exposure_feature() { return has_feature(device_, "ExposureTime") ? "ExposureTime" : "ExposureTimeAbs"; }
 
     void tell_statistics(bool last) {
         if (!stream_ || (!last && now() - told_ < kReportEvery)) return;
@@ -506,8 +285,8 @@ class GenicamDevice final : public CameraDevice {
     bool answers() {
         ArvFailure failed;
         latch(failed);
-        if (no_latch_ && arv_camera_is_gv_device(camera_.get()) != FALSE)
-            arv_camera_gv_get_packet_size(camera_.get(), failed.out());
+        if (no_latch_ && arv_camera_is_gv_device(agreed_.camera.get()) != FALSE)
+            arv_camera_gv_get_packet_size(agreed_.camera.get(), failed.out());
         return !failed.is(ARV_DEVICE_ERROR_TIMEOUT);
     }
 
@@ -610,9 +389,11 @@ class GenicamDevice final : public CameraDevice {
         int pad_x = 0, pad_y = 0;
         arv_buffer_get_image_region(buffer, region.data(), &region[1], &region[2], &region[3]);
         arv_buffer_get_image_padding(buffer, &pad_x, &pad_y);
-        if (region[2] != region_[2] || region[3] != region_[3]) return "it has another size than was agreed";
-        if (region != region_) return "it has another place on the sensor than was agreed";
-        if (arv_buffer_get_image_pixel_format(buffer) != pixel_format_) return "it has another format than was agreed";
+        if (region[2] != agreed_.region[2] || region[3] != agreed_.region[3])
+            return "it has another size than was agreed";
+        if (region != agreed_.region) return "it has another place on the sensor than was agreed";
+        if (arv_buffer_get_image_pixel_format(buffer) != agreed_.pixel_format)
+            return "it has another format than was agreed";
         return pad_x != 0 || pad_y != 0 ? "its rows are padded" : "";
     }
 
@@ -629,12 +410,13 @@ class GenicamDevice final : public CameraDevice {
             say("none of the first %d frames was what was agreed: look at the camera's format, size and region "
                 "(what is saved in it, and [[sensor.feature]]); switch it off and on; else update its firmware",
                 kSuspicious);
-        } else if (packet_bytes_ > kEthernetMtu) {
+        } else if (agreed_.packet_bytes > kEthernetMtu) {
             say("none of the first %d frames was complete: does everything between camera and station carry packets of "
                 "%d bytes? Set sensor.packet_bytes to 0, or raise the MTU of each switch and interface on the way%s",
-                kSuspicious, packet_bytes_,
-                socket_bytes_ < payload_ ? "; and raise net.core.rmem_max: the socket buffer is less than a frame"
-                                         : "");
+                kSuspicious, agreed_.packet_bytes,
+                socket_bytes_ < agreed_.payload
+                    ? "; and raise net.core.rmem_max: the socket buffer is less than a frame"
+                    : "");
         } else {
             say("none of the first %d frames was complete: raise net.core.rmem_max, and look for errors of the "
                 "network's interface (ip -s link)",
@@ -652,16 +434,12 @@ class GenicamDevice final : public CameraDevice {
     static void on_control_lost(ArvDevice*, GenicamDevice* self) { self->lost_ = true; }
 
     const GenicamSensorOptions request_;
-    std::string name_;
-    ArvOwned<ArvCamera> camera_;
+    GenicamSetup agreed_;
     ArvDevice* device_ = nullptr;  // the camera's
     ArvOwned<ArvStream> stream_;
     std::vector<SharedMemory> memory_;
     std::vector<ArvBuffer*> buffers_;  // of the stream, or lent
-    std::size_t payload_ = 0, socket_bytes_ = 0;
-    std::array<int, 4> region_{};  // agreed: x, y, width and height
-    ArvPixelFormat pixel_format_ = 0;
-    int packet_bytes_ = 0;
+    std::size_t socket_bytes_ = 0;
     CameraPort::Listener* listener_ = nullptr;
     std::thread receiver_;
     std::atomic<bool> stopping_ = true, lost_ = false, no_latch_ = false;
@@ -675,7 +453,6 @@ class GenicamDevice final : public CameraDevice {
     CameraClock clock_;  // under mutex_
     hal::TimePoint checked_, told_;
     std::array<guint64, 4> told_bad_{};
-    std::optional<InputEdges> input_;  // of the barrier
     std::uint64_t ticks_a_second_ = 0;
     hal::TimePoint last_edge_;                  // under mutex_
     std::unique_ptr<MessageChannel> messages_;  // its thread uses the rest
