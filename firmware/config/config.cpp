@@ -11,6 +11,7 @@
 #include "common/toml_fields.h"
 #include "common/utf8.h"
 #include "firmware/config/device_sections.h"
+#include "firmware/config/shared_keys.h"
 
 namespace hord::firmware {
 namespace {
