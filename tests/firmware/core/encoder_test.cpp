@@ -1,47 +1,11 @@
 // A conveyor that slows, stops and restarts: deadlines and ejection follow the encoder, not the clock.
-#include <csignal>
-#include <limits>
-
-#include "tests/firmware/core/core_rig.h"
+#include "tests/firmware/core/encoder_rig.h"
 
 namespace hord::firmware {
 namespace {
 
 using algo::Reason;
 using algo::Verdict;
-
-CoreConfig with_encoder() {
-    CoreConfig c = quick_line();
-    c.by_encoder = true;  // 1800 counts to the ejector: 180 ms at 10 counts a millisecond
-    return c;
-}
-
-class Encoder : public ::testing::Test {
-  protected:
-    Encoder() {
-        rig.bring_to(State::continuous_execution);
-        rig.belt(0);
-        run(milliseconds(50), 10);
-    }
-    // The belt moves `per_ms` counts a millisecond and is read every 10 ms.
-    void run(Duration by, std::int64_t per_ms) {
-        for (Duration done{}; done < by; done += milliseconds(10)) {
-            rig.advance(milliseconds(10));
-            rig.belt(10 * per_ms);
-        }
-    }
-    std::uint32_t bad_part() {
-        const auto part = rig.part_arrives();  // reaches the camera 50 counts (5 ms) later
-        rig.advance(milliseconds(10));
-        rig.belt(100);
-        rig.light_comes(part);
-        rig.frame_comes(part);
-        rig.judged(part, Verdict::reject, Reason::deflection_gradient);
-        return part;
-    }
-
-    CoreRig rig{with_encoder()};
-};
 
 TEST_F(Encoder, at_constant_speed_the_pulse_meets_the_part) {
     const TimePoint edge = rig.now;
@@ -163,15 +127,6 @@ TEST_F(Encoder, a_part_is_where_it_was_planned_to_be_to_half_a_gap) {
         EXPECT_EQ(rig.shot().counters.unfit, before.unfit + (off < half ? 0 : 1)) << off;
         run(milliseconds(50), 10);
     }
-}
-
-TEST_F(Encoder, parts_close_in_space_are_too_close_however_slow_the_conveyor) {
-    rig.part_arrives();
-    run(milliseconds(90), 2);  // the first part has no frame: unfit
-    rig.advance(milliseconds(8));
-    rig.part_arrives();  // 98 ms but only 180 counts after the first
-    EXPECT_EQ(rig.exposures.size(), 1U);
-    EXPECT_EQ(rig.shot().counters.unfit, 2U);
 }
 
 TEST_F(Encoder, a_stopped_conveyor_keeps_its_parts_until_it_restarts) {
@@ -356,46 +311,6 @@ TEST_F(Encoder, a_halt_loses_the_places_of_parts_also_if_the_station_starts_at_o
     EXPECT_TRUE(rig.rejects.empty());
 }
 
-TEST_F(Encoder, the_count_of_an_edge_is_a_reading) {
-    for (int k = 0; k < 4; ++k) {
-        rig.advance(milliseconds(60));
-        rig.counts += 600;
-        rig.part_arrives();
-    }
-    EXPECT_FALSE(rig.shot().line_stop) << "the encoder is not silent";
-}
-
-TEST_F(Encoder, a_part_that_comes_without_the_run_permit_is_rejected_and_confirmed) {
-    EXPECT_EQ(rig.send(Command::stop), Answer::done);
-    EXPECT_EQ(rig.permits, std::vector<bool>{false});
-    const auto part = rig.part_arrives();  // the belt coasts
-    EXPECT_FALSE(rig.shot().line_stop);
-    run(milliseconds(170), 10);
-    ASSERT_TRUE(rig.rejected(part));
-    rig.confirmed(part);
-    run(milliseconds(30), 10);
-    EXPECT_EQ(rig.only_result().reject, RejectState::confirmed);
-    EXPECT_FALSE(rig.shot().line_stop);
-}
-
-TEST_F(Encoder, a_part_that_came_before_the_start_is_not_the_single_one_though_its_edge_is_told_after_it) {
-    CoreRig one(with_encoder());
-    one.bring_to(State::ready);
-    one.belt(0);
-    const TimePoint came = one.now;
-    one.advance(Duration(1));
-    one.send(Command::start_single);
-    one.send(hal::PartEdge{hal::PartEdge::Kind::arrives, came, ++one.edges, one.counts});
-    EXPECT_EQ(one.core.line()[0].result.reason, PartReason::station_not_running);
-    EXPECT_FALSE(one.shot().line_stop);
-    for (int k = 0; k < 10; ++k) {
-        one.advance(milliseconds(10));
-        one.belt(100);
-    }
-    EXPECT_EQ(one.part_arrives(), 2U);
-    EXPECT_TRUE(one.core.line()[1].accepted) << "the single part is the next one";
-}
-
 TEST_F(Encoder, parts_keep_their_place_while_the_run_permit_is_down) {
     const auto part = bad_part();
     rig.send(DeviceLost{Device::strobe});
@@ -448,145 +363,6 @@ TEST_F(Encoder, a_conveyor_that_stops_just_before_the_exposure_spoils_it) {
     EXPECT_EQ(fast.core.line()[0].result.reason, PartReason::edge_lost);
 }
 
-TEST_F(Encoder, a_part_as_far_behind_as_the_least_gap_is_not_too_close) {
-    rig.part_arrives();
-    rig.advance(milliseconds(10));
-    rig.belt(100);
-    rig.advance(milliseconds(10));
-    rig.belt(100);  // 20 ms and 200 counts
-    rig.part_arrives();
-    EXPECT_EQ(rig.exposures.size(), 2U);
-    rig.advance(milliseconds(20));
-    rig.belt(199);
-    rig.part_arrives();
-    EXPECT_EQ(rig.core.line()[2].result.reason, PartReason::parts_too_close);
-}
-
-// With these counts the distance for which a part covers the sensor is known even where an edge has none.
-TEST_F(Encoder, an_edge_without_a_possible_count_covers_no_distance) {
-    CoreConfig config = with_encoder();
-    config.max_part_counts = 300;
-    for (const auto count : {std::optional<std::int64_t>{}, {std::numeric_limits<std::int64_t>::max()}}) {
-        CoreRig one(config);
-        one.bring_to(State::continuous_execution);
-        one.belt(0);
-        one.advance(milliseconds(10));
-        one.belt(100);
-        for (int k = 0; k < 2; ++k) {
-            for (const auto kind : {hal::PartEdge::Kind::arrives, hal::PartEdge::Kind::leaves}) {
-                one.send(hal::PartEdge{kind, one.now, ++one.edges, count});
-                one.advance(milliseconds(20));
-                one.belt(200);
-            }
-        }
-        EXPECT_EQ(one.shot().counters.missed, 0U);
-        EXPECT_FALSE(one.shot().line_stop);
-    }
-}
-
-// The leaving edge of the part ahead was lost: the sensor was not covered for as long as it seems.
-TEST_F(Encoder, an_uncertain_arrival_begins_a_distance_of_its_own) {
-    CoreConfig config = with_encoder();
-    config.max_part_counts = 300;
-    CoreRig one(config);
-    one.bring_to(State::continuous_execution);
-    one.belt(0);
-    const auto edge = [&](hal::PartEdge::Kind kind) {
-        one.send(hal::PartEdge{kind, one.now, ++one.edges, one.counts});
-    };
-    const auto moves = [&] {
-        one.advance(milliseconds(30));
-        one.counts += 300;
-    };
-    edge(hal::PartEdge::Kind::arrives);
-    moves();
-    edge(hal::PartEdge::Kind::leaves);
-    moves();
-    edge(hal::PartEdge::Kind::arrives);
-    moves();
-    moves();
-    ++one.edges;
-    edge(hal::PartEdge::Kind::arrives);
-    EXPECT_FALSE(one.shot().line_stop);
-    moves();
-    one.belt(0);
-    EXPECT_FALSE(one.shot().line_stop);
-}
-
-// The covered distance counts, not the time; 0: not checked.
-TEST_F(Encoder, parts_that_cover_the_sensor_for_too_many_counts_touch) {
-    for (const std::int64_t most : {0, 300}) {
-        CoreConfig config = with_encoder();
-        config.max_part_counts = most;
-        CoreRig one(config);
-        one.bring_to(State::continuous_execution);
-        one.belt(0);
-        const auto edge = [&](hal::PartEdge::Kind kind) {
-            one.send(hal::PartEdge{kind, one.now, ++one.edges, one.counts});
-        };
-        const auto moves = [&](std::int64_t counts) {
-            one.advance(milliseconds(10));
-            one.belt(counts);
-        };
-        edge(hal::PartEdge::Kind::arrives);
-        moves(100);
-        edge(hal::PartEdge::Kind::leaves);
-        moves(300);
-        edge(hal::PartEdge::Kind::arrives);
-        moves(0);
-        moves(300);
-        EXPECT_FALSE(one.shot().line_stop);
-        moves(1);
-        EXPECT_EQ(one.shot().line_stop, most != 0);
-        EXPECT_EQ((one.shot().faults_active & kFaultPartSensor) != 0, most != 0);
-        moves(1000);
-        EXPECT_EQ(one.shot().counters.missed, most != 0 ? 1U : 0U) << "once";
-    }
-}
-
-// The part that covered it when it was lost is forgotten with its place.
-TEST_F(Encoder, a_part_sensor_that_is_back_is_not_covered_by_a_part_of_before) {
-    CoreConfig config = with_encoder();
-    config.max_part_counts = 300;
-    CoreRig one(config);
-    one.bring_to(State::continuous_execution);
-    one.belt(0);
-    for (const auto kind : {hal::PartEdge::Kind::arrives, hal::PartEdge::Kind::leaves, hal::PartEdge::Kind::arrives}) {
-        one.send(hal::PartEdge{kind, one.now, ++one.edges, one.counts});
-        one.advance(milliseconds(10));
-        one.belt(100);
-    }
-    one.send(DeviceLost{Device::part_sensor});
-    one.advance(kMinLineStop);
-    ASSERT_EQ(one.send(Command::reset), Answer::done);
-    one.send(DeviceUp{Device::part_sensor});
-    const std::uint32_t missed = one.shot().counters.missed;
-    for (int k = 0; k < 10; ++k) {
-        one.advance(milliseconds(10));
-        one.belt(100);
-    }
-    EXPECT_EQ(one.shot().counters.missed, missed);
-    EXPECT_FALSE(one.shot().line_stop);
-}
-
-TEST_F(Encoder, a_part_without_a_count_is_rejected_where_it_must_be) {
-    rig.send(hal::PartEdge{hal::PartEdge::Kind::arrives, rig.now, 1, {}});
-    run(milliseconds(160), 10);
-    ASSERT_TRUE(rig.rejected(1));
-    rig.confirmed(1);
-    run(milliseconds(40), 10);
-    EXPECT_EQ(rig.only_result().reason, PartReason::edge_lost);
-    EXPECT_EQ(rig.only_result().reject, RejectState::confirmed);
-}
-
-TEST_F(Encoder, an_impossible_count_is_no_count) {
-    rig.send(hal::PartEdge{hal::PartEdge::Kind::arrives, rig.now, 1, std::numeric_limits<std::int64_t>::max()});
-    EXPECT_EQ(rig.shot().counters.unfit, 1U);
-    rig.send(hal::EncoderReading{rig.now + milliseconds(1), std::numeric_limits<std::int64_t>::min()});
-    run(milliseconds(160), 10);
-    EXPECT_TRUE(rig.rejected(1));
-}
-
 // More results than one step has room for.
 TEST_F(Encoder, every_part_of_a_full_line_whose_place_is_lost_gets_its_result) {
     CoreConfig config = with_encoder();
@@ -606,102 +382,6 @@ TEST_F(Encoder, every_part_of_a_full_line_whose_place_is_lost_gets_its_result) {
         EXPECT_EQ(one.results[k].part, k + 1);
         EXPECT_EQ(one.results[k].reject, RejectState::failed);
     }
-}
-
-TEST(ActionsDeathTest, an_action_without_room_ends_the_process) {
-    Actions actions;
-    for (std::size_t k = 0; k < Actions::kCapacity; ++k) actions.push(StopDevices{});
-    EXPECT_EQ(actions.room(), 0U);
-    EXPECT_EXIT(actions.push(StopDevices{}), ::testing::KilledBySignal(SIGABRT), "");
-}
-
-TEST(Conveyor, of_which_nothing_is_known_reaches_no_count) {
-    const TimePoint t0(std::chrono::seconds(1));
-    Conveyor c;
-    c.read(t0, 500);
-    EXPECT_EQ(c.reaches(501), TimePoint::max()) << "one reading is no speed";
-    EXPECT_EQ(c.reaches(500), t0);
-    c.read(t0 + milliseconds(10), 600);
-    c.forget();
-    EXPECT_FALSE(c.known());
-    EXPECT_FALSE(c.reached(0));
-    EXPECT_EQ(c.reaches(-1), TimePoint::max());
-    EXPECT_EQ(c.reaches(0), TimePoint::max());
-    EXPECT_EQ(c.counts_at(t0), 0);
-}
-
-TEST(Conveyor, counts_of_more_than_a_lifetime_are_not_plausible) {
-    EXPECT_TRUE(Conveyor::plausible(Conveyor::kPlausible - 1));
-    EXPECT_FALSE(Conveyor::plausible(Conveyor::kPlausible));
-    EXPECT_TRUE(Conveyor::plausible(1 - Conveyor::kPlausible));
-    EXPECT_FALSE(Conveyor::plausible(-Conveyor::kPlausible));
-}
-
-TEST(Conveyor, readings_four_milliseconds_apart_give_a_speed) {
-    Conveyor c;
-    const TimePoint t0(std::chrono::seconds(1));
-    c.read(t0, 0);
-    c.read(t0 + milliseconds(4) - Duration(1), 40);
-    EXPECT_EQ(c.reaches(80), TimePoint::max());
-    c.read(t0 + milliseconds(4), 40);
-    EXPECT_EQ(c.reaches(80), t0 + milliseconds(8));
-}
-
-TEST(Conveyor, too_fast_to_be_extrapolated_is_taken_to_stand) {
-    constexpr std::int64_t kStepsAnHour = 900'000;  // of 4 ms
-    const TimePoint t0(std::chrono::seconds(1)), last = t0 + milliseconds(4), later = last + std::chrono::hours(1);
-    const std::int64_t fastest = Conveyor::kPlausible / kStepsAnHour;
-    Conveyor fast, too_fast;
-    for (Conveyor* c : {&fast, &too_fast}) c->read(t0, 0);
-    fast.read(last, fastest);
-    too_fast.read(last, fastest * 11 / 10);
-    EXPECT_EQ(fast.counts_at(later), fastest * (kStepsAnHour + 1));
-    EXPECT_EQ(too_fast.counts_at(later), fastest * 11 / 10);
-}
-
-TEST(Conveyor, that_moves_by_one_count_between_readings_moves) {
-    Conveyor c;
-    const TimePoint t0(std::chrono::seconds(1));
-    c.read(t0, 0);
-    c.read(t0 + milliseconds(10), 1);
-    EXPECT_EQ(c.reaches(3), t0 + milliseconds(30));
-    EXPECT_EQ(c.counts_at(t0 + milliseconds(30)), 3);
-}
-
-TEST(Conveyor, one_count_microseconds_after_a_reading_is_no_speed) {
-    Conveyor c;
-    const TimePoint t0(std::chrono::seconds(1));
-    c.read(t0, 0);
-    c.read(t0 + milliseconds(10), 100);
-    c.read(t0 + milliseconds(10) + microseconds(10), 101);  // an edge with its count
-    EXPECT_EQ(c.reaches(201), t0 + milliseconds(20) + microseconds(10));
-}
-
-TEST(Conveyor, extrapolates_the_last_two_readings_and_never_overflows) {
-    Conveyor c;
-    const TimePoint t0(std::chrono::seconds(1));
-    EXPECT_EQ(c.reaches(100), TimePoint::max());
-    c.read(t0, 0);
-    EXPECT_EQ(c.reaches(100), TimePoint::max());
-    c.read(t0 + milliseconds(10), 100);
-    EXPECT_EQ(c.reaches(150), t0 + milliseconds(15));
-    EXPECT_EQ(c.reaches(50), t0 + milliseconds(5));
-    EXPECT_EQ(c.counts_at(t0 + milliseconds(20)), 200);
-    EXPECT_EQ(c.reaches(std::int64_t{1} << 60), TimePoint::max());
-    const TimePoint last = t0 + milliseconds(10);
-    const std::int64_t in_an_hour = 36'000'000;
-    EXPECT_EQ(c.reaches(100 + in_an_hour), last + std::chrono::hours(1));
-    EXPECT_EQ(c.reaches(100 + 10'000), last + std::chrono::seconds(1));
-    EXPECT_EQ(c.reaches(100 - 10'000), last - std::chrono::seconds(1));
-    EXPECT_EQ(c.reaches(100 - in_an_hour - 50), last - std::chrono::hours(1) - milliseconds(5));
-    EXPECT_EQ(c.reaches(100 - 2 * in_an_hour), last - std::chrono::hours(1)) << "no further back";
-    EXPECT_EQ(c.counts_at(last + std::chrono::hours(1)), 100 + in_an_hour);
-    EXPECT_EQ(c.counts_at(last + std::chrono::hours(2)), 100 + in_an_hour) << "not extrapolated any further";
-    EXPECT_EQ(c.counts_at(last - std::chrono::hours(2)), 100 - in_an_hour);
-    c.read(t0 + milliseconds(20), 90);  // a decreasing count is treated as a standstill
-    EXPECT_EQ(c.reaches(91), TimePoint::max());
-    c.read(t0 + milliseconds(20), 500);  // not newer than the last reading
-    EXPECT_EQ(c.reaches(100), TimePoint::max());
 }
 
 }  // namespace

@@ -222,5 +222,12 @@ TEST(States, the_heartbeat_beats_by_time_alone) {
     EXPECT_EQ(rig.shot().station_heartbeat, 5);
 }
 
+TEST(ActionsDeathTest, an_action_without_room_ends_the_process) {
+    Actions actions;
+    for (std::size_t k = 0; k < Actions::kCapacity; ++k) actions.push(StopDevices{});
+    EXPECT_EQ(actions.room(), 0U);
+    EXPECT_EXIT(actions.push(StopDevices{}), ::testing::KilledBySignal(SIGABRT), "");
+}
+
 }  // namespace
 }  // namespace hord::firmware

@@ -1,69 +1,11 @@
-// The station between devices and core, in virtual time, with devices controlled by the test.
-#include "firmware/station/station.h"
-
-#include <tuple>
-
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include "lab/stand_in/stand_in_inspector.h"
-#include "lab/virtual_time/virtual_time.h"
-#include "tests/firmware/station/fake_devices.h"
+// The station between devices and core: parts, losses, recovery, stops.
+#include "tests/firmware/station/station_fixture.h"
 
 namespace hord::firmware {
 namespace {
 
 using ::testing::HasSubstr;
 using State = firmware::State;
-
-struct Observer final : StationObserver {
-    std::vector<PartResult> results;
-    std::vector<State> states;
-    std::vector<Error> troubles;
-    std::vector<std::pair<std::uint32_t, std::string>> faults;  // raised, and why the line is stopped
-    std::vector<FrameHandle> frames;                            // that the core was told of
-    void on_step(State, const Event& event) override {
-        if (const auto* frame = std::get_if<FrameArrived>(&event)) frames.push_back(frame->frame);
-    }
-    void on_result(const PartResult& result) override { results.push_back(result); }
-    void on_fault(std::uint32_t raised, const Snapshot& now) override {
-        faults.emplace_back(raised, text_of(now.line_stop_why));
-    }
-    void on_state(State, State to) override { states.push_back(to); }
-    void on_trouble(const Error& error) override { troubles.push_back(error); }
-};
-
-class StationTest : public ::testing::Test {
-  protected:
-    StationTest() {
-        // Good light and a pass 20 ms after the frame, unless a test says otherwise.
-        inspector =
-            lab::make_stand_in_inspector(loop, 2, [this](std::uint32_t, const hal::FrameLease&) { return answer; });
-        station.emplace(CoreConfig{}, Cell{loop, part_sensor, strobe, sensor, rejector, *inspector}, &observer);
-    }
-    void run() {
-        station->run();
-        rejector.link(true);
-        ASSERT_EQ(station->snapshot().state, State::continuous_execution);
-    }
-    void part() { part_sensor.listener->on_edge({hal::PartEdge::Kind::arrives, loop.now(), ++edges, {}}); }
-    void light_and_frame() {
-        const auto& pulse = strobe.pulses.back();
-        strobe.listener->on_strobe({pulse.exposure, true, pulse.start, pulse.width});
-        sensor.deliver(sensor.requests.back().start);
-    }
-
-    lab::VirtualTime loop;
-    FakePartSensor part_sensor;
-    FakeStrobe strobe;
-    FakeSensor sensor;
-    FakeRejector rejector;
-    lab::StandInAnswer answer{Judged{0, false, algo::Verdict::pass, algo::Reason::none, 0, 0.5F}, milliseconds(20)};
-    std::unique_ptr<Inspector> inspector;
-    Observer observer;
-    std::optional<Station> station;
-    std::uint32_t edges = 0;
-};
 
 TEST_F(StationTest, runs_as_soon_as_the_rejector_is_found) {
     station->run();
@@ -112,15 +54,6 @@ TEST_F(StationTest, carries_a_bad_part_to_the_ejector) {
     EXPECT_EQ(observer.results[0].reject, RejectState::confirmed);
 }
 
-TEST_F(StationTest, a_refused_trigger_is_reported_and_rejects_the_part) {
-    run();
-    sensor.no_buffer = true;
-    part();
-    ASSERT_EQ(observer.troubles.size(), 1U);
-    EXPECT_EQ(observer.troubles[0].what, "no free buffer");
-    EXPECT_EQ(station->snapshot().counters.unfit, 1U);
-}
-
 TEST_F(StationTest, a_full_inspector_rejects_and_gives_the_frame_back) {
     answer.after = milliseconds(300);
     run();
@@ -134,84 +67,6 @@ TEST_F(StationTest, a_full_inspector_rejects_and_gives_the_frame_back) {
     EXPECT_EQ(station->snapshot().counters.unfit, 1U);
     ASSERT_EQ(observer.troubles.size(), 1U);
     EXPECT_THAT(observer.troubles[0].message(), HasSubstr("queue is full"));
-}
-
-TEST_F(StationTest, a_frame_or_light_that_misses_its_time_is_told_with_the_key_to_change) {
-    run();
-    part();
-    loop.run_for(milliseconds(40));
-    const auto& pulse = strobe.pulses.back();
-    strobe.listener->on_strobe({pulse.exposure, true, pulse.start - milliseconds(5), pulse.width});
-    ASSERT_EQ(observer.troubles.size(), 1U);
-    EXPECT_THAT(observer.troubles[0].what,
-                HasSubstr("the light of part 1 began 5 ms before it was due; the tolerance is 0.1 ms "
-                          "(timing.strobe_window_us)"));
-    sensor.deliver(sensor.requests.back().start + milliseconds(23));
-    EXPECT_EQ(observer.troubles.size(), 1U) << "no part waits any more";
-    loop.run_for(milliseconds(360));
-    rejector.listener->on_reject({1, hal::RejectReport::Outcome::confirmed, loop.now()});
-    loop.run_for(milliseconds(600));
-    part();
-    loop.run_for(milliseconds(40));
-    sensor.deliver(sensor.requests.back().start + milliseconds(23));
-    sensor.deliver(sensor.requests.back().start + milliseconds(24));
-    ASSERT_EQ(observer.troubles.size(), 2U) << "once a second";
-    EXPECT_THAT(observer.troubles[1].what, HasSubstr("a frame was exposed 23 ms after the trigger of part 2"));
-    EXPECT_THAT(observer.troubles[1].what, HasSubstr("the window is 2 ms (timing.frame_window_us)"));
-}
-
-TEST_F(StationTest, a_part_that_is_at_the_camera_before_its_exposure_is_asked_for_is_told_by_how_much) {
-    run();
-    loop.run_for(milliseconds(20));
-    part_sensor.listener->on_edge({hal::PartEdge::Kind::arrives, loop.now() - milliseconds(12), ++edges, {}});
-    ASSERT_EQ(observer.troubles.size(), 1U);
-    EXPECT_THAT(observer.troubles[0].what, HasSubstr("part 1 was at the camera 7 ms before the station could ask"));
-    EXPECT_TRUE(strobe.pulses.empty());
-    EXPECT_NE(station->snapshot().faults_active & kFaultOverrun, 0U);
-}
-
-TEST_F(StationTest, a_light_that_did_not_come_is_told_with_its_part) {
-    run();
-    part();
-    const auto& pulse = strobe.pulses.back();
-    strobe.listener->on_strobe({pulse.exposure, false, pulse.start + milliseconds(3), {}});
-    ASSERT_EQ(observer.troubles.size(), 1U);
-    EXPECT_THAT(observer.troubles[0].what,
-                HasSubstr("the light of part 1 did not come: the strobe said so 3 ms after it was due"));
-    loop.run_for(milliseconds(1));
-    EXPECT_EQ(station->snapshot().counters.unfit, 1U);
-}
-
-TEST_F(StationTest, parts_that_are_too_close_are_told_with_the_key_once_a_second) {
-    run();
-    part();
-    loop.run_for(milliseconds(12));
-    part();
-    loop.run_for(milliseconds(12));
-    part();
-    ASSERT_EQ(observer.troubles.size(), 1U);
-    EXPECT_THAT(observer.troubles[0].what,
-                HasSubstr("12 ms after the one ahead; one that is closer than 20 ms (line.min_gap_ms) is rejected"));
-    loop.run_for(milliseconds(21));
-    part();
-    EXPECT_EQ(observer.troubles.size(), 1U);
-    EXPECT_EQ(station->snapshot().counters.seen, 4U);
-}
-
-TEST_F(StationTest, a_light_that_is_too_short_or_too_long_is_told_by_how_much) {
-    run();
-    for (const auto& [longer, said] :
-         {std::pair{milliseconds(-1), "was 1 ms shorter than"}, {milliseconds(1), "was 1 ms longer than"}}) {
-        part();
-        const auto& pulse = strobe.pulses.back();
-        strobe.listener->on_strobe({pulse.exposure, true, pulse.start, pulse.width + longer});
-        EXPECT_THAT(observer.troubles.back().what, HasSubstr(said));
-        loop.run_for(milliseconds(375));
-        rejector.listener->on_reject(
-            {rejector.commands.back().part, hal::RejectReport::Outcome::confirmed, loop.now()});
-        loop.run_for(std::chrono::seconds(2));
-    }
-    EXPECT_EQ(observer.troubles.size(), 2U);
 }
 
 TEST_F(StationTest, a_rejector_that_refuses_stops_the_line) {
@@ -235,17 +90,6 @@ TEST_F(StationTest, recovers_from_a_lost_device_after_a_reset_and_runs_again) {
     ASSERT_EQ(station->request(Command::reset), Answer::done);
     EXPECT_EQ(station->snapshot().state, State::continuous_execution);
     EXPECT_EQ(rejector.starts, 1);  // the rejector was not restarted
-}
-
-TEST_F(StationTest, an_absent_part_sensor_is_named_and_arming_refused_until_a_reset_finds_it) {
-    part_sensor.absent = true;
-    ASSERT_EQ(station->request(Command::initialise), Answer::done);
-    rejector.link(true);
-    EXPECT_EQ(observer.troubles.at(0).what, "line 4 of gpiochip0");
-    EXPECT_EQ(station->request(Command::arm), Answer::device_down);
-    part_sensor.absent = false;
-    ASSERT_EQ(station->request(Command::reset), Answer::done);
-    EXPECT_EQ(station->request(Command::arm), Answer::done);
 }
 
 TEST_F(StationTest, a_stopped_station_stays_stopped) {
@@ -376,34 +220,6 @@ TEST_F(StationTest, faults_from_outside_and_an_unknown_line_reach_the_core) {
 
 // -- devices
 
-TEST_F(StationTest, each_lost_device_is_named_and_brings_error) {
-    const std::pair<std::uint32_t, std::function<void()>> losses[] = {
-        {kFaultPartSensor,
-         [&] {
-             part_sensor.listener->on_part_sensor_lost({ErrorCode::disconnected, "it", ""});
-         }},
-        {kFaultStrobe,
-         [&] {
-             strobe.listener->on_strobe_lost({ErrorCode::disconnected, "it", ""});
-         }},
-        {kFaultSensor, [&] {
-             sensor.listener->on_sensor_lost({ErrorCode::disconnected, "it", ""});
-         }}};
-    for (const auto& [fault, lose] : losses) {
-        SCOPED_TRACE(fault);
-        run();
-        observer.troubles.clear();
-        lose();
-        EXPECT_EQ(station->snapshot().state, State::error);
-        EXPECT_NE(station->snapshot().faults_active & fault, 0U);
-        ASSERT_EQ(observer.troubles.size(), 1U);
-        EXPECT_EQ(observer.troubles[0].what, "it");
-        station->request(Command::halt);
-        loop.run_for(milliseconds(250));
-        ASSERT_EQ(station->request(Command::reset), Answer::done);
-    }
-}
-
 TEST_F(StationTest, a_part_sensor_that_is_absent_at_a_reset_leaves_the_station_initialized) {
     run();
     part_sensor.listener->on_part_sensor_lost({});
@@ -412,26 +228,6 @@ TEST_F(StationTest, a_part_sensor_that_is_absent_at_a_reset_leaves_the_station_i
     ASSERT_EQ(station->request(Command::reset), Answer::done);
     EXPECT_EQ(station->snapshot().state, State::initialized);
     EXPECT_NE(station->snapshot().faults_active & kFaultPartSensor, 0U);
-}
-
-TEST_F(StationTest, a_refused_light_is_reported_and_rejects_the_part) {
-    run();
-    strobe.hot = true;
-    part();
-    ASSERT_EQ(observer.troubles.size(), 1U);
-    EXPECT_EQ(observer.troubles[0].what, "the light has not rested");
-    EXPECT_EQ(station->snapshot().counters.unfit, 1U);
-    loop.run_for(milliseconds(600));
-    ASSERT_EQ(observer.results.size(), 1U);
-    EXPECT_EQ(observer.results[0].reason, PartReason::strobe_failed);
-}
-
-TEST_F(StationTest, why_a_rejection_failed_is_told_and_alone_changes_nothing) {
-    run();
-    rejector.listener->on_reject_failed({ErrorCode::refused, "coil 0 reads back 0", "check the profile"});
-    EXPECT_EQ(observer.troubles.back().what, "coil 0 reads back 0");
-    EXPECT_EQ(station->snapshot().state, State::continuous_execution);
-    EXPECT_EQ(rejector.permits, (std::vector<bool>{true}));
 }
 
 TEST_F(StationTest, the_rejectors_link_is_needed_and_its_loss_drops_the_permit) {
@@ -519,202 +315,6 @@ TEST_F(StationTest, halt_closes_what_reset_and_initialise_open_again) {
     ASSERT_EQ(station->request(Command::initialise), Answer::done);
     EXPECT_EQ(rejector.starts, 2);
     EXPECT_NE(part_sensor.listener, nullptr);
-}
-
-// -- the flash test
-
-class FlashTest : public StationTest {
-  protected:
-    void SetUp() override {
-        ASSERT_EQ(station->request(Command::initialise), Answer::done);
-        rejector.link(true);
-        ASSERT_TRUE(station->test_possible());
-    }
-    void begin(Duration patience = milliseconds(400)) {
-        began = loop.now();
-        station->test_flash(patience, [this](const Station::FlashTest& flash) {
-            ++ends;
-            result = flash;
-            ended = loop.now();
-        });
-    }
-    void light(Duration late = {}, Duration longer = {}, bool lit = true) {
-        const auto& pulse = strobe.pulses.back();
-        strobe.listener->on_strobe({pulse.exposure, lit, pulse.start + late, pulse.width + longer});
-    }
-    hal::TimePoint began, ended;
-    Station::FlashTest result;
-    int ends = 0;
-};
-
-TEST_F(FlashTest, one_exposure_one_flash_one_judgement_and_nothing_counted) {
-    const CoreConfig config;
-    answer.judged.reason = algo::Reason::no_part;
-    begin();
-    EXPECT_FALSE(station->test_possible()) << "one at a time";
-    ASSERT_EQ(sensor.requests.size(), 1U);
-    ASSERT_EQ(strobe.pulses.size(), 1U);
-    EXPECT_EQ(sensor.requests[0].start, began + config.trigger_lead);
-    EXPECT_EQ(sensor.requests[0].length, config.exposure);
-    EXPECT_EQ(strobe.pulses[0].start, began + config.trigger_lead + config.strobe_delay);
-    EXPECT_EQ(strobe.pulses[0].width, config.strobe);
-    loop.run_for(milliseconds(10));
-    light();
-    sensor.deliver(sensor.requests[0].start);
-    EXPECT_EQ(ends, 0);
-    loop.run_for(milliseconds(20));
-    ASSERT_EQ(ends, 1);
-    EXPECT_TRUE(result.lit && result.frame && result.judged);
-    EXPECT_EQ(result.reason, algo::Reason::no_part);
-    EXPECT_EQ(sensor.given_back, 1);
-    EXPECT_TRUE(station->test_possible());
-    EXPECT_TRUE(observer.frames.empty()) << "the core is not told of its frame";
-    EXPECT_EQ(station->snapshot().counters.seen + station->snapshot().counters.inspected, 0U);
-    EXPECT_TRUE(observer.results.empty());
-    loop.run_for(std::chrono::seconds(2));
-    EXPECT_EQ(ends, 1) << "the patience is over for nobody";
-}
-
-TEST_F(FlashTest, light_at_the_edges_of_its_tolerance_counts_and_beyond_does_not) {
-    const Duration window = CoreConfig{}.strobe_window;
-    const std::tuple<Duration, Duration, bool, bool> cases[] = {{window, {}, true, true},
-                                                                {-window, {}, true, true},
-                                                                {{}, window, true, true},
-                                                                {{}, -window, true, true},
-                                                                {window + Duration(1), {}, true, false},
-                                                                {-window - Duration(1), {}, true, false},
-                                                                {{}, window + Duration(1), true, false},
-                                                                {{}, -window - Duration(1), true, false},
-                                                                {{}, {}, false, false}};
-    for (const auto& [late, longer, lit, good] : cases) {
-        SCOPED_TRACE(late.count());
-        begin();
-        light(late, longer, lit);
-        sensor.deliver(sensor.requests.back().start);
-        loop.run_for(milliseconds(20));
-        EXPECT_EQ(result.lit, good);
-        EXPECT_TRUE(result.judged);
-    }
-    EXPECT_EQ(ends, 9);
-}
-
-TEST_F(FlashTest, a_frame_of_another_exposure_or_not_whole_is_not_its_frame) {
-    const Duration window = CoreConfig{}.frame_window;
-    begin();
-    light();
-    sensor.deliver(sensor.requests.back().start + window + Duration(1));
-    sensor.deliver(sensor.requests.back().start - window - Duration(1));
-    EXPECT_EQ(ends, 0);
-    EXPECT_EQ(sensor.given_back, 2);
-    loop.run_for(milliseconds(400));
-    ASSERT_EQ(ends, 1);
-    EXPECT_EQ(ended, began + milliseconds(400));
-    EXPECT_TRUE(result.lit);
-    EXPECT_FALSE(result.frame || result.judged);
-
-    begin();
-    light();
-    sensor.deliver(sensor.requests.back().start + window, 63);  // short
-    EXPECT_EQ(ends, 2);
-    EXPECT_FALSE(result.frame || result.judged);
-    loop.run_for(milliseconds(20));  // the light rests
-    begin();
-    sensor.deliver(sensor.requests.back().start - window, 64, true);  // corrupt
-    EXPECT_EQ(ends, 2) << "the light is not reported yet";
-    light();
-    EXPECT_EQ(ends, 3);
-    EXPECT_FALSE(result.frame || result.judged);
-    EXPECT_EQ(sensor.given_back, 4);
-}
-
-TEST_F(FlashTest, a_second_frame_of_its_exposure_is_not_inspected) {
-    begin();
-    light();
-    sensor.deliver(sensor.requests.back().start);
-    sensor.deliver(sensor.requests.back().start);
-    EXPECT_EQ(sensor.given_back, 1);
-    loop.run_for(milliseconds(20));
-    EXPECT_EQ(ends, 1);
-    EXPECT_TRUE(result.judged);
-    EXPECT_EQ(sensor.given_back, 2);
-}
-
-TEST_F(FlashTest, light_that_never_comes_ends_with_the_patience) {
-    begin(milliseconds(60));
-    sensor.deliver(sensor.requests.back().start);
-    loop.run_for(milliseconds(60));
-    ASSERT_EQ(ends, 1);
-    EXPECT_TRUE(result.frame && result.judged);
-    EXPECT_FALSE(result.lit);
-    light();  // too late: nobody waits for it
-    loop.run_for(milliseconds(60));
-    EXPECT_EQ(ends, 1);
-}
-
-TEST_F(FlashTest, what_devices_refuse_ends_it_at_once) {
-    strobe.hot = true;
-    begin();
-    loop.run_for({});
-    ASSERT_EQ(ends, 1);
-    EXPECT_EQ(ended, began);
-    EXPECT_EQ(observer.troubles.back().what, "the light has not rested");
-    sensor.no_buffer = true;
-    begin();
-    loop.run_for({});
-    ASSERT_EQ(ends, 2);
-    EXPECT_FALSE(result.lit || result.frame || result.judged);
-    EXPECT_EQ(observer.troubles.back().what, "no free buffer");
-    EXPECT_TRUE(strobe.pulses.empty()) << "no light without an exposure";
-}
-
-TEST_F(FlashTest, an_inspection_that_fails_or_is_full_is_no_judgement) {
-    answer.judged.failed = true;
-    begin();
-    light();
-    sensor.deliver(sensor.requests.back().start);
-    loop.run_for(milliseconds(20));
-    ASSERT_EQ(ends, 1);
-    EXPECT_TRUE(result.lit && result.frame);
-    EXPECT_FALSE(result.judged);
-
-    begin();
-    inspector->stop();  // it refuses
-    sensor.deliver(sensor.requests.back().start);
-    EXPECT_EQ(ends, 1);
-    EXPECT_EQ(observer.troubles.size(), 1U);
-    light();
-    ASSERT_EQ(ends, 2);
-    EXPECT_TRUE(result.frame);
-    EXPECT_FALSE(result.judged);
-    EXPECT_EQ(sensor.given_back, 2);
-}
-
-TEST_F(FlashTest, is_possible_only_on_an_empty_line_that_stands_with_every_device) {
-    rejector.link(false);
-    EXPECT_FALSE(station->test_possible());
-    rejector.link(true);
-    ASSERT_EQ(station->request(Command::arm), Answer::done);
-    EXPECT_TRUE(station->test_possible());
-    part();
-    EXPECT_FALSE(station->test_possible()) << "a part is on the line";
-    loop.run_for(std::chrono::seconds(1));
-    station->request(Command::halt);
-    EXPECT_FALSE(station->test_possible());
-    ASSERT_EQ(station->request(Command::reset), Answer::done);
-    station->run();
-    rejector.link(true);
-    EXPECT_EQ(station->snapshot().state, State::continuous_execution);
-    EXPECT_FALSE(station->test_possible());
-}
-
-TEST_F(FlashTest, the_end_of_the_station_forgets_it) {
-    begin();
-    sensor.deliver(sensor.requests.back().start);
-    station.reset();
-    EXPECT_EQ(sensor.given_back, 1);
-    loop.run_for(std::chrono::seconds(1));
-    EXPECT_EQ(ends, 0);
-    EXPECT_EQ(loop.pending(), 0U);
 }
 
 TEST_F(StationTest, takes_the_frame_size_from_the_sensor) {
