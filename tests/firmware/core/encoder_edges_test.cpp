@@ -6,9 +6,6 @@
 namespace hord::firmware {
 namespace {
 
-using algo::Reason;
-using algo::Verdict;
-
 TEST_F(Encoder, parts_close_in_space_are_too_close_however_slow_the_conveyor) {
     rig.part_arrives();
     run(milliseconds(90), 2);  // the first part has no frame: unfit

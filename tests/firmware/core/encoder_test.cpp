@@ -4,7 +4,6 @@
 namespace hord::firmware {
 namespace {
 
-using algo::Reason;
 using algo::Verdict;
 
 TEST_F(Encoder, at_constant_speed_the_pulse_meets_the_part) {
