@@ -5,8 +5,10 @@
 
 Each mutant is one changed place: a deleted statement, another relational, arithmetic or logical operator, another
 constant, a negated condition, a dropped member of max, min or clamp. All mutants of a file are compiled at once, each
-beside the original text and chosen when the program runs; what cannot be written so is compiled alone. A mutant is
-killed when a unit test of the room fails, crashes or takes too long. A survivor of the unit tests runs in the soak, if
+beside the original text and chosen when the program runs, and kept in build/mutants for the next run; what cannot be
+written so is not tried. Each unit test runs
+once by itself and tells which mutants it reaches; a mutant then runs with these tests alone, fast ones first. It is
+killed when one of them fails, crashes or takes too long. A survivor of the unit tests runs in the soak, if
 the room is part of the soaked station. Not counted is a mutant that does not compile, one whose optimised machine code
 is that of the original, and one that equivalent.txt lists with its reason. build/mutants/ROOM.survivors keeps the
 survivors; --survivors runs these alone.
@@ -18,6 +20,7 @@ import argparse
 import collections
 import concurrent.futures
 import dataclasses
+import itertools
 import json
 import os
 import pathlib
@@ -25,7 +28,6 @@ import random
 import re
 import resource
 import shlex
-import shutil
 import subprocess
 import sys
 import threading
@@ -37,6 +39,7 @@ OUT = ROOT / "build/mutants"
 EQUIVALENT = pathlib.Path(__file__).with_name("equivalent.txt")
 SOAK_SEEDS, SOAK_PARTS = (1, 2), 10000
 FAST_TEST_MS = 30  # tests up to this time run first
+MUTANTS_A_FILE = 2000  # more than any file has
 # The store's tests on no disk, with a tenth of their crashes, flipped bits and damaged values.
 QUICK = {"HORD_CRASHES": "15", "HORD_FLIPS": "40", "HORD_EDITS": "10",
          **({"TMPDIR": "/dev/shm"} if os.access("/dev/shm", os.W_OK) else {})}
@@ -50,6 +53,9 @@ class Room:
     soak: bool = False
     helpers: tuple = ()  # programs that the tests start
     real_time: bool = False  # a test may fail on a machine that is held up: a mutant must fail twice
+
+    def files(self):
+        return sorted({str(p.relative_to(ROOT)) for g in self.sources for p in ROOT.glob(g)})
 
 
 ROOMS = {
@@ -252,6 +258,13 @@ def units(code):
             yield begin, end + 1, statement, "{{ {}; }}"
 
 
+SCHEMA_HEAD = """extern int hord_mutant;
+extern unsigned char* hord_reached;
+#define HORD_MUTANT(k) (hord_reached[k] = 1, hord_mutant == (k))
+#line 1
+"""
+
+
 def schema(file, mutants):
     """The file's text with these mutants beside the original; the lines of each; those that cannot be written so."""
     text = (ROOT / file).read_text()
@@ -264,7 +277,7 @@ def schema(file, mutants):
     for m in mutants:
         of = [u for u in found if u[0] <= m.begin and m.end <= u[1] and not (m.begin == m.end == u[1])]
         of_unit[min(of, key=lambda u: u[1] - u[0])].append(m) if of else alone.append(m)
-    out, at, lines = "extern int hord_mutant;\n#define HORD_MUTANT(k) (hord_mutant == (k))\n#line 1\n", 0, {}
+    out, at, lines = SCHEMA_HEAD, 0, {}
     for (begin, end, form, rest), members_ in sorted(of_unit.items()):
         if begin < at:
             alone += members_
@@ -275,7 +288,7 @@ def schema(file, mutants):
         for m in members_:
             changed = (plain[begin:m.begin] + m.text + plain[m.end:semicolon]).replace("\n", " ")
             head, tail = form.split("{rest}")[0].format(k=m.number, new=changed), ""
-            lines[(out + new).count("\n") - 2] = m
+            lines[(out + new).count("\n") - SCHEMA_HEAD.count("\n") + 1] = m
             new += head + "\n"
         new += rest.format(plain[begin:semicolon].replace("\n", " ")) + "\n"
         out += "{" + new + "}" if rest[0] == "{" else "(" + new + ")"
@@ -306,20 +319,47 @@ def mutants_of(file):
 
 # -- compiling and running
 
+
+def source_of(object_file):
+    return re.sub(r"CMakeFiles/[^/]+\.dir/", "", object_file).removesuffix(".o")
+
+
+# A file keeps what was reached, so that processes that a test starts or kills count, too.
 CHOICE = """#include <cstdlib>
+#include <fcntl.h>
+#include <sys/mman.h>
+constexpr int kMutants = %d;
+static unsigned char not_kept[kMutants];
 int hord_mutant = 0;
-static const int chosen = (hord_mutant = std::getenv("HORD_MUTANT") ? std::atoi(std::getenv("HORD_MUTANT")) : 0);
+unsigned char* hord_reached = not_kept;
+static const bool ready = [] {
+    if (const char* number = std::getenv("HORD_MUTANT")) hord_mutant = std::atoi(number);
+    const char* file = std::getenv("HORD_REACHED");
+    if (file == nullptr) return false;
+    void* kept = mmap(nullptr, kMutants, PROT_READ | PROT_WRITE, MAP_SHARED, open(file, O_RDWR | O_CLOEXEC), 0);
+    if (kept == MAP_FAILED) std::abort();
+    hord_reached = static_cast<unsigned char*>(kept);
+    return true;
+}();
 """
 
 
-def run(command, cpu_s=600, mutant=0, wall_s=3600):
+def run(command, cpu_s=600, mutant=0, wall_s=3600, **environment):
     def limits():
         resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s + 1))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
     return subprocess.run(command, cwd=RELEASE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                           errors="replace", preexec_fn=limits, timeout=wall_s,
-                          env={**os.environ, **QUICK, "HORD_MUTANT": str(mutant)})
+                          env={**os.environ, **QUICK, "HORD_MUTANT": str(mutant), **environment})
+
+
+@dataclasses.dataclass
+class Test:
+    program: str
+    name: str
+    ms: float
+    reached: bytes = b""  # by the mutant's number
 
 
 class Workshop:
@@ -328,32 +368,34 @@ class Workshop:
     def __init__(self, name, room, mutants, jobs):
         self.room, self.mutants = room, mutants
         self.folder = OUT / name
-        shutil.rmtree(self.folder, ignore_errors=True)
-        self.folder.mkdir(parents=True)
+        self.folder.mkdir(parents=True, exist_ok=True)
         programs = [t.split()[0] for t in self.room.tests]
         targets = [*programs, *self.room.helpers, *(["mutant-none"] if self.room.soak else [])]
         subprocess.run(["cmake", "--build", str(RELEASE), "-j", str(jobs), "--target", *targets], check=True,
                        stdout=subprocess.DEVNULL)
         for helper in self.room.helpers:  # a program looks for them beside itself
+            (self.folder / helper).unlink(missing_ok=True)
             (self.folder / helper).symlink_to(RELEASE / "bin" / helper)
         self.commands = {}
         for entry in json.loads((RELEASE / "compile_commands.json").read_text()):
             self.commands.setdefault(entry["file"], shlex.split(entry["command"]))
+        self.built = {}  # when the object of a source was made
+        for file, words in self.commands.items():
+            made = RELEASE / words[words.index("-o") + 1]
+            if made.exists():
+                self.built[os.path.relpath(file, ROOT)] = made.stat().st_mtime
         self.fates = {}  # by mutant
+        self.numbers = MUTANTS_A_FILE * len(room.files()) + 1
+        self.originals, self.precompiled = {}, {}  # machine code by file and folder; the file of a folder's head.h
         self.compile_all(jobs)
-        self.cpu_s, self.wall_s = 0, 30  # a mutant whose threads wait for ever uses no processor
-        self.tests = []  # (program, filter): first the fast tests of each program, then the others
-        slow = []
+        self.tests = []
         for test in self.room.tests:
             name, _, chosen = test.partition(" ")
-            program = self.link(name, self.folder / name)
-            fast_names, slow_names = self.time_tests(program, chosen or "*")
-            self.tests.append((program, fast_names))
-            slow.append((program, slow_names))
-        self.tests += [(program, names) for program, names in slow if names]
+            self.tests += self.time_tests(self.link(name, self.folder / name), chosen or "*")
+        with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
+            list(pool.map(self.find_reached, self.tests))
         if self.room.soak:
             self.soak = self.link("mutant-none", self.folder / "soak")
-            self.cpu_s = max(self.cpu_s, 20)
 
     def compile(self, source, like, out, *flags):
         words = [w for w in self.commands[str(like)] if w not in ("-Werror", "-Winvalid-pch")]
@@ -363,28 +405,31 @@ class Workshop:
         return run([words[0], "-I", str(self.folder / "mutated"), *words[1:], *flags, "-w"])
 
     def compile_all(self, jobs):
-        """The room's files with their mutants; with mutated headers also the files of its tests."""
+        """The room's files with their mutants; also the files of the room and its tests that include a mutated header."""
         by_file = collections.defaultdict(list)
         for m in self.mutants:
             by_file[m.file].append(m)
-        files = sorted({str(p.relative_to(ROOT)) for g in self.room.sources for p in ROOT.glob(g)})
-        for header in [f for f in by_file if f.endswith(".h")]:
-            user = next(f for f in files if f.endswith(".cpp"))
-            check = self.folder / "check.cpp"
+        files = self.room.files()
+        headers = [f for f in by_file if f.endswith(".h")]
+        check = self.folder / "check.cpp"
+        for header in headers:
+            user = ROOT / next(f for f in files if f.endswith(".cpp"))
             check.write_text(f'#include "{header}"\n')
-            self.settle(header, by_file[header], lambda out: self.compile(check, ROOT / user, out))
-        headers = any(f.endswith(".h") for f in by_file)
-        sources = [f for f in files if f.endswith(".cpp") and (headers or f in by_file)]
+            out = self.folder / (header.replace("/", "_") + ".o")
+            self.settle(header, by_file[header], out, lambda: self.compile(check, user, out, "-fsyntax-only"))
+        using = self.objects_that_include(headers)
+        changed = {*by_file, *map(source_of, using)}
         with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
             def one(file):
                 out = self.folder / (file.replace("/", "_") + ".o")
                 here = self.folder / "mutated" / file
-                self.settle(file, by_file[file], lambda o: self.compile(here, ROOT / file, out, "-O1"))
+                self.settle(file, by_file[file], out, lambda: self.compile(here, ROOT / file, out, "-O1", "-g0"))
                 return str(out)
 
+            sources = [f for f in files if f.endswith(".cpp") and f in changed]
             self.objects = dict(zip(sources, pool.map(one, sources)))
             choice = self.folder / "choice.cpp"
-            choice.write_text(CHOICE)
+            choice.write_text(CHOICE % self.numbers)
             run(["c++", "-c", str(choice), "-o", str(self.folder / "choice.o")])
             self.choice = str(self.folder / "choice.o")
 
@@ -395,22 +440,45 @@ class Workshop:
                     sys.exit(f"{file}: {done.stdout[-2000:]}")
                 return str(out)
 
-            words = [w for t in self.room.tests if headers for w in self.link_command(t.split()[0])[1]]
-            source_of = {w: re.sub(r"CMakeFiles/[^/]+\.dir/", "", w)[:-2] for w in words if w.endswith(".cpp.o")}
-            wanted = {w: s for w, s in source_of.items() if (ROOT / s).exists()}
+            words = {w for t in self.room.tests for w in self.link_command(t.split()[0])[1]}
+            wanted = {w: source_of(w) for w in words & using if source_of(w) not in self.objects}
             self.replaced = dict(zip(wanted, pool.map(test, wanted.values())))
 
-    def settle(self, file, mutants, compile_it):
-        """Writes the file with its mutants; leaves out those that do not compile."""
+    def objects_that_include(self, headers):
+        if not headers:
+            return set()
+        said = subprocess.run(["ninja", "-t", "deps"], cwd=RELEASE, check=True, capture_output=True, text=True).stdout
+        blocks = (block.split("\n") for block in said.split("\n\n"))
+        return {lines[0].split(":")[0] for lines in blocks
+                if any(os.path.relpath(RELEASE / line.strip(), ROOT) in headers for line in lines[1:])}
+
+    def settle(self, file, mutants, out, compile_it):
+        """Writes the file with its mutants and compiles it; leaves out those that do not compile. Unless it was done."""
         here = self.folder / "mutated" / file
         here.parent.mkdir(parents=True, exist_ok=True)
+        kept = here.with_name(here.name + ".invalid")
+        known = set(kept.read_text().split()) if kept.exists() else set()
+        self.fates.update({m: "invalid" for m in mutants if str(m.number) in known})
         while True:
             text, lines, alone = schema(file, [m for m in mutants if m not in self.fates])
-            here.write_text(text.replace("#line 1\n", f'#line 1 "{here}"\n'))
+            text = text.replace("#line 1\n", f'#line 1 "{here}"\n')
             for m in alone:
                 self.fates[m] = "alone"
-            done = compile_it(None)
+            stamps = [self.built.get(file, 0), *(h.stat().st_mtime for h in self.folder.glob("mutated/**/*.h"))]
+            if here.exists() and here.read_text() == text:
+                if out.exists() and out.stat().st_mtime > max(stamps):
+                    return
+            elif known:  # of another text
+                known.clear()
+                self.fates = {m: fate for m, fate in self.fates.items() if m.file != file}
+                kept.unlink()
+                continue
+            else:
+                here.write_text(text)
+            done = compile_it()
             if done.returncode == 0:
+                out.touch()
+                kept.write_text(" ".join(str(m.number) for m in mutants if self.fates.get(m) == "invalid"))
                 return
             wrong = {int(n) for n in re.findall(re.escape(str(here)) + r":(\d+):\d+: (?:fatal )?error", done.stdout)}
             found = [lines[max(n for n in lines if n <= w)] for w in wrong if any(w - 25 <= n <= w for n in lines)]
@@ -442,50 +510,71 @@ class Workshop:
 
     def time_tests(self, program, chosen):
         report = self.folder / "times.json"
-        began = time.monotonic()
         done = run([program, f"--gtest_output=json:{report}", "--gtest_filter=" + chosen])
-        self.wall_s = max(self.wall_s, 10 * (time.monotonic() - began))
         if done.returncode != 0:
             sys.exit(f"{program} fails without a mutant:\n{done.stdout[-2000:]}")
-        tests = sorted((float(t["time"].rstrip("s")) * 1000, f"{s['name']}.{t['name']}")
-                       for s in json.loads(report.read_text())["testsuites"] for t in s["testsuite"]
-                       if t["result"] == "COMPLETED")
-        self.cpu_s = max(self.cpu_s, 2 + int(4 * sum(ms for ms, _ in tests) / 1000))
-        return (":".join(n for ms, n in tests if ms <= FAST_TEST_MS), ":".join(n for ms, n in tests if ms > FAST_TEST_MS))
+        return [Test(program, f"{s['name']}.{t['name']}", float(t["time"].rstrip("s")) * 1000)
+                for s in json.loads(report.read_text())["testsuites"] for t in s["testsuite"] if t["result"] == "COMPLETED"]
 
-    def fails(self, mutant, *command, cpu_s=None):
+    def find_reached(self, test):
+        kept = self.folder / f"reached-{threading.get_ident()}"
+        kept.write_bytes(bytes(self.numbers))
+        run([test.program, "--gtest_filter=" + test.name], HORD_REACHED=str(kept))
+        test.reached = kept.read_bytes()
+
+    def fails(self, mutant, *command, normal_s):
+        """Fails, or takes far longer than normal. A mutant whose threads wait for ever uses no processor."""
         try:
-            return run(command, cpu_s or self.cpu_s, mutant.number, self.wall_s).returncode != 0
+            return run(command, 2 + int(4 * normal_s), mutant.number, 20 + 10 * normal_s).returncode != 0
         except subprocess.TimeoutExpired:
             return True
+
+    def tests_fail(self, mutant):
+        reaching = sorted((t for t in self.tests if t.reached[mutant.number]), key=lambda t: (t.ms > FAST_TEST_MS, t.program))
+        for _, group in itertools.groupby(reaching, key=lambda t: (t.ms > FAST_TEST_MS, t.program)):
+            group = list(group)
+            command = (group[0].program, "--gtest_fail_fast", "--gtest_brief=1",
+                       "--gtest_filter=" + ":".join(t.name for t in group))
+            normal_s = sum(t.ms for t in group) / 1000
+            if all(self.fails(mutant, *command, normal_s=normal_s) for _ in range(2 if self.room.real_time else 1)):
+                return True
+        return False
 
     def judge(self, mutant):
         """invalid (does not compile), alone (not tried), killed by tests or soak, same code, survived."""
         if mutant in self.fates:
             return self.fates[mutant]
-        for program, names in self.tests:
-            command = (program, "--gtest_fail_fast", "--gtest_brief=1", "--gtest_filter=" + names)
-            if self.fails(mutant, *command) and (not self.room.real_time or self.fails(mutant, *command)):
-                return "tests"
+        if self.tests_fail(mutant):
+            return "tests"
         if self.room.soak:
             for seed in SOAK_SEEDS:
-                if self.fails(mutant, self.soak, "--parts", str(SOAK_PARTS), "--seed", str(seed)):
+                if self.fails(mutant, self.soak, "--parts", str(SOAK_PARTS), "--seed", str(seed), normal_s=5):
                     return "soak"
         return "same code" if self.same_code(mutant) else "survived"
 
     def same_code(self, mutant):
+        """Whether the optimised machine code is that of the original. The includes are compiled once a file."""
         if mutant.file.endswith(".h"):
             return False
-        codes = []
-        for text in (mutant.text, (ROOT / mutant.file).read_text()[mutant.begin:mutant.end]):
-            source = self.folder / f"same-{threading.get_ident()}.cpp"
-            original = (ROOT / mutant.file).read_text()
-            source.write_text(original[:mutant.begin] + text + original[mutant.end:])
-            out = source.with_suffix(".o")
-            self.compile(source, ROOT / mutant.file, out, "-O2", "-g0")
-            run(["strip", "--strip-unneeded", str(out)])
-            codes.append(out.read_bytes())
-        return codes[0] == codes[1]
+        folder = self.folder / f"same-{threading.get_ident()}"
+        original = (ROOT / mutant.file).read_text()
+        head = max((m.end() for m in re.finditer(r"^#include .*\n", original, flags=re.M)), default=0)
+        folder.mkdir(exist_ok=True)
+
+        def machine_code(text):
+            (folder / "one.cpp").write_text('#include "head.h"\n' + text[head:])
+            self.compile(folder / "one.cpp", ROOT / mutant.file, folder / "one.o", "-O2", "-g0")
+            run(["strip", "--strip-unneeded", str(folder / "one.o")])
+            return (folder / "one.o").read_bytes()
+
+        place = (mutant.file, folder)
+        if self.precompiled.get(folder) != mutant.file:
+            (folder / "head.h").write_text(original[:head])
+            self.compile(folder / "head.h", ROOT / mutant.file, folder / "head.h.gch", "-O2", "-g0")
+            self.precompiled[folder] = mutant.file
+            self.originals[place] = machine_code(original)
+        text = original[:mutant.begin] + mutant.text + original[mutant.end:]
+        return machine_code(text) == self.originals[place]
 
 
 def equivalents():
@@ -517,8 +606,9 @@ def main():
     if arguments.unit_tests_only:
         room = dataclasses.replace(room, soak=False)
     listed = equivalents()
-    files = sorted({str(p.relative_to(ROOT)) for g in room.sources for p in ROOT.glob(g)})
-    mutants = [m for f in files for m in mutants_of(f)]
+    files = room.files()
+    everything = mutants = [dataclasses.replace(m, number=MUTANTS_A_FILE * k + n)
+                            for k, f in enumerate(files) for n, m in enumerate(mutants_of(f), 1)]
     known = [m for m in mutants if m.key in listed]
     stale = [k for k in listed if k.split("\n")[0] in files and k not in {m.key for m in mutants}]
     mutants = [m for m in mutants if m.key not in listed]
@@ -534,9 +624,8 @@ def main():
             print(f"{m.file}:{m.line} {m.operator}\n  {m.before}\n  {m.after}")
         return 0
 
-    mutants = [dataclasses.replace(m, number=k + 1) for k, m in enumerate(mutants)]
     began, fates = time.monotonic(), {}
-    workshop = Workshop(arguments.room, room, mutants, arguments.jobs)
+    workshop = Workshop(arguments.room, room, everything, arguments.jobs)
     print(f"{len(mutants)} mutants, compiled after {time.monotonic() - began:.0f} s", flush=True)
     if arguments.minutes:
         random.Random(arguments.seed).shuffle(mutants)
