@@ -18,6 +18,8 @@ namespace fs = std::filesystem;
 
 constexpr const char* kUnfinished = ".part";
 
+double in_mb(std::uint64_t bytes) { return static_cast<double>(bytes) / 1e6; }
+
 // The number at the beginning of a frame's name; 0: not a frame of an archive.
 std::uint64_t number_of(const fs::path& file) {
     const std::string name = file.filename().string();
@@ -140,12 +142,15 @@ Result<void> FrameArchive::make_room(std::uint64_t bytes) {
     while (true) {
         const auto left = disk_.free_bytes(folder_);
         if (!left) return tl::unexpected(left.error());
-        if (*left >= limits_.min_free_bytes + bytes) return {};
+        const std::uint64_t stays = std::max(limits_.min_free_bytes, for_results_);
+        if (*left >= stays + bytes) return {};
         if (files_.empty()) {
-            return fail(ErrorCode::io,
-                        fmt::format("the disk of {} has {} MB left, and {} MB are to stay free", folder_.string(),
-                                    *left / 1'000'000, limits_.min_free_bytes / 1'000'000),
-                        "free space on it, or lower store.free_mb");
+            const bool results = for_results_ > limits_.min_free_bytes;
+            return fail(
+                ErrorCode::io,
+                fmt::format("the disk of {} has {:.1f} MB left, and {:.1f} MB are to stay free{}", folder_.string(),
+                            in_mb(*left), in_mb(stays), results ? " for results: it was full" : ""),
+                results ? "free space on it" : "free space on it, or lower store.free_mb");
         }
         if (auto removed = remove_oldest(); !removed) return removed;
     }
@@ -155,7 +160,7 @@ Result<void> FrameArchive::leave_more_free(std::uint64_t bytes) {
     const auto left = disk_.free_bytes(folder_);
     if (!left) return tl::unexpected(left.error());
     // Without a frame to remove, a higher limit would only keep later ones off a disk that others have filled.
-    if (!files_.empty()) limits_.min_free_bytes = std::max(limits_.min_free_bytes, *left + bytes);
+    if (!files_.empty()) for_results_ = std::max(for_results_, *left + bytes);
     return trim();
 }
 

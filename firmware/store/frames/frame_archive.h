@@ -76,10 +76,11 @@ class FrameArchive {
     Result<void> remove_oldest();
 
     const std::filesystem::path folder_;
-    ArchiveLimits limits_;
+    const ArchiveLimits limits_;
     const ArchiveDisk disk_;
     std::deque<ArchivedFile> files_;
     std::uint64_t bytes_ = 0, next_ = 1;
+    std::uint64_t for_results_ = 0;  // of the disk, asked for by leave_more_free()
 };
 
 }  // namespace hord::firmware::store

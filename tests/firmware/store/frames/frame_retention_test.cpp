@@ -202,6 +202,12 @@ TEST(FrameArchive, gives_its_room_to_results_and_leaves_it_to_them) {
     for (int k = 0; k < 5; ++k) EXPECT_FALSE((*archive)->leave_more_free(1500));
     others = kDisk - 4000;
     EXPECT_TRUE((*archive)->add("z", bytes)) << "without frames, nothing more was asked of them";
+    others = kDisk;
+    EXPECT_FALSE((*archive)->leave_more_free(1'500'000));
+    const auto refused = (*archive)->add("z", bytes);
+    ASSERT_FALSE(refused);
+    EXPECT_THAT(refused.error().what, HasSubstr("has 0.0 MB left, and 1.5 MB are to stay free for results"));
+    EXPECT_EQ(refused.error().cure, "free space on it") << "store.free_mb, which is 0, did not ask for it";
 }
 
 TEST(FrameArchive, removes_what_a_crash_left_unfinished_and_nothing_else) {
@@ -342,6 +348,49 @@ TEST(FrameRetention, keeps_rejects_and_the_parts_around_them) {
                             "p11-after"));
     EXPECT_EQ(cell.keeper.counts().kept, 8U);
     EXPECT_EQ(cell.keeper.counts().dropped, 0U);
+}
+
+TEST(FrameRetention, names_a_file_by_its_number_its_time_its_part_and_why) {
+    Cell cell({.before = 1, .after = 0});
+    cell.inspect(8, false);
+    cell.inspect(9, true);
+    cell.write_all();
+    EXPECT_THAT(
+        names(cell.folder.path() / "frames"),
+        ElementsAre("000000000001-20260921T141320Z-p8-before.png", "000000000002-20260921T141320Z-p9-reject.png"));
+}
+
+TEST(FrameRetention, does_nothing_in_a_step_without_a_frame) {
+    Cell cell;
+    EXPECT_FALSE(cell.keeper.step());
+    cell.inspect(1, false);
+    EXPECT_FALSE(cell.keeper.step()) << "it may be needed, and is not kept yet";
+    cell.inspect(2, true);
+    EXPECT_TRUE(cell.keeper.step());
+    EXPECT_TRUE(cell.keeper.step());
+    EXPECT_FALSE(cell.keeper.step());
+    EXPECT_EQ(cell.keeper.finish(), 0U);
+}
+
+// A late verdict takes its part from among those that passed; the earlier ones are before it, the later ones stay.
+TEST(FrameRetention, finds_a_late_part_between_others) {
+    Cell cell({.before = 1, .after = 1});
+    for (std::uint32_t part = 1; part <= 5; ++part) cell.inspect(part, false);
+    PartResult late;
+    late.part = 3;
+    late.verdict = PartVerdict::reject;
+    late.reason = PartReason::verdict_late;
+    cell.keeper.on_result(late);
+    cell.inspect(6, false);
+    cell.inspect(7, true);
+    EXPECT_THAT(cell.kept(), ElementsAre("p2-before", "p3-reject", "p6-after", "p5-before", "p7-reject"));
+    late.part = 99;
+    late.verdict = PartVerdict::pass;
+    cell.keeper.on_result(late);
+    cell.inspect(98, false);
+    cell.inspect(99, false);
+    cell.inspect(100, false);
+    EXPECT_THAT(cell.kept(), SizeIs(6)) << "98 is after 7, and 99 passed";
 }
 
 TEST(FrameRetention, keeps_a_part_around_two_rejects_once) {
