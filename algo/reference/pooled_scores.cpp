@@ -1,6 +1,7 @@
 #include "algo/reference/pooled_scores.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 

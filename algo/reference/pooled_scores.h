@@ -7,7 +7,6 @@
 // over the field, is taken off before. Why: docs/adr/0019-scores-of-several-lenslets.md.
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
