@@ -86,6 +86,9 @@ Statement::~Statement() { sqlite3_finalize(statement_); }
 Result<void> Statement::bind(std::span<const Value> values) {
     sqlite3_reset(statement_);
     sqlite3_clear_bindings(statement_);
+    if (static_cast<std::size_t>(sqlite3_bind_parameter_count(statement_)) != values.size())
+        return fail(ErrorCode::internal, std::string("other values than ") + sqlite3_sql(statement_) + " takes",
+                    "report it");
     int at = 0;
     for (const Value& value : values) {
         ++at;

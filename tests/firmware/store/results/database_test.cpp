@@ -184,10 +184,14 @@ TEST_F(AnyDatabase, that_another_program_holds_is_locked_and_no_damage) {
     EXPECT_THAT(held.what, HasSubstr("is locked by another program"));
 }
 
-TEST_F(AnyDatabase, a_value_without_a_place_is_refused) {
-    const std::array<Value, 2> two{std::int64_t{1}, std::int64_t{2}};
+TEST_F(AnyDatabase, a_value_without_a_place_and_a_place_without_a_value_are_refused) {
+    const std::array<Value, 2> two{std::int64_t{1}, std::int64_t{2}}, with_null{std::int64_t{1}, Value{}};
     EXPECT_TRUE(database->run("SELECT ?1, ?2", two));
+    EXPECT_TRUE(database->run("SELECT ?1, ?2, ?1", with_null));
     EXPECT_FALSE(database->run("SELECT ?1", two));
+    EXPECT_FALSE(database->run("SELECT ?1", with_null));
+    EXPECT_FALSE(database->run("SELECT ?1, ?2, ?3", two));
+    EXPECT_FALSE(database->run("SELECT ?1", {}));
 }
 
 TEST_F(AnyDatabase, another_schema_is_no_damage) {
