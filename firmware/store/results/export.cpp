@@ -127,10 +127,8 @@ Result<UtcMicros> parse_utc(std::string_view text, UtcMicros now_us) {
     utc.tm_year -= 1900;
     utc.tm_mon -= 1;
     const std::time_t time = timegm(&utc);
-    // timegm() converts February 30th to March 2nd; such a date is refused.
-    if (utc.tm_mon + 1 != wanted.tm_mon || utc.tm_mday != wanted.tm_mday || utc.tm_hour != wanted.tm_hour ||
-        utc.tm_min != wanted.tm_min)
-        return bad();
+    // timegm() converts February 30th to March 2nd, and 24:00 to 0:00; such a time is refused.
+    if (utc.tm_mon + 1 != wanted.tm_mon || utc.tm_hour != wanted.tm_hour || utc.tm_min != wanted.tm_min) return bad();
     return static_cast<UtcMicros>(time) * kSecondMicros;
 }
 

@@ -120,7 +120,8 @@ TEST(Shards, that_do_not_belong_together_are_refused_by_name) {
         return refusal({files[0], folder.path() / "odd", files[2]}, out);
     };
     EXPECT_THAT(odd([](ReplayIdentity& id) { id.archive = std::string(64, 'c'); }),
-                HasSubstr("odd are of different replays: archive"));
+                HasSubstr("odd are of different replays: archive " + std::string(16, 'a') + " and " +
+                          std::string(16, 'c') + ": replay"));
     EXPECT_THAT(odd([](ReplayIdentity& id) { id.recipe = std::string(64, 'c'); }), HasSubstr("recipe own"));
     EXPECT_THAT(odd([](ReplayIdentity& id) { id.software = "0.2.0"; }), HasSubstr("software 0.1.0 and 0.2.0"));
     EXPECT_THAT(odd([](ReplayIdentity& id) { id.program = std::string(64, 'c'); }), HasSubstr("program"));

@@ -387,6 +387,29 @@ TEST(StoreSetup, frames_are_kept_as_the_configuration_wants_it) {
     EXPECT_THAT(kept, ElementsAre("2 before of 3", "3 reject of 3", "4 after of 3", "5 after of 3", "10 sample of 0"));
 }
 
+TEST(StoreSetup, a_frame_has_the_recipe_that_was_in_use) {
+    const TempFolder folder;
+    lab::VirtualTime loop;
+    Config config;
+    config.store.folder = folder.path();
+    config.store.free_mb = 0;
+    const auto recorder = make_recorder(loop, config, recorded_frames("first"), {});
+    inspected(*recorder, 1, algo::Verdict::reject);
+    recorder->on_change({Change::What::recipe, {}, "lens", "first", "second"});
+    inspected(*recorder, 2, algo::Verdict::reject);
+    recorder->on_change({Change::What::configuration, {}, "hordd.toml", "a", "b"});
+    recorder->on_change({Change::What::command, {}, "arm", "a", "b"});
+    inspected(*recorder, 3, algo::Verdict::reject);
+    recorder->in_use(ChangeRecord::What::configuration, "hordd.toml", "b");
+    inspected(*recorder, 4, algo::Verdict::reject);
+    EXPECT_THAT(recorder->finish(), IsEmpty());
+    std::vector<std::string> recipes;
+    const auto files = *list_frames(folder.path() / kFramesFolder);
+    for (const ArchivedFile& file : files)
+        recipes.push_back(FrameMetadata::from_json(read_annotated_frame(file.file)->metadata, "frame")->recipe);
+    EXPECT_THAT(recipes, ElementsAre("first", "second", "second", "second"));
+}
+
 // A recipe of 400 kB goes into each frame.
 TEST(StoreSetup, frames_stay_within_their_megabytes) {
     const TempFolder folder;

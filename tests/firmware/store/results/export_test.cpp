@@ -141,6 +141,34 @@ TEST(StoreCounts, are_by_period_recipe_verdict_and_reason_and_add_up_to_the_resu
     }
 }
 
+TEST(StoreCounts, of_kinds_are_of_parts_that_did_not_pass_from_the_first_moment_to_before_the_last) {
+    const TempFolder folder;
+    Story story;
+    const auto add = [&](std::uint32_t sequence, PartVerdict verdict, std::vector<algo::DefectKind> kinds) {
+        ResultRecord record = result(sequence);  // at a tenth of its sequence, in seconds
+        record.result.verdict = verdict;
+        for (const algo::DefectKind kind : kinds) record.defects.push_back({1, 1, 1, 1, kind});
+        story.add(record);
+    };
+    using Kind = algo::DefectKind;
+    add(19, PartVerdict::reject, {Kind::scratch});
+    add(20, PartVerdict::reject, {Kind::scratch, Kind::absorbing, Kind::scratch});
+    add(30, PartVerdict::pass, {Kind::scratch});
+    add(39, PartVerdict::unfit, {Kind::scratch});
+    add(40, PartVerdict::reject, {Kind::absorbing});
+    add(60, PartVerdict::reject, {Kind::absorbing});
+    write(folder, story);
+    std::vector<std::string> found;
+    const auto reader = std::move(*StoreReader::open(folder.path()));
+    ASSERT_TRUE(reader->each_kind_count(kNoon + 2 * kSecond, kNoon + 6 * kSecond, std::chrono::seconds(2),
+                                        [&](const ResultCount& c) {
+                                            EXPECT_EQ(c.verdict + c.reason + c.recipe, "");
+                                            found.push_back(std::to_string((c.since_us - kNoon) / kSecond) + " " +
+                                                            c.kind + " " + std::to_string(c.parts));
+                                        }));
+    EXPECT_THAT(found, ::testing::UnorderedElementsAre("2 absorbing 1", "2 scratch 2", "4 absorbing 1"));
+}
+
 // A result each tenth of a second; 10 and 20 are rejects, 10 in the second second.
 TEST(StoreScores, are_mean_and_highest_of_those_that_passed_and_highest_of_the_others) {
     const TempFolder folder;

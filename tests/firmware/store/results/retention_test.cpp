@@ -116,6 +116,22 @@ TEST(Retention, keeps_the_file_under_its_limit_and_gives_space_back) {
     EXPECT_THAT(to_table(changes_of(folder, "retention").back()), HasSubstr("(keep_mb 2)"));
 }
 
+TEST(Retention, by_size_never_removes_the_newest_row_however_small_the_limit) {
+    const TempFolder folder;
+    const auto store = open(folder);
+    ASSERT_TRUE(store->write(Story().add_results(1, 500).entries()));
+    for (bool more = true; more;) more = store->prune({.keep_days = 0, .max_bytes = 1}, ClockReading{kNoon, 0}).value();
+    const auto left = results(folder);
+    ASSERT_THAT(left, SizeIs(1));
+    EXPECT_EQ(left[0].number, 500);
+    EXPECT_THAT(verify(folder.path()).problems, IsEmpty());
+    const auto removals = changes_of(folder, "retention");
+    ASSERT_THAT(removals, SizeIs(1));
+    EXPECT_THAT(removals[0].after,
+                HasSubstr(R"({"from":1,"to":499,"first_time":"2026-09-21T14:13:20.100Z",)"
+                          R"("last_time":"2026-09-21T14:14:09.900Z","hash":")"));
+}
+
 // With what was removed before still in the file: pages that are free do not count.
 TEST(Retention, removes_no_more_than_is_above_the_limit) {
     const TempFolder folder;
@@ -283,6 +299,61 @@ TEST(ClockWitness, names_the_day_of_the_wall_clock) {
             EXPECT_EQ(witness.observe({end, ClockWitness::kWitnessUs}), day) << of_day;
         }
     }
+}
+
+// Two clocks that differ by two seconds and a thousandth of the time agree; by more they do not.
+TEST(ClockWitness, bears_a_clock_that_is_stepped_or_slewed_a_little_both_ways) {
+    constexpr std::int64_t kHour = 3600 * kSecond, kSlack = ClockWitness::kToleranceUs + kHour / 1000;
+    for (const std::int64_t off : {kSlack, kSlack + 1, -kSlack, -kSlack - 1}) {
+        ClockWitness witness;
+        EXPECT_FALSE(witness.observe({kFirstDay * kDay + kHour, 0}));
+        EXPECT_EQ(witness.observe({kFirstDay * kDay + 2 * kHour + off, kHour}).has_value(), std::abs(off) <= kSlack)
+            << off;
+    }
+}
+
+TEST(ClockWitness, counts_of_a_new_day_only_what_it_has_shown_of_it) {
+    constexpr std::int64_t kTen = ClockWitness::kWitnessUs;
+    for (const std::int64_t early : {0, 1}) {
+        ClockWitness witness;
+        EXPECT_FALSE(witness.observe({(kFirstDay + 1) * kDay - kTen, 0}));
+        EXPECT_EQ(witness.observe({(kFirstDay + 1) * kDay + kTen - early, 2 * kTen - early}),
+                  early == 0 ? std::optional(kFirstDay + 1) : std::nullopt);
+        EXPECT_EQ(witness.observe({(kFirstDay + 1) * kDay + kTen, 2 * kTen}), kFirstDay + 1) << "and it goes on";
+    }
+}
+
+TEST(ClockWitness, lets_half_a_day_pass_between_two_entries) {
+    ClockWitness witness;
+    (void)witness.observe({kFirstDay * kDay, 0});
+    ASSERT_TRUE(witness.observe({kFirstDay * kDay + kDay / 4, kDay / 4}));
+    witness.entered();
+    const auto at = [&](std::int64_t steady_us) {
+        return witness.observe({kFirstDay * kDay + steady_us, steady_us}).has_value();
+    };
+    EXPECT_FALSE(at(kDay / 4 + ClockWitness::kApartUs - 1));
+    EXPECT_TRUE(at(kDay / 4 + ClockWitness::kApartUs));
+}
+
+TEST(ClockDays, are_read_back_up_to_the_last_day_of_year_9999) {
+    const auto day = [](std::int64_t number) {
+        return clock_day_from(R"({"day":)" + std::to_string(number) + R"(,"results":1,"commands":2})");
+    };
+    EXPECT_EQ(day(2'932'896)->commands, 2);
+    EXPECT_EQ(format_day(2'932'896), "9999-12-31");
+    EXPECT_FALSE(day(2'932'897));
+    EXPECT_FALSE(day(-1));
+    EXPECT_FALSE(clock_day_from(R"({"day":5,"results":1,"commands":-1})"));
+    EXPECT_FALSE(clock_day_from(R"({"day":5,"results":1})"));
+    EXPECT_EQ(to_json_line(ClockDay{20'783, 9, 2}), R"({"day":20783,"date":"2026-11-26","results":9,"commands":2})");
+}
+
+TEST(ClockDays, know_the_day_that_was_added_last) {
+    ClockDays days;
+    EXPECT_FALSE(days.newest());
+    days.add({9, 1, 0});
+    days.add({7, 2, 0});
+    EXPECT_EQ(days.newest(), 7);
 }
 
 TEST(ClockDays, with_a_damaged_number_removes_nothing_that_a_later_day_has) {

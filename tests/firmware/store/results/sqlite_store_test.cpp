@@ -322,6 +322,56 @@ TEST(SqliteStore, filters_by_number_run_boot_and_part) {
     EXPECT_EQ(changes(folder, by).at(0).after, changes(folder).at(1).after);
 }
 
+TEST(SqliteStore, lists_changes_and_commands_in_the_order_in_which_they_came) {
+    const TempFolder folder;
+    const auto command = [](const char* name, UtcMicros time_us) {
+        return ChangeRecord{ChangeRecord::What::command, time_us, "plc:1", 1, name, "", ""};
+    };
+    write(folder, Story(start(7)).add(command("arm", kNoon)).add(recipe("a", "1")).add(command("stop", kNoon)));
+    write(folder, Story(start(8)).add(command("early", kNoon - 1)).add(recipe("b", "2")));
+    const auto names = [&](const ResultFilter& filter) {
+        std::vector<std::string> all;
+        for (const StoredChange& change : changes(folder, filter)) all.push_back(change.name);
+        return all;
+    };
+    ResultFilter filter;
+    EXPECT_THAT(names(filter), ElementsAre("early", "cell 3", "arm", "a", "stop", "cell 3", "b"));
+    filter.newest = 3;
+    EXPECT_THAT(names(filter), ElementsAre("stop", "cell 3", "b"));
+    filter = {};
+    filter.what = "command";
+    EXPECT_THAT(names(filter), ElementsAre("early", "arm", "stop"));
+    filter.until = kNoon;
+    EXPECT_THAT(names(filter), ElementsAre("early"));
+    filter = {};
+    filter.run = changes(folder).back().run;
+    EXPECT_THAT(names(filter), ElementsAre("early", "cell 3", "b"));
+}
+
+TEST(SqliteStore, has_an_identity_of_its_own_that_stays) {
+    const TempFolder folder, other;
+    write(folder, Story().add(result(1)));
+    write(other, Story().add(result(1)));
+    const std::string id = StoreReader::open(folder.path()).value()->id();
+    EXPECT_THAT(id, ::testing::MatchesRegex("[0-9a-f]+"));
+    EXPECT_EQ(id.size(), 32U);
+    write(folder, Story(start(8)));
+    EXPECT_EQ(StoreReader::open(folder.path()).value()->id(), id);
+    EXPECT_NE(StoreReader::open(other.path()).value()->id(), id);
+}
+
+TEST(SqliteStore, ends_a_read_that_takes_too_long) {
+    const TempFolder folder;
+    write(folder, Story().add_results(1, 20'000));
+    const auto reader = std::move(*StoreReader::open(folder.path()));
+    reader->limit_time(std::chrono::milliseconds(0));
+    const auto ended = reader->each_result({}, [](const StoredResult&) {});
+    ASSERT_FALSE(ended);
+    EXPECT_EQ(ended.error().code, ErrorCode::timeout);
+    reader->limit_time(std::chrono::hours(1));
+    EXPECT_TRUE(reader->each_result({}, [](const StoredResult&) {}));
+}
+
 TEST(SqliteStore, says_its_newest_number_and_what_is_in_a_part_that_nobody_rejected) {
     const TempFolder folder;
     write(folder, Story(start(7)));

@@ -415,6 +415,93 @@ TEST(StoreQueue, prunes_by_itself_and_reports_when_that_fails) {
     EXPECT_THAT(bench.said, SizeIs(1));
 }
 
+// What a queue tells of itself, step by step.
+TEST(StoreQueue, says_how_many_wait_are_durable_and_are_lost) {
+    Bench bench({.capacity = 3, .batch = 2});
+    const auto said = [&] {
+        const StoreQueueState s = bench.queue.state();
+        return std::to_string(s.waiting) + " wait, " + std::to_string(s.durable_sequence) + " durable, " +
+            std::to_string(s.lost) + " lost" + (s.failing ? ", failing" : "");
+    };
+    EXPECT_EQ(said(), "0 wait, 0 durable, 0 lost");
+    bench.add(1, 5);
+    EXPECT_EQ(said(), "3 wait, 0 durable, 2 lost");
+    EXPECT_TRUE(bench.queue.step());
+    EXPECT_EQ(said(), "2 wait, 2 durable, 2 lost") << "a result and the record of the loss";
+    EXPECT_TRUE(bench.queue.step());
+    EXPECT_EQ(said(), "0 wait, 5 durable, 2 lost") << "what is lost delays no acknowledgement";
+    bench.disk.on_write = [] { return std::optional(full()); };
+    bench.add(6, 6);
+    EXPECT_FALSE(bench.queue.step());
+    EXPECT_EQ(said(), "1 wait, 5 durable, 2 lost, failing");
+    bench.disk.on_write = nullptr;
+    EXPECT_TRUE(bench.queue.step());
+    EXPECT_EQ(said(), "0 wait, 6 durable, 2 lost");
+}
+
+TEST(StoreQueue, stores_who_acknowledged_what_and_when) {
+    Bench bench;
+    bench.add(1, 2);
+    ASSERT_TRUE(bench.queue.step());
+    ASSERT_EQ(bench.queue.acknowledge("plc:5", kNoon + 7, 2), AckStatus::recorded);
+    ASSERT_TRUE(bench.queue.step());
+    const auto* stored = std::get_if<AcknowledgeRecord>(&bench.disk.entries.back().record);
+    ASSERT_NE(stored, nullptr);
+    EXPECT_EQ(stored->peer, "plc:5");
+    EXPECT_EQ(stored->time_us, kNoon + 7);
+    EXPECT_EQ(stored->sequence, 2U);
+    EXPECT_EQ(bench.disk.entries.back().number, 3U);
+}
+
+TEST(StoreQueue, removes_nothing_without_a_limit) {
+    for (const Retention& retention : {Retention{0, 0}, Retention{1, 0}, Retention{0, 1}}) {
+        Bench bench({.retention = retention});
+        EXPECT_TRUE(bench.queue.step());
+        EXPECT_EQ(bench.disk.pruned, retention.keep_days + static_cast<int>(retention.max_bytes));
+    }
+}
+
+TEST(StoreQueue, tells_a_new_store_the_newest_of_each_kind_that_is_in_use) {
+    using What = ChangeRecord::What;
+    Bench bench;
+    for (const What what : {What::recipe, What::configuration, What::calibration, What::recipe, What::command}) {
+        ChangeRecord change = recipe("a", std::to_string(bench.queue.state().waiting));
+        change.what = what;
+        bench.queue.add(change);
+    }
+    ASSERT_TRUE(bench.queue.step());
+    bench.disk.on_write = [] { return std::optional(full()); };
+    bench.add(1, 1);
+    EXPECT_FALSE(bench.queue.step());
+    bench.disk.on_write = nullptr;
+    bench.disk.entries.clear();
+    ASSERT_TRUE(bench.queue.step());
+    std::vector<std::string> told;
+    for (const Entry& entry : bench.disk.entries) {
+        if (const auto* change = std::get_if<ChangeRecord>(&entry.record)) {
+            told.push_back(std::string(name_of(change->what)) + " " + change->after);
+            EXPECT_TRUE(change->if_new);
+            EXPECT_EQ(entry.number, 0U);
+        }
+    }
+    EXPECT_THAT(told, ElementsAre("configuration 1", "calibration 2", "recipe 3"));
+}
+
+TEST(StoreQueue, counts_at_the_end_other_records_apart) {
+    Bench bench;
+    bench.disk.on_write = [] { return std::optional(full()); };
+    bench.queue.add(recipe("a", "1"));
+    EXPECT_FALSE(bench.queue.step());
+    bench.add(4, 6);
+    const Unstored left = bench.queue.finish();
+    EXPECT_TRUE(left.any());
+    EXPECT_EQ(left.results, 3U);
+    EXPECT_EQ(left.from_sequence, 4U);
+    EXPECT_EQ(left.to_sequence, 6U);
+    EXPECT_EQ(left.others, 1U);
+    EXPECT_THAT(left.why, HasSubstr("disk is full"));
+}
+
 // -- the end
 
 StoreQueueOptions ends_soon() {

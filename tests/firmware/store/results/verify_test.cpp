@@ -219,6 +219,22 @@ TEST(Verify, may_run_while_the_station_writes) {
     }
 }
 
+TEST(Verify, of_a_store_that_lacks_a_table_or_a_column_is_an_error_and_no_problem_of_a_row) {
+    for (const char* edit : {"DROP TABLE changes", "DROP TABLE heads", "DROP TABLE results", "DROP TABLE commands",
+                             "ALTER TABLE heads RENAME COLUMN hash TO sum", "ALTER TABLE results RENAME COLUMN v TO w",
+                             "ALTER TABLE changes RENAME COLUMN what TO which"}) {
+        const TempFolder folder;
+        write(folder, Story().add(result(1)));
+        sql(folder, edit);
+        const auto reader = std::move(*StoreReader::open(folder.path()));
+        for (int again = 0; again < 2; ++again) {
+            const auto verified = reader->verify();
+            ASSERT_FALSE(verified) << edit;
+            EXPECT_EQ(verified.error().code, ErrorCode::unsupported) << edit;
+        }
+    }
+}
+
 TEST(Verify, names_a_head_that_cannot_be_read_and_a_run_that_never_began) {
     const TempFolder folder;
     fill(folder);
