@@ -37,9 +37,13 @@ cv::Mat colours_of(const cv::Mat& levels, const MapPicture& what) {
 
 int enlargement(int side) { return std::max(1, (kMapSide + side - 1) / side); }
 
+int thickness(double size) { return std::max(1, static_cast<int>(std::lround(1.6 * size))); }
+
 void write_text(cv::Mat& image, const std::string& text, cv::Point at, double size, const cv::Scalar& colour = kInk) {
-    cv::putText(image, text, at, cv::FONT_HERSHEY_SIMPLEX, size, colour, 1, cv::LINE_AA);
+    cv::putText(image, text, at, cv::FONT_HERSHEY_SIMPLEX, size, colour, thickness(size), cv::LINE_AA);
 }
+
+int scaled(int px, float letters) { return static_cast<int>(std::lround(static_cast<float>(px) * letters)); }
 
 // Largest text size up to `size` at which `text` fits into `width` pixels.
 double fitting(const std::string& text, int width, double size) {
@@ -60,11 +64,13 @@ cv::Mat to_mat(const Picture& picture) {
 
 // The colour scale right of the map, with ticks, unit and the limit.
 void draw_scale(cv::Mat& sheet, const MapPicture& what, int top, int height) {
-    const int left = sheet.cols - kScaleWidth + 8;
+    const auto px = [&](int of) { return scaled(of, what.letters); };
+    const double size = 0.36 * what.letters;
+    const int left = sheet.cols - px(kScaleWidth) + 8, right = left + px(14);
     cv::Mat ramp(height, 1, CV_8U);
     for (int y = 0; y < height; ++y)
         ramp.at<unsigned char>(y) = static_cast<unsigned char>(255 - 255 * y / std::max(1, height - 1));
-    cv::resize(colours_of(ramp, what), sheet(cv::Rect(left, top, 14, height)), cv::Size(14, height), 0, 0,
+    cv::resize(colours_of(ramp, what), sheet(cv::Rect(left, top, px(14), height)), cv::Size(px(14), height), 0, 0,
                cv::INTER_NEAREST);
     const bool marked = what.limit != 0 && what.limit >= what.low && what.limit <= what.high;
     const auto place = [&](float value) {
@@ -72,23 +78,23 @@ void draw_scale(cv::Mat& sheet, const MapPicture& what, int top, int height) {
             static_cast<int>(
                    std::lround(static_cast<float>(height - 1) * (what.high - value) / (what.high - what.low)));
     };
-    const auto text_at = [&](int y) { return std::clamp(y + 4, top + 9, top + height - 1); };
+    const auto text_at = [&](int y) { return std::clamp(y + px(4), top + px(9), top + height - 1); };
     constexpr int kTicks = 4, kApart = 13;
     for (int k = 0; k <= kTicks; ++k) {
         const float value = what.high + (what.low - what.high) * static_cast<float>(k) / kTicks;
         const int y = place(value);
-        cv::line(sheet, {left + 14, y}, {left + 18, y}, kInk);
-        if (marked && std::abs(text_at(y) - text_at(place(what.limit))) < kApart) continue;
-        write_text(sheet, fmt::format("{:.3g}", value), {left + 21, text_at(y)}, 0.36);
+        cv::line(sheet, {right, y}, {right + px(4), y}, kInk);
+        if (marked && std::abs(text_at(y) - text_at(place(what.limit))) < px(kApart)) continue;
+        write_text(sheet, fmt::format("{:.3g}", value), {right + px(7), text_at(y)}, size);
     }
     if (marked) {
         const int y = place(what.limit);
         const std::string text = what.limit_text.empty() ? fmt::format("limit {:.3g}", what.limit) : what.limit_text;
-        cv::line(sheet, {left - 3, y}, {left + 20, y}, kPaper, 3);
-        cv::line(sheet, {left - 3, y}, {left + 20, y}, kMark, 1);
-        write_text(sheet, text, {left + 23, text_at(y)}, fitting(text, kScaleWidth - 32, 0.36), kMark);
+        cv::line(sheet, {left - 3, y}, {right + px(6), y}, kPaper, 3);
+        cv::line(sheet, {left - 3, y}, {right + px(6), y}, kMark, 1);
+        write_text(sheet, text, {right + px(9), text_at(y)}, fitting(text, px(kScaleWidth - 32), size), kMark);
     }
-    write_text(sheet, what.unit, {left - 4, top - 8}, fitting(what.unit, kScaleWidth - 6, 0.36));
+    write_text(sheet, what.unit, {left - 4, top - px(8)}, fitting(what.unit, px(kScaleWidth - 6), size));
 }
 
 // The smallest of 1, 2, 5, 10, ... times a power of ten that makes at most `most` steps of `range`.
@@ -338,26 +344,30 @@ Picture draw(const MapPicture& what, algo::Map map, std::span<const std::uint8_t
     occurs[static_cast<std::size_t>(NoData::none)] = false;
 
     const bool some_hidden = defects.size() > kMaxMarked;
-    const int legend = static_cast<int>(std::ranges::count(occurs, true)) + (some_hidden ? 1 : 0);
-    const int foot = kAxisHeight + legend * kLineHeight + (caption.empty() ? 0 : kTitleHeight);
-    cv::Mat sheet(map_picture.rows + kTitleHeight + foot, kAxisWidth + map_picture.cols + kScaleWidth, CV_8UC3, kPaper);
-    const cv::Rect place(kAxisWidth, kTitleHeight, map_picture.cols, map_picture.rows);
+    const auto px = [&](int of) { return scaled(of, what.letters); };
+    const int left = what.axes ? kAxisWidth : 0, title_height = px(kTitleHeight);
+    const int legend = what.axes ? static_cast<int>(std::ranges::count(occurs, true)) + (some_hidden ? 1 : 0) : 0;
+    const int foot = (what.axes ? kAxisHeight + legend * kLineHeight : 0) + (caption.empty() ? 0 : px(kTitleHeight));
+    cv::Mat sheet(map_picture.rows + title_height + foot, left + map_picture.cols + px(kScaleWidth), CV_8UC3, kPaper);
+    const cv::Rect place(left, title_height, map_picture.cols, map_picture.rows);
     map_picture.copyTo(sheet(place));
     const std::string title = what.unit.empty() ? what.title : what.title + ", " + what.unit;
-    write_text(sheet, title, {4, 18}, fitting(title, kAxisWidth + map_picture.cols - 12, 0.5));
-    draw_scale(sheet, what, kTitleHeight, map_picture.rows);
-    draw_axes(sheet, what, extents, place, zoom);
+    write_text(sheet, title, {4, px(18)}, fitting(title, left + map_picture.cols - 12, 0.5 * what.letters));
+    draw_scale(sheet, what, title_height, map_picture.rows);
+    if (what.axes) draw_axes(sheet, what, extents, place, zoom);
     int y = place.y + place.height + kAxisHeight;
-    for (std::size_t reason = 0; reason < occurs.size(); ++reason) {
+    for (std::size_t reason = 0; what.axes && reason < occurs.size(); ++reason) {
         if (!occurs[reason]) continue;
         draw_legend(sheet, static_cast<NoData>(reason), kAxisWidth, y + 2);
         y += kLineHeight;
     }
-    if (some_hidden) {
+    if (what.axes && some_hidden) {
         write_text(sheet, fmt::format("{} of {} defects shown", kMaxMarked, defects.size()), {kAxisWidth, y + 12}, 0.4,
                    kMark);
     }
-    if (!caption.empty()) write_text(sheet, caption, {4, sheet.rows - 8}, fitting(caption, sheet.cols - 8, 0.5));
+    if (!caption.empty()) {
+        write_text(sheet, caption, {4, sheet.rows - 8}, fitting(caption, sheet.cols - 8, 0.5 * what.letters));
+    }
     return to_picture(sheet);
 }
 
@@ -394,26 +404,30 @@ Picture draw(const std::string& title, const FrameView& frame, const algo::Exten
     return to_picture(sheet);
 }
 
-Picture montage(std::span<const MontageRow> rows) {
+Picture montage(std::span<const MontageRow> rows, float letters) {
     constexpr int kGap = 8;
-    constexpr int kLabelWidth = 110;
-    int width = 0, height = kGap;
+    const int label_width = scaled(110, letters);
+    std::vector<int> columns;  // their widths
+    int height = kGap;
     for (const MontageRow& row : rows) {
-        int row_width = kLabelWidth + kGap, row_height = 0;
-        for (const Picture& picture : row.pictures) {
-            row_width += picture.width + kGap;
-            row_height = std::max(row_height, picture.height);
+        columns.resize(std::max(columns.size(), row.pictures.size()));
+        int row_height = 0;
+        for (std::size_t k = 0; k < row.pictures.size(); ++k) {
+            columns[k] = std::max(columns[k], row.pictures[k].width);
+            row_height = std::max(row_height, row.pictures[k].height);
         }
-        width = std::max(width, row_width);
         height += row_height + kGap;
     }
-    cv::Mat sheet(height, std::max(width, 1), CV_8UC3, kPaper);
+    int width = label_width + kGap;
+    for (const int column : columns) width += column + kGap;
+    cv::Mat sheet(height, width, CV_8UC3, kPaper);
     int y = kGap;
     for (const MontageRow& row : rows) {
-        int x = kLabelWidth + kGap, row_height = 0;
-        for (const Picture& picture : row.pictures) {
+        int x = label_width + kGap, row_height = 0;
+        for (std::size_t k = 0; k < row.pictures.size(); ++k) {
+            const Picture& picture = row.pictures[k];
             to_mat(picture).copyTo(sheet(cv::Rect(x, y, picture.width, picture.height)));
-            x += picture.width + kGap;
+            x += columns[k] + kGap;
             row_height = std::max(row_height, picture.height);
         }
         // One word a line, so that long labels fit.
@@ -421,8 +435,8 @@ Picture montage(std::span<const MontageRow> rows) {
         for (std::size_t from = 0; from < row.label.size();) {
             const std::size_t to = std::min(row.label.find(' ', from), row.label.size());
             write_text(sheet, row.label.substr(from, to - from), {kGap, line},
-                       fitting(row.label.substr(from, to - from), kLabelWidth - 4, 0.5));
-            line += 18;
+                       fitting(row.label.substr(from, to - from), label_width - 4, 0.5 * letters));
+            line += scaled(18, letters);
             from = to + 1;
         }
         y += row_height + kGap;

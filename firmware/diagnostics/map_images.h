@@ -34,6 +34,9 @@ struct MapPicture {
     int first_m = 0, first_n = 0;
     float lenslet_mm = 0;
     bool grey = false;  // a picture instead of a map: from black (low) to white (high)
+    // For figures of many pictures: size of all letters, and whether axes and the legend of what is hatched are drawn.
+    float letters = 1;
+    bool axes = true;
 };
 constexpr std::size_t kMaxMarked = 20;
 
@@ -57,7 +60,7 @@ Picture draw(const MapPicture& what, algo::Map map, std::span<const std::uint8_t
              std::span<const algo::Defect> defects, std::span<const std::string> labels = {},
              const std::string& caption = {});
 
-// The pixel at which a place of the map, in lenslets, is in such a picture.
+// The pixel at which a place of the map, in lenslets, is in such a picture with letters of size 1 and axes.
 struct PicturePoint {
     int x = 0, y = 0;
 };
@@ -74,12 +77,12 @@ PictureBox mark_in_picture(const algo::Extents& extents, std::span<const algo::D
 // The raw frame, as grey, reduced to about the size of a map's picture and stretched to its brightest pixel.
 Picture draw(const std::string& title, const FrameView& frame, const algo::Extents& extents);
 
-// Rows of pictures with a label on the left of each.
+// Rows of pictures, in columns, with a label on the left of each row, its letters this large.
 struct MontageRow {
     std::string label;
     std::vector<Picture> pictures;
 };
-Picture montage(std::span<const MontageRow> rows);
+Picture montage(std::span<const MontageRow> rows, float letters = 1);
 
 // The picture at half its size, averaged.
 Picture halved(const Picture& picture);

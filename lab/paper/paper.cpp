@@ -81,7 +81,9 @@ Result<void> write_pictures(const std::filesystem::path& out, const Figure& figu
     std::vector<MontageRow> figure_rows, close_rows;
     for (std::size_t s = 0; s < kScenes; ++s) {
         const SceneViews& seen = figure.scenes[s];
-        MontageRow row{seen.scene.name, {}}, close{seen.scene.name, {}};
+        std::string label = seen.scene.name;  // one word a line
+        std::ranges::replace(label, '-', ' ');
+        MontageRow row{label, {}}, close{label, {}};
         for (const View view : kAllViews) {
             const std::string name = fmt::format("{}.{}", seen.scene.name, file_name_of(view));
             const Picture picture =
@@ -92,18 +94,18 @@ Result<void> write_pictures(const std::filesystem::path& out, const Figure& figu
                 return done;
             report.files.push_back(out / (name + ".png"));
             report.files.push_back(out / (name + ".tiff"));
-            if (static_cast<std::size_t>(view) < kViewsOfFigure) row.pictures.push_back(picture);
+            if (static_cast<std::size_t>(view) < kViewsOfFigure)
+                row.pictures.push_back(picture_of_figure(seen, view, high(view)));
             if (seen.truth.defects.empty() || view == View::frobenius_even) continue;
             const TruthDefect& defect = seen.truth.defects.back();
             const int side = std::min(static_cast<int>(4 * defect.radius_lenslets) | 1, seen.scene.camera.extents.m);
-            close.pictures.push_back(close_picture_of(seen, view, std::string(name_of(view)), high(view), defect.m,
-                                                      defect.n, std::max(side, 21)));
+            close.pictures.push_back(close_picture_of(seen, view, high(view), defect.m, defect.n, std::max(side, 21)));
         }
         figure_rows.push_back(std::move(row));
         if (!seen.truth.defects.empty()) close_rows.push_back(std::move(close));
     }
     for (const auto& [name, rows] : {std::pair("paper.png", &figure_rows), std::pair("paper-close.png", &close_rows)}) {
-        if (auto done = write_png(out / name, halved(montage(*rows))); !done) return done;
+        if (auto done = write_png(out / name, halved(montage(*rows, kLettersOfFigure))); !done) return done;
         report.files.push_back(out / name);
     }
     return {};

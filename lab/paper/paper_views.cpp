@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include <fmt/format.h>
+
 #include "algo/frame/mask.h"
 #include "drivers/files/frame_file.h"
 #include "hal_sim/optics/camera/telecentric.h"
@@ -109,39 +111,53 @@ Result<SceneViews> inspect_scene(const sim::Scene& scene, const std::filesystem:
     return views;
 }
 
-Picture picture_of(const SceneViews& views, View view, const std::string& title, float high) {
-    std::vector<std::uint8_t> mask(views.mask(view).begin(), views.mask(view).end());
-    for (std::uint8_t& bits : mask)
-        bits &= static_cast<std::uint8_t>(~algo::kNotJudged);  // draw the rim in colour, too
-    const bool is_light = floor_of(view) > 0;
-    const std::string unit = is_light                 ? "of usual"
-        : view == View::emd || view == View::emd_even ? "bins"
-                                                      : "bins/lenslet";
-    return draw({title, unit, 0, high}, views.map(view), mask, views.scene.camera.extents, {});
+namespace {
+
+std::string unit_of(View view) {
+    return floor_of(view) > 0 ? "of usual" : view == View::emd || view == View::emd_even ? "bins" : "bins/lenslet";
 }
 
-Picture close_picture_of(const SceneViews& views, View view, const std::string& title, float high, double m, double n,
-                         int lenslets) {
+// The rim is drawn in colour, too.
+std::vector<std::uint8_t> drawn_mask(const SceneViews& views, View view) {
+    std::vector<std::uint8_t> mask(views.mask(view).begin(), views.mask(view).end());
+    for (std::uint8_t& bits : mask) bits &= static_cast<std::uint8_t>(~algo::kNotJudged);
+    return mask;
+}
+
+// The unit is in the column's title.
+MapPicture of_figure(View view, float high) {
+    MapPicture what{fmt::format("{}, {}", name_of(view), unit_of(view)), "", 0, high};
+    what.letters = kLettersOfFigure;
+    what.axes = false;
+    return what;
+}
+
+}  // namespace
+
+Picture picture_of(const SceneViews& views, View view, const std::string& title, float high) {
+    return draw({title, unit_of(view), 0, high}, views.map(view), drawn_mask(views, view), views.scene.camera.extents,
+                {});
+}
+
+Picture picture_of_figure(const SceneViews& views, View view, float high) {
+    return draw(of_figure(view, high), views.map(view), drawn_mask(views, view), views.scene.camera.extents, {});
+}
+
+Picture close_picture_of(const SceneViews& views, View view, float high, double m, double n, int lenslets) {
     const algo::Extents& e = views.scene.camera.extents;
     const int m0 = std::clamp(static_cast<int>(std::lround(m)) - lenslets / 2, 0, e.m - lenslets);
     const int n0 = std::clamp(static_cast<int>(std::lround(n)) - lenslets / 2, 0, e.n - lenslets);
+    const std::vector<std::uint8_t> all = drawn_mask(views, view);
     std::vector<float> map;
     std::vector<std::uint8_t> mask;
     for (int y = 0; y < lenslets; ++y) {
         for (int x = 0; x < lenslets; ++x) {
             const auto k = static_cast<std::size_t>((n0 + y) * e.m + m0 + x);
             map.push_back(views.map(view)[k]);
-            mask.push_back(static_cast<std::uint8_t>(views.mask(view)[k] & ~algo::kNotJudged));
+            mask.push_back(all[k]);
         }
     }
-    const bool is_light = floor_of(view) > 0;
-    const std::string unit = is_light                 ? "of usual"
-        : view == View::emd || view == View::emd_even ? "bins"
-                                                      : "bins/lenslet";
-    MapPicture picture{title, unit, 0, high};
-    picture.first_m = m0;
-    picture.first_n = n0;
-    return draw(picture, map, mask, {lenslets, lenslets, e.i, e.j}, {});
+    return draw(of_figure(view, high), map, mask, {lenslets, lenslets, e.i, e.j}, {});
 }
 
 }  // namespace hord::lab

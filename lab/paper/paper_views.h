@@ -45,9 +45,12 @@ double floor_of(View view);
 Result<SceneViews> inspect_scene(const sim::Scene& scene, const std::filesystem::path& folder, int threads,
                                  ResultCache& cells, const std::function<void(double)>& progress);
 
-// The map in the figure's colours up to `high`; the close-up shows `lenslets` squared lenslets about (m, n).
+// The map in the figure's colours up to `high`.
 firmware::Picture picture_of(const SceneViews& views, View view, const std::string& title, float high);
-firmware::Picture close_picture_of(const SceneViews& views, View view, const std::string& title, float high, double m,
-                                   double n, int lenslets);
+// The same with large letters, for a figure of many pictures that is halved.
+firmware::Picture picture_of_figure(const SceneViews& views, View view, float high);
+// A close-up for such a figure: `lenslets` squared lenslets about (m, n).
+firmware::Picture close_picture_of(const SceneViews& views, View view, float high, double m, double n, int lenslets);
+constexpr float kLettersOfFigure = 2.5F;
 
 }  // namespace hord::lab

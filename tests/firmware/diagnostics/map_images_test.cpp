@@ -305,6 +305,43 @@ TEST(Pictures, axes_count_lenslets_or_mm) {
     }
 }
 
+// Legible where a figure of many of them is shown at a fraction of its size.
+TEST(Pictures, of_a_figure_have_large_letters_and_neither_axes_nor_legend) {
+    const Sample s = sample();
+    MapPicture what{"EMD", "", 0, 1};
+    const Picture plain = draw(what, s.map, s.mask, kExtents, {});
+    what.axes = false;
+    const Picture bare = draw(what, s.map, s.mask, kExtents, {});
+    EXPECT_EQ(bare.width, plain.width - 40);
+    EXPECT_EQ(bare.height, 26 + 30 * 12);  // the title and the map
+    what.letters = 2.5F;
+    const Picture large = draw(what, s.map, s.mask, kExtents, {});
+    EXPECT_EQ(large.height, 65 + 30 * 12);
+    const auto rows_of_title = [](const Picture& picture, int rows) {
+        int inked = 0;
+        for (int y = 0; y < rows; ++y) {
+            const auto row = picture.bgr.begin() + 3 * static_cast<std::ptrdiff_t>(picture.width) * y;
+            inked += std::any_of(row, row + 3 * 300, [](unsigned char value) { return value < 128; }) ? 1 : 0;
+        }
+        return inked;
+    };
+    EXPECT_GE(rows_of_title(large, 65), 2 * rows_of_title(bare, 26));
+}
+
+TEST(Pictures, of_a_montage_lie_in_columns) {
+    Picture narrow{10, 5, std::vector<unsigned char>(3 * 10 * 5, 0)},
+        wide{30, 5, std::vector<unsigned char>(3 * 30 * 5, 0)};
+    const std::vector<MontageRow> rows{{"", {narrow, narrow}}, {"", {wide, narrow}}};
+    const Picture sheet = montage(rows);
+    const auto black_from = [&](int y) {  // the first black pixel of a row after its first picture
+        int x = 118 + 31;
+        while (x < sheet.width && sheet.bgr[3 * static_cast<std::size_t>(y * sheet.width + x)] != 0) ++x;
+        return x;
+    };
+    EXPECT_LT(black_from(10), sheet.width);
+    EXPECT_EQ(black_from(10), black_from(23));
+}
+
 TEST(Pictures, what_cannot_be_written_is_named_with_its_cure_and_leaves_nothing) {
     const TempFolder folder;
     const Sample s = sample();
