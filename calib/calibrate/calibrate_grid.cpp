@@ -11,6 +11,8 @@
 #include "algo/frame/extents.h"
 #include "calib/calibrate/cut_lenslets.h"
 #include "calib/calibrate/lenslet_chain.h"
+#include "calib/calibrate/neighbour_statistics.h"
+#include "calib/calibrate/pattern_shape.h"
 #include "calib/calibrate/white_frame_checks.h"
 #include "calib/lattice/lenslet_coverage.h"
 #include "common/statistics.h"

@@ -3,26 +3,14 @@
 // only.
 #pragma once
 
-#include <span>
 #include <string>
 #include <vector>
 
-#include "algo/frame/lenslet_grid.h"
 #include "calib/calibrate/calibrate_grid.h"
 #include "calib/lattice/white_image.h"
 #include "common/result.h"
 
 namespace hord::calib {
-
-// Of the frame's harmonics at the lattice's frequencies, from the mean lenslet of the grid.
-PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibration);
-
-// Difference of a lenslet's light from the mean of its four neighbours', over that: robust RMS; 0 without neighbours.
-double light_roughness(const algo::LensletGrid& grid, std::span<const Observation> observations);
-
-LightFollowing light_following(const algo::LensletGrid& grid, std::span<const Observation> observations);
-
-SmoothResiduals smooth_residuals(const algo::LensletGrid& grid, std::span<const Observation> observations);
 
 // Refuses what is no white frame, or a grid that does not fit all of the frame, with reason and cure. `calibration` has
 // the fit and the counts up to here.

@@ -1,0 +1,144 @@
+#include "calib/calibrate/pattern_shape.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <complex>
+#include <numbers>
+#include <vector>
+
+namespace hord::calib {
+
+using algo::LensletGrid;
+using algo::PixelPoint;
+
+namespace {
+
+// The mean of some lenslets, in cells along the primitive steps of the lattice: u and v, or for a hexagonal one two
+// steps 60 degrees apart.
+struct MeanLenslet {
+    static constexpr int kSide = 16;  // cells along each step
+    std::array<double, static_cast<std::size_t>(kSide) * kSide> sums{}, hits{};
+
+    static std::size_t cell(double u, double v) {
+        const auto part = [](double at) { return static_cast<std::size_t>((at - std::floor(at)) * kSide) % kSide; };
+        return part(v + 0.5) * kSide + part(u + 0.5);
+    }
+    // Light about a place, in steps from the lenslet's centre: the mean of 4x4 cells.
+    [[nodiscard]] double at(double u, double v) const {
+        double sum = 0, count = 0;
+        for (const double dv : {-1.5, -0.5, 0.5, 1.5}) {
+            for (const double du : {-1.5, -0.5, 0.5, 1.5}) {
+                const std::size_t k = cell(u + du / kSide, v + dv / kSide);
+                sum += sums[k];
+                count += hits[k];
+            }
+        }
+        return count > 0 ? sum / count : 0;
+    }
+};
+
+MeanLenslet mean_lenslet(const WhiteImage& image, const GridCalibration& calibration) {
+    constexpr std::size_t kLenslets = 300;
+    const LensletGrid& grid = calibration.fit.grid;
+    MeanLenslet mean;
+    const std::size_t every = std::max<std::size_t>(1, calibration.observations.size() / kLenslets);
+    for (std::size_t k = 0; k < calibration.observations.size(); k += every) {
+        const Observation& seen = calibration.observations[k];
+        if (!seen.used) continue;
+        const LensletGrid::Steps steps = grid.steps_px(grid.uv(seen.m, seen.n));
+        PixelPoint a = steps.along_u, b = steps.along_v;
+        const auto mixed = [](PixelPoint p, double s, PixelPoint q, double t) {
+            return PixelPoint{s * p.x_px + t * q.x_px, s * p.y_px + t * q.y_px};
+        };
+        if (grid.stagger == algo::Stagger::rows) b = mixed(a, 0.5, b, algo::kHalfSqrt3);
+        if (grid.stagger == algo::Stagger::columns) a = mixed(b, 0.5, a, algo::kHalfSqrt3);
+        const double det = a.x_px * b.y_px - a.y_px * b.x_px;
+        const int reach = static_cast<int>(std::ceil(0.75 * (std::hypot(a.x_px, a.y_px) + std::hypot(b.x_px, b.y_px))));
+        const auto cx = static_cast<int>(std::lround(seen.centre_px.x_px));
+        const auto cy = static_cast<int>(std::lround(seen.centre_px.y_px));
+        if (cx < reach || cy < reach || cx + reach >= image.width_px() || cy + reach >= image.height_px()) continue;
+        for (int y = cy - reach; y <= cy + reach; ++y) {
+            for (int x = cx - reach; x <= cx + reach; ++x) {
+                const double dx = x - seen.centre_px.x_px, dy = y - seen.centre_px.y_px;
+                const double u = (dx * b.y_px - dy * b.x_px) / det, v = (dy * a.x_px - dx * a.y_px) / det;
+                if (std::abs(u) >= 0.5 || std::abs(v) >= 0.5) continue;
+                const std::size_t cell = MeanLenslet::cell(u, v);
+                mean.sums[cell] += image.at(x, y);
+                mean.hits[cell] += 1;
+            }
+        }
+    }
+    return mean;
+}
+
+// Share of the cells with less than half of the light.
+double dark_share(const MeanLenslet& mean) {
+    std::vector<double> light;
+    for (std::size_t k = 0; k < mean.sums.size(); ++k) {
+        if (mean.hits[k] > 0) light.push_back(mean.sums[k] / mean.hits[k]);
+    }
+    if (light.empty()) return 1;
+    const auto [low, high] = std::ranges::minmax_element(light);
+    const double half = (*low + *high) / 2;
+    return static_cast<double>(std::ranges::count_if(light, [=](double of) { return of < half; })) /
+        static_cast<double>(light.size());
+}
+
+// Light half way to the neighbours, over that in the middle of a lenslet, both less that of the places farthest from
+// all lenslets: 1 if what lies between dark dots was taken for lenslets.
+double light_between(const MeanLenslet& mean, algo::LatticeKind kind) {
+    const bool square = kind == algo::LatticeKind::square;
+    // Of a hexagonal lattice, the third neighbour lies at the difference of the steps.
+    const double between =
+        square ? (mean.at(0.5, 0) + mean.at(0, 0.5)) / 2 : (mean.at(0.5, 0) + mean.at(0, 0.5) + mean.at(0.5, -0.5)) / 3;
+    const double farthest = square ? mean.at(0.5, 0.5) : (mean.at(1 / 3.0, 1 / 3.0) + mean.at(-1 / 3.0, -1 / 3.0)) / 2;
+    const double lenslet = mean.at(0, 0) - farthest;
+    return lenslet > 0 ? (between - farthest) / lenslet : 0;
+}
+
+}  // namespace
+
+PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibration) {
+    constexpr int kSide = MeanLenslet::kSide;
+    const LensletGrid& grid = calibration.fit.grid;
+    const MeanLenslet of = mean_lenslet(image, calibration);
+    const auto &sums = of.sums, &hits = of.hits;
+    // Where the pitch is a whole number of pixels, or small, no pixel lies in some cells: these do not count.
+    const auto cells_hit = static_cast<double>(std::count_if(hits.begin(), hits.end(), [](double h) { return h > 0; }));
+    if (cells_hit == 0) return {.even_share = 1};
+    double mean = 0;
+    for (std::size_t cell = 0; cell < sums.size(); ++cell) {
+        if (hits[cell] > 0) mean += sums[cell] / hits[cell] / cells_hit;
+    }
+    constexpr int kHarmonics = 4;
+    const bool square = grid.kind == algo::LatticeKind::square;
+    double all = 0, waves = 0, first = 0, even = 0;
+    for (int q = -kHarmonics; q <= kHarmonics; ++q) {
+        for (int p = -kHarmonics; p <= kHarmonics; ++p) {
+            if (p == 0 && q == 0) continue;
+            std::complex<double> sum;
+            for (int y = 0; y < kSide; ++y) {
+                for (int x = 0; x < kSide; ++x) {
+                    const auto cell = static_cast<std::size_t>(y * kSide + x);
+                    if (hits[cell] == 0) continue;
+                    sum += (sums[cell] / hits[cell] - mean) *
+                        std::polar(1.0, -2 * std::numbers::pi * (p * x + q * y) / kSide);
+                }
+            }
+            const double power = std::norm(sum);
+            all += power;
+            // Of a hexagonal lattice, steps 60 degrees apart have a third fundamental at (1, 1) or (1, -1).
+            const bool third = !square && std::abs(p) == 1 && std::abs(q) == 1 &&
+                p * q * (grid.steps_px({0, 0}).area_px2() > 0 ? 1 : -1) > 0;
+            if (std::abs(p) + std::abs(q) == 1 || third) waves += power;
+            if (std::abs(p) <= 1 && std::abs(q) <= 1) first += power;
+            if ((p + q) % 2 == 0) even += power;
+        }
+    }
+    if (!(all > 0)) return {.even_share = 1};
+    return {waves / all, square ? first / all : 0, square ? even / all : 1, light_between(of, grid.kind),
+            dark_share(of)};
+}
+
+}  // namespace hord::calib
