@@ -274,6 +274,7 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     report(0);
     auto image = WhiteImage::open(white, dark, options.flat);
     if (!image) return tl::unexpected(image.error());
+    const RowShift rows = row_shift(*image);
     const auto lattice = find_lattice(*image, options.hint);
     if (!lattice) return tl::unexpected(lattice.error());
     report(0.2);
@@ -346,6 +347,7 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
         return finder_for(finders, out.fit.grid, pitch, seen.m, seen.n).elongation(seen.centre_px);
     });
     out.one_sided = one_sided(finder, out.observations);
+    out.row_shift = rows;
     if (auto fine = check_white_frame(*image, out); !fine) return tl::unexpected(fine.error());
     out.warnings = warnings_about(out);
     report(1);

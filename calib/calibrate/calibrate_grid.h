@@ -14,6 +14,7 @@
 #include "calib/fit/grid_fit.h"
 #include "calib/lattice/centres.h"
 #include "calib/lattice/lattice.h"
+#include "calib/lattice/row_shift.h"
 #include "common/frame.h"
 #include "common/result.h"
 
@@ -62,6 +63,8 @@ struct CutLenslets {
     // How the shape changes evenly over the frame, at half a diagonal from its middle: a stop far to one side makes it
     // so. What the grid's own distortion explains is not in it.
     double uneven = 0, uneven_sigma = 0;
+    // How all lenslets are longer in the same direction, beyond the lattice's own steps: moved, or exposed twice.
+    double elongated = 0;
 };
 
 struct GridCalibration {
@@ -94,6 +97,7 @@ struct GridCalibration {
     LightFollowing light_following;
     SmoothResiduals smooth_residuals;
     CutLenslets cut;
+    RowShift row_shift;
     std::vector<std::string> warnings;  // sentences for a person: the grid is usable, but something is unusual
 
     struct Node {

@@ -17,12 +17,12 @@ constexpr std::size_t kFewest = 4;       // lenslets of a region
 constexpr std::size_t kLenslets = 1000;  // that are measured
 constexpr Eigen::Index kParameters = 7;
 
-// The shape that the grid's distortion gives to a round lenslet, if it scales lenslets as it scales their distances.
-Elongation of_steps(const algo::LensletGrid::Steps& here, const algo::LensletGrid::Steps& middle) {
-    const auto matrix = [](const algo::LensletGrid::Steps& s) {
-        return (Eigen::Matrix2d() << s.along_u.x_px, s.along_v.x_px, s.along_u.y_px, s.along_v.y_px).finished();
-    };
-    const Eigen::Matrix2d scale = matrix(here) * matrix(middle).inverse(), moments = scale * scale.transpose();
+Eigen::Matrix2d matrix_of(const algo::LensletGrid::Steps& s) {
+    return (Eigen::Matrix2d() << s.along_u.x_px, s.along_v.x_px, s.along_u.y_px, s.along_v.y_px).finished();
+}
+// The shape of a round lenslet that is stretched so.
+Elongation stretched(const Eigen::Matrix2d& scale) {
+    const Eigen::Matrix2d moments = scale * scale.transpose();
     return {(moments(0, 0) - moments(1, 1)) / moments.trace(), 2 * moments(0, 1) / moments.trace()};
 }
 
@@ -38,7 +38,7 @@ struct Region {
 // with a real k; e and the other constants are complex.
 struct Law {
     double k = 0, k_sigma = 0;
-    std::complex<double> b, c;
+    std::complex<double> b, c, constant;
     double linear_sigma = 0;
     // The most that e changes from the frame's middle to half a diagonal, beside the squares.
     [[nodiscard]] double linear() const { return std::abs(b) + std::abs(c); }
@@ -62,7 +62,9 @@ Law fit_law(std::span<const Region> regions, std::vector<double> Region::*along_
     const Eigen::VectorXd f = solver.solve(seen);
     const double variance = (a * f - seen).squaredNorm() / static_cast<double>(rows - kParameters);
     const Eigen::VectorXd variances = variance * (a.transpose() * a).inverse().diagonal();
-    return {f(0), std::sqrt(variances(0)), {f(1), f(2)}, {f(3), f(4)}, std::sqrt(variances.segment(1, 4).sum())};
+    return {f(0),         std::sqrt(variances(0)),
+            {f(1), f(2)}, {f(3), f(4)},
+            {f(5), f(6)}, std::sqrt(variances.segment(1, 4).sum())};
 }
 
 }  // namespace
@@ -71,7 +73,7 @@ CutLenslets cut_lenslets(const algo::LensletGrid& grid, std::span<const Observat
                          const std::function<std::optional<Elongation>(const Observation&)>& measure) {
     std::vector<Region> regions(static_cast<std::size_t>(kSide) * kSide);
     const double half = 0.5 * std::hypot(grid.width_px, grid.height_px);
-    const algo::LensletGrid::Steps middle = grid.steps_px({0, 0});
+    const Eigen::Matrix2d middle = matrix_of(grid.steps_px({0, 0}));
     const std::size_t every = std::max<std::size_t>(1, observations.size() / kLenslets);
     for (std::size_t k = 0; k < observations.size(); k += every) {
         const Observation& seen = observations[k];
@@ -83,7 +85,8 @@ CutLenslets cut_lenslets(const algo::LensletGrid& grid, std::span<const Observat
         };
         const algo::PixelPoint at = seen.centre_px;
         Region& region = regions[part(at.y_px, grid.height_px) * kSide + part(at.x_px, grid.width_px)];
-        const Elongation expected = of_steps(grid.steps_px(grid.uv(seen.m, seen.n)), middle);
+        // As the grid's distortion makes it, if it scales lenslets as it scales their distances.
+        const Elongation expected = stretched(matrix_of(grid.steps_px(grid.uv(seen.m, seen.n))) * middle.inverse());
         region.x.push_back((at.x_px - grid.middle_x_px) / half);
         region.y.push_back((at.y_px - grid.middle_y_px) / half);
         region.along_x.push_back(shape->along_x);
@@ -95,8 +98,12 @@ CutLenslets cut_lenslets(const algo::LensletGrid& grid, std::span<const Observat
     if (regions.size() < 4) return {};
     const Law law = fit_law(regions, &Region::along_x, &Region::aslant);
     const Law of_grid = fit_law(regions, &Region::grid_along_x, &Region::grid_aslant);
-    const Law beyond{.b = law.b - of_grid.b, .c = law.c - of_grid.c};
-    return {law.k, law.k_sigma, of_grid.k, std::min(law.linear(), beyond.linear()), law.linear_sigma};
+    const Law beyond{.b = law.b - of_grid.b, .c = law.c - of_grid.c, .constant = {}};
+    // Pixels and lattices that are not as high as wide may have lenslets of that shape.
+    const Elongation own = stretched(middle);
+    const double elongated =
+        std::min(std::abs(law.constant), std::abs(law.constant + std::complex(own.along_x, own.aslant)));
+    return {law.k, law.k_sigma, of_grid.k, std::min(law.linear(), beyond.linear()), law.linear_sigma, elongated};
 }
 
 }  // namespace hord::calib

@@ -32,7 +32,12 @@ constexpr double kMinEven = 0.004, kMaxEven = 0.98;
 // was taken for lenslets are the gaps between them. Between small dots it is bright everywhere; round lenslets that
 // touch leave more dark. Between large dots the gaps are stars; spots with the cross of diffraction are smaller.
 constexpr double kMaxBetween = 0.8, kMinDark = 0.17, kMaxDarkOfStars = 0.8, kMaxStar = 0.1;
-constexpr double kMaxOneSided = 0.35;  // of the light; below, centres are off by 0.06 px at the most
+constexpr double kMaxOneSided = 0.35;  // of the light; below, centres are off by 0.025 px at the most
+// RowShift, px: centres are off by half of it; and in its standard errors.
+constexpr double kMaxRowShift = 0.04, kMaxRowShiftDeviations = 8;
+// CutLenslets::elongated: spots of real Shack-Hartmann sensors have up to 0.12. Of spots of sigma s, two exposures that
+// are d apart have (d / s)^2 / 8.
+constexpr double kMaxElongated = 0.15;
 constexpr double kMaxRoughness = 0.08;
 constexpr double kMaxFollowed = 0.3;     // of the residuals' power: what gradients of the light explain
 constexpr double kMinFollowed = 0.0002;  // of a pitch: explained residuals that matter
@@ -218,7 +223,21 @@ std::vector<std::string> warnings_about(const GridCalibration& calibration) {
             "diffuse or collimated light without other optics",
             smooth.px));
     }
+    const RowShift& rows = calibration.row_shift;
+    if (std::abs(rows.px) > std::max(kMaxRowShift, kMaxRowShiftDeviations * rows.sigma)) {
+        out.push_back(fmt::format(
+            "every second row of pixels is shifted along the rows, by {:.2f} px: two fields of the frame show the "
+            "lenslets in two places, and the grid lies between them; read all rows at once (no interlacing), and keep "
+            "array and light still",
+            std::abs(rows.px)));
+    }
     const CutLenslets& cut = calibration.cut;
+    if (cut.elongated > kMaxElongated) {
+        out.push_back(fmt::format(
+            "all lenslets are longer in the same direction, by {:.0f} %: the frame may be exposed twice or blurred by "
+            "motion, and the grid lies in the middle of that; keep array and light still, and record one exposure",
+            100 * cut.elongated));
+    }
     const double beyond_grid = cut.narrower - std::max(0.0, cut.of_grid);
     if (beyond_grid > std::max(kMaxCut, kMaxCutDeviations * cut.sigma)) {
         out.push_back(fmt::format(

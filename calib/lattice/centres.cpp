@@ -14,6 +14,10 @@ namespace hord::calib {
 namespace {
 
 constexpr std::size_t kMaxSeeds = 400;
+// A profile learned about centres that are off is blurred by the square of that, and so is the weight made of it. Light
+// that is brighter on one side takes more rounds until all centres together no longer move.
+constexpr int kMinRounds = 3, kMaxRounds = 8;
+constexpr double kSettled = 0.001;                    // px
 constexpr double kInside = 0.7, kSmallestInside = 2;  // of the half height, and px: the inside of a lenslet
 
 // Response of one window to the kernels of one phase (see CentreFinder::Kernels::bank).
@@ -309,15 +313,21 @@ Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<cons
     Profile profile = raised_cosine(widest);
     double radius = widest;
     std::vector<Spot> spots;
-    for (int round = 0; round < 3; ++round) {
+    for (int round = 0; round < kMaxRounds; ++round) {
         kernels->sample(design_weights(profile, radius, round > 0));
         kernels->calibrate_gain(starts);
         if (!(kernels->gain > 0)) break;
         spots.clear();
+        double moved_x = 0, moved_y = 0;  // all lenslets together
         for (const algo::PixelPoint& start : starts) {
-            if (auto spot = kernels->measure(start, 0.3 * pitch_px)) spots.push_back(*spot);
+            const auto spot = kernels->measure(start, 0.3 * pitch_px);
+            if (!spot) continue;
+            spots.push_back(*spot);
+            moved_x += spot->centre_px.x_px - start.x_px;
+            moved_y += spot->centre_px.y_px - start.y_px;
         }
         if (spots.size() < 4) break;
+        const double moved = std::hypot(moved_x, moved_y) / static_cast<double>(spots.size());
         std::vector<double> amplitudes(spots.size());
         std::transform(spots.begin(), spots.end(), amplitudes.begin(), [](const Spot& s) { return s.amplitude_dn; });
         const double median = common::upper_median(std::span(amplitudes));
@@ -328,7 +338,8 @@ Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<cons
         starts.clear();
         for (const Spot& spot : spots) starts.push_back(spot.centre_px);
         kernels->calibrate_gain(starts);
-        if (round == 2) return CentreFinder(std::move(kernels));
+        if (round + 1 == kMaxRounds || (round + 1 >= kMinRounds && moved < kSettled))
+            return CentreFinder(std::move(kernels));
         profile = measure_profile(image, spots, widest);
         // The window of a small spot ends shortly after the profile.
         std::size_t last = profile.value.size() - 1;

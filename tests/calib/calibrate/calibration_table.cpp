@@ -44,18 +44,43 @@ std::string warned_of(const calib::GridCalibration& calibration) {
 }
 
 // A frame on which a grid could be wrong without a word: what is answered, and how far a grid that is given is off.
-void answer_row(const char* name, const White& white) {
-    const auto drawn = calib::test::draw(white);
+void answer_row(const char* name, const calib::test::Drawn& drawn, double pitch_px) {
     const auto calibration = calib::calibrate_grid(drawn.frame.view());
     if (!calibration) {
         std::printf("| %s | refused: %s | | |\n", name, calibration.error().what.c_str());
         return;
     }
-    const auto compared = calib::test::compare(drawn, *calibration, white.pitch_px);
+    const auto compared = calib::test::compare(drawn, *calibration, pitch_px);
     const std::string warned = warned_of(*calibration);
     const std::string answer = warned.empty() ? "a grid" : "a grid, and a warning: " + warned;
     std::printf("| %s | %s | %.4f | %.4f |\n", name, answer.c_str(), compared.rms_px, compared.max_px);
     std::fflush(stdout);
+}
+void answer_row(const char* name, const White& white) { answer_row(name, calib::test::draw(white), white.pitch_px); }
+
+// The truth is that of `white`; with other noise, the same lenslets are moved by `dx` along the rows, in every second
+// row or as a second exposure of half of the light.
+void twice_row(const char* what, const White& white, double dx, bool interlaced) {
+    White moved = white;
+    moved.offset_x_px += dx, moved.seed += 1;
+    auto drawn = calib::test::draw(white);
+    const Frame other = calib::test::draw(moved).frame;
+    for (int y = 0; y < other.height_px(); ++y) {
+        for (int x = 0; x < other.width_px(); ++x) {
+            const auto a = drawn.frame.view().sample(x, y), b = other.view().sample(x, y);
+            drawn.frame.set(x, y, interlaced ? (y % 2 == 0 ? a : b) : (a + b) / 2);
+        }
+    }
+    char name[96];
+    std::snprintf(name, sizeof name, "%s %g px apart", what, dx);
+    answer_row(name, drawn, white.pitch_px);
+}
+void twice(const White& base) {
+    for (const double dx : {0.05, 0.5, 2.0}) twice_row("interlaced rows,", base, dx, true);
+    for (const double dx : {1.0, 2.0, 6.0}) twice_row("discs exposed twice,", base, dx, false);
+    White spots = base;
+    spots.disc_radius_px = -1.6;
+    for (const double dx : {1.0, 2.0, 6.0}) twice_row("spots of 1.6 px sigma exposed twice,", spots, dx, false);
 }
 
 // Sharp checkerboards, along the pixels, turned by 3 degrees and diagonal: how many are refused or warned of.
@@ -189,6 +214,17 @@ void answers() {
         std::snprintf(name, sizeof name, "cat's eye: a stop that cuts lenslets by %g px at the border", shift);
         answer_row(name, white);
     }
+    for (const double k1 : {-0.04, 0.05}) {
+        for (const bool to_scale : {false, true}) {
+            white.k1 = k1, white.to_scale = to_scale;
+            white.stop = [](double x, double y) { return std::pair((500 - x) / 500, (500 - y) / 500); };
+            char name[96];
+            std::snprintf(name, sizeof name, "the same by 1 px, k1 %.2f, lenslets %s", k1,
+                          to_scale ? "scaled" : "of one size");
+            answer_row(name, white);
+        }
+    }
+    white = base;
     for (const double middle_x : {0.0, -500.0, -2000.0}) {
         for (const double shift : {0.3, 1.0}) {
             white.stop = [=](double x, double y) {
@@ -201,13 +237,14 @@ void answers() {
         }
     }
     white = base;
-    for (const double gradient : {0.3, 0.45, 0.7}) {
+    for (const double gradient : {0.3, 0.34, 0.45, 0.7}) {
         white.gradient = [=](double, double) { return std::pair(gradient, 0.0); };
         char name[96];
         std::snprintf(name, sizeof name, "discs, light brighter by %.0f %% on one side all over the frame",
                       100 * gradient);
         answer_row(name, white);
     }
+    twice(base);
     white = base;
     white.square = true, white.edge_px = 1, white.subpixels = 4;
     for (const double pitch : {10.0, 12.0, 16.0, 17.3}) {

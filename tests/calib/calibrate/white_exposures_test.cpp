@@ -1,0 +1,111 @@
+// White frames that show their lenslets twice, light on one side of them, and what a stop cuts under distortion: a grid
+// is where the truth is, or a person is told.
+#include <numbers>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "calib/lattice/row_shift.h"
+#include "tests/calib/support/synthetic.h"
+
+namespace hord::calib {
+namespace {
+
+using test::White;
+using ::testing::Contains;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+
+// `white` and the same lenslets moved by (dx, dy), with other noise, put together pixel by pixel.
+template <class Mix>
+Frame mixed(const White& white, double dx, double dy, Mix mix) {
+    White moved = white;
+    moved.offset_x_px += dx, moved.offset_y_px += dy, moved.seed += 1;
+    const Frame a = test::draw(white).frame, b = test::draw(moved).frame;
+    Frame out(a.width_px(), a.height_px(), a.bits());
+    for (int y = 0; y < out.height_px(); ++y) {
+        for (int x = 0; x < out.width_px(); ++x) out.set(x, y, mix(y, a.view().sample(x, y), b.view().sample(x, y)));
+    }
+    return out;
+}
+Frame interlaced(const White& white, double dx) {
+    return mixed(white, dx, 0, [](int y, std::uint32_t a, std::uint32_t b) { return y % 2 == 0 ? a : b; });
+}
+
+std::vector<std::string> warnings(const Frame& frame) {
+    const auto calibration = calibrate_grid(frame.view());
+    EXPECT_TRUE(calibration) << calibration.error().message();
+    return calibration ? calibration->warnings : std::vector<std::string>{};
+}
+
+// Whatever the lenslets look like and wherever they lie on the pixels, also at whole pitches of an even number of rows.
+TEST(RowShift, of_interlaced_fields_is_measured_and_of_whole_frames_there_is_none) {
+    for (const double pitch : {16.0, 17.3}) {
+        for (const double spot : {0.0, -1.6}) {
+            for (const bool hexagonal : {false, true}) {
+                SCOPED_TRACE(::testing::Message() << pitch << " px, spot " << spot << ", hexagonal " << hexagonal);
+                const White white{.width_px = 300,
+                                  .height_px = 280,
+                                  .hexagonal = hexagonal,
+                                  .pitch_px = pitch,
+                                  .rotation_deg = pitch == 16 ? 0.0 : 2.0,
+                                  .disc_radius_px = spot};
+                for (const double shift : {0.0, 0.1, -0.3}) {
+                    const Frame frame = interlaced(white, shift);
+                    const auto image = WhiteImage::open(frame.view(), {});
+                    ASSERT_TRUE(image);
+                    const RowShift seen = row_shift(*image);
+                    EXPECT_NEAR(seen.px, -shift, 0.005 + 0.05 * std::abs(shift));
+                    EXPECT_LT(seen.sigma, 0.01);
+                }
+            }
+        }
+    }
+}
+
+TEST(RowShift, needs_light_and_rows) {
+    const Frame low(40, 24, 16);
+    const auto dark = WhiteImage::open(low.view(), {});
+    ASSERT_TRUE(dark);
+    EXPECT_EQ(row_shift(*dark).px, 0);
+}
+
+TEST(WhiteExposures, interlaced_rows_are_warned_of) {
+    const White white{.width_px = 400, .height_px = 380, .pitch_px = 16.3, .rotation_deg = 2};
+    for (const double shift : {0.06, -0.5, 3.0}) {
+        SCOPED_TRACE(shift);
+        EXPECT_THAT(warnings(interlaced(white, shift)), Contains(HasSubstr("every second row of pixels is shifted")));
+    }
+    EXPECT_THAT(warnings(interlaced(white, 0.02)), IsEmpty());  // centres are off by half of it
+}
+
+// Of spots, as far as real ones are not longer in one direction themselves: 1.6 sigma apart or more.
+TEST(WhiteExposures, spots_that_are_exposed_twice_are_warned_of) {
+    const White white{.width_px = 400, .height_px = 380, .pitch_px = 16.3, .rotation_deg = 2, .disc_radius_px = -1.6};
+    const auto twice = [&](double dx, double dy) {
+        return warnings(mixed(white, dx, dy, [](int, std::uint32_t a, std::uint32_t b) { return (a + b) / 2; }));
+    };
+    EXPECT_THAT(twice(2.8, 0), Contains(HasSubstr("exposed twice")));
+    EXPECT_THAT(twice(2, -2), Contains(HasSubstr("exposed twice")));
+    EXPECT_THAT(twice(0.5, 0), IsEmpty());
+}
+
+// The profile is learned again until it is that of the lenslets, and not that of their shifted centres.
+TEST(WhiteExposures, light_on_one_side_of_lenslets_that_it_fills_moves_the_grid_little) {
+    for (const bool hexagonal : {false, true}) {
+        for (const double gradient : {0.2, 0.3}) {
+            SCOPED_TRACE(::testing::Message() << hexagonal << " " << gradient);
+            White white{.width_px = 400, .height_px = 380, .hexagonal = hexagonal, .pitch_px = 17.3, .rotation_deg = 2};
+            white.gradient = [=](double, double) { return std::pair(gradient, 0.0); };
+            const auto drawn = test::draw(white);
+            const auto calibration = calibrate_grid(drawn.frame.view());
+            ASSERT_TRUE(calibration) << calibration.error().message();
+            EXPECT_LT(test::compare(drawn, *calibration, white.pitch_px).rms_px, 0.025);
+            EXPECT_THAT(calibration->warnings, IsEmpty());
+        }
+    }
+}
+
+}  // namespace
+}  // namespace hord::calib
