@@ -65,9 +65,8 @@ struct SetTrial {
 };
 // Largest share of a core's time for inspection.
 inline constexpr double kUseOfCore = 0.8;
-// The work of a verdict on a part, counted, so that other work on the machine does not change a choice: the bins that
-// are read, once for the light, once more for the Jacobian and for a distance between neighbours, four times more for
-// the EMD.
+// The work of a verdict on a part, counted, so that other work on the machine does not change a choice. Its unit is the
+// reading of a bin; a lenslet takes most, whatever it has of bins (measured by tests/bench/bench_design.cpp).
 double work_of(const JudgedSet& set, const algo::Extents& extents);
 // Whether `a` is the better choice: it holds the rate, finds all wanted sizes with the most room (differences below a
 // tenth do not count), and takes less work.

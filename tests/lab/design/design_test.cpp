@@ -288,8 +288,7 @@ TEST(CellTrials, of_equal_sets_the_one_with_less_counted_work_is_chosen_whatever
     light.set = sets.front(), emd.set = sets.back();
     for (SetTrial* of : {&light, &emd})
         of->holds_rate = true, of->worst_ratio = 0.5, of->work = work_of(of->set, extents);
-    EXPECT_EQ(light.work, 111.0 * 111 * 81);
-    EXPECT_EQ(emd.work, 6 * light.work);
+    EXPECT_GT(emd.work, 1.3 * light.work);
     for (const double time_ms : {0.1, 10.0}) {
         light.time_ms = time_ms, emd.time_ms = 1;
         EXPECT_TRUE(is_better(light, emd));
@@ -298,6 +297,13 @@ TEST(CellTrials, of_equal_sets_the_one_with_less_counted_work_is_chosen_whatever
     light.work = emd.work;
     EXPECT_FALSE(is_better(light, emd));
     EXPECT_FALSE(is_better(emd, light));
+}
+
+// Many lenslets of few bins take longer than fewer lenslets of more bins, though they read as many.
+TEST(CellTrials, lenslets_count_beside_their_bins) {
+    const auto sets = judged_sets();
+    EXPECT_GT(work_of(sets[0], {471, 471, 3, 3}), 2 * work_of(sets[1], {281, 281, 5, 5}));
+    EXPECT_GT(work_of(sets[0], {281, 281, 9, 9}), work_of(sets[0], {281, 281, 5, 5}));
 }
 
 // Dark places in good parts, such as bevels, leave no room for a limit of the light.
