@@ -2,8 +2,8 @@
 // where neither a part nor its pose changes the directions of the light. These are the lenslets around which the
 // reference's deflections change least: the free light beside the part, or the middle of a plate.
 //
-// The samples of a lenslet are first divided by their sum: LED, dust, ripple from lenslet to lenslet and fixed patterns
-// of the sensor do not count.
+// What brightness and a shift do to the samples of a lenslet does not count: LED, dust, ripple from lenslet to lenslet,
+// fixed patterns of the sensor, tilt and waves of the part.
 #pragma once
 
 #include <cstddef>
