@@ -35,8 +35,8 @@ class Learner {
     Learner(const Extents& extents, int bits, std::size_t count, const FrameOfPart& frame_of,
             const LearnOptions& options)
         : extents_(extents), count_(count), frame_of_(frame_of), options_(options), row_(extents),
-          dark_bins_(extents, bits), registrar_(extents), poses_(count), lights_(count, 1.0), left_out_(count, false),
-          mean_(extents) {
+          dark_bins_(extents, bits), registrar_(extents), poses_(count), lights_(count, 1.0), determined_(count),
+          left_out_(count, false), mean_(extents) {
         reference_.extents = extents;
         reference_.bits = bits;
         reference_.levels = options.levels;
@@ -64,6 +64,7 @@ class Learner {
     void leave_out(std::size_t part, std::string why);
     [[nodiscard]] std::size_t left() const { return count_ - left_out_list_.size(); }
     [[nodiscard]] Result<void> enough() const;
+    [[nodiscard]] std::array<bool, 3> pose_determined() const;
     void tick() {
         options_.progress(std::min(0.99, static_cast<double>(++ticks_) / (static_cast<double>(count_) * 8)));
     }
@@ -78,6 +79,7 @@ class Learner {
     Registrar registrar_;
     std::vector<std::optional<Pose>> poses_;
     std::vector<double> lights_;  // of a part over the reference's
+    std::vector<std::array<bool, 3>> determined_;
     std::vector<bool> left_out_;
     std::vector<LeftOut> left_out_list_;
     std::size_t ticks_ = 0;
@@ -191,6 +193,7 @@ bool Learner::find_pose(std::size_t k, const DecodedPart& part) {
     }
     poses_[k] = found.pose;
     lights_[k] = found.light;
+    determined_[k] = found.determined;
     return true;
 }
 
@@ -393,6 +396,15 @@ bool Learner::name_outliers() {
     return any;
 }
 
+// By most of the parts that are left.
+std::array<bool, 3> Learner::pose_determined() const {
+    std::array<std::size_t, 3> counts{};
+    for (std::size_t p = 0; p < count_; ++p) {
+        for (std::size_t u = 0; u < 3; ++u) counts[u] += !left_out_[p] && determined_[p][u] ? 1 : 0;
+    }
+    return {2 * counts[0] > left(), 2 * counts[1] > left(), 2 * counts[2] > left()};
+}
+
 Result<Learned> Learner::run() {
     if (options_.dark_from_noise) {
         if (auto done = choose_dark_level(); !done) return tl::unexpected(done.error());
@@ -435,10 +447,32 @@ Result<Learned> Learner::run() {
     reference_.parts = static_cast<std::uint32_t>(left());
     if (auto done = learn_pooled_scales(); !done) return tl::unexpected(done.error());
     options_.progress(1);
-    return Learned{std::move(reference_), std::move(left_out_list_), std::move(poses_), gain_unsure_};
+    const std::array<bool, 3> determined = pose_determined();
+    return Learned{std::move(reference_), std::move(left_out_list_), std::move(poses_), gain_unsure_, determined};
 }
 
 }  // namespace
+
+std::vector<std::string> unsure_of(const Learned& learned, const std::string& cure) {
+    std::vector<std::string> sentences;
+    if (learned.gain_unsure) {
+        sentences.push_back(
+            "No place of the field shows photon noise alone, so the electrons a DN count form and ripple "
+            "as noise and may be several times too low: " +
+            cure);
+    }
+    constexpr const char* kNames[] = {"the shift along x", "the shift along y", "the turn"};
+    std::string unknown;
+    for (std::size_t u = 0; u < 3; ++u) {
+        if (!learned.pose_determined[u]) unknown += (unknown.empty() ? "" : ", ") + std::string(kNames[u]);
+    }
+    if (!unknown.empty()) {
+        sentences.push_back("Pose not determined: " + unknown +
+                            "; it changes these parts' light by no more than a tilt does, and what is told of it means "
+                            "little");
+    }
+    return sentences;
+}
 
 Result<Learned> learn_reference(const Extents& extents, int bits, std::size_t count, const FrameOfPart& frame_of,
                                 const LearnOptions& options) {

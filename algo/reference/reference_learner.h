@@ -8,6 +8,7 @@
 // docs/notes/reference.md.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -46,7 +47,12 @@ struct Learned {
     std::vector<std::optional<Pose>> poses;  // of the parts, relative to the reference; none if left out
     // No place of the field shows photon noise alone: form and ripple are counted as noise in the electrons a DN.
     bool gain_unsure = false;
+    // Whether most parts' maps say where the part lies along x and y, and how it is turned.
+    std::array<bool, 3> pose_determined{};
 };
+
+// Sentences for people, without a full stop: what the parts do not determine. `cure`: how to give the electrons a DN.
+std::vector<std::string> unsure_of(const Learned& learned, const std::string& cure);
 
 // The frame of part 0..count-1, macro-pixels. Any error ends the learning.
 using FrameOfPart = std::function<Result<Frame>(std::size_t part)>;

@@ -325,6 +325,7 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
         if (k == 0) {
             round = step.normal.a[2][2] < kTurnShare * step.all_of_turn;
             for (std::size_t u = 0; u < 3; ++u) determined[u] = step.determines(u);
+            result.determined = {determined[0], determined[1], determined[2] || round};
         }
         for (std::size_t u = 0; u < 3; ++u) {
             if (held[u]) step.normal.a[u][u] += kHold;

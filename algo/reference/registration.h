@@ -8,6 +8,7 @@
 // The constructor allocates all memory.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -34,6 +35,9 @@ struct Registered {
     Pose pose;
     double light = 1;        // the part's light over the reference's, median over the sample
     double disagreeing = 0;  // share of the samples that disagree grossly
+    // Whether the maps say where the part lies along x and y, and how it is turned (or it is round, so that no turn
+    // matters). What they do not say stays near 0.
+    std::array<bool, 3> determined{};
     [[nodiscard]] bool found() const { return outcome == Outcome::found; }
 };
 

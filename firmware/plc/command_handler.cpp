@@ -270,7 +270,7 @@ void CommandHandler::on_learned(Result<TeachResult> result) {
     }
     if (!result->remarks.empty()) {
         report({ErrorCode::refused, fmt::format("taught from {} parts: {}", running_teach_->parts, result->remarks),
-                "look at these parts; if they are good, teach again with more parts"});
+                "look at parts that it names; if they are good, teach again with more parts"});
     }
     const std::uint32_t crc = crc32_of(result->recipe);
     pending_reference_ = PendingReference{running_teach_->who, std::move(result->recipe)};

@@ -317,18 +317,22 @@ Result<TeachResult> LineTeachIn::learn() {
         [&](std::size_t k) { return frame_of(parts->frames[k]); }, options);
     if (cancelled_) return tl::unexpected(cancelled_error());
     if (!learned) return refused(learned.error());
+    const auto remark = [&](const std::string& sentence) {
+        if (!sentence.empty()) result.remarks += (result.remarks.empty() ? "" : "; ") + sentence;
+    };
     std::vector<bool> left_out(session_->parts, false);
     for (const algo::LeftOut& out : learned->left_out) {
         const std::size_t frame = parts->frames[out.part];
         left_out[frame] = true;
-        result.remarks += fmt::format("{}part {} was left out: {}", result.remarks.empty() ? "" : "; ",
-                                      session_->numbers[frame], out.why);
+        remark(fmt::format("part {} was left out: {}", session_->numbers[frame], out.why));
     }
-    if (!parts->repeated.empty()) result.remarks += (result.remarks.empty() ? "" : "; ") + parts->repeated;
+    remark(parts->repeated);
+    const auto unsure = algo::unsure_of(*learned, "learn with hordctl learn --electrons-per-dn");
     result.recipe.recipe.reference = std::make_shared<const algo::Reference>(std::move(learned->reference));
     auto judged = inspect_again(result.recipe.recipe, left_out);
     if (!judged) return tl::unexpected(judged.error());
-    if (!judged->empty()) result.remarks += (result.remarks.empty() ? "" : "; ") + *judged;
+    remark(*judged);
+    for (const std::string& sentence : unsure) remark(sentence);
 
     result.recipe.reference_file = next_reference(result.recipe.number);
     auto written = write_reference(result.recipe.reference_file, *result.recipe.recipe.reference);

@@ -30,7 +30,9 @@ namespace hord::firmware {
 // The recipe with its new reference, both on the disk.
 struct TeachResult {
     NumberedRecipe recipe;
-    std::string remarks;  // parts that were left out, seen twice, or would be rejected, and why; empty: none
+    // Parts that were left out, seen twice, or would be rejected, and why; then what the parts do not determine. Empty:
+    // none.
+    std::string remarks;
 };
 
 class TeachIn {

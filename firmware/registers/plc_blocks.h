@@ -47,8 +47,9 @@ inline constexpr Register kReply[] = {
            "boot, checksum, argument left out) and repeats do not count",
            plc<&PlcView::commands_done>),
     text(8031, kRemarkChars / 2, "remarks",
-         "teach: which parts were left out, counted once or would be rejected, or why nothing was learned; ends with "
-         "... where the journal has more; else empty",
+         "teach: which parts were left out, counted once or would be rejected, what they do not determine, or why "
+         "nothing "
+         "was learned; ends with ... where the journal has more; else empty",
          [](const Source& s) { return s.extras.plc ? s.extras.plc->reply.remarks.view() : std::string_view{}; }),
 };
 

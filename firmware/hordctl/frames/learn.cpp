@@ -109,12 +109,8 @@ Exit run_learn(const LearnArguments& arguments) {
         .distinct = parts->repeated,
         .check = {},
         .variation = {}};
-    if (learned->gain_unsure) {
-        report.summary +=
-            ". No place of the field shows photon noise alone, so the electrons a DN count form and ripple as noise "
-            "and "
-            "may be several times too low: give the sensor's with --electrons-per-dn";
-    }
+    for (const std::string& unsure : algo::unsure_of(*learned, "give the sensor's with --electrons-per-dn"))
+        report.summary += ". " + unsure;
     std::vector<std::filesystem::path> written;
     if (arguments.check) {
         algo::CheckOptions checking;

@@ -48,7 +48,7 @@ Exit run_teach(const TeachOptions& options) {
     fmt::print("taught: the recipe with its reference, CRC-32 {:08X}, is {}\n", reply->result,
                now ? "in use" : "in use as soon as the line is stopped and empty");
     if (!reply->remarks.empty()) {
-        fmt::print("{}\nLook at these parts; if they are good, teach again with more parts.\n", reply->remarks);
+        fmt::print("{}\nLook at parts that it names; if they are good, teach again with more parts.\n", reply->remarks);
         if (reply->remarks.ends_with("...")) fmt::print("The station's journal has the rest (journalctl -u hordd).\n");
     }
     return Exit::good;

@@ -4,6 +4,7 @@
 #include <random>
 #include <stdexcept>
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "algo/frame/mask.h"
@@ -15,6 +16,8 @@ namespace hord::algo {
 namespace {
 
 using namespace testing;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
 
 TEST(Learning, names_the_parts_that_differ_from_all_others) {
     const auto speck = [](int m, int n, Spot& s) {
@@ -120,6 +123,18 @@ TEST(Learning, says_where_form_counts_as_noise) {
     const auto given = learn(frames.size(), [&](std::size_t k) { return frames[k]; });
     ASSERT_TRUE(given) << given.error().message();
     EXPECT_FALSE(given->gain_unsure);
+    EXPECT_TRUE(learned().pose_determined[0] && learned().pose_determined[1] && learned().pose_determined[2]);
+}
+
+TEST(Learning, names_what_the_parts_do_not_determine) {
+    Learned all;
+    all.pose_determined = {true, true, true};
+    EXPECT_TRUE(unsure_of(all, "").empty());
+    all.gain_unsure = true;
+    all.pose_determined = {true, false, false};
+    EXPECT_THAT(unsure_of(all, "give them"),
+                ElementsAre(HasSubstr("several times too low: give them"),
+                            HasSubstr("Pose not determined: the shift along y, the turn; ")));
 }
 
 // The default dark level, 48 DN at 12 bits, removes another share of every bin at another light. Counts the defects

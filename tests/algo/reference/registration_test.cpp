@@ -56,6 +56,8 @@ TEST(Registration, a_tilt_is_no_shift_beyond_the_farthest_of_a_part_that_does_no
     const Registered near = found(strip, [](double u, double) { return Seen{1, 0.025 * (u - 0.8), 0}; });
     EXPECT_TRUE(near.found());
     EXPECT_NEAR(near.pose.x, 0.8, 0.1);  // drawn to 0 by the prior
+    EXPECT_FALSE(near.determined[0]);
+    EXPECT_FALSE(near.determined[1]);
 }
 
 // Plates, whose maps show little but the sensor's ripple: the steps swing across a lenslet's middle, or go on along a
