@@ -210,6 +210,7 @@ void RimFinder::compare_across_edges(const FieldLight& light) {
     if (steps == 0) return;
     found_.shaded = static_cast<double>(shaded) / steps;
     found_.soft_shadow = is_shadow(sums, steps * light_at_centroid(light));
+    found_.clear_middle = found_.soft_shadow && !is_shadow(sums, 0);
 }
 
 // The light outside grows away from the edges: a shadow about a hair or a frame, or a lamp that is darker in the

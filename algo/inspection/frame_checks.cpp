@@ -323,7 +323,7 @@ FrameFault FrameChecks::check_plate(const FoundPart& part) const {
     if (is_cut_by_field() && part.deflecting > 1 - kMinDeflectingShare) return FrameFault::not_flat;
     if (part.deflecting >= kMinDeflectingShare) return FrameFault::none;
     if (part.shaded_steps < kMinShadedSteps) return FrameFault::no_steps;
-    if (part.soft_shadow) return FrameFault::shadow;
+    if (part.soft_shadow) return part.clear_middle ? FrameFault::clear_middle : FrameFault::shadow;
     return part.shaded < kMinShadedShare ? FrameFault::unproven : FrameFault::none;
 }
 

@@ -36,6 +36,7 @@ enum class FrameFault : std::uint8_t {
     not_flat,      // a plate that the field cuts, and that deflects light nearly everywhere: lost samples, another part
     no_steps,      // a plate with too little light beside its edges to tell whether it takes any
     shadow,        // the edges of a plate, and a soft shadow about them: hairs, a frame
+    clear_middle,  // the edges of a plate that takes light, but not in its middle: a hole, or hairs with a soft shadow
     unproven,      // the edges of a plate, and nothing between them that takes or deflects light: hairs, a frame
 };
 

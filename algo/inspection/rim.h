@@ -58,10 +58,11 @@ struct FoundPart {
     double convexity = 0;
     // Of a plate: share of the steps across its edges, along rows and columns, at which the undeflected light inside is
     // less than kShadedLight of the free light outside; how many steps can be compared; whether the light outside grows
-    // away from the edges as that of a soft shadow does.
+    // away from the edges as that of a soft shadow does; and whether only the middle tells so, because it is as light
+    // as the free light: a hole, or nothing between the edges.
     double shaded = 0;
     int shaded_steps = 0;
-    bool soft_shadow = false;
+    bool soft_shadow = false, clear_middle = false;
     // Share of the lenslets inside the part, its rim left out, that deflect light by more than kFreeToleranceBins from
     // the free light or are dark; 1 if nothing is left or there is no part. If no free light is seen around a tube, its
     // place is taken by the median of the lenslets inside.

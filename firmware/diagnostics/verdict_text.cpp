@@ -176,6 +176,10 @@ std::string missing_part(const algo::FrameFindings& f, algo::PartForm form, int 
             return "the light grows away from the edges as beside the soft shadow of hairs or of a frame, and hardly "
                    "any light between them is deflected: check that the plate is there, and that the lamp is not "
                    "darker in the middle; or learn a reference (hordctl learn)";
+        case algo::FrameFault::clear_middle:
+            return "light is lost across the plate's edges, but its middle is as light as the field beside it, "
+                   "as where a hole is, or hairs or a frame with a soft shadow: check that the plate is there "
+                   "and whole; of one with a hole learn a reference (hordctl learn)";
         case algo::FrameFault::unproven:
             return fmt::format(
                 "{:.0f} % of the steps across the edges lead to less light (at least {:.0f} %), and hardly any light "

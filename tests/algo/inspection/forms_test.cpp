@@ -531,6 +531,29 @@ TEST(Plate, is_none_where_lines_cast_a_soft_shadow) {
     }
 }
 
+// The lamp is a little darker in the middle of the field. A plate with a hole there is not told to be a hair's shadow.
+TEST(Plate, with_a_hole_in_its_middle_is_told_by_its_clear_middle) {
+    const Extents e{61, 61, 9, 9};
+    for (const int hole : {4, 9}) {  // half its width; 4: the middle that is compared is clear
+        for (const bool nothing_else : {false, true}) {
+            const auto spot = [&](int m, int n) {
+                const int x = std::abs(m - 30), y = std::abs(n - 30), from = std::max(x, y);
+                const double lamp = 0.99 + 0.01 * from / 30;
+                if (from == 18 || from == hole) return Spot{0, 0, 0};
+                return Spot{0, 0, lamp * (from < 18 && from > hole && !nothing_else ? kGlass : 1)};
+            };
+            Recipe plate;
+            plate.form = PartForm::plate;
+            auto pipeline = Pipeline::create(e, 8, plate);
+            ASSERT_TRUE(pipeline);
+            const auto seen = pipeline->inspect(noisy(drawn(e, 8, 240, spot), {10, 2, 1}, 3).view());
+            ASSERT_TRUE(seen);
+            EXPECT_EQ(seen->reason, Reason::no_part);
+            EXPECT_EQ(seen->frame.fault == FrameFault::clear_middle, !nothing_else) << hole << nothing_else;
+        }
+    }
+}
+
 TEST(Plate, may_be_tinted_to_less_than_half_of_the_light) {
     const Extents e{40, 44, 9, 9}, turned{44, 40, 9, 9};
     Recipe plate;

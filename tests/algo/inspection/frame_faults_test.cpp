@@ -136,6 +136,9 @@ TEST(FrameFaults, of_the_outline_count_for_the_forms_that_have_it) {
     EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0, p.shaded = 1; }), none);
     EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0, p.shaded = 1, p.soft_shadow = true; }),
               shadow);
+    EXPECT_EQ(of_form(PartForm::plate,
+                      [](FoundPart& p) { p.deflecting = 0, p.shaded = 1, p.soft_shadow = p.clear_middle = true; }),
+              clear_middle);
     EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0.25, p.soft_shadow = true; }), none);
     EXPECT_EQ(of_form(PartForm::plate, [](FoundPart& p) { p.deflecting = 0, p.shaded = 1, p.shaded_steps = 7; }),
               no_steps);

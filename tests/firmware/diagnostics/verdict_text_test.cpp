@@ -297,6 +297,11 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
          "the light grows away from the edges as beside the soft shadow of hairs or of a frame, and hardly any light "
          "between them is deflected: check that the plate is there, and that the lamp is not darker in the middle; or "
          "learn a reference (hordctl learn)"},
+        {part(FrameFault::clear_middle),
+         "light is lost across the plate's edges, but its middle is as light as the field beside it, as where a hole "
+         "is, or hairs or a frame with a soft shadow: check that the plate is there and whole; of one with a hole "
+         "learn "
+         "a reference (hordctl learn)"},
         {part(FrameFault::several),
          "there are 2 parts in the field: space them, or set [part] form = \"plate\" if it is one whose middle does "
          "not "
