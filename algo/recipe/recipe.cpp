@@ -229,6 +229,12 @@ std::vector<std::string> notes(const Recipe& recipe) {
             "a hole in a film that takes less than 3 % of the light, as one that is coated against reflections, shows "
             "the same light as the film and passes, and large holes, slits, rows of holes and an end of the film in "
             "the field can pass: learn a reference with `hordctl learn`");
+    if (recipe.form == PartForm::round && recipe.symmetric_outline && alone && recipe.light &&
+        recipe.transmission_limit > 0)
+        messages.emplace_back(
+            "a round part is compared with itself: holes (small ones in clear glass, and large ones), cracks and "
+            "notches in it can pass, and so can one that is bad all over in the same way (haze, another "
+            "curvature): learn a reference with `hordctl learn`");
     if (!recipe.symmetric_outline && alone && (recipe.form == PartForm::round || recipe.form == PartForm::plate))
         messages.emplace_back(
             "[part] outline = \"any\" takes a broken part for one of another shape, so that missing corners, notches "

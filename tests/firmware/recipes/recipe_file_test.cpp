@@ -303,7 +303,8 @@ TEST(RecipeFile, a_file_that_lost_a_part_of_it_is_refused_or_noted) {
         return recipe ? "" : recipe.error().message();
     };
     ASSERT_EQ(said(whole), "");
-    EXPECT_THAT(notes(*parse_recipe_file(whole, "r.toml")), ::testing::IsEmpty());
+    const auto only_of_round_parts = ::testing::ElementsAre(HasSubstr("a round part is compared with itself"));
+    EXPECT_THAT(notes(*parse_recipe_file(whole, "r.toml")), only_of_round_parts);
     // Cut anywhere: refused, or its notes name the limits that were lost.
     for (std::size_t length = 0; length < whole.find("[light]"); ++length) {
         const std::string rest = whole.substr(0, length);
@@ -328,7 +329,7 @@ TEST(RecipeFile, a_file_that_lost_a_part_of_it_is_refused_or_noted) {
     // What the programs write is whole.
     const auto written = parse_recipe_file(format_recipe(*cut), "r.toml");
     ASSERT_TRUE(written) << written.error().message();
-    EXPECT_THAT(notes(*written), ::testing::IsEmpty());
+    EXPECT_THAT(notes(*written), ::testing::Each(::testing::Not(HasSubstr("does not set"))));
 }
 
 TEST(RecipeFile, an_inspect_zone_outside_of_every_field_is_noted) {
@@ -352,9 +353,9 @@ TEST(RecipeFile, an_inspect_zone_outside_of_every_field_is_noted) {
 TEST(RecipeFile, a_name_that_registers_cut_is_noted) {
     NumberedRecipe recipe;
     recipe.recipe.name = "Glas für die Linsen der Zelle Süd";
-    EXPECT_THAT(notes(recipe), ::testing::ElementsAre(HasSubstr("name has 35 bytes, and registers hold 32")));
+    EXPECT_THAT(notes(recipe), ::testing::Contains(HasSubstr("name has 35 bytes, and registers hold 32")));
     recipe.recipe.name = "Zelle Süd";
-    EXPECT_THAT(notes(recipe), ::testing::IsEmpty());
+    EXPECT_THAT(notes(recipe), ::testing::Each(::testing::Not(HasSubstr("bytes"))));
 }
 
 TEST(RecipeFolder, finds_by_number_and_says_why_it_cannot) {
