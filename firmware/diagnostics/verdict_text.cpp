@@ -116,16 +116,31 @@ std::string missing_part(const algo::FrameFindings& f, algo::PartForm form, int 
                        "delay; edges and bevels narrower than a lenslet may not be seen (use smaller lenslets, or "
                        "learn "
                        "a reference with hordctl learn)";
+            if (form == algo::PartForm::tube)
+                return "no two straight edges in the field enclose a sixteenth of it: check that the tube was "
+                       "there, and the trigger's delay; walls narrower than a lenslet may not be seen (use smaller "
+                       "lenslets, or learn a reference with hordctl learn)";
             return "nothing in the field is large enough to be a part (a sixteenth of it): check that the part was "
                    "there, "
                    "and the trigger's delay";
         case algo::FrameFault::no_outline:
+            if (form == algo::PartForm::tube)
+                return fmt::format(
+                    "the light jumps across {:.0f} % of the tube's edges only (at least {:.0f} %): its walls may "
+                    "be too thin for these lenslets and bins, or the light uneven: learn a reference (hordctl "
+                    "learn), use smaller lenslets, or check the lamp",
+                    100 * f.sharp_share, 100 * algo::kMinSharpOutline);
             return fmt::format(
                 "the light jumps across {:.0f} % of the outline only (at least {:.0f} %), as beside an uneven lamp or "
                 "edges narrower than a lenslet: check the lamp and the optics; of a part with such edges learn a "
                 "reference (hordctl learn), or use smaller lenslets",
                 100 * f.sharp_share, 100 * algo::kMinSharpOutline);
         case algo::FrameFault::several:
+            if (form != algo::PartForm::round)
+                return fmt::format(
+                    "there are {} parts in the field, or pieces beside the {} that let light through: space them; of a "
+                    "part that has such pieces learn a reference (hordctl learn)",
+                    f.parts, form == algo::PartForm::tube ? "tube" : "plate");
             return fmt::format(
                 "there are {} parts in the field: space them, or set [part] form = \"plate\" if it is "
                 "one whose middle does not deflect light",
@@ -147,8 +162,8 @@ std::string missing_part(const algo::FrameFindings& f, algo::PartForm form, int 
                 "or set [part] outline = \"any\" if it has this shape",
                 100 * (1 - f.convexity));
         case algo::FrameFault::no_flanks:
-            return "the edges of the tube show no flank on both sides: show it whole, or set [part] form if it is "
-                   "none";
+            return "the edges of the tube show no flank on both sides: show it whole, or set [part] form if it "
+                   "is none; of one whose walls hardly darken or bend light learn a reference (hordctl learn)";
         case algo::FrameFault::hollow:
             if (form == algo::PartForm::tube) {
                 return fmt::format(
@@ -232,6 +247,9 @@ std::string why_unfit(const algo::Inspection& found, const algo::Recipe& recipe,
         case algo::Reason::unexpected_geometry: return period_fault(found.frame, extents);
         case algo::Reason::not_registered: return algo::explain(found.registered.outcome);
         default:
+            if (recipe.form == algo::PartForm::tube)
+                return "no lenslet is left to judge between the tube's flanks: use wider bins or smaller lenslets, "
+                       "lower rim_margin, see to the zones, or learn a reference (hordctl learn)";
             return "no lenslet is left to judge: the part is too small for its rim margin, or the zones leave nothing "
                    "of it; lower rim_margin, or see to the zones";
     }
@@ -250,6 +268,12 @@ bool is_beside_rim(const algo::Inspection& found, const algo::Extents& e) {
     return any;
 }
 
+// Of a tube that is compared with itself: the light of the worst defect is there, and it is half as long as the field.
+bool is_along_tube(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
+    return recipe.form == algo::PartForm::tube && !recipe.reference && found.reason != algo::Reason::absorption &&
+        2 * found.defects[0].length >= static_cast<float>(std::min(e.m, e.n));
+}
+
 // What the reason of a reject may be beside a defect, as a sentence of its own; "": nothing.
 std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
     const algo::LoneSample& lone = found.lone_sample;
@@ -260,12 +284,16 @@ std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, cons
             lone.x, lone.y, lone.dn);
     }
     if (recipe.reference) return "";
+    const bool light_is_there = found.reason != algo::Reason::absorption;
+    if (is_along_tube(found, recipe, e))
+        return " What goes on along the tube may be the slope of the tube and what is in it, which single "
+               "frames cannot tell from a defect: learn a reference (hordctl learn), use wider bins, or raise "
+               "the limits.";
+    if (recipe.form == algo::PartForm::tube && light_is_there && is_beside_rim(found, e))
+        return " Beside a flank it may be the tube's wall, which single frames cannot tell from a defect: if "
+               "good tubes have it, learn a reference (hordctl learn).";
     const auto is_line = [](const algo::Defect& d) { return d.kind == algo::DefectKind::scratch; };
     const auto side = static_cast<float>(std::min(e.m, e.n));
-    const bool light_is_there = found.reason != algo::Reason::absorption;
-    if (recipe.form == algo::PartForm::tube && light_is_there && 2 * found.defects[0].length >= side)
-        return " What goes on along the tube may be the slope of the tube and what is in it: use wider bins, or raise "
-               "the limits.";
     if (recipe.form == algo::PartForm::plate && is_line(found.defects[0]) && is_beside_rim(found, e))
         return " A line along an edge may be the plate's bevel: set rim_margin wider, or show the plate square to "
                "the light.";
@@ -319,8 +347,11 @@ std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, c
             "{:.1f} times its limit.{}",
             place_text(d, recipe, extents), 100 * d.peak, length_text(d.length, recipe), found.score, bounds);
     }
-    std::string text = fmt::format("Rejected: {} of {} at {}, {:.1f} times its limit", what_is(d), size_text(d, recipe),
-                                   place_text(d, recipe, extents), found.score);
+    const std::string what = is_along_tube(found, recipe, extents)
+        ? "a place along the tube, of " + length_text(d.length, recipe)
+        : fmt::format("{} of {}", what_is(d), size_text(d, recipe));
+    std::string text =
+        fmt::format("Rejected: {} at {}, {:.1f} times its limit", what, place_text(d, recipe, extents), found.score);
     const std::size_t more = found.defects.size() - 1;
     if (more > 0) text += fmt::format("; {} weaker {}", more, more == 1 ? "one" : "ones");
     return text + "." + moved_optics(found) + bounds + hint(found, recipe, extents);

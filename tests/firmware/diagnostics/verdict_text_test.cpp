@@ -175,7 +175,7 @@ TEST(VerdictText, of_two_lines_of_one_length_names_the_form_of_a_tube) {
     EXPECT_FALSE(tells_tube(9, 9, DefectKind::scratch, algo::PartForm::round));
 }
 
-// Without a reference a line along the tube is called a scratch; it may be the slope of what the tube holds.
+// Without a reference a line along the tube may be the slope of what the tube holds: it is called no scratch.
 TEST(VerdictText, of_a_line_along_a_tube_names_its_own_slope) {
     algo::Inspection found;
     found.verdict = Verdict::reject;
@@ -186,7 +186,11 @@ TEST(VerdictText, of_a_line_along_a_tube_names_its_own_slope) {
         found.reason = reason;
         algo::Recipe alone = recipe(false);
         alone.form = form;
-        return explain(found, alone, kField).find("slope of the tube and what is in it") != std::string::npos;
+        const std::string text = explain(found, alone, kField);
+        const bool told = text.find("slope of the tube and what is in it") != std::string::npos;
+        EXPECT_NE(told, text.find("scratch") != std::string::npos) << text;
+        EXPECT_EQ(told, text.find("learn a reference (hordctl learn)") != std::string::npos) << text;
+        return told;
     };
     const auto half = static_cast<float>(std::min(kField.m, kField.n)) / 2;
     EXPECT_TRUE(names_slope(Reason::deflection_gradient, half, algo::PartForm::tube));
@@ -317,7 +321,8 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
          "the part's outline is not convex, as if pieces were missing (30 % of its hull): check the part, or set "
          "[part] outline = \"any\" if it has this shape"},
         {part(FrameFault::no_flanks),
-         "the edges of the tube show no flank on both sides: show it whole, or set [part] form if it is none"},
+         "the edges of the tube show no flank on both sides: show it whole, or set [part] form if it is none; of one "
+         "whose walls hardly darken or bend light learn a reference (hordctl learn)"},
         {unfit(Reason::no_part, {.fault = FrameFault::not_flat, .deflecting = 0.9F}),
          "90 % of what the edges enclose deflects light, and the field cuts it: show the whole part, check the frame "
          "(lost samples move all light behind them), or learn a reference (hordctl learn)"},
@@ -382,6 +387,14 @@ TEST(VerdictText, of_a_plate_or_a_tube_that_is_not_found_names_the_cures_of_its_
     recipe.form = algo::PartForm::tube;
     EXPECT_NE(explain(unfit(Reason::no_part, {.fault = FrameFault::hollow, .deflecting = 0}), recipe, extents)
                   .find("the bins may be too wide"),
+              std::string::npos);
+    for (const FrameFault fault : {FrameFault::nothing, FrameFault::no_outline, FrameFault::several,
+                                   FrameFault::no_flanks, FrameFault::hollow}) {
+        const std::string text = explain(unfit(Reason::no_part, {.fault = fault, .parts = 2}), recipe, extents);
+        EXPECT_NE(text.find("hordctl learn"), std::string::npos) << text;
+        EXPECT_EQ(text.find("form = \"plate\""), std::string::npos) << text;
+    }
+    EXPECT_NE(explain(unfit(Reason::nothing_to_see), recipe, extents).find("between the tube's flanks"),
               std::string::npos);
 }
 
