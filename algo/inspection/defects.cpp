@@ -60,12 +60,13 @@ DefectKind kind_of(const Region& r) {
 
 struct DefectFinder::Workspace {
     Workspace(const Extents& e, const Recipe& recipe)
-        : extents(e), gradient_limit(limit_of_gradient(recipe)), frobenius_limit(recipe.frobenius_limit_bins),
+        : extents(e), gradient_limit(limit_of_gradient(recipe)),
+          slopes_in_gradient(gradient_is_in_bins(recipe) ? 2.0F : 0.0F), frobenius_limit(recipe.frobenius_limit_bins),
           transmission_limit(recipe.light ? recipe.transmission_limit : 0), min_area(recipe.min_area),
           flagged(e.n, e.m) {}
 
     Extents extents;
-    float gradient_limit, frobenius_limit, transmission_limit;
+    float gradient_limit, slopes_in_gradient, frobenius_limit, transmission_limit;
     std::uint32_t min_area;
     cv::Mat1b flagged, joined;
     cv::Mat1i labels;
@@ -77,8 +78,10 @@ struct DefectFinder::Workspace {
         if ((f.mask[k] & kNotJudged) != 0) return {};
         Severity s;
         if ((f.mask[k] & kNoGradient) == 0) {
-            if (!f.gradient.empty()) s.neighbours = f.gradient[k] / gradient_limit;
-            if (!f.frobenius.empty()) s.slope = f.frobenius[k] / frobenius_limit;
+            const float own = f.own_slopes.empty() ? 0 : f.own_slopes[k];
+            if (!f.gradient.empty())
+                s.neighbours = std::max(0.0F, f.gradient[k] - slopes_in_gradient * own) / gradient_limit;
+            if (!f.frobenius.empty()) s.slope = std::max(0.0F, f.frobenius[k] - own) / frobenius_limit;
         }
         if ((f.mask[k] & kSaturated) == 0 && transmission_limit > 0) {
             s.absorption = std::max(0.0F, (1 - f.transmission[k]) / (1 - transmission_limit));

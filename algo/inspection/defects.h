@@ -4,6 +4,8 @@
 //
 //     gradient / its limit        frobenius / frobenius_limit        (1 - transmission) / (1 - transmission_limit)
 //
+// where the slopes that are a tube's own are taken off frobenius, and twice off a gradient in bins (over two lenslets).
+//
 // Lenslets of severity 1 and above are flagged. Flagged lenslets that touch, at sides or corners, or have one lenslet
 // between them, are one region. Regions with fewer flagged lenslets than `min_area` are dropped.
 //
@@ -29,6 +31,7 @@ struct Features {
     std::span<const float> transmission;
     std::span<const std::uint8_t> mask;
     std::span<const std::uint8_t> bounds = {};  // 1: `gradient` is an upper bound there; empty: it is exact everywhere
+    std::span<const float> own_slopes = {};     // of a tube (TubeOutline::own_slopes()); empty: none
 };
 
 struct FoundDefects {

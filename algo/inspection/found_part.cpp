@@ -129,7 +129,8 @@ int RimFinder::count_parts(Deflections deflections, std::span<const std::uint8_t
     return parts;
 }
 
-// Steps between a lenslet of the part and one outside it, along rows and columns.
+// Steps between a lenslet of the part and one outside it, along rows and columns. The straight edges of a tube are those
+// of its outline to a lenslet, and its wall gathers light beside them: a jump one lenslet farther out or in counts, too.
 double RimFinder::sharp_share(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) const {
     const std::uint8_t* const state = state_.data();
     const auto columns = static_cast<std::size_t>(extents_.m);
@@ -141,7 +142,10 @@ double RimFinder::sharp_share(Deflections deflections, Sums sums, std::span<cons
         };
         for_each_suiting(first, last, outline, [&](std::size_t k) {
             ++steps;
-            sharp += jumps({deflections, sums, mask}, k, k + step) ? 1 : 0;
+            bool any = jumps({deflections, sums, mask}, k, k + step);
+            if (tube_ && k >= first + step) any = any || jumps({deflections, sums, mask}, k - step, k);
+            if (tube_ && k + step < last) any = any || jumps({deflections, sums, mask}, k + step, k + 2 * step);
+            sharp += any ? 1 : 0;
         });
     };
     for (int n = 0; n < extents_.n; ++n) look_at(extents_.index(0, n), extents_.index(0, n) + columns - 1, 1);

@@ -57,8 +57,10 @@ int Pipeline::Workspace::most_bins_to_bound() const {
     constexpr int kLargeBox = 16;        // bins
     if (!recipe.slopes || comparison) return kMaxBinCount;
     const auto is_judged = [of = mask.data()](std::size_t k) { return (of[k] & (kNoGradient | kNotJudged)) == 0; };
-    const auto is_steep = [=, slope = frobenius.data(), limit = kFarAbove * recipe.frobenius_limit_bins](
-                              std::size_t k) { return is_judged(k) & (slope[k] >= limit); };
+    const auto is_steep = [=, slope = frobenius.data(), limit = kFarAbove * recipe.frobenius_limit_bins,
+                           own = rim.own_slopes().data()](std::size_t k) {
+        return is_judged(k) & (slope[k] - (own != nullptr ? own[k] : 0) >= limit);
+    };
     const std::size_t judged = count_suiting(0, mask.size(), is_judged),
                       steep = count_suiting(0, mask.size(), is_steep);
     return steep == 0 || kManyOf * steep < judged ? kMaxBinCount : kLargeBox;
@@ -222,11 +224,11 @@ Registered Pipeline::Workspace::find_pose(std::span<const std::uint8_t> lit) {
 // Defects of a part that is compared with itself. Solves the gradients that the result needs; `bounded` if not all.
 Result<FoundDefects> Pipeline::Workspace::find_defects(bool& bounded) {
     Features features{gradient, judged_slopes(), transmission, mask};
+    features.own_slopes = rim.own_slopes();
     if (!exact) return defect_finder.find(features);
     features.bounds = exact->bounds();
-    bounded = !exact->solve_from(1, exact->least_gradient(1), [&](std::size_t k) {
-        return (mask[k] & (kNotJudged | kNoGradient)) == 0 ? gradient[k] / recipe.emd_limit_bins : 0;
-    });
+    bounded = !exact->solve_from(1, exact->least_gradient(1),
+                                 [&](std::size_t k) { return defect_finder.severities(features, k).gradient; });
     auto found = defect_finder.find(features);
     if (!found || !found->defects.empty()) return found;
     if (bounded) {  // bounds above the limit, in regions of too few lenslets

@@ -32,8 +32,7 @@ static_assert(kReached == FoundPart::kFreeField);
 float steepest_slope(const Recipe& recipe) {
     float limit = std::numeric_limits<float>::max();
     if (recipe.slopes) limit = recipe.frobenius_limit_bins;
-    const bool in_bins = recipe.gradient == Feature::emd || recipe.gradient == Feature::marginal;
-    if (in_bins) limit = std::min(limit, limit_of_gradient(recipe) / 2);  // a gradient is over two lenslets
+    if (gradient_is_in_bins(recipe)) limit = std::min(limit, limit_of_gradient(recipe) / 2);
     return limit < std::numeric_limits<float>::max() ? kSmoothShare * limit : 0;
 }
 

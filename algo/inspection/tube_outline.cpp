@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <limits>
 
 #include "algo/frame/mask.h"
 #include "algo/inspection/part_state.h"
@@ -15,13 +16,15 @@ using namespace outline;
 
 namespace {
 
-constexpr std::size_t kMinLines = 8;  // lines across the tube that show its outline, to fit an edge
-constexpr int kEdgeReach = 3;         // lenslets from the outer edge in which a flank begins
+constexpr std::size_t kMinLines = 8;            // lines across the tube that show its outline, to fit an edge
+constexpr std::int64_t kNearMedians = 3 << 15;  // 1.5 lenslets: both medians' errors, and half a lenslet of rounding
+constexpr int kEdgeReach = 3;                   // lenslets from the outer edge in which a flank begins
 constexpr int kMinBand = 3;  // places next to each other with the band's light; fewer: a bright line in a flank
 constexpr unsigned kLightOf = 8, kLightNeeded = 7;  // a lenslet of the band has 7/8 of its typical light
 constexpr int kQuorumOf = 4, kQuorum = 3;           // of the lines across that make a distance from the edge flank: 3/4
 constexpr int kStraight = 8;                        // an edge follows its line to 1/8 of the tube's width
 constexpr int kEndMargins = 2;                      // margins at an end: a tube is as deep as it is wide
+constexpr double kBinRipple = 1.27;                 // a spot's mean moves up to so many times as fast as the spot
 constexpr int kSteepShare = 4;                      // at most 1/4 of the lit band, on each side, is flank for its slope
 
 }  // namespace
@@ -29,7 +32,7 @@ constexpr int kSteepShare = 4;                      // at most 1/4 of the lit ba
 TubeOutline::TubeOutline(const Extents& extents, int margin, float steepest_bins)
     : extents_(extents), margin_(margin),
       steepest_(std::llround(2 * static_cast<double>(steepest_bins) * (1 << DeflectionQ::kFractionBits))),
-      scratch_(extents.lenslets()), body_(extents.lenslets()) {
+      scratch_(extents.lenslets()), body_(extents.lenslets()), own_slopes_(extents.lenslets()) {
     const auto longest = static_cast<std::size_t>(std::max(extents.m, extents.n));
     for (Side& side : sides_) side.edge.resize(longest);
     first_.resize(longest);
@@ -39,6 +42,7 @@ TubeOutline::TubeOutline(const Extents& extents, int margin, float steepest_bins
 }
 
 bool TubeOutline::find(const FieldLight& light, std::span<std::uint8_t> state) {
+    std::ranges::fill(own_slopes_, 0.0F);
     // The axis is the direction in which more lines across begin and end in a flank.
     View view{extents_};
     int most = -1;
@@ -63,6 +67,7 @@ bool TubeOutline::find(const FieldLight& light, std::span<std::uint8_t> state) {
     for (std::size_t k = 0; k < state.size(); ++k) {
         state[k] = static_cast<std::uint8_t>((state[k] & ~kPart) | body_[k] | (body_[k] != 0 ? kPart : 0));
     }
+    find_own_slopes(view, light);
     return true;
 }
 
@@ -102,12 +107,12 @@ bool TubeOutline::is_flank(View view, const FieldLight& light, int u, int v, boo
     if ((light.mask[k] & kSaturated) != 0) return false;
     if ((light.mask[k] & kDark) != 0) return true;
     if (std::uint64_t{kLightOf} * light.sums[k] < std::uint64_t{kLightNeeded} * typical_) return true;
-    return steep_too && steepest_ > 0 && is_steep(view, light, u, v);
+    return steep_too && steepest_ > 0 && std::abs(change_across(view, light, u, v)) >= steepest_;
 }
 
 // The change of the mean deflection across the axis, over two lenslets, as the slopes are judged
-// (algo/features/stencil.h).
-bool TubeOutline::is_steep(View view, const FieldLight& light, int u, int v) const {
+// (algo/features/stencil.h). 0 where it is not known.
+std::int64_t TubeOutline::change_across(View view, const FieldLight& light, int u, int v) const {
     const auto usable = [&](int at) {
         return at >= 0 && at < view.width() && (light.mask[view.at(u, at)] & kNoHord) == 0;
     };
@@ -116,8 +121,8 @@ bool TubeOutline::is_steep(View view, const FieldLight& light, int u, int v) con
         return std::int64_t{(view.along_columns ? d.x : d.y).raw()};
     };
     const int before = usable(v - 1) ? v - 1 : v, after = usable(v + 1) ? v + 1 : v;
-    if (before == after) return false;
-    return std::abs(across(after) - across(before)) * (2 / (after - before)) >= steepest_;
+    if (before == after) return 0;
+    return (across(after) - across(before)) * (2 / (after - before));
 }
 
 // The lines across in which both outer edges have a flank.
@@ -139,7 +144,9 @@ int TubeOutline::lines_with_flanks(View view, const FieldLight& light) const {
 }
 
 // A straight line through the edge: the median slope between places half of the edge apart, then the median offset. A
-// quarter of the places may lie anywhere. False if too few lines across show the outline.
+// quarter of the places may lie anywhere. The places are whole lenslets, so that both medians are off by up to half a
+// lenslet at the ends of the edge; the line of least squares through the places near theirs is not. False if too few
+// lines across show the outline.
 bool TubeOutline::fit_line(View view, Side& side) {
     present_.clear();
     for (int u = 0; u < view.length(); ++u) {
@@ -155,6 +162,16 @@ bool TubeOutline::fit_line(View view, Side& side) {
     side.line.slope = common::lower_median(std::span(values_).first(pairs));
     for (std::size_t i = 0; i < present_.size(); ++i) values_[i] = edge(i) - side.line.slope * present_[i];
     side.line.offset = common::lower_median(std::span(values_).first(present_.size()));
+    double n = 0, u = 0, v = 0, uu = 0, uv = 0;
+    for (std::size_t i = 0; i < present_.size(); ++i) {
+        if (std::abs(edge(i) - side.line.offset - side.line.slope * present_[i]) > kNearMedians) continue;
+        const double along = present_[i], across = static_cast<double>(edge(i));
+        ++n, u += along, v += across, uu += along * along, uv += along * across;
+    }
+    const double spread = uu - u * u / n;
+    if (n < kMinLines || spread <= 0) return true;
+    const double slope = (uv - u * v / n) / spread;
+    side.line = {std::llround((v - slope * u) / n), std::llround(slope)};
     return true;
 }
 
@@ -171,18 +188,23 @@ bool TubeOutline::find_straight(View view, Side& side) const {
 }
 
 // Lenslets from the outer edge to the band: a distance from the edge is flank if kQuorum of the lines across are. The
-// band begins where kMinBand distances in a row are no flank.
+// flank begins within kEdgeReach of the edge, or where an edge still follows its line: beside a thick wall light is
+// gathered or bent a little. The band begins where kMinBand distances in a row are no flank.
 int TubeOutline::thickness(View view, const FieldLight& light, const Side& side, bool steep_too) const {
     const int first = std::max(sides_[0].first, sides_[1].first), last = std::min(sides_[0].last, sides_[1].last);
+    const int reach = std::max(kEdgeReach, width_ / kStraight);
     int light_in_a_row = 0;
+    bool begun = false;
     for (int depth = 0; depth < width_; ++depth) {
         int flank = 0;
         for (int u = first; u <= last; ++u) {
             const int v = side.line(u) + depth;
             if (v < 0 || v >= view.width() || is_flank(view, light, u, v, steep_too)) ++flank;
         }
-        light_in_a_row = kQuorumOf * flank >= kQuorum * (last - first + 1) ? 0 : light_in_a_row + 1;
-        if (light_in_a_row == kMinBand) return depth + 1 - kMinBand;
+        const bool of_flank = kQuorumOf * flank >= kQuorum * (last - first + 1);
+        begun = begun || of_flank;
+        light_in_a_row = of_flank ? 0 : light_in_a_row + 1;
+        if (begun ? light_in_a_row == kMinBand : depth >= reach) return begun ? depth + 1 - kMinBand : 0;
     }
     return width_;
 }
@@ -270,6 +292,45 @@ std::size_t TubeOutline::enclose(View view) {
         }
     }
     return count;
+}
+
+// The smaller one of both sides' median changes of the mean deflection, over two lenslets, so far from the outer edge.
+std::int64_t TubeOutline::typical_slope(View view, const FieldLight& light, int depth) {
+    const int first = std::max(sides_[0].first, sides_[1].first), last = std::min(sides_[0].last, sides_[1].last);
+    std::int64_t least = std::numeric_limits<std::int64_t>::max();
+    for (const bool far : {false, true}) {
+        view.from_far_side = far;
+        std::size_t count = 0;
+        for (int u = first; u <= last; ++u) {
+            const int v = sides_[far ? 1 : 0].line(u) + depth;
+            if (v >= 0 && v < view.width()) values_[count++] = change_across(view, light, u, v);
+        }
+        if (count == 0) return 0;
+        least = std::min(least, std::abs(common::lower_median(std::span(values_).first(count))));
+    }
+    return least;
+}
+
+// A tube deflects light by what is in it, the more the farther from its axis. So its own slope at a place is at most
+// the typical one at any place farther out. A scratch along the tube is steep on one side only, or is less steep beside
+// itself. What is above the slope that ripple and noise take to the limit grows by the ripple.
+void TubeOutline::find_own_slopes(View view, const FieldLight& light) {
+    if (steepest_ == 0) return;
+    constexpr double kRaw = 2.0 * (1 << DeflectionQ::kFractionBits);  // of a bin pitch a lenslet
+    std::int64_t least = std::numeric_limits<std::int64_t>::max();
+    const int judged = std::max(sides_[0].thickness, sides_[1].thickness) + margin_;  // of both sides, from here on
+    for (int depth = judged; depth <= width_ / 2 + 1; ++depth) {  // over the middle by a lenslet: edges are askew
+        least = std::min(least, typical_slope(view, light, depth));
+        if (least <= steepest_) return;  // as it is farther in
+        const auto own = static_cast<float>(kBinRipple * static_cast<double>(least - steepest_) / kRaw);
+        for (int at = depth == judged ? 0 : depth; at <= depth; ++at) {
+            for (int u = 0; u < view.length(); ++u) {
+                for (const int v : {sides_[0].line(u) + at, view.width() - 1 - sides_[1].line(u) - at}) {
+                    if (v >= 0 && v < view.width()) own_slopes_[view.at(u, v)] = own;
+                }
+            }
+        }
+    }
 }
 
 }  // namespace hord::algo

@@ -37,6 +37,10 @@ class TubeOutline {
     [[nodiscard]] bool has_flanks() const { return sides_[0].thickness > 0 && sides_[1].thickness > 0; }
     // In half of the lines across or more, both flanks have a lenslet with less than half of the band's light.
     [[nodiscard]] bool has_dark_flanks() const { return has_dark_flanks_; }
+    // Of the last frame, one value a lenslet, bin pitches a lenslet: how much more than a smooth part's the slope of
+    // the mean deflection may be there, because the tube has it along its whole length and on both sides of its axis.
+    // 0 where it has none.
+    [[nodiscard]] std::span<const float> own_slopes() const { return own_slopes_; }
 
   private:
     // The field with u along the axis, and v across it, counted from one of the two sides.
@@ -66,7 +70,7 @@ class TubeOutline {
     void find_edges(View view, std::span<const std::uint8_t> state);
     void find_typical_light(View view, const FieldLight& light);
     [[nodiscard]] bool is_flank(View view, const FieldLight& light, int u, int v, bool steep_too) const;
-    [[nodiscard]] bool is_steep(View view, const FieldLight& light, int u, int v) const;
+    [[nodiscard]] std::int64_t change_across(View view, const FieldLight& light, int u, int v) const;
     [[nodiscard]] bool find_dark_flanks(View view, const FieldLight& light) const;
     [[nodiscard]] int lines_with_flanks(View view, const FieldLight& light) const;
     bool fit_line(View view, Side& side);
@@ -75,6 +79,8 @@ class TubeOutline {
     void find_flanks(View view, const FieldLight& light);
     void find_ends(View view);
     std::size_t enclose(View view);
+    [[nodiscard]] std::int64_t typical_slope(View view, const FieldLight& light, int depth);
+    void find_own_slopes(View view, const FieldLight& light);
 
     Extents extents_;
     int margin_;
@@ -88,6 +94,7 @@ class TubeOutline {
     std::vector<std::int64_t> values_;
     std::vector<std::uint32_t> scratch_;
     std::vector<std::uint8_t> body_;  // kInside, kFlank
+    std::vector<float> own_slopes_;
 };
 
 }  // namespace hord::algo

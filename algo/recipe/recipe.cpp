@@ -101,6 +101,10 @@ void check_features(const Recipe& r, std::vector<std::string>& messages) {
 
 }  // namespace
 
+bool gradient_is_in_bins(const Recipe& recipe) {
+    return recipe.gradient == Feature::emd || recipe.gradient == Feature::marginal;
+}
+
 float limit_of_gradient(const Recipe& recipe) {
     if (!recipe.gradient) return 0;
     return *recipe.gradient == Feature::emd ? recipe.emd_limit_bins : recipe.gradient_limit;
@@ -213,9 +217,10 @@ std::vector<std::string> notes(const Recipe& recipe) {
     const bool alone = recipe.reference == nullptr;
     if (recipe.form == PartForm::tube && alone)
         messages.emplace_back(
-            "the flanks and ends of a tube are not judged without a reference, holes and cracks in its wall can pass, "
-            "and good tubes that are filled or have thin walls can be unfit or rejected: learn one with `hordctl "
-            "learn`");
+            "the flanks and ends of a tube are not judged without a reference, holes and cracks in its wall can "
+            "pass, and so can slopes that are alike along its whole length and on both sides of its axis; good "
+            "tubes whose walls hardly bend light, or with few lenslets across, can be unfit or rejected: learn "
+            "one with `hordctl learn`");
     if (recipe.form == PartForm::plate && recipe.part_required && alone)
         messages.emplace_back(
             "a plate is found by its edges and by the light that its faces reflect: one whose edges neither darken nor "

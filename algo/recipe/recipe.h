@@ -144,6 +144,8 @@ struct Recipe {
 
 // The limit of the chosen gradient; 0 if there is none.
 float limit_of_gradient(const Recipe& recipe);
+// The gradient that it chooses is a distance in bin pitches, over two lenslets.
+bool gradient_is_in_bins(const Recipe& recipe);
 
 // Multiplies the limits of scores against a reference. grow_score is not lowered, but to reject_score at most: regions
 // would grow over lenslets of noise alone, and good parts would have higher scores over the lower limits.

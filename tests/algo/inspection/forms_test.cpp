@@ -160,6 +160,23 @@ TEST(Tube, that_lies_askew_is_followed) {
     }
 }
 
+// The edges step by a lenslet every 40 lines: a slope that the places a half of the field apart show as 0 or as a whole
+// lenslet. The outline follows them.
+TEST(Tube, that_lies_a_little_askew_is_followed_to_a_lenslet) {
+    Rows drawing;
+    for (std::size_t n = 0; n < 60; ++n) {
+        std::string row(34, '.');
+        const std::size_t at = 6 + (n + 17) / 40;
+        row[at] = row[at + 1] = row[at + 14] = row[at + 15] = 'd';
+        drawing.push_back(row);
+    }
+    const Marked tube = marked(drawing, PartForm::tube);
+    int followed = 0;
+    for (std::size_t n = 0; n < 60; ++n) followed += tube.rows[n].find_first_not_of('o') == 6 + (n + 17) / 40 ? 1 : 0;
+    EXPECT_GE(followed, 54);  // 30 by the medians alone
+    EXPECT_GT(tube.found.sharp_outline, 0.9);
+}
+
 // The band's last lenslets before a flank lose light or are steep: they are flank. A band that is steep all over is
 // not.
 TEST(Tube, has_flanks_up_to_where_the_light_and_the_slope_are_those_of_the_band) {

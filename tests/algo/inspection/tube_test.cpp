@@ -133,8 +133,6 @@ TEST(Tube, is_no_part_where_light_is_deflected_in_a_third_of_the_field) {
     EXPECT_EQ(judged_both_ways(noisy(sheet, {10, 2, 1}, 1), e, tube_recipe()).reason, Reason::no_part);
 }
 
-// The property: a fully dark speck in the band, of one lenslet up to the band's width, is rejected wherever it lies.
-// Left out are specks that do not reach further than margin + 1 lenslets from the flanks and the ends into the band.
 // Light bent in waves all over the field, a fifth of it lost at two sides: the field shows no free light.
 TEST(Tube, is_no_part_where_light_is_bent_in_waves) {
     const Extents e{40, 40, 7, 7};
@@ -151,6 +149,42 @@ TEST(Tube, is_no_part_where_light_is_bent_in_waves) {
     }
 }
 
+// A vial filled with water, or one of thick walls. What is steep along the tube on one side of its axis, or steeper
+// there than farther out, is not the tube's own.
+TEST(Tube, may_be_steep_along_its_whole_length_if_it_is_so_on_both_sides) {
+    const DrawnTube t{.extents = {43, 60, 9, 9}, .half_width = 10, .half_length = 99, .flank = 3, .slope = 0.55};
+    struct Case {
+        const char* what;
+        Verdict right;
+        double (*deflection)(double x, int n);
+    };
+    const Case all[] = {
+        {"good", Verdict::pass, [](double x, int) { return 0.55 * x; }},
+        {"steeper outside", Verdict::pass, [](double x, int) { return (0.4 + 0.02 * std::abs(x)) * x; }},
+        {"steep on one side", Verdict::reject, [](double x, int) { return (x > 0 ? 0.6 : 0.1) * x; }},
+        {"a line beside the axis", Verdict::reject, [](double x, int) { return 0.5 * x + (x > 2 && x < 4 ? 0.8 : 0); }},
+        {"a line on the axis", Verdict::reject,
+         [](double x, int) { return 0.45 * x + std::clamp(x, -1.5, 1.5) * 0.6; }},
+        {"a small place", Verdict::reject,
+         [](double x, int n) { return 0.55 * x + (n >= 20 && n <= 22 && x > 1 && x < 3.5 ? 1 : 0); }},
+        {"steep for a third of its length", Verdict::reject, [](double x, int n) { return (n < 20 ? 0.6 : 0.1) * x; }},
+    };
+    for (const Case& c : all) {
+        const Frame frame = drawn(t.extents, 8, 240, [&](int m, int n) -> Spot {
+            const double x = across_tube(t, m, n), depth = t.half_width - std::abs(x);
+            return depth < 0 ? Spot{} : depth < t.flank ? Spot{0, 0, 0} : Spot{c.deflection(x, n), 0, 1};
+        });
+        for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+            const Frame shown = noisy(frame, {10, 2, 1}, seed);
+            EXPECT_EQ(judged(shown, t.extents, tube_recipe()).verdict, c.right) << c.what;
+            EXPECT_EQ(judged(transposed(shown), {t.extents.n, t.extents.m, 9, 9}, tube_recipe()).verdict, c.right)
+                << c.what;
+        }
+    }
+}
+
+// The property: a fully dark speck in the band, of one lenslet up to the band's width, is rejected wherever it lies.
+// Left out are specks that do not reach further than margin + 1 lenslets from the flanks and the ends into the band.
 TEST(Tube, with_a_dark_speck_in_its_band_is_rejected_wherever_it_lies_and_however_large_it_is) {
     int specks = 0;
     for (std::size_t which = 0; which < std::size(kTubes); ++which) {
@@ -213,9 +247,11 @@ TEST(Tube, shows_a_speck_on_its_flank_to_a_reference_only) {
     };
     Recipe recipe = tube_recipe();
     EXPECT_EQ(notes(recipe),
-              (std::vector<std::string>{"the flanks and ends of a tube are not judged without a reference, holes "
-                                        "and cracks in its wall can pass, and good tubes that are filled or have thin "
-                                        "walls can be unfit or rejected: learn one with `hordctl learn`"}));
+              (std::vector<std::string>{
+                  "the flanks and ends of a tube are not judged without a reference, holes and cracks in its "
+                  "wall can pass, and so can slopes that are alike along its whole length and on both sides of "
+                  "its axis; good tubes whose walls hardly bend light, or with few lenslets across, can be "
+                  "unfit or rejected: learn one with `hordctl learn`"}));
     EXPECT_EQ(judged(frame_of(50, Speck::on_flank), t.extents, recipe).verdict, Verdict::pass);
     LearnOptions options{.levels = light_levels(recipe, 8), .electrons_per_dn = 10.0F};
     const auto learned = learn_reference(

@@ -70,10 +70,10 @@ TEST(Recipes, that_single_frames_cannot_judge_in_full_are_noted_and_can_be_used)
     };
     EXPECT_THAT(
         checked("[part]\nform = \"tube\"\n"),
-        HasSubstr(
-            "a.toml: note: the flanks and ends of a tube are not judged without a reference, holes and cracks in its "
-            "wall can pass, and good tubes that are filled or have thin walls can be unfit or rejected: learn one with "
-            "`hordctl learn`\n"));
+        HasSubstr("a.toml: note: the flanks and ends of a tube are not judged without a reference, holes and cracks in "
+                  "its wall can pass, and so can slopes that are alike along its whole length and on both sides of its "
+                  "axis; good tubes whose walls hardly bend light, or with few lenslets across, can be unfit or "
+                  "rejected: learn one with `hordctl learn`\n"));
     EXPECT_THAT(checked("[part]\nform = \"web\"\n"), HasSubstr("note: whether a part is there is not checked"));
     EXPECT_THAT(checked("[part]\nform = \"plate\"\n"), HasSubstr("note: a plate is found by its edges"));
     EXPECT_THAT(checked("[limits]\nmin_area = 12321\n"), HasSubstr("note: defects of fewer than 12321 lenslets pass"));
