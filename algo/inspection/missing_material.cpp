@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
+#include <limits>
 
 #include "algo/frame/mask.h"
 #include "common/statistics.h"
@@ -9,13 +11,25 @@
 namespace hord::algo {
 namespace {
 
-constexpr int kPad = 5;             // the distance of squares of 3 x 3
-constexpr int kSmallestField = 11;  // blocks: of fewer no three squares fit
-constexpr std::size_t kMaxSamples = 1024, kMinSamples = 32;
-constexpr float kSigmasOfMedian = 1.4826F;  // of a normal distribution, by its median absolute value
+constexpr int kPad = 10;            // twice the distance of squares of 3 x 3
+constexpr int kSmallestField = 11;  // blocks
+constexpr std::size_t kMaxSamples = 2048, kMinSamples = 32;
+constexpr float kSigmasOfQuartile = 1 / 0.3186F;  // of a normal distribution, by the lower quartile of absolute values
+constexpr float kErrorOfQuartile = 1.79F;         // standard error, relative, of one sample; of n: over sqrt(n)
+constexpr float kSurely = 3;                      // standard errors that the noise is taken to be larger than it seems
+constexpr int kSharpOf = 4, kSharp = 3;           // of the outline of a region leads down: 3/4
+constexpr float kGoesOnOf = 4;                    // at most 1/4 of the change across the outline goes on beyond
 
-// Squares of one block are two blocks apart, of 3 x 3 blocks five: one and two thirds of the side, rounded up.
-int distance_of(int half) { return 3 * half + 2; }
+// How many of the four ways from a bright place must lead down at least. The others end where nothing is judged.
+int min_steps(PartForm form) {
+    switch (form) {
+        case PartForm::round: return 3;
+        case PartForm::tube:
+        case PartForm::plate: return 2;
+        case PartForm::web: return 1;
+    }
+    return 3;
+}
 
 }  // namespace
 
@@ -27,15 +41,18 @@ std::size_t MissingMaterialFinder::Level::index(int column, int row) const {
     return static_cast<std::size_t>(row + kPad) * stride + static_cast<std::size_t>(column + kPad);
 }
 
-MissingMaterialFinder::MissingMaterialFinder(const Extents& extents) {
+MissingMaterialFinder::MissingMaterialFinder(const Extents& extents, PartForm form) : form_(form) {
     int m = extents.m, n = extents.n, block = 1;
     do {
         levels_.emplace_back(m, n, block);
         m /= 2, n /= 2, block *= 2;
     } while (std::max(m, n) >= kSmallestField);
-    for (auto* const map : {&light_, &count_, &whole_, &part_}) map->resize(levels_.front().light.size());
-    excess_.resize(static_cast<std::size_t>(extents.m));
-    samples_.reserve(kMaxSamples + 4);
+    const std::size_t size = levels_.front().light.size();
+    for (auto* const map : {&light_, &count_, &mean_, &excess_}) map->resize(size);
+    for (auto& map : met_) map.resize(size);
+    for (auto* const map : {&steps_, &returns_}) map->resize(size);
+    region_.resize(size);
+    samples_.reserve(2 * kMaxSamples + 4);
 }
 
 std::optional<MissingMaterial> MissingMaterialFinder::find(std::span<const std::uint32_t> sums,
@@ -65,52 +82,231 @@ std::optional<MissingMaterial> MissingMaterialFinder::find(std::span<const std::
         halve(finer.count, level.count);
     }
     MissingMaterial best;
-    if (min_area <= 1) look_at(lenslets, 0, best);
+    constexpr float kAny = std::numeric_limits<float>::max();
+    Squares squares{.level = &lenslets, .half = 0, .min_area = min_area, .seen_excess = kAny};
+    look_at(squares, best);
+    squares.half = 1;
     for (const Level& level : levels_) {
-        const auto side = static_cast<std::uint32_t>(3 * level.block);
-        if (side * side >= min_area) look_at(level, 1, best);
+        squares.level = &level;
+        squares.limit = kAny;
+        look_at(squares, best);
+        squares.seen_excess = squares.limit;
     }
     if (best.score < 1) return std::nullopt;
     return best;
 }
 
-// Squares of 2 * half + 1 blocks.
-void MissingMaterialFinder::look_at(const Level& level, int half, MissingMaterial& best) {
-    const int side = (2 * half + 1) * level.block, distance = distance_of(half);
-    const auto lenslets = static_cast<float>(side) * static_cast<float>(side);
-    if (half > 0) sum_squares(level);
-    const std::vector<float>&light = half > 0 ? light_ : level.light, &count = half > 0 ? count_ : level.count;
+void MissingMaterialFinder::look_at(Squares& squares, MissingMaterial& best) {
+    const Level& level = *squares.level;
+    const auto least = kMinOfSideSquare * static_cast<float>(squares.side()) * static_cast<float>(squares.side());
+    if (squares.half > 0) sum_squares(level);
+    const std::vector<float>&light = squares.half > 0 ? light_ : level.light,
+          &count = squares.half > 0 ? count_ : level.count;
+    squares.judged = 0;
     for (std::size_t k = 0; k < level.light.size(); ++k) {
-        const float mean = light[k] / std::max(count[k], 1.0F);
-        whole_[k] = count[k] >= lenslets ? mean : 0;
-        part_[k] = count[k] >= kMinOfSideSquare * lenslets ? mean : 0;
+        const bool judged = count[k] >= least;
+        mean_[k] = judged ? light[k] / std::max(count[k], 1.0F) : 0;
+        squares.judged += judged ? 1 : 0;
     }
-    const std::optional<float> sigma = noise(level, distance);
+    const std::optional<float> sigma = noise(squares);
     if (!sigma) return;
-    const float limit = std::max(kMinExcess, kMinExcessSigmas * *sigma);
-    const auto above = static_cast<std::ptrdiff_t>(level.stride) * distance;
-    float most = 0;
-    std::size_t at = 0;
+    squares.limit = std::max(kMinExcess, kMinExcessSigmas * *sigma);
+    if (!find_steps(squares)) return;
+    std::fill_n(returns_.begin(), level.light.size(), std::uint8_t{0});
+    for (const Direction direction : {right, left, down, up}) follow(squares, direction);
+    std::fill_n(excess_.begin(), level.light.size(), 0.0F);
+    const auto for_each_square = [&](auto&& visit) {
+        for (int n = 0; n < level.n; ++n) {
+            const std::size_t row = level.index(0, n);
+            for (std::size_t k = row; k < row + static_cast<std::size_t>(level.m); ++k) visit(k);
+        }
+    };
+    for (int steps = 3; steps >= min_steps(form_); --steps) {
+        for_each_square([&](std::size_t k) { excess_[k] = bright(k, steps); });
+        // Noise hides the step of single rows and columns.
+        for_each_square([&](std::size_t k) {
+            if (excess_[k] > 0 || mean_[k] <= 0 || is_dark(k)) return;
+            excess_[k] = std::max(std::min(excess_[k - 1], excess_[k + 1]),
+                                  std::min(excess_[k - level.stride], excess_[k + level.stride]));
+        });
+        for_each_square([&](std::size_t k) {
+            if (excess_[k] > 0) take_region(squares, k, best);
+        });
+    }
+}
+
+// Sets steps_; false if there are none.
+bool MissingMaterialFinder::find_steps(const Squares& squares) {
+    const Level& level = *squares.level;
+    const auto dm = static_cast<std::ptrdiff_t>(squares.distance()),
+               dn = dm * static_cast<std::ptrdiff_t>(level.stride);
+    const float factor = 1 + squares.limit;
+    unsigned any = 0;
+    std::fill_n(steps_.begin(), level.light.size(), std::uint8_t{0});
     for (int n = 0; n < level.n; ++n) {
         const std::size_t row = level.index(0, n);
-        const float *const whole = whole_.data() + row, *const part = part_.data() + row;
-        for (int m = 0; m < level.m; ++m) {
-            const float a = part[m - distance], b = part[m + distance], c = part[m - above], d = part[m + above];
-            const int there = (a > 0 ? 1 : 0) + (b > 0 ? 1 : 0) + (c > 0 ? 1 : 0) + (d > 0 ? 1 : 0);
-            const float brightest = std::max(std::max(a, b), std::max(c, d));
-            excess_[static_cast<std::size_t>(m)] = there >= 3 ? whole[m] / std::max(brightest, 1.0F) - 1 : 0;
-        }
-        for (std::size_t m = 0; m < static_cast<std::size_t>(level.m); ++m) {
-            if (excess_[m] <= most) continue;
-            most = excess_[m];
-            at = row + m;
+        const float* const mean = mean_.data() + row;
+        std::uint8_t* const steps = steps_.data() + row;
+        const auto is_step = [=](std::ptrdiff_t m, std::ptrdiff_t step) {
+            const float before = mean[m - step], here = mean[m], beyond = mean[m + step], farther = mean[m + 2 * step];
+            const float goes_on =
+                std::max(before - here, 0.0F) + (farther > 0 ? std::max(beyond - farther, 0.0F) : 0.0F);
+            return (beyond > 0) & (here > factor * beyond) & (here - beyond > goes_on);
+        };
+        for (std::ptrdiff_t m = 0; m < level.m; ++m) {
+            const unsigned bits = (is_step(m, dm) ? 1U << right : 0U) | (is_step(m, -dm) ? 1U << left : 0U) |
+                (is_step(m, dn) ? 1U << down : 0U) | (is_step(m, -dn) ? 1U << up : 0U);
+            steps[m] = static_cast<std::uint8_t>(bits);
+            any |= bits;
         }
     }
-    if (most <= limit * best.score) return;
+    return any != 0;
+}
+
+// What is met first on the way from each square in one direction.
+void MissingMaterialFinder::follow(const Squares& squares, Direction direction) {
+    const Level& level = *squares.level;
+    const bool in_row = direction == right || direction == left, forward = direction == right || direction == down;
+    const auto unit = static_cast<std::ptrdiff_t>(in_row ? 1 : level.stride);
+    const std::ptrdiff_t way = forward ? unit : -unit, step = way * squares.distance();
+    const auto down_this_way = static_cast<std::uint8_t>(1U << direction);
+    const auto down_back = static_cast<std::uint8_t>(1U << (direction ^ 1U));
+    std::vector<float>& met = met_[direction];
+    const int lines = in_row ? level.n : level.m, length = in_row ? level.m : level.n;
+    for (int line = 0; line < lines; ++line) {
+        const int last = forward ? length - 1 : 0;
+        auto at = static_cast<std::ptrdiff_t>(in_row ? level.index(last, line) : level.index(line, last));
+        float state = 0;
+        bool returns = false;  // the light steps up again beyond the step
+        for (int k = 0; k < length; ++k, at -= way) {
+            const auto here = static_cast<std::size_t>(at);
+            if (mean_[here] <= 0) {
+                state = 0;
+            } else if ((steps_[here] & down_this_way) != 0) {
+                returns = state < 0 || (state > 0 && returns);
+                state = mean_[here] / mean_[beside(here, step)] - 1;
+            } else if ((steps_[beside(here, step)] & down_back) != 0) {
+                state = -1;
+            }
+            met[here] = state;
+            returns_[here] |= static_cast<std::uint8_t>(state > 0 && returns ? down_this_way : 0);
+        }
+    }
+}
+
+// A step up is met on a way from the square.
+bool MissingMaterialFinder::is_dark(std::size_t at) const {
+    return std::ranges::any_of(met_, [=](const auto& met) { return met[at] < 0; });
+}
+
+// The excess of a square over what lies beyond the steps about it; 0 if they are too few, or the light steps up.
+float MissingMaterialFinder::bright(std::size_t at, int min_steps) const {
+    float least = 1e9F;
+    int steps = 0;
+    for (const auto& met : met_) {
+        if (met[at] < 0) return 0;
+        if (met[at] == 0) continue;
+        ++steps;
+        least = std::min(least, met[at]);
+    }
+    // Beyond a dark stripe or a stain the light is as before: only what it surrounds can be a hole.
+    if (steps < min_steps || (min_steps < 3 && returns_[at] != 0)) return 0;
+    return least;
+}
+
+// Takes the bright squares that touch `seed` as one region: their excess becomes negative. It is the best one if its
+// score is the largest yet, and its outline that of a hole.
+void MissingMaterialFinder::take_region(const Squares& squares, std::size_t seed, MissingMaterial& best) {
+    const Level& level = *squares.level;
+    const auto stride = static_cast<std::ptrdiff_t>(level.stride);
+    const std::array<std::ptrdiff_t, 4> ways{1, -1, stride, -stride};  // by Direction
+    Region region;
+    const auto add = [&](std::size_t at) {
+        if (excess_[at] > region.most) region.most = excess_[at], region.brightest = at;
+        excess_[at] = -excess_[at];
+        region_[region.squares++] = static_cast<std::uint32_t>(at);
+        region.light += mean_[at];
+        const auto [n, m] = std::div(static_cast<int>(at), static_cast<int>(level.stride));
+        region.left = std::min(region.left, m), region.right = std::max(region.right, m);
+        region.top = std::min(region.top, n), region.bottom = std::max(region.bottom, n);
+    };
+    add(seed);
+    for (std::size_t q = 0; q < region.squares; ++q) {
+        for (const std::ptrdiff_t way : ways) {
+            const std::size_t next = beside(region_[q], way);
+            if (excess_[next] > 0) add(next);
+        }
+    }
+    if (region.most <= squares.limit * best.score || !is_sharp(squares, region) || is_part(squares, region)) return;
     const auto middle = [&](std::size_t block) {
         return (static_cast<float>(block) - kPad + 0.5F) * static_cast<float>(level.block) - 0.5F;
     };
-    best = {middle(at % level.stride), middle(at / level.stride), side, most, most / limit};
+    const auto lenslets = [&](int blocks) { return std::max(blocks * level.block, squares.side()); };
+    const auto wide = static_cast<float>(lenslets(region.right - region.left + 1)),
+               high = static_cast<float>(lenslets(region.bottom - region.top + 1));
+    const std::size_t area = std::max(region.squares * static_cast<std::size_t>(level.block * level.block),
+                                      static_cast<std::size_t>(squares.side() * squares.side()));
+    if (area < squares.min_area) return;
+    best = {.m = middle(region.brightest % level.stride),
+            .n = middle(region.brightest / level.stride),
+            .area = static_cast<std::uint32_t>(area),
+            .length = std::max(wide, high),
+            .width = std::min(wide, high),
+            .excess = region.most,
+            .score = region.most / squares.limit};
+}
+
+// Most steps out of the region lead down, to light that goes on no farther down; and it is no bump that smaller squares
+// would have shown if it were a hole.
+bool MissingMaterialFinder::is_sharp(const Squares& squares, const Region& region) const {
+    const int distance = squares.distance();
+    const auto stride = static_cast<std::ptrdiff_t>(squares.level->stride);
+    const std::array<std::ptrdiff_t, 4> ways{1, -1, stride, -stride};
+    const std::size_t largest_bump = static_cast<std::size_t>(4 * distance * distance);
+    if (region.most > squares.seen_excess && region.squares < largest_bump) return false;
+    int exits = 0, sharp = 0;
+    float change = 0, farther_change = 0;
+    for (const std::uint32_t at : std::span(region_).first(region.squares)) {
+        for (const std::ptrdiff_t way : ways) {
+            const std::size_t next = beside(at, way);
+            if (excess_[next] < 0 || mean_[next] <= 0) continue;
+            ++exits;
+            // The largest change on the way out: the outline lies within the distance of two squares.
+            float largest = 0, goes_on = 0;
+            bool is_step = false;
+            for (int back = 0; back <= distance; ++back) {
+                const std::size_t from = beside(at, -back * way), to = beside(from, distance * way);
+                const float here = mean_[from], beyond = mean_[to], farther = mean_[beside(to, distance * way)];
+                if (beyond <= 0 || here - beyond <= largest) continue;
+                largest = here - beyond;
+                goes_on = farther > 0 ? beyond - farther : 0;
+                is_step = is_step || here > (1 + squares.limit / 2) * beyond;
+            }
+            sharp += is_step ? 1 : 0;
+            change += largest;
+            farther_change += goes_on;
+        }
+    }
+    return kSharpOf * sharp >= kSharp * exits && kGoesOnOf * farther_change <= change;
+}
+
+// What a dark rim or ring surrounds: most of the squares in and about the region are as bright. A web has no rim, and
+// most of it may be torn off.
+bool MissingMaterialFinder::is_part(const Squares& squares, const Region& region) const {
+    if (form_ == PartForm::web) return false;
+    const int wide = region.right - region.left + 1, high = region.bottom - region.top + 1;
+    const float least = region.light / static_cast<float>(region.squares) / (1 + region.most / 2);
+    std::size_t all = 0, bright = 0;
+    for (int n = std::max(region.top - high, kPad); n <= std::min(region.bottom + high, squares.level->n - 1 + kPad);
+         ++n) {
+        const float* const row = mean_.data() + static_cast<std::size_t>(n) * squares.level->stride;
+        for (int m = std::max(region.left - wide, kPad);
+             m <= std::min(region.right + wide, squares.level->m - 1 + kPad); ++m) {
+            all += row[m] > 0 ? 1 : 0;
+            bright += row[m] > least ? 1 : 0;
+        }
+    }
+    return 2 * bright > all;
 }
 
 // Of the 3 x 3 blocks about each.
@@ -129,22 +325,24 @@ void MissingMaterialFinder::sum_squares(const Level& level) {
 }
 
 // Standard deviation of the relative difference of two squares, of up to kMaxSamples in places all over the part; by
-// the median, so that a small hole does not add to it (a large one does, and hides itself). None if there are too few.
-std::optional<float> MissingMaterialFinder::noise(const Level& level, int distance) {
+// the lower quartile, so that pairs across the outline of what is missing hardly add to it. None if there are too few.
+std::optional<float> MissingMaterialFinder::noise(const Squares& squares) {
+    const Level& level = *squares.level;
     samples_.clear();
     const auto blocks = static_cast<std::size_t>(level.m) * static_cast<std::size_t>(level.n);
-    const auto shift = static_cast<std::size_t>(distance), below = shift * level.stride;
-    const std::size_t step = std::max<std::size_t>((2 * blocks + kMaxSamples - 1) / kMaxSamples, 1);
+    const auto shift = static_cast<std::size_t>(squares.distance()), below = shift * level.stride;
+    const std::size_t step = std::max<std::size_t>((2 * squares.judged + kMaxSamples - 1) / kMaxSamples, 1);
     for (std::size_t k = 0; k < blocks; k += step) {
         const auto row = k / static_cast<std::size_t>(level.m), column = k % static_cast<std::size_t>(level.m);
         const std::size_t at = level.index(static_cast<int>(column), static_cast<int>(row));
-        if (whole_[at] <= 0) continue;
-        for (const std::size_t beside : {at + shift, at + below}) {
-            if (part_[beside] > 0) samples_.push_back(std::abs(whole_[at] / part_[beside] - 1));
+        if (mean_[at] <= 0) continue;
+        for (const std::size_t other : {at + shift, at + below}) {
+            if (mean_[other] > 0) samples_.push_back(std::abs(mean_[at] / mean_[other] - 1));
         }
     }
     if (samples_.size() < kMinSamples) return std::nullopt;
-    return kSigmasOfMedian * common::lower_median(std::span(samples_));
+    const float margin = 1 + kSurely * kErrorOfQuartile / std::sqrt(static_cast<float>(samples_.size()));
+    return margin * kSigmasOfQuartile * common::nth_smallest(std::span(samples_), samples_.size() / 4);
 }
 
 }  // namespace hord::algo

@@ -251,13 +251,12 @@ Result<FoundDefects> Pipeline::Workspace::find_defects(bool& bounded) {
 void Pipeline::Workspace::find_missing(Inspection& result) {
     const std::optional<MissingMaterial> found = missing_material->find(sums, mask, recipe.min_area);
     if (!found) return;
-    const auto side = static_cast<float>(found->side);
     missing = {.m = found->m,
                .n = found->n,
-               .area = static_cast<std::uint32_t>(found->side * found->side),
+               .area = found->area,
                .peak = found->excess,
-               .length = side,
-               .width = side};
+               .length = found->length,
+               .width = found->width};
     result.defects = {&missing, 1};
     result.reason = Reason::missing_material;
     result.score = found->score;

@@ -94,7 +94,7 @@ struct Pipeline::Workspace {
           checks(e, sample_bits, r), rim(RimFinder::of(r, e)), defect_finder(e, r) {
         paint_zones(recipe.zones, extents, zones, recipe.lenslet_mm);
         if (recipe.reference) comparison.emplace(e, recipe, maps);
-        else if (recipe.light && recipe.transmission_limit > 0) missing_material.emplace(e);
+        else if (recipe.light && recipe.transmission_limit > 0) missing_material.emplace(e, r.form);
     }
 
     Extents extents;

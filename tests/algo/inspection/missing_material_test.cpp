@@ -44,17 +44,21 @@ std::function<double(int, int)> hole(double m, double n, double radius, double l
     return [=](int x, int y) { return std::hypot(x - m, y - n) <= radius ? light : 1; };
 }
 
-std::optional<MissingMaterial> found_in(const Field& f, std::uint32_t min_area = 1) {
-    MissingMaterialFinder finder(kField);
+std::optional<MissingMaterial> found_in(const Field& f, std::uint32_t min_area = 1, PartForm form = PartForm::round) {
+    MissingMaterialFinder finder(kField, form);
     return finder.find(f.sums, f.mask, min_area);
 }
 
+std::optional<MissingMaterial> found_in_web(const std::function<double(int m, int n)>& light) {
+    return found_in(field(light), 1, PartForm::web);
+}
+
 TEST(MissingMaterial, is_a_hole_of_any_size_whose_light_is_that_of_no_glass) {
-    for (const double radius : {2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 11.0}) {
+    for (const double radius : {2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 11.0, 15.0, 20.0}) {
         const auto found = found_in(field(hole(33, 27, radius, 1.08)));
         ASSERT_TRUE(found) << radius;
         EXPECT_LE(std::hypot(found->m - 33, found->n - 27), radius) << radius;
-        EXPECT_LE(found->side, 2 * radius + 1) << radius;
+        EXPECT_LE(found->length, 2 * radius + 1) << radius;
         EXPECT_NEAR(found->excess, 0.08, 0.03) << radius;
     }
 }
@@ -64,7 +68,7 @@ TEST(MissingMaterial, is_a_single_lenslet_of_a_dark_part) {
     ASSERT_TRUE(found);
     EXPECT_EQ(found->m, 12);
     EXPECT_EQ(found->n, 40);
-    EXPECT_EQ(found->side, 1);
+    EXPECT_EQ(found->area, 1U);
     EXPECT_GT(found->score, 1);
 }
 
@@ -74,16 +78,66 @@ TEST(MissingMaterial, is_a_notch_that_is_open_at_one_side) {
     EXPECT_LE(std::hypot(found->m - 10, found->n - 30), 6);
 }
 
+TEST(MissingMaterial, is_a_slit_that_ends_in_the_field_in_any_direction) {
+    for (const double angle : {0.0, 0.4, 0.785, 1.3, 1.571}) {
+        for (const double width : {4.0, 8.0}) {
+            const auto slit = [=](int m, int n) {
+                const double along = (m - 30) * std::cos(angle) + (n - 30) * std::sin(angle),
+                             across = (n - 30) * std::cos(angle) - (m - 30) * std::sin(angle);
+                return std::abs(across) <= width / 2 && along < 8 ? 1.08 : 1;
+            };
+            EXPECT_TRUE(found_in_web(slit)) << angle << ", " << width;
+            EXPECT_TRUE(found_in(field(slit, 6, 54), 1, PartForm::plate)) << angle << ", " << width;
+        }
+    }
+}
+
+TEST(MissingMaterial, is_what_is_torn_off_a_web) {
+    for (const double angle : {0.0, 0.3, 0.785, 2.0, 4.0}) {
+        for (const double from : {-8.0, 0.0, 12.0}) {
+            const auto torn = [=](int m, int n) {
+                const double across = (m - 30) * std::cos(angle) + (n - 30) * std::sin(angle),
+                             along = (n - 30) * std::cos(angle) - (m - 30) * std::sin(angle);
+                return across > from + 2.5 * std::sin(along / 3) ? 1.08 : 1;
+            };
+            const auto found = found_in_web(torn);
+            ASSERT_TRUE(found) << angle << ", " << from;
+            EXPECT_GT(torn(static_cast<int>(found->m), static_cast<int>(found->n)), 1) << angle << ", " << from;
+        }
+    }
+}
+
+TEST(MissingMaterial, is_film_with_a_hole_every_few_lenslets) {
+    for (const int period : {10, 14, 20}) {
+        EXPECT_TRUE(found_in_web([=](int m, int n) {
+            return std::hypot(m % period - period / 2, n % period - period / 2) < 0.25 * period ? 1.2 : 1;
+        })) << period;
+    }
+}
+
+TEST(MissingMaterial, is_the_bright_side_and_never_a_stain_in_the_field) {
+    for (const double radius : {3.0, 8.0, 15.0}) EXPECT_FALSE(found_in_web(hole(30, 30, radius, 0.9))) << radius;
+}
+
 TEST(MissingMaterial, is_none_where_light_changes_smoothly_or_the_rim_is_dark_or_light_is_missing) {
     const auto none = [](const std::function<double(int, int)>& light, const char* what) {
-        EXPECT_FALSE(found_in(field(light, 8, 52))) << what;
+        for (const PartForm form : {PartForm::round, PartForm::plate, PartForm::tube})
+            EXPECT_FALSE(found_in(field(light, 8, 52), 1, form)) << what << ", " << static_cast<int>(form);
     };
-    none([](int, int) { return 1.0; }, "even");
-    none([](int m, int) { return 1 + 0.02 * m; }, "a slope");
-    none([](int m, int n) { return 1 + 0.3 * std::exp(-(std::pow(m - 30, 2) + std::pow(n - 30, 2)) / 800); }, "a lens");
+    const auto none_in_web = [&](const std::function<double(int, int)>& light, const char* what) {
+        none(light, what);
+        EXPECT_FALSE(found_in_web(light)) << what << ", web";
+    };
+    none_in_web([](int, int) { return 1.0; }, "even");
+    none_in_web([](int m, int) { return 1 + 0.02 * m; }, "a slope");
+    none_in_web([](int m, int n) { return 1 + 0.3 * std::exp(-(std::pow(m - 30, 2) + std::pow(n - 30, 2)) / 800); },
+                "a lens");
+    none_in_web([](int m, int n) { return 1 + 0.1 * std::sin(m / 1.5) * std::sin(n / 1.5); }, "ripple");
+    none_in_web([](int m, int n) { return 1 + 0.1 * std::sin(m / 6.0) * std::sin(n / 6.0); }, "wide ripple");
+    none_in_web([](int m, int n) { return 1 - 0.3 * std::exp(-std::pow(m - n - 3, 2) / 4.0); }, "a dark line");
     none([](int m, int n) { return m < 12 || m > 48 || n < 12 || n > 48 ? 0.8 : 1; }, "a dark rim");
     none([](int m, int) { return m < 30 ? 1.0 : 1.3; }, "a step");
-    none(hole(30, 30, 6, 0.8), "a dark place");
+    none_in_web(hole(30, 30, 6, 0.8), "a dark place");
 }
 
 TEST(MissingMaterial, beside_the_part_is_none) {
