@@ -207,7 +207,8 @@ Result<std::string> identification(int count, const std::string& objects, hal::D
     const test::AnsweringServer server([&](const std::string& sent) {
         std::this_thread::sleep_for(delay);
         const std::string data = std::string("\x2b\x0e\1\1\0\0", 6) + static_cast<char>(count) + objects;
-        return sent.substr(0, 5) + static_cast<char>(data.size() + 1) + sent[6] + data;
+        const std::size_t length = data.size() + 1;
+        return sent.substr(0, 4) + static_cast<char>(length >> 8U) + static_cast<char>(length) + sent[6] + data;
     });
     const auto loop = std::move(*firmware::SdEventLoop::open());
     CoilLink link(*loop, {.host = "127.0.0.1", .port = server.port()}, 10s);
@@ -283,6 +284,13 @@ TEST(Identification, shows_letters_and_a_question_mark_for_what_is_none) {
                   .value_or("nothing"),
               "A  C")
         << "an empty object between two spaces";
+}
+
+TEST(Identification, that_never_ends_is_read_up_to_the_longest_answer) {
+    const std::string long_one = std::string("\0\xC8", 2) + std::string(200, 'a');
+    const auto said = identification(3, long_one + std::string("\1\xC8", 2) + std::string(200, 'b') + long_one);
+    ASSERT_TRUE(said) << said.error().message();
+    EXPECT_THAT(*said, testing::StartsWith(std::string(200, 'a')));
 }
 
 TEST(Identification, that_ends_with_the_connection_is_told_as_that_and_not_as_silence) {

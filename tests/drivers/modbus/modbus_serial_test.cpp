@@ -138,6 +138,19 @@ TEST_F(SerialRejector, the_module_says_what_it_is) {
     EXPECT_EQ(*name, "HORD coil module 1.0");
 }
 
+// 3.5 characters of 11 bits before each request, and 2 ms at least; the machine may take longer.
+TEST_F(SerialRejector, a_request_waits_until_the_line_was_silent_for_a_frames_gap) {
+    for (const auto& [baud, gap] : {std::pair(1200, 32'500us), std::pair(9600, 4062us), std::pair(115'200, 2000us)}) {
+        options_.address.serial->baud = baud;
+        CoilLink link(*loop_, options_.address, 10s);
+        ASSERT_TRUE(link.connect());
+        ASSERT_TRUE(link.read(0));
+        const hal::TimePoint from = loop_->now();
+        for (int k = 0; k < 4; ++k) ASSERT_TRUE(link.read(k));
+        EXPECT_GE(loop_->now() - from, 3 * gap) << baud;
+    }
+}
+
 // A serial line on which bytes never cease, for 3 s at most.
 class BabblingLine {
   public:
