@@ -58,6 +58,10 @@ DefectKind kind_of(const Region& r) {
 
 }  // namespace
 
+float slope_beyond(const OwnSlope& own, float frobenius) {
+    return own.bins > 0 ? std::sqrt(std::max(0.0F, frobenius * frobenius + own.squared)) : frobenius;
+}
+
 struct DefectFinder::Workspace {
     Workspace(const Extents& e, const Recipe& recipe)
         : extents(e), gradient_limit(limit_of_gradient(recipe)),
@@ -78,10 +82,10 @@ struct DefectFinder::Workspace {
         if ((f.mask[k] & kNotJudged) != 0) return {};
         Severity s;
         if ((f.mask[k] & kNoGradient) == 0) {
-            const float own = f.own_slopes.empty() ? 0 : f.own_slopes[k];
+            const OwnSlope own = f.own_slopes.empty() ? OwnSlope{} : f.own_slopes[k];
             if (!f.gradient.empty())
-                s.neighbours = std::max(0.0F, f.gradient[k] - slopes_in_gradient * own) / gradient_limit;
-            if (!f.frobenius.empty()) s.slope = std::max(0.0F, f.frobenius[k] - own) / frobenius_limit;
+                s.neighbours = std::max(0.0F, f.gradient[k] - slopes_in_gradient * own.bins) / gradient_limit;
+            if (!f.frobenius.empty()) s.slope = slope_beyond(own, f.frobenius[k]) / frobenius_limit;
         }
         if ((f.mask[k] & kSaturated) == 0 && transmission_limit > 0) {
             s.absorption = std::max(0.0F, (1 - f.transmission[k]) / (1 - transmission_limit));

@@ -4,7 +4,7 @@
 //
 //     gradient / its limit        frobenius / frobenius_limit        (1 - transmission) / (1 - transmission_limit)
 //
-// where the slopes that are a tube's own are taken off frobenius, and twice off a gradient in bins (over two lenslets).
+// where the slope that is a tube's own is taken off the Jacobian, and twice off a gradient in bins (over two lenslets).
 //
 // Lenslets of severity 1 and above are flagged. Flagged lenslets that touch, at sides or corners, or have one lenslet
 // between them, are one region. Regions with fewer flagged lenslets than `min_area` are dropped.
@@ -18,6 +18,7 @@
 #include <span>
 
 #include "algo/frame/extents.h"
+#include "algo/inspection/tube_outline.h"
 #include "algo/recipe/recipe.h"
 #include "algo/verdict/verdict.h"
 #include "common/opaque.h"
@@ -31,8 +32,11 @@ struct Features {
     std::span<const float> transmission;
     std::span<const std::uint8_t> mask;
     std::span<const std::uint8_t> bounds = {};  // 1: `gradient` is an upper bound there; empty: it is exact everywhere
-    std::span<const float> own_slopes = {};     // of a tube (TubeOutline::own_slopes()); empty: none
+    std::span<const OwnSlope> own_slopes = {};  // of a tube (TubeOutline::own_slopes()); empty: none
 };
+
+// The norm of the Jacobian without a tube's own slope.
+float slope_beyond(const OwnSlope& own, float frobenius);
 
 struct FoundDefects {
     std::span<const Defect> defects;  // most severe first; valid until the next call

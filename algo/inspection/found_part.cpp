@@ -129,8 +129,9 @@ int RimFinder::count_parts(Deflections deflections, std::span<const std::uint8_t
     return parts;
 }
 
-// Steps between a lenslet of the part and one outside it, along rows and columns. The straight edges of a tube are those
-// of its outline to a lenslet, and its wall gathers light beside them: a jump one lenslet farther out or in counts, too.
+// Steps between a lenslet of the part and one outside it, along rows and columns. The straight edges of a tube are
+// those of its outline to a lenslet, and its wall gathers light beside them: a jump one lenslet farther out or in
+// counts, too.
 double RimFinder::sharp_share(Deflections deflections, Sums sums, std::span<const std::uint8_t> mask) const {
     const std::uint8_t* const state = state_.data();
     const auto columns = static_cast<std::size_t>(extents_.m);

@@ -59,7 +59,7 @@ int Pipeline::Workspace::most_bins_to_bound() const {
     const auto is_judged = [of = mask.data()](std::size_t k) { return (of[k] & (kNoGradient | kNotJudged)) == 0; };
     const auto is_steep = [=, slope = frobenius.data(), limit = kFarAbove * recipe.frobenius_limit_bins,
                            own = rim.own_slopes().data()](std::size_t k) {
-        return is_judged(k) & (slope[k] - (own != nullptr ? own[k] : 0) >= limit);
+        return is_judged(k) & ((own != nullptr ? slope_beyond(own[k], slope[k]) : slope[k]) >= limit);
     };
     const std::size_t judged = count_suiting(0, mask.size(), is_judged),
                       steep = count_suiting(0, mask.size(), is_steep);

@@ -95,8 +95,8 @@ class RimFinder {
     // Of the last mark().
     [[nodiscard]] const FoundPart& found() const { return found_; }
     // Of the last mark(), TubeOutline::own_slopes() of the tube; empty where none was found.
-    [[nodiscard]] std::span<const float> own_slopes() const {
-        return tube_ && regions_ > 0 ? tube_->own_slopes() : std::span<const float>();
+    [[nodiscard]] std::span<const OwnSlope> own_slopes() const {
+        return tube_ && regions_ > 0 ? tube_->own_slopes() : std::span<const OwnSlope>();
     }
 
   private:

@@ -42,7 +42,7 @@ TubeOutline::TubeOutline(const Extents& extents, int margin, float steepest_bins
 }
 
 bool TubeOutline::find(const FieldLight& light, std::span<std::uint8_t> state) {
-    std::ranges::fill(own_slopes_, 0.0F);
+    std::ranges::fill(own_slopes_, OwnSlope{});
     // The axis is the direction in which more lines across begin and end in a flank.
     View view{extents_};
     int most = -1;
@@ -294,39 +294,45 @@ std::size_t TubeOutline::enclose(View view) {
     return count;
 }
 
-// The smaller one of both sides' median changes of the mean deflection, over two lenslets, so far from the outer edge.
-std::int64_t TubeOutline::typical_slope(View view, const FieldLight& light, int depth) {
+// The median change of the mean deflection, over two lenslets, so far from the side's outer edge. 0 where there is
+// none.
+std::int64_t TubeOutline::typical_change(View view, const FieldLight& light, const Side& side, int depth) {
     const int first = std::max(sides_[0].first, sides_[1].first), last = std::min(sides_[0].last, sides_[1].last);
-    std::int64_t least = std::numeric_limits<std::int64_t>::max();
-    for (const bool far : {false, true}) {
-        view.from_far_side = far;
-        std::size_t count = 0;
-        for (int u = first; u <= last; ++u) {
-            const int v = sides_[far ? 1 : 0].line(u) + depth;
-            if (v >= 0 && v < view.width()) values_[count++] = change_across(view, light, u, v);
-        }
-        if (count == 0) return 0;
-        least = std::min(least, std::abs(common::lower_median(std::span(values_).first(count))));
+    std::size_t count = 0;
+    for (int u = first; u <= last; ++u) {
+        const int v = side.line(u) + depth;
+        if (v >= 0 && v < view.width()) values_[count++] = change_across(view, light, u, v);
     }
-    return least;
+    return count == 0 ? 0 : common::lower_median(std::span(values_).first(count));
 }
 
 // A tube deflects light by what is in it, the more the farther from its axis. So its own slope at a place is at most
-// the typical one at any place farther out. A scratch along the tube is steep on one side only, or is less steep beside
-// itself. What is above the slope that ripple and noise take to the limit grows by the ripple.
+// the typical one at any place farther out, on either side. A scratch along the tube is steep on one side only, or is
+// less steep beside itself. What is above the slope that ripple and noise take to the limit grows by the ripple.
 void TubeOutline::find_own_slopes(View view, const FieldLight& light) {
     if (steepest_ == 0) return;
     constexpr double kRaw = 2.0 * (1 << DeflectionQ::kFractionBits);  // of a bin pitch a lenslet
     std::int64_t least = std::numeric_limits<std::int64_t>::max();
     const int judged = std::max(sides_[0].thickness, sides_[1].thickness) + margin_;  // of both sides, from here on
     for (int depth = judged; depth <= width_ / 2 + 1; ++depth) {  // over the middle by a lenslet: edges are askew
-        least = std::min(least, typical_slope(view, light, depth));
+        std::array<std::int64_t, 2> typical{};
+        for (const std::size_t s : {0U, 1U}) {
+            view.from_far_side = s == 1;
+            typical[s] = typical_change(view, light, sides_[s], depth);
+            least = std::min(least, std::abs(typical[s]));
+        }
         if (least <= steepest_) return;  // as it is farther in
-        const auto own = static_cast<float>(kBinRipple * static_cast<double>(least - steepest_) / kRaw);
-        for (int at = depth == judged ? 0 : depth; at <= depth; ++at) {
-            for (int u = 0; u < view.length(); ++u) {
-                for (const int v : {sides_[0].line(u) + at, view.width() - 1 - sides_[1].line(u) - at}) {
-                    if (v >= 0 && v < view.width()) own_slopes_[view.at(u, v)] = own;
+        const double own = kBinRipple * static_cast<double>(least - steepest_) / kRaw;
+        for (const std::size_t s : {0U, 1U}) {
+            view.from_far_side = s == 1;
+            for (int at = depth == judged ? 0 : depth; at <= depth; ++at) {
+                for (int u = 0; u < view.length(); ++u) {
+                    const int v = sides_[s].line(u) + at;
+                    if (v < 0 || v >= view.width()) continue;
+                    const double slope = static_cast<double>(change_across(view, light, u, v)) / kRaw;
+                    own_slopes_[view.at(u, v)] = {
+                        static_cast<float>(own),
+                        static_cast<float>(own * own - 2 * slope * (typical[s] > 0 ? own : -own))};
                 }
             }
         }

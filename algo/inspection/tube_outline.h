@@ -20,6 +20,13 @@ struct FieldLight {
     std::span<const std::uint8_t> mask;
 };
 
+// The slope of the mean deflection that a tube has along its whole length and on both sides of its axis: how much more
+// than a smooth part's it may be at a lenslet. 0 where it is none.
+struct OwnSlope {
+    float bins = 0;     // bin pitches a lenslet, across the axis
+    float squared = 0;  // what the squared norm of the Jacobian changes by if this slope is taken off
+};
+
 class TubeOutline {
   public:
     // margin: lenslets beside a flank's usual inner edge that are flank, too. steepest_bins: slope of the mean
@@ -37,10 +44,8 @@ class TubeOutline {
     [[nodiscard]] bool has_flanks() const { return sides_[0].thickness > 0 && sides_[1].thickness > 0; }
     // In half of the lines across or more, both flanks have a lenslet with less than half of the band's light.
     [[nodiscard]] bool has_dark_flanks() const { return has_dark_flanks_; }
-    // Of the last frame, one value a lenslet, bin pitches a lenslet: how much more than a smooth part's the slope of
-    // the mean deflection may be there, because the tube has it along its whole length and on both sides of its axis.
-    // 0 where it has none.
-    [[nodiscard]] std::span<const float> own_slopes() const { return own_slopes_; }
+    // Of the last frame, one a lenslet.
+    [[nodiscard]] std::span<const OwnSlope> own_slopes() const { return own_slopes_; }
 
   private:
     // The field with u along the axis, and v across it, counted from one of the two sides.
@@ -79,7 +84,7 @@ class TubeOutline {
     void find_flanks(View view, const FieldLight& light);
     void find_ends(View view);
     std::size_t enclose(View view);
-    [[nodiscard]] std::int64_t typical_slope(View view, const FieldLight& light, int depth);
+    [[nodiscard]] std::int64_t typical_change(View view, const FieldLight& light, const Side& side, int depth);
     void find_own_slopes(View view, const FieldLight& light);
 
     Extents extents_;
@@ -94,7 +99,7 @@ class TubeOutline {
     std::vector<std::int64_t> values_;
     std::vector<std::uint32_t> scratch_;
     std::vector<std::uint8_t> body_;  // kInside, kFlank
-    std::vector<float> own_slopes_;
+    std::vector<OwnSlope> own_slopes_;
 };
 
 }  // namespace hord::algo
