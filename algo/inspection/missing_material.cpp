@@ -48,9 +48,10 @@ MissingMaterialFinder::MissingMaterialFinder(const Extents& extents, PartForm fo
         m /= 2, n /= 2, block *= 2;
     } while (std::max(m, n) >= kSmallestField);
     const std::size_t size = levels_.front().light.size();
-    for (auto* const map : {&light_, &count_, &mean_, &excess_}) map->resize(size);
+    for (auto* const map : {&light_, &count_, &mean_, &least_, &excess_}) map->resize(size);
     for (auto& map : met_) map.resize(size);
-    for (auto* const map : {&steps_, &returns_}) map->resize(size);
+    for (auto* const map : {&steps_, &ways_}) map->resize(size);
+    returns_.resize(size);
     region_.resize(size);
     samples_.reserve(2 * kMaxSamples + 4);
 }
@@ -87,6 +88,7 @@ std::optional<MissingMaterial> MissingMaterialFinder::find(std::span<const std::
     look_at(squares, best);
     squares.half = 1;
     for (const Level& level : levels_) {
+        if (best.score >= 1) break;
         squares.level = &level;
         squares.limit = kAny;
         look_at(squares, best);
@@ -102,12 +104,14 @@ void MissingMaterialFinder::look_at(Squares& squares, MissingMaterial& best) {
     if (squares.half > 0) sum_squares(level);
     const std::vector<float>&light = squares.half > 0 ? light_ : level.light,
           &count = squares.half > 0 ? count_ : level.count;
-    squares.judged = 0;
-    for (std::size_t k = 0; k < level.light.size(); ++k) {
-        const bool judged = count[k] >= least;
-        mean_[k] = judged ? light[k] / std::max(count[k], 1.0F) : 0;
-        squares.judged += judged ? 1 : 0;
-    }
+    float* const mean = mean_.data();
+    const float *const of_light = light.data(), *const of_count = count.data();
+    const std::size_t size = level.light.size();
+    for (std::size_t k = 0; k < size; ++k)
+        mean[k] = of_count[k] >= least ? of_light[k] / std::max(of_count[k], 1.0F) : 0;
+    std::int32_t judged = 0;
+    for (std::size_t k = 0; k < size; ++k) judged += mean[k] > 0 ? 1 : 0;
+    squares.judged = static_cast<std::size_t>(judged);
     const std::optional<float> sigma = noise(squares);
     if (!sigma) return;
     squares.limit = std::max(kMinExcess, kMinExcessSigmas * *sigma);
@@ -115,50 +119,105 @@ void MissingMaterialFinder::look_at(Squares& squares, MissingMaterial& best) {
     std::fill_n(returns_.begin(), level.light.size(), std::uint8_t{0});
     for (const Direction direction : {right, left, down, up}) follow(squares, direction);
     std::fill_n(excess_.begin(), level.light.size(), 0.0F);
-    const auto for_each_square = [&](auto&& visit) {
+    count_steps(level);
+    for (int steps = 3; steps >= min_steps(form_); --steps) {
+        if (!mark_bright(level, steps)) continue;
         for (int n = 0; n < level.n; ++n) {
             const std::size_t row = level.index(0, n);
-            for (std::size_t k = row; k < row + static_cast<std::size_t>(level.m); ++k) visit(k);
+            for (std::size_t k = row; k < row + static_cast<std::size_t>(level.m); ++k) {
+                if (excess_[k] > 0) take_region(squares, k, best);
+            }
         }
-    };
-    for (int steps = 3; steps >= min_steps(form_); --steps) {
-        for_each_square([&](std::size_t k) { excess_[k] = bright(k, steps); });
-        // Noise hides the step of single rows and columns.
-        for_each_square([&](std::size_t k) {
-            if (excess_[k] > 0 || mean_[k] <= 0 || is_dark(k)) return;
+    }
+}
+
+// Sets ways_ and least_ from what is met on the four ways from each square.
+void MissingMaterialFinder::count_steps(const Level& level) {
+    const float *const a = met_[right].data(), *const b = met_[left].data(), *const c = met_[down].data(),
+                       *const d = met_[up].data();
+    const auto none_to_far = [](float met) { return met > 0 ? met : std::numeric_limits<float>::max(); };
+    for (int n = 0; n < level.n; ++n) {
+        const std::size_t row = level.index(0, n);
+        for (std::size_t k = row; k < row + static_cast<std::size_t>(level.m); ++k) {
+            const std::int32_t ways = (a[k] > 0 ? 1 : 0) + (b[k] > 0 ? 1 : 0) + (c[k] > 0 ? 1 : 0) + (d[k] > 0 ? 1 : 0);
+            const bool steps_up = std::min(std::min(a[k], b[k]), std::min(c[k], d[k])) < 0;
+            ways_[k] = steps_up ? -1 : ways;
+            least_[k] = std::min(std::min(none_to_far(a[k]), none_to_far(b[k])),
+                                 std::min(none_to_far(c[k]), none_to_far(d[k])));
+        }
+    }
+}
+
+// Sets excess_ where at least `steps` ways lead down and none up; false if there is no such square. Beyond a dark
+// stripe or a stain the light is as before, so that only what it surrounds can be a hole.
+bool MissingMaterialFinder::mark_bright(const Level& level, int steps) {
+    std::int32_t any = 0;
+    for (int n = 0; n < level.n; ++n) {
+        const std::size_t row = level.index(0, n);
+        for (std::size_t k = row; k < row + static_cast<std::size_t>(level.m); ++k) {
+            const bool is_bright = (ways_[k] >= steps) & ((steps >= 3) | (returns_[k] == 0));
+            excess_[k] = is_bright ? least_[k] : 0;
+            any += is_bright ? 1 : 0;
+        }
+    }
+    if (any == 0) return false;
+    // Noise hides the step of single rows and columns.
+    for (int n = 0; n < level.n; ++n) {
+        const std::size_t row = level.index(0, n);
+        for (std::size_t k = row; k < row + static_cast<std::size_t>(level.m); ++k) {
+            if (excess_[k] > 0 || ways_[k] < 0 || mean_[k] <= 0) continue;
             excess_[k] = std::max(std::min(excess_[k - 1], excess_[k + 1]),
                                   std::min(excess_[k - level.stride], excess_[k + level.stride]));
-        });
-        for_each_square([&](std::size_t k) {
-            if (excess_[k] > 0) take_region(squares, k, best);
-        });
+        }
     }
+    return true;
+}
+
+// Whether two squares of the part differ by the limit: in most good parts none do, and the search ends here.
+bool MissingMaterialFinder::any_change(const Squares& squares) const {
+    const Level& level = *squares.level;
+    const std::size_t across = static_cast<std::size_t>(squares.distance()), along = across * level.stride;
+    const float factor = 1 + squares.limit;
+    std::int32_t changes = 0;
+    for (int n = 0; n < level.n; ++n) {
+        const float *const a = mean_.data() + level.index(0, n), *const b = a + across, *const c = a + along;
+        for (int m = 0; m < level.m; ++m) {
+            const bool in_row = (std::min(a[m], b[m]) > 0) & (std::max(a[m], b[m]) > factor * std::min(a[m], b[m])),
+                       in_column = (std::min(a[m], c[m]) > 0) & (std::max(a[m], c[m]) > factor * std::min(a[m], c[m]));
+            changes += (in_row | in_column) ? 1 : 0;
+        }
+    }
+    return changes > 0;
 }
 
 // Sets steps_; false if there are none.
 bool MissingMaterialFinder::find_steps(const Squares& squares) {
+    if (!any_change(squares)) return false;
     const Level& level = *squares.level;
-    const auto dm = static_cast<std::ptrdiff_t>(squares.distance()),
-               dn = dm * static_cast<std::ptrdiff_t>(level.stride);
+    const auto across = static_cast<std::ptrdiff_t>(squares.distance()),
+               along = across * static_cast<std::ptrdiff_t>(level.stride);
     const float factor = 1 + squares.limit;
-    unsigned any = 0;
-    std::fill_n(steps_.begin(), level.light.size(), std::uint8_t{0});
+    const int columns = level.m;  // a local copy: a store to steps_ may change anything else
+    std::int32_t any = 0;
+    std::fill_n(steps_.begin(), level.light.size(), 0);
     for (int n = 0; n < level.n; ++n) {
         const std::size_t row = level.index(0, n);
-        const float* const mean = mean_.data() + row;
-        std::uint8_t* const steps = steps_.data() + row;
-        const auto is_step = [=](std::ptrdiff_t m, std::ptrdiff_t step) {
-            const float before = mean[m - step], here = mean[m], beyond = mean[m + step], farther = mean[m + 2 * step];
-            const float goes_on =
-                std::max(before - here, 0.0F) + (farther > 0 ? std::max(beyond - farther, 0.0F) : 0.0F);
-            return (beyond > 0) & (here > factor * beyond) & (here - beyond > goes_on);
+        const float* const here = mean_.data() + row;
+        std::int32_t* const steps = steps_.data() + row;
+        const auto look = [=](std::ptrdiff_t step, std::int32_t bit) {
+            const float *const before = here - step, *const beyond = here + step, *const farther = beyond + step;
+            for (int m = 0; m < columns; ++m) {
+                const float rises = std::max(before[m] - here[m], 0.0F), falls = std::max(beyond[m] - farther[m], 0.0F),
+                            goes_on = rises + (farther[m] > 0 ? falls : 0.0F);
+                const bool is_step = (beyond[m] > 0) & (here[m] > factor * beyond[m]) & (here[m] - beyond[m] > goes_on);
+                steps[m] |= is_step ? bit : 0;
+            }
         };
-        for (std::ptrdiff_t m = 0; m < level.m; ++m) {
-            const unsigned bits = (is_step(m, dm) ? 1U << right : 0U) | (is_step(m, -dm) ? 1U << left : 0U) |
-                (is_step(m, dn) ? 1U << down : 0U) | (is_step(m, -dn) ? 1U << up : 0U);
-            steps[m] = static_cast<std::uint8_t>(bits);
-            any |= bits;
-        }
+        look(across, 1 << right);
+        look(-across, 1 << left);
+        look(along, 1 << down);
+        look(-along, 1 << up);
+        for (int m = 0; m < columns; ++m) any |= steps[m];
     }
     return any != 0;
 }
@@ -169,8 +228,7 @@ void MissingMaterialFinder::follow(const Squares& squares, Direction direction) 
     const bool in_row = direction == right || direction == left, forward = direction == right || direction == down;
     const auto unit = static_cast<std::ptrdiff_t>(in_row ? 1 : level.stride);
     const std::ptrdiff_t way = forward ? unit : -unit, step = way * squares.distance();
-    const auto down_this_way = static_cast<std::uint8_t>(1U << direction);
-    const auto down_back = static_cast<std::uint8_t>(1U << (direction ^ 1U));
+    const int down_this_way = 1 << direction, down_back = 1 << (direction ^ 1);
     std::vector<float>& met = met_[direction];
     const int lines = in_row ? level.n : level.m, length = in_row ? level.m : level.n;
     for (int line = 0; line < lines; ++line) {
@@ -192,26 +250,6 @@ void MissingMaterialFinder::follow(const Squares& squares, Direction direction) 
             returns_[here] |= static_cast<std::uint8_t>(state > 0 && returns ? down_this_way : 0);
         }
     }
-}
-
-// A step up is met on a way from the square.
-bool MissingMaterialFinder::is_dark(std::size_t at) const {
-    return std::ranges::any_of(met_, [=](const auto& met) { return met[at] < 0; });
-}
-
-// The excess of a square over what lies beyond the steps about it; 0 if they are too few, or the light steps up.
-float MissingMaterialFinder::bright(std::size_t at, int min_steps) const {
-    float least = 1e9F;
-    int steps = 0;
-    for (const auto& met : met_) {
-        if (met[at] < 0) return 0;
-        if (met[at] == 0) continue;
-        ++steps;
-        least = std::min(least, met[at]);
-    }
-    // Beyond a dark stripe or a stain the light is as before: only what it surrounds can be a hole.
-    if (steps < min_steps || (min_steps < 3 && returns_[at] != 0)) return 0;
-    return least;
 }
 
 // Takes the bright squares that touch `seed` as one region: their excess becomes negative. It is the best one if its

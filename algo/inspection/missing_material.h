@@ -38,8 +38,9 @@ class MissingMaterialFinder {
   public:
     explicit MissingMaterialFinder(const Extents& extents, PartForm form = PartForm::round);  // allocates all memory
 
-    // The region with the largest score, of at least `min_area` lenslets; none if no score reaches 1. `sums`, `mask`
-    // (MaskBit): one value a lenslet, row by row. Saturated lenslets count with the light that was read.
+    // The region with the largest score among the smallest squares that show one, of at least `min_area` lenslets; none
+    // if no score reaches 1. `sums`, `mask` (MaskBit): one value a lenslet, row by row. Saturated lenslets count with
+    // the light that was read.
     std::optional<MissingMaterial> find(std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask,
                                         std::uint32_t min_area = 1);
 
@@ -74,10 +75,11 @@ class MissingMaterialFinder {
     void look_at(Squares& squares, MissingMaterial& best);
     void sum_squares(const Level& level);
     std::optional<float> noise(const Squares& squares);
+    [[nodiscard]] bool any_change(const Squares& squares) const;
     bool find_steps(const Squares& squares);
     void follow(const Squares& squares, Direction direction);
-    [[nodiscard]] bool is_dark(std::size_t at) const;
-    [[nodiscard]] float bright(std::size_t at, int min_steps) const;
+    void count_steps(const Level& level);
+    bool mark_bright(const Level& level, int steps);
     void take_region(const Squares& squares, std::size_t seed, MissingMaterial& best);
     [[nodiscard]] bool is_sharp(const Squares& squares, const Region& region) const;
     [[nodiscard]] bool is_part(const Squares& squares, const Region& region) const;
@@ -89,9 +91,11 @@ class MissingMaterialFinder {
     std::vector<Level> levels_;
     std::vector<float> light_, count_;       // of squares of 3 x 3 blocks
     std::vector<float> mean_;                // light of squares; 0: not judged
-    std::vector<std::uint8_t> steps_;        // bit of a direction: the light steps down from the square that way
+    std::vector<std::int32_t> steps_;        // bit of a direction: the light steps down from the square that way
     std::vector<std::uint8_t> returns_;      // the same: beyond that step the light steps up again
     std::array<std::vector<float>, 4> met_;  // of a direction: excess over what is beyond the first step; < 0: up
+    std::vector<std::int32_t> ways_;         // that lead down; -1: one leads up
+    std::vector<float> least_;               // of the excesses over what lies beyond these steps
     std::vector<float> excess_;              // of bright squares; 0: not bright, or in a region already
     std::vector<std::uint32_t> region_;
     std::vector<float> samples_;
