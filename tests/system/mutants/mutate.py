@@ -142,6 +142,7 @@ SWAPS = {
 DECLARATION = re.compile(r"(?:[^;=]*= default;|"
                          r"(?:const|static|constexpr|inline|explicit|virtual|friend|using|typedef|struct|class|enum|"
                          r"template|namespace|public|private|protected|goto|case|default|delete|throw)\b|\[\[|~|std::function<|"
+                         r"[\w:]+<[^;=]*> \w+;|"
                          r"return\s*[^;\s]|(?!return\b|continue\b|break\b|else\b|co_)[\w:<>,*& ]+[\w>&*] [&*]?\w+\s*"
                          r"(?:=|;|\{|\(|,|:|$)|"
                          r"\w+\((?:const )?(?!new\b|const\b)[\w:<>]+[&*]? \w+[,)])")  # last: a constructor
