@@ -232,8 +232,7 @@ Result<void> SqliteStore::write(std::span<const Entry> entries) {
 Result<void> SqliteStore::write_batch(std::span<const Entry> entries) {
     auto transaction = Transaction::begin(*database_);
     if (!transaction) return tl::unexpected(transaction.error());
-    std::uint64_t newest = 0;
-    for (const Entry& entry : entries) newest = std::max(newest, entry.number);
+    const std::uint64_t newest = entries.back().number;  // they count upwards
     for (const Entry& entry : entries) {
         // A batch that an error left in doubt is the first one after it. A higher entry in the file would make the
         // store skip results that it does not have.

@@ -360,6 +360,13 @@ TEST(FrameRetention, names_a_file_by_its_number_its_time_its_part_and_why) {
         ElementsAre("000000000001-20260921T141320Z-p8-before.png", "000000000002-20260921T141320Z-p9-reject.png"));
 }
 
+TEST(FrameRetention, takes_the_oldest_that_passed_when_it_has_no_other_buffer) {
+    Cell cell({.before = 9, .after = 0, .buffers = 3});
+    for (std::uint32_t part = 1; part <= 6; ++part) cell.inspect(part, part == 6);
+    EXPECT_THAT(cell.kept(), ElementsAre("p4-before", "p5-before", "p6-reject"));
+    EXPECT_EQ(cell.keeper.counts().dropped, 0U) << "nothing that was wanted";
+}
+
 TEST(FrameRetention, does_nothing_in_a_step_without_a_frame) {
     Cell cell;
     EXPECT_FALSE(cell.keeper.step());
@@ -685,6 +692,22 @@ TEST(Replay, refuses_a_frame_whose_samples_somebody_exchanged) {
     const auto replayed = Replay().judge(file);
     ASSERT_FALSE(replayed);
     EXPECT_THAT(replayed.error().message(), HasSubstr("other samples"));
+}
+
+TEST(Replay, says_of_a_frame_whose_recipe_cannot_be_used_that_it_is_that) {
+    for (const std::string& recipe : {std::string("limits = 7\n"), std::string("no recipe")}) {
+        Cell cell({.before = 0, .after = 0});
+        cell.keeper.set_recipe(recipe);
+        cell.inspect(1, true);
+        cell.write_all();
+        const auto file = list_frames(cell.folder.path() / "frames")->at(0).file;
+        const auto replayed = Replay().judge(file);
+        ASSERT_FALSE(replayed);
+        EXPECT_THAT(replayed.error().message(), HasSubstr(file.filename().string()));
+        const auto given = Replay(unchecked_part()).judge(file);
+        ASSERT_TRUE(given) << "with another recipe it can be judged";
+        EXPECT_EQ(given->recipe_then, "");
+    }
 }
 
 // 129 frames: one more than a block of two threads.

@@ -96,6 +96,16 @@ TEST(FrameMetadata, without_what_a_replay_needs_is_unreadable_and_with_the_rest_
     EXPECT_FALSE(FrameMetadata::from_json("[]", "f"));
 }
 
+TEST(FramePng, that_cannot_be_read_or_was_not_kept_by_a_station_is_named) {
+    const TempFolder folder;
+    const auto gone = read_annotated_frame(folder.path() / "none.png");
+    ASSERT_FALSE(gone);
+    EXPECT_EQ(gone.error().code, ErrorCode::not_found);
+    EXPECT_THAT(gone.error().what, HasSubstr("none.png cannot be read"));
+    write_text(folder.path() / "text.png", "no image");
+    EXPECT_THAT(read_annotated_frame(folder.path() / "text.png").error().cure, HasSubstr("leave it out"));
+}
+
 // -- replay
 
 TEST(Replay, names_each_thing_that_changed_and_nothing_else) {

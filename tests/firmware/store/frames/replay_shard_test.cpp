@@ -205,6 +205,29 @@ TEST(Shards, whose_frames_are_out_of_order_or_there_twice_are_refused) {
     }
 }
 
+TEST(Shards, that_hold_the_same_frame_are_refused) {
+    const TempFolder folder;
+    const auto all = frames(3);
+    const auto files = write_shards(folder.path(), 2, all);  // the first holds 1 and 3
+    ReplayIdentity identity = kReplay;
+    identity.frames = 3;
+    {
+        auto writer = ShardWriter::create(files[1], identity, {2, 2});
+        ASSERT_TRUE(writer);
+        for (const ArchivedFile& frame : all) ASSERT_TRUE(writer->add(line_of(frame)));
+        ASSERT_TRUE(writer->finish());
+    }
+    EXPECT_THAT(refusal(files, folder.path() / "out"), HasSubstr("which another shard holds, too"));
+}
+
+TEST(Shards, are_merged_into_no_folder_that_is_not_there) {
+    const TempFolder folder;
+    const auto merged = merge_shards(write_shards(folder.path(), 1, frames(3)), folder.path() / "no" / "out");
+    ASSERT_FALSE(merged);
+    EXPECT_THAT(merged.error().message(), HasSubstr("no/out cannot be written"));
+    EXPECT_EQ(merge_shards({}, folder.path() / "out").error().what, "there is nothing to merge");
+}
+
 TEST(Shards, with_a_line_that_does_not_end_are_refused_before_it_is_read) {
     const TempFolder folder;
     const fs::path out = folder.path() / "out", endless = folder.path() / "endless";

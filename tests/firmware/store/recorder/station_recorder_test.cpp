@@ -387,6 +387,26 @@ TEST(StoreSetup, frames_are_kept_as_the_configuration_wants_it) {
     EXPECT_THAT(kept, ElementsAre("2 before of 3", "3 reject of 3", "4 after of 3", "5 after of 3", "10 sample of 0"));
 }
 
+TEST(StoreSetup, the_frame_of_a_part_whose_verdict_came_too_late_is_kept) {
+    const TempFolder folder;
+    lab::VirtualTime loop;
+    Config config;
+    config.store.folder = folder.path();
+    config.store.free_mb = 0;
+    config.store.frames_before = config.store.frames_after = 0;
+    const auto recorder = make_recorder(loop, config, recorded_frames("x"), {});
+    for (const std::uint32_t part : {1U, 2U}) inspected(*recorder, part, algo::Verdict::pass);
+    PartResult late;
+    late.part = 2;
+    late.verdict = PartVerdict::unfit;
+    late.reason = PartReason::verdict_late;
+    recorder->on_result(late);
+    EXPECT_THAT(recorder->finish(), IsEmpty());
+    const auto files = *list_frames(folder.path() / kFramesFolder);
+    ASSERT_THAT(files, SizeIs(1));
+    EXPECT_THAT(files[0].file.filename().string(), ::testing::EndsWith("-p2-reject.png"));
+}
+
 TEST(StoreSetup, a_frame_has_the_recipe_that_was_in_use) {
     const TempFolder folder;
     lab::VirtualTime loop;

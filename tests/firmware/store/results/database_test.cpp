@@ -3,6 +3,7 @@
 
 #include <array>
 #include <limits>
+#include <optional>
 
 #include <fmt/format.h>
 
@@ -142,6 +143,18 @@ TEST_F(AnyDatabase, a_transaction_that_is_not_committed_changes_nothing) {
     }
     EXPECT_EQ(database->get_integer("SELECT count(*) FROM t").value(), 1);
     EXPECT_TRUE(Transaction::begin(*database)) << "and it is over";
+}
+
+TEST_F(AnyDatabase, a_transaction_that_was_committed_ends_no_other) {
+    sql("CREATE TABLE t (v)");
+    std::optional<Transaction> first(std::move(*Transaction::begin(*database)));
+    ASSERT_TRUE(first->commit());
+    auto second = Transaction::begin(*database);
+    ASSERT_TRUE(second);
+    sql("INSERT INTO t VALUES (1)");
+    first.reset();
+    EXPECT_TRUE(second->commit());
+    EXPECT_EQ(database->get_integer("SELECT count(*) FROM t").value(), 1);
 }
 
 // -- errors

@@ -125,6 +125,18 @@ TEST(SqliteStore, tells_a_fresh_file_what_is_in_use_and_a_known_one_only_what_is
     EXPECT_NE(parts[1].recipe_change, parts[2].recipe_change);
 }
 
+TEST(SqliteStore, records_an_empty_text_that_is_in_use_once) {
+    const TempFolder folder;
+    ChangeRecord empty = recipe("none", "");
+    empty.if_new = true;
+    for (const std::uint32_t boot : {4'294'967'294U, 4'294'967'295U})
+        write(folder, Story(start(boot)).add(empty).add(result(1)));
+    EXPECT_THAT(whats(changes(folder)), ElementsAre("start", "recipe", "start"));
+    EXPECT_EQ(results(folder).at(0).boot, 4'294'967'294U);
+    EXPECT_EQ(results(folder).at(1).boot, 4'294'967'295U);
+    EXPECT_EQ(results(folder).at(1).recipe, "none");
+}
+
 TEST(SqliteStore, records_who_changed_what_from_what) {
     const TempFolder folder;
     ChangeRecord change = recipe("lens", "limit = 2");
@@ -241,11 +253,27 @@ TEST(SqliteStore, begins_in_an_empty_file_and_says_so_but_not_where_its_log_has_
 TEST(SqliteStore, refuses_another_programs_database_and_a_newer_schema) {
     const TempFolder other, newer;
     sql(other, "CREATE TABLE t (a); INSERT INTO t VALUES (1)");
-    EXPECT_EQ(open_sqlite_store(other.path()).error().code, ErrorCode::unreadable);
+    for (const char* version : {"0", "1", "1000"}) {
+        sql(other, std::string("PRAGMA user_version = ") + version);
+        EXPECT_EQ(open_sqlite_store(other.path()).error().code, ErrorCode::unreadable) << version;
+    }
     write(newer, Story().add(result(1)));
     sql(newer, "PRAGMA user_version = 1000");
     EXPECT_EQ(open_sqlite_store(newer.path()).error().code, ErrorCode::unsupported);
     EXPECT_EQ(StoreReader::open(newer.path()).error().code, ErrorCode::unsupported);
+}
+
+TEST(SqliteStore, is_not_opened_without_one_of_its_tables_or_columns) {
+    for (const char* edit :
+         {"DROP TABLE heads", "DROP TABLE results", "DROP TABLE commands", "DROP TABLE meta",
+          "ALTER TABLE commands RENAME COLUMN peer TO who", "ALTER TABLE changes RENAME COLUMN after TO later"}) {
+        const TempFolder folder;
+        write(folder, Story().add(result(1)));
+        sql(folder, edit);
+        const auto store = open_sqlite_store(folder.path());
+        ASSERT_FALSE(store) << edit;
+        EXPECT_EQ(store.error().code, ErrorCode::unsupported) << store.error().message();
+    }
 }
 
 TEST(SqliteStore, names_the_folder_it_cannot_make) {
@@ -346,6 +374,21 @@ TEST(SqliteStore, lists_changes_and_commands_in_the_order_in_which_they_came) {
     filter = {};
     filter.run = changes(folder).back().run;
     EXPECT_THAT(names(filter), ElementsAre("early", "cell 3", "b"));
+}
+
+// 0 would be the number of no change, and a reader of the file could not tell it from one.
+TEST(SqliteStore, refers_to_the_changes_in_use_and_to_none_where_there_is_none) {
+    const TempFolder folder;
+    ChangeRecord calibration = recipe("grid", "3");
+    calibration.what = ChangeRecord::What::calibration;
+    write(folder, Story().add(result(1)).add(recipe("a", "1")).add(result(2)).add(calibration).add(result(3)));
+    const auto count = [&](const char* where) {
+        return sql_integer(folder, std::string("SELECT count(*) FROM results WHERE ") + where);
+    };
+    EXPECT_EQ(count("number = 1 AND recipe IS NULL AND calibration IS NULL"), 1U);
+    EXPECT_EQ(count("number = 2 AND recipe = 2 AND calibration IS NULL"), 1U);
+    EXPECT_EQ(count("number = 3 AND recipe = 2 AND calibration = 3"), 1U);
+    EXPECT_EQ(results(folder).at(2).calibration, "grid");
 }
 
 TEST(SqliteStore, has_an_identity_of_its_own_that_stays) {
