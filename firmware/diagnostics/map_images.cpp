@@ -20,9 +20,9 @@ namespace {
 
 constexpr int kMapSide = 444;  // pictures are enlarged until their longer side has at least this many pixels
 constexpr int kTitleHeight = 26;
-constexpr int kScaleWidth = 118;
-constexpr int kAxisWidth = 40, kAxisHeight = 34;  // left of the map, below it
-constexpr int kLineHeight = 18;                   // of the legend
+constexpr int kScaleWidth = 118, kBareScaleWidth = 76;  // without room for the limit and the unit
+constexpr int kAxisWidth = 40, kAxisHeight = 34;        // left of the map, below it
+constexpr int kLineHeight = 18;                         // of the legend
 const cv::Scalar kInk(40, 40, 40);
 const cv::Scalar kPaper(255, 255, 255);
 const cv::Scalar kMark(40, 40, 230);  // of defects and limits
@@ -63,10 +63,10 @@ cv::Mat to_mat(const Picture& picture) {
 }
 
 // The colour scale right of the map, with ticks, unit and the limit.
-void draw_scale(cv::Mat& sheet, const MapPicture& what, int top, int height) {
+void draw_scale(cv::Mat& sheet, const MapPicture& what, int from, int top, int height) {
     const auto px = [&](int of) { return scaled(of, what.letters); };
     const double size = 0.36 * what.letters;
-    const int left = sheet.cols - px(kScaleWidth) + 8, right = left + px(14);
+    const int left = from + 8, right = left + px(14);
     cv::Mat ramp(height, 1, CV_8U);
     for (int y = 0; y < height; ++y)
         ramp.at<unsigned char>(y) = static_cast<unsigned char>(255 - 255 * y / std::max(1, height - 1));
@@ -348,12 +348,13 @@ Picture draw(const MapPicture& what, algo::Map map, std::span<const std::uint8_t
     const int left = what.axes ? kAxisWidth : 0, title_height = px(kTitleHeight);
     const int legend = what.axes ? static_cast<int>(std::ranges::count(occurs, true)) + (some_hidden ? 1 : 0) : 0;
     const int foot = (what.axes ? kAxisHeight + legend * kLineHeight : 0) + (caption.empty() ? 0 : px(kTitleHeight));
-    cv::Mat sheet(map_picture.rows + title_height + foot, left + map_picture.cols + px(kScaleWidth), CV_8UC3, kPaper);
+    const int scale_width = px(what.axes ? kScaleWidth : kBareScaleWidth);
+    cv::Mat sheet(map_picture.rows + title_height + foot, left + map_picture.cols + scale_width, CV_8UC3, kPaper);
     const cv::Rect place(left, title_height, map_picture.cols, map_picture.rows);
     map_picture.copyTo(sheet(place));
     const std::string title = what.unit.empty() ? what.title : what.title + ", " + what.unit;
     write_text(sheet, title, {4, px(18)}, fitting(title, left + map_picture.cols - 12, 0.5 * what.letters));
-    draw_scale(sheet, what, title_height, map_picture.rows);
+    draw_scale(sheet, what, place.x + place.width, title_height, map_picture.rows);
     if (what.axes) draw_axes(sheet, what, extents, place, zoom);
     int y = place.y + place.height + kAxisHeight;
     for (std::size_t reason = 0; what.axes && reason < occurs.size(); ++reason) {

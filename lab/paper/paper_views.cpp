@@ -126,7 +126,8 @@ std::vector<std::uint8_t> drawn_mask(const SceneViews& views, View view) {
 
 // The unit is in the column's title.
 MapPicture of_figure(View view, float high) {
-    MapPicture what{fmt::format("{}, {}", name_of(view), unit_of(view)), "", 0, high};
+    const std::string_view name = view == View::emd_even ? "EMD, dark as even" : name_of(view);
+    MapPicture what{fmt::format("{}, {}", name, unit_of(view)), "", 0, high};
     what.letters = kLettersOfFigure;
     what.axes = false;
     return what;

@@ -312,8 +312,8 @@ TEST(Pictures, of_a_figure_have_large_letters_and_neither_axes_nor_legend) {
     const Picture plain = draw(what, s.map, s.mask, kExtents, {});
     what.axes = false;
     const Picture bare = draw(what, s.map, s.mask, kExtents, {});
-    EXPECT_EQ(bare.width, plain.width - 40);
-    EXPECT_EQ(bare.height, 26 + 30 * 12);  // the title and the map
+    EXPECT_EQ(bare.width, plain.width - 40 - 42);  // nor room for a limit beside the scale
+    EXPECT_EQ(bare.height, 26 + 30 * 12);          // the title and the map
     what.letters = 2.5F;
     const Picture large = draw(what, s.map, s.mask, kExtents, {});
     EXPECT_EQ(large.height, 65 + 30 * 12);
