@@ -1,6 +1,6 @@
 // Prints the tables of docs/results/calibration.md (tests/calib/calibrate/calibration_page.py): the accuracy of the
 // calibration on frames of known truth and on photographs.
-//   calibration_table [FOLDER with lenslet/]
+//   calibration_table [FOLDER with lenslet/ [synthetic|answers|photographs]]
 #include <cstdio>
 #include <ctime>
 #include <filesystem>
@@ -285,10 +285,7 @@ void real_row(const std::filesystem::path& folder, const char* name) {
                 name_of(fit.grid.model).data(), single, warned_of(*calibration).c_str());
 }
 
-}  // namespace
-
-int main(int count, char** arguments) {
-    const std::filesystem::path folder = count > 1 ? arguments[1] : HORD_SOURCE_DIR "/../shared/data";
+void synthetic() {
     std::printf(
         "## Synthetic, 5000 x 5000 px, 16 bit, 20 ke- a pixel, 2 %% dead lenslets\n\n"
         "Rotation up to 10 degrees, shear 0.002, perspective 0.002, k1 0.004; distances of the fitted grid to the "
@@ -319,7 +316,9 @@ int main(int count, char** arguments) {
             }
         }
     }
-    answers();
+}
+
+void photographs(const std::filesystem::path& folder) {
     std::printf(
         "\n## Photographs\n\nCross-validated over blocks of lenslets that the model has not seen, px an axis (x / y). "
         "`whole` lenslets have their whole "
@@ -336,5 +335,15 @@ int main(int count, char** arguments) {
                              "sh_bad_mmt_mmirs_blank", "sh_bad_mmt_mmirs_bogus"}) {
         real_row(folder, name);
     }
+}
+
+}  // namespace
+
+int main(int count, char** arguments) {
+    const std::filesystem::path folder = count > 1 ? arguments[1] : HORD_SOURCE_DIR "/../shared/data";
+    const std::string part = count > 2 ? arguments[2] : "";
+    if (part.empty() || part == "synthetic") synthetic();
+    if (part.empty() || part == "answers") answers();
+    if (part.empty() || part == "photographs") photographs(folder);
     return 0;
 }
