@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "algo/frame/mask.h"
+#include "algo/reference/clipped_noise.h"
 
 namespace hord::algo {
 
@@ -11,27 +12,6 @@ namespace {
 
 constexpr int kCopiedLine = 16, kCopied = kCopiedLine * kMaxBins;  // samples: of a copied lenslet's line; of all
 static_assert(kCopiedLine >= (kMaxBins + 7) / 8 * 8);
-// e^x, x >= 0, by operations that IEEE 754 rounds alike on every machine.
-double exact_exp(double x) {
-    int halved = 0;
-    for (; x > 0.5; x *= 0.5) ++halved;
-    double sum = 1, term = 1;
-    for (int k = 1; k <= 14; ++k) sum += term *= x / k;
-    for (; halved > 0; --halved) sum *= sum;
-    return sum;
-}
-
-// The variance of max(0, z - clip), z normal with this variance.
-double clipped_variance(double variance, double clip) {
-    const double from = clip / std::sqrt(variance), step = 1.0 / 32;
-    double mean = 0, square = 0;
-    for (int k = 0; k < 8 * 32; ++k) {
-        const double above = (k + 0.5) * step, z = from + above, density = 0.3989422804 * step / exact_exp(0.5 * z * z);
-        mean += density * above;
-        square += density * above * above;
-    }
-    return variance * (square - mean * mean);
-}
 
 }  // namespace
 
@@ -53,7 +33,7 @@ ReferenceComparer::ReferenceComparer(const Reference& reference, Isa isa, std::s
     }
     clipped_ = light > 0 ? clipped / light : 0;
     floor_ = read * read + 1.0 / 12;
-    const double quiet = clipped_variance(floor_, clip);
+    const double quiet = clipped_noise(floor_, clip).variance;
     fits_.noise = {0, static_cast<float>(clip / gain + floor_ - quiet), static_cast<float>(std::sqrt(floor_)),
                    static_cast<float>(floor_ / 2), static_cast<float>(quiet)};
 }

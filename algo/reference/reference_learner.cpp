@@ -18,7 +18,7 @@ namespace hord::algo {
 namespace {
 
 constexpr double kShareOne = 1 << Reference::kShareBits;
-constexpr double kNoise = 3;  // standard deviations of a dark bin's reading
+constexpr double kDarkNoises = 2;  // standard deviations of a dark bin's reading
 constexpr std::size_t kDarkFrames = 8;
 // The spread is that of parts from the mean of the others: as many times parts are left out of it.
 constexpr std::size_t kMaxFolds = 16;
@@ -91,8 +91,9 @@ class Learner {
     std::optional<SpreadEstimate> spread_;
 };
 
-// The lowest level that a dark bin's noise exceeds in one of 1000 readings, above the frames' pedestal. A level that
-// LearnOptions does not allow stays below it: lower_to_dark_level() then lowers the frames.
+// A level so far above the frames' pedestal that most dark bins read nothing, and haze still shows in them
+// (docs/adr/0020-dark-level-of-a-reference.md). A level that LearnOptions does not allow stays below it:
+// lower_to_dark_level() then lowers the frames.
 Result<void> Learner::choose_dark_level() {
     double pedestal = static_cast<double>(options_.pedestal_dn);
     if (pedestal == 0) {
@@ -107,7 +108,7 @@ Result<void> Learner::choose_dark_level() {
         pedestal = median_or_0(std::move(pedestals));
     }
     const double rounding = 0.5,
-                 level = std::ceil(pedestal + kNoise * static_cast<double>(options_.read_dn) - rounding);
+                 level = std::ceil(pedestal + kDarkNoises * static_cast<double>(options_.read_dn) - rounding);
     reference_.levels.dark = std::min(static_cast<std::uint32_t>(std::max(level, 0.0)), options_.levels.dark);
     reference_.sensor.clip_dn = static_cast<float>(std::max(level - pedestal, 0.0));
     return {};

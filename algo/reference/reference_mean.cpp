@@ -4,12 +4,13 @@
 #include <cmath>
 
 #include "algo/frame/mask.h"
+#include "algo/reference/clipped_noise.h"
 
 namespace hord::algo {
 namespace {
 
 constexpr double kShareOne = 1 << Reference::kShareBits;
-// Standard deviations of a bin's mean; less is noise. The variance of dark bins is a sixteenth of the reading noise
+// Standard deviations of a dark bin's mean; less is noise. Its variance is at least a sixteenth of the reading noise
 // (docs/notes/reference.md).
 constexpr double kNoise = 3;
 
@@ -95,8 +96,10 @@ void ReferenceMean::finish(double parts, double light, Reference& r) const {
     r.x.assign(count, 0);
     r.y.assign(count, 0);
     r.mask.assign(count, kOutside);
-    const double read = static_cast<double>(r.sensor.read_dn),
-                 least_dn = kNoise * std::sqrt((read * read + 1.0 / 12) / 16 / parts);
+    const double read = static_cast<double>(r.sensor.read_dn), reading = read * read + 1.0 / 12;
+    const ClippedNoise dark = clipped_noise(reading, static_cast<double>(r.sensor.clip_dn));
+    const double least_dn =
+        std::max(kNoise * std::sqrt(reading / 16 / parts), dark.mean + kNoise * std::sqrt(dark.variance / parts));
     std::vector<float> bins(stride);
     for (std::size_t k = 0; k < count; ++k) {
         if (2 * light_count_[k] < parts) continue;

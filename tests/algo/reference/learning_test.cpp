@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "algo/frame/mask.h"
+#include "algo/reference/clipped_noise.h"
 #include "algo/reference/largest_by_part.h"
 #include "algo/reference/read_noise.h"
 #include "tests/algo/reference/good_parts.h"
@@ -137,6 +138,13 @@ TEST(Learning, names_what_the_parts_do_not_determine) {
                             HasSubstr("Pose not determined: the shift along y, the turn; ")));
 }
 
+// A normal variable above 2: by its distribution function, 0.02275, and its density, 0.05399.
+TEST(Learning, knows_what_noise_leaves_above_the_dark_level) {
+    const ClippedNoise above = clipped_noise(9, 6);
+    EXPECT_NEAR(above.mean, 3 * (0.05399 - 2 * 0.02275), 1e-3);
+    EXPECT_NEAR(above.variance, 9 * (5 * 0.02275 - 2 * 0.05399) - above.mean * above.mean, 1e-3);
+}
+
 // The default dark level, 48 DN at 12 bits, removes another share of every bin at another light. Counts the defects
 // that are told inside good parts, two lenslets and more from the rim.
 TEST(Learning, a_dark_level_by_the_noise_lets_the_light_change) {
@@ -170,7 +178,7 @@ TEST(Learning, a_dark_level_by_the_noise_lets_the_light_change) {
         }
         return told;
     };
-    EXPECT_EQ(defects_told(true, 6), 0);  // three standard deviations of 2 DN, less half a DN of rounding
+    EXPECT_EQ(defects_told(true, 4), 0);  // two standard deviations of 2 DN, less half a DN of rounding
     EXPECT_GT(defects_told(false, 48), 0);
 }
 
