@@ -248,6 +248,30 @@ TEST_P(RenderedForm, with_a_dark_spot_on_any_judged_lenslet_is_rejected) {
 std::string name_of_case(const ::testing::TestParamInfo<Case>& one) { return one.param.what; }
 INSTANTIATE_TEST_SUITE_P(All, RenderedForm, ::testing::ValuesIn(kCases), name_of_case);
 
+// Full or thick-walled on few lenslets: steep along their whole length; and their edges are askew.
+TEST(RenderedVial, that_is_good_passes_on_few_lenslets_though_it_is_steep) {
+    for (const double contents : {1.0, 1.33}) {
+        for (const double inner_mm : {5.0, 4.0}) {
+            for (const double lenslet_mm : {0.6, 0.48}) {
+                sim::Scene good = scene_of("vial-filled", 0, 0);
+                good.camera.extents = {static_cast<int>(15 / lenslet_mm), 24, 9, 9};
+                good.camera.field_mm = lenslet_mm * good.camera.extents.m;
+                good.pose.rotation_rad = 0.02;
+                auto& vial = std::get<Vial>(good.part);
+                vial.inner_radius_mm = inner_mm;
+                vial.contents_index = contents;
+                // An empty one hardly bends light by its thin wall, and a thick one very fast beside its flanks.
+                if (contents < 1.1 && lenslet_mm > 0.5) continue;
+                const Tally t = tally(good, rendered(good), recipe_of(PartForm::tube), 3);
+                EXPECT_EQ(t.passed, t.frames) << contents << ", " << inner_mm << ", " << lenslet_mm << ": "
+                                              << name_of(t.reason) << " " << t.worst;
+                good.defects.push_back(AbsorbingSpeck{{0.3, 0.5, 0}, 0.5, 0});
+                EXPECT_EQ(tally(good, rendered(good), recipe_of(PartForm::tube), 1).passed, 0);
+            }
+        }
+    }
+}
+
 // The rule for round parts rejects every good vial: its flanks are dark.
 TEST(RenderedVial, is_rejected_by_the_rule_for_round_parts) {
     for (const char* name : {"vial-empty", "vial-filled"}) {
