@@ -19,7 +19,7 @@ namespace hord::lab {
 
 struct ExperimentOptions {
     std::filesystem::path out;     // exists; finished cells in it are used again (result_cache.h)
-    std::filesystem::path frames;  // folder of light fields; of the experiment `reference` only
+    std::filesystem::path frames;  // of `reference` a folder of light fields, of `stability` that of the fuzz corpus
     bool quick = false;            // under a minute: fewer or smaller cells, the same claims
     std::uint64_t seed = 1;
     bool tuned_limits = false;  // of the experiment `detection` only: not the recipe's limits, but tuned ones

@@ -10,6 +10,7 @@
 #include "lab/hord_lab/commands.h"
 #include "lab/hord_lab/experiments.h"
 #include "lab/reference/reference.h"
+#include "lab/stability/stability.h"
 #include "lab/tradeoff/tradeoff_whole.h"
 
 namespace hord::lab {
@@ -75,6 +76,9 @@ void add_experiment(CLI::App& program, Exit& status) {
                 "--tuned-limits", arguments->tuned_limits,
                 "Judge by limits that are tuned on good parts of another stream, not by the default recipe's");
         }
+        if (experiment.run == run_stability)
+            one->add_option("--frames", arguments->frames,
+                            "Folder of the fuzz corpus (tests/fuzz/corpus): the time of a verdict on its frames, too");
         const bool has_frames = experiment.run == run_reference;
         if (has_frames)
             one->add_option("--frames", arguments->frames,

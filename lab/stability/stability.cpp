@@ -83,6 +83,7 @@ Result<ExperimentReport> run_stability(const ExperimentOptions& options) {
     }
     report.text = fill_report("stability",
                               {{"quick", options.quick ? "yes" : ""},
+                               {"frames", options.frames.string()},
                                {"seed", std::to_string(options.seed)},
                                {"claims", describe(report.claims)},
                                {"cases", std::to_string(table.rows().size())},

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <string>
 #include <vector>
@@ -55,13 +56,19 @@ void check_transport(const StabilityOptions& options, StabilityTable& table);
 void check_frames(const StabilityOptions& options, StabilityTable& table);
 
 // How long verdicts take, in processor time, for frames with a pedestal, noise, wide spots and many lit bins; 111x111
-// lenslets, and 555x555 unless options.quick. Says where a goal is not reached. Times differ between machines and runs,
-// so that they are no claims.
+// lenslets, and 555x555 unless options.quick. With options.frames, the folder of the fuzz corpus, also for its frames.
+// Says where a goal is not reached. Times differ between machines and runs, so that they are no claims.
 struct VerdictTimes {
     Table sizes;   // the clean frame and the worst one of each size, with the goals
     Table frames;  // every frame, over the clean frame's time
 };
 Result<VerdictTimes> measure_verdict_times(const ExperimentOptions& options);
+
+// Its parts: the inputs of the fuzz target `verdict` in a field of so many lenslets along each axis, by the default
+// recipe and by their own; and the frame files of `frame_file` that have 3x3 lenslets of 3x3 samples or more. Fail with
+// not_found, unreadable, and as the decoders do.
+Result<void> add_changed_frames(const std::filesystem::path& folder, int lenslets, VerdictTimes& times);
+Result<void> add_frame_files(const std::filesystem::path& folder, VerdictTimes& times);
 
 Table table_of(const StabilityTable& cases);
 

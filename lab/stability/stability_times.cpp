@@ -2,28 +2,19 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <ctime>
 #include <numeric>
 #include <random>
 #include <vector>
 
 #include <fmt/format.h>
 
-#include "algo/inspection/pipeline.h"
 #include "lab/stability/stability.h"
+#include "lab/stability/verdict_series.h"
 
 namespace hord::lab {
 namespace {
 
 constexpr int kFullScale = 254;
-// The goals of issue 21: a verdict's time over a clean frame's, and over the time with the exact map.
-constexpr double kMaxOverClean = 3, kMaxOfExact = 0.6;
-
-double cpu_ms() {
-    timespec now{};
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-    return static_cast<double>(now.tv_sec) * 1e3 + static_cast<double>(now.tv_nsec) / 1e6;
-}
 
 struct Light {
     double pedestal_dn = 0, noise_dn = 0.6, radius_bins = 0.6;
@@ -88,46 +79,11 @@ Frame drawn(const algo::Extents& e, const Shown& shown, const Light& light, std:
     return frame;
 }
 
-// Medians of the processor time, ms.
-struct Times {
-    double verdict = 0, exact = 0;
-    algo::Verdict found = algo::Verdict::unfit;
-    bool bounded = false;
-};
-
-Result<double> median_time(algo::Pipeline& pipeline, const Frame& frame, int repeats, Times& seen) {
-    std::vector<double> times;
-    for (int k = -1; k < repeats; ++k) {  // the first is not counted
-        const double before = cpu_ms();
-        const auto found = pipeline.inspect(frame.view());
-        const double after = cpu_ms();
-        if (!found) return tl::unexpected(found.error());
-        if (k >= 0) times.push_back(after - before);
-        seen.found = found->verdict;
-        seen.bounded = found->bounded;
-    }
-    std::ranges::sort(times);
-    return times[times.size() / 2];
-}
-
-Result<Times> measure(const algo::Extents& e, const Shown& shown, const Frame& frame, bool with_exact) {
+algo::Recipe recipe_for(const Shown& shown) {
     algo::Recipe recipe;
     recipe.form = shown.form;
     recipe.part_required = shown.form != algo::PartForm::web;
-    Times times;
-    auto pipeline = algo::Pipeline::create(e, 8, recipe);
-    if (!pipeline) return tl::unexpected(pipeline.error());
-    const auto verdict = median_time(*pipeline, frame, 9, times);
-    if (!verdict) return tl::unexpected(verdict.error());
-    times.verdict = *verdict;
-    if (!with_exact) return times;
-    auto exactly = algo::Pipeline::create(e, 8, recipe, 1, algo::MapSet::exact);
-    if (!exactly) return tl::unexpected(exactly.error());
-    Times unused;
-    const auto exact = median_time(*exactly, frame, 9, unused);
-    if (!exact) return tl::unexpected(exact.error());
-    times.exact = *exact;
-    return times;
+    return recipe;
 }
 
 std::vector<std::pair<std::string, Light>> all_lights() {
@@ -161,31 +117,27 @@ Result<VerdictTimes> measure_verdict_times(const ExperimentOptions& options) {
           "goal", "worst frame", fmt::format("of the clean frame's time (goal: {})", kMaxOverClean), "goal"},
          {}},
         {{"lenslets", "shown", "frame", "of the clean frame's time", "verdict", "a limit of work was reached"}, {}}};
-    const auto reached = [](bool good) { return good ? "reached" : "not reached"; };
     for (const auto& [lenslets, bins] :
          {std::pair(111, 9), std::pair(40, 7), std::pair(50, 6), std::pair(80, 5), std::pair(555, 9)}) {
         if (options.quick && lenslets > 111) continue;
-        const std::string size = fmt::format("{0}x{0} of {1}x{1} bins", lenslets, bins);
         const algo::Extents e{lenslets, lenslets, bins, bins};
         for (const Shown& shown : kShown) {
-            const auto clean = measure(e, shown, drawn(e, shown, {}, options.seed), true);
-            if (!clean) return tl::unexpected(clean.error());
-            double worst = 0;
-            std::string worst_name;
+            auto series = VerdictSeries::of(e, recipe_for(shown), drawn(e, shown, {}, options.seed), shown.name);
+            if (!series) return tl::unexpected(series.error());
             for (const auto& [name, light] : all_lights()) {
-                const auto times = measure(e, shown, drawn(e, shown, light, options.seed), false);
-                if (!times) return tl::unexpected(times.error());
-                const double ratio = times->verdict / clean->verdict;
-                all.frames.rows.push_back({size, shown.name, name, fmt::format("{:.2f}", ratio),
-                                           std::string(name_of(times->found)), times->bounded ? "yes" : "no"});
-                if (ratio > worst) worst = ratio, worst_name = name;
+                if (auto done = series->add(drawn(e, shown, light, options.seed), name, all); !done)
+                    return tl::unexpected(done.error());
             }
-            const double of_exact = clean->verdict / clean->exact;
-            all.sizes.rows.push_back({size, shown.name, fmt::format("{:.2f}", clean->verdict),
-                                      fmt::format("{:.2f}", of_exact), reached(of_exact <= kMaxOfExact), worst_name,
-                                      fmt::format("{:.2f}", worst), reached(worst <= kMaxOverClean)});
+            all.sizes.rows.push_back(series->summary());
         }
     }
+    if (options.frames.empty()) return all;
+    for (const int lenslets : {21, 111, 555}) {
+        if (options.quick && lenslets > 111) continue;
+        if (auto done = add_changed_frames(options.frames / "verdict", lenslets, all); !done)
+            return tl::unexpected(done.error());
+    }
+    if (auto done = add_frame_files(options.frames / "frame_file", all); !done) return tl::unexpected(done.error());
     return all;
 }
 

@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <initializer_list>
+#include <iterator>
 
 #include <gtest/gtest.h>
 
@@ -43,6 +45,24 @@ TEST(Stability, frames_keep_every_promise) {
                  {"all zero", "one photon", "all saturated", "one lenslet row", "dark neighbours", "pedestals",
                   "invariance to exposure, transposition, mirroring", "singular, zero, huge, nearly rank-one Jacobians",
                   "no NaN, no infinity, whatever the frame"});
+}
+
+// Every input has its row, by the default recipe and by its own; times differ between machines.
+TEST(VerdictTimes, cover_every_input_of_the_fuzz_corpus) {
+    const std::filesystem::path corpus = std::filesystem::path(HORD_SOURCE_DIR) / "tests/fuzz/corpus";
+    const auto inputs_of = [&](const char* target) {
+        return static_cast<std::size_t>(
+            std::distance(std::filesystem::directory_iterator(corpus / target), std::filesystem::directory_iterator()));
+    };
+    VerdictTimes times;
+    ASSERT_TRUE(add_changed_frames(corpus / "verdict", 21, times));
+    EXPECT_EQ(times.frames.rows.size(), 2 * inputs_of("verdict"));
+    EXPECT_EQ(times.sizes.rows.size(), inputs_of("verdict") + 1);
+    times = {};
+    const auto done = add_frame_files(corpus / "frame_file", times);
+    ASSERT_TRUE(done) << done.error().message();
+    EXPECT_EQ(times.frames.rows.size(), inputs_of("frame_file"));
+    EXPECT_EQ(add_changed_frames(corpus / "no_such_target", 21, times).error().code, ErrorCode::not_found);
 }
 
 TEST(StabilityTable, calls_wrong_what_is_wrong) {
