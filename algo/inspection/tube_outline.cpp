@@ -321,7 +321,8 @@ void TubeOutline::find_own_slopes(View view, const FieldLight& light) {
             typical[s] = typical_change(view, light, sides_[s], depth);
             least = std::min(least, std::abs(typical[s]));
         }
-        if (least <= steepest_) return;  // as it is farther in
+        const bool alike = (typical[0] > 0) != (typical[1] > 0);  // counted from either side
+        if (!alike || least <= steepest_) return;                 // as it is farther in
         const double own = kBinRipple * static_cast<double>(least - steepest_) / kRaw;
         for (const std::size_t s : {0U, 1U}) {
             view.from_far_side = s == 1;

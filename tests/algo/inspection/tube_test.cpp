@@ -162,6 +162,7 @@ TEST(Tube, may_be_steep_along_its_whole_length_if_it_is_so_on_both_sides) {
         {"good", Verdict::pass, [](double x, int) { return 0.55 * x; }},
         {"steeper outside", Verdict::pass, [](double x, int) { return (0.4 + 0.02 * std::abs(x)) * x; }},
         {"steep on one side", Verdict::reject, [](double x, int) { return (x > 0 ? 0.6 : 0.1) * x; }},
+        {"another way on either side", Verdict::reject, [](double x, int) { return 0.6 * std::abs(x) - 2; }},
         {"a line beside the axis", Verdict::reject, [](double x, int) { return 0.5 * x + (x > 2 && x < 4 ? 0.8 : 0); }},
         {"a line on the axis", Verdict::reject,
          [](double x, int) { return 0.45 * x + std::clamp(x, -1.5, 1.5) * 0.6; }},
