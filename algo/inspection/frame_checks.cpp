@@ -177,6 +177,7 @@ FrameFault FrameChecks::check_light(const FrameView& frame, const DecodedField& 
     const double x = part.free_light ? spot.x : middle.x.to_double_rounded(),
                  y = part.free_light ? spot.y : middle.y.to_double_rounded();
     findings_.spot_measured = true;
+    findings_.floor_dn = static_cast<float>(spot.floor_dn);
     findings_.x_bins = static_cast<float>(x - expected_x_);
     findings_.y_bins = static_cast<float>(y - expected_y_);
     findings_.spot_x_bins = static_cast<float>(spot.rms_x);
@@ -334,7 +335,25 @@ Reason FrameChecks::judge_good(const FoundPart& part) {
     return reason_of(findings_.fault);
 }
 
-// A plate turns no spot into a wider one. What does so all over is no plate, or one that scatters.
+// Whether fog in the free light alone adds as much to the lit bins as the least loss that shows a plate, and more than
+// noise explains. (A median of n values of noise varies by 1.25 / sqrt(n) of it.)
+bool FrameChecks::is_fog_beside(const DecodedField& field, const FoundPart& part) {
+    const double fog = static_cast<double>(findings_.floor_dn) - static_cast<double>(findings_.inside_floor_dn);
+    const double dark_bins = share_of_dark_bins(extents_) * extents_.bins();
+    const double error = 1.25 * static_cast<double>(findings_.dark_noise_dn) *
+        std::sqrt(2 / (static_cast<double>(chosen_.size()) * std::max(dark_bins, 1.0)));
+    choose_lenslets(field.mask.size(), kMaxChosen, [mask = field.mask, state = part.state](std::size_t k) {
+        return ((mask[k] & kNoHord) == 0) & ((state[k] & FoundPart::kFreeField) != 0);
+    });
+    if (chosen_.empty()) return false;
+    for (std::size_t k = 0; k < chosen_.size(); ++k) scratch_[k] = field.sums[chosen_[k]];
+    const auto light = static_cast<double>(common::lower_median(std::span(scratch_).first(chosen_.size())));
+    const double added = fog * static_cast<double>(findings_.lit_share) * extents_.bins();
+    return added > (1 - kShadedLight) * light && fog > kMinFogSigmas * error;
+}
+
+// A plate turns no spot into a wider one. What does so all over is no plate, or one that scatters. And it takes no
+// light from bins that have none: where they read more beside it, the difference of the light may be fog.
 FrameFault FrameChecks::check_spread(const FrameView& frame, const DecodedField& field, const FoundPart& part) {
     if (form_ != PartForm::plate || !part_required_ || has_reference_ || !part.free_light || !findings_.spot_measured ||
         part.deflecting >= kMinDeflectingShare)
@@ -344,6 +363,8 @@ FrameFault FrameChecks::check_spread(const FrameView& frame, const DecodedField&
     if (chosen_.size() < kMinChosen) return FrameFault::none;
     const MeanSpot spot = mean_spot(frame, extents_, dark_dn_, chosen_, field.deflections);
     if (!spot.measured) return FrameFault::none;
+    findings_.inside_floor_dn = static_cast<float>(spot.floor_dn);
+    if (is_fog_beside(field, part)) return FrameFault::fog_beside;
     findings_.inside_x_bins = static_cast<float>(spot.rms_x);
     findings_.inside_y_bins = static_cast<float>(spot.rms_y);
     const auto is_wider = [](double inside, double free) {

@@ -32,6 +32,7 @@ constexpr double kMaxSplitShare = 1.0 / 16;   // of the judged lenslets
 constexpr double kMaxLight = 2.5;  // light of a lenslet of the part over that of free light; a part focuses some
 constexpr double kMaxGlareShare = 1.0 / 64;  // of the judged lenslets may exceed it: the edge of a cut does
 constexpr double kMaxAddedSpread = 0.5;   // bin pitches rms along each axis, behind a plate beside that of free light
+constexpr double kMinFogSigmas = 5;       // of the dark bins' noise, by which those beside a plate read more
 constexpr double kMaxSpotOfEven = 0.95;   // of the width of evenly lit bins
 constexpr double kMinShadedShare = 0.75;  // of the steps across a plate's edges, where little light is deflected
 constexpr double kMinDeflectingShare = 0.25;  // of the inside of a part, and of the lit lenslets in an opaque holder
@@ -89,6 +90,7 @@ class FrameChecks {
     [[nodiscard]] FrameFault check_plate(const FoundPart& part) const;
     [[nodiscard]] bool is_cut_by_field() const { return static_cast<double>(findings_.border_cut) > kMaxBorderCut; }
     FrameFault check_spread(const FrameView& frame, const DecodedField& field, const FoundPart& part);
+    bool is_fog_beside(const DecodedField& field, const FoundPart& part);
     FrameFault check_holder(const DecodedField& field) const;
     // The turn of the outermost lenslets' light about the field's middle, rad; 0 where it does not follow a plane.
     [[nodiscard]] double turn_of_bins(const DecodedField& field) const;

@@ -19,6 +19,7 @@ enum class FrameFault : std::uint8_t {
     off_centre,   // undeflected light is not in the middle of its lenslet
     wide_spot,    // spots are wider than a collimated source makes them: defocus, stray light
     wide_inside,  // spots behind a plate are wider than beside it: a blurred shadow, or a plate that scatters all over
+    fog_beside,   // bins that must be dark read more beside a plate than behind it: fog, stray light
     second_spot,  // a second spot beside the main one: ghost, neighbouring light, a second exposure
     alternating,  // neighbouring lenslets differ in turn: interlaced exposures, taps of the sensor
     glare,        // the part is far brighter than free light: another lamp, a reflection
@@ -54,6 +55,7 @@ struct FrameFindings {
     float x_bins = 0, y_bins = 0;            // mean deflection of the free light from where it is expected, bin pitches
     float spot_x_bins = 0, spot_y_bins = 0;  // root mean square of the spot along each axis, bin pitches
     float inside_x_bins = 0, inside_y_bins = 0;  // the same behind a plate that hardly deflects light
+    float floor_dn = 0, inside_floor_dn = 0;     // what bins without light read, in the free light and behind a plate
     float second_share = 0;                      // of the light, in spots beside the main one
     float undeflected_share = 0;  // of the light where the part deflects light far: what stays undeflected
     float alternation_bins = 0, alternation_light = 0;  // algo/light/exposures.h: bin pitches; relative

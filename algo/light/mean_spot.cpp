@@ -55,17 +55,18 @@ Summed sum_of(const FrameView& frame, const Extents& e, std::uint32_t dark_dn, s
 
 // Mean light of each bin above the darkest ones, DN. Bins with less than kFaint of the brightest count as dark: noise
 // in many far bins would widen the spot.
-Bins light_of(const Summed& summed, const Extents& e) {
+Bins light_of(const Summed& summed, const Extents& e, double& floor) {
     Bins light{}, sorted{};
     const auto count = static_cast<std::size_t>(e.bins());
     for (std::size_t b = 0; b < count; ++b) {
         if (summed.count[b] > 0) light[b] = static_cast<double>(summed.samples[b]) / summed.count[b];
     }
+    floor = 0;
     const double dark_share = share_of_dark_bins(e);
     if (dark_share < kMinDarkShare) return light;
     sorted = light;
     const auto rank = static_cast<std::size_t>(dark_share / 2 * static_cast<double>(count));
-    const double floor = common::nth_smallest(std::span(sorted).first(count), rank);
+    floor = common::nth_smallest(std::span(sorted).first(count), rank);
     const double faint = kFaint * (*std::max_element(light.begin(), light.begin() + e.bins()) - floor);
     for (std::size_t b = 0; b < count; ++b) light[b] = light[b] - floor > faint ? light[b] - floor : 0;
     return light;
@@ -132,7 +133,8 @@ MeanSpot mean_spot(const FrameView& frame, const Extents& e, std::uint32_t dark_
                    std::span<const std::uint32_t> lenslets, std::span<const Deflection> centres) {
     const Summed summed = frame.bits > 8 ? sum_of<std::uint16_t>(frame, e, dark_dn, lenslets, centres)
                                          : sum_of<std::uint8_t>(frame, e, dark_dn, lenslets, centres);
-    const Bins light = light_of(summed, e);
+    double floor = 0;
+    const Bins light = light_of(summed, e, floor);
     double sum = 0, x = 0, y = 0, xx = 0, yy = 0;
     std::size_t b = 0, brightest = 0;
     for (int j = 0; j < e.j; ++j) {
@@ -155,6 +157,7 @@ MeanSpot mean_spot(const FrameView& frame, const Extents& e, std::uint32_t dark_
     spot.rms_x = std::sqrt(std::max(0.0, xx / sum - x * x));
     spot.rms_y = std::sqrt(std::max(0.0, yy / sum - y * y));
     spot.second_share = std::max(light_beside(light, e, brightest) / sum, lopsided / kSecondSpotBins);
+    spot.floor_dn = floor;
     spot.lit_share = static_cast<double>(summed.lit) / static_cast<double>(summed.all);
     return spot;
 }

@@ -30,6 +30,7 @@ struct MeanSpot {
     // the mean, along the worse axis, over kSecondSpotBins; the larger.
     double second_share = 0;
     double lit_share = 0;  // bins of these lenslets above the dark level
+    double floor_dn = 0;   // what the dark bins of the mean read, their median; 0: too few bins are dark
 };
 
 // `lenslets`: indices, at most 65536. `frame` has the extents' size. `dark_dn`: for lit_share alone.

@@ -225,21 +225,21 @@ std::vector<std::string> notes(const Recipe& recipe) {
         messages.emplace_back(
             "a plate is found by its edges and by the light that its faces reflect: one whose edges neither darken nor "
             "deflect light, or whose faces are coated against reflections, is unfit (no-part); learn a reference of it "
-            "(hordctl learn), or write [part] present = \"unchecked\"; without one small holes (three lenslets "
-            "across or less in clear glass), large ones (more than a third of the plate's width), cracks and notches "
-            "can "
-            "pass");
+            "(hordctl learn), or write [part] present = \"unchecked\"; without one small holes and thin cracks "
+            "(three lenslets across or less in clear glass), and small corners and notches that lie in the margin for "
+            "the most part, can pass");
     if (recipe.form == PartForm::web && alone && recipe.light && recipe.transmission_limit > 0)
         messages.emplace_back(
             "a hole in a film that takes less than 3 % of the light, as one that is coated against reflections, shows "
-            "the same light as the film and passes, and large holes, slits, rows of holes and an end of the film in "
-            "the field can pass: learn a reference with `hordctl learn`");
+            "the same light as the film and passes, and dense rows of holes in clear film, and a film of which a "
+            "corner is left in the field, can pass: learn a reference with `hordctl learn`");
     if (recipe.form == PartForm::round && recipe.symmetric_outline && alone && recipe.light &&
         recipe.transmission_limit > 0)
         messages.emplace_back(
-            "a round part is compared with itself: holes (small ones in clear glass, and large ones), cracks and "
-            "notches in it can pass, and so can one that is bad all over in the same way (haze, another "
-            "curvature): learn a reference with `hordctl learn`");
+            "a round part is compared with itself: small holes and cracks in it, and notches at its rim, can pass, and "
+            "so can one that is bad all over in the same way (haze, another curvature): learn a reference with "
+            "`hordctl "
+            "learn`");
     if (!recipe.symmetric_outline && alone && (recipe.form == PartForm::round || recipe.form == PartForm::plate))
         messages.emplace_back(
             "[part] outline = \"any\" takes a broken part for one of another shape, so that missing corners, notches "

@@ -75,6 +75,11 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
                 "learn "
                 "a reference (hordctl learn)",
                 f.inside_x_bins, f.inside_y_bins, f.spot_x_bins, f.spot_y_bins);
+        case algo::FrameFault::fog_beside:
+            return fmt::format(
+                "bins without light read {:.1f} DN beside the part and {:.1f} DN behind it, where no glass takes light "
+                "away: keep fog and stray light out, or learn a reference (hordctl learn)",
+                f.floor_dn, f.inside_floor_dn);
         case algo::FrameFault::second_spot:
             return fmt::format(
                 "{:.0f} % of the light is in a second spot: look for a reflection, a second lamp, two exposures "
@@ -343,8 +348,8 @@ std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, c
     const algo::Defect& d = found.defects.front();
     if (found.reason == algo::Reason::missing_material) {
         return fmt::format(
-            "Rejected: light passes as if material were missing at {}: {:.0f} % more than beside it in a square of {}, "
-            "{:.1f} times its limit.{}",
+            "Rejected: light passes as if material were missing at {}: {:.0f} % more than beside it, over {}, {:.1f} "
+            "times its limit.{}",
             place_text(d, recipe, extents), 100 * d.peak, length_text(d.length, recipe), found.score, bounds);
     }
     const std::string what = is_along_tube(found, recipe, extents)

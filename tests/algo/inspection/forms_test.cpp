@@ -622,6 +622,44 @@ TEST(Plate, without_a_corner_or_with_wide_spots_all_over_is_unfit) {
     EXPECT_EQ(fault_of(plate(0, 1)), FrameFault::wide_inside);
 }
 
+// Fog lights bins that a collimated source leaves dark; glass takes no light from them.
+TEST(Plate, is_none_where_fog_leaves_a_clear_rectangle) {
+    const Extents e{44, 44, 9, 9};
+    Recipe recipe;
+    recipe.form = PartForm::plate;
+    int as_fog = 0;
+    const auto judged = [&](int border, double edge, double glass, double fog_beside, double fog_behind,
+                            std::uint64_t seed) {
+        const auto depth = [=](int m, int n) { return std::min({m, n, 43 - m, 43 - n}) - border; };
+        const auto is_inside = [=](int m, int n) { return depth(m, n) >= 0; };
+        Frame frame = drawn(e, 12, 3840, [&](int m, int n) {
+            return Spot{0, 0, depth(m, n) == 0 ? edge : is_inside(m, n) ? glass : 1};
+        });
+        for (int y = 0; y < e.height_px(); ++y) {
+            for (int x = 0; x < e.width_px(); ++x) {
+                const double fog = 16 * (is_inside(x / e.i, y / e.j) ? fog_behind : fog_beside);
+                frame.set(x, y, std::min(frame.view().sample(x, y) + static_cast<std::uint32_t>(fog), 4095U));
+            }
+        }
+        auto pipeline = Pipeline::create(e, 8, recipe);
+        const Frame exposed = noisy(frame, {10.0 / 16, 2, 1}, seed, 8);
+        const auto found = pipeline->inspect(exposed.view());
+        as_fog += found->frame.fault == FrameFault::fog_beside ? 1 : 0;
+        return found->verdict;
+    };
+    for (const double fog : {1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0}) {
+        for (const int border : {7, 8, 12}) {
+            for (const double edge : {1.0, 0.05})  // the second: hairs around the rectangle
+                EXPECT_EQ(judged(border, edge, 1, fog, 0, 1), Verdict::unfit) << fog << ", " << border << ", " << edge;
+        }
+    }
+    EXPECT_GT(as_fog, 0);
+    as_fog = 0;
+    // Glass in fog that is everywhere, a pedestal.
+    for (const double fog : {0.0, 2.0, 4.0, 6.0}) EXPECT_EQ(judged(8, 0.05, 0.92, fog, fog, 1), Verdict::pass) << fog;
+    EXPECT_EQ(as_fog, 0);
+}
+
 TEST(Plate, is_none_where_an_outline_has_nothing_in_it) {
     const Extents e{40, 44, 9, 9};
     Recipe plate;

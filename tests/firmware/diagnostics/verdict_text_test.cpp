@@ -248,6 +248,9 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
          "spots between the edges are 0.9 x 1.0 bins wide, beside them 0.4 x 0.5: a plate makes none wider; check that "
          "it is there and does not scatter light all over (haze, a rough face, dirt), or learn a reference (hordctl "
          "learn)"},
+        {unfit(Reason::unexpected_light, {.fault = FrameFault::fog_beside, .floor_dn = 9.04F, .inside_floor_dn = 0.5F}),
+         "bins without light read 9.0 DN beside the part and 0.5 DN behind it, where no glass takes light away: keep "
+         "fog and stray light out, or learn a reference (hordctl learn)"},
         {light(FrameFault::second_spot),
          "7 % of the light is in a second spot: look for a reflection, a second lamp, two exposures in one frame, or "
          "light of the next lenslet (calibrate again)"},
@@ -345,8 +348,8 @@ TEST(VerdictText, of_missing_material_says_where_and_how_much_light_passes) {
     found.defects = {&hole, 1};
     EXPECT_EQ(
         told(found),
-        "Rejected: light passes as if material were missing at lenslet (20.0, 35.0): 8 % more than beside it in a "
-        "square of 3.0 lenslets, 2.3 times its limit.");
+        "Rejected: light passes as if material were missing at lenslet (20.0, 35.0): 8 % more than beside it, "
+        "over 3.0 lenslets, 2.3 times its limit.");
 }
 
 TEST(VerdictText, of_a_steep_part_and_of_a_line_at_a_plates_edge_says_what_else_it_may_be) {
