@@ -238,8 +238,7 @@ std::vector<std::string> notes(const Recipe& recipe) {
         messages.emplace_back(
             "a round part is compared with itself: small holes and cracks in it, and notches at its rim, can pass, and "
             "so can one that is bad all over in the same way (haze, another curvature): learn a reference with "
-            "`hordctl "
-            "learn`");
+            "`hordctl learn`");
     if (!recipe.symmetric_outline && alone && (recipe.form == PartForm::round || recipe.form == PartForm::plate))
         messages.emplace_back(
             "[part] outline = \"any\" takes a broken part for one of another shape, so that missing corners, notches "
