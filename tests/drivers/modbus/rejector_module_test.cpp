@@ -10,6 +10,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <poll.h>
 #include <sys/socket.h>
 
 #include "common/tcp_listener.h"
@@ -68,8 +69,11 @@ class RecordingServer {
     }
     void run() {
         while (true) {
+            pollfd ready{listener_.get(), POLLIN, 0};  // it does not block
+            if (::poll(&ready, 1, -1) < 0) continue;
+            if ((ready.revents & POLLHUP) != 0) return;
             const common::UniqueFd client(::accept(listener_.get(), nullptr, nullptr));
-            if (!client) return;
+            if (!client) continue;
             std::array<unsigned char, 12> bytes{};
             while (::recv(client.get(), bytes.data(), bytes.size(), MSG_WAITALL) == 12) {
                 std::string reply(reinterpret_cast<const char*>(bytes.data()), bytes.size());
