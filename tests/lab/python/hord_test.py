@@ -448,8 +448,9 @@ class Errors(unittest.TestCase):
     def test_a_path_may_be_bytes(self):
         frame, saved, recipe, reference = (os.fsencode(cell.path(name)) for name in ("b.png", "b.toml", "c.toml", "b.hordref"))
         hord.read(os.fsencode(lens)).save(frame)
-        hord.calibrate(white_frame()).save(saved)
-        self.assertEqual(hord.Calibration.load(saved).toml(), hord.calibrate(white_frame()).toml())
+        calibration = hord.calibrate(white_frame())  # it holds the time at which it was made
+        calibration.save(saved)
+        self.assertEqual(hord.Calibration.load(saved).toml(), calibration.toml())
         learned = hord.learn([os.fsencode(part) for part in cell.good_parts(8)], electrons_per_dn=10, read_dn=0.6).reference
         learned.save(reference)
         self.assertEqual(hord.Reference.load(reference).parts, learned.parts)
