@@ -20,8 +20,13 @@ constexpr float kSurely = 3;                      // standard errors that the no
 constexpr int kSharpOf = 4, kSharp = 3;           // of the outline of a region leads down: 3/4
 constexpr float kGoesOnOf = 4;                    // at most 1/4 of the change across the outline goes on beyond
 
-// How many of the four ways from a bright place must lead down at least. The others end where nothing is judged.
-int min_steps(PartForm form) {
+// The lamp of a web, and its density, may vary over more lenslets as a step between two large squares does.
+constexpr int kLargestInWeb = 10;  // lenslets between squares that are compared: between those of 6 x 6
+
+// How many of the four ways from a bright place must lead down at least, if the squares that are compared are so many
+// lenslets apart; more than 3: there is no such place. The others end where nothing is judged.
+int min_steps(PartForm form, int lenslets_apart) {
+    if (form == PartForm::web && lenslets_apart > kLargestInWeb) return 4;
     switch (form) {
         case PartForm::round: return 3;
         case PartForm::tube:
@@ -120,7 +125,7 @@ void MissingMaterialFinder::look_at(Squares& squares, MissingMaterial& best) {
     for (const Direction direction : {right, left, down, up}) follow(squares, direction);
     std::fill_n(excess_.begin(), level.light.size(), 0.0F);
     count_steps(level);
-    for (int steps = 3; steps >= min_steps(form_); --steps) {
+    for (int steps = 3; steps >= min_steps(form_, squares.distance() * level.block); --steps) {
         if (!mark_bright(level, steps)) continue;
         for (int n = 0; n < level.n; ++n) {
             const std::size_t row = level.index(0, n);
@@ -260,13 +265,14 @@ void MissingMaterialFinder::take_region(const Squares& squares, std::size_t seed
     const std::array<std::ptrdiff_t, 4> ways{1, -1, stride, -stride};  // by Direction
     Region region;
     const auto add = [&](std::size_t at) {
-        if (excess_[at] > region.most) region.most = excess_[at], region.brightest = at;
+        region.most = std::max(region.most, excess_[at]);
         excess_[at] = -excess_[at];
         region_[region.squares++] = static_cast<std::uint32_t>(at);
         region.light += mean_[at];
         const auto [n, m] = std::div(static_cast<int>(at), static_cast<int>(level.stride));
         region.left = std::min(region.left, m), region.right = std::max(region.right, m);
         region.top = std::min(region.top, n), region.bottom = std::max(region.bottom, n);
+        region.sum_m += m, region.sum_n += n;
     };
     add(seed);
     for (std::size_t q = 0; q < region.squares; ++q) {
@@ -276,8 +282,9 @@ void MissingMaterialFinder::take_region(const Squares& squares, std::size_t seed
         }
     }
     if (region.most <= squares.limit * best.score || !is_sharp(squares, region) || is_part(squares, region)) return;
-    const auto middle = [&](std::size_t block) {
-        return (static_cast<float>(block) - kPad + 0.5F) * static_cast<float>(level.block) - 0.5F;
+    const auto middle = [&](double sum) {
+        const double block = sum / static_cast<double>(region.squares) - kPad + 0.5;
+        return static_cast<float>(block * level.block - 0.5);
     };
     const auto lenslets = [&](int blocks) { return std::max(blocks * level.block, squares.side()); };
     const auto wide = static_cast<float>(lenslets(region.right - region.left + 1)),
@@ -285,8 +292,8 @@ void MissingMaterialFinder::take_region(const Squares& squares, std::size_t seed
     const std::size_t area = std::max(region.squares * static_cast<std::size_t>(level.block * level.block),
                                       static_cast<std::size_t>(squares.side() * squares.side()));
     if (area < squares.min_area) return;
-    best = {.m = middle(region.brightest % level.stride),
-            .n = middle(region.brightest / level.stride),
+    best = {.m = middle(region.sum_m),
+            .n = middle(region.sum_n),
             .area = static_cast<std::uint32_t>(area),
             .length = std::max(wide, high),
             .width = std::min(wide, high),
@@ -300,7 +307,7 @@ bool MissingMaterialFinder::is_sharp(const Squares& squares, const Region& regio
     const int distance = squares.distance();
     const auto stride = static_cast<std::ptrdiff_t>(squares.level->stride);
     const std::array<std::ptrdiff_t, 4> ways{1, -1, stride, -stride};
-    const std::size_t largest_bump = static_cast<std::size_t>(4 * distance * distance);
+    const auto largest_bump = static_cast<std::size_t>(4 * distance * distance);
     if (region.most > squares.seen_excess && region.squares < largest_bump) return false;
     int exits = 0, sharp = 0;
     float change = 0, farther_change = 0;

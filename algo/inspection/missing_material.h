@@ -27,7 +27,7 @@ constexpr float kMinExcessSigmas = 5;     // of the difference between two such 
 constexpr float kMinOfSideSquare = 0.6F;  // of a square: lenslets that are judged and lit
 
 struct MissingMaterial {
-    float m = 0, n = 0;           // its brightest place, lenslets
+    float m = 0, n = 0;           // its middle, lenslets
     std::uint32_t area = 0;       // lenslets
     float length = 0, width = 0;  // of the box about it, lenslets
     float excess = 0;             // of its light over that beyond the smallest of the steps that count
@@ -67,8 +67,9 @@ class MissingMaterialFinder {
         [[nodiscard]] int distance() const { return 3 * half + 2; }
     };
     struct Region {
-        std::size_t squares = 0, brightest = 0;
+        std::size_t squares = 0;
         float most = 0;  // excess, of the brightest square
+        double sum_m = 0, sum_n = 0;
         float light = 0;
         int left = INT32_MAX, right = 0, top = INT32_MAX, bottom = 0;
     };
