@@ -135,7 +135,12 @@ LensletCounts Pipeline::Workspace::count_lenslets() const {
 
 // Why the frame cannot be judged; none if it can.
 Reason Pipeline::Workspace::unfit_reason(const LensletCounts& lenslets) const {
-    if (lenslets.judged == 0) return Reason::nothing_to_see;
+    if (lenslets.judged == 0) {
+        const std::size_t lit =
+            count_suiting(0, mask.size(), [of = mask.data()](std::size_t k) { return (of[k] & kDark) == 0; });
+        const bool dark = static_cast<float>(lit) < recipe.min_lit_share * static_cast<float>(mask.size());
+        return dark ? Reason::too_dark : Reason::nothing_to_see;
+    }
     const auto share_of_judged = [&](std::size_t of_judged) {
         return static_cast<float>(of_judged) / static_cast<float>(lenslets.judged);
     };

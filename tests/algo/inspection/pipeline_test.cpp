@@ -144,6 +144,12 @@ TEST(Pipeline, says_unfit_and_why) {
     EXPECT_EQ(reason_for(filled(kField, 8, 0)), Reason::too_dark);
     EXPECT_EQ(reason_for(filled(kField, 8, 3)), Reason::too_dark);  // the default dark level
     EXPECT_EQ(reason_for(filled(kField, 8, 255)), Reason::saturated);
+    for (const PartForm form : {PartForm::tube, PartForm::plate}) {
+        Recipe recipe;
+        recipe.form = form;
+        pipeline = *Pipeline::create(kField, 8, recipe);
+        EXPECT_EQ(reason_for(filled(kField, 8, 0)), Reason::too_dark) << "of a form of which nothing is left to judge";
+    }
     Recipe nowhere;
     nowhere.zones.resize(1);
     nowhere.zones[0].centre = {10.5F, 10.5F};  // between lenslets
