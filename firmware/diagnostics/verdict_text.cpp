@@ -237,9 +237,12 @@ std::string why_unfit(const algo::Inspection& found, const algo::Recipe& recipe,
     switch (found.reason) {
         case algo::Reason::too_dark:
             return fmt::format(
-                "{} of {} lenslets of the part have light enough (at least {:.2g} %): check that the light flashes "
-                "while the sensor exposes, and raise its current, the exposure or the gain",
-                found.lenslets.lit, found.lenslets.judged, 100 * recipe.min_lit_share);
+                "{} have light enough (at least {:.2g} %): check that the light flashes while the sensor exposes, and "
+                "raise its current, the exposure or the gain",
+                found.lenslets.judged == 0
+                    ? "too few lenslets of the field"
+                    : fmt::format("{} of {} lenslets of the part", found.lenslets.lit, found.lenslets.judged),
+                100 * recipe.min_lit_share);
         case algo::Reason::saturated:
             return fmt::format(
                 "{} of {} lenslets of the part are saturated (at most {:.2g} %): lower the exposure, the light's "
@@ -349,7 +352,7 @@ std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, c
     if (found.reason == algo::Reason::missing_material) {
         return fmt::format(
             "Rejected: light passes as if material were missing at {}: {:.0f} % more than beside it, over {}, {:.1f} "
-            "times its limit.{}",
+            "times its limit.{} If good parts are thinner or clearer there, learn a reference (hordctl learn).",
             place_text(d, recipe, extents), 100 * d.peak, length_text(d.length, recipe), found.score, bounds);
     }
     const std::string what = is_along_tube(found, recipe, extents)

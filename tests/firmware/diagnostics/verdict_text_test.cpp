@@ -339,6 +339,14 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
     for (const auto& [found, why] : all) EXPECT_EQ(told(found), "Not judged: " + why + ".");
 }
 
+TEST(VerdictText, of_a_dark_field_in_which_no_part_was_found_says_that_light_is_missing) {
+    algo::Inspection found;
+    found.verdict = algo::Verdict::unfit;
+    found.reason = Reason::too_dark;
+    EXPECT_THAT(told(found),
+                ::testing::HasSubstr("too few lenslets of the field have light enough (at least 5 %): check"));
+}
+
 TEST(VerdictText, of_missing_material_says_where_and_how_much_light_passes) {
     algo::Inspection found;
     const algo::Defect hole{.m = 20, .n = 35, .area = 9, .peak = 0.082F, .length = 3, .width = 3};
@@ -346,10 +354,11 @@ TEST(VerdictText, of_missing_material_says_where_and_how_much_light_passes) {
     found.reason = Reason::missing_material;
     found.score = 2.3F;
     found.defects = {&hole, 1};
-    EXPECT_EQ(
-        told(found),
-        "Rejected: light passes as if material were missing at lenslet (20.0, 35.0): 8 % more than beside it, "
-        "over 3.0 lenslets, 2.3 times its limit.");
+    EXPECT_EQ(told(found),
+              "Rejected: light passes as if material were missing at lenslet (20.0, 35.0): 8 % more than beside it, "
+              "over 3.0 lenslets, 2.3 times its limit. If good parts are thinner or clearer there, learn a reference "
+              "(hordctl "
+              "learn).");
 }
 
 TEST(VerdictText, of_a_steep_part_and_of_a_line_at_a_plates_edge_says_what_else_it_may_be) {
