@@ -1,6 +1,7 @@
 // The cost of judging against a reference, step by step: the paper's lens, 111x111 lenslets of 9x9 bins, 12 bits, 2,000
 // electrons a lenslet. Times are per lenslet inside the part. The time of the features alone is measured in the same
 // run for comparison, as machines and their load differ (./dev bench).
+#include <array>
 #include <cstdio>
 #include <memory>
 #include <span>
@@ -12,8 +13,10 @@
 #include "algo/inspection/pipeline.h"
 #include "algo/inspection/reference_defects.h"
 #include "algo/reference/reference_comparison.h"
+#include "common/statistics.h"
 #include "lab/detection/detection_parts.h"
 #include "lab/experiment/scenes.h"
+#include "lab/report/cpu_time.h"
 
 namespace hord::bench {
 namespace {
@@ -136,6 +139,27 @@ void judge(benchmark::State& state) {
     a_lenslet(state);
 }
 
+// With and without what several lenslets show together, in turns: the ratio of the medians.
+void judge_together(benchmark::State& state) {
+    const Compared& c = compared();
+    std::vector<algo::Pipeline> pipelines;
+    for (const float limit : {0.0F, algo::kPooledUnreached}) {
+        algo::Recipe recipe = c.recipe;
+        recipe.pooled_score = limit;
+        pipelines.push_back(algo::Pipeline::create(c.scene.camera.extents, c.scene.camera.bits, recipe).value());
+    }
+    std::array<std::vector<double>, 2> times;
+    for (auto _ : state) {
+        for (std::size_t k = 0; k < 2; ++k) {
+            const auto begin = thread_cpu_time();
+            benchmark::DoNotOptimize(pipelines[k].inspect(c.frame.view())->score);
+            times[k].push_back(static_cast<double>((thread_cpu_time() - begin).count()));
+        }
+    }
+    state.counters["with_over_without"] = common::quantile(times[1], 0.5) / common::quantile(times[0], 0.5);
+}
+
+BENCHMARK(judge_together)->Iterations(200)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(inspect, alone, false)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(inspect, against_a_reference, true)->Unit(benchmark::kMillisecond);
 BENCHMARK(find_pose)->Unit(benchmark::kMillisecond);
