@@ -23,10 +23,14 @@ constexpr float kGoesOnOf = 4;                    // at most 1/4 of the change a
 // The lamp of a web, and its density, may vary over more lenslets as a step between two large squares does.
 constexpr int kLargestInWeb = 10;  // lenslets between squares that are compared: between those of 6 x 6
 
+// The walls of a tube gather light in lines along its axis, which single lenslets cut into pieces.
+constexpr int kSingle = 2;  // lenslets between single ones that are compared
+
 // How many of the four ways from a bright place must lead down at least, if the squares that are compared are so many
-// lenslets apart; more than 3: there is no such place. The others end where nothing is judged.
+// lenslets apart; more than 4: there is no such place. The others end where nothing is judged.
 int min_steps(PartForm form, int lenslets_apart) {
-    if (form == PartForm::web && lenslets_apart > kLargestInWeb) return 4;
+    if (form == PartForm::web && lenslets_apart > kLargestInWeb) return 5;
+    if (form == PartForm::tube && lenslets_apart <= kSingle) return 4;
     switch (form) {
         case PartForm::round: return 3;
         case PartForm::tube:
@@ -125,7 +129,8 @@ void MissingMaterialFinder::look_at(Squares& squares, MissingMaterial& best) {
     for (const Direction direction : {right, left, down, up}) follow(squares, direction);
     std::fill_n(excess_.begin(), level.light.size(), 0.0F);
     count_steps(level);
-    for (int steps = 3; steps >= min_steps(form_, squares.distance() * level.block); --steps) {
+    const int least_steps = min_steps(form_, squares.distance() * level.block);
+    for (int steps = least_steps == 4 ? 4 : 3; steps >= least_steps; --steps) {
         if (!mark_bright(level, steps)) continue;
         for (int n = 0; n < level.n; ++n) {
             const std::size_t row = level.index(0, n);
@@ -140,11 +145,15 @@ void MissingMaterialFinder::look_at(Squares& squares, MissingMaterial& best) {
 void MissingMaterialFinder::count_steps(const Level& level) {
     const float *const a = met_[right].data(), *const b = met_[left].data(), *const c = met_[down].data(),
                        *const d = met_[up].data();
+    // What has no end along the axis of a tube is such a line.
+    const bool is_tube = form_ == PartForm::tube;
     const auto none_to_far = [](float met) { return met > 0 ? met : std::numeric_limits<float>::max(); };
     for (int n = 0; n < level.n; ++n) {
         const std::size_t row = level.index(0, n);
         for (std::size_t k = row; k < row + static_cast<std::size_t>(level.m); ++k) {
-            const std::int32_t ways = (a[k] > 0 ? 1 : 0) + (b[k] > 0 ? 1 : 0) + (c[k] > 0 ? 1 : 0) + (d[k] > 0 ? 1 : 0);
+            const std::int32_t in_row = (a[k] > 0 ? 1 : 0) + (b[k] > 0 ? 1 : 0),
+                               in_column = (c[k] > 0 ? 1 : 0) + (d[k] > 0 ? 1 : 0),
+                               ways = ((in_row > 0) & (in_column > 0)) | !is_tube ? in_row + in_column : 0;
             const bool steps_up = std::min(std::min(a[k], b[k]), std::min(c[k], d[k])) < 0;
             ways_[k] = steps_up ? -1 : ways;
             least_[k] = std::min(std::min(none_to_far(a[k]), none_to_far(b[k])),

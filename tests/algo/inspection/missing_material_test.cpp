@@ -2,6 +2,7 @@
 #include "algo/inspection/missing_material.h"
 
 #include <cmath>
+#include <cstdlib>
 #include <functional>
 #include <optional>
 #include <random>
@@ -156,6 +157,16 @@ TEST(MissingMaterial, is_no_ridge_and_no_bow_of_a_webs_light_that_noise_makes_a_
             << "a ridge";
         EXPECT_TRUE(noisy([](int m, int n) { return std::hypot(m - 33, n - 27) < 9 ? 1.3 : 1; }));
     }
+}
+
+TEST(MissingMaterial, of_a_tube_is_no_line_of_light_along_its_wall) {
+    for (const int half_width : {0, 1}) {
+        const auto line = [=](int m, int) { return std::abs(m - 40) <= half_width ? 1.05 : 1; };
+        EXPECT_FALSE(found_in(field(line), 1, PartForm::tube)) << half_width;
+    }
+    const auto piece = [=](int m, int n) { return m == 40 && n > 20 ? 1.05 : 1; };
+    EXPECT_FALSE(found_in(field(piece), 1, PartForm::tube));
+    EXPECT_TRUE(found_in(field(hole(30, 30, 4, 1.08)), 1, PartForm::tube));
 }
 
 TEST(MissingMaterial, beside_the_part_is_none) {

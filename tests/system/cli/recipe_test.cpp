@@ -85,7 +85,7 @@ TEST(Recipes, that_single_frames_cannot_judge_in_full_are_noted_and_can_be_used)
     EXPECT_THAT(checked("name = \"bottle\"\n[limits]\nemd_bins = 0.5\n"),
                 HasSubstr("note: [limits] does not set frobenius_bins, transmission: the defaults count"));
     const std::string usual = checked(std::string("name = \"bottle\"\n") + kLimits);
-    EXPECT_THAT(usual, HasSubstr("a.toml: note: a round part is compared with itself: holes"));
+    EXPECT_THAT(usual, HasSubstr("a.toml: note: a round part is compared with itself: small holes"));
     EXPECT_EQ(usual.find("note:"), usual.rfind("note:")) << usual;
 }
 
