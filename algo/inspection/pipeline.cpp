@@ -252,10 +252,11 @@ Result<FoundDefects> Pipeline::Workspace::find_defects(bool& bounded) {
     return found;
 }
 
-// Of a part that passes: a place where material is missing is its only defect.
+// Of a part that passes, or that bounds alone may reject: a place where material is missing is its only defect, unless
+// the bounds' score is larger.
 void Pipeline::Workspace::find_missing(Inspection& result) {
     const std::optional<MissingMaterial> found = missing_material->find(sums, mask, recipe.min_area);
-    if (!found) return;
+    if (!found || (result.verdict == Verdict::reject && found->score <= result.score)) return;
     missing = {.m = found->m,
                .n = found->n,
                .area = found->area,
@@ -412,7 +413,7 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
         result.by_lenslets = significant(found->by_lenslets), result.together = found->together;
         result.out_of_time = result.bounded && w.exact->out_of_time();
         result.verdict = found->defects.empty() ? Verdict::pass : Verdict::reject;
-        if (result.verdict == Verdict::pass && w.missing_material) w.find_missing(result);
+        if ((result.verdict == Verdict::pass || result.bounded) && w.missing_material) w.find_missing(result);
         if (result.verdict == Verdict::pass) w.check_good(result);
         if (w.comparison) {
             result.z_score = w.comparison->z_score;
