@@ -10,6 +10,7 @@
 
 #include "algo/frame/extents.h"
 #include "calib/calibrate/cut_lenslets.h"
+#include "calib/calibrate/fall_off.h"
 #include "calib/calibrate/lenslet_chain.h"
 #include "calib/calibrate/neighbour_statistics.h"
 #include "calib/calibrate/pattern_shape.h"
@@ -33,6 +34,8 @@ constexpr double kMaxError = 0.5 / algo::kMaxBins / 3;
 constexpr double kMaxCorners = 0.01;
 constexpr int kForShape = 100;  // lenslets
 constexpr double kSmooth = 1;   // px, sigma
+// Fall-off that moves centres by less is left: the weight against it costs noise. RMS, px.
+constexpr double kMinByFallOff = 0.01;
 constexpr std::size_t kSplitCentres = 1500, kFewestSplit = 250;
 constexpr double kSplitPixels = 400'000;  // of all their windows together, to limit the time
 
@@ -264,6 +267,63 @@ void place_and_count(const LocalFinders& finders, double pitch, GridCalibration&
     }
 }
 
+// Measures all lenslets, numbers them and fits the grid: the first fields of the result.
+Result<GridCalibration> measure_grid(const WhiteImage& image, const Lattice& lattice, LocalFinders& finders,
+                                     bool corners) {
+    const LensletGrid steps = grid_of(lattice, image);
+    const double pitch = lattice.pitch_px();
+    auto chain = follow_chains(image, finders, steps, pitch);
+    if (!chain) return tl::unexpected(chain.error());
+    const CentreFinder& finder = finders.middle();
+    GridCalibration out;
+    out.lattice = lattice;
+    out.immunity = finder.immunity();
+    out.observations = std::move(chain->observations);
+    out.apart = chain->apart;
+    out.torn = chain->torn;
+    LensletGrid grid = std::move(chain->smooth);
+    measure_more(image, finders, grid, pitch, out);
+    count_from_zero(grid, out.observations, chain->inside);
+    const double together = neighbours_found(grid, finder, out.observations);
+    if (together < kMinNeighbours) {
+        return fail(ErrorCode::refused,
+                    fmt::format("the lenslets do not look like one another: only {:.0f} % of the neighbours of those "
+                                "measured can be measured",
+                                100 * together),
+                    "record an evenly lit white frame, without a part and below saturation");
+    }
+    auto fit = fit_grid(grid, out.observations);
+    if (fit && corners) {
+        remove_pixel_phase(fit->grid, out.observations);
+        fit = fit_grid(grid, out.observations);
+    }
+    if (!fit) return tl::unexpected(fit.error());
+    out.fit = std::move(*fit);
+    return out;
+}
+
+// Measures again with a weight that is immune to gradients of the light, if the light falls off so that centres move
+// by more than that adds to their noise.
+void measure_against_fall_off(const WhiteImage& image, std::span<const PixelPoint> places, bool corners,
+                              LocalFinders& finders, GridCalibration& out) {
+    const FallOff light = fall_off(out.observations);
+    const double by_fall_off_px = finders.middle().shift_by_gradient_px2() * light.rms_per_px;
+    out.by_fall_off_px = finders.middle().shift_by_gradient_px2() * light.max_per_px;
+    if (by_fall_off_px < kMinByFallOff) return;
+    auto profile = CentreFinder::learn(image, places, out.lattice.pitch_px(), AgainstGradients::always);
+    if (!profile || !profile->immunity().vignetting) return;
+    LocalFinders immune(std::move(*profile));
+    auto again = measure_grid(image, out.lattice, immune, corners);
+    if (!again || again->observations.size() < out.observations.size() - out.observations.size() / 100) return;
+    const auto power = [](const GridFit& fit) {
+        return fit.cv_x_rms_px * fit.cv_x_rms_px + fit.cv_y_rms_px * fit.cv_y_rms_px;
+    };
+    if (power(again->fit) - power(out.fit) > by_fall_off_px * by_fall_off_px) return;
+    finders = std::move(immune);
+    out = std::move(*again);
+    out.by_fall_off_px = finders.middle().shift_by_gradient_px2() * light.max_per_px;
+}
+
 }  // namespace
 
 Result<GridCalibration> calibrate_grid(const FrameView& white, const std::optional<FrameView>& dark,
@@ -290,36 +350,12 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
         if (!profile) return tl::unexpected(profile.error());
     }
     LocalFinders finders(std::move(*profile));
-    const CentreFinder& finder = finders.middle();
-    auto chain = follow_chains(*image, finders, steps, pitch);
-    if (!chain) return tl::unexpected(chain.error());
-    report(0.6);
-
-    GridCalibration out;
-    out.lattice = *lattice;
-    out.immunity = finder.immunity();
-    out.observations = std::move(chain->observations);
-    out.apart = chain->apart;
-    out.torn = chain->torn;
-    LensletGrid grid = std::move(chain->smooth);
-    measure_more(*image, finders, grid, pitch, out);
+    auto measured = measure_grid(*image, *lattice, finders, corners > kMaxCorners);
+    if (!measured) return tl::unexpected(measured.error());
+    GridCalibration out = std::move(*measured);
     report(0.7);
-    count_from_zero(grid, out.observations, chain->inside);
-    const double together = neighbours_found(grid, finder, out.observations);
-    if (together < kMinNeighbours) {
-        return fail(ErrorCode::refused,
-                    fmt::format("the lenslets do not look like one another: only {:.0f} % of the neighbours of those "
-                                "measured can be measured",
-                                100 * together),
-                    "record an evenly lit white frame, without a part and below saturation");
-    }
-    auto fit = fit_grid(grid, out.observations);
-    if (fit && corners > kMaxCorners) {
-        remove_pixel_phase(fit->grid, out.observations);
-        fit = fit_grid(grid, out.observations);
-    }
-    if (!fit) return tl::unexpected(fit.error());
-    out.fit = std::move(*fit);
+    measure_against_fall_off(*image, places, corners > kMaxCorners, finders, out);
+    const CentreFinder& finder = finders.middle();
     const double pitches = std::max(out.fit.cv_x_rms_px, out.fit.cv_y_rms_px) / pitch;
     if (!(pitches < kMaxError)) {
         return fail(ErrorCode::refused,

@@ -94,6 +94,8 @@ struct GridCalibration {
     // How much the light of all lenslets is brighter on the same side: its change from the middle to the half height,
     // over the mean. 0 where lenslets are spots, which move instead.
     double one_sided = 0;
+    // How far the fall-off of the light over the frame can move centres, at the most: 0 where they are immune to it.
+    double by_fall_off_px = 0;
     LightFollowing light_following;
     SmoothResiduals smooth_residuals;
     CutLenslets cut;

@@ -175,8 +175,9 @@ class Chains {
                 if (apart(scale_of(nodes_[k]), scale) > 0.5 * kOtherSize) continue;
                 seeds.push_back({nodes_[k].ideal.x + nodes_[k].off.x, nodes_[k].ideal.y + nodes_[k].off.y});
             }
-            auto learned = seeds.size() >= kMinOfSize ? CentreFinder::learn(image_, seeds, scale * pitch_)
-                                                      : fail(ErrorCode::refused, "too few lenslets", "");
+            auto learned = seeds.size() >= kMinOfSize
+                ? CentreFinder::learn(image_, seeds, scale * pitch_, finders_.middle().against())
+                : fail(ErrorCode::refused, "too few lenslets", "");
             if (learned) finders_.add(scale, std::move(*learned));
             else learn_again_ = nodes_.size() + kMinOfSize;
         }

@@ -33,6 +33,8 @@ constexpr double kMinEven = 0.004, kMaxEven = 0.98;
 // touch leave more dark. Between large dots the gaps are stars; spots with the cross of diffraction are smaller.
 constexpr double kMaxBetween = 0.8, kMinDark = 0.17, kMaxDarkOfStars = 0.8, kMaxStar = 0.1;
 constexpr double kMaxOneSided = 0.35;  // of the light; below, centres are off by 0.025 px at the most
+// px: as for light that is brighter on one side, twice over; spots that fall-off moves by less pass (see the notes).
+constexpr double kMaxByFallOff = 0.05;
 // RowShift, px: centres are off by half of it; and in its standard errors.
 constexpr double kMaxRowShift = 0.04, kMaxRowShiftDeviations = 8;
 // CutLenslets::elongated: spots of real Shack-Hartmann sensors have up to 0.12. Of spots of sigma s, two exposures that
@@ -257,6 +259,13 @@ std::vector<std::string> warnings_about(const GridCalibration& calibration) {
             "all lenslets are brighter on the same side, by {:.0f} % at their rim: their centres may be off by tenths "
             "of a pixel; light the array evenly from all directions",
             100 * calibration.one_sided));
+    }
+    if (calibration.by_fall_off_px > kMaxByFallOff) {
+        out.push_back(fmt::format(
+            "the light falls off over the frame, and the lenslets' edges are too soft to measure that inside of them: "
+            "centres may be off by up to {:.2f} px, towards the light; light the array evenly, or focus the sensor on "
+            "the lenslets",
+            calibration.by_fall_off_px));
     }
     if (calibration.rejected > kMaxOff * calibration.found) {
         out.push_back(

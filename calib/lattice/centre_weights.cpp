@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include <Eigen/Dense>
@@ -122,7 +123,7 @@ std::size_t half_height(const Table& profile) {
     return half;
 }
 
-Weights design_weights(const Profile& profile, double radius, bool against_gradients) {
+Weights design_weights(const Profile& profile, double radius, std::optional<AgainstGradients> against) {
     Weights weights;
     weights.radius = radius;
     weights.window = window_table(radius);
@@ -171,17 +172,21 @@ Weights design_weights(const Profile& profile, double radius, bool against_gradi
         for (std::size_t k = 0; k < count; ++k) out[k] = w[k] - alpha * a[k] - beta * b[k];
         return out;
     };
+    // With a plateau, the noise of an immune weight has a limit by itself: at the softest plateau 70 times the
+    // variance.
+    double most = kMaxVariance;
     const auto accept = [&](const Table& w, bool against_background, bool against_vignetting) {
-        if (!(gain(w) > 0) || !(variance(w) <= kMaxVariance * best)) return false;
+        if (!(gain(w) > 0) || !(variance(w) <= most * best)) return false;
         weights.shift = w;
         weights.immunity = {against_background, against_vignetting};
         return true;
     };
-    if (!against_gradients) return weights;
+    if (!against) return weights;
     // A gradient of light can be separated from a shift only if the lenslet has a plateau: half way to its half height
     // it has nearly its full height (a Gaussian has 0.84 there).
     const std::size_t half = half_height(weights.profile);
     const bool plateau = weights.plateau = weights.profile[half / 2] > kPlateau * weights.profile[0];
+    if (plateau && *against == AgainstGradients::always) most = std::numeric_limits<double>::infinity();
     // Try both, then vignetting alone, then the background alone.
     const double ll = vignetting(light), lw = vignetting(weights.window);
     const double bl = background(light), bw = background(weights.window);

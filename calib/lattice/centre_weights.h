@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -47,8 +48,8 @@ Profile raised_cosine(double radius);
 // even in r, so the weight made of them is smooth on the pixel grid wherever the centre lies.
 Profile measure_profile(const WhiteImage& image, std::span<const Spot> spots, double reach);
 
-// The most efficient weight for `profile` inside `radius`; with `against_gradients` made orthogonal to gradients of the
-// background and of the light, as far as kMaxVariance allows.
-Weights design_weights(const Profile& profile, double radius, bool against_gradients);
+// The most efficient weight for `profile` inside `radius`; with `against` made orthogonal to gradients of the
+// background and of the light: `where_cheap` as far as kMaxVariance allows, `always` wherever there is a plateau.
+Weights design_weights(const Profile& profile, double radius, std::optional<AgainstGradients> against);
 
 }  // namespace hord::calib

@@ -74,6 +74,7 @@ struct CentreFinder::Kernels {
 
     const WhiteImage* image;
     Weights weights;
+    AgainstGradients against = AgainstGradients::where_cheap;
     int half = 0, side = 0, phases = 16;
     Eigen::Index size = 0;
     Responses (*respond)(const float*, const float*, std::ptrdiff_t) = responses_for(algo::widest_isa());
@@ -304,8 +305,9 @@ void CentreFinder::Kernels::calibrate_gain(std::span<const algo::PixelPoint> cen
 }
 
 Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<const algo::PixelPoint> seeds,
-                                         double pitch_px) {
+                                         double pitch_px, AgainstGradients against) {
     auto kernels = common::make_opaque<Kernels>(image);
+    kernels->against = against;
     std::vector<algo::PixelPoint> starts(seeds.begin(), seeds.end());
     if (starts.size() > kMaxSeeds) starts.resize(kMaxSeeds);
 
@@ -314,7 +316,7 @@ Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<cons
     double radius = widest;
     std::vector<Spot> spots;
     for (int round = 0; round < kMaxRounds; ++round) {
-        kernels->sample(design_weights(profile, radius, round > 0));
+        kernels->sample(design_weights(profile, radius, round > 0 ? std::optional(against) : std::nullopt));
         kernels->calibrate_gain(starts);
         if (!(kernels->gain > 0)) break;
         spots.clear();
@@ -409,6 +411,17 @@ double CentreFinder::half_height_radius_px() const {
     return static_cast<double>(half_height(kernels_->weights.profile)) * kTableStep;
 }
 Immunity CentreFinder::immunity() const { return kernels_->weights.immunity; }
+AgainstGradients CentreFinder::against() const { return kernels_->against; }
+double CentreFinder::shift_by_gradient_px2() const {
+    const Weights& of = kernels_->weights;
+    double light = 0, shift = 0;  // moments of a gradient, u T, and of a shift, -T'
+    for (std::size_t k = 0; k < of.shift.size(); ++k) {
+        const double r = static_cast<double>(k) * kTableStep, here = of.shift[k] * r * r * r;
+        light += here * of.profile[k];
+        shift += here * of.steepness[k];
+    }
+    return shift > 0 ? std::abs(light) / shift : 0;
+}
 double CentreFinder::typical_amplitude_dn() const { return kernels_->typical_amplitude; }
 
 double CentreFinder::saturated_share(algo::PixelPoint at) const {

@@ -33,12 +33,18 @@ struct Immunity {
     bool vignetting = false;
 };
 
+// When the weight is made orthogonal to gradients of background and light, which adds noise.
+enum class AgainstGradients {
+    where_cheap,  // where the noise grows little
+    always        // wherever a plateau separates them from a shift
+};
+
 class CentreFinder {
   public:
     // Learns the profile from the lenslets near `seeds` (predicted to a quarter of a pitch; at most 400 are used).
     // Fails with `refused` if fewer than 4 of them are alike.
-    static Result<CentreFinder> learn(const WhiteImage& image, std::span<const algo::PixelPoint> seeds,
-                                      double pitch_px);
+    static Result<CentreFinder> learn(const WhiteImage& image, std::span<const algo::PixelPoint> seeds, double pitch_px,
+                                      AgainstGradients against = AgainstGradients::where_cheap);
 
     // Measures the lenslet predicted at `at`, iterating until it moves less than 0.02 px. None if its window is not
     // inside the frame, it has no light, or it moved by more than `most_px`.
@@ -73,6 +79,9 @@ class CentreFinder {
     [[nodiscard]] double window_radius_px() const;
     [[nodiscard]] double half_height_radius_px() const;  // of the profile
     [[nodiscard]] Immunity immunity() const;
+    [[nodiscard]] AgainstGradients against() const;  // as learned
+    // How far a centre moves, px, where light changes by 1 a pixel, relative to itself. 0 if immune to vignetting.
+    [[nodiscard]] double shift_by_gradient_px2() const;
     [[nodiscard]] double typical_amplitude_dn() const;  // median of the lenslets learned from
 
   private:
