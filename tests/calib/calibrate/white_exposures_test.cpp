@@ -15,7 +15,6 @@ using test::White;
 using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-using ::testing::Not;
 
 // `white` and the same lenslets moved by (dx, dy), with other noise, put together pixel by pixel.
 template <class Mix>

@@ -20,8 +20,6 @@ namespace {
 namespace fs = std::filesystem;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-using ::testing::IsEmpty;
-using ::testing::SizeIs;
 
 FrameMetadata metadata() {
     const std::vector<algo::Defect> defects = result(2, PartVerdict::reject).defects;
@@ -127,7 +125,7 @@ TEST(Replay, names_each_thing_that_changed_and_nothing_else) {
         change(other);
         const std::string line = to_json_line(other);
         EXPECT_EQ(other.same(), line.ends_with("[]}"));
-        return line.substr(line.rfind("[") + 1, line.size() - line.rfind("[") - 3);
+        return line.substr(line.rfind('[') + 1, line.size() - line.rfind('[') - 3);
     };
     EXPECT_EQ(changes([](Replayed& r) { r.now.verdict = "pass"; }), "\"verdict\"");
     EXPECT_EQ(changes([](Replayed& r) { r.now.reason = "none"; }), "\"reason\"");

@@ -144,7 +144,7 @@ TEST(StoreCounts, are_by_period_recipe_verdict_and_reason_and_add_up_to_the_resu
 TEST(StoreCounts, of_kinds_are_of_parts_that_did_not_pass_from_the_first_moment_to_before_the_last) {
     const TempFolder folder;
     Story story;
-    const auto add = [&](std::uint32_t sequence, PartVerdict verdict, std::vector<algo::DefectKind> kinds) {
+    const auto add = [&](std::uint32_t sequence, PartVerdict verdict, const std::vector<algo::DefectKind>& kinds) {
         ResultRecord record = result(sequence);  // at a tenth of its sequence, in seconds
         record.result.verdict = verdict;
         for (const algo::DefectKind kind : kinds) record.defects.push_back({1, 1, 1, 1, kind});
