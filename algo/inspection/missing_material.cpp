@@ -27,9 +27,8 @@ constexpr int kLargestInWeb = 10;  // lenslets between squares that are compared
 constexpr int kSingle = 2;  // lenslets between single ones that are compared
 
 // How many of the four ways from a bright place must lead down at least, if the squares that are compared are so many
-// lenslets apart; more than 4: there is no such place. The others end where nothing is judged.
+// lenslets apart. The others end where nothing is judged.
 int min_steps(PartForm form, int lenslets_apart) {
-    if (form == PartForm::web && lenslets_apart > kLargestInWeb) return 5;
     if (form == PartForm::tube && lenslets_apart <= kSingle) return 4;
     switch (form) {
         case PartForm::round: return 3;
@@ -97,8 +96,8 @@ std::optional<MissingMaterial> MissingMaterialFinder::find(std::span<const std::
     look_at(squares, best);
     squares.half = 1;
     for (const Level& level : levels_) {
-        if (best.score >= 1) break;
         squares.level = &level;
+        if (best.score >= 1 || (form_ == PartForm::web && squares.lenslets_apart() > kLargestInWeb)) break;
         squares.limit = kAny;
         look_at(squares, best);
         squares.seen_excess = squares.limit;
@@ -129,7 +128,7 @@ void MissingMaterialFinder::look_at(Squares& squares, MissingMaterial& best) {
     for (const Direction direction : {right, left, down, up}) follow(squares, direction);
     std::fill_n(excess_.begin(), level.light.size(), 0.0F);
     count_steps(level);
-    const int least_steps = min_steps(form_, squares.distance() * level.block);
+    const int least_steps = min_steps(form_, squares.lenslets_apart());
     for (int steps = least_steps == 4 ? 4 : 3; steps >= least_steps; --steps) {
         if (!mark_bright(level, steps)) continue;
         for (int n = 0; n < level.n; ++n) {

@@ -65,6 +65,7 @@ class MissingMaterialFinder {
         [[nodiscard]] int side() const { return (2 * half + 1) * level->block; }  // lenslets
         // Blocks between two that are compared: 1 and 2/3 of the side, rounded up. A partly covered block lies between.
         [[nodiscard]] int distance() const { return 3 * half + 2; }
+        [[nodiscard]] int lenslets_apart() const { return distance() * level->block; }
     };
     struct Region {
         std::size_t squares = 0;

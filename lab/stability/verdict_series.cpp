@@ -14,7 +14,7 @@ namespace hord::lab {
 namespace {
 
 constexpr std::size_t kRepeats = 9;
-constexpr double kLeastMs = 0.1;  // of one measurement: reading the clock takes less than a hundredth of it
+constexpr double kMinMs = 0.1;  // of one measurement: reading the clock takes less than a hundredth of it
 constexpr int kMaxVerdicts = 100;
 
 struct FrameToTime {
@@ -50,7 +50,7 @@ Result<TimesInTurn> time_in_turn(const FrameToTime& first, const FrameToTime& se
     for (const std::size_t which : {0U, 1U}) {  // not counted
         const auto once = time_of(both.at(which), 1, times);
         if (!once) return tl::unexpected(once.error());
-        verdicts.at(which) = std::clamp(static_cast<int>(std::ceil(kLeastMs / std::max(*once, 1e-3))), 1, kMaxVerdicts);
+        verdicts.at(which) = std::clamp(static_cast<int>(std::ceil(kMinMs / std::max(*once, 1e-3))), 1, kMaxVerdicts);
     }
     for (std::size_t k = 0; k < kRepeats; ++k) {
         for (const std::size_t which : {0U, 1U}) {
