@@ -1,7 +1,12 @@
 # Targets carry their flags: nothing here is global. A room is a static library; what it may use, it links.
 
-set(CMAKE_CXX_FLAGS_RELWITHDEBINFO "-O2 -g1 -DNDEBUG")
-set(CMAKE_C_FLAGS_RELWITHDEBINFO "-O2 -g1 -DNDEBUG")
+# With the checks of a sanitizer, -O2 takes twice the time of -O1 to compile.
+set(optimize -O2)
+if(HORD_SANITIZE)
+  set(optimize -O1)
+endif()
+set(CMAKE_CXX_FLAGS_RELWITHDEBINFO "${optimize} -g1 -DNDEBUG")
+set(CMAKE_C_FLAGS_RELWITHDEBINFO "${optimize} -g1 -DNDEBUG")
 
 find_program(CCACHE ccache)
 if(CCACHE AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
