@@ -4,9 +4,13 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <cstdlib>
 #include <limits>
 #include <numbers>
+#include <numeric>
 #include <vector>
+
+#include "common/statistics.h"
 
 namespace hord::algo {
 namespace {
@@ -18,18 +22,26 @@ constexpr std::uint64_t kMinReadings = 1000;
 constexpr double kMaxDeviations = 5;  // standard deviations from the median; beyond: outliers
 constexpr double kMin = 0.25;         // DN: less cannot be distinguished from rounding
 
-// Count of each reading.
+// Count of each reading. A dark bin's is below 1 / kSupport of the full scale.
 using Histogram = std::vector<std::uint64_t>;
 
-void add_dark_bins(const FrameView& frame, const Extents& e, std::uint32_t dark, Histogram& histogram) {
+// One for each distance along i and j from the lenslet's brightest bin: diffracted light fills the bins along both
+// axes.
+using Histograms = std::array<Histogram, kMaxBins * kMaxBins>;
+
+void add_dark_bins(const FrameView& frame, const Extents& e, std::uint32_t dark, Histograms& histograms) {
+    const std::size_t readings = frame.full_scale() / kSupport + 1;
     std::array<bool, kMaxBins * kMaxBins> far{};
     for (int n = 0; n < e.n; ++n) {
         for (int m = 0; m < e.m; ++m) {
             const auto sample = [&](int i, int j) { return frame.sample(m * e.i + i, n * e.j + j); };
             const auto is_far = [&](int i, int j) -> bool& { return far[static_cast<std::size_t>(j * e.i + i)]; };
             std::uint32_t brightest = 0;
+            int i_brightest = 0, j_brightest = 0;
             for (int j = 0; j < e.j; ++j) {
-                for (int i = 0; i < e.i; ++i) brightest = std::max(brightest, sample(i, j));
+                for (int i = 0; i < e.i; ++i) {
+                    if (sample(i, j) > brightest) brightest = sample(i, j), i_brightest = i, j_brightest = j;
+                }
             }
             if (brightest < kBright * (dark + 1)) continue;
             far.fill(true);
@@ -44,7 +56,11 @@ void add_dark_bins(const FrameView& frame, const Extents& e, std::uint32_t dark,
             }
             for (int j = 0; j < e.j; ++j) {
                 for (int i = 0; i < e.i; ++i) {
-                    if (is_far(i, j)) ++histogram[std::min<std::size_t>(sample(i, j), histogram.size() - 1)];
+                    if (!is_far(i, j)) continue;
+                    Histogram& histogram = histograms[static_cast<std::size_t>(std::abs(j - j_brightest) * kMaxBins +
+                                                                               std::abs(i - i_brightest))];
+                    histogram.resize(readings);
+                    ++histogram[sample(i, j)];
                 }
             }
         }
@@ -101,22 +117,24 @@ double noise_of(const Histogram& histogram, std::uint64_t readings) {
 Result<float> read_noise_of(const Extents& extents, const LightLevels& levels, std::size_t count,
                             const std::function<Result<Frame>(std::size_t)>& frame_of) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
-    Histogram histogram;
+    Histograms histograms;
     for (std::size_t k = 0; k < std::min(count, kFrames); ++k) {
         const auto frame = frame_of(k);
         if (!frame) return tl::unexpected(frame.error());
         if (auto fine = check_frame(frame->view(), extents, frame->bits()); !fine) return tl::unexpected(fine.error());
-        histogram.resize(std::max(histogram.size(), std::size_t{frame->view().full_scale()} + 1));
-        add_dark_bins(frame->view(), extents, levels.dark, histogram);
+        add_dark_bins(frame->view(), extents, levels.dark, histograms);
     }
-    std::uint64_t readings = 0;
-    for (const std::uint64_t n : histogram) readings += n;
-    if (readings < kMinReadings) {
+    std::vector<double> noises;
+    for (const Histogram& histogram : histograms) {
+        const auto readings = std::accumulate(histogram.begin(), histogram.end(), std::uint64_t{0});
+        if (readings >= kMinReadings) noises.push_back(noise_of(histogram, readings));
+    }
+    if (noises.empty()) {
         return fail(ErrorCode::invalid_argument,
                     "too few bins of these frames are without light to tell the read noise from them",
                     "give the sensor's, in DN, with --read-dn");
     }
-    return static_cast<float>(noise_of(histogram, readings));
+    return static_cast<float>(common::quantile(std::move(noises), 0.25));
 }
 
 }  // namespace hord::algo

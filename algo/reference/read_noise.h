@@ -1,5 +1,5 @@
-// Estimates the sensor's read noise from frames of a part: the spread of the dark bins about their median. Which bins
-// are dark, and what is left out: docs/notes/reference.md.
+// Estimates the sensor's read noise from frames of a part: the spread of the dark bins about their median, where least
+// light is diffracted. Which bins are dark, and what is left out: docs/notes/reference.md.
 //
 // Error about 10 % from 0.3 DN on. Less noise than that cannot be seen in whole DN; the result is then 0.
 #pragma once

@@ -300,6 +300,26 @@ TEST(Learning, tells_the_read_noise_from_the_bins_without_light) {
     EXPECT_NE(none.error().cure.find("--read-dn"), std::string::npos);
 }
 
+// A square lenslet diffracts along the rows and columns of its bins, differently as its spot lies.
+TEST(Learning, takes_no_diffracted_light_for_read_noise) {
+    Frame clean = part({});
+    for (int n = 0; n < kField.n; ++n) {
+        for (int m = 0; m < kField.m; ++m) {
+            for (int k = 0; k < 9; ++k) {
+                const int x = m * 9 + k, row = n * 9 + 4, y = n * 9 + k, column = m * 9 + 4;
+                const auto light = static_cast<std::uint32_t>(3 + (m + n) % 12);  // DN
+                clean.set(x, row, clean.view().sample(x, row) + light);
+                if (k != 4) clean.set(column, y, clean.view().sample(column, y) + light);
+            }
+        }
+    }
+    const auto read = read_noise_of(kField, kLevels, 4, [&](std::size_t k) -> Result<Frame> {
+        return noisy(clean, {1, 2, 1}, k, kBits);
+    });
+    ASSERT_TRUE(read) << read.error().message();
+    EXPECT_NEAR(*read, 2, 0.2);
+}
+
 TEST(Learning, needs_eight_parts_that_lie_alike) {
     std::vector<Frame> frames;
     for (std::uint64_t k = 0; k < 9; ++k) frames.push_back(seen(k < 7 ? part(wobble(k)) : part({8, 8, 0}), k));
