@@ -103,8 +103,8 @@ Result<void> check_period(std::optional<UtcMicros> since, std::optional<UtcMicro
 }
 
 Result<UtcMicros> parse_utc(std::string_view text, UtcMicros now_us) {
-    const auto bad = [&] {
-        return fail(ErrorCode::invalid_argument, "\"" + std::string(text) + "\" is no time",
+    const auto bad = [given = text] {
+        return fail(ErrorCode::invalid_argument, "\"" + std::string(given) + "\" is no time",
                     "write 2026-11-21, 2026-11-21T07:15:30 (UTC), or how long ago: 30m, 12h, 7d");
     };
     std::int64_t count = 0;
