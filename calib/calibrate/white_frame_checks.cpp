@@ -263,9 +263,8 @@ std::vector<std::string> warnings_about(const GridCalibration& calibration) {
     if (calibration.by_fall_off_px > kMaxByFallOff) {
         out.push_back(fmt::format(
             "the light falls off over the frame, and the lenslets' edges are too soft to measure that inside of them: "
-            "centres may be off by {:.2f} px or more, towards the light; light the array evenly, or focus the sensor "
-            "on "
-            "the lenslets",
+            "centres are off by about {:.2f} px towards the light at the most; light the array evenly, or focus the "
+            "sensor on the lenslets",
             calibration.by_fall_off_px));
     }
     if (calibration.rejected > kMaxOff * calibration.found) {

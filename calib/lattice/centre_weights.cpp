@@ -112,6 +112,7 @@ Profile measure_profile(const WhiteImage& image, std::span<const Spot> spots, do
     const auto [bottom, top] = std::minmax_element(profile.value.begin(), profile.value.end());
     const double low = *bottom;
     const double range = std::max(*top - low, 1e-12);
+    profile.floor = low / range;
     for (double& value : profile.value) value = (value - low) / range;
     for (double& steepness : profile.steepness) steepness /= range;
     return profile;
@@ -130,6 +131,7 @@ Weights design_weights(const Profile& profile, double radius, std::optional<Agai
     const std::size_t count = weights.window.size();
     const Table& value = profile.value;
     const double floor = value[std::min(count, value.size()) - 1];
+    weights.floor = profile.floor + floor;
     weights.profile.resize(count);
     weights.shift.resize(count);
     Table& steepness = weights.steepness;

@@ -27,6 +27,7 @@ inline double lookup(const Table& table, double r) {
 // T(r), 0..1, and -T'(r) / r.
 struct Profile {
     Table value, steepness;
+    double floor = 0;  // what was subtracted: background, and neighbours that overlap; of the profile's height
 };
 
 // The radial tables of one weight: the shift weight w(r), the profile over its level at the rim, the window, and the
@@ -35,6 +36,7 @@ struct Weights {
     double radius = 0;
     Table shift, profile, window, steepness;
     Immunity immunity;
+    double floor = 0;      // the light's level at the rim, of the profile's height
     bool plateau = false;  // half way to its half height the profile has nearly its full height
 };
 

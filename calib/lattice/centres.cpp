@@ -414,10 +414,10 @@ Immunity CentreFinder::immunity() const { return kernels_->weights.immunity; }
 AgainstGradients CentreFinder::against() const { return kernels_->against; }
 double CentreFinder::shift_by_gradient_px2() const {
     const Weights& of = kernels_->weights;
-    double light = 0, shift = 0;  // moments of a gradient, u T, and of a shift, -T'
+    double light = 0, shift = 0;  // moments of a gradient, u T over its floor, and of a shift, -T'
     for (std::size_t k = 0; k < of.shift.size(); ++k) {
         const double r = static_cast<double>(k) * kTableStep, here = of.shift[k] * r * r * r;
-        light += here * of.profile[k];
+        light += here * (of.profile[k] + of.floor);
         shift += here * of.steepness[k];
     }
     return shift > 0 ? std::abs(light) / shift : 0;
