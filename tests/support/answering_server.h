@@ -1,4 +1,4 @@
-// A TCP server on loopback, in its own thread, that answers the first bytes of each connection and closes it.
+// TCP servers on loopback, each in its own thread.
 #pragma once
 
 #include <algorithm>
@@ -16,12 +16,13 @@
 
 namespace hord::test {
 
-class AnsweringServer {
+// Serves one connection after the other.
+class LoopbackServer {
   public:
-    // `answer` is called on the server's thread with what was sent. An empty answer: the connection only closes.
-    explicit AnsweringServer(std::function<std::string(const std::string& sent)> answer)
-        : answer_(std::move(answer)), listener_(listening()), thread_([this] { run(); }) {}
-    ~AnsweringServer() {
+    // `serve` is called on the server's thread with each connection, which is closed when it returns.
+    explicit LoopbackServer(std::function<void(int client)> serve)
+        : serve_(std::move(serve)), listener_(listening()), thread_([this] { run(); }) {}
+    ~LoopbackServer() {
         ::shutdown(listener_.get(), SHUT_RDWR);
         thread_.join();
     }
@@ -35,21 +36,30 @@ class AnsweringServer {
     }
     void run() {
         for (;;) {
-            pollfd ready{listener_.get(), POLLIN, 0};
+            pollfd ready{listener_.get(), POLLIN, 0};  // it does not block
             if (::poll(&ready, 1, -1) < 0) continue;
             if ((ready.revents & POLLHUP) != 0) return;
-            const common::UniqueFd client(::accept(listener_.get(), nullptr, nullptr));
-            if (!client) continue;
-            std::array<char, 300> bytes{};
-            const ssize_t count = ::recv(client.get(), bytes.data(), bytes.size(), 0);
-            const std::string answer = answer_({bytes.data(), static_cast<std::size_t>(std::max<ssize_t>(count, 0))});
-            (void)::send(client.get(), answer.data(), answer.size(), MSG_NOSIGNAL);
+            if (const common::UniqueFd client(::accept(listener_.get(), nullptr, nullptr)); client)
+                serve_(client.get());
         }
     }
 
-    const std::function<std::string(const std::string&)> answer_;
+    const std::function<void(int)> serve_;
     const common::UniqueFd listener_;
     std::thread thread_;
+};
+
+// Answers the first bytes of each connection and closes it.
+class AnsweringServer : public LoopbackServer {
+  public:
+    // `answer` is called on the server's thread with what was sent. An empty answer: the connection only closes.
+    explicit AnsweringServer(std::function<std::string(const std::string& sent)> answer)
+        : LoopbackServer([answer = std::move(answer)](int client) {
+              std::array<char, 300> bytes{};
+              const ssize_t count = ::recv(client, bytes.data(), bytes.size(), 0);
+              const std::string said = answer({bytes.data(), static_cast<std::size_t>(std::max<ssize_t>(count, 0))});
+              (void)::send(client, said.data(), said.size(), MSG_NOSIGNAL);
+          }) {}
 };
 
 }  // namespace hord::test

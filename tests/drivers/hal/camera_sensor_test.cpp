@@ -228,6 +228,18 @@ TEST_F(TriggeredCamera, a_frame_that_never_comes_holds_commands_back_for_the_pat
     EXPECT_EQ(frames[0].exposure, 99U);
 }
 
+// The exposures before a commanded one are not commanded any more; those after it are.
+TEST_F(TriggeredCamera, a_command_forgets_the_exposures_before_its_own_and_gives_their_buffers_back) {
+    for (const bool its_own_waits : {true, false}) {
+        start(CameraTriggers::command);
+        const hal::TimePoint later = loop.now() + 1s;
+        ASSERT_TRUE(camera->trigger({1, later, 1ms}));
+        ASSERT_TRUE(camera->trigger({2, later + 10ms, 1ms}));
+        ASSERT_TRUE(camera->begin_command(its_own_waits ? 2 : 9));
+        EXPECT_EQ(camera->trigger({3, later + 20ms, 1ms}).has_value(), its_own_waits);
+    }
+}
+
 TEST_F(TriggeredCamera, a_frame_from_before_the_command_is_delivered_as_nobodys) {
     start(CameraTriggers::command);
     frame();

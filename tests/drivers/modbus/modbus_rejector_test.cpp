@@ -204,18 +204,6 @@ TEST_F(Rejector, a_command_that_comes_again_is_reported_again_and_carried_out_on
     EXPECT_EQ(times_on(kEjector), 1);
 }
 
-TEST_F(Rejector, a_pulse_lasts_to_the_end_of_the_longer_of_two_commands) {
-    start_and_wait();
-    const hal::TimePoint from = loop_->now(), until = from + 1500ms;
-    ASSERT_TRUE(rejector_->reject({1, from, until - from}));
-    ASSERT_TRUE(run_until([&] { return ear_.reports.size() == 1; }));
-    ASSERT_TRUE(rejector_->reject({2, from, until - from - 300ms}));
-    ASSERT_TRUE(run_until([&] { return ear_.reports.size() == 2; }));
-    ASSERT_TRUE(run_until([&] { return !module_->coil(kEjector); }));
-    EXPECT_GE(loop_->now(), until);
-    EXPECT_EQ(reject(3), Outcome::confirmed);
-}
-
 TEST_F(Rejector, takes_32_commands_and_what_waits_when_it_stops_has_failed) {
     start_and_wait();
     const hal::TimePoint later = loop_->now() + 3600s;

@@ -6,14 +6,12 @@
 #include <atomic>
 #include <map>
 #include <mutex>
-#include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <poll.h>
 #include <sys/socket.h>
 
-#include "common/tcp_listener.h"
+#include "tests/support/answering_server.h"
 
 namespace hord::drivers {
 namespace {
@@ -34,14 +32,8 @@ struct ServersClock final : hal::Clock {
 // Answers one connection after the other; coils and inputs read as they were set or written.
 class RecordingServer {
   public:
-    explicit RecordingServer(ServersClock& clock) : clock_(clock), listener_(listening()), thread_([this] { run(); }) {}
-    ~RecordingServer() {
-        ::shutdown(listener_.get(), SHUT_RDWR);
-        thread_.join();
-    }
-    [[nodiscard]] ModuleAddress address() const {
-        return {.host = "127.0.0.1", .port = common::local_port(listener_.get())};
-    }
+    explicit RecordingServer(ServersClock& clock) : clock_(clock) {}
+    [[nodiscard]] ModuleAddress address() const { return {.host = "127.0.0.1", .port = server_.port()}; }
     // Since the last call: "coil 1=1", "register 4096=15", "coil 1?", "input 3?".
     Requests asked() {
         const std::lock_guard lock(mutex_);
@@ -62,43 +54,31 @@ class RecordingServer {
     }
 
   private:
-    static common::UniqueFd listening() {
-        auto listener = common::listen_on("test", "127.0.0.1", 0);
-        if (!listener) throw std::runtime_error(listener.error().message());
-        return std::move(*listener);
-    }
-    void run() {
-        while (true) {
-            pollfd ready{listener_.get(), POLLIN, 0};  // it does not block
-            if (::poll(&ready, 1, -1) < 0) continue;
-            if ((ready.revents & POLLHUP) != 0) return;
-            const common::UniqueFd client(::accept(listener_.get(), nullptr, nullptr));
-            if (!client) continue;
-            std::array<unsigned char, 12> bytes{};
-            while (::recv(client.get(), bytes.data(), bytes.size(), MSG_WAITALL) == 12) {
-                std::string reply(reinterpret_cast<const char*>(bytes.data()), bytes.size());
-                const int number = bytes[8] << 8 | bytes[9], value = bytes[10] << 8 | bytes[11], function = bytes[7];
-                const std::string what = (function == 2       ? "input "
-                                              : function == 6 ? "register "
-                                                              : "coil ") +
-                    std::to_string(number);
-                {
-                    const std::lock_guard lock(mutex_);
-                    const bool reads = function < 5;
-                    asked_.push_back(what + (reads ? "?" : "=" + std::to_string(value == 0xFF00 ? 1 : value)));
-                    if (asked_.back() == refused_) {
-                        reply = reply.substr(0, 5) + "\3" + reply[6] + static_cast<char>(function | 0x80) + "\4";
-                    } else if (reads) {
-                        EXPECT_EQ(value, 1) << "one bit";
-                        reply = reply.substr(0, 5) + "\4" + reply.substr(6, 2) + "\1" +
-                            (bits_[what] ? "\1" : std::string(1, '\0'));
-                    } else if (function == 5 && what != stuck_) {
-                        bits_[what] = value != 0;
-                    }
+    void serve(int client) {
+        std::array<unsigned char, 12> bytes{};
+        while (::recv(client, bytes.data(), bytes.size(), MSG_WAITALL) == 12) {
+            std::string reply(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+            const int number = bytes[8] << 8 | bytes[9], value = bytes[10] << 8 | bytes[11], function = bytes[7];
+            const std::string what = (function == 2       ? "input "
+                                          : function == 6 ? "register "
+                                                          : "coil ") +
+                std::to_string(number);
+            {
+                const std::lock_guard lock(mutex_);
+                const bool reads = function < 5;
+                asked_.push_back(what + (reads ? "?" : "=" + std::to_string(value == 0xFF00 ? 1 : value)));
+                if (asked_.back() == refused_) {
+                    reply = reply.substr(0, 5) + "\3" + reply[6] + static_cast<char>(function | 0x80) + "\4";
+                } else if (reads) {
+                    EXPECT_EQ(value, 1) << "one bit";
+                    reply = reply.substr(0, 5) + "\4" + reply.substr(6, 2) + "\1" +
+                        (bits_[what] ? "\1" : std::string(1, '\0'));
+                } else if (function == 5 && what != stuck_) {
+                    bits_[what] = value != 0;
                 }
-                clock_.ns += takes_ns_;
-                (void)::send(client.get(), reply.data(), reply.size(), MSG_NOSIGNAL);
             }
+            clock_.ns += takes_ns_;
+            (void)::send(client, reply.data(), reply.size(), MSG_NOSIGNAL);
         }
     }
 
@@ -108,8 +88,7 @@ class RecordingServer {
     std::map<std::string, bool> bits_;
     std::string refused_, stuck_;
     std::atomic<std::int64_t> takes_ns_ = 0;
-    const common::UniqueFd listener_;
-    std::thread thread_;
+    const test::LoopbackServer server_{[this](int client) { serve(client); }};  // last: its thread uses the others
 };
 
 class AskedModule : public testing::Test {

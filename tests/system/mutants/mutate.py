@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Mutation testing of one room: changes one place of its sources at a time and runs its tests on the result.
 
-    ./dev mutants ROOM [--sample N] [--seed S] [--minutes M] [--survivors] [--list] [--jobs N]
+    ./dev mutants ROOM [--sample N] [--seed S] [--minutes M] [--skip K] [--survivors] [--list] [--jobs N]
 
 Each mutant is one changed place: a deleted statement, another relational, arithmetic or logical operator, another
 constant, a negated condition, a dropped member of max, min or clamp. All mutants of a file are compiled at once, each
@@ -141,7 +141,8 @@ SWAPS = {
 }
 DECLARATION = re.compile(r"(?:[^;=]*= default;|"
                          r"(?:const|static|constexpr|inline|explicit|virtual|friend|using|typedef|struct|class|enum|"
-                         r"template|namespace|public|private|protected|goto|case|default|delete|throw)\b|\[\[|~|std::function<|"
+                         r"template|namespace|public|private|protected|goto|case|default|delete|throw)\b|"
+                         r"\[\[|~|std::function<|"
                          r"[\w:]+<[^;=]*> \w+;|"
                          r"return\s*[^;\s]|(?!return\b|continue\b|break\b|else\b|co_)[\w:<>,*& ]+[\w>&*] [&*]?\w+\s*"
                          r"(?:=|;|\{|\(|,|:|$)|"
@@ -207,8 +208,9 @@ def mutations(code):
         condition = code[begin:end]
         if re.match(r"[^()]*[^=!<>]=[^=]", condition) or ";" in condition:
             continue  # declares a variable
-        if not re.fullmatch(r"!?[\w.:>()-]+(?<! -)(?: [!=]= [\w.:>()-]+)?", condition) or not re.search(r"!|==", condition):
-            yield begin, begin, "!(", "negated condition:" + str(end)  # else another mutant is the same
+        same = re.fullmatch(r"!?[\w.:>()-]+(?<! -)(?: [!=]= [\w.:>()-]+)?", condition) and re.search(r"!|==", condition)
+        if not same:  # as another mutant
+            yield begin, begin, "!(", "negated condition:" + str(end)
         yield begin, begin, "false && (", "condition never true:" + str(end)
     for m in re.finditer(r"(?<=\s)\?(?=\s)", code):
         begin, depth = m.start(), 0
@@ -216,7 +218,8 @@ def mutations(code):
             c = code[begin - 1]
             depth += c in ")]}"
             depth -= c in "([{"
-            if depth < 0 or (depth == 0 and (c in ";,?" or re.search(r"(?:\breturn|[^=!<>]=|\s:)\s$", code[:begin][-8:]))):
+            before = r"(?:\breturn|[^=!<>]=|\s:)\s$"
+            if depth < 0 or (depth == 0 and (c in ";,?" or re.search(before, code[:begin][-8:]))):
                 break
             begin -= 1
         while code[begin].isspace():
@@ -237,7 +240,7 @@ def mutations(code):
 
 
 def units(code):
-    """Texts beside which a mutant can be compiled: (begin, end, form); the form has {} for the mutant, {} for the rest."""
+    """Texts beside which a mutant can be compiled: (begin, end, form, rest); form and rest have a {} for each text."""
     condition, statement = "HORD_MUTANT({k}) ? bool({new}) : {rest}", "if (HORD_MUTANT({k})) {{ {new}; }} else {rest}"
     choice = "HORD_MUTANT({k}) ? ({new}) : {rest}"
     for m in re.finditer(r"\b(?:if|while) \(", code):
@@ -271,8 +274,8 @@ def schema(file, mutants):
     text = (ROOT / file).read_text()
     code = masked(text)
     # Without comments: one would end the line of a mutant.
-    plain = re.sub(COMMENT_OR_STRING, lambda m: m.group() if m.group()[0] in "\"'" else re.sub(r"[^\n]", " ", m.group()),
-                   text, flags=re.S)
+    blank = lambda m: m.group() if m.group()[0] in "\"'" else re.sub(r"[^\n]", " ", m.group())
+    plain = re.sub(COMMENT_OR_STRING, blank, text, flags=re.S)
     found = sorted(set(units(code)))
     of_unit, alone = collections.defaultdict(list), []
     for m in mutants:
@@ -406,7 +409,7 @@ class Workshop:
         return run([words[0], "-I", str(self.folder / "mutated"), *words[1:], *flags, "-w"])
 
     def compile_all(self, jobs):
-        """The room's files with their mutants; also the files of the room and its tests that include a mutated header."""
+        """The room's files with their mutants; also files of the room and its tests that include a mutated header."""
         by_file = collections.defaultdict(list)
         for m in self.mutants:
             by_file[m.file].append(m)
@@ -454,7 +457,7 @@ class Workshop:
                 if any(os.path.relpath(RELEASE / line.strip(), ROOT) in headers for line in lines[1:])}
 
     def settle(self, file, mutants, out, compile_it):
-        """Writes the file with its mutants and compiles it; leaves out those that do not compile. Unless it was done."""
+        """Unless it was done: writes and compiles the file with its mutants; leaves out those that do not compile."""
         here = self.folder / "mutated" / file
         here.parent.mkdir(parents=True, exist_ok=True)
         kept = here.with_name(here.name + ".invalid")
@@ -489,7 +492,8 @@ class Workshop:
                 self.fates[m] = "invalid"
 
     def link_command(self, target):
-        said = subprocess.run(["ninja", "-t", "commands", target], cwd=RELEASE, check=True, capture_output=True, text=True)
+        said = subprocess.run(["ninja", "-t", "commands", target], cwd=RELEASE, check=True, capture_output=True,
+                              text=True)
         words = shlex.split(said.stdout.strip().splitlines()[-1])
         words = words[words.index("&&") + 1:]
         words = words[:words.index("&&")]
@@ -514,8 +518,9 @@ class Workshop:
         done = run([program, f"--gtest_output=json:{report}", "--gtest_filter=" + chosen])
         if done.returncode != 0:
             sys.exit(f"{program} fails without a mutant:\n{done.stdout[-2000:]}")
+        suites = json.loads(report.read_text())["testsuites"]
         return [Test(program, f"{s['name']}.{t['name']}", float(t["time"].rstrip("s")) * 1000)
-                for s in json.loads(report.read_text())["testsuites"] for t in s["testsuite"] if t["result"] == "COMPLETED"]
+                for s in suites for t in s["testsuite"] if t["result"] == "COMPLETED"]
 
     def find_reached(self, test):
         kept = self.folder / f"reached-{threading.get_ident()}"
@@ -531,8 +536,9 @@ class Workshop:
             return True
 
     def tests_fail(self, mutant):
-        reaching = sorted((t for t in self.tests if t.reached[mutant.number]), key=lambda t: (t.ms > FAST_TEST_MS, t.program))
-        for _, group in itertools.groupby(reaching, key=lambda t: (t.ms > FAST_TEST_MS, t.program)):
+        fast_first = lambda t: (t.ms > FAST_TEST_MS, t.program)
+        reaching = sorted((t for t in self.tests if t.reached[mutant.number]), key=fast_first)
+        for _, group in itertools.groupby(reaching, key=fast_first):
             group = list(group)
             command = (group[0].program, "--gtest_fail_fast", "--gtest_brief=1",
                        "--gtest_filter=" + ":".join(t.name for t in group))
@@ -597,6 +603,7 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--minutes", type=float, help="begin no mutant later than this; they run in an order drawn by "
                         "--seed, and the score is of those that ran")
+    parser.add_argument("--skip", type=int, default=0, help="with --minutes: so many of that order ran before")
     parser.add_argument("--survivors", action="store_true", help="only those that survived the last run")
     parser.add_argument("--unit-tests-only", action="store_true", help="no soak")
     parser.add_argument("--list", action="store_true", help="print the mutants and run none")
@@ -630,6 +637,7 @@ def main():
     print(f"{len(mutants)} mutants, compiled after {time.monotonic() - began:.0f} s", flush=True)
     if arguments.minutes:
         random.Random(arguments.seed).shuffle(mutants)
+        mutants = mutants[arguments.skip:]
 
     def judge(mutant):
         late = arguments.minutes and time.monotonic() - began > 60 * arguments.minutes
@@ -646,11 +654,12 @@ def main():
     counted = killed + count.get("survived", 0)
     share = 100 * killed / max(counted, 1)
     print(f"{arguments.room}: {len(mutants)} mutants in {time.monotonic() - began:.0f} s; {killed} of {counted} killed "
-          f"({share:.1f} %, goal {room.goal} %): {count.get('tests', 0)} by unit tests, {count.get('soak', 0)} by the soak; "
+          f"({share:.1f} %, goal {room.goal} %): "
+          f"{count.get('tests', 0)} by unit tests, {count.get('soak', 0)} by the soak; "
           f"{count.get('survived', 0)} survived; not counted: {count.get('invalid', 0)} that do not compile, "
           f"{count.get('same code', 0)} with the same machine code, {len(known)} listed as equivalent; "
-          f"not tried: {count.get('alone', 0)} that are not in a function's statement, {count.get('not run', 0)} for lack "
-          "of time")
+          f"not tried: {count.get('alone', 0)} that are not in a function's statement, "
+          f"{count.get('not run', 0)} for lack of time")
     for key in stale:
         print(f"equivalent.txt lists a mutant that there is no more:\n{key}")
     return 0 if share >= room.goal and not stale else 1
