@@ -1,6 +1,6 @@
-// Values of any type in the columns of a store's row: [column, type, length, bytes...]. Every row is read, shown as
-// JSON, CSV and text, and says that it is damaged where a value has not its column's type. One input of 16, by its
-// length, is verified, too: that takes most of the time.
+// Values of any type in the columns of a store's row: [column, type, length, bytes...]. The row is read, shown as JSON,
+// CSV and text, and says that it is damaged where a value has not its column's type. The rows beside it are read as
+// they were written. One input of 16, by its length, is verified, too: that takes most of the time.
 #include <array>
 #include <cstdlib>
 #include <cstring>
@@ -26,6 +26,7 @@ struct Store {
     std::array<sqlite3_stmt*, 3> begin{};  // the row as it was written, under whatever number an input left it
     sqlite3_stmt* commit = nullptr;
     std::unique_ptr<StoreReader> reader;
+    std::vector<StoredResult> written;
 
     Store() {
         test::write(folder,
@@ -50,6 +51,8 @@ struct Store {
                  prepared("INSERT INTO results SELECT * FROM whole WHERE number = 2")};
         commit = prepared("COMMIT");
         reader = std::move(*StoreReader::open(folder.path()));
+        (void)reader->each_result({}, [&](const StoredResult& row) { written.push_back(row); });
+        if (written.size() != 3) std::abort();
         set(7, 3, "a blob");  // what this target relies on: a row that says that it is damaged
         std::size_t damaged = 0;
         (void)reader->each_result({}, [&](const StoredResult& row) { damaged += row.damage.empty() ? 0 : 1; });
@@ -96,10 +99,16 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         rest.remove_prefix(3 + length);
     }
     Store::step(store.commit);
-    const auto done = store.reader->each_result({}, [](const StoredResult& row) {
-        if (to_csv(row).empty() || to_line(to_json(row)).empty() || to_table(row).empty()) std::abort();
+    std::size_t rows = 0;
+    const auto done = store.reader->each_result({}, [&](const StoredResult& row) {
+        ++rows;
+        if (row.number == 1 || row.number == 3) {
+            if (row != store.written[static_cast<std::size_t>(row.number - 1)]) std::abort();
+        } else if (to_csv(row).empty() || to_line(to_json(row)).empty() || to_table(row).empty()) {
+            std::abort();
+        }
     });
-    if (!done && done.error().code == ErrorCode::internal) std::abort();
+    if (done ? rows != store.written.size() : done.error().code == ErrorCode::internal) std::abort();
     if (size % 16 != 0) return 0;
     if (const auto checked = store.reader->verify(); !checked && checked.error().code == ErrorCode::internal)
         std::abort();

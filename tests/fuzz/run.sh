@@ -5,8 +5,8 @@
 # not change them much. Exit status: 1 if there is a finding, or a target did not run.
 set -u
 # Freed memory stays unusable until as much as this was freed after it: more than an execution frees. Of 256 MB, the
-# default, every page is new to the processor's caches.
-export ASAN_OPTIONS=quarantine_size_mb=16${ASAN_OPTIONS:+:$ASAN_OPTIONS}
+# default, every page is new to the processor's caches. To see the whole stacks of a finding's memory, run its input alone.
+export ASAN_OPTIONS=quarantine_size_mb=16:malloc_context_size=2${ASAN_OPTIONS:+:$ASAN_OPTIONS}
 TIMEFORMAT='%U %S'
 bin=$1 runs=$2 here=$(dirname "$0") status=0
 shift 2

@@ -29,6 +29,8 @@ struct StoredResult {
     std::int64_t recipe_change = 0;  // number of the change that put it in use; 0: unknown
     std::string recipe, calibration, software;
     std::string damage;  // empty: every column has its type; else what is wrong, and such columns are 0 or empty
+
+    bool operator==(const StoredResult&) const = default;
 };
 
 // A row of changes or commands. `what` is "command" for the latter.
