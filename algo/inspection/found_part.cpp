@@ -44,6 +44,7 @@ void RimFinder::describe(Deflections deflections, Sums sums, std::span<const std
     if (form_ == PartForm::plate) compare_across_edges({deflections, sums, mask});
     found_.free_beside = least_free_beside();
     found_.symmetry = point_symmetry();
+    if (form_ == PartForm::plate && found_.at_border > 0) found_.cut = cut_of_plate();
     found_.lacks_place = form_ == PartForm::plate && found_.at_border == 0 && lacks_place();
     found_.convexity = convexity();
 }
@@ -279,6 +280,25 @@ double RimFinder::point_symmetry() {
         both += static_cast<std::int64_t>(2 * n == twice_n ? in_both : 2 * in_both);
     }
     return static_cast<double>(both) / static_cast<double>(2 * area - both);
+}
+
+// Its width is its area over the longer side of its box.
+double RimFinder::cut_of_plate() const {
+    int first_m = extents_.m, last_m = -1, first_n = extents_.n, last_n = -1;
+    std::size_t left = 0, right = 0, top = 0, bottom = 0;
+    for (int n = 0; n < extents_.n; ++n) {
+        for (int m = 0; m < extents_.m; ++m) {
+            if ((state_[extents_.index(m, n)] & kPart) == 0) continue;
+            first_m = std::min(first_m, m), last_m = std::max(last_m, m);
+            first_n = std::min(first_n, n), last_n = std::max(last_n, n);
+            left += m == 0 ? 1 : 0, right += m == extents_.m - 1 ? 1 : 0;
+            top += n == 0 ? 1 : 0, bottom += n == extents_.n - 1 ? 1 : 0;
+        }
+    }
+    const std::size_t facing = std::max(std::min(left, right), std::min(top, bottom)),
+                      cut = left + right + top + bottom - 2 * facing;
+    const int longer = std::max(last_m - first_m, last_n - first_n) + 1;
+    return static_cast<double>(cut) * longer / static_cast<double>(found_.area);
 }
 
 // The hull of an outline is exact to a lenslet or two. What is missing opposite each other is not seen.

@@ -330,8 +330,10 @@ FrameFault FrameChecks::check_plate(const FoundPart& part) const {
 
 Reason FrameChecks::judge_good(const FoundPart& part) {
     const bool checked = form_ == PartForm::plate && part_required_ && !has_reference_ && symmetric_;
-    if (!checked || !part.lacks_place) return Reason::none;
-    findings_.fault = FrameFault::lopsided;
+    if (checked) {
+        if (part.cut > kMaxBorderCut) findings_.fault = FrameFault::cut_by_field;
+        else if (part.lacks_place) findings_.fault = FrameFault::lopsided;
+    }
     return reason_of(findings_.fault);
 }
 

@@ -23,9 +23,14 @@
 
 namespace hord::algo {
 
-constexpr double kMaxBorderCut = 0.5;         // outermost lenslets of the part over the diameter of a disc of its area
-constexpr double kMinSharpOutline = 0.5;      // of the part's outline
-constexpr double kMinFreeBeside = 0.5;        // of a row or column beside the part
+constexpr double kMaxBorderCut = 0.5;     // outermost lenslets of the part over the diameter of a disc of its area;
+                                          // of a plate those without others opposite them, over its width
+constexpr double kMinSharpOutline = 0.5;  // of the part's outline
+constexpr double kMinFreeBeside = 0.5;    // of a row or column beside the part
+constexpr int kMaxEdgeWidth = 2;          // lenslets that an edge in focus covers in part: two if it lies askew
+// Of the light may be lost to the dark level. Beyond it light that is even can vary by kJumpLight where it is spread
+// over more or fewer bins, and an outline is no longer known by its light.
+constexpr double kMaxLostLight = 1 - 1 / kJumpLight;
 constexpr double kMaxAlternationBins = 0.15;  // half the difference of lenslets in turn, bin pitches
 constexpr double kMaxAlternationLight = 0.1;  // the same of their light, relative
 constexpr double kMaxSplitShare = 1.0 / 16;   // of the judged lenslets
@@ -70,7 +75,8 @@ class FrameChecks {
                  const Alternation& alternation);
 
     // Of a frame that was judged, and of a part without a defect: Reason::no_part if its outline lacks a piece that
-    // hides nothing of the rest; none if not. (A defect is told with its place instead.)
+    // hides nothing of the rest, or a piece lies outside the field; none if not. (A defect is told with its place
+    // instead.)
     Reason judge_good(const FoundPart& part);
 
     // The light repeats with another period than the macro-pixels. Of frames that are too dark or show nothing to

@@ -14,16 +14,17 @@ enum class FrameFault : std::uint8_t {
     split_spots,   // the light lies at opposite edges of the bins: the macro-pixels drift against the frame
     turned,        // the bins are turned against the frame: the free light drifts as no part deflects it
     // Reason::unexpected_light
-    pedestal,     // the dark bins read more than is allowed: fog, black level
-    noise,        // pedestal and noise of the dark bins together take more than is allowed
-    off_centre,   // undeflected light is not in the middle of its lenslet
-    wide_spot,    // spots are wider than a collimated source makes them: defocus, stray light
-    wide_inside,  // spots behind a plate are wider than beside it: a blurred shadow, or a plate that scatters all over
-    fog_beside,   // bins that must be dark read more beside a plate than behind it: fog, stray light
-    second_spot,  // a second spot beside the main one: ghost, neighbouring light, a second exposure
-    alternating,  // neighbouring lenslets differ in turn: interlaced exposures, taps of the sensor
-    glare,        // the part is far brighter than free light: another lamp, a reflection
-    interrupted,  // a row or column shows too little free light: lost rows, a hair, a part from border to border
+    pedestal,      // the dark bins read more than is allowed: fog, black level
+    noise,         // pedestal and noise of the dark bins together take more than is allowed
+    off_centre,    // undeflected light is not in the middle of its lenslet
+    wide_spot,     // spots are wider than a collimated source makes them: defocus, stray light
+    wide_inside,   // spots behind a plate are wider than beside it: a blurred shadow, or a plate that scatters all over
+    fog_beside,    // bins that must be dark read more beside a plate than behind it: fog, stray light
+    second_spot,   // a second spot beside the main one: ghost, neighbouring light, a second exposure
+    alternating,   // neighbouring lenslets differ in turn: interlaced exposures, taps of the sensor
+    glare,         // the part is far brighter than free light: another lamp, a reflection
+    blurred_edge,  // the light falls over several lenslets at the part's edges: it moved, or was exposed twice
+    interrupted,   // a row or column shows too little free light: lost rows, a hair, a part from border to border
     // Reason::no_part
     nothing,       // no region is large enough to be a part
     fills_field,   // no free light around it: the part is larger than the field, or something else covers the field

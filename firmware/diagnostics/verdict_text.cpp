@@ -151,6 +151,11 @@ std::string missing_part(const algo::FrameFindings& f, algo::PartForm form, int 
                 "one whose middle does not deflect light",
                 f.parts);
         case algo::FrameFault::cut_by_field:
+            if (form == algo::PartForm::plate)
+                return "the field's border cuts the plate, and what lies beyond is not seen: set the trigger's delay, "
+                       "or "
+                       "show the whole plate; of one that is larger than the field in every frame set [part] outline = "
+                       "\"any\" (only what is in the field is then judged)";
             return "the field's border cuts the part, or the frame's last rows are lost: set the trigger's delay, or "
                    "show "
                    "the whole part";

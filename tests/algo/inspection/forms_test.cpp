@@ -356,12 +356,15 @@ TEST(Plate, may_leave_the_field_on_one_or_two_sides) {
     EXPECT_EQ(one.rows[2], "oorrrrrrrrrrrr");
     for (std::size_t n = 3; n < 7; ++n) EXPECT_EQ(one.rows[n], "oorjjjjjjjjjjr");
     EXPECT_EQ(one.found.at_border, 6U);
+    EXPECT_EQ(one.found.cut, 1);
     Rows corner = right;
     corner[7] = corner[8] = corner[9] = corner[3];
     for (const bool upside_down : {false, true}) {
         Rows drawing = corner;
         if (upside_down) std::ranges::reverse(drawing);
-        Rows rows = marked(drawing, PartForm::plate).rows;
+        const Marked cut = marked(drawing, PartForm::plate);
+        EXPECT_GT(cut.found.cut, 1);
+        Rows rows = cut.rows;
         if (upside_down) std::ranges::reverse(rows);
         EXPECT_EQ(rows[1], "oooooooooooooo");
         EXPECT_EQ(rows[2], "oorrrrrrrrrrrr");
@@ -372,6 +375,7 @@ TEST(Plate, may_leave_the_field_on_one_or_two_sides) {
                                 PartForm::plate);
     EXPECT_EQ(strip.rows[4], "rjjjjjjjjjjjjr");
     EXPECT_EQ(strip.rows[0], "oooooooooooooo");
+    EXPECT_EQ(strip.found.cut, 0);
 }
 
 // Dirt beside the plate, and a plate of which one edge is seen: it could lie on either side.
@@ -579,6 +583,50 @@ TEST(Plate, may_be_tinted_to_less_than_half_of_the_light) {
         const Frame glass = lines_across(e, light, 1, 1);
         EXPECT_EQ(verdict_on(glass, e, plate), Verdict::pass) << light;
         EXPECT_EQ(verdict_on(transposed(glass), turned, plate), Verdict::pass) << light;
+    }
+}
+
+// Of a plate only a piece may be in the field: half a part is not known to be good. One that reaches from border to
+// border, as wide on both sides, is longer than the field. A corner that the border takes off is less than the margin.
+TEST(Plate, that_the_field_cuts_is_unfit_unless_the_recipe_allows_any_outline) {
+    struct Place {
+        const char* what;
+        double m, n, half_m, half_n, turn;  // lenslets, rad
+        bool is_cut;
+    };
+    constexpr double kFar = 100, kDiagonal = 0.7854;
+    const Place places[] = {{"inside", 30, 30, 15, 12, 0, false},
+                            {"a third", 66, 30, 16, 12, 0, true},
+                            {"two thirds", -2, 30, 16, 12, 0, true},
+                            {"narrow, an end beyond", 44, 30, 40, 8, 0, true},
+                            {"a corner", 58, 58, 20, 20, 0, true},
+                            {"a corner that points inwards", 30, 75, 30, 30, kDiagonal, true},
+                            {"from border to border", 30, 30, kFar, 10, 0, false},
+                            {"from border to border, askew", 30, 30, kFar, 10, 0.2, false},
+                            {"from border to border, more askew", 30, 30, kFar, 7, 0.14, false},
+                            {"from border to border, down", 25, 30, 11, kFar, 0, false},
+                            {"less a tip", 30, 44, 14, 14, kDiagonal, false}};
+    const Extents e{61, 61, 9, 9};
+    for (const Place& p : places) {
+        const Frame frame =
+            noisy(drawn(e, 8, 240,
+                        [&](int m, int n) {
+                            const double x = m - p.m, y = n - p.n, u = x * std::cos(p.turn) + y * std::sin(p.turn),
+                                         v = y * std::cos(p.turn) - x * std::sin(p.turn),
+                                         depth = std::min(p.half_m - std::abs(u), p.half_n - std::abs(v));
+                            return Spot{0, 0, depth < 0 ? 1 : depth < 1.5 ? 0 : kGlass};
+                        }),
+                  {10, 2, 1}, 3);
+        Recipe plate;
+        plate.form = PartForm::plate;
+        auto pipeline = Pipeline::create(e, 8, plate);
+        ASSERT_TRUE(pipeline);
+        const auto seen = pipeline->inspect(frame.view());
+        ASSERT_TRUE(seen);
+        EXPECT_EQ(seen->verdict, p.is_cut ? Verdict::unfit : Verdict::pass) << p.what;
+        EXPECT_EQ(seen->frame.fault, p.is_cut ? FrameFault::cut_by_field : FrameFault::none) << p.what;
+        plate.symmetric_outline = false;
+        EXPECT_EQ(verdict_on(frame, e, plate), Verdict::pass) << p.what;
     }
 }
 
