@@ -54,21 +54,25 @@ Summed sum_of(const FrameView& frame, const Extents& e, std::uint32_t dark_dn, s
 }
 
 // Mean light of each bin above the darkest ones, DN. Bins with less than kFaint of the brightest count as dark: noise
-// in many far bins would widen the spot.
-Bins light_of(const Summed& summed, const Extents& e, double& floor) {
+// in many far bins would widen the spot. `with_faint`: with them.
+Bins light_of(const Summed& summed, const Extents& e, double& floor, Bins& with_faint) {
     Bins light{}, sorted{};
     const auto count = static_cast<std::size_t>(e.bins());
     for (std::size_t b = 0; b < count; ++b) {
         if (summed.count[b] > 0) light[b] = static_cast<double>(summed.samples[b]) / summed.count[b];
     }
     floor = 0;
+    with_faint = light;
     const double dark_share = share_of_dark_bins(e);
     if (dark_share < kMinDarkShare) return light;
     sorted = light;
     const auto rank = static_cast<std::size_t>(dark_share / 2 * static_cast<double>(count));
     floor = common::nth_smallest(std::span(sorted).first(count), rank);
     const double faint = kFaint * (*std::max_element(light.begin(), light.begin() + e.bins()) - floor);
-    for (std::size_t b = 0; b < count; ++b) light[b] = light[b] - floor > faint ? light[b] - floor : 0;
+    for (std::size_t b = 0; b < count; ++b) {
+        with_faint[b] -= floor;
+        light[b] = with_faint[b] > faint ? with_faint[b] : 0;
+    }
     return light;
 }
 
@@ -127,6 +131,21 @@ Middle core_of(const Bins& light, const Extents& e, Middle middle) {
     return middle;
 }
 
+// Light of the axis beyond the core on one side, less that on the opposite one. `axis`: light of the columns, or of the
+// rows. The light of a bin that is partly beyond changes evenly, as its neighbours' does.
+double light_on_one_side(std::span<const double> axis, double core) {
+    const auto at = [&](std::size_t k) { return k < axis.size() ? axis[k] : 0.0; };
+    double difference = 0;
+    for (std::size_t k = 0; k < axis.size(); ++k) {
+        const double slope = (at(k + 1) - at(k - 1)) / 2;  // at(-1) is no bin
+        for (const double side : {1.0, -1.0}) {
+            const double beyond = std::clamp(side * (static_cast<double>(k) - core) + 0.5 - kCoreBins, 0.0, 1.0);
+            difference += side * (axis[k] * beyond + side * slope * beyond * (1 - beyond) / 2);
+        }
+    }
+    return std::abs(difference);
+}
+
 }  // namespace
 
 MeanSpot mean_spot(const FrameView& frame, const Extents& e, std::uint32_t dark_dn,
@@ -134,12 +153,16 @@ MeanSpot mean_spot(const FrameView& frame, const Extents& e, std::uint32_t dark_
     const Summed summed = frame.bits > 8 ? sum_of<std::uint16_t>(frame, e, dark_dn, lenslets, centres)
                                          : sum_of<std::uint8_t>(frame, e, dark_dn, lenslets, centres);
     double floor = 0;
-    const Bins light = light_of(summed, e, floor);
+    Bins with_faint{};
+    const Bins light = light_of(summed, e, floor, with_faint);
+    std::array<double, kMaxBins> columns{}, rows{};
     double sum = 0, x = 0, y = 0, xx = 0, yy = 0;
     std::size_t b = 0, brightest = 0;
     for (int j = 0; j < e.j; ++j) {
         for (int i = 0; i < e.i; ++i, ++b) {
             if (light[b] > light[brightest]) brightest = b;
+            columns[static_cast<std::size_t>(i)] += with_faint[b];
+            rows[static_cast<std::size_t>(j)] += with_faint[b];
             sum += light[b];
             x += light[b] * i;
             y += light[b] * j;
@@ -156,7 +179,12 @@ MeanSpot mean_spot(const FrameView& frame, const Extents& e, std::uint32_t dark_
     MeanSpot spot{.measured = true, .x = x - 0.5 * (e.i - 1), .y = y - 0.5 * (e.j - 1)};
     spot.rms_x = std::sqrt(std::max(0.0, xx / sum - x * x));
     spot.rms_y = std::sqrt(std::max(0.0, yy / sum - y * y));
-    spot.second_share = std::max(light_beside(light, e, brightest) / sum, lopsided / kSecondSpotBins);
+    const double on_one_side =
+        std::max(light_on_one_side(std::span(columns).first(static_cast<std::size_t>(e.i)), core.x),
+                 light_on_one_side(std::span(rows).first(static_cast<std::size_t>(e.j)), core.y));
+    spot.second_share =
+        std::max({light_beside(light, e, brightest) / sum, on_one_side / sum, lopsided / kSecondSpotBins});
+    spot.light_dn = sum;
     spot.floor_dn = floor;
     spot.lit_share = static_cast<double>(summed.lit) / static_cast<double>(summed.all);
     return spot;

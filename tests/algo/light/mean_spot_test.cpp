@@ -70,6 +70,23 @@ TEST(MeanSpot, is_not_one_spot_with_a_ghost_of_a_fifth) {
     EXPECT_LT(spot_of(with_ghost(still(0.5), 0.02, 3, 0)).second_share, 0.05);
 }
 
+// The wider the spot, the more bins both share. From three bins on, nearly all of the ghost lies beyond the core; two
+// bins away more than half does.
+TEST(MeanSpot, counts_the_light_of_a_ghost_that_blends_with_a_wide_spot) {
+    for (const double spread : {0.4, 0.6, 0.8}) {
+        for (const double share : {0.06, 0.1}) {
+            const double of_light = share / (1 + share);
+            for (const auto& [right, down] : {std::pair(3, 0), std::pair(-3, 0), std::pair(0, 3), std::pair(3, -2)}) {
+                const double seen = spot_of(with_ghost(still(spread), share, right, down)).second_share;
+                EXPECT_NEAR(seen, of_light, 0.15 * of_light) << spread << " " << share << " " << right << " " << down;
+            }
+            const double near = spot_of(with_ghost(still(spread), share, 0, -2)).second_share;
+            EXPECT_GT(near, of_light / 2) << spread << " " << share;
+            EXPECT_LT(near, 1.15 * of_light) << spread << " " << share;
+        }
+    }
+}
+
 TEST(MeanSpot, is_two_spots_when_light_falls_between_two_lenslets) {
     EXPECT_NEAR(spot_of(still(0.5, 4.5)).second_share, 0, 0.2);  // cut off at the last bin, nothing beside it
     EXPECT_GT(spot_of(moved_px(still(0.5), 4, 0)).second_share, 0.1);
@@ -138,11 +155,11 @@ TEST(MeanSpot, counts_what_no_way_without_a_climb_leads_to_as_a_second_spot) {
     EXPECT_LT(of_bins({{4, 4, 96}, {4, 3, 2}, {4, 5, 2}}).second_share, 1e-6);
 }
 
-// The core is 3 x 3 bins about the brightest one, and what is beside it moves the mean alone.
-TEST(MeanSpot, that_is_lopsided_counts_the_way_from_its_core_to_the_mean_over_four_bins) {
+// The core is 3 x 3 bins about the brightest one, and moves towards the light beside it.
+TEST(MeanSpot, that_is_lopsided_counts_what_lies_beyond_its_core_on_one_side) {
     // Light that falls without a climb: 100, 40, 20, 20 DN, one bin further each.
     for (const int way : {1, -1}) {
-        const double core = 40.0 / 140, mean = (40.0 + 2 * 20 + 3 * 20) / 180;
+        const double mean = (40.0 + 2 * 20 + 3 * 20) / 180;
         const MeanSpot right = of_bins({{4, 4, 100}, {4 + way, 4, 40}, {4 + 2 * way, 4, 20}, {4 + 3 * way, 4, 20}}),
                        down = of_bins({{4, 4, 100}, {4, 4 + way, 40}, {4, 4 + 2 * way, 20}, {4, 4 + 3 * way, 20}});
         EXPECT_NEAR(right.x, way * mean, 1e-9);
@@ -150,8 +167,8 @@ TEST(MeanSpot, that_is_lopsided_counts_the_way_from_its_core_to_the_mean_over_fo
         EXPECT_EQ(right.y, 0);
         EXPECT_EQ(down.x, 0);
         EXPECT_NEAR(down.second_share, right.second_share, 1e-9);
-        EXPECT_LT(right.second_share, (mean - core) / 4);  // the core moves towards the light beside it
-        EXPECT_GT(right.second_share, 0.4 * (mean - core) / 4);
+        EXPECT_LT(right.second_share, 40.0 / 180);
+        EXPECT_GT(right.second_share, 30.0 / 180);
     }
 }
 
