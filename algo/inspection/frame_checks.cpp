@@ -5,7 +5,6 @@
 
 #include "algo/frame/lenslet_scan.h"
 #include "algo/frame/mask.h"
-#include "algo/light/mean_spot.h"
 #include "algo/reference/reference.h"
 #include "common/statistics.h"
 
@@ -21,6 +20,7 @@ bool is_light(FrameFault fault) { return fault >= FrameFault::pedestal && fault 
 
 Reason reason_of(FrameFault fault) {
     if (fault == FrameFault::none) return Reason::none;
+    if (fault == FrameFault::dim) return Reason::too_dark;
     if (fault >= FrameFault::other_period && fault <= FrameFault::turned) return Reason::unexpected_geometry;
     return is_light(fault) ? Reason::unexpected_light : Reason::no_part;
 }
@@ -184,6 +184,7 @@ FrameFault FrameChecks::check_light(const FrameView& frame, const DecodedField& 
     findings_.spot_y_bins = static_cast<float>(spot.rms_y);
     findings_.second_share = static_cast<float>(spot.second_share);
     findings_.lit_share = static_cast<float>(spot.lit_share);
+    findings_.lost_share = static_cast<float>(lost_share(field, spot));
     if (fault_of_dark_ != FrameFault::none) return fault_of_dark_;
     if (max_second_share_ > 0 && findings_.second_share > max_second_share_) return FrameFault::second_spot;
     if (max_spot_bins_ > 0 &&
@@ -196,9 +197,20 @@ FrameFault FrameChecks::check_light(const FrameView& frame, const DecodedField& 
     return check_exposures(frame, field, alternation);
 }
 
-double FrameChecks::glare_share(const DecodedField& field) {
+double FrameChecks::median_light(const DecodedField& field) {
     for (std::size_t k = 0; k < chosen_.size(); ++k) scratch_[k] = field.sums[chosen_[k]];
-    const auto free = static_cast<double>(common::lower_median(std::span(scratch_).first(chosen_.size())));
+    return static_cast<double>(common::lower_median(std::span(scratch_).first(chosen_.size())));
+}
+
+double FrameChecks::lost_share(const DecodedField& field, const MeanSpot& spot) const {
+    if (!findings_.dark_measured) return 0;  // a pedestal would count as light
+    double left = 0;
+    for (const std::uint32_t k : chosen_) left += field.sums[k];
+    return std::max(0.0, 1 - left / (static_cast<double>(chosen_.size()) * spot.light_dn));
+}
+
+double FrameChecks::glare_share(const DecodedField& field) {
+    const double free = median_light(field);
     const auto limit = static_cast<std::uint32_t>(std::min(kMaxLight * free, static_cast<double>(UINT32_MAX)));
     const auto is_judged = [mask = field.mask](std::size_t k) { return (mask[k] & kNotJudged) == 0; };
     const std::size_t judged = count_suiting(0, field.mask.size(), is_judged),
@@ -348,8 +360,7 @@ bool FrameChecks::is_fog_beside(const DecodedField& field, const FoundPart& part
         return ((mask[k] & kNoHord) == 0) & ((state[k] & FoundPart::kFreeField) != 0);
     });
     if (chosen_.empty()) return false;
-    for (std::size_t k = 0; k < chosen_.size(); ++k) scratch_[k] = field.sums[chosen_[k]];
-    const auto light = static_cast<double>(common::lower_median(std::span(scratch_).first(chosen_.size())));
+    const double light = median_light(field);
     const double added = fog * static_cast<double>(findings_.lit_share) * extents_.bins();
     return added > (1 - kShadedLight) * light && fog > kMinFogSigmas * error;
 }
@@ -403,7 +414,7 @@ Reason FrameChecks::judge(const FrameView& frame, const DecodedField& field, con
         if (std::abs(findings_.turned_rad) * static_cast<float>(half) > max_offset_bins_) fault = FrameFault::turned;
     }
     const FrameFault of_part = check_part(field, part);
-    if (fault == FrameFault::none) fault = of_part;
+    if (fault == FrameFault::none) fault = is_dim() && of_part != FrameFault::none ? FrameFault::dim : of_part;
     if (fault == FrameFault::none) fault = check_spread(frame, field, part);
     findings_.fault = fault;
     return reason_of(fault);

@@ -18,6 +18,7 @@
 #include "algo/light/dark_bins.h"
 #include "algo/light/exposures.h"
 #include "algo/light/macro_period.h"
+#include "algo/light/mean_spot.h"
 #include "algo/recipe/recipe.h"
 #include "algo/verdict/verdict.h"
 
@@ -91,6 +92,10 @@ class FrameChecks {
                            const Alternation& alternation);
     // Of the judged lenslets, those far brighter than the median of the chosen ones.
     double glare_share(const DecodedField& field);
+    // Of the chosen lenslets.
+    double median_light(const DecodedField& field);
+    [[nodiscard]] double lost_share(const DecodedField& field, const MeanSpot& spot) const;
+    [[nodiscard]] bool is_dim() const { return static_cast<double>(findings_.lost_share) > kMaxLostLight; }
     FrameFault check_exposures(const FrameView& frame, const DecodedField& field, const Alternation& alternation);
     FrameFault check_part(const DecodedField& field, const FoundPart& part);
     [[nodiscard]] FrameFault check_plate(const FoundPart& part) const;

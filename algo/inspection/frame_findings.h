@@ -9,6 +9,7 @@ namespace hord::algo {
 // What is wrong with a frame, in words that a cure can follow.
 enum class FrameFault : std::uint8_t {
     none,
+    dim,  // Reason::too_dark: no whole part is seen, and the dark level takes much of the light
     // Reason::unexpected_geometry
     other_period,  // the light repeats with another period than the macro-pixels' size
     split_spots,   // the light lies at opposite edges of the bins: the macro-pixels drift against the frame
@@ -51,6 +52,9 @@ struct FrameFindings {
     // The dark level that both ask for, and what is allowed: of the pedestal alone, and of that level.
     float wanted_dark_dn = 0, dark_limit_dn = 0, noise_limit_dn = 0;
 
+    // Share of the light of these lenslets that the dark level takes: it is subtracted from every lit bin, and fainter
+    // bins count as dark.
+    float lost_share = 0;
     bool in_free_light = false;  // spot and offset are those of the free light; else of all lit lenslets
     bool spot_measured = false;
     float x_bins = 0, y_bins = 0;            // mean deflection of the free light from where it is expected, bin pitches

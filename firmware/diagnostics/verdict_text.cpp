@@ -241,6 +241,12 @@ std::string period_fault(const algo::FrameFindings& f, const algo::Extents& e) {
 std::string why_unfit(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& extents) {
     switch (found.reason) {
         case algo::Reason::too_dark:
+            if (found.frame.fault == algo::FrameFault::dim)
+                return fmt::format(
+                    "the dark level, {} DN, takes {:.0f} % of the light (at most {:.0f} %), and no whole part is seen: "
+                    "check that the light flashes while the sensor exposes, and raise its current, the exposure or the "
+                    "gain",
+                    found.dark_dn, 100 * found.frame.lost_share, 100 * algo::kMaxLostLight);
             return fmt::format(
                 "{} have light enough (at least {:.2g} %): check that the light flashes while the sensor exposes, and "
                 "raise its current, the exposure or the gain",
@@ -297,6 +303,11 @@ std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, cons
             lone.x, lone.y, lone.dn);
     }
     if (recipe.reference) return "";
+    if (static_cast<double>(found.frame.lost_share) > algo::kMaxLostLight)
+        return fmt::format(
+            " The dark level, {} DN, takes {:.0f} % of the light: raise the light's current, the exposure or the gain "
+            "before the part is judged.",
+            found.dark_dn, 100 * found.frame.lost_share);
     const bool light_is_there = found.reason != algo::Reason::absorption;
     if (is_along_tube(found, recipe, e))
         return " What goes on along the tube may be the slope of the tube and what is in it, which single "

@@ -113,6 +113,25 @@ TEST(FrameFaults, of_the_part_have_limits) {
     }
 }
 
+// What decoding leaves of the light, 20 % less and more.
+TEST(FrameFaults, of_a_part_in_little_light_are_that_light) {
+    const auto found_in_light = [](double sum, int parts) {
+        Case c;
+        std::ranges::fill(c.sums, static_cast<std::uint32_t>(sum));
+        c.part.parts = parts;
+        const FrameFindings found = c.found();
+        EXPECT_EQ(c.reason,
+                  found.fault == dim        ? Reason::too_dark
+                      : found.fault == none ? Reason::none
+                                            : Reason::no_part);
+        return found;
+    };
+    const double light = 100 / (1 - static_cast<double>(found_in_light(100, 0).lost_share));
+    EXPECT_EQ(found_in_light(0.81 * light, 0).fault, nothing);
+    EXPECT_EQ(found_in_light(0.79 * light, 0).fault, dim);
+    EXPECT_EQ(found_in_light(0.79 * light, 1).fault, none);  // a whole part is seen: it is judged
+}
+
 TEST(FrameFaults, of_the_outline_count_for_the_forms_that_have_it) {
     const auto of_form = [](PartForm form, const std::function<void(FoundPart&)>& change) {
         return with([&](Case& c) {

@@ -361,6 +361,21 @@ TEST(VerdictText, of_missing_material_says_where_and_how_much_light_passes) {
               "learn).");
 }
 
+TEST(VerdictText, of_a_reject_in_little_light_names_the_light) {
+    algo::Inspection found;
+    const algo::Defect defect{.m = 20, .n = 35, .area = 9};
+    found.verdict = algo::Verdict::reject;
+    found.reason = Reason::absorption;
+    found.defects = {&defect, 1};
+    found.dark_dn = 3;
+    found.frame.lost_share = 0.19F;
+    EXPECT_THAT(explain(found, {}, kField), ::testing::Not(::testing::HasSubstr("dark level")));
+    found.frame.lost_share = 0.21F;
+    EXPECT_THAT(explain(found, {}, kField),
+                ::testing::EndsWith(" The dark level, 3 DN, takes 21 % of the light: raise the light's current, the "
+                                    "exposure or the gain before the part is judged."));
+}
+
 TEST(VerdictText, of_a_steep_part_and_of_a_line_at_a_plates_edge_says_what_else_it_may_be) {
     algo::Inspection found;
     algo::Defect defect{.m = 5, .n = 5, .area = 100, .length = 12, .width = 11};
