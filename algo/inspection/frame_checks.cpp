@@ -302,6 +302,7 @@ FrameFault FrameChecks::check_holder(const DecodedField& field) const {
 FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& part) {
     findings_.parts = part.parts + part.islands;
     findings_.sharp_share = static_cast<float>(part.sharp_outline);
+    findings_.edge_width = part.edge_width;
     findings_.free_beside = static_cast<float>(part.free_beside);
     findings_.symmetry = static_cast<float>(part.symmetry);
     findings_.convexity = static_cast<float>(part.convexity);
@@ -318,6 +319,7 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     if (part.parts == 0) return part.free_light ? FrameFault::nothing : check_holder(field);
     if (part.free_light && part.sharp_outline < kMinSharpOutline) return FrameFault::no_outline;
     if (part.islands > 0) return FrameFault::several;
+    if (part.edge_width > kMaxEdgeWidth) return FrameFault::blurred_edge;
     // Tubes and plates may leave the field, and a plate may show its edges alone.
     if (form_ == PartForm::tube && part.deflecting < kMinDeflectingShare) return FrameFault::hollow;
     if (form_ == PartForm::plate) return check_plate(part);

@@ -74,6 +74,7 @@ struct FrameFindings {
     int parts = 0;          // regions of at least 1/16 of the field, and smaller ones beside them that are no dust
     float border_cut = 0;   // outermost lenslets of the field that belong to a part, over the part's diameter
     float sharp_share = 0;  // share of the part's outline across which the light jumps
+    int edge_width = 0;     // lenslets in which the light falls at the part's edge, their median
     float free_beside = 1;  // least share of free light beside the part in a row or column
     float symmetry = 0;     // overlap of the part and its image turned by 180 degrees, over both together
     float convexity = 0;    // of the part, with what it encloses, over its convex hull

@@ -48,6 +48,9 @@ struct FoundPart {
     // Share of the lenslets beside the part that show free light, in the row or the column with the fewest. It counts
     // rows with at least kMinBeside lenslets beside the part, and those without any free light; 1 if there is no part.
     double free_beside = 1;
+    // Lenslets along a row or a column in which undeflected light falls from that of the free field to the part's edge:
+    // the median. 0 where too little is seen.
+    int edge_width = 0;
     // Overlap of the part, with what it encloses, and its image turned by 180 degrees about its centroid, over both
     // together: 1 for a disc or a rectangle, 0.69 for half a disc.
     double symmetry = 0;

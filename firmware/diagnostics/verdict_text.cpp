@@ -103,6 +103,12 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
                 "{:.0f} % of the part is far brighter than the free light beside it: look for a second lamp, a "
                 "reflection, or stray light",
                 100 * f.glare_share);
+        case algo::FrameFault::blurred_edge:
+            return fmt::format(
+                "the light falls over {} lenslets at the part's edges (at most {}): look for a part that moves while "
+                "the light is on (a shorter flash) or that is exposed twice, and see that it lies in the measurement "
+                "plane",
+                f.edge_width, algo::kMaxEdgeWidth);
         default:
             return fmt::format(
                 "a row or column of lenslets shows free light in {:.0f} % of what lies beside the part (at least "

@@ -92,6 +92,7 @@ TEST(FrameFaults, of_the_part_have_limits) {
         {"beside", [](FoundPart& p) { p.free_beside = 0.5; }, [](FoundPart& p) { p.free_beside = 0.499; }, interrupted},
         {"symmetry", [](FoundPart& p) { p.symmetry = 0.913; }, [](FoundPart& p) { p.symmetry = 0.912; }, lopsided},
         {"convexity", [](FoundPart& p) { p.convexity = 0.863; }, [](FoundPart& p) { p.convexity = 0.862; }, notched},
+        {"edges", [](FoundPart& p) { p.edge_width = 2; }, [](FoundPart& p) { p.edge_width = 3; }, blurred_edge},
         {"inside", [](FoundPart& p) { p.deflecting = 0.25; }, [](FoundPart& p) { p.deflecting = 0.249; }, hollow},
         {"flanks", [](FoundPart& p) { p.lacks_flanks = false; }, [](FoundPart& p) { p.lacks_flanks = true; },
          no_flanks},
@@ -109,7 +110,8 @@ TEST(FrameFaults, of_the_part_have_limits) {
         Case of_limit;
         limit.beyond(of_limit.part);
         (void)of_limit.found();
-        EXPECT_EQ(of_limit.reason, limit.fault == interrupted ? Reason::unexpected_light : Reason::no_part);
+        const bool of_light = limit.fault == interrupted || limit.fault == blurred_edge;
+        EXPECT_EQ(of_limit.reason, of_light ? Reason::unexpected_light : Reason::no_part) << limit.name;
     }
 }
 

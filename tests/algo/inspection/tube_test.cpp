@@ -126,6 +126,61 @@ TEST(Tube, is_no_part_where_the_field_shows_one_flank_only) {
     }
 }
 
+// The mean of exposures of a tube at these distances across its axis, lenslets.
+Frame moved_tube(const DrawnTube& tube, const std::vector<int>& distances) {
+    std::vector<Frame> all;
+    for (const int distance : distances) {
+        DrawnTube moved = tube;
+        moved.centre += distance;
+        all.push_back(drawn_tube(moved, 7));
+    }
+    Frame mean = all.front();
+    for (int y = 0; y < mean.height_px(); ++y) {
+        for (int x = 0; x < mean.width_px(); ++x) {
+            std::uint32_t sum = 0;
+            for (const Frame& one : all) sum += one.view().sample(x, y);
+            mean.set(x, y, sum / static_cast<std::uint32_t>(all.size()));
+        }
+    }
+    return mean;
+}
+
+// An edge in focus covers one lenslet in part; that of a tube that moved covers as many as it moved by.
+TEST(Tube, that_moved_or_was_exposed_twice_is_told_by_its_edges) {
+    const DrawnTube tube{.extents = {61, 51, 9, 9}, .half_width = 18, .half_length = 99, .slope = 0.06};
+    const Extents turned{51, 61, 9, 9};
+    const auto fault_of = [&](const Frame& frame, const Extents& e) {
+        auto pipeline = Pipeline::create(e, 8, tube_recipe());
+        const auto seen = pipeline->inspect(frame.view());
+        EXPECT_EQ(seen->verdict == Verdict::pass, seen->frame.fault == FrameFault::none) << name_of(seen->reason);
+        return seen->frame.fault;
+    };
+    for (const std::vector<int>& distances :
+         {std::vector{0}, {0, 1}, {0, 3}, {0, 4}, {-2, -1, 0, 1, 2}, {-4, -3, -2, -1, 0, 1, 2, 3, 4}}) {
+        const Frame frame = moved_tube(tube, distances);
+        const FrameFault expected =
+            distances.back() - distances.front() < 3 ? FrameFault::none : FrameFault::blurred_edge;
+        // What moved by nine lenslets has no outline any more.
+        for (const FrameFault fault : {fault_of(frame, tube.extents), fault_of(transposed(frame), turned)})
+            EXPECT_EQ(fault, distances.size() > 5 ? FrameFault::no_outline : expected) << distances.back();
+    }
+}
+
+// A tenth of the light: the dark level takes most of it where it is spread over many bins.
+TEST(Tube, in_too_little_light_is_told_as_that) {
+    const DrawnTube tube{.slope = 0.12};
+    auto pipeline = Pipeline::create(tube.extents, 8, tube_recipe());
+    ASSERT_TRUE(pipeline);
+    int dim = 0;
+    for (const double light : {0.12, 0.1, 0.08, 0.06}) {
+        const auto seen = pipeline->inspect(drawn_tube(tube, 5, nullptr, light).view());
+        ASSERT_TRUE(seen);
+        EXPECT_NE(seen->reason, Reason::no_part) << light;
+        dim += seen->frame.fault == FrameFault::dim ? 1 : 0;
+    }
+    EXPECT_GE(dim, 1);
+}
+
 // What has no flanks is no tube: a sheet that lies across a third of the field.
 TEST(Tube, is_no_part_where_light_is_deflected_in_a_third_of_the_field) {
     const Extents e{45, 51, 9, 9};
