@@ -197,9 +197,15 @@ void RimFinder::compare_across_edges(const FieldLight& light) {
         sums.inside += inside;
         sums.beside += beside;
         sums.across += across;
+        sums.apart += across + kMax - 1;
         sums.away += away;
         sums.farther += mean_light(at(-1 - margin_ - away), -step, window, is_reached);
         sums.farthest += mean_light(at(-reached), step, window, is_reached);
+        const int into = std::min(across, half - edge - margin_ - kMax);
+        const double deeper = into > 0 ? mean_light(at(edge + margin_ + into), step, kMax, is_undeflected) : 0;
+        if (deeper <= 0) return;
+        sums.fallen += inside - deeper;
+        sums.into += into;
     };
     const auto look_at = [&](std::size_t start, std::ptrdiff_t step, int length) {
         const auto is_part = [&](int k) { return (state_[start + static_cast<std::size_t>(step * k)] & kPart) != 0; };
@@ -220,12 +226,18 @@ void RimFinder::compare_across_edges(const FieldLight& light) {
     found_.clear_middle = found_.soft_shadow && !is_shadow(sums, 0);
 }
 
-// The light outside grows away from the edges: a shadow about a hair or a frame, or a lamp that is darker in the
-// middle. Then what it changes there goes on across the edges, and the middle of a shadow may be as light as the field.
+// The light grows away from the edges outside, or falls on inside: a shadow about a hair or a frame, or a lamp that is
+// darker in the middle. Then what it changes there goes on across the edges, and the middle of a shadow may be as light
+// as the field. A lamp changes across the edges by the mean of what it changes by on both sides.
 bool RimFinder::is_shadow(const LightAcrossEdges& sums, double middle) {
-    if (sums.farther <= sums.beside) return false;
-    const double distance = std::min(static_cast<double>(sums.across) / sums.away, kFarthestExtrapolated);
-    const double change = (sums.farther - sums.beside) * distance;
+    const auto carried_on = [](double change, int from, int to) {
+        return from > 0 ? change * std::min(static_cast<double>(to) / from, kFarthestExtrapolated) : 0;
+    };
+    const double outside = sums.farther - sums.beside,
+                 change = std::max(
+                     carried_on(outside, sums.away, sums.across),
+                     (carried_on(outside, sums.away, sums.apart) + carried_on(sums.fallen, sums.into, sums.apart)) / 2);
+    if (change <= 0) return false;
     const double lost = std::min(sums.beside - sums.inside, sums.farthest - middle);
     return lost - kSmoothChange * change <= (1 - kShadedLight) * sums.beside;
 }

@@ -128,6 +128,9 @@ class RimFinder {
     struct LightAcrossEdges {
         double inside = 0, beside = 0, farther = 0, farthest = 0;  // light, inside the edge and outside of it
         int across = 0, away = 0;  // lenslets from `beside` to `inside` and to `farther`
+        int apart = 0;             // from the middle of `beside` to that of `inside`
+        double fallen = 0;         // light from `inside` to as far again towards the middle,
+        int into = 0;              // and how many lenslets that are
     };
     static bool is_shadow(const LightAcrossEdges& sums, double middle);
     // Of what is inside: its lenslets, and twice the column and row of its centroid, rounded.

@@ -552,6 +552,40 @@ TEST(Plate, is_none_where_lines_cast_a_soft_shadow) {
     }
 }
 
+// A lamp that is darker in the middle: two hairs, or a frame of hairs, in an empty field are no plate. Glass in the
+// same light is one.
+TEST(Plate, is_none_where_the_lamp_is_darker_between_two_hairs) {
+    Recipe plate;
+    plate.form = PartForm::plate;
+    for (const int side : {50, 61, 80}) {
+        const Extents e{side, side, 9, 9};
+        const int hair = side / 4;  // lenslets from the field's border to its middle
+        for (const bool closed : {false, true}) {
+            for (const double depth : {0.06, 0.1, 0.15}) {
+                for (const double width : {0.3, 0.4, 0.6, 0.0}) {  // of half the field; 0: a parabola
+                    for (const double between : {1.0, kGlass}) {
+                        const auto spot = [&](int m, int n) {
+                            const int across = std::min(m, side - 1 - m), down = std::min(n, side - 1 - n),
+                                      inside = closed ? std::min(across, down) : across;
+                            const double u = 2 * (m + 0.5) / side - 1, v = closed ? 2 * (n + 0.5) / side - 1 : 0,
+                                         squared = u * u + v * v,
+                                         lamp = 1 -
+                                depth * (width > 0 ? std::exp(-squared / (2 * width * width)) : 1 - squared / 2);
+                            return Spot{0, 0,
+                                        inside == hair || inside == hair + 1 ? 0.05
+                                            : inside > hair                  ? between * lamp
+                                                                             : lamp};
+                        };
+                        EXPECT_EQ(verdict_on(noisy(drawn(e, 8, 240, spot), {10, 2, 1}, 3), e, plate),
+                                  between < 1 ? Verdict::pass : Verdict::unfit)
+                            << side << closed << ", " << depth << ", " << width;
+                    }
+                }
+            }
+        }
+    }
+}
+
 // The lamp is a little darker in the middle of the field. A plate with a hole there is not told to be a hair's shadow.
 TEST(Plate, with_a_hole_in_its_middle_is_told_by_its_clear_middle) {
     const Extents e{61, 61, 9, 9};
