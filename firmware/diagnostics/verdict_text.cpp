@@ -368,20 +368,22 @@ std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, c
     const char* const bounds = !found.bounded ? ""
         : found.out_of_time                   ? " Some values are bounds: the time ran out."
                                               : " Some values are bounds: the limit of work was reached.";
+    const char* const at_most = found.bounded ? "at most " : "";  // a bound can be several times the exact value
     if (found.defects.empty())
-        return fmt::format("Passed: the worst place reaches {:.0f} % of its limit.{}", 100 * found.score, bounds);
+        return fmt::format("Passed: the worst place reaches {}{:.0f} % of its limit.{}", at_most, 100 * found.score,
+                           bounds);
     const algo::Defect& d = found.defects.front();
     if (found.reason == algo::Reason::missing_material) {
         return fmt::format(
-            "Rejected: light passes as if material were missing at {}: {:.0f} % more than beside it, over {}, {:.1f} "
+            "Rejected: light passes as if material were missing at {}: {:.0f} % more than beside it, over {}, {}{:.1f} "
             "times its limit.{} If good parts are thinner or clearer there, learn a reference (hordctl learn).",
-            place_text(d, recipe, extents), 100 * d.peak, length_text(d.length, recipe), found.score, bounds);
+            place_text(d, recipe, extents), 100 * d.peak, length_text(d.length, recipe), at_most, found.score, bounds);
     }
     const std::string what = is_along_tube(found, recipe, extents)
         ? "a place along the tube, of " + length_text(d.length, recipe)
         : fmt::format("{} of {}", what_is(d), size_text(d, recipe));
-    std::string text =
-        fmt::format("Rejected: {} at {}, {:.1f} times its limit", what, place_text(d, recipe, extents), found.score);
+    std::string text = fmt::format("Rejected: {} at {}, {}{:.1f} times its limit", what, place_text(d, recipe, extents),
+                                   at_most, found.score);
     const std::size_t more = found.defects.size() - 1;
     if (more > 0) text += fmt::format("; {} weaker {}", more, more == 1 ? "one" : "ones");
     return text + "." + moved_optics(found) + bounds + hint(found, recipe, extents);

@@ -50,12 +50,12 @@ TEST(VerdictText, of_a_part_that_passed_says_how_near_to_its_limit_it_came) {
     found.score = 0.424F;
     EXPECT_EQ(told(found), "Passed: the worst place reaches 42 % of its limit.");
     found.bounded = true;
-    EXPECT_EQ(
-        told(found),
-        "Passed: the worst place reaches 42 % of its limit. Some values are bounds: the limit of work was reached.");
+    EXPECT_EQ(told(found),
+              "Passed: the worst place reaches at most 42 % of its limit. Some values are bounds: the limit of work "
+              "was reached.");
     found.out_of_time = true;
     EXPECT_EQ(told(found),
-              "Passed: the worst place reaches 42 % of its limit. Some values are bounds: the time ran out.");
+              "Passed: the worst place reaches at most 42 % of its limit. Some values are bounds: the time ran out.");
 }
 
 // What several lenslets show together (algo/reference/pooled_scores.h).
@@ -137,7 +137,8 @@ TEST(VerdictText, of_a_rejected_part_says_what_was_found_how_large_and_where) {
     found.defects = defects;
     found.bounded = true;
     EXPECT_THAT(told(found),
-                ::testing::EndsWith("; 2 weaker ones. Some values are bounds: the limit of work was reached."));
+                ::testing::EndsWith("at most 2.5 times its limit; 2 weaker ones. Some values are bounds: "
+                                    "the limit of work was reached."));
 }
 
 TEST(VerdictText, of_a_lone_sample_says_that_the_pixel_may_be_warm) {
