@@ -10,7 +10,8 @@
 namespace hord::lab {
 
 std::string ExperimentOptions::arguments() const {
-    return fmt::format(" --seed {}{}{}", seed, quick ? " --quick" : "", tuned_limits ? " --tuned-limits" : "");
+    return fmt::format(" --seed {}{}{}{}", seed, quick ? " --quick" : "", tuned_limits ? " --tuned-limits" : "",
+                       lenslets > 0 ? fmt::format(" --lenslets {}", lenslets) : "");
 }
 
 bool ExperimentReport::as_expected() const {

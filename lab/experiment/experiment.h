@@ -23,6 +23,7 @@ struct ExperimentOptions {
     bool quick = false;            // under a minute: fewer or smaller cells, the same claims
     std::uint64_t seed = 1;
     bool tuned_limits = false;  // of the experiment `detection` only: not the recipe's limits, but tuned ones
+    int lenslets = 0;           // of `stability` only: times of fields of so many lenslets a side alone; 0: of all
     int threads = 0;            // 0: one a core; results do not depend on it (times measured do)
     std::function<void(double done, const std::string& note)> progress = [](double, const std::string&) {};  // 0..1
 

@@ -20,7 +20,7 @@ struct ExperimentArguments {
     std::string out, frames;
     bool quick = false, finished = false, tuned_limits = false;
     std::uint64_t seed = 1;
-    int threads = 0;
+    int lenslets = 0, threads = 0;
 };
 
 Exit run_experiment(const Experiment& experiment, const ExperimentArguments& arguments) {
@@ -36,9 +36,9 @@ Exit run_experiment(const Experiment& experiment, const ExperimentArguments& arg
         : experiment.run == run_guarantee ? report_finished_guarantee
         : experiment.run == run_whole     ? report_finished_whole
                                           : report_finished_detection;
-    const auto report =
-        run({arguments.out, arguments.frames, arguments.quick, arguments.seed, arguments.tuned_limits,
-             arguments.threads, [&](double done, const std::string& note) { progress->show(done, note); }});
+    const auto report = run({arguments.out, arguments.frames, arguments.quick, arguments.seed, arguments.tuned_limits,
+                             arguments.lenslets, arguments.threads,
+                             [&](double done, const std::string& note) { progress->show(done, note); }});
     progress.reset();
     if (!report) return complain(report.error());
     const auto file = std::filesystem::path(arguments.out) / (std::string(experiment.name) + ".md");
@@ -76,9 +76,14 @@ void add_experiment(CLI::App& program, Exit& status) {
                 "--tuned-limits", arguments->tuned_limits,
                 "Judge by limits that are tuned on good parts of another stream, not by the default recipe's");
         }
-        if (experiment.run == run_stability)
+        if (experiment.run == run_stability) {
+            one->add_option(
+                   "--lenslets", arguments->lenslets,
+                   "Lenslets a side of the field whose verdicts are timed, instead of all sizes: 555, for example")
+                ->check(in_range(15, 2048));
             one->add_option("--frames", arguments->frames,
                             "Folder of the fuzz corpus (tests/fuzz/corpus): the time of a verdict on its frames, too");
+        }
         const bool has_frames = experiment.run == run_reference;
         if (has_frames)
             one->add_option("--frames", arguments->frames,

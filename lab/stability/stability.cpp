@@ -83,6 +83,7 @@ Result<ExperimentReport> run_stability(const ExperimentOptions& options) {
     }
     report.text = fill_report("stability",
                               {{"quick", options.quick ? "yes" : ""},
+                               {"lenslets", options.lenslets > 0 ? std::to_string(options.lenslets) : ""},
                                {"frames", options.frames.string()},
                                {"seed", std::to_string(options.seed)},
                                {"claims", describe(report.claims)},

@@ -56,8 +56,9 @@ void check_transport(const StabilityOptions& options, StabilityTable& table);
 void check_frames(const StabilityOptions& options, StabilityTable& table);
 
 // How long verdicts take, in processor time, for frames with a pedestal, noise, wide spots and many lit bins; 111x111
-// lenslets, and 555x555 unless options.quick. With options.frames, the folder of the fuzz corpus, also for its frames.
-// Says where a goal is not reached. Times differ between machines and runs, so that they are no claims.
+// lenslets, smaller ones, and 555x555 unless options.quick; options.lenslets: of this size alone. With options.frames,
+// the folder of the fuzz corpus, also for its frames. Says where a goal is not reached. Times differ between machines
+// and runs, so that they are no claims.
 struct VerdictTimes {
     Table sizes;   // the clean frame and the worst one of each size, with the goals
     Table frames;  // every frame, over the clean frame's time

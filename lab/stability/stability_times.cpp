@@ -109,6 +109,17 @@ std::vector<std::pair<std::string, Light>> all_lights() {
     return all;
 }
 
+struct FieldSize {
+    int lenslets, bins;  // along each axis
+};
+std::vector<FieldSize> sizes_of(const ExperimentOptions& options) {
+    std::vector<FieldSize> sizes{{111, 9}, {40, 7}, {50, 6}, {80, 5}};
+    if (!options.quick) sizes.push_back({555, 9});
+    if (options.lenslets == 0) return sizes;
+    std::erase_if(sizes, [&](const FieldSize& size) { return size.lenslets != options.lenslets; });
+    return sizes.empty() ? std::vector<FieldSize>{{options.lenslets, 9}} : sizes;
+}
+
 }  // namespace
 
 Result<VerdictTimes> measure_verdict_times(const ExperimentOptions& options) {
@@ -117,9 +128,7 @@ Result<VerdictTimes> measure_verdict_times(const ExperimentOptions& options) {
           "goal", "worst frame", fmt::format("of the clean frame's time (goal: {})", kMaxOverClean), "goal"},
          {}},
         {{"lenslets", "shown", "frame", "of the clean frame's time", "verdict", "a limit of work was reached"}, {}}};
-    for (const auto& [lenslets, bins] :
-         {std::pair(111, 9), std::pair(40, 7), std::pair(50, 6), std::pair(80, 5), std::pair(555, 9)}) {
-        if (options.quick && lenslets > 111) continue;
+    for (const auto& [lenslets, bins] : sizes_of(options)) {
         const algo::Extents e{lenslets, lenslets, bins, bins};
         for (const Shown& shown : kShown) {
             auto series = VerdictSeries::of(e, recipe_for(shown), drawn(e, shown, {}, options.seed), shown.name);
@@ -132,8 +141,10 @@ Result<VerdictTimes> measure_verdict_times(const ExperimentOptions& options) {
         }
     }
     if (options.frames.empty()) return all;
-    for (const int lenslets : {21, 111, 555}) {
-        if (options.quick && lenslets > 111) continue;
+    std::vector<int> of_corpus{21, 111};
+    if (!options.quick) of_corpus.push_back(555);
+    if (options.lenslets > 0) of_corpus = {options.lenslets};
+    for (const int lenslets : of_corpus) {
         if (auto done = add_changed_frames(options.frames / "verdict", lenslets, all); !done)
             return tl::unexpected(done.error());
     }
