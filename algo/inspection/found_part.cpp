@@ -156,92 +156,6 @@ double RimFinder::sharp_share(Deflections deflections, Sums sums, std::span<cons
     return steps == 0 ? 0 : static_cast<double>(sharp) / static_cast<double>(steps);
 }
 
-// At each end of a row or column of the part: the mean of two to four lenslets of undeflected light on either side, the
-// margin away from what the edge darkens or deflects. Tinted glass may leave less inside than counts as free light.
-void RimFinder::compare_across_edges(const FieldLight& light) {
-    constexpr int kMin = 2, kMax = 4;
-    int steps = 0, shaded = 0;
-    LightAcrossEdges sums;
-    const std::int64_t tolerance = bins_q(kFreeToleranceBins);
-    const auto is_undeflected = [&](std::size_t k) {
-        return (light.mask[k] & kDark) == 0 && within(light.deflections[k], free_, tolerance);
-    };
-    const auto is_reached = [&](std::size_t k) { return (state_[k] & kReached) != 0; };
-    const auto mean_light = [&](std::size_t from, std::ptrdiff_t step, int available, auto&& counts) {
-        std::int64_t sum = 0;
-        int count = 0;
-        for (; count < std::min(available, kMax) && counts(from); ++count) {
-            sum += light.sums[from];
-            from += static_cast<std::size_t>(step);
-        }
-        return count < kMin ? 0.0 : static_cast<double>(sum) / count;
-    };
-    // `outside`: lenslets of the line before the part's first one, `half`: of the part up to its middle.
-    const auto take = [&](std::size_t first, std::ptrdiff_t step, int outside, int half) {
-        const auto at = [&](int steps_in) { return first + static_cast<std::size_t>(step * steps_in); };
-        int edge = 0;
-        while (edge < half && (state_[at(edge)] & kFree) == 0) ++edge;
-        if (edge == half) {  // tinted
-            for (edge = 0; edge < half && !is_undeflected(at(edge));) ++edge;
-        }
-        int reached = margin_;
-        while (reached < outside && is_reached(at(-1 - reached))) ++reached;
-        const double inside = mean_light(at(edge + margin_), step, half - edge - margin_, is_undeflected),
-                     beside = mean_light(at(-1 - margin_), -step, reached - margin_, is_reached);
-        if (inside <= 0 || beside <= 0) return;
-        ++steps;
-        shaded += inside < kShadedLight * beside ? 1 : 0;
-        // As far from `beside` as `inside` is, if there is free light; the same lenslets in part, if there is little.
-        const int across = edge + 2 * margin_ + 1, window = std::min(reached - margin_, kMax),
-                  away = std::min(across, reached - margin_ - window);
-        sums.inside += inside;
-        sums.beside += beside;
-        sums.across += across;
-        sums.apart += across + kMax - 1;
-        sums.away += away;
-        sums.farther += mean_light(at(-1 - margin_ - away), -step, window, is_reached);
-        sums.farthest += mean_light(at(-reached), step, window, is_reached);
-        const int into = std::min(across, half - edge - margin_ - kMax);
-        const double deeper = into > 0 ? mean_light(at(edge + margin_ + into), step, kMax, is_undeflected) : 0;
-        if (deeper <= 0) return;
-        sums.fallen += inside - deeper;
-        sums.into += into;
-    };
-    const auto look_at = [&](std::size_t start, std::ptrdiff_t step, int length) {
-        const auto is_part = [&](int k) { return (state_[start + static_cast<std::size_t>(step * k)] & kPart) != 0; };
-        int first = 0, last = length - 1;
-        while (first < length && !is_part(first)) ++first;
-        while (last > first && !is_part(last)) --last;
-        if (first >= last) return;
-        const int half = (last - first + 1) / 2;
-        take(start + static_cast<std::size_t>(step * first), step, first, half);
-        take(start + static_cast<std::size_t>(step * last), -step, length - 1 - last, half);
-    };
-    for (int n = 0; n < extents_.n; ++n) look_at(extents_.index(0, n), 1, extents_.m);
-    for (int m = 0; m < extents_.m; ++m) look_at(extents_.index(m, 0), extents_.m, extents_.n);
-    found_.shaded_steps = steps;
-    if (steps == 0) return;
-    found_.shaded = static_cast<double>(shaded) / steps;
-    found_.soft_shadow = is_shadow(sums, steps * light_at_centroid(light));
-    found_.clear_middle = found_.soft_shadow && !is_shadow(sums, 0);
-}
-
-// The light grows away from the edges outside, or falls on inside: a shadow about a hair or a frame, or a lamp that is
-// darker in the middle. Then what it changes there goes on across the edges, and the middle of a shadow may be as light
-// as the field. A lamp changes across the edges by the mean of what it changes by on both sides.
-bool RimFinder::is_shadow(const LightAcrossEdges& sums, double middle) {
-    const auto carried_on = [](double change, int from, int to) {
-        return from > 0 ? change * std::min(static_cast<double>(to) / from, kFarthestExtrapolated) : 0;
-    };
-    const double outside = sums.farther - sums.beside,
-                 change = std::max(
-                     carried_on(outside, sums.away, sums.across),
-                     (carried_on(outside, sums.away, sums.apart) + carried_on(sums.fallen, sums.into, sums.apart)) / 2);
-    if (change <= 0) return false;
-    const double lost = std::min(sums.beside - sums.inside, sums.farthest - middle);
-    return lost - kSmoothChange * change <= (1 - kShadedLight) * sums.beside;
-}
-
 RimFinder::Centroid RimFinder::centroid() const {
     Centroid found;
     std::int64_t m_sum = 0, n_sum = 0;
@@ -262,21 +176,6 @@ RimFinder::Centroid RimFinder::centroid() const {
     return found;
 }
 
-// Median of the undeflected lenslets among the 5x5 about the centroid of the part, with what it encloses; 0: none.
-double RimFinder::light_at_centroid(const FieldLight& light) const {
-    const Centroid middle = centroid();
-    if (middle.area == 0) return 0;
-    std::array<std::int64_t, 25> values{};
-    std::size_t count = 0;
-    extents_.for_each_around(middle.twice_m / 2, middle.twice_n / 2, 2, [&](int m, int n) {
-        const std::size_t k = extents_.index(m, n);
-        const bool undeflected =
-            (light.mask[k] & kDark) == 0 && within(light.deflections[k], free_, bins_q(kFreeToleranceBins));
-        if (undeflected) values[count++] = std::int64_t{light.sums[k]};
-    });
-    return count == 0 ? 0 : static_cast<double>(common::lower_median(std::span(values).first(count)));
-}
-
 double RimFinder::point_symmetry() {
     const auto inside = [&](int n) { return state_.data() + extents_.index(0, n); };
     const auto [area, twice_m, twice_n] = centroid();
@@ -293,25 +192,6 @@ double RimFinder::point_symmetry() {
         both += static_cast<std::int64_t>(2 * n == twice_n ? in_both : 2 * in_both);
     }
     return static_cast<double>(both) / static_cast<double>(2 * area - both);
-}
-
-// Its width is its area over the longer side of its box.
-double RimFinder::cut_of_plate() const {
-    int first_m = extents_.m, last_m = -1, first_n = extents_.n, last_n = -1;
-    std::size_t left = 0, right = 0, top = 0, bottom = 0;
-    for (int n = 0; n < extents_.n; ++n) {
-        for (int m = 0; m < extents_.m; ++m) {
-            if ((state_[extents_.index(m, n)] & kPart) == 0) continue;
-            first_m = std::min(first_m, m), last_m = std::max(last_m, m);
-            first_n = std::min(first_n, n), last_n = std::max(last_n, n);
-            left += m == 0 ? 1 : 0, right += m == extents_.m - 1 ? 1 : 0;
-            top += n == 0 ? 1 : 0, bottom += n == extents_.n - 1 ? 1 : 0;
-        }
-    }
-    const std::size_t facing = std::max(std::min(left, right), std::min(top, bottom)),
-                      cut = left + right + top + bottom - 2 * facing;
-    const int longer = std::max(last_m - first_m, last_n - first_n) + 1;
-    return static_cast<double>(cut) * longer / static_cast<double>(found_.area);
 }
 
 // The hull of an outline is exact to a lenslet or two. What is missing opposite each other is not seen.

@@ -126,11 +126,13 @@ class RimFinder {
     void compare_across_edges(const FieldLight& light);
     // Sums over the steps across a plate's edges.
     struct LightAcrossEdges {
+        int lines = 0;
         double inside = 0, beside = 0, farther = 0, farthest = 0;  // light, inside the edge and outside of it
+        double fallen = 0;         // light from `inside` to as far again towards the middle
         int across = 0, away = 0;  // lenslets from `beside` to `inside` and to `farther`
         int apart = 0;             // from the middle of `beside` to that of `inside`
-        double fallen = 0;         // light from `inside` to as far again towards the middle,
-        int into = 0;              // and how many lenslets that are
+        int into = 0;              // over which light has `fallen`
+        void add(const LightAcrossEdges& line);
     };
     static bool is_shadow(const LightAcrossEdges& sums, double middle);
     // Of what is inside: its lenslets, and twice the column and row of its centroid, rounded.

@@ -553,7 +553,7 @@ TEST(Plate, is_none_where_lines_cast_a_soft_shadow) {
 }
 
 // A lamp that is darker in the middle: two hairs, or a frame of hairs, in an empty field are no plate. Glass in the
-// same light is one.
+// same light is one. Beside the dark of a hair are lenslets that it covers in part; along a hair they look tinted.
 TEST(Plate, is_none_where_the_lamp_is_darker_between_two_hairs) {
     Recipe plate;
     plate.form = PartForm::plate;
@@ -571,6 +571,8 @@ TEST(Plate, is_none_where_the_lamp_is_darker_between_two_hairs) {
                                          squared = u * u + v * v,
                                          lamp = 1 -
                                 depth * (width > 0 ? std::exp(-squared / (2 * width * width)) : 1 - squared / 2);
+                            if (between == 1 && (inside == hair - 1 || inside == hair + 2))
+                                return Spot{0, 0, 0.6 * lamp};
                             return Spot{0, 0,
                                         inside == hair || inside == hair + 1 ? 0.05
                                             : inside > hair                  ? between * lamp
