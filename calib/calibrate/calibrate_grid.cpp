@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
-#include <limits>
 #include <numbers>
 
 #include <Eigen/Dense>
@@ -38,7 +37,6 @@ constexpr double kSmooth = 1;   // px, sigma
 // Fall-off that moves centres by less is left. RMS, px: what rounding adds to the positions that lenslets are decoded
 // at (1/32 px, algo/frame/resample.h).
 constexpr double kMinByFallOff = 1.0 / 32 / 3.4641016151377544;
-constexpr double kMaxMoved = 2;  // of fall-off and noise together
 constexpr std::size_t kSplitCentres = 1500, kFewestSplit = 250;
 constexpr double kSplitPixels = 400'000;  // of all their windows together, to limit the time
 
@@ -305,39 +303,7 @@ Result<GridCalibration> measure_grid(const WhiteImage& image, const Lattice& lat
     return out;
 }
 
-// The variance of the grid's places, both axes together: that of one centre, less by the lenslets a parameter of the
-// model. Lenslets with places of their own keep their noise.
-double grid_variance(const GridFit& fit) {
-    const auto power = [](double x, double y) { return x * x + y * y; };
-    if (fit.shifts.share > 0) return power(fit.shifts.left_x_px, fit.shifts.left_y_px);
-    return power(fit.cv_x_rms_px, fit.cv_y_rms_px) * fit.correlation_inflation *
-        static_cast<double>(fit.grid.parameters.size()) / (2.0 * fit.used);
-}
-
-// RMS distance between two grids of a frame, at some of the lenslets that both have measured.
-double moved_px(const GridCalibration& a, const GridCalibration& b) {
-    double sum = 0;
-    int count = 0;
-    const auto at = [](const GridCalibration& of, const Observation& seen) {
-        return of.fit.grid.at(of.fit.grid.uv(seen.m, seen.n));
-    };
-    for (std::size_t k = 0; k < a.observations.size(); k += 1 + a.observations.size() / kForShape) {
-        const PixelPoint here = at(a, a.observations[k]);
-        double nearest = a.lattice.pitch_px() / 2;
-        for (const Observation& seen : b.observations) {
-            const PixelPoint there = at(b, seen);
-            nearest = std::min(nearest, std::hypot(there.x_px - here.x_px, there.y_px - here.y_px));
-        }
-        if (nearest == a.lattice.pitch_px() / 2) continue;
-        sum += nearest * nearest;
-        ++count;
-    }
-    return std::sqrt(sum / std::max(1, count));
-}
-
-// Measures again with a weight that is immune to gradients of the light, if the light falls off so that centres move
-// by more than that adds to the noise of the grid. If the grid moves by more than fall-off and noise explain, lenslets
-// differ in shape over the frame, to which that weight answers more: the first grid is kept.
+// Measures again with a weight that is immune to gradients of the light, if the light falls off so that centres move.
 void measure_against_fall_off(const WhiteImage& image, std::span<const PixelPoint> places, bool corners,
                               LocalFinders& finders, GridCalibration& out) {
     const FallOff light = fall_off(out.observations);
@@ -349,10 +315,7 @@ void measure_against_fall_off(const WhiteImage& image, std::span<const PixelPoin
     LocalFinders immune(std::move(*profile));
     auto again = measure_grid(image, out.lattice, immune, corners);
     if (!again || again->observations.size() < out.observations.size() - out.observations.size() / 100) return;
-    const double by_noise = grid_variance(again->fit), power = by_fall_off_px * by_fall_off_px;
-    if (by_noise - grid_variance(out.fit) > power) return;
-    const double moved = moved_px(out, *again);
-    if (moved * moved > kMaxMoved * kMaxMoved * (power + by_noise)) return;
+    if (!replaces(out, *again, by_fall_off_px)) return;
     finders = std::move(immune);
     out = std::move(*again);
     out.by_fall_off_px = finders.middle().shift_by_gradient_px2() * light.max_per_px;

@@ -30,8 +30,8 @@ struct GridOptions {
 struct PatternShape {
     double wave_share = 0;   // of the fundamentals: 1 for gratings, and for lenslets blurred to waves
     double first_share = 0;  // of the first harmonics in both steps (square lattices): 1 for crossed gratings
-    // Of those even in both steps together (square lattices): 0 for a checkerboard, 1 if the middle of four lenslets
-    // looks as they do.
+    // Of those that a shift to the middle of four lenslets (square lattices) or of three (hexagonal) leaves: 0 for a
+    // checkerboard, 1 if that middle looks as the lenslets do.
     double even_share = 0;
     // Light half way to the neighbours, over that in the middle, both less that of the places farthest from all
     // lenslets: 1 if what lies between dark dots was taken for lenslets.

@@ -14,6 +14,39 @@ namespace {
 constexpr int kTerms = 6, kRounds = 3;
 constexpr double kOutlier = 4;  // median deviations: dust and lenslets lit in part are no fall-off
 
+constexpr double kMaxMoved = 2;      // of fall-off and noise together
+constexpr std::size_t kMoved = 100;  // lenslets
+
+// The variance of the grid's places, both axes together: that of one centre, less by the lenslets a parameter of the
+// model. Lenslets with places of their own keep their noise.
+double grid_variance(const GridFit& fit) {
+    const auto power = [](double x, double y) { return x * x + y * y; };
+    if (fit.shifts.share > 0) return power(fit.shifts.left_x_px, fit.shifts.left_y_px);
+    return power(fit.cv_x_rms_px, fit.cv_y_rms_px) * fit.correlation_inflation *
+        static_cast<double>(fit.grid.parameters.size()) / (2.0 * fit.used);
+}
+
+// RMS distance between two grids of a frame, at some of the lenslets that both have measured.
+double moved_px(const GridCalibration& a, const GridCalibration& b) {
+    double sum = 0;
+    int count = 0;
+    const auto at = [](const GridCalibration& of, const Observation& seen) {
+        return of.fit.grid.at(of.fit.grid.uv(seen.m, seen.n));
+    };
+    for (std::size_t k = 0; k < a.observations.size(); k += 1 + a.observations.size() / kMoved) {
+        const algo::PixelPoint here = at(a, a.observations[k]);
+        double nearest = a.lattice.pitch_px() / 2;
+        for (const Observation& seen : b.observations) {
+            const algo::PixelPoint there = at(b, seen);
+            nearest = std::min(nearest, std::hypot(there.x_px - here.x_px, there.y_px - here.y_px));
+        }
+        if (nearest == a.lattice.pitch_px() / 2) continue;
+        sum += nearest * nearest;
+        ++count;
+    }
+    return std::sqrt(sum / std::max(1, count));
+}
+
 }  // namespace
 
 FallOff fall_off(std::span<const Observation> observations) {
@@ -64,6 +97,12 @@ FallOff fall_off(std::span<const Observation> observations) {
     }
     if (count > 0) out.rms_per_px = std::sqrt(sum / count);
     return out;
+}
+
+bool replaces(const GridCalibration& first, const GridCalibration& again, double by_fall_off_px) {
+    const double by_noise = grid_variance(again.fit), power = by_fall_off_px * by_fall_off_px;
+    return by_noise - grid_variance(first.fit) <= power &&
+        std::pow(moved_px(first, again), 2) <= kMaxMoved * kMaxMoved * (power + by_noise);
 }
 
 }  // namespace hord::calib

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <complex>
 #include <numbers>
+#include <numeric>
 #include <vector>
 
 namespace hord::calib {
@@ -18,7 +19,8 @@ namespace {
 // steps 60 degrees apart.
 struct MeanLenslet {
     static constexpr int kSide = 16;  // cells along each step
-    std::array<double, static_cast<std::size_t>(kSide) * kSide> sums{}, hits{};
+    // Of the light and of the places of a cell's pixels, and their number.
+    std::array<double, static_cast<std::size_t>(kSide) * kSide> sums{}, us{}, vs{}, hits{};
 
     static std::size_t cell(double u, double v) {
         const auto part = [](double at) { return static_cast<std::size_t>((at - std::floor(at)) * kSide) % kSide; };
@@ -65,6 +67,8 @@ MeanLenslet mean_lenslet(const WhiteImage& image, const GridCalibration& calibra
                 if (std::abs(u) >= 0.5 || std::abs(v) >= 0.5) continue;
                 const std::size_t cell = MeanLenslet::cell(u, v);
                 mean.sums[cell] += image.at(x, y);
+                mean.us[cell] += u;
+                mean.vs[cell] += v;
                 mean.hits[cell] += 1;
             }
         }
@@ -100,31 +104,24 @@ double light_between(const MeanLenslet& mean, algo::LatticeKind kind) {
 }  // namespace
 
 PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibration) {
-    constexpr int kSide = MeanLenslet::kSide;
     const LensletGrid& grid = calibration.fit.grid;
     const MeanLenslet of = mean_lenslet(image, calibration);
     const auto &sums = of.sums, &hits = of.hits;
-    // Where the pitch is a whole number of pixels, or small, no pixel lies in some cells: these do not count.
-    const auto cells_hit = static_cast<double>(std::count_if(hits.begin(), hits.end(), [](double h) { return h > 0; }));
-    if (cells_hit == 0) return {.even_share = 1};
-    double mean = 0;
-    for (std::size_t cell = 0; cell < sums.size(); ++cell) {
-        if (hits[cell] > 0) mean += sums[cell] / hits[cell] / cells_hit;
-    }
+    const double pixels = std::accumulate(hits.begin(), hits.end(), 0.0);
+    if (pixels == 0) return {.even_share = 1};
+    const double mean = std::accumulate(sums.begin(), sums.end(), 0.0) / pixels;
     constexpr int kHarmonics = 4;
     const bool square = grid.kind == algo::LatticeKind::square;
     double all = 0, waves = 0, first = 0, even = 0;
     for (int q = -kHarmonics; q <= kHarmonics; ++q) {
         for (int p = -kHarmonics; p <= kHarmonics; ++p) {
             if (p == 0 && q == 0) continue;
+            // Each cell counts by its pixels, where these lie: at small or whole pitches some cells have none.
             std::complex<double> sum;
-            for (int y = 0; y < kSide; ++y) {
-                for (int x = 0; x < kSide; ++x) {
-                    const auto cell = static_cast<std::size_t>(y * kSide + x);
-                    if (hits[cell] == 0) continue;
-                    sum += (sums[cell] / hits[cell] - mean) *
-                        std::polar(1.0, -2 * std::numbers::pi * (p * x + q * y) / kSide);
-                }
+            for (std::size_t cell = 0; cell < sums.size(); ++cell) {
+                if (hits[cell] == 0) continue;
+                const double turns = (p * of.us[cell] + q * of.vs[cell]) / hits[cell];
+                sum += (sums[cell] - mean * hits[cell]) * std::polar(1.0, -2 * std::numbers::pi * turns);
             }
             const double power = std::norm(sum);
             all += power;
@@ -133,12 +130,11 @@ PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibratio
                 p * q * (grid.steps_px({0, 0}).area_px2() > 0 ? 1 : -1) > 0;
             if (std::abs(p) + std::abs(q) == 1 || third) waves += power;
             if (std::abs(p) <= 1 && std::abs(q) <= 1) first += power;
-            if ((p + q) % 2 == 0) even += power;
+            if ((p + q) % (square ? 2 : 3) == 0) even += power;
         }
     }
     if (!(all > 0)) return {.even_share = 1};
-    return {waves / all, square ? first / all : 0, square ? even / all : 1, light_between(of, grid.kind),
-            dark_share(of)};
+    return {waves / all, square ? first / all : 0, even / all, light_between(of, grid.kind), dark_share(of)};
 }
 
 }  // namespace hord::calib

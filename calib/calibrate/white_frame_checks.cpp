@@ -21,6 +21,9 @@ constexpr double kMinLightOnGrid = 0.85;
 // The same, of one region of the frame: less means that the grid does not reach its lenslets.
 constexpr double kMinLightOnGridOfRegion = 0.5;
 
+// Of a pitch: a lenslet that is off by less says nothing against the grid, as place_displaced() has it. In the corners
+// of strong distortion, lenslets are squeezed, and their centres are off by some thousandths of a pitch.
+constexpr double kMinOff = 0.002;
 constexpr int kFewestOfRegion = 8;    // lenslets of a region that is judged
 constexpr double kMaxRejected = 0.5;  // of a region's lenslets
 constexpr double kMinArea = 0.15;     // of a lenslet's cell, over that in the middle: less is a fold
@@ -59,7 +62,7 @@ constexpr int kFewestOff = 5;            // of them: fewer may be dust
 
 constexpr const char* kCure = "record evenly lit lenslets, without a part in the light, in focus";
 
-// Lenslets of one region.
+// Lenslets of one region. Rejected: off the grid by kMinOff or more.
 struct RegionCount {
     int measured = 0, rejected = 0, missing = 0;
     std::size_t region = 0;
@@ -69,12 +72,16 @@ struct RegionCount {
 
 std::vector<RegionCount> count_regions(const GridCalibration& calibration) {
     const Regions regions(calibration);
+    const LensletGrid& grid = calibration.fit.grid;
     std::vector<RegionCount> counts(regions.count());
     for (std::size_t k = 0; k < counts.size(); ++k) counts[k].region = k;
     for (const Observation& seen : calibration.observations) {
         RegionCount& count = counts[regions.at(seen.centre_px.x_px, seen.centre_px.y_px)];
         ++count.measured;
-        if (!seen.used && !seen.displaced) ++count.rejected;
+        if (seen.used || seen.displaced) continue;
+        const PixelPoint at = grid.at(grid.uv(seen.m, seen.n));
+        const double off = std::hypot(seen.centre_px.x_px - at.x_px, seen.centre_px.y_px - at.y_px);
+        if (off > kMinOff * calibration.pitch_px) ++count.rejected;
     }
     for (const PixelPoint& at : calibration.missing_px) ++counts[regions.at(at.x_px, at.y_px)].missing;
     return counts;
@@ -164,15 +171,17 @@ Result<void> check_white_frame(const WhiteImage& image, const GridCalibration& c
                         100 * std::max(shape.wave_share, shape.first_share)),
             "focus the sensor on the lenslets, and record them in even light");
     }
-    if (shape.even_share < kMinEven) {
+    const bool square = calibration.fit.grid.kind == algo::LatticeKind::square;
+    if (square && shape.even_share < kMinEven) {
         return refuse("this is no white frame: its dark and bright places have the same shape, as of a checkerboard",
                       "record a lenslet array in even light");
     }
-    if (calibration.fit.grid.kind == algo::LatticeKind::square && shape.even_share > kMaxEven) {
-        return refuse("the grid has every second lenslet only: the same light lies in the middle of four of them",
+    if (shape.even_share > kMaxEven) {
+        return refuse(fmt::format("the grid has every {} lenslet only: the same light lies in the middle of {} of them",
+                                  square ? "second" : "third", square ? "four" : "three"),
                       "record lenslets with a pitch of 8 px or more");
     }
-    if (calibration.fit.grid.kind == algo::LatticeKind::square &&
+    if (square &&
         ((shape.between > kMaxBetween && shape.dark_share < kMinDark) ||
          (shape.dark_share < kMaxDarkOfStars && shape.corners < -kMaxStar))) {
         return refuse("this is no white frame: between its lenslets it is as bright as in them, as between dark dots",

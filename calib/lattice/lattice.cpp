@@ -16,6 +16,8 @@ namespace {
 using algo::kHalfSqrt3;
 
 constexpr int kLargestSide = 640;      // of the analysed part
+constexpr double kShortestLag = 3;     // px
+constexpr double kRepeats = 0.8;       // of the highest peak: it is one of the lattice, too
 constexpr double kMinStrength = 0.08;  // of the autocorrelation at a lattice vector, against 1 at lag 0
 
 using Vec = cv::Point2d;
@@ -322,6 +324,14 @@ Result<Lattice> find_lattice(const WhiteImage& image, const LatticeHint& hint) {
             fmt::format("the white frame shows no lattice: its autocorrelation reaches {:.3f} of {:.2f} needed",
                         highest, kMinStrength),
             "light the lenslets evenly, below saturation, and focus the sensor on them");
+    }
+    // Lenslets nearer than the smallest pitch: what was found are lags of several of their pitches.
+    if (hint.pitch_px == 0) {
+        for (const auto& peak : peaks_of(correlation, kShortestLag, shortest)) {
+            if (peak.height < kRepeats * highest) continue;
+            return refuse(fmt::format("a lenslet pitch of about {:.1f} px", norm(peak.lag)),
+                          "use a sensor with 8 to 64 px a lenslet");
+        }
     }
     std::optional<Basis> found;
     for (std::size_t first = 0; first < peaks.size() && !found; ++first) {
