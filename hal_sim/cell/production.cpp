@@ -57,8 +57,7 @@ OnFace on_source_side(const DoubleConvexLens& lens, double x, double y) {
     return {at, unit(at - Vec3{0, 0, lens.radius_of_curvature_mm - surface_z(lens, 0, 0)})};
 }
 
-// A shallow spherical hollow.
-SphericalCut draw_dimple(const Vec3& at, const DoubleConvexLens& lens, Draws& draws) {
+Dimple draw_dimple(const Vec3& at, const DoubleConvexLens& lens, Draws& draws) {
     const double rim_mm = draws.between(kDimpleRimMm[0], kDimpleRimMm[1]);
     const double deflection_rad = draws.between(kDimpleRad[0], kDimpleRad[1]);
     // At its rim the face changes its slope by rim (1 / radius + 1 / radius of the lens).

@@ -31,6 +31,9 @@ struct ToTable {
     toml::table operator()(const sim::SphericalCut& d) const {
         return toml::table{{"kind", "cut"}, {"centre_mm", array_of(d.centre_mm)}, {"radius_mm", d.radius_mm}};
     }
+    toml::table operator()(const sim::Dimple& d) const {
+        return toml::table{{"kind", "dimple"}, {"centre_mm", array_of(d.centre_mm)}, {"radius_mm", d.radius_mm}};
+    }
     toml::table operator()(const sim::AbsorbingSpeck& d) const {
         return toml::table{{"kind", "speck"},
                            {"centre_mm", array_of(d.centre_mm)},

@@ -97,7 +97,7 @@ Result<SceneDefect> make_defect(WantedKind kind, double size_mm, const Scene& pa
             return SphericalCut{way.leaves + std::sqrt(3.0) * r * out, 2 * r};
         case WantedKind::dimple: {
             const double ball = r * (index - 1) / kDimpleRad;
-            return SphericalCut{way.enters + std::sqrt(ball * ball - r * r) * back, ball};
+            return Dimple{way.enters + std::sqrt(ball * ball - r * r) * back, ball};
         }
         case WantedKind::speck: return AbsorbingSpeck{middle, r, 0};
         case WantedKind::inclusion: return Inclusion{middle, r, index + kInclusionIndex};

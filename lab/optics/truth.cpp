@@ -23,6 +23,7 @@ bool meets(const RayPolyline& way, const Vec3& centre, double radius, bool only_
 }
 bool meets(const RayPolyline& way, const AirBubble& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
 bool meets(const RayPolyline& way, const SphericalCut& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
+bool meets(const RayPolyline& way, const Dimple& d) { return meets(way, d.centre_mm, d.radius_mm, true); }
 bool meets(const RayPolyline& way, const AbsorbingSpeck& d) {
     for (int k = 1; k < way.count; ++k) {
         const Vec3& a = way.points[k - 1];

@@ -160,6 +160,9 @@ void add_defect(Body& body, const Around& part, const SphericalCut& cut) {
         bite.resolution = bite.reach / 8;
     }
 }
+void add_defect(Body& body, const Around& part, const Dimple& d) {
+    add_defect(body, part, SphericalCut{d.centre_mm, d.radius_mm});
+}
 void add_disc(Body& body, const Disc& disc) {
     body.discs.push_back(disc);
     body.features.push_back({disc.centre, disc.centre, disc.radius, disc.radius / 2});

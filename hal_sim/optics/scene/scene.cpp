@@ -12,8 +12,8 @@ std::string_view name_of(const Part& part) {
 }
 
 std::string_view name_of(const SceneDefect& defect) {
-    constexpr std::string_view names[] = {"bubble",  "cut",      "speck", "inclusion",
-                                          "scratch", "absorber", "stria", "haze"};
+    constexpr std::string_view names[] = {"bubble",   "cut",   "speck", "inclusion", "scratch",
+                                          "absorber", "stria", "haze",  "dimple"};
     static_assert(std::size(names) == std::variant_size_v<SceneDefect>);
     return names[defect.index()];
 }

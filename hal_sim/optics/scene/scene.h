@@ -101,6 +101,10 @@ struct SphericalCut {  // a sphere of index 1 that bites into the surface
     Vec3 centre_mm;
     double radius_mm = 1;
 };
+struct Dimple {  // a shallow hollow: a cut by a sphere so large that its rim deflects light by mrad
+    Vec3 centre_mm;
+    double radius_mm = 15;
+};
 struct AbsorbingSpeck {  // a thin disc across the light that lets `transmission` of the light through
     Vec3 centre_mm;
     double radius_mm = 0.5;
@@ -143,7 +147,8 @@ struct Haze {
     double radius_mm = 0.5;
     double scatter_rad = 0.015;  // rms along each axis
 };
-using SceneDefect = std::variant<AirBubble, SphericalCut, AbsorbingSpeck, Inclusion, Scratch, Absorber, Stria, Haze>;
+using SceneDefect =
+    std::variant<AirBubble, SphericalCut, AbsorbingSpeck, Inclusion, Scratch, Absorber, Stria, Haze, Dimple>;
 
 constexpr double kLineD = 587.56;  // nm; refractive indices are given for this wavelength
 

@@ -92,7 +92,7 @@ void fields(auto& on, Is<Motion> auto& motion) {
 
 // -- defects: balls about a centre, threads from a place to another
 
-void fields(auto& on, Is<AirBubble, SphericalCut, AbsorbingSpeck, Inclusion, Absorber, Haze> auto& ball) {
+void fields(auto& on, Is<AirBubble, SphericalCut, Dimple, AbsorbingSpeck, Inclusion, Absorber, Haze> auto& ball) {
     on.vector("centre_mm", ball.centre_mm, -kLargest, kLargest);
     on.number("radius_mm", ball.radius_mm, kThinnest, kLargest);
     if constexpr (requires { ball.transmission; }) on.number("transmission", ball.transmission, 0, 1);

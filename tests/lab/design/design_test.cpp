@@ -56,7 +56,7 @@ TEST(WantedDefects, touch_the_face_that_they_belong_to) {
     const double to_face = sim::length(cut.centre_mm - way.leaves);
     EXPECT_NEAR(std::sqrt(cut.radius_mm * cut.radius_mm - to_face * to_face), 0.2, 1e-9);
     EXPECT_GT(cut.centre_mm.z, way.leaves.z);  // outside, towards the camera
-    const auto dimple = std::get<sim::SphericalCut>(make(WantedKind::dimple, 0.6));
+    const auto dimple = std::get<sim::Dimple>(make(WantedKind::dimple, 0.6));
     EXPECT_LT(dimple.centre_mm.z, way.enters.z);
     const auto scratch = std::get<sim::Scratch>(make(WantedKind::scratch, 0.02));
     const sim::Vec3 middle = 0.5 * (scratch.from_mm + scratch.to_mm);

@@ -135,7 +135,7 @@ TEST(Parts, a_soft_inclusion_deflects_evenly_up_to_its_rim_and_nothing_beside_it
 TEST(Parts, a_cut_is_looked_at_closely_only_where_it_bites) {
     constexpr double kRim = 0.9, kSphere = 50;
     const Plate plate{8, 4, 1.5};
-    const Body flat = body(plate, {SphericalCut{{1, 2, 2 + std::sqrt(kSphere * kSphere - kRim * kRim)}, kSphere}});
+    const Body flat = body(plate, {Dimple{{1, 2, 2 + std::sqrt(kSphere * kSphere - kRim * kRim)}, kSphere}});
     ASSERT_EQ(flat.features.size(), 1U);
     EXPECT_NEAR(flat.features[0].reach, kRim, 1e-9);
     EXPECT_NEAR(length(flat.features[0].from - Vec3{1, 2, 2}), 0, 1e-9);

@@ -56,7 +56,7 @@ apertur_radius_mm = 10
 kind = "bubble"
 radius_mm = 0
 [[defect]]
-kind = "dimple"
+kind = "grease"
 [[defect]]
 centre_mm = [1, 2]
 [camera]
@@ -73,8 +73,9 @@ read_e = 3
                 HasSubstr("toml:4: part.apertur_radius_mm: is not a known key: did you mean aperture_radius_mm?"));
     EXPECT_THAT(what, HasSubstr(":7: "));
     EXPECT_THAT(what, HasSubstr("radius_mm: 0 is out of range"));
-    EXPECT_THAT(
-        what, HasSubstr("\"dimple\" is not known: use one of bubble, cut, speck, inclusion, scratch, absorber, stria"));
+    EXPECT_THAT(what,
+                HasSubstr("\"grease\" is not known: use one of bubble, cut, speck, inclusion, scratch, absorber, "
+                          "stria, haze, dimple"));
     EXPECT_THAT(what, HasSubstr("name the kind of defect"));
     EXPECT_THAT(what, HasSubstr(":13: camera.m: 2 is out of range: use 3 to 2048"));
     EXPECT_THAT(what, HasSubstr(":14: camera.bits: 20 is out of range: use 8 to 16"));
