@@ -108,12 +108,7 @@ struct ModbusRejector::Session : std::enable_shared_from_this<Session> {
     void link_failed(const Error& why) {
         module.link().close();
         pulse_end.reset();
-        permit_written = false;
         for (const Unconfirmed& one : std::exchange(unconfirmed, {})) report(one.job, Outcome::failed);
-        {
-            const std::scoped_lock lock(mutex);
-            permit_wanted = false;  // until it is set again
-        }
         next_connect = now();  // the first attempt at once, further ones every reconnect_every
         report_link(false, why);
     }

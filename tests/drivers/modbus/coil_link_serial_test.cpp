@@ -1,5 +1,6 @@
 // What the link to a module makes of the bytes on a serial line: a pseudo-terminal whose other end the test holds.
 #include <array>
+#include <filesystem>
 #include <thread>
 
 #include <fcntl.h>
@@ -56,19 +57,34 @@ class SerialLink : public testing::Test {
 // Reading coil 5 of unit 7, with their checksums.
 const std::string kRequest("\x07\x01\x00\x05\x00\x01\xED\xAD", 8);
 const std::string kIsOn("\x07\x01\x01\x01\x90\xC0", 6), kIsOff("\x07\x01\x01\x00\x51\x00", 6);
+const std::string kDamaged = kIsOn.substr(0, 5) + '\xC1';
+const std::string kOfAnother("\x09\x01\x01\x01\x92\x28", 6);
 
 TEST_F(SerialLink, takes_no_answer_whose_checksum_is_wrong_and_asks_again) {
     CoilLink link(*loop_, address_, 10s);
     ASSERT_TRUE(link.connect());
-    std::jthread module([&] {
-        EXPECT_EQ(hear(kRequest.size()), kRequest);
-        say(kIsOn.substr(0, 5) + '\xC1');
-        EXPECT_EQ(hear(kRequest.size()), kRequest);
-        say(kIsOff);
-    });
-    const auto read = link.read(5);
-    ASSERT_TRUE(read) << read.error().message();
-    EXPECT_FALSE(*read);
+    const hal::TimePoint from = loop_->now();
+    const auto read_of = [&](const std::string& first, const std::string& second) {
+        std::jthread module([&] {
+            EXPECT_EQ(hear(kRequest.size()), kRequest);
+            say(first);
+            EXPECT_EQ(hear(kRequest.size()), kRequest);
+            say(second);
+        });
+        return link.read(5);
+    };
+    EXPECT_FALSE(read_of(kDamaged, kIsOff).value());
+    EXPECT_TRUE(read_of(kOfAnother, kIsOn).value());
+    const auto twice = read_of(kDamaged, kDamaged);
+    ASSERT_FALSE(twice);
+    EXPECT_EQ(twice.error().code, ErrorCode::disconnected);
+    EXPECT_THAT(twice.error().what, HasSubstr("the answer is damaged or none of Modbus"));
+    EXPECT_THAT(twice.error().cure, HasSubstr("rejector.baud"));
+    ASSERT_TRUE(link.connect());
+    const auto another = read_of(kOfAnother, kOfAnother);
+    ASSERT_FALSE(another);
+    EXPECT_THAT(another.error().what, HasSubstr("unit 9 answers, not unit 7"));
+    EXPECT_LT(loop_->now() - from, 10s) << "a frame's gap after a damaged answer, not a time-out";
 }
 
 TEST_F(SerialLink, takes_nothing_that_came_before_its_request_for_the_answer) {
@@ -76,25 +92,47 @@ TEST_F(SerialLink, takes_nothing_that_came_before_its_request_for_the_answer) {
     ASSERT_TRUE(link.connect());
     say(kIsOn);
     wait_until_they_arrived();
-    {
-        std::jthread module([&] {
-            EXPECT_EQ(hear(kRequest.size()), kRequest);
-            say(kIsOff);
-        });
-        const auto read = link.read(5);
-        ASSERT_TRUE(read) << read.error().message();
-        EXPECT_FALSE(*read);
-    }
+    std::jthread module([&] {
+        EXPECT_EQ(hear(kRequest.size()), kRequest);
+        say(kIsOff);
+    });
+    EXPECT_FALSE(link.read(5).value());
+}
+
+TEST_F(SerialLink, takes_what_comes_after_its_question_for_what_the_module_is) {
     const auto identification = [](const std::string& text) {
         return std::string("\7\x2b\xe\1\1\0\0\1\0", 9) + static_cast<char>(text.size()) + text + "\xAB\xCD";
     };
+    CoilLink link(*loop_, address_, 20s);
+    ASSERT_TRUE(link.connect());
     say(identification("before"));
     wait_until_they_arrived();
     std::jthread module([&] {
-        (void)hear(7);
+        EXPECT_EQ(hear(7), std::string("\x07\x2B\x0E\x01\x00\xF8\x77", 7));
+        std::this_thread::sleep_for(100ms);  // it may think
         say(identification("now"));
     });
+    const hal::TimePoint from = loop_->now();
     EXPECT_EQ(link.identify().value_or("nothing"), "now");
+    EXPECT_LT(loop_->now() - from, 10s) << "it ends with a pause";
+    EXPECT_FALSE(link.connected());
+}
+
+TEST_F(SerialLink, has_acknowledged_a_write_whose_answer_was_lost_when_it_was_read_back) {
+    CoilLink link(*loop_, address_, 10s);
+    ASSERT_TRUE(link.connect());
+    hal::TimePoint read_back;
+    std::jthread module([&] {
+        EXPECT_EQ(hear(8), std::string("\x07\x05\x00\x05\xFF\x00\x9C\x5D", 8));
+        say(kDamaged);
+        EXPECT_EQ(hear(8), kRequest);
+        std::this_thread::sleep_for(20ms);
+        read_back = loop_->now();
+        say(kIsOn);
+    });
+    ASSERT_TRUE(link.write(5, true));
+    module.join();
+    EXPECT_GE(link.acknowledged(), read_back);
 }
 
 TEST_F(SerialLink, that_lost_the_answer_to_a_write_and_is_refused_its_reading_back_stays) {
@@ -110,6 +148,44 @@ TEST_F(SerialLink, that_lost_the_answer_to_a_write_and_is_refused_its_reading_ba
     EXPECT_EQ(written.error().code, ErrorCode::refused);
     EXPECT_THAT(written.error().what, HasSubstr("cannot be read back"));
     EXPECT_TRUE(link.connected());
+}
+
+TEST_F(SerialLink, that_was_to_give_up_before_does_not_wait) {
+    CoilLink link(*loop_, address_, 10s);
+    const hal::TimePoint from = loop_->now();
+    ASSERT_TRUE(link.connect());
+    link.give_up_at(from - 1s);
+    const auto read = link.read(5);
+    ASSERT_FALSE(read);
+    EXPECT_EQ(read.error().code, ErrorCode::timeout);
+    EXPECT_LT(loop_->now() - from, 10s);
+}
+
+TEST_F(SerialLink, sets_its_line_as_is_said_and_closes_it) {
+    const auto descriptors = [] {
+        return std::distance(std::filesystem::directory_iterator("/proc/self/fd"),
+                             std::filesystem::directory_iterator());
+    };
+    struct Case {
+        char parity;
+        int baud;
+        speed_t speed;
+        tcflag_t flags;
+    };
+    for (const Case& one :
+         {Case{'N', 1200, B1200, CSTOPB}, Case{'E', 19'200, B19200, 0}, Case{'O', 115'200, B115200, PARODD}}) {
+        address_.serial->parity = one.parity;
+        address_.serial->baud = one.baud;
+        const auto before = descriptors();
+        CoilLink link(*loop_, address_, 10s);
+        ASSERT_TRUE(link.connect());
+        termios line{};
+        ASSERT_EQ(::tcgetattr(near_.get(), &line), 0);
+        EXPECT_EQ(line.c_cflag & (CSTOPB | PARODD), one.flags) << "a pseudo-terminal keeps no other";
+        EXPECT_EQ(::cfgetospeed(&line), one.speed);
+        link.close();
+        EXPECT_EQ(descriptors(), before);
+    }
 }
 
 TEST_F(SerialLink, on_an_adapter_that_cannot_switch_its_transmitter_names_rs485) {

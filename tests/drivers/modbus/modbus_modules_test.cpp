@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <thread>
 
+#include <sys/socket.h>
+
+#include "common/tcp_listener.h"
 #include "drivers/modbus/coil_link.h"
 #include "firmware/config/module_profiles.h"
 #include "tests/drivers/modbus/rejector_bench.h"
@@ -111,6 +114,25 @@ TEST_F(Module, of_moxa_times_the_pulse_itself) {
     module_->misbehave(ModuleFault::silent, -1, {}, true);
     EXPECT_TRUE(run_until([&] { return !module_->coil(kEjector) && !ear_.up; }));
     EXPECT_EQ(times_on(kEjector), 2);
+}
+
+TEST_F(Module, of_moxa_has_its_pulse_coil_checked_between_pulses_alone) {
+    play({.kind = test::ModuleKind::moxa, .pulse = 1s}, "moxa-iologik");
+    options_.module_pulse = 1s;
+    start_and_wait();
+    EXPECT_EQ(reject(1, 1500ms), Outcome::confirmed);
+    ASSERT_TRUE(run_until([&] { return !module_->coil(kEjector); }));
+    EXPECT_THAT(ear_.losses, testing::IsEmpty());
+    CoilLink other(*loop_, options_.address, 10s);
+    ASSERT_TRUE(other.connect());
+    const auto noticed = [&] {
+        if (ear_.losses.empty() && !module_->coil(kEjector)) {
+            EXPECT_TRUE(other.write(16 + kEjector, true));
+        }
+        return !ear_.losses.empty();
+    };
+    EXPECT_TRUE(run_until(noticed));
+    EXPECT_THAT(ear_.losses[0], HasSubstr("lost its outputs: coil 16 is 1 ("));
 }
 
 TEST_F(Module, whose_pulse_does_not_fit_into_the_window_does_not_act) {
@@ -405,6 +427,22 @@ TEST(CoilLink, that_is_not_connected_asks_nothing) {
     EXPECT_THAT(refused.error().what, HasSubstr("127.0.0.1:1 cannot be reached: Connection refused"));
     EXPECT_FALSE(link.connected());
     EXPECT_EQ(link.typical_response(), hal::Duration::zero());
+}
+
+// Nobody accepts its connections, and its queue is full.
+TEST(CoilLink, to_a_host_that_takes_no_connection_says_that_it_does_not_answer) {
+    auto listener = common::listen_on("test", "127.0.0.1", 0);
+    ASSERT_TRUE(listener);
+    ASSERT_EQ(::listen(listener->get(), 0), 0);
+    const auto loop = std::move(*firmware::SdEventLoop::open());
+    const ModuleAddress address{.host = "127.0.0.1", .port = common::local_port(listener->get())};
+    CoilLink first(*loop, address, 10s), second(*loop, address, 50ms);
+    ASSERT_TRUE(first.connect());
+    const auto unanswered = second.connect();
+    ASSERT_FALSE(unanswered);
+    EXPECT_EQ(unanswered.error().code, ErrorCode::timeout);
+    EXPECT_THAT(unanswered.error().what, HasSubstr("does not answer"));
+    EXPECT_THAT(unanswered.error().cure, HasSubstr("rejector.host"));
 }
 
 TEST(Registers, have_their_high_byte_first) {

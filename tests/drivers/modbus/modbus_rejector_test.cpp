@@ -328,6 +328,8 @@ TEST_F(Rejector, options_are_taken_up_to_their_limits) {
          [](Options& o, int k) { o.ejector_coil = o.map.first_output = 9, o.permit_coil = 9 + 1 - 2 * k; }},
         {"first output",
          [](Options& o, int k) { o.permit_coil = o.map.first_output = 9, o.ejector_coil = 9 + 1 - 2 * k; }},
+        {"first output", [](Options& o, int k) { o.ejector_coil = 0, o.permit_coil = 5, o.map.first_output = k; }},
+        {"first output", [](Options& o, int k) { o.permit_coil = 0, o.ejector_coil = 5, o.map.first_output = k; }},
         {"permit_coil starts the pulses of output 0",
          [](Options& o, int k) { o.permit_coil = 15 + k, o.map.pulse_coil_offset = 16; }},
         {"ejector_coil is this module's alarm coil",
