@@ -85,7 +85,14 @@ class TeachService : public ::testing::Test {
     // may stop with an error; it is reset then.
     void live(double good_share, const std::function<void(Plc&)>& plc) {
         Config config;
-        config.core.exposure_delay = milliseconds(100);
+        // A slow line whose waits fill the time between two parts: a busy machine may hold it up for 200 ms. With the
+        // default lead of 5 ms and ten parts a second, lateness stopped it again and again, and the inspection left the
+        // learning thread no processor.
+        const Duration pitch = milliseconds(250);
+        config.core.exposure_delay = config.core.confirm_timeout = pitch;
+        config.core.transport = 4 * pitch;
+        config.core.trigger_lead = config.core.reject_pulse = pitch * 4 / 5;
+        config.core.reject_lead = config.core.reject_early = pitch * 2 / 5;
         config.inspection.bins_i = config.inspection.bins_j = 5;
         config.inspection.recipe = folder / "wide.toml";
         config.modbus.port = 0;
@@ -95,6 +102,7 @@ class TeachService : public ::testing::Test {
         SimulationOptions simulation;
         simulation.good_share = good_share;
         simulation.variety = 16;
+        simulation.parts_per_second = 4;  // one each pitch
         simulation.cache = std::string(HORD_BIN_DIR) + "/../service-cache";
         fs::create_directories(simulation.cache);
         std::map<std::int64_t, PartResult> results;
