@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include "algo/frame/extents.h"
+#include "calib/calibrate/blemished_lenslets.h"
 #include "calib/calibrate/cut_lenslets.h"
 #include "calib/calibrate/fall_off.h"
 #include "calib/calibrate/lenslet_chain.h"
@@ -37,6 +38,8 @@ constexpr double kSmooth = 1;   // px, sigma
 // Fall-off that moves centres by less is left. RMS, px: what rounding adds to the positions that lenslets are decoded
 // at (1/32 px, algo/frame/resample.h).
 constexpr double kMinByFallOff = 1.0 / 32 / 3.4641016151377544;
+// Of a pitch: a blemish that can move a centre by less does not matter, as displacements do not (place_displaced).
+constexpr double kMinByBlemish = 0.002;
 constexpr std::size_t kSplitCentres = 1500, kFewestSplit = 250;
 constexpr double kSplitPixels = 400'000;  // of all their windows together, to limit the time
 
@@ -247,7 +250,7 @@ void count_lenslets(const LocalFinders& finders, double pitch, GridCalibration& 
     out.rejected = out.fit.rejected;
 }
 
-// Finds the displaced lenslets among the outliers of the fit, and counts the fully lit lenslets.
+// Finds the blemished and the displaced lenslets among the outliers of the fit, and counts the fully lit lenslets.
 void place_and_count(const LocalFinders& finders, double pitch, GridCalibration& out) {
     const CentreFinder& finder = finders.middle();
     const LensletGrid& grid = out.fit.grid;
@@ -259,6 +262,13 @@ void place_and_count(const LocalFinders& finders, double pitch, GridCalibration&
         grid, out.observations,
         [&](int m, int n) { return finder_for(finders, grid, pitch, m, n).complete(grid.centre_px(m, n)); },
         [&](PixelPoint at) { return finder.amplitude_dn(at); }, finder.typical_amplitude_dn());
+    mark_blemished(
+        out.observations,
+        [&](const Observation& seen) {
+            return finder_for(finders, grid, pitch, seen.m, seen.n).unlike(seen.centre_px);
+        },
+        kMinByBlemish * kMinByBlemish * pitch * pitch * finder.unlike_by_shift_px2(), out.fit);
+    out.blemished = static_cast<int>(std::ranges::count_if(out.observations, &Observation::blemished));
     place_displaced(out.observations, whole, out.fit);
     out.whole = static_cast<int>(std::count(whole.begin(), whole.end(), 1));
     for (const Observation& seen : out.observations) {

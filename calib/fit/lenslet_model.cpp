@@ -151,8 +151,8 @@ void place_displaced(std::span<Observation> observations, std::span<const std::u
         return off == 1;
     };
     for (Observation& seen : observations) {
-        if (seen.used || !seen.split_px || !grid.contains(seen.m, seen.n) || whole[grid.index(seen.m, seen.n)] == 0 ||
-            !alone(seen))
+        if (seen.used || seen.blemished || !seen.split_px || !grid.contains(seen.m, seen.n) ||
+            whole[grid.index(seen.m, seen.n)] == 0 || !alone(seen))
             continue;
         const algo::PixelPoint model_px = grid.at(grid.uv(seen.m, seen.n));
         const double off_x = seen.centre_px.x_px - model_px.x_px;

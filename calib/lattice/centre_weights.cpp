@@ -204,4 +204,27 @@ Weights design_weights(const Profile& profile, double radius, std::optional<Agai
     return weights;
 }
 
+double shift_by_gradient(const Weights& of) {
+    double light = 0, shift = 0;  // moments of a gradient, u T over its floor, and of a shift, -T'
+    for (std::size_t k = 0; k < of.shift.size(); ++k) {
+        const double r = static_cast<double>(k) * kTableStep, here = of.shift[k] * r * r * r;
+        light += here * (of.profile[k] + of.floor);
+        shift += here * of.steepness[k];
+    }
+    return shift > 0 ? std::abs(light) / shift : 0;
+}
+
+double unlike_by_shift(const Weights& of) {
+    double area = 0, mean = 0, square = 0, change = 0;  // change: the square of T' cos(angle), whose mean is a half
+    for (std::size_t k = 0; k < of.window.size(); ++k) {
+        const double r = static_cast<double>(k) * kTableStep, here = of.window[k] * r, value = of.profile[k];
+        area += here;
+        mean += here * value;
+        square += here * value * value;
+        change += here * std::pow(of.steepness[k] * r, 2) / 2;
+    }
+    const double power = area > 0 ? square - mean * mean / area : 0;
+    return power > 0 ? change / power : 0;
+}
+
 }  // namespace hord::calib

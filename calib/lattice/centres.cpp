@@ -412,15 +412,19 @@ double CentreFinder::half_height_radius_px() const {
 }
 Immunity CentreFinder::immunity() const { return kernels_->weights.immunity; }
 AgainstGradients CentreFinder::against() const { return kernels_->against; }
-double CentreFinder::shift_by_gradient_px2() const {
-    const Weights& of = kernels_->weights;
-    double light = 0, shift = 0;  // moments of a gradient, u T over its floor, and of a shift, -T'
-    for (std::size_t k = 0; k < of.shift.size(); ++k) {
-        const double r = static_cast<double>(k) * kTableStep, here = of.shift[k] * r * r * r;
-        light += here * (of.profile[k] + of.floor);
-        shift += here * of.steepness[k];
+double CentreFinder::shift_by_gradient_px2() const { return shift_by_gradient(kernels_->weights); }
+double CentreFinder::unlike_by_shift_px2() const { return unlike_by_shift(kernels_->weights); }
+std::optional<double> CentreFinder::unlike(algo::PixelPoint centre) const {
+    const auto of = kernels_->pixels_about(centre);
+    if (!of) return std::nullopt;
+    double area = 0, mean = 0, square = 0, left = 0;
+    for (const WindowPixels::Pixel& p : of->pixels) {
+        area += p.window;
+        mean += p.window * p.light;
+        square += p.window * p.light * p.light;
+        left += p.window * std::pow(p.light - of->background - of->amplitude * p.shape, 2);
     }
-    return shift > 0 ? std::abs(light) / shift : 0;
+    return left / (square - mean * mean / area);
 }
 double CentreFinder::typical_amplitude_dn() const { return kernels_->typical_amplitude; }
 

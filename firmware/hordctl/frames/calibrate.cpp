@@ -71,6 +71,7 @@ Json to_json(const CalibrateArguments& arguments, const calib::GridCalibration& 
           {"missing", found.missing},
           {"displaced", found.displaced},
           {"rejected", found.rejected},
+          {"blemished", found.blemished},
           {"saturated", found.saturated},
           {"apart", found.apart},
           {"whole", found.whole},
@@ -207,9 +208,10 @@ Exit run_calibrate(const CalibrateArguments& arguments) {
                fit.grid.columns, fit.grid.rows, found->pitch_px, found->rotation_rad * 180 / std::numbers::pi);
     fmt::print("model: {} ({})\n", name_of(fit.grid.model), fit.reason);
     fmt::print(
-        "lenslets: {} complete, {} found, {} missing, {} displaced with places of their own, {} rejected, {} "
-        "saturated\n",
-        found->complete, found->found, found->missing, found->displaced, found->rejected, found->saturated);
+        "lenslets: {} complete, {} found, {} missing, {} displaced with places of their own, {} rejected ({} for "
+        "the shape of their light: dust), {} saturated\n",
+        found->complete, found->found, found->missing, found->displaced, found->rejected, found->blemished,
+        found->saturated);
     fmt::print("light reaches {} of them whole: {} of these found, {} used\n", found->whole, found->whole_found,
                found->whole_placed);
     fmt::print("residual {:.4f} / {:.4f} px, cross-validated {:.4f} / {:.4f} px (x / y, rms)\n", fit.rms_x_px,

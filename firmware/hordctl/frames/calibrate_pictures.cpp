@@ -95,9 +95,10 @@ cv::Mat draw_residuals(const calib::GridCalibration& found) {
          {kMargin, 26});
     text(image,
          fmt::format(
-             "{} lenslets fitted{}; crosses: {} displaced, with a place of their own (violet), {} rejected (orange)",
+             "{} lenslets fitted{}; crosses: {} displaced, with a place of their own (violet), {} rejected, {} of them "
+             "for the shape of their light (orange)",
              fit.used, every > 1 ? fmt::format(", every {}th column and row drawn", every) : "", fit.displaced,
-             fit.rejected),
+             fit.rejected, found.blemished),
          {kMargin, 50}, 0.5);
     return image;
 }
@@ -141,8 +142,9 @@ cv::Mat draw_centres(const FrameView& white, const calib::GridCalibration& found
     text(image, fmt::format("green: {} fit", found.found - found.rejected - found.displaced), {kMargin, 50}, 0.5,
          kGood);
     text(image, fmt::format("violet: {} displaced", found.displaced), {kMargin + 170, 50}, 0.5, kDisplaced);
-    text(image, fmt::format("orange: {} rejected", found.rejected), {kMargin + 380, 50}, 0.5, kRejected);
-    text(image, "red: without a centre (missing, or cut by the frame's rim)", {kMargin + 590, 50}, 0.5, kMissing);
+    text(image, fmt::format("orange: {} rejected ({} for dust)", found.rejected, found.blemished), {kMargin + 380, 50},
+         0.5, kRejected);
+    text(image, "red: without a centre (missing, or cut by the frame's rim)", {kMargin + 650, 50}, 0.5, kMissing);
     return image;
 }
 
