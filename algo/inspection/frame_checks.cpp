@@ -18,6 +18,9 @@ constexpr double kPi = 3.141592653589793;
 
 bool is_light(FrameFault fault) { return fault >= FrameFault::pedestal && fault <= FrameFault::interrupted; }
 
+// Little light may be the cause. (Where nothing but free light is seen, it is none.)
+bool hides_part(FrameFault fault) { return fault != FrameFault::none && fault != FrameFault::nothing; }
+
 Reason reason_of(FrameFault fault) {
     if (fault == FrameFault::none) return Reason::none;
     if (fault == FrameFault::dim) return Reason::too_dark;
@@ -416,7 +419,7 @@ Reason FrameChecks::judge(const FrameView& frame, const DecodedField& field, con
         if (std::abs(findings_.turned_rad) * static_cast<float>(half) > max_offset_bins_) fault = FrameFault::turned;
     }
     const FrameFault of_part = check_part(field, part);
-    if (fault == FrameFault::none) fault = is_dim() && of_part != FrameFault::none ? FrameFault::dim : of_part;
+    if (fault == FrameFault::none) fault = is_dim() && hides_part(of_part) ? FrameFault::dim : of_part;
     if (fault == FrameFault::none) fault = check_spread(frame, field, part);
     findings_.fault = fault;
     return reason_of(fault);

@@ -117,9 +117,10 @@ TEST(FrameFaults, of_the_part_have_limits) {
 
 // What decoding leaves of the light, 20 % less and more.
 TEST(FrameFaults, of_a_part_in_little_light_are_that_light) {
-    const auto found_in_light = [](double sum, int parts) {
+    const auto found_in_light = [](double sum, double sharp_outline, int parts = 1) {
         Case c;
         std::ranges::fill(c.sums, static_cast<std::uint32_t>(sum));
+        c.part.sharp_outline = sharp_outline;
         c.part.parts = parts;
         const FrameFindings found = c.found();
         EXPECT_EQ(c.reason,
@@ -128,10 +129,11 @@ TEST(FrameFaults, of_a_part_in_little_light_are_that_light) {
                                             : Reason::no_part);
         return found;
     };
-    const double light = 100 / (1 - static_cast<double>(found_in_light(100, 0).lost_share));
-    EXPECT_EQ(found_in_light(0.81 * light, 0).fault, nothing);
+    const double light = 100 / (1 - static_cast<double>(found_in_light(100, 1).lost_share));
+    EXPECT_EQ(found_in_light(0.81 * light, 0).fault, no_outline);
     EXPECT_EQ(found_in_light(0.79 * light, 0).fault, dim);
-    EXPECT_EQ(found_in_light(0.79 * light, 1).fault, none);  // a whole part is seen: it is judged
+    EXPECT_EQ(found_in_light(0.79 * light, 1).fault, none);        // a whole part is seen: it is judged
+    EXPECT_EQ(found_in_light(0.79 * light, 1, 0).fault, nothing);  // free light all over
 }
 
 TEST(FrameFaults, of_the_outline_count_for_the_forms_that_have_it) {
