@@ -650,7 +650,7 @@ TEST(Plate, that_the_field_cuts_is_unfit_unless_the_recipe_allows_any_outline) {
                             const double x = m - p.m, y = n - p.n, u = x * std::cos(p.turn) + y * std::sin(p.turn),
                                          v = y * std::cos(p.turn) - x * std::sin(p.turn),
                                          depth = std::min(p.half_m - std::abs(u), p.half_n - std::abs(v));
-                            return Spot{0, 0, depth < 0 ? 1 : depth < 1.5 ? 0 : kGlass};
+                            return Spot{0, 0, depth < -1 ? 1 : depth < 0 ? 0.6 : depth < 1.5 ? 0 : kGlass};
                         }),
                   {10, 2, 1}, 3);
         Recipe plate;
