@@ -119,6 +119,16 @@ TEST_F(EdgeFilterTest, the_level_decides_when_the_last_edge_was_read_too_late) {
     EXPECT_THAT(edges, ElementsAre(edge(true, 0us, 1)));
 }
 
+TEST_F(EdgeFilterTest, each_change_without_an_edge_is_looked_at_twice) {
+    settle(true, 5ms);
+    settle(true, 25ms);
+    ASSERT_THAT(edges, ElementsAre(edge(true, 25ms, 2)));
+    settle(false, 60ms);
+    EXPECT_EQ(edges.size(), 1U) << "its edge may be queued";
+    settle(false, 80ms);
+    EXPECT_THAT(edges, ElementsAre(edge(true, 25ms, 2), edge(false, 80ms, 4)));
+}
+
 TEST_F(EdgeFilterTest, a_line_that_does_not_settle_bounces_too_long) {
     for (int k = 0; k <= 500; ++k) feed(k % 2 == 0, k * 100us);
     EXPECT_FALSE(filter.bouncing_too_long());
