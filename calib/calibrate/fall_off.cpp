@@ -101,7 +101,7 @@ FallOff fall_off(std::span<const Observation> observations) {
 
 bool replaces(const GridCalibration& first, const GridCalibration& again, double by_fall_off_px) {
     const double by_noise = grid_variance(again.fit), power = by_fall_off_px * by_fall_off_px;
-    return by_noise - grid_variance(first.fit) <= power &&
+    return again.fit.rejected <= first.fit.rejected && by_noise - grid_variance(first.fit) <= power &&
         std::pow(moved_px(first, again), 2) <= kMaxMoved * kMaxMoved * (power + by_noise);
 }
 

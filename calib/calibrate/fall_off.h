@@ -16,7 +16,8 @@ FallOff fall_off(std::span<const Observation> observations);
 // True if the grid measured again with a weight that is immune to gradients is the better one: fall-off moves centres
 // by more, RMS, than that weight adds to the noise of the grid, and the grid has moved by no more than fall-off and
 // noise explain. Lenslets that differ in shape over the frame move it farther, because that weight answers more to
-// them.
+// them. Nor may the second grid have more outliers: where lenslets nearly touch, that weight sees their neighbours'
+// light.
 bool replaces(const GridCalibration& first, const GridCalibration& again, double by_fall_off_px);
 
 }  // namespace hord::calib
