@@ -1,5 +1,6 @@
 #include "firmware/store/frames/frame_metadata.h"
 
+#include "firmware/store/frames/json_integer.h"
 #include "firmware/store/results/hash_chain.h"
 #include "firmware/store/results/records.h"
 
@@ -71,16 +72,16 @@ Result<FrameMetadata> FrameMetadata::from_json(const std::string& text, const st
                         "name frames that a station has kept");
         data.station = json.value("station", "");
         data.software = json.value("software", "");
-        data.boot = json.at("boot").get<std::uint32_t>();
-        data.part = json.at("part").get<std::uint32_t>();
-        data.time_us = json.value("time_us", UtcMicros{0});
+        data.boot = integer_of<std::uint32_t>(json.at("boot"));
+        data.part = integer_of<std::uint32_t>(json.at("part"));
+        data.time_us = integer_of(json, "time_us", UtcMicros{0});
         data.role = json.at("role").get<std::string>();
-        data.trigger = json.value("trigger", 0U);
+        data.trigger = integer_of(json, "trigger", 0U);
         const Json& grid = json.at("grid");
-        data.grid = {grid.at("m").get<int>(), grid.at("n").get<int>(), grid.at("i").get<int>(),
-                     grid.at("j").get<int>()};
-        data.bits = json.value("bits", 8);
-        if (json.contains("dark_dn")) data.dark_dn = json.at("dark_dn").get<std::uint32_t>();
+        data.grid = {integer_of<int>(grid.at("m")), integer_of<int>(grid.at("n")), integer_of<int>(grid.at("i")),
+                     integer_of<int>(grid.at("j"))};
+        data.bits = integer_of(json, "bits", 8);
+        if (json.contains("dark_dn")) data.dark_dn = integer_of<std::uint32_t>(json.at("dark_dn"));
         data.judgement = {json.at("verdict").get<std::string>(),
                           std::string(algo::present_reason_name(json.at("reason").get<std::string>())),
                           json.at("score").get<float>(),
@@ -92,7 +93,7 @@ Result<FrameMetadata> FrameMetadata::from_json(const std::string& text, const st
         for (const Json& d : json.at("defects")) {  // numbers as floats, the type in the inspection
             data.judgement.defects.push_back({{"m", d.at("m").get<float>()},
                                               {"n", d.at("n").get<float>()},
-                                              {"area", d.at("area").get<std::uint32_t>()},
+                                              {"area", integer_of<std::uint32_t>(d.at("area"))},
                                               {"peak", d.at("peak").get<float>()},
                                               {"kind", d.at("kind").get<std::string>()}});
         }

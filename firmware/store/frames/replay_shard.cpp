@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #include "common/file_writing.h"
+#include "firmware/store/frames/json_integer.h"
 #include "firmware/store/results/json_text.h"
 
 namespace hord::firmware::store {
@@ -168,11 +169,11 @@ class ShardReader {
         if (!first) return tl::unexpected(first.error());
         const Json json = Json::parse(reader.line_, nullptr, false);
         try {
-            if (json.at("hord_replay").get<int>() != 1) {
+            if (integer_of<int>(json.at("hord_replay")) != 1) {
                 return fail(ErrorCode::unsupported, file.string() + " was written by other software",
                             "replay and merge with one software");
             }
-            reader.identity_ = {json.at("archive").get<std::string>(), json.at("frames").get<std::uint64_t>(),
+            reader.identity_ = {json.at("archive").get<std::string>(), integer_of<std::uint64_t>(json.at("frames")),
                                 json.at("recipe").get<std::string>(), json.at("software").get<std::string>(),
                                 json.at("program").get<std::string>()};
             auto shard = parse_shard(json.at("shard").get<std::string>());

@@ -94,6 +94,22 @@ TEST(FrameMetadata, without_what_a_replay_needs_is_unreadable_and_with_the_rest_
     EXPECT_FALSE(FrameMetadata::from_json("[]", "f"));
 }
 
+TEST(FrameMetadata, has_whole_numbers_that_their_types_can_hold) {
+    for (const char* name :
+         {"/boot", "/part", "/time_us", "/trigger", "/grid/m", "/grid/j", "/bits", "/dark_dn", "/defects/0/area"}) {
+        for (const char* number : {"-1e99", "1e99", "2.5", "18446744073709551616", "\"2\""}) {
+            Json other = Json::parse(kText);
+            other.at(Json::json_pointer(name)) = Json::parse(number);
+            EXPECT_FALSE(FrameMetadata::from_json(other.dump(), "f")) << name << " " << number;
+        }
+    }
+    Json other = Json::parse(kText);
+    other["boot"] = 4'294'967'296;
+    EXPECT_FALSE(FrameMetadata::from_json(other.dump(), "f"));
+    other["boot"] = -1;
+    EXPECT_FALSE(FrameMetadata::from_json(other.dump(), "f"));
+}
+
 TEST(FramePng, that_cannot_be_read_or_was_not_kept_by_a_station_is_named) {
     const TempFolder folder;
     const auto gone = read_annotated_frame(folder.path() / "none.png");

@@ -173,6 +173,12 @@ TEST(Shards, say_how_they_are_torn_and_whether_other_software_wrote_them) {
     newer.replace(newer.find("\"hord_replay\":1"), 15, "\"hord_replay\":2");
     write_text(file, newer);
     EXPECT_THAT(refusal({file}, out), HasSubstr("was written by other software"));
+    for (const char* number : {"-1", "2.5", "1e99", "18446744073709551616"}) {
+        std::string other = whole;
+        other.replace(other.find("\"frames\":") + 9, 1, number);
+        write_text(file, other);
+        EXPECT_THAT(refusal({file}, out), HasSubstr("is no shard of a replay")) << number;
+    }
 }
 
 TEST(Shards, know_names_with_quotes_and_backslashes) {
