@@ -16,13 +16,13 @@ class PlateOutline {
 
     // `state` holds outline::kPart at the lenslets of the edges. If their convex hull covers at least 1/kSmallestPart
     // of the field, and is not a narrow strip, the hull gets kPart and kInside, and all else loses kPart. A corner of
-    // the field between two sides that the edges reach belongs to the hull. Else nothing changes. Returns whether there
-    // is such a hull.
+    // the field between two sides that the edges reach belongs to the hull, unless an edge runs from one side to the
+    // other there. Else nothing changes. Returns whether there is such a hull.
     bool find(std::span<std::uint8_t> state);
 
   private:
     [[nodiscard]] bool is_plate(std::size_t lenslets) const;
-    void add_corners();
+    void add_corners(std::span<const std::uint8_t> state);
 
     Extents extents_;
     RowHull hull_;

@@ -641,6 +641,10 @@ TEST(Plate, that_the_field_cuts_is_unfit_unless_the_recipe_allows_any_outline) {
                             {"from border to border, askew", 30, 30, kFar, 10, 0.2, false},
                             {"from border to border, more askew", 30, 30, kFar, 7, 0.14, false},
                             {"from border to border, down", 25, 30, 11, kFar, 0, false},
+                            {"from border to border, turned", 30, 30, kFar, 10, 0.5, false},
+                            {"from corner to corner of the field", 28, 30, kFar, 10, kDiagonal, true},
+                            {"corners that touch two borders", 23, 23, 17, 17, kDiagonal, false},
+                            {"corners that touch all borders", 30, 30, 22, 22, kDiagonal, false},
                             {"less a tip", 30, 44, 14, 14, kDiagonal, false}};
     const Extents e{61, 61, 9, 9};
     for (const Place& p : places) {
