@@ -8,6 +8,7 @@
 #include <limits>
 #include <numbers>
 #include <numeric>
+#include <utility>
 #include <vector>
 
 #include "common/statistics.h"
@@ -60,7 +61,7 @@ void add_dark_bins(const FrameView& frame, const Extents& e, std::uint32_t dark,
                     Histogram& histogram = histograms[static_cast<std::size_t>(std::abs(j - j_brightest) * kMaxBins +
                                                                                std::abs(i - i_brightest))];
                     histogram.resize(readings);
-                    ++histogram[sample(i, j)];
+                    ++histogram[std::min<std::size_t>(sample(i, j), readings - 1)];
                 }
             }
         }

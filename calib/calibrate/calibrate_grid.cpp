@@ -37,7 +37,7 @@ constexpr int kForShape = 100;  // lenslets
 constexpr double kSmooth = 1;   // px, sigma
 // Fall-off that moves centres by less is left. RMS, px: what rounding adds to the positions that lenslets are decoded
 // at (1/32 px, algo/frame/resample.h).
-constexpr double kMinByFallOff = 1.0 / 32 / 3.4641016151377544;
+constexpr double kMinByFallOff = 1.0 / 32 / (2 * std::numbers::sqrt3);
 // Of a pitch: a blemish that can move a centre by less does not matter, as displacements do not (place_displaced).
 constexpr double kMinByBlemish = 0.002;
 constexpr std::size_t kSplitCentres = 1500, kFewestSplit = 250;
