@@ -12,6 +12,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "common/crc16.h"
 #include "common/tcp_listener.h"
 
 namespace hord::drivers {
@@ -37,6 +38,9 @@ bool is_damage(int error) {
 }
 
 constexpr const char* kLine = "the line's cable, termination and shield";
+constexpr const char* kSerialCure =
+    "check rejector.baud, rejector.parity and rejector.unit against the module's settings; then the line's cable, "
+    "termination and shield";
 
 }  // namespace
 
@@ -132,8 +136,7 @@ tl::unexpected<Error> CoilLink::failed(const std::string& what, int error) {
     if (is_damage(error) && address_.serial)
         return fail(
             ErrorCode::disconnected, said + " (the answer is damaged or none of Modbus)",
-            std::string("check rejector.baud, rejector.parity and rejector.unit against the module's settings; then ") +
-                kLine);
+            kSerialCure);
     if (is_damage(error))
         return fail(ErrorCode::disconnected, said + " (the answer is none of Modbus)",
                     std::string("is the rejector's module really at ") + name() +
@@ -334,13 +337,13 @@ Result<std::string> CoilLink::identify() {
     if (modbus_send_raw_request(context_.get(), request.data(), static_cast<int>(request.size())) > 0) {
         const hal::TimePoint end = clock_.now() + timeout_;
         for (hal::TimePoint at = clock_.now(); at < end && answer.size() < 260; at = clock_.now()) {
-            // A TCP answer contains its length; a serial one ends with a pause.
+            // A TCP answer contains its length; a serial one ends with its checksum and a pause.
             if (!address_.serial && answer.size() >= 6 &&
                 answer.size() >= 6U + static_cast<std::size_t>(answer[4] << 8 | answer[5]))
                 break;
             std::array<std::uint8_t, 260> bytes{};
             const std::size_t count =
-                read_bytes(bytes, address_.serial && !answer.empty() ? std::min<Duration>(end - at, 20ms) : end - at);
+                read_bytes(bytes, address_.serial && common::ends_with_crc16(answer) ? std::min<Duration>(end - at, 20ms) : end - at);
             if (count == 0) break;
             answer.insert(answer.end(), bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(count));
         }
@@ -352,6 +355,9 @@ Result<std::string> CoilLink::identify() {
                     what + (in_time ? " closes the connection without an answer" : " does not answer") + " as unit " +
                         std::to_string(address_.unit),
                     "check the unit, that no other program holds the module, and that the address is the module's");
+    if (address_.serial && !common::ends_with_crc16(answer))
+        return fail(
+            ErrorCode::unreadable, what + " answers, and the answer is damaged or none of Modbus", kSerialCure);
     if (answer.size() < head + 2) return fail(ErrorCode::timeout, what + " does not say what it is", "see its label");
     constexpr int kRefused = 43 | 0x80;
     const bool described = answer[head] == 43 && answer[head + 1] == 14 && answer.size() >= head + 7;

@@ -47,8 +47,8 @@ class CoilLink {
     Result<std::vector<std::uint16_t>> read_registers(RegisterKind kind, int number, int count);
 
     // "vendor product revision", by Read Device Identification (function 43/14). Fails with unsupported if the module
-    // does not have it, with refused if a gateway or another unit answers, with unreadable if the answer is none of
-    // Modbus. Closes the connection, because a late answer could follow.
+    // does not have it, with refused if a gateway or another unit answers, with unreadable if the answer is
+    // damaged or none of Modbus. Closes the connection, because a late answer could follow.
     Result<std::string> identify();
 
     // An upper estimate of recent response times; zero before the first answer.

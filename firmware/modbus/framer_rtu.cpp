@@ -2,10 +2,12 @@
 
 #include <algorithm>
 
+#include "common/crc16.h"
+
 namespace hord::firmware::modbus {
 namespace {
 
-constexpr std::size_t kCrc = 2;
+using common::kCrc16Bytes;
 
 // The size of frames, without CRC, by function code.
 struct FrameSize {
@@ -25,32 +27,15 @@ std::optional<std::size_t> size_of(std::span<const FrameSize> known, std::span<c
     if (frame.size() < 2) return 0;
     for (const FrameSize& size : known) {
         if (frame[1] < size.first || frame[1] > size.last) continue;
-        if (size.count_at == 0) return size.fixed + kCrc;
-        return frame.size() > size.count_at ? size.count_at + 1 + frame[size.count_at] + kCrc : 0;
+        if (size.count_at == 0) return size.fixed + kCrc16Bytes;
+        return frame.size() > size.count_at ? size.count_at + 1 + frame[size.count_at] + kCrc16Bytes : 0;
     }
     return std::nullopt;
 }
 
 }  // namespace
 
-std::uint16_t crc16(std::span<const std::uint8_t> bytes) {
-    unsigned crc = 0xFFFF;
-    for (const std::uint8_t byte : bytes) {
-        crc ^= byte;
-        for (int bit = 0; bit < 8; ++bit) crc = crc >> 1U ^ ((crc & 1U) != 0 ? 0xA001U : 0U);
-    }
-    return static_cast<std::uint16_t>(crc);
-}
-
-void write_crc16(std::span<std::uint8_t> frame) {
-    const std::uint16_t crc = crc16(frame.first(frame.size() - kCrc));
-    frame[frame.size() - 2] = static_cast<std::uint8_t>(crc & 0xFFU);
-    frame[frame.size() - 1] = static_cast<std::uint8_t>(crc >> 8U);
-}
-
-bool FramerRtu::good(std::size_t size) const {
-    return crc16(std::span(frame_).first(size - kCrc)) == (frame_[size - 2] | frame_[size - 1] << 8U);
-}
+bool FramerRtu::good(std::size_t size) const { return common::ends_with_crc16(std::span(frame_).first(size)); }
 
 // A frame for this unit is a request. One for another unit is a request or a reply: the one whose CRC matches.
 FramerRtu::Shape FramerRtu::shape(std::size_t& size) const {
@@ -92,7 +77,7 @@ std::optional<Request> FramerRtu::take(std::span<const std::uint8_t>& bytes, hal
                 if (frame_[0] != unit_ && frame_[0] != 0) break;
                 return Request{.transaction = 0,
                                .unit = frame_[0],
-                               .pdu = std::span<const std::uint8_t>(frame_).subspan(1, size - 1 - kCrc)};
+                               .pdu = std::span<const std::uint8_t>(frame_).subspan(1, size - 1 - kCrc16Bytes)};
         }
     }
     return std::nullopt;

@@ -20,9 +20,6 @@ namespace hord::firmware::modbus {
 
 inline constexpr std::size_t kMaxRtuFrame = 1 + kMaxPdu + 2;
 
-// CRC-16 of Modbus: reflected polynomial 0xA001, start 0xFFFF.
-[[nodiscard]] std::uint16_t crc16(std::span<const std::uint8_t> bytes);
-
 class FramerRtu {
   public:
     // `gap`: a longer silence ends a frame. At least 3.5 characters (1.75 ms from 19200 baud up), and more than the
@@ -46,8 +43,5 @@ class FramerRtu {
     bool deaf_ = false;
     std::optional<hal::TimePoint> last_at_;
 };
-
-// Appends the CRC to `frame`, which holds unit, PDU and room for two bytes more.
-void write_crc16(std::span<std::uint8_t> frame);
 
 }  // namespace hord::firmware::modbus

@@ -11,11 +11,13 @@
 
 #include "common/crc32.h"
 #include "common/file_writing.h"
+#include "common/json_integer.h"
 
 namespace hord::firmware::mqtt {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using common::integer_of;
+using common::Json;
 
 constexpr std::size_t kLargest = 4096;
 
@@ -60,9 +62,12 @@ Result<std::optional<Cursor>> read_cursor(const std::filesystem::path& file) {
         return damaged();
     try {
         const Json json = Json::parse(text.substr(0, end));
-        const Cursor cursor{json.at("store").get<std::string>(),      json.at("origin").get<std::int64_t>(),
-                            json.at("confirmed").get<std::int64_t>(), json.at("bdSeq").get<std::uint8_t>(),
-                            json.at("lost").get<std::uint64_t>(),     json.at("lost_until").get<std::int64_t>()};
+        const Cursor cursor{json.at("store").get<std::string>(),
+                            integer_of<std::int64_t>(json.at("origin")),
+                            integer_of<std::int64_t>(json.at("confirmed")),
+                            integer_of<std::uint8_t>(json.at("bdSeq")),
+                            integer_of<std::uint64_t>(json.at("lost")),
+                            integer_of<std::int64_t>(json.at("lost_until"))};
         if (cursor.origin < 0 || cursor.confirmed < cursor.origin) return damaged();
         return std::optional<Cursor>(cursor);
     } catch (const Json::exception&) {

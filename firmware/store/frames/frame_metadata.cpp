@@ -1,11 +1,13 @@
 #include "firmware/store/frames/frame_metadata.h"
 
-#include "firmware/store/frames/json_integer.h"
+#include "common/json_integer.h"
 #include "firmware/store/results/hash_chain.h"
 #include "firmware/store/results/records.h"
 
 namespace hord::firmware::store {
 namespace {
+
+using common::integer_of;
 
 // The value of the key "maps" where the gradient's map holds bounds. Without the key it is exact everywhere.
 constexpr const char* kMapsOfBounds = "judged";

@@ -16,11 +16,13 @@
 #include <unistd.h>
 
 #include "common/file_writing.h"
-#include "firmware/store/frames/json_integer.h"
+#include "common/json_integer.h"
 #include "firmware/store/results/json_text.h"
 
 namespace hord::firmware::store {
 namespace {
+
+using common::integer_of;
 
 namespace fs = std::filesystem;
 

@@ -10,6 +10,7 @@
 #include <termios.h>
 #include <unistd.h>
 
+#include "common/crc16.h"
 #include "common/unique_fd.h"
 #include "drivers/event_loop/event_loop_sd.h"
 #include "drivers/modbus/coil_link.h"
@@ -101,10 +102,18 @@ TEST_F(SerialLink, takes_nothing_that_came_before_its_request_for_the_answer) {
     EXPECT_FALSE(link.read(5).value());
 }
 
+std::string with_crc(std::string frame) {
+    std::vector<std::uint8_t> bytes(frame.begin(), frame.end());
+    bytes.resize(bytes.size() + common::kCrc16Bytes);
+    common::write_crc16(bytes);
+    return {bytes.begin(), bytes.end()};
+}
+
+std::string identification(const std::string& text) {
+    return with_crc(std::string("\7\x2b\xe\1\1\0\0\1\0", 9) + static_cast<char>(text.size()) + text);
+}
+
 TEST_F(SerialLink, takes_what_comes_after_its_question_for_what_the_module_is) {
-    const auto identification = [](const std::string& text) {
-        return std::string("\7\x2b\xe\1\1\0\0\1\0", 9) + static_cast<char>(text.size()) + text + "\xAB\xCD";
-    };
     CoilLink link(*loop_, address_, 20s);
     ASSERT_TRUE(link.connect());
     say(identification("before"));
@@ -112,12 +121,33 @@ TEST_F(SerialLink, takes_what_comes_after_its_question_for_what_the_module_is) {
     std::jthread module([&] {
         EXPECT_EQ(hear(7), std::string("\x07\x2B\x0E\x01\x00\xF8\x77", 7));
         std::this_thread::sleep_for(100ms);  // it may think
-        say(identification("now"));
+        const std::string now = identification("now");
+        say(now.substr(0, 8));
+        std::this_thread::sleep_for(100ms);  // a slow line, or an adapter that collects bytes
+        say(now.substr(8));
     });
     const hal::TimePoint from = loop_->now();
     EXPECT_EQ(link.identify().value_or("nothing"), "now");
-    EXPECT_LT(loop_->now() - from, 10s) << "it ends with a pause";
+    EXPECT_LT(loop_->now() - from, 10s) << "it ends with its checksum and a pause";
     EXPECT_FALSE(link.connected());
+}
+
+TEST_F(SerialLink, takes_no_damaged_answer_for_what_the_module_is) {
+    CoilLink link(*loop_, address_, 200ms);
+    for (const std::size_t at : {1U, 10U, 13U}) {  // the function, a letter, the checksum
+        ASSERT_TRUE(link.connect());
+        std::jthread module([&] {
+            EXPECT_EQ(hear(7).size(), 7U);
+            std::string damaged = identification("now");
+            damaged.at(at) ^= 4;
+            say(damaged);
+        });
+        const auto said = link.identify();
+        ASSERT_FALSE(said) << at << ": " << *said;
+        EXPECT_EQ(said.error().code, ErrorCode::unreadable);
+        EXPECT_THAT(said.error().what, HasSubstr("damaged"));
+        EXPECT_THAT(said.error().cure, HasSubstr("rejector.baud"));
+    }
 }
 
 TEST_F(SerialLink, has_acknowledged_a_write_whose_answer_was_lost_when_it_was_read_back) {

@@ -6,6 +6,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "common/crc16.h"
+
 namespace hord::firmware::modbus {
 namespace {
 
@@ -16,7 +18,7 @@ using Bytes = std::vector<std::uint8_t>;
 
 Bytes with_crc(Bytes frame) {
     frame.resize(frame.size() + 2);
-    write_crc16(frame);
+    common::write_crc16(frame);
     return frame;
 }
 

@@ -11,6 +11,7 @@
 #include <modbus/modbus.h>
 #include <termios.h>
 
+#include "common/crc16.h"
 #include "drivers/event_loop/event_loop_sd.h"
 #include "firmware/modbus/framer_rtu.h"
 #include "tests/firmware/modbus/modbus_peer.h"
@@ -83,20 +84,20 @@ TEST_F(Serial, libmodbus_reads_and_is_refused_over_the_line) {
 TEST_F(Serial, a_device_is_opened_set_up_and_answered_on) {
     open();
     Bytes request{17, 3, 0, 2, 0, 2, 0, 0};
-    write_crc16(request);
+    common::write_crc16(request);
     Bytes broadcast{0, 6, 0, 1, 0, 2, 0, 0};
-    write_crc16(broadcast);
+    common::write_crc16(broadcast);
     ASSERT_EQ(::write(other_end, broadcast.data(), broadcast.size()), 8);
     ASSERT_EQ(::write(other_end, request.data(), request.size()), 8);
     Bytes reply{17, 3, 4, 'H', 'O', 'R', 'D', 0, 0};
-    write_crc16(reply);
+    common::write_crc16(reply);
     EXPECT_EQ(receive(reply.size()), reply);
 }
 
 TEST_F(Serial, a_request_may_come_byte_by_byte) {
     open({.gap = std::chrono::seconds(10)});
     Bytes request{17, 3, 0, 2, 0, 2, 0, 0};
-    write_crc16(request);
+    common::write_crc16(request);
     for (const std::uint8_t byte : request) {
         ASSERT_EQ(::write(other_end, &byte, 1), 1);
         loop.on_loop([] { return 0; });
@@ -108,7 +109,7 @@ TEST_F(Serial, a_request_may_come_byte_by_byte) {
 TEST_F(Serial, every_reply_is_whole_even_when_the_master_does_not_read) {
     open();
     Bytes request{17, 3, 0, 0, 0, 125, 0, 0};
-    write_crc16(request);
+    common::write_crc16(request);
     for (int k = 0; k < 600; ++k) {
         (void)!::write(other_end, request.data(), request.size());
         loop.on_loop([] { return 0; });
@@ -116,7 +117,7 @@ TEST_F(Serial, every_reply_is_whole_even_when_the_master_does_not_read) {
     int whole = 0;
     Bytes reply;
     const auto frame_is_good = [&] {
-        const std::uint16_t crc = crc16(std::span(reply).first(253));
+        const std::uint16_t crc = common::crc16(std::span(reply).first(253));
         return reply[253] == (crc & 0xFFU) && reply[254] == crc >> 8U;
     };
     pollfd ready{other_end, POLLIN, 0};
@@ -156,12 +157,12 @@ TEST_F(Serial, the_line_is_raw_with_the_speed_and_parity_that_are_wanted) {
 TEST_F(Serial, a_broadcast_is_not_answered) {
     open();
     Bytes broadcast{0, 3, 0, 2, 0, 2, 0, 0}, request{17, 3, 0, 3, 0, 1, 0, 0};
-    write_crc16(broadcast);
-    write_crc16(request);
+    common::write_crc16(broadcast);
+    common::write_crc16(request);
     ASSERT_EQ(::write(other_end, broadcast.data(), broadcast.size()), 8);
     ASSERT_EQ(::write(other_end, request.data(), request.size()), 8);
     Bytes reply{17, 3, 2, 'R', 'D', 0, 0};
-    write_crc16(reply);
+    common::write_crc16(reply);
     EXPECT_EQ(receive(reply.size()), reply);
 }
 

@@ -4,8 +4,10 @@
 #include <fstream>
 #include <iterator>
 
+#include <fmt/format.h>
 #include <sys/stat.h>
 
+#include "common/crc32.h"
 #include "firmware/mqtt/cursor.h"
 #include "firmware/mqtt/mqtt_config.h"
 #include "firmware/mqtt/result_feed.h"
@@ -124,6 +126,20 @@ TEST(Cursor, is_read_as_it_was_written_and_a_damaged_one_is_refused) {
         EXPECT_THAT(read.error().message(), HasSubstr("move it away"));
     }
     EXPECT_FALSE(write_cursor("/nowhere/cursor", cursor));
+}
+
+TEST(Cursor, with_numbers_that_it_cannot_have_is_refused_even_if_its_checksum_fits) {
+    const TempFolder folder;
+    const fs::path file = folder.path() / "cursor";
+    const auto with = [&](const std::string& session, const std::string& lost) {
+        const std::string text = R"({"store":"0123abcd","origin":5,"confirmed":4711,"bdSeq":)" + session +
+            R"(,"lost":)" + lost + R"(,"lost_until":9})";
+        write_text(file, fmt::format("{}\n{:08X}\n", text, common::crc32(text)));
+        return read_cursor(file).has_value();
+    };
+    EXPECT_TRUE(with("255", "18446744073709551615"));
+    for (const char* const session : {"256", "-1", "1.5", "8e64", "true", "\"1\""}) EXPECT_FALSE(with(session, "3"));
+    for (const char* const lost : {"-3", "18446744073709551616", "3.0"}) EXPECT_FALSE(with("200", lost)) << lost;
 }
 
 TEST(ResultFeed, follows_a_store_that_is_being_written_and_notices_another) {

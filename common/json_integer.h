@@ -1,13 +1,15 @@
-// Whole numbers of the JSON in frames and shards.
+// Whole numbers of foreign JSON (nlohmann-json, which the including room links).
 #pragma once
 
 #include <concepts>
 #include <cstdint>
 #include <utility>
 
-#include "firmware/store/results/json_text.h"
+#include <nlohmann/json.hpp>
 
-namespace hord::firmware::store {
+namespace hord::common {
+
+using Json = nlohmann::ordered_json;
 
 // The integer that `json` holds. Throws Json::exception where it holds none, or one that T cannot hold: get() converts
 // these, and of a large number with a point or an exponent the result is undefined.
@@ -25,4 +27,4 @@ T integer_of(const Json& json, const char* name, T otherwise) {
     return json.contains(name) ? integer_of<T>(json.at(name)) : otherwise;
 }
 
-}  // namespace hord::firmware::store
+}  // namespace hord::common
