@@ -134,9 +134,7 @@ tl::unexpected<Error> CoilLink::failed(const std::string& what, int error) {
         return fail(ErrorCode::disconnected, what + ": " + of_another_,
                     "check rejector.unit and what stands between the station and the module, such as a gateway");
     if (is_damage(error) && address_.serial)
-        return fail(
-            ErrorCode::disconnected, said + " (the answer is damaged or none of Modbus)",
-            kSerialCure);
+        return fail(ErrorCode::disconnected, said + " (the answer is damaged or none of Modbus)", kSerialCure);
     if (is_damage(error))
         return fail(ErrorCode::disconnected, said + " (the answer is none of Modbus)",
                     std::string("is the rejector's module really at ") + name() +
@@ -342,8 +340,9 @@ Result<std::string> CoilLink::identify() {
                 answer.size() >= 6U + static_cast<std::size_t>(answer[4] << 8 | answer[5]))
                 break;
             std::array<std::uint8_t, 260> bytes{};
-            const std::size_t count =
-                read_bytes(bytes, address_.serial && common::ends_with_crc16(answer) ? std::min<Duration>(end - at, 20ms) : end - at);
+            const std::size_t count = read_bytes(
+                bytes,
+                address_.serial && common::ends_with_crc16(answer) ? std::min<Duration>(end - at, 20ms) : end - at);
             if (count == 0) break;
             answer.insert(answer.end(), bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(count));
         }
@@ -356,8 +355,7 @@ Result<std::string> CoilLink::identify() {
                         std::to_string(address_.unit),
                     "check the unit, that no other program holds the module, and that the address is the module's");
     if (address_.serial && !common::ends_with_crc16(answer))
-        return fail(
-            ErrorCode::unreadable, what + " answers, and the answer is damaged or none of Modbus", kSerialCure);
+        return fail(ErrorCode::unreadable, what + " answers, and the answer is damaged or none of Modbus", kSerialCure);
     if (answer.size() < head + 2) return fail(ErrorCode::timeout, what + " does not say what it is", "see its label");
     constexpr int kRefused = 43 | 0x80;
     const bool described = answer[head] == 43 && answer[head + 1] == 14 && answer.size() >= head + 7;

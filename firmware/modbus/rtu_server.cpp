@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "common/assign.h"
+#include "common/crc16.h"
 #include "common/unique_fd.h"
 #include "firmware/modbus/framer_rtu.h"
 
@@ -145,7 +146,7 @@ struct RtuServer::Impl {
         if (request.unit == 0) return;  // a broadcast
         reply[0] = options.unit;
         std::copy_n(pdu.begin(), size, reply.begin() + 1);
-        write_crc16(std::span(reply).first(size + 3));
+        common::write_crc16(std::span(reply).first(size + 3));
         filled = size + 3;
         sent = 0;
     }
