@@ -199,33 +199,37 @@ Result<ReferenceCheck> check_reference(const Extents& extents, int bits, std::si
     return check;
 }
 
-std::vector<std::string> describe(const ReferenceCheck& check, const Recipe& recipe) {
-    if (!check.not_checked.empty()) return {"Not checked: " + check.not_checked + "."};
+CheckSentences describe(const ReferenceCheck& check, const Recipe& recipe, std::span<const std::string> frames) {
+    CheckSentences told;
+    if (!check.not_checked.empty()) {
+        told.judged.push_back("Not checked: " + check.not_checked + ".");
+        return told;
+    }
     const auto number = [](double value) {
         char text[32];
         std::snprintf(text, sizeof text, "%.2g", value);
         return std::string(text);
     };
-    std::vector<std::string> lines;
     const double worst = *std::ranges::max_element(check.worst_scores),
                  typical = common::quantile(check.worst_scores, 0.5);
-    lines.push_back("Each part was judged by what is learned from the others: the median part's worst place has " +
-                    number(typical) + " of the limit, the worst part's " +
-                    (worst >= ReferenceCheck::kUnfit ? "could not be judged" : number(worst)) + ".");
+    told.judged.push_back(
+        "Each part was judged by what is learned from the others: the median part's worst place has " +
+        number(typical) + " of the limit, the worst part's " +
+        (worst >= ReferenceCheck::kUnfit ? "could not be judged" : number(worst)) + ".");
     for (const ReferenceCheck::Judged& j : check.judged) {
-        if (!j.reason.empty())
-            lines.push_back("Frame " + std::to_string(j.frame + 1) + " would be rejected: " + j.reason + ".");
+        if (!j.reason.empty()) told.judged.push_back("Would be rejected: " + frames[j.frame] + ": " + j.reason + ".");
     }
-    lines.push_back(describe(check.false_rejects));
+    told.false_rejects.push_back(describe(check.false_rejects));
     Recipe scaled = recipe;
     scale_score_limits(scaled, check.factor);
-    lines.push_back("The recipe's limits are reject_score " + number(static_cast<double>(recipe.reject_score)) +
-                    ", cluster_score " + number(static_cast<double>(recipe.cluster_score)) + ". With reject_score " +
-                    number(static_cast<double>(scaled.reject_score)) + ", grow_score " +
-                    number(static_cast<double>(scaled.grow_score)) + ", cluster_score " +
-                    number(static_cast<double>(scaled.cluster_score)) +
-                    (check.pooled_score > 0 ? ", pooled_score " + number(check.pooled_score) : "") +
-                    " the bound by that distribution would be 0.1 %.");
+    told.false_rejects.push_back("The recipe's limits are reject_score " +
+                                 number(static_cast<double>(recipe.reject_score)) + ", cluster_score " +
+                                 number(static_cast<double>(recipe.cluster_score)) + ". With reject_score " +
+                                 number(static_cast<double>(scaled.reject_score)) + ", grow_score " +
+                                 number(static_cast<double>(scaled.grow_score)) + ", cluster_score " +
+                                 number(static_cast<double>(scaled.cluster_score)) +
+                                 (check.pooled_score > 0 ? ", pooled_score " + number(check.pooled_score) : "") +
+                                 " the bound by that distribution would be 0.1 %.");
     for (std::size_t kind = 0; kind < kPaintedFlaws.size(); ++kind) {
         const PaintedFlawKind& k = kPaintedFlaws[kind];
         const ReferenceCheck::Found& found = check.flaws[kind];
@@ -245,10 +249,10 @@ std::vector<std::string> describe(const ReferenceCheck& check, const Recipe& rec
                 (found.curve.a90_95 ? ", " + size(*found.curve.a90_95) + " with 95 % confidence"
                                     : "; more trials would be needed for a confidence");
         else line += "none of the sizes tried, up to " + size(k.most) + ", is found in nine of ten cases";
-        lines.push_back(line + " (" + std::to_string(found.trials) + " painted into these parts, " +
-                        std::to_string(found.found) + " found).");
+        told.flaws.push_back(line + " (" + std::to_string(found.trials) + " painted into these parts, " +
+                             std::to_string(found.found) + " found).");
     }
-    return lines;
+    return told;
 }
 
 }  // namespace hord::algo

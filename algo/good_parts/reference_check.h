@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -56,8 +57,12 @@ Result<ReferenceCheck> check_reference(const Extents& extents, int bits, std::si
                                        const std::vector<std::size_t>& part_of, const std::vector<bool>& used,
                                        const CheckOptions& options);
 
-// Sentences for people: how the limits follow, what is told of false rejects, which sizes of flaws are found. In mm and
-// mrad, too, if the recipe knows the pitches.
-std::vector<std::string> describe(const ReferenceCheck& check, const Recipe& recipe);
+// Sentences for people. In mm and mrad, too, if the recipe knows the pitches. `frames`: what the frames are called.
+struct CheckSentences {
+    std::vector<std::string> judged;         // the scores, and which parts would be rejected; or why there is no check
+    std::vector<std::string> false_rejects;  // what is told of them, and the limits at which they would be fewer
+    std::vector<std::string> flaws;          // which sizes are found
+};
+CheckSentences describe(const ReferenceCheck& check, const Recipe& recipe, std::span<const std::string> frames);
 
 }  // namespace hord::algo

@@ -1,6 +1,7 @@
 #include "firmware/recipes/reference_file.h"
 
 #include <bit>
+#include <cerrno>
 #include <cstring>
 #include <fstream>
 #include <iterator>
@@ -10,11 +11,15 @@
 #include <utility>
 #include <vector>
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "common/crc32.h"
 #include "common/file_kind.h"
 #include "common/file_writing.h"
+#include "common/unique_fd.h"
 
 namespace hord::firmware {
 namespace {
@@ -101,6 +106,41 @@ Result<void> write_reference(const std::filesystem::path& file, const algo::Refe
     const std::uint32_t sum = common::crc32(text);
     put(text, std::span(&sum, 1));
     return common::write_durably(file, text);
+}
+
+Result<ReferenceFacts> read_reference_facts(const std::filesystem::path& file) {
+    const auto refuse = [&](ErrorCode code, const std::string& what) {
+        return fail(code, file.string() + " " + what, "learn it again: hordctl learn");
+    };
+    const common::UniqueFd fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY));
+    if (!fd) return refuse(errno == ENOENT ? ErrorCode::not_found : ErrorCode::unreadable, "cannot be opened");
+    algo::Reference r;
+    std::size_t head_bytes = 0;
+    each_value(r, [&](const auto& value) { head_bytes += sizeof value; });
+    struct stat what {};
+    std::string head(kMagic.size() + sizeof(std::uint32_t) + head_bytes, '\0');
+    ReferenceFacts facts;
+    const auto read = [&](void* to, std::size_t bytes, off_t from) {
+        return ::pread(fd.get(), to, bytes, from) == static_cast<ssize_t>(bytes);
+    };
+    if (::fstat(fd.get(), &what) != 0 || !S_ISREG(what.st_mode) || !read(head.data(), head.size(), 0) ||
+        !head.starts_with(kMagic) || !read(&facts.crc32, sizeof facts.crc32, what.st_size - off_t{sizeof facts.crc32}))
+        return refuse(ErrorCode::unreadable, "is not a reference");
+    std::uint32_t version = 0;
+    std::memcpy(&version, head.data() + kMagic.size(), sizeof version);
+    if (version < kOldestReferenceVersion || version > kReferenceVersion)
+        return refuse(ErrorCode::unsupported, fmt::format("is a reference of version {}", version));
+    std::string_view rest = std::string_view(head).substr(kMagic.size() + sizeof version);
+    each_value(r, [&](auto& value) { take(rest, std::span(&value, 1)); });
+    facts.extents = r.extents;
+    facts.parts = r.parts;
+    return facts;
+}
+
+std::filesystem::path report_file(const std::filesystem::path& reference, std::string_view ending) {
+    std::filesystem::path file = reference;
+    file.replace_extension();
+    return file += ending;
 }
 
 Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesystem::path& file) {

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <string_view>
 
 #include "algo/reference/reference.h"
 #include "common/result.h"
@@ -19,6 +20,20 @@ Result<void> write_reference(const std::filesystem::path& file, const algo::Refe
 
 // Fails with not_found, unreadable (another kind of file, truncated, wrong checksum), unsupported (another version).
 Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesystem::path& file);
+
+// What the file says of itself at its beginning and its end: the maps are neither read nor checked.
+struct ReferenceFacts {
+    algo::Extents extents;
+    std::uint32_t parts = 0;
+    std::uint32_t crc32 = 0;  // crc32_of(), if the file is whole
+};
+// Fails as read_reference(), and with unreadable if it is no regular file.
+Result<ReferenceFacts> read_reference_facts(const std::filesystem::path& file);
+
+// The files of a report lie beside the reference (docs/commands.md): its name, with this ending instead of its own. The
+// JSON is written last.
+inline constexpr std::string_view kReportEndings[] = {".learn.png", ".learn.csv", ".learn.md", ".learn.json"};
+std::filesystem::path report_file(const std::filesystem::path& reference, std::string_view ending);
 
 // Size of the file without its head, which is small.
 std::size_t bytes_of_maps(const algo::Extents& extents);

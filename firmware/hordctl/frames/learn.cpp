@@ -1,20 +1,17 @@
 // hordctl learn: a reference from frames of good parts, and what these parts support.
 #include <filesystem>
 #include <memory>
-#include <numeric>
 #include <optional>
 
 #include <fmt/format.h>
 
 #include "algo/good_parts/distinct_parts.h"
-#include "algo/good_parts/reference_check.h"
-#include "algo/good_parts/variation.h"
 #include "algo/reference/read_noise.h"
 #include "algo/reference/reference_learner.h"
 #include "common/cli/progress.h"
+#include "firmware/diagnostics/learn_report.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/frames/frame_reader.h"
-#include "firmware/hordctl/frames/learn_report.h"
 #include "firmware/recipes/recipe_file.h"
 #include "firmware/recipes/reference_file.h"
 
@@ -50,19 +47,6 @@ struct GoodFrames {
     }
 };
 
-Result<algo::Variation> variation_of(const GoodFrames& frames, const algo::Learned& learned) {
-    algo::VariationMeter meter(learned.reference);
-    for (std::size_t k = 0, added = 0; k < frames.files.size() && added < algo::VariationMeter::kMaxParts; ++k) {
-        if (!learned.poses[k]) continue;
-        const auto frame = frames(k);
-        if (!frame) return tl::unexpected(frame.error());
-        meter.add(frame->view(), *learned.poses[k]);
-        ++added;
-    }
-    constexpr std::size_t kModes = 3;
-    return meter.finish(kModes);
-}
-
 Exit run_learn(const LearnArguments& arguments) {
     std::vector<std::string> inputs = arguments.frames;
     inputs.insert(inputs.end(), {arguments.recipe, arguments.reading.grid});
@@ -92,60 +76,43 @@ Exit run_learn(const LearnArguments& arguments) {
     std::vector<std::string> one_a_part;
     for (const std::size_t k : parts->frames) one_a_part.push_back(frames.files[k]);
     frames.files = std::move(one_a_part);
-    const auto learned = algo::learn_reference(frames.extents, frames.bits, frames.files.size(), frames, options);
+    auto learned = algo::learn_reference(frames.extents, frames.bits, frames.files.size(), frames, options);
     if (!learned) return complain(learned.error());
-    if (auto done = write_reference(arguments.out, learned->reference); !done) return complain(done.error());
-
-    const algo::Reference& r = learned->reference;
-    LearnReport report{
-        .frames = frames.files,
-        .learned = *learned,
-        .recipe = recipe->recipe,
-        .summary = fmt::format("{}: {}x{} lenslets of {}x{} bins, {} of {} parts, {} {:.3g} electrons a DN, "
-                               "{} read noise {:.2g} DN",
-                               arguments.out, r.extents.m, r.extents.n, r.extents.i, r.extents.j, r.parts,
-                               frames.files.size(), options.electrons_per_dn ? "given" : "estimated",
-                               r.sensor.electrons_per_dn, arguments.read_dn ? "given" : "estimated", r.sensor.read_dn),
-        .distinct = parts->repeated,
-        .check = {},
-        .variation = {}};
-    for (const std::string& unsure : algo::unsure_of(*learned, "give the sensor's with --electrons-per-dn"))
-        report.summary += ". " + unsure;
+    options.progress = [](double) {};
+    const LearnedParts report_of{.file = arguments.out,
+                                 .reference = std::make_shared<const algo::Reference>(std::move(learned->reference)),
+                                 .recipe = recipe->recipe,
+                                 .frames = frames.files,
+                                 .left_out = learned->left_out,
+                                 .poses = learned->poses,
+                                 .frame_of = frames,
+                                 .repeated = parts->repeated,
+                                 .unsure = algo::unsure_of(*learned, "give the sensor's with --electrons-per-dn"),
+                                 .learning = options,
+                                 .electrons_from = options.electrons_per_dn ? "given" : "estimated",
+                                 .read_noise_from = arguments.read_dn ? "given" : "estimated"};
+    const algo::Reference& r = *report_of.reference;
+    if (auto done = write_reference(arguments.out, r); !done) return complain(done.error());
+    std::vector<std::string> told{summary_of(report_of) + "."};
     std::vector<std::filesystem::path> written;
     if (arguments.check) {
-        algo::CheckOptions checking;
-        checking.learning = options;
-        checking.learning.electrons_per_dn = r.sensor.electrons_per_dn;
-        checking.learning.progress = [](double) {};
-        checking.recipe = recipe->recipe;
-        checking.trials = static_cast<std::size_t>(arguments.trials);
-        checking.progress = [&](double done) { progress->show(0.25 + 0.75 * done); };
-        std::vector<std::size_t> part_of(frames.files.size());
-        std::iota(part_of.begin(), part_of.end(), std::size_t{0});
-        std::vector<bool> used(frames.files.size(), true);
-        for (const algo::LeftOut& out : learned->left_out) used[out.part] = false;
-        auto check =
-            algo::check_reference(frames.extents, frames.bits, frames.files.size(), frames, part_of, used, checking);
-        if (check) report.check = std::move(*check);
-        else report.check.not_checked = check.error().what;
-        auto variation = variation_of(frames, *learned);
-        if (!variation) return complain(variation.error());
-        report.variation = std::move(*variation);
-        auto files = write_learn_report(report, arguments.out);
+        const auto report = check_learned(report_of, static_cast<std::size_t>(arguments.trials),
+                                          [&](double done) { progress->show(0.25 + 0.75 * done); });
+        if (!report) return complain(report.error());
+        auto files = write_learn_report(*report);
         if (!files) return complain(files.error());
         written = std::move(*files);
+        for (LearnSentence& sentence : describe(*report)) told.push_back(std::move(sentence.text));
+    } else {
+        for (const std::string& unsure : report_of.unsure) told.push_back(unsure + ".");
+        if (!parts->repeated.empty()) told.push_back(parts->repeated);
+        for (const algo::LeftOut& out : learned->left_out)
+            told.push_back(fmt::format("Left out: {}: {}.", frames.files[out.part], out.why));
     }
     progress.reset();
     if (first->geometry_from == GeometryFrom::frame)
         fmt::print("{}x{} bins a lenslet, as {} says\n", r.extents.i, r.extents.j, arguments.frames.front());
-    if (arguments.check) {
-        for (const std::string& line : describe(report)) fmt::print("{}\n", line);
-    } else {
-        fmt::print("{}\n", report.summary);
-        if (!parts->repeated.empty()) fmt::print("{}\n", parts->repeated);
-        for (const algo::LeftOut& out : learned->left_out)
-            fmt::print("Left out: {}: {}.\n", frames.files[out.part], out.why);
-    }
+    for (const std::string& line : told) fmt::print("{}\n", line);
     for (const std::filesystem::path& file : written) fmt::print("{}\n", file.string());
     return Exit::good;
 }
@@ -178,10 +145,10 @@ void add_learn(CLI::App& program, Exit& status) {
                       "Learn only: do not judge parts by what is learned from the others, write no report");
     add_number(*command, "--flaws", arguments->trials, "Painted flaws of each kind that the check tries", 0, 100000);
     command->footer(
-        "Beside REFERENCE.hordref go REFERENCE.learn.md, .csv and .png: poses, what varies between the parts, the "
-        "bound "
-        "of false\n"
-        "rejects, and the sizes of flaws that will be found. Copies and repeated exposures of a part count once.\n"
+        "Beside REFERENCE.hordref go REFERENCE.learn.md, .csv, .png and .json: poses, what varies between the parts, "
+        "the bound of\n"
+        "false rejects, and the sizes of flaws that will be found. Copies and repeated exposures of a part count "
+        "once.\n"
         "Example: hordctl learn good/*.png --out lens.hordref\n"
         "         hordctl inspect part.png --reference lens.hordref --out maps");
     command->callback([arguments, &status] { status = run_learn(*arguments); });
