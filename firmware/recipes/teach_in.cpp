@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <charconv>
 #include <cstring>
 #include <fstream>
 #include <system_error>
@@ -21,6 +20,7 @@
 #include "common/unique_fd.h"
 #include "firmware/recipes/recipe_folder.h"
 #include "firmware/recipes/reference_file.h"
+#include "firmware/recipes/taught_files.h"
 
 namespace hord::firmware {
 namespace {
@@ -47,27 +47,6 @@ void remove_quietly(const fs::path& path) {
     fs::remove_all(path, ignored);
 }
 
-std::string learned_prefix(std::uint16_t number) { return fmt::format("taught-{}-", number); }
-
-// n of "taught-7-n.hordref"; none: another file.
-std::optional<std::uint64_t> nth_of(const fs::path& file, const std::string& prefix) {
-    const std::string stem = file.stem().string();
-    if (file.extension() != ".hordref" || !stem.starts_with(prefix)) return std::nullopt;
-    std::uint64_t n = 0;
-    const char* end = stem.data() + stem.size();
-    const auto read = std::from_chars(stem.data() + prefix.size(), end, n);
-    return read.ec == std::errc() && read.ptr == end ? std::optional(n) : std::nullopt;
-}
-
-template <class Do>
-void for_each_reference(const fs::path& folder, std::uint16_t number, Do&& what) {
-    std::error_code error;
-    for (auto entry = fs::directory_iterator(folder / kReferences, error); !error && entry != fs::directory_iterator();
-         entry.increment(error)) {
-        if (const auto n = nth_of(entry->path(), learned_prefix(number))) what(entry->path(), *n);
-    }
-}
-
 }  // namespace
 
 LineTeachIn::LineTeachIn(hal::EventLoop& loop, TeachInOptions options) : loop_(loop), options_(std::move(options)) {
@@ -76,6 +55,7 @@ LineTeachIn::LineTeachIn(hal::EventLoop& loop, TeachInOptions options) : loop_(l
 
 LineTeachIn::~LineTeachIn() {
     life_.reset();
+    report_stopped_ = true;
     cancel();
     if (thread_.joinable()) thread_.join();
     remove_quietly(options_.folder / kSpool);
@@ -91,16 +71,21 @@ Result<void> LineTeachIn::begin(std::uint32_t parts, const NumberedRecipe& recip
                                 recipe.number, name_of(*recipe.recipe.gradient)),
                     "use emd among the recipe's features, or no distance, then teach");
     }
-    if (thread_.joinable()) thread_.join();  // it has ended: finish() was its last call
+    report_stopped_ = true;  // of the session before; its thread ends soon
     cancelled_ = ended_ = false;
     session_ = Session{parts, recipe, std::move(listener), {}};
     if (!options_.thread) {
         if (auto ready = prepare(); !ready) finish(tl::unexpected(ready.error()));
         return {};
     }
+    auto before = std::make_shared<std::thread>(std::move(thread_));
     try {
-        thread_ = std::thread([this] { work(); });
+        thread_ = std::thread([this, before] {
+            if (before->joinable()) before->join();
+            work();
+        });
     } catch (const std::system_error& error) {
+        thread_ = std::move(*before);
         session_.reset();
         return fail(ErrorCode::busy, fmt::format("the system gives no thread to teach with: {}", error.what()),
                     "see what else runs on this machine");
@@ -120,18 +105,16 @@ void LineTeachIn::cancel() {
 }
 
 void LineTeachIn::discard(const NumberedRecipe& learned) {
+    report_stopped_ = true;  // before the removal: write_report() looks at it after its writing
     remove_quietly(options_.folder / kWaiting);
     remove_quietly(learned.reference_file);
+    remove_taught_report(learned.reference_file);
 }
 
 void LineTeachIn::in_use(const NumberedRecipe& recipe) {
     remove_quietly(options_.folder / kWaiting);
     if (recipe.reference_file.parent_path() != options_.folder / kReferences) return;  // not a learned one
-    std::vector<fs::path> old;
-    for_each_reference(options_.folder, recipe.number, [&](const fs::path& file, std::uint64_t) {
-        if (file != recipe.reference_file) old.push_back(file);
-    });
-    for (const fs::path& file : old) remove_quietly(file);
+    remove_other_taught(recipe.reference_file, recipe.number);
 }
 
 Result<std::optional<NumberedRecipe>> LineTeachIn::pending_recipe(const fs::path& folder,
@@ -139,12 +122,31 @@ Result<std::optional<NumberedRecipe>> LineTeachIn::pending_recipe(const fs::path
     return remembered_recipe(folder / kWaiting, crc32_of(recipe));
 }
 
-// The background thread's last call.
+// The background thread's last call but for the report.
 void LineTeachIn::finish(Result<TeachResult> outcome) {
+    const auto parts = std::exchange(to_report_, std::nullopt);
     ended_ = true;
-    remove_quietly(options_.folder / kSpool);
+    if (!parts) remove_quietly(options_.folder / kSpool);
     auto shared = std::make_shared<Result<TeachResult>>(std::move(outcome));
     post([this, shared] { finished(*shared); });
+    if (parts) write_report(*parts);
+}
+
+// The outcome is told: nothing of the session is used here but its frames on the disk.
+void LineTeachIn::write_report(const LearnedParts& parts) {
+    const auto stopped = [&] { return report_stopped_ || cancelled_; };
+    const auto written = options_.report(parts);
+    if (!written || stopped()) remove_taught_report(parts.file);
+    if (!written && !stopped()) {
+        post([this, error = written.error(), file = parts.file.string()] {
+            if (!options_.trouble) return;
+            options_.trouble(
+                {error.code,
+                 fmt::format("the reference {} is learned, its report is not written: {}", file, error.what),
+                 error.cure});
+        });
+    }
+    remove_quietly(options_.folder / kSpool);
 }
 
 void LineTeachIn::post(std::function<void()> call) {
@@ -213,6 +215,8 @@ void LineTeachIn::step() {
 }
 
 Result<void> LineTeachIn::prepare() {
+    report_stopped_ = false;
+    to_report_.reset();
     frame_ = Frame(options_.extents.width_px(), options_.extents.height_px(),
                    options_.bits);  // zeroed, so its pages are allocated
     std::error_code error;
@@ -277,20 +281,13 @@ void LineTeachIn::report_progress(std::size_t taken) {
 }
 
 Result<Frame> LineTeachIn::read_spooled(std::size_t k) const {
-    if (cancelled_) return tl::unexpected(cancelled_error());
+    if (cancelled_ || report_stopped_) return tl::unexpected(cancelled_error());
     Frame frame(options_.extents.width_px(), options_.extents.height_px(), options_.bits);
     std::ifstream in(spool_file(k), std::ios::binary);
     const auto bytes = frame.bytes();
     in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
     if (!in) return fail(ErrorCode::io, spool_file(k).string() + " cannot be read back", kCheckDisk);
     return frame;
-}
-
-fs::path LineTeachIn::next_reference(std::uint16_t number) const {
-    std::uint64_t highest = 0;
-    for_each_reference(options_.folder, number,
-                       [&](const fs::path&, std::uint64_t n) { highest = std::max(highest, n); });
-    return options_.folder / kReferences / fmt::format("{}{}.hordref", learned_prefix(number), highest + 1);
 }
 
 Result<TeachResult> LineTeachIn::learn() {
@@ -334,7 +331,7 @@ Result<TeachResult> LineTeachIn::learn() {
     remark(*judged);
     for (const std::string& sentence : unsure) remark(sentence);
 
-    result.recipe.reference_file = next_reference(result.recipe.number);
+    result.recipe.reference_file = next_taught_reference(options_.folder / kReferences, result.recipe.number);
     auto written = write_reference(result.recipe.reference_file, *result.recipe.recipe.reference);
     (void)crc32_of(result.recipe);  // cached here, so that the loop's thread need not compute it
     if (written) written = remember_recipe(options_.folder / kWaiting, before, result.recipe);
@@ -342,6 +339,21 @@ Result<TeachResult> LineTeachIn::learn() {
         discard(result.recipe);
         return tl::unexpected(written ? cancelled_error() : written.error());
     }
+    if (!options_.report) return result;
+    LearnedParts& report = to_report_.emplace();
+    report.file = result.recipe.reference_file;
+    report.reference = result.recipe.recipe.reference;
+    report.recipe = result.recipe.recipe;
+    for (const std::size_t frame : parts->frames)
+        report.frames.push_back(fmt::format("part {}", session_->numbers[frame]));
+    report.left_out = std::move(learned->left_out);
+    report.poses = std::move(learned->poses);
+    report.frame_of = [this, frames = parts->frames](std::size_t k) { return read_spooled(frames[k]); };
+    report.repeated = parts->repeated;
+    report.unsure = unsure;
+    report.learning = options;
+    report.electrons_from = "estimated";
+    report.read_noise_from = read ? "estimated" : "assumed";
     return result;
 }
 

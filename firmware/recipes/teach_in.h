@@ -7,6 +7,8 @@
 // learns from them with one frame in memory at a time, inspects them again with the new reference, and writes
 //     <folder>/references/taught-<recipe>-<n>.hordref  n: one more than the highest there
 //     <folder>/recipe-taught.toml                      the recipe with it; a restart finds it until the line stops
+// Then the reference is told, and its report is written beside it from the same frames, which takes several times as
+// long. The next teach-in, discard() and the end of the process stop the report; then none is left.
 // An inspecting thread allocates nothing and shares no lock with the background thread.
 #pragma once
 
@@ -23,6 +25,7 @@
 #include "algo/inspection/pipeline.h"
 #include "algo/reference/reference.h"
 #include "drivers/hal/event_loop.h"
+#include "firmware/recipes/learned_parts.h"
 #include "firmware/recipes/recipe_file.h"
 
 namespace hord::firmware {
@@ -59,7 +62,7 @@ class TeachIn {
     virtual void discard(const NumberedRecipe& learned) = 0;
 
     // Loop thread. Call it when this recipe is in use and remembered: removes the files of earlier teach-ins of its
-    // number.
+    // number, reports included.
     virtual void in_use(const NumberedRecipe& recipe) = 0;
 };
 
@@ -70,6 +73,10 @@ struct TeachInOptions {
     std::uint64_t leave_free_bytes = 0;       // on the disk
     std::uint32_t ignored_part = 0xFFFFFFFF;  // number of the station's own test parts
     bool thread = true;                       // false: works on the loop's thread, for virtual time
+    // Writes the report_file()s of the reference, on the background thread. Its `frame_of` fails when the report is not
+    // wanted any more. Empty: no report.
+    std::function<Result<void>(const LearnedParts&)> report = {};
+    std::function<void(const Error&)> trouble = {};  // loop's thread: a report could not be written
 };
 
 class LineTeachIn final : public TeachIn {
@@ -110,10 +117,10 @@ class LineTeachIn final : public TeachIn {
     [[nodiscard]] Result<std::string> inspect_again(const algo::Recipe& recipe, const std::vector<bool>& left_out);
     [[nodiscard]] Result<Frame> read_spooled(std::size_t k) const;
     [[nodiscard]] std::filesystem::path spool_file(std::size_t k) const;
-    [[nodiscard]] std::filesystem::path next_reference(std::uint16_t number) const;
     void post(std::function<void()> call);  // to the loop, unless this is destroyed before
     void step();
     void finish(Result<TeachResult> outcome);
+    void write_report(const LearnedParts& parts);
     void finished(Result<TeachResult>& outcome);
 
     hal::EventLoop& loop_;
@@ -121,15 +128,17 @@ class LineTeachIn final : public TeachIn {
     std::shared_ptr<char> life_ = std::make_shared<char>();
     const std::weak_ptr<char> alive_ = life_;
 
-    // Owned by the loop's thread, used by the background thread between begin() and finish().
+    // Owned by the loop's thread, used by the background thread between begin() and the outcome's post.
     std::optional<Session> session_;
     std::thread thread_;
+    std::optional<LearnedParts> to_report_;  // background thread alone
 
     // State of `frame_`: an inspecting thread that changes it from empty to filling may write; the background thread
     // waits for full.
     std::atomic<Slot> slot_{Slot::closed};
     std::atomic<bool> cancelled_{false};
-    std::atomic<bool> ended_{false};  // finish() was called
+    std::atomic<bool> ended_{false};           // finish() was called
+    std::atomic<bool> report_stopped_{false};  // until the next session is prepared
     Frame frame_;
     std::uint32_t frame_part_ = 0;
 };

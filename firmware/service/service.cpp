@@ -11,6 +11,7 @@
 
 #include "common/assign.h"
 #include "firmware/diagnostics/inspection_self_test.h"
+#include "firmware/diagnostics/learn_report.h"
 #include "firmware/recipes/recipe_folder.h"
 
 namespace hord::firmware {
@@ -36,6 +37,12 @@ algo::InspectionLimits limits_of(const InspectionConfig& inspection) {
     algo::InspectionLimits limits;
     limits.time_ns = std::chrono::duration_cast<std::chrono::nanoseconds>(inspection.budget).count();
     return limits;
+}
+
+Result<void> write_report(const LearnedParts& learned) {
+    const auto report = check_learned(learned);
+    if (!report) return tl::unexpected(report.error());
+    return write_learn_report(*report).map([](const auto&) {});
 }
 
 }  // namespace
@@ -151,7 +158,9 @@ Result<void> Service::open_inspector(const NumberedRecipe& recipe) {
                            .bits = format.bits,
                            .folder = std::filesystem::absolute(config_.state_folder),
                            .leave_free_bytes = static_cast<std::uint64_t>(config_.store.free_mb) * 1'000'000 / 2,
-                           .ignored_part = Station::kTestPart});
+                           .ignored_part = Station::kTestPart,
+                           .report = write_report,
+                           .trouble = [this](const Error& error) { on_trouble(error); }});
     }
 
     RecordingWatchers recording;

@@ -1,6 +1,7 @@
 // Memory that a teach-in needs: bench_teach_memory [LENSLETS [BINS [BITS [PARTS]]]], by default 555 9 8 8. The teach-in
 // of the service (firmware/recipes/teach_in.h) gets drawn parts one after the other, as on the line. Prints the peak
-// memory of the process minus its memory before the teach-in. The frames are stored in the folder TMPDIR.
+// memory of the process minus its memory before the teach-in, without and with the report that the service writes of
+// it. The frames are stored in the folder TMPDIR. A report needs 11 parts to be whole.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -13,6 +14,7 @@
 #include <fmt/format.h>
 #include <time.h>
 
+#include "firmware/diagnostics/learn_report.h"
 #include "firmware/recipes/teach_in.h"
 #include "lab/virtual_time/virtual_time.h"
 
@@ -30,12 +32,19 @@ double megabytes(const std::string& which) {
     return 0;
 }
 
-// A weak lens that fills the field. Pose and noise vary from part to part; one electron a DN.
+double processor_seconds() {
+    timespec cpu{};
+    ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &cpu);
+    return static_cast<double>(cpu.tv_sec) + 1e-9 * static_cast<double>(cpu.tv_nsec);
+}
+
+// A weak lens that fills the field. Pose, power and noise vary from part to part; one electron a DN.
 void draw(Frame& frame, const algo::Extents& e, std::uint64_t part) {
     std::mt19937_64 random(part);
     std::normal_distribution<float> normal;
     std::uniform_real_distribution<float> wobble(-0.3F, 0.3F);
     const float x0 = wobble(random), y0 = wobble(random);
+    const float power_x = 1.4F + 0.1F * wobble(random), power_y = 1.0F + 0.1F * wobble(random);
     std::vector<float> noise(4096);
     for (float& n : noise) n = normal(random);
     const float full = static_cast<float>((1U << static_cast<unsigned>(frame.bits())) - 1), light = 0.4F * full;
@@ -44,9 +53,9 @@ void draw(Frame& frame, const algo::Extents& e, std::uint64_t part) {
         for (int x = 0; x < frame.width_px(); ++x) {
             const int m = x / e.i, n = y / e.j;
             const float dx = static_cast<float>(x % e.i - e.i / 2) -
-                1.4F * (static_cast<float>(m) - x0) / static_cast<float>(e.m) + 0.7F;
+                power_x * ((static_cast<float>(m) - x0) / static_cast<float>(e.m) - 0.5F);
             const float dy = static_cast<float>(y % e.j - e.j / 2) -
-                1.0F * (static_cast<float>(n) - y0) / static_cast<float>(e.n) + 0.5F;
+                power_y * ((static_cast<float>(n) - y0) / static_cast<float>(e.n) - 0.5F);
             const float clean = light * std::exp(-(dx * dx + dy * dy) / 0.7F);
             const float noisy = clean + std::sqrt(clean + 4) * noise[k++ % noise.size()];
             if (k % 4093 == 0) k += random() % 1024;
@@ -82,13 +91,21 @@ int main(int argc, char** argv) {
     draw(frame, extents, 1);
     const double before = megabytes("VmRSS");
 
-    std::string outcome;
+    std::string outcome, report = "no report";
+    double taught_mb = 0, taught_s = 0;
     {
         firmware::TeachInOptions options;
         options.extents = extents;
         options.bits = bits;
         options.folder = name;
         options.thread = false;
+        options.report = [&](const firmware::LearnedParts& learned) -> Result<void> {
+            taught_mb = megabytes("VmHWM") - before, taught_s = processor_seconds();
+            const auto checked = firmware::check_learned(learned);
+            if (!checked) return tl::unexpected(checked.error());
+            report = checked->check.not_checked.empty() ? "checked" : "not checked: " + checked->check.not_checked;
+            return firmware::write_learn_report(*checked).map([](const auto&) {});
+        };
         firmware::LineTeachIn teacher(loop, options);
         const auto begun = teacher.begin(static_cast<std::uint32_t>(parts), recipe,
                                          {{}, [&](Result<firmware::TeachResult> taught) {
@@ -107,10 +124,10 @@ int main(int argc, char** argv) {
     }
     std::error_code ignored;
     fs::remove_all(name, ignored);
-    timespec cpu{};
-    ::clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &cpu);
     fmt::print("{}x{} lenslets of {}x{} bins, {} bits ({:.0f} MB a frame), {} parts: {}\n", lenslets, lenslets, bins,
                bins, bits, static_cast<double>(frame.bytes().size()) / 1e6, parts, outcome);
-    fmt::print("the teach took {:.0f} MB at most, {} s of processor time\n", megabytes("VmHWM") - before, cpu.tv_sec);
+    fmt::print(
+        "the teach took {:.0f} MB at most, {:.0f} s of processor time; with its report ({}) {:.0f} MB, {:.0f} s\n",
+        taught_mb, taught_s, report, megabytes("VmHWM") - before, processor_seconds());
     return outcome.starts_with("taught") ? 0 : 1;
 }
