@@ -101,10 +101,11 @@ std::string poses_text(const LearnReport& report) {
         x = std::max(x, std::abs(pose->x)), y = std::max(y, std::abs(pose->y));
         turn = std::max(turn, std::abs(pose->turn_rad()));
     }
+    const auto thousandths = [](double value) { return std::round(1e3 * value) / 1e3; };
     return fmt::format(
         "The parts lay up to {:.2g} lenslets aside along x, {:.2g} along y, and up to {:.2g} degrees "
         "turned from the reference's pose.",
-        x, y, turn * kDegrees);
+        thousandths(x), thousandths(y), thousandths(turn * kDegrees));
 }
 
 // The table of the parts, as Markdown and as CSV.

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <charconv>
 #include <chrono>
 #include <set>
 #include <span>
@@ -12,6 +13,7 @@
 #include <fmt/format.h>
 
 #include "firmware/core/enum_values.h"
+#include "firmware/page/reference_report.h"
 #include "firmware/page/site.h"
 #include "firmware/store/results/export.h"
 
@@ -163,8 +165,9 @@ Reply Pages::answer(const Request& request) {
 }
 
 bool Pages::is_in_memory(const Request& request) {
-    constexpr std::string_view kSlow[] = {"/parts/",     "/api/results", "/api/counts", "/api/scores",
-                                          "/api/recipe", "/api/changes", "/api/command"};
+    constexpr std::string_view kSlow[] = {"/parts/",     "/api/results", "/api/counts",
+                                          "/api/scores", "/api/recipe",  "/api/reference",
+                                          "/reference/", "/api/changes", "/api/command"};
     return std::ranges::none_of(kSlow, [&](std::string_view path) { return request.path.starts_with(path); });
 }
 
@@ -245,6 +248,12 @@ Reply Pages::get(const Request& request) {
         return week ? of_store(deps_.results.counts(*week), kNoStore) : refusal(week.error());
     }
     if (path == "/api/recipe") return of_store(deps_.results.recipe_in_use(), kNoRecipe);
+    if (path == "/api/reference") {
+        const auto recipe = deps_.results.recipe_in_use();
+        return of_store(recipe ? Result<Json>(reference_json(*recipe)) : recipe, kNoRecipe);
+    }
+    constexpr std::string_view kReference = "/reference/";
+    if (path.starts_with(kReference)) return reference_picture_named(path.substr(kReference.size()));
     if (path == "/api/changes") return of_store(deps_.results.changes(30), kNoStore);
     constexpr std::string_view kParts = "/parts/";
     if (path.starts_with(kParts)) {
@@ -253,6 +262,18 @@ Reply Pages::get(const Request& request) {
         if (slash != std::string_view::npos) return part(request, rest.substr(0, slash), rest.substr(slash + 1));
     }
     return refusal(404, "there is nothing at this address", "begin at /");
+}
+
+// "0A1B2C3D.png": the address changes with the picture, so that no browser shows an older one.
+Reply Pages::reference_picture_named(std::string_view name) {
+    std::uint32_t crc32 = 0;
+    const auto read = std::from_chars(name.data(), name.data() + name.size(), crc32, 16);
+    if (read.ec != std::errc() || name != fmt::format("{:08X}.png", crc32))
+        return refusal(404, "the reference has no such picture", "ask /api/reference for its picture's checksum");
+    const auto recipe = deps_.results.recipe_in_use();
+    if (!recipe) return refusal(recipe.error());
+    auto picture = reference_picture(*recipe, crc32);
+    return picture ? file("image/png", std::move(*picture)) : refusal(picture.error());
 }
 
 Reply Pages::part(const Request& request, std::string_view name, std::string_view what) {

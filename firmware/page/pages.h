@@ -7,6 +7,7 @@
 //   /api/events                          both, as events
 //   /api/history?span=15m|24h            for the charts
 //   /api/results, /api/results.csv, /api/counts, /api/scores, /api/recipe, /api/changes   from the store
+//   /api/reference, /reference/CRC32.png   the reference that the newest recipe of the store names, and its picture
 //   /parts/KEY/FILE                      part.json, record.json, record.tar, frame.png, map.png, found.json of one part
 //   /api/command                         POST {"command":"stop"}, with a token
 //
@@ -91,6 +92,7 @@ class Pages {
     [[nodiscard]] Reply get(const Request& request);
     [[nodiscard]] Reply part(const Request& request, std::string_view key, std::string_view file);
     [[nodiscard]] Reply part_for_people(PartKey key, const std::string& map);
+    [[nodiscard]] Reply reference_picture_named(std::string_view name);
     [[nodiscard]] Reply metrics();
     [[nodiscard]] bool may_be_called(std::string_view host) const;
     [[nodiscard]] Reply refuse_command(int status, const char* what, const char* cure, const Request& request);

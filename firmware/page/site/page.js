@@ -62,7 +62,7 @@ function showState(state) {
   figures("recipe", [["number", recipe.number, ""], ["name", recipe.name, ""], ["checksum", known(recipe.crc32) ? (recipe.crc32 >>> 0).toString(16).toUpperCase().padStart(8, "0") : null, ""],
     ["limit: distance of neighbours", round(recipe.staged_emd_limit), "bin pitches"], ["limit: gradient of the deflection", round(recipe.staged_frobenius_limit), "bin pitches a lenslet"], ["limit: transmission", round(recipe.staged_transmission_limit), "of a typical lenslet"],
     ["smallest defect", recipe.staged_min_area, "lenslets"]]);
-  if (recipe.crc32 !== seen.recipe) { seen.recipe = recipe.crc32; if ($("recipe-details").open) showRecipe(); }
+  if (recipe.crc32 !== seen.recipe) { seen.recipe = recipe.crc32; if ($("recipe-details").open) showRecipe(); setTimeout(showReference, 1000); }  // the store writes it meanwhile
 }
 
 function showFaults(state) {
@@ -462,4 +462,5 @@ follow();
 setTimeout(() => { if ($("link").textContent === "connecting") loadPage().then(() => say("link", "no events yet; the page was loaded once")).catch((error) => say("link", error.message)); }, 5000);
 showCharts();
 showChanges();
+showReference();
 search();

@@ -37,6 +37,7 @@ def empty(bin_dir, out, folder):
         wait_for("the counts say so, too", lambda: "No results are stored yet" in browser.run(TEXT, "counts-said"))
         wait_for("the changes say so, too", lambda: "Nothing is recorded yet" in browser.run(TEXT, "changes"))
         browser.run("document.getElementById('recipe-details').open = true")
+        wait_for("so does the reference", lambda: "No recipe is stored yet" in browser.run(TEXT, "reference-words"))
         wait_for("the recipe says so, too", lambda: "No recipe is stored yet" in browser.run(TEXT, "recipe-text"))
         words = browser.run("return document.body.innerText")
         check(str(folder) not in words and "store.sqlite" not in words, "the empty page shows paths of files")
