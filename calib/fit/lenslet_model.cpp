@@ -8,6 +8,7 @@
 
 #include "calib/fit/cross_validation.h"
 #include "calib/fit/grid_solver.h"
+#include "common/statistics.h"
 
 namespace hord::calib {
 namespace {
@@ -19,6 +20,10 @@ constexpr int kMinBlocks = 9;
 constexpr double kMinDisplaced = 0.002, kMaxDisplaced = 0.05;  // of a pitch: less is noise or too small to matter
 constexpr double kMaxDisagreement = 0.5;  // of a displacement: distance of each half from it, along it
 constexpr double kUnit = 0.001;           // px: resolution of shifts in the calibration file
+constexpr int kNear = 2;                  // columns and rows
+constexpr std::size_t kFewest = 5;        // neighbours to compare with
+constexpr double kDeviations = 5;         // as for outliers of the fit
+constexpr double kRayleigh = 1.1774;      // median of a distance, over the standard deviation along an axis
 
 // Residuals of both halves of one point along one axis.
 struct Halves {
@@ -138,9 +143,24 @@ void place_displaced(std::span<Observation> observations, std::span<const std::u
     algo::LensletGrid& grid = fit.grid;
     const double pitch = grid.steps_px({0, 0}).mean_px();
     std::vector<std::uint8_t> off_model(whole.size());
+    std::vector<double> distance(whole.size(), -1);  // of used lenslets from the model; below 0: of the others
     for (const Observation& seen : observations) {
-        if (!seen.used && grid.contains(seen.m, seen.n)) off_model[grid.index(seen.m, seen.n)] = 1;
+        if (!grid.contains(seen.m, seen.n)) continue;
+        const std::size_t k = grid.index(seen.m, seen.n);
+        const algo::PixelPoint at = grid.at(grid.uv(seen.m, seen.n));
+        if (seen.used) distance[k] = std::hypot(seen.centre_px.x_px - at.x_px, seen.centre_px.y_px - at.y_px);
+        else off_model[k] = 1;
     }
+    // Where light falls off, centres are noisier than elsewhere: an outlier of the frame may be none of its neighbours.
+    const auto stands_out = [&](const Observation& seen, double off) {
+        std::vector<double> near;
+        for (int n = std::max(0, seen.n - kNear); n <= std::min(grid.rows - 1, seen.n + kNear); ++n) {
+            for (int m = std::max(0, seen.m - kNear); m <= std::min(grid.columns - 1, seen.m + kNear); ++m) {
+                if (const double of = distance[grid.index(m, n)]; of >= 0) near.push_back(of);
+            }
+        }
+        return near.size() >= kFewest && off > kDeviations / kRayleigh * common::upper_median(std::span(near));
+    };
     const auto alone = [&](const Observation& seen) {
         int off = 0;
         for (int n = std::max(0, seen.n - 1); n <= std::min(grid.rows - 1, seen.n + 1); ++n) {
@@ -159,7 +179,8 @@ void place_displaced(std::span<Observation> observations, std::span<const std::u
         const double off_y = seen.centre_px.y_px - model_px.y_px;
         const double off = std::hypot(off_x, off_y);
         const double along = std::abs(seen.split_px->x_px * off_x + seen.split_px->y_px * off_y) / off;
-        if (!(off >= kMinDisplaced * pitch && off <= kMaxDisplaced * pitch) || !(along <= kMaxDisagreement * off))
+        if (!(off >= kMinDisplaced * pitch && off <= kMaxDisplaced * pitch) || !(along <= kMaxDisagreement * off) ||
+            !stands_out(seen, off))
             continue;
         make_room_for_shifts(grid);
         grid.shifts_px[grid.index(seen.m, seen.n)] = {whole_units(off_x), whole_units(off_y)};

@@ -183,16 +183,17 @@ TEST(CalibrateGrid, a_few_displaced_lenslets_get_places_of_their_own) {
     EXPECT_EQ(displaced, calibration->displaced);
 }
 
-// A shift of one half of a lenslet's light is dirt; large shifts, or those at the edge of the light, are not used.
+// A shift of one half of a lenslet's light is dirt; large shifts, those at the edge of the light, and those that are
+// noise where they are, are not used.
 TEST(CalibrateGrid, centres_that_are_not_to_be_believed_get_no_place) {
     GridFit fit;
     fit.grid.kind = algo::LatticeKind::square;
-    fit.grid.columns = 6;
+    fit.grid.columns = 12;
     fit.grid.rows = 3;
     fit.grid.span = 1;
     fit.grid.model = algo::GridModelKind::affine;
     fit.grid.parameters = {10, 10, 20, 0, 0, 20};
-    fit.rejected = 6;
+    fit.rejected = 7;
     const auto off_by = [](int m, int n, double dx, double split) {
         return Observation{.m = m,
                            .n = n,
@@ -201,17 +202,26 @@ TEST(CalibrateGrid, centres_that_are_not_to_be_believed_get_no_place) {
                            .split_px = algo::PixelPoint{split, 0}};
     };
     std::vector<Observation> seen{off_by(0, 0, 0.4, 0.1), off_by(2, 0, 0.4, 0.3), off_by(0, 2, 1.4, 0.1),
-                                  off_by(2, 2, 0.4, 0.1), off_by(4, 2, 0.4, 0.1), off_by(5, 2, 0.4, 0.1)};
-    std::vector<std::uint8_t> whole(18, 1);
-    whole[2 * 6 + 2] = 0;
+                                  off_by(2, 2, 0.4, 0.1), off_by(4, 2, 0.4, 0.1), off_by(5, 2, 0.4, 0.1),
+                                  off_by(10, 1, 0.4, 0.1)};
+    std::vector<std::uint8_t> whole(36, 1);
+    whole[2 * 12 + 2] = 0;
+    for (int m = 0; m < 12; ++m) {
+        for (int n = 0; n < 3; ++n) {
+            Observation fits = off_by(m, n, m < 8 ? 0.01 : 0.15, 0);
+            fits.used = std::ranges::none_of(seen, [=](const Observation& of) { return of.m == m && of.n == n; });
+            if (fits.used) seen.push_back(fits);
+        }
+    }
     place_displaced(seen, whole, fit);
     EXPECT_TRUE(seen[0].displaced);
     EXPECT_FALSE(seen[1].displaced) << "its halves disagree";
     EXPECT_FALSE(seen[2].displaced) << "7 % of a pitch";
     EXPECT_FALSE(seen[3].displaced) << "not whole";
     EXPECT_FALSE(seen[4].displaced || seen[5].displaced) << "side by side";
+    EXPECT_FALSE(seen[6].displaced) << "its neighbours are off by nearly as much";
     EXPECT_EQ(fit.displaced, 1);
-    EXPECT_EQ(fit.rejected, 5);
+    EXPECT_EQ(fit.rejected, 6);
     EXPECT_NEAR(fit.grid.centre_px(0, 0).x_px, 10.4, 1e-9);
     EXPECT_NEAR(fit.grid.centre_px(2, 0).x_px, 50, 1e-9);
 }
