@@ -48,14 +48,20 @@ void mark_blemished(std::span<Observation> observations,
     for (Observation& seen : observations) {
         if ((seen.used && !all) || !grid.contains(seen.m, seen.n)) continue;
         const auto own = unlike_of(seen.m, seen.n);
-        std::vector<double> near;
+        std::vector<double> near, light;
         for (int n = std::max(0, seen.n - kNear); n <= std::min(grid.rows - 1, seen.n + kNear); ++n) {
             for (int m = std::max(0, seen.m - kNear); m <= std::min(grid.columns - 1, seen.m + kNear); ++m) {
                 if (m == seen.m && n == seen.n) continue;
-                if (const auto of = unlike_of(m, n)) near.push_back(*of);
+                const auto of = unlike_of(m, n);
+                if (!of) continue;
+                near.push_back(*of);
+                light.push_back(lenslets[grid.index(m, n)].seen->light_dn);
             }
         }
-        if (!own || !stands_out(*own, near, matters)) continue;
+        if (!own || near.empty()) continue;
+        // Noise has a larger share of the power of a dim lenslet: that of reading by the square of its light.
+        const double dim = std::min(1.0, seen.light_dn / common::upper_median(std::span(light)));
+        if (!stands_out(dim * dim * *own, near, matters)) continue;
         seen.blemished = true;
         if (!seen.used) continue;
         seen.used = false;

@@ -61,6 +61,59 @@ TEST(BlemishedLenslets, do_not_count_and_have_the_place_of_the_grid) {
     }
 }
 
+// Each lenslet is off its place, so that its light is judged. A grain that is brighter on one side than the lenslet and
+// darker on the other leaves its mean; a lenslet that is dim all over keeps its shape.
+TEST(BlemishedLenslets, differ_in_shape_and_not_in_level) {
+    for (const bool hexagonal : {false, true}) {
+        SCOPED_TRACE(hexagonal);
+        White white{.width_px = 500, .height_px = 450, .hexagonal = hexagonal, .pitch_px = 17.3, .rotation_deg = 2};
+        const std::vector<test::TruePoint> some = some_lenslets(white);
+        const auto nearest = [&](double x, double y) {
+            return *std::ranges::min_element(some, {},
+                                             [=](const test::TruePoint& at) { return std::hypot(x - at.x, y - at.y); });
+        };
+        white.deflect = [&](double x, double y) {
+            const test::TruePoint at = nearest(x, y);
+            return std::pair(std::hypot(x - at.x, y - at.y) < 1 ? 0.3 : 0.0, 0.0);
+        };
+        White level = white, shape = white;
+        level.light = [&](double x, double y) {
+            const test::TruePoint at = nearest(x, y);
+            return std::hypot(x - at.x, y - at.y) < 8.6 ? 0.6 : 1;
+        };
+        shape.light = [&](double x, double y) {
+            const test::TruePoint at = nearest(x, y);
+            const double dx = x - at.x - 0.3, dy = y - at.y, r = std::hypot(dx, dy) / 3;
+            return r < 3 ? 1 + 0.5 * dx / 3 * std::exp(-0.5 * r * r) : 1;
+        };
+        const auto dim = calibrate_grid(test::draw(level).frame.view());
+        ASSERT_TRUE(dim) << dim.error().message();
+        EXPECT_EQ(dim->blemished, 0);
+        EXPECT_EQ(dim->displaced, static_cast<int>(some.size()));
+        const auto stained = calibrate_grid(test::draw(shape).frame.view());
+        ASSERT_TRUE(stained) << stained.error().message();
+        EXPECT_EQ(stained->blemished, static_cast<int>(some.size()));
+        for (const Observation& seen : stained->observations) {
+            if (seen.blemished) {
+                EXPECT_NEAR(seen.light_dn, stained->observations.front().light_dn, 0.05 * seen.light_dn);
+            }
+        }
+    }
+}
+
+// Where the light ends, lenslets are lit in part: their shape says nothing about dust.
+TEST(BlemishedLenslets, are_none_at_the_edge_of_the_light) {
+    for (const double spot : {0.0, -2.5}) {
+        SCOPED_TRACE(spot);
+        White white{.width_px = 500, .height_px = 450, .pitch_px = 17.3, .rotation_deg = 2, .disc_radius_px = spot};
+        white.light = [](double x, double y) { return std::hypot(x - 240, y - 220) < 170 ? 1.0 : 0.0; };
+        const auto calibration = calibrate_grid(test::draw(white).frame.view());
+        ASSERT_TRUE(calibration) << calibration.error().message();
+        EXPECT_EQ(calibration->blemished, 0);
+        EXPECT_GT(calibration->rejected, 0);
+    }
+}
+
 // Clean lenslets, also where distortion scales them and where their edges are sharp.
 TEST(BlemishedLenslets, are_none_in_clean_frames) {
     for (const bool hexagonal : {false, true}) {
