@@ -19,6 +19,8 @@ constexpr int kLargestSide = 640;      // of the analysed part
 constexpr double kShortestLag = 3;     // px
 constexpr double kRepeats = 0.8;       // of the highest peak: it is one of the lattice, too
 constexpr double kMinStrength = 0.08;  // of the autocorrelation at a lattice vector, against 1 at lag 0
+// Of a pitch: what distortion and the autocorrelation may make of one at a limit.
+constexpr double kPitchError = 0.005;
 
 using Vec = cv::Point2d;
 double dot(Vec a, Vec b) { return a.x * b.x + a.y * b.y; }
@@ -385,7 +387,7 @@ Result<Lattice> find_lattice(const WhiteImage& image, const LatticeHint& hint) {
         }
     }
     const double pitch = std::sqrt(std::abs(cross(u, v)));
-    if (pitch < kMinPitch || pitch > kMaxPitch) {
+    if (pitch < (1 - kPitchError) * kMinPitch || pitch > (1 + kPitchError) * kMaxPitch) {
         return refuse(fmt::format("a lenslet pitch of {:.2f} px", pitch), "use a sensor with 8 to 64 px a lenslet");
     }
     const Vec seed = place(windowed, basis);
