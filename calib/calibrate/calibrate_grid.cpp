@@ -13,6 +13,7 @@
 #include "calib/calibrate/cut_lenslets.h"
 #include "calib/calibrate/fall_off.h"
 #include "calib/calibrate/lenslet_chain.h"
+#include "calib/calibrate/lenslet_shape.h"
 #include "calib/calibrate/neighbour_statistics.h"
 #include "calib/calibrate/pattern_shape.h"
 #include "calib/calibrate/white_frame_checks.h"
@@ -116,19 +117,6 @@ void remove_pixel_phase(const LensletGrid& grid, std::vector<Observation>& obser
         const Eigen::Vector2d height = normal.ldlt().solve(right);
         for (Observation& seen : observations) seen.centre_px.*axis -= height.dot(waves(seen));
     }
-}
-
-// The median gradient of the lenslets' light along x and y, its length (CentreFinder::gradient).
-double one_sided(const CentreFinder& finder, std::span<const Observation> observations) {
-    std::vector<double> x, y;
-    const std::size_t every = std::max<std::size_t>(1, observations.size() / kForShape);
-    for (std::size_t k = 0; k < observations.size(); k += every) {
-        const auto of = finder.gradient(observations[k].centre_px);
-        if (!of) continue;
-        x.push_back(of->x_px);
-        y.push_back(of->y_px);
-    }
-    return x.empty() ? 0 : std::hypot(common::upper_median(std::span(x)), common::upper_median(std::span(y)));
 }
 
 // Renumbers lenslets: (0, 0) is the first column and row with one inside the frame.
@@ -391,7 +379,9 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     out.cut = cut_lenslets(out.fit.grid, out.observations, [&](const Observation& seen) {
         return finder_for(finders, out.fit.grid, pitch, seen.m, seen.n).elongation(seen.centre_px);
     });
+    out.cut.shown = finder.stretch_shown();
     out.one_sided = one_sided(finder, out.observations);
+    out.edge_blur = edge_blur(finder, out.observations);
     out.row_shift = rows;
     if (auto fine = check_white_frame(*image, out); !fine) return tl::unexpected(fine.error());
     out.warnings = warnings_about(out);

@@ -5,6 +5,7 @@
 //     write_grid("grid.toml", *calibration, stamp);   // calib/files/grid_toml.h
 #pragma once
 
+#include <cmath>
 #include <functional>
 #include <optional>
 #include <string>
@@ -37,7 +38,10 @@ struct PatternShape {
     // lenslets: 1 if what lies between dark dots was taken for lenslets.
     double between = 0;
     double dark_share = 1;  // of the lattice's cell: below half of the light
-    double corners = 0;     // of the lenslets; below 0: they are stars, with rays towards their neighbours
+    // Light in the middle of four lenslets (of three of a hexagonal lattice), over that in a lenslet, both less that
+    // half way to the neighbours: 1 if other fields lie there, as in a checkerboard, 0 or less if it is dark.
+    double second = 0;
+    double corners = 0;  // of the lenslets; below 0: they are stars, with rays towards their neighbours
 };
 
 // How far the centres' residuals follow the gradient of the light between neighbours: in a white frame not at all.
@@ -60,11 +64,22 @@ struct CutLenslets {
     double narrower = 0;  // at half a diagonal from that place: share of the moments (Elongation); below 0: wider
     double sigma = 0;     // standard error of `narrower`, from how regions of the frame differ from the law
     double of_grid = 0;   // the same of the grid's own distortion
+    double shown = 1;     // part of `of_grid` that lenslets show which a relay lens scales as it scales their distances
     // How the shape changes evenly over the frame, at half a diagonal from its middle: a stop far to one side makes it
     // so. What the grid's own distortion explains is not in it.
     double uneven = 0, uneven_sigma = 0;
     // How all lenslets are longer in the same direction, beyond the lattice's own steps: moved, or exposed twice.
     double elongated = 0;
+};
+
+// How much more the lenslets' edges are blurred one way than across, the same way for all: exposed twice, or moved.
+// px^2 of variance. All 0 where lenslets are spots (CutLenslets::elongated).
+struct EdgeBlur {
+    double more_px2 = 0;  // along the way, less across
+    double sigma_px2 = 0;
+    double own_px2 = 0;  // mean of all ways
+    // How far two exposures lie apart that blur edges so.
+    [[nodiscard]] double apart_px() const { return 2 * std::sqrt(more_px2); }
 };
 
 struct GridCalibration {
@@ -100,6 +115,7 @@ struct GridCalibration {
     LightFollowing light_following;
     SmoothResiduals smooth_residuals;
     CutLenslets cut;
+    EdgeBlur edge_blur;
     RowShift row_shift;
     std::vector<std::string> warnings;  // sentences for a person: the grid is usable, but something is unusual
 

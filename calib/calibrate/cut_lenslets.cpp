@@ -103,7 +103,12 @@ CutLenslets cut_lenslets(const algo::LensletGrid& grid, std::span<const Observat
     const Elongation own = stretched(middle);
     const double elongated =
         std::min(std::abs(law.constant), std::abs(law.constant + std::complex(own.along_x, own.aslant)));
-    return {law.k, law.k_sigma, of_grid.k, std::min(law.linear(), beyond.linear()), law.linear_sigma, elongated};
+    return {.narrower = law.k,
+            .sigma = law.k_sigma,
+            .of_grid = of_grid.k,
+            .uneven = std::min(law.linear(), beyond.linear()),
+            .uneven_sigma = law.linear_sigma,
+            .elongated = elongated};
 }
 
 }  // namespace hord::calib

@@ -89,16 +89,20 @@ double dark_share(const MeanLenslet& mean) {
         static_cast<double>(light.size());
 }
 
-// Light half way to the neighbours, over that in the middle of a lenslet, both less that of the places farthest from
-// all lenslets: 1 if what lies between dark dots was taken for lenslets.
-double light_between(const MeanLenslet& mean, algo::LatticeKind kind) {
-    const bool square = kind == algo::LatticeKind::square;
-    // Of a hexagonal lattice, the third neighbour lies at the difference of the steps.
-    const double between =
-        square ? (mean.at(0.5, 0) + mean.at(0, 0.5)) / 2 : (mean.at(0.5, 0) + mean.at(0, 0.5) + mean.at(0.5, -0.5)) / 3;
-    const double farthest = square ? mean.at(0.5, 0.5) : (mean.at(1 / 3.0, 1 / 3.0) + mean.at(-1 / 3.0, -1 / 3.0)) / 2;
-    const double lenslet = mean.at(0, 0) - farthest;
-    return lenslet > 0 ? (between - farthest) / lenslet : 0;
+// Light in the middle of a lenslet, half way to the neighbours, and in the places farthest from all lenslets.
+struct LightAlong {
+    double middle = 0, between = 0, farthest = 0;
+    // Of one place, less that of a second, over that in the middle, less that of the second. 0 if it is dark there.
+    [[nodiscard]] double share(double of, double less) const {
+        return middle > less ? (of - less) / (middle - less) : 0;
+    }
+};
+LightAlong light_along(const MeanLenslet& mean, algo::LatticeKind kind) {
+    if (kind == algo::LatticeKind::square)
+        return {mean.at(0, 0), (mean.at(0.5, 0) + mean.at(0, 0.5)) / 2, mean.at(0.5, 0.5)};
+    // The third neighbour lies at the difference of the steps.
+    return {mean.at(0, 0), (mean.at(0.5, 0) + mean.at(0, 0.5) + mean.at(0.5, -0.5)) / 3,
+            (mean.at(1 / 3.0, 1 / 3.0) + mean.at(-1 / 3.0, -1 / 3.0)) / 2};
 }
 
 }  // namespace
@@ -134,7 +138,13 @@ PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibratio
         }
     }
     if (!(all > 0)) return {.even_share = 1};
-    return {waves / all, square ? first / all : 0, even / all, light_between(of, grid.kind), dark_share(of)};
+    const LightAlong light = light_along(of, grid.kind);
+    return {.wave_share = waves / all,
+            .first_share = square ? first / all : 0,
+            .even_share = even / all,
+            .between = light.share(light.between, light.farthest),
+            .dark_share = dark_share(of),
+            .second = light.share(light.farthest, light.between)};
 }
 
 }  // namespace hord::calib

@@ -35,6 +35,9 @@ constexpr double kMinEven = 0.004, kMaxEven = 0.98;
 // was taken for lenslets are the gaps between them. Between small dots it is bright everywhere; round lenslets that
 // touch leave more dark. Between large dots the gaps are stars; spots with the cross of diffraction are smaller.
 constexpr double kMaxBetween = 0.8, kMinDark = 0.17, kMaxDarkOfStars = 0.8, kMaxStar = 0.1;
+// PatternShape::second: a lattice's cell has one lenslet, which is darkest at its rim. Real and drawn lenslets have
+// 0.0.
+constexpr double kMaxSecond = 0.5;
 constexpr double kMaxOneSided = 0.35;  // of the light; below, centres are off by 0.025 px at the most
 // px: as for light that is brighter on one side, twice over; spots that fall-off moves by less pass (see the notes).
 constexpr double kMaxByFallOff = 0.05;
@@ -43,6 +46,9 @@ constexpr double kMaxRowShift = 0.04, kMaxRowShiftDeviations = 8;
 // CutLenslets::elongated: spots of real Shack-Hartmann sensors have up to 0.12. Of spots of sigma s, two exposures that
 // are d apart have (d / s)^2 / 8.
 constexpr double kMaxElongated = 0.15;
+// EdgeBlur::more_px2, over own_px2: the variance along is twice that across, so that half of it is not that of the
+// lenslets. A light-field microscope's lenslets have 0.44 (soft edges). And in standard errors.
+constexpr double kMaxEdgeBlur = 2.0 / 3, kMaxEdgeDeviations = 8;
 constexpr double kMaxRoughness = 0.08;
 constexpr double kMaxFollowed = 0.3;     // of the residuals' power: what gradients of the light explain
 constexpr double kMinFollowed = 0.0002;  // of a pitch: explained residuals that matter
@@ -54,6 +60,9 @@ constexpr double kMaxCommon = 0.0002;  // of a pitch: the common part of residua
 // CutLenslets::narrower beyond what the grid's distortion makes of it, and in its standard errors. These are too small
 // by half where neighbouring regions differ from the law alike: 8 are 4 then.
 constexpr double kMaxCut = 0.002, kMaxCutDeviations = 8;
+// Of what a relay lens that distorts makes of the lenslets' shape (of_grid times shown): to first order in it, and
+// drawn frames of k1 -0.06 to 0.08 differ by up to 0.16.
+constexpr double kRelay = 0.2;
 constexpr double kMaxUneven = 0.012;     // CutLenslets::uneven; a real white frame has 0.9 %
 constexpr double kMaxMissing = 0.1;      // of the complete lenslets
 constexpr double kMaxSaturated = 0.1;    // of the found lenslets
@@ -128,6 +137,17 @@ std::optional<PixelPoint> fold_of(const LensletGrid& grid) {
     return std::nullopt;
 }
 
+// How much narrower outwards the lenslets are than lenslets are without a cut: than those of one size, or than those
+// that a relay lens scales, whichever is less. A cut makes lenslets narrower only, so what is wider than one of these
+// by more than `noise` is the other one.
+double narrower_than_made(const CutLenslets& cut, double noise) {
+    const double scaled = cut.of_grid * cut.shown, spread = kRelay * std::abs(scaled);
+    double least = std::numeric_limits<double>::infinity();
+    if (cut.narrower > -noise) least = cut.narrower;
+    if (cut.narrower > scaled - spread) least = std::min(least, std::max(0.0, cut.narrower - scaled - spread));
+    return std::isfinite(least) ? least : 0;
+}
+
 }  // namespace
 
 Result<void> check_white_frame(const WhiteImage& image, const GridCalibration& calibration) {
@@ -180,6 +200,13 @@ Result<void> check_white_frame(const WhiteImage& image, const GridCalibration& c
         return refuse(fmt::format("the grid has every {} lenslet only: the same light lies in the middle of {} of them",
                                   square ? "second" : "third", square ? "four" : "three"),
                       "record lenslets with a pitch of 8 px or more");
+    }
+    if (shape.second > kMaxSecond) {
+        return refuse(
+            fmt::format("this is no white frame: in the middle of {} lenslets lie other bright places, as in a "
+                        "checkerboard",
+                        square ? "four" : "three"),
+            "record a lenslet array in even light");
     }
     if (square &&
         ((shape.between > kMaxBetween && shape.dark_share < kMinDark) ||
@@ -242,15 +269,25 @@ std::vector<std::string> warnings_about(const GridCalibration& calibration) {
             "array and light still",
             std::abs(rows.px)));
     }
+    const bool interlaced = !out.empty() && out.back().starts_with("every second row");
     const CutLenslets& cut = calibration.cut;
+    const EdgeBlur& edges = calibration.edge_blur;
     if (cut.elongated > kMaxElongated) {
         out.push_back(fmt::format(
             "all lenslets are longer in the same direction, by {:.0f} %: the frame may be exposed twice or blurred by "
             "motion, and the grid lies in the middle of that; keep array and light still, and record one exposure",
             100 * cut.elongated));
+    } else if (!interlaced &&
+               edges.more_px2 > std::max(kMaxEdgeBlur * edges.own_px2, kMaxEdgeDeviations * edges.sigma_px2)) {
+        out.push_back(fmt::format(
+            "the lenslets' edges are blurred in one direction and not across it, as by two exposures that lie about "
+            "{:.1f} "
+            "px apart: the grid lies in the middle of that; keep array and light still, and record one exposure",
+            edges.apart_px()));
     }
-    const double beyond_grid = cut.narrower - std::max(0.0, cut.of_grid);
-    if (beyond_grid > std::max(kMaxCut, kMaxCutDeviations * cut.sigma)) {
+    const double noise = std::max(kMaxCut, kMaxCutDeviations * cut.sigma);
+    const double beyond_grid = narrower_than_made(cut, noise);
+    if (beyond_grid > noise) {
         out.push_back(fmt::format(
             "the lenslets are narrower outwards than across, by {:.1f} % at the corners: the stop of the "
             "optics cuts them, and their centres may be off by tenths of a pixel; stop the optics down until "

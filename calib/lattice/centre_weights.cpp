@@ -227,4 +227,27 @@ double unlike_by_shift(const Weights& of) {
     return power > 0 ? change / power : 0;
 }
 
+// A stretch by e along x and 1 / e across adds e r T' cos(2 angle) to the light.
+double stretch_shown(const Weights& of) {
+    double added = 0, all = 0;
+    for (std::size_t k = 0; k < of.window.size(); ++k) {
+        const double r = static_cast<double>(k) * kTableStep, here = of.window[k] * r * r * r;
+        added += here * r * r * of.steepness[k] / 4;
+        all += here * of.profile[k];
+    }
+    return all > 0 ? added / all : 1;
+}
+
+double edge_variance(const Weights& of) {
+    double all = 0, mean = 0, square = 0;  // of r, each as much as the profile falls there
+    for (std::size_t k = 0; k < of.steepness.size(); ++k) {
+        const double r = static_cast<double>(k) * kTableStep, here = r * of.steepness[k];
+        all += here;
+        mean += here * r;
+        square += here * r * r;
+    }
+    constexpr double kSmoothing = kSmoothRing * kSmoothRing - kRing * kRing;  // px^2
+    return std::max(kRing * kRing, all > 0 ? square / all - std::pow(mean / all, 2) - kSmoothing : 0);
+}
+
 }  // namespace hord::calib

@@ -20,6 +20,11 @@ constexpr int kMinRounds = 3, kMaxRounds = 8;
 constexpr double kSettled = 0.001;                    // px
 constexpr double kInside = 0.7, kSmallestInside = 2;  // of the half height, and px: the inside of a lenslet
 
+constexpr double kSlopeStep = 2 * kTableStep;
+// Of two shapes of light: 1 if they have nothing in common. Spots have 0.06 at the most, lenslets with an edge 0.8,
+// small ones that are exposed twice less. more.
+constexpr double kMinApart = 0.15;
+
 // Response of one window to the kernels of one phase (see CentreFinder::Kernels::bank).
 struct Responses {
     float x = 0, y = 0, amplitude = 0, power = 0;
@@ -381,6 +386,32 @@ std::optional<std::complex<double>> CentreFinder::lobes(algo::PixelPoint centre,
     if (!(all > 0)) return std::nullopt;
     return std::complex(sum_re / all, sum_im / all);
 }
+// With T(r) the profile, a lenslet that is longer one way adds a part of r T', and one whose edge is more blurred one
+// way a part of T'' - T' / r, both times cos(2 angle): b of it adds 4 b to the variance along that way, less that
+// across. Both are fitted together. Those of a Gaussian spot are the same.
+std::optional<std::complex<double>> CentreFinder::edge_blur_px2(algo::PixelPoint centre) const {
+    const auto of = kernels_->pixels_about(centre);
+    if (!of) return std::nullopt;
+    const Table& steepness = kernels_->weights.steepness;
+    double longer_longer = 0, longer_blurred = 0, blurred_blurred = 0;
+    std::complex<double> longer, blurred;
+    for (const WindowPixels::Pixel& p : of->pixels) {
+        const double square = p.dx * p.dx + p.dy * p.dy, r = std::sqrt(square);
+        if (r < kSlopeStep) continue;
+        const double slope = (lookup(steepness, r + kSlopeStep) - lookup(steepness, r - kSlopeStep)) / (2 * kSlopeStep);
+        const double stretch = square * p.steepness, blur = -r * slope;
+        const double left = p.window * (p.light - of->background - of->amplitude * p.shape) / of->amplitude;
+        const std::complex<double> way = std::pow(std::complex(p.dx, p.dy), 2) / square;
+        longer_longer += p.window * stretch * stretch / 2;
+        longer_blurred += p.window * stretch * blur / 2;
+        blurred_blurred += p.window * blur * blur / 2;
+        longer += left * stretch * way;
+        blurred += left * blur * way;
+    }
+    const double determinant = longer_longer * blurred_blurred - longer_blurred * longer_blurred;
+    if (!(determinant > kMinApart * longer_longer * blurred_blurred)) return std::nullopt;
+    return 4.0 * (longer_longer * blurred - longer_blurred * longer) / determinant;
+}
 std::optional<algo::PixelPoint> CentreFinder::gradient(algo::PixelPoint centre) const {
     const double half = half_height_radius_px(), inside = std::min(half - kTaper, kInside * half);
     if (!kernels_->weights.plateau || inside < kSmallestInside) return std::nullopt;
@@ -410,6 +441,8 @@ double CentreFinder::window_radius_px() const { return kernels_->weights.radius;
 double CentreFinder::half_height_radius_px() const {
     return static_cast<double>(half_height(kernels_->weights.profile)) * kTableStep;
 }
+double CentreFinder::stretch_shown() const { return calib::stretch_shown(kernels_->weights); }
+double CentreFinder::edge_variance_px2() const { return edge_variance(kernels_->weights); }
 Immunity CentreFinder::immunity() const { return kernels_->weights.immunity; }
 AgainstGradients CentreFinder::against() const { return kernels_->against; }
 double CentreFinder::shift_by_gradient_px2() const { return shift_by_gradient(kernels_->weights); }

@@ -63,6 +63,11 @@ class CentreFinder {
     // even. None if it cannot be measured.
     [[nodiscard]] std::optional<std::complex<double>> lobes(algo::PixelPoint centre, int count) const;
 
+    // How much more a lenslet's edge is blurred one way than across: by the variance of its place, px^2. The angle is
+    // twice that of the way. Two exposures that lie d apart make it d^2 / 4; a lenslet that is longer one way, but
+    // sharp all around, has 0. None for spots, which cannot be distinguished so, or if it cannot be measured.
+    [[nodiscard]] std::optional<std::complex<double>> edge_blur_px2(algo::PixelPoint centre) const;
+
     // How much brighter a lenslet is towards +x and +y: the change of its light from the middle to its half height,
     // over the mean, from the pixels well inside. None for a spot, which has no inside, or if it cannot be measured.
     [[nodiscard]] std::optional<algo::PixelPoint> gradient(algo::PixelPoint centre) const;
@@ -78,6 +83,8 @@ class CentreFinder {
 
     [[nodiscard]] double window_radius_px() const;
     [[nodiscard]] double half_height_radius_px() const;  // of the profile
+    [[nodiscard]] double stretch_shown() const;          // of a lenslet's elongation: the window cuts its rim
+    [[nodiscard]] double edge_variance_px2() const;  // of its edge's place, by blur; at least what the profile can show
     [[nodiscard]] Immunity immunity() const;
     [[nodiscard]] AgainstGradients against() const;  // as learned
     // How far a centre moves, px, where light changes by 1 a pixel, relative to itself. 0 if immune to vignetting.

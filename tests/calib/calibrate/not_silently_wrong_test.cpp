@@ -176,6 +176,9 @@ TEST(NotSilentlyWrong, a_checkerboard_is_refused) {
         return paint(400, [side](int x, int y) { return ((x / side + y / side) & 1) != 0 ? 20000.0 : 200.0; });
     };
     for (const int side : {6, 7, 9, 11, 14, 20}) expect_refused(board(side), "checkerboard");
+    // Fields of 4 and 5 px in turn, which repeat after 9 px: bright ones of two sizes.
+    expect_refused(paint(400, [](int x, int y) { return (x % 9 < 4) == (y % 9 < 4) ? 20000.0 : 200.0; }),
+                   "checkerboard");
 }
 
 // Also along the pixels at whole pitches, where all periods lie alike on the pixels.

@@ -15,6 +15,7 @@ using test::White;
 using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 
 // `white` and the same lenslets moved by (dx, dy), with other noise, put together pixel by pixel.
 template <class Mix>
@@ -88,6 +89,60 @@ TEST(WhiteExposures, spots_that_are_exposed_twice_are_warned_of) {
     EXPECT_THAT(twice(2.8, 0), Contains(HasSubstr("exposed twice")));
     EXPECT_THAT(twice(2, -2), Contains(HasSubstr("exposed twice")));
     EXPECT_THAT(twice(0.5, 0), IsEmpty());
+}
+
+// Of lenslets that light fills, by their edges: blurred along the way from one exposure to the other, and not across
+// it.
+TEST(WhiteExposures, lenslets_that_are_exposed_twice_are_warned_of) {
+    for (const bool hexagonal : {false, true}) {
+        for (const double pitch : {9.4, 16.3}) {
+            SCOPED_TRACE(::testing::Message() << hexagonal << " " << pitch);
+            const White white{.width_px = 400,
+                              .height_px = 380,
+                              .hexagonal = hexagonal,
+                              .pitch_px = pitch,
+                              .rotation_deg = 2,
+                              .edge_px = 0.4};
+            const auto twice = [&](double dx, double dy) {
+                return warnings(
+                    mixed(white, dx, dy, [](int, std::uint32_t a, std::uint32_t b) { return (a + b) / 2; }));
+            };
+            for (const auto& [dx, dy] : {std::pair(1.0, 0.0), {-0.7, 0.8}, {0.0, 2.0}})
+                EXPECT_THAT(twice(dx, dy), Contains(HasSubstr("two exposures that lie"))) << dx << " " << dy;
+            EXPECT_THAT(twice(0.3, 0), IsEmpty());
+        }
+    }
+}
+
+// A lenslet that is wider than high is no double exposure: its edge is as sharp there as elsewhere.
+TEST(WhiteExposures, lenslets_that_are_longer_one_way_are_not_exposed_twice) {
+    for (const double k1 : {-0.05, 0.0, 0.05}) {
+        SCOPED_TRACE(k1);
+        const White white{
+            .width_px = 500, .height_px = 300, .pitch_px = 16.3, .shear = 0.05, .k1 = k1, .to_scale = true};
+        const auto calibration = calibrate_grid(test::draw(white).frame.view());
+        ASSERT_TRUE(calibration) << calibration.error().message();
+        EXPECT_LT(calibration->edge_blur.more_px2, 0.2 * calibration->edge_blur.own_px2);
+    }
+}
+
+// Where distortion is strong, the lenslets are of one size or scaled by a relay lens. Cut ones are neither.
+TEST(WhiteExposures, lenslets_that_a_stop_cuts_under_distortion_are_warned_of) {
+    for (const double pitch : {10.0, 17.3}) {
+        for (const auto& [k1, to_scale] :
+             {std::pair(-0.04, false), {-0.025, false}, {-0.015, true}, {0.015, true}, {0.05, true}, {0.05, false}}) {
+            SCOPED_TRACE(::testing::Message() << pitch << " px, k1 " << k1 << ", scaled " << to_scale);
+            White white{.width_px = 500,
+                        .height_px = 500,
+                        .pitch_px = pitch,
+                        .rotation_deg = 2,
+                        .k1 = k1,
+                        .to_scale = to_scale};
+            EXPECT_THAT(warnings(test::draw(white).frame), Not(Contains(HasSubstr("narrower outwards"))));
+            white.stop = [](double x, double y) { return std::pair((250 - x) / 250, (250 - y) / 250); };
+            EXPECT_THAT(warnings(test::draw(white).frame), Contains(HasSubstr("narrower outwards")));
+        }
+    }
 }
 
 // The profile is learned again until it is that of the lenslets, and not that of their shifted centres.

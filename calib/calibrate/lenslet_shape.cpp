@@ -1,0 +1,51 @@
+#include "calib/calibrate/lenslet_shape.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "common/statistics.h"
+
+namespace hord::calib {
+namespace {
+
+constexpr std::size_t kOneSided = 100, kEdges = 400;  // lenslets
+constexpr double kNormal = 0.6745;  // median deviation of a normal distribution, over its standard deviation
+
+// Of the median: as that of the mean of as many normal values, which is less by a fifth.
+double standard_error(std::vector<double> values, double median) {
+    for (double& value : values) value = std::abs(value - median);
+    return 1.2533 / kNormal * common::upper_median(std::span(values)) / std::sqrt(static_cast<double>(values.size()));
+}
+
+}  // namespace
+
+double one_sided(const CentreFinder& finder, std::span<const Observation> observations) {
+    std::vector<double> x, y;
+    const std::size_t every = std::max<std::size_t>(1, observations.size() / kOneSided);
+    for (std::size_t k = 0; k < observations.size(); k += every) {
+        const auto of = finder.gradient(observations[k].centre_px);
+        if (!of) continue;
+        x.push_back(of->x_px);
+        y.push_back(of->y_px);
+    }
+    return x.empty() ? 0 : std::hypot(common::upper_median(std::span(x)), common::upper_median(std::span(y)));
+}
+
+EdgeBlur edge_blur(const CentreFinder& finder, std::span<const Observation> observations) {
+    std::vector<double> x, y;
+    const std::size_t every = std::max<std::size_t>(1, observations.size() / kEdges);
+    for (std::size_t k = 0; k < observations.size(); k += every) {
+        if (!observations[k].used) continue;
+        const auto of = finder.edge_blur_px2(observations[k].centre_px);
+        if (!of) continue;
+        x.push_back(of->real());
+        y.push_back(of->imag());
+    }
+    if (x.empty()) return {};
+    const double along_x = common::upper_median(std::span(x)), aslant = common::upper_median(std::span(y));
+    return {std::hypot(along_x, aslant), std::hypot(standard_error(x, along_x), standard_error(y, aslant)),
+            finder.edge_variance_px2()};
+}
+
+}  // namespace hord::calib

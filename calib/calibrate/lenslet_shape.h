@@ -1,0 +1,17 @@
+// What all lenslets of a frame have in common: light on one side, edges that are more blurred one way. Used by
+// calib/calibrate/calibrate_grid.cpp only.
+#pragma once
+
+#include <span>
+
+#include "calib/calibrate/calibrate_grid.h"
+
+namespace hord::calib {
+
+// The median gradient of the lenslets' light along x and y, its length (CentreFinder::gradient).
+double one_sided(const CentreFinder& finder, std::span<const Observation> observations);
+
+// The median of the lenslets' blur (CentreFinder::edge_blur_px2).
+EdgeBlur edge_blur(const CentreFinder& finder, std::span<const Observation> observations);
+
+}  // namespace hord::calib
