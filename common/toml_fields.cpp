@@ -13,9 +13,23 @@
 
 namespace hord::common {
 
+void TomlProblems::add_unknown(std::string what, std::string cure) {
+    problems_.insert(problems_.begin() + unknown_++, {ErrorCode::invalid_argument, std::move(what), std::move(cure)});
+}
+
+void TomlProblems::remove(const std::string& line) {
+    std::erase_if(problems_, [&](const Error& problem) { return problem.message() == line; });
+}
+
+std::vector<std::string> TomlProblems::lines() const {
+    std::vector<std::string> lines;
+    for (const Error& problem : problems_) lines.push_back(problem.message());
+    return lines;
+}
+
 tl::unexpected<Error> TomlProblems::as_error() const {
-    if (last_ && lines_.size() == 1) return tl::unexpected(*last_);
-    return fail(last_ ? last_->code : ErrorCode::invalid_argument, fmt::format("{}", fmt::join(lines_, "\n")));
+    if (problems_.size() == 1) return fail(code_, problems_[0].what, problems_[0].cure);
+    return fail(code_, fmt::format("{}", fmt::join(lines(), "\n")));
 }
 
 struct TomlTable::Node {
@@ -40,26 +54,27 @@ struct TomlTable::Node {
         return line > 0 ? fmt::format("{}:{}: {}{}: {}", name, line, path, key, what)
                         : fmt::format("{}: {}{}: {}", name, path, key, what);
     }
-    void report(const toml::node& at, std::string_view key, std::string_view what) const {
-        problems->add(line_of(at, key, what));
+    void report(const toml::node& at, std::string_view key, std::string_view what, std::string_view cure) const {
+        problems->add(line_of(at, key, what), std::string(cure));
     }
     // None: the key is absent, or its value is not of this type, which is a problem.
     template <class T>
-    std::optional<T> value(std::string_view key, std::string_view wrong) {
+    std::optional<T> value(std::string_view key, std::string_view wrong, std::string_view cure) {
         const toml::node* node = find(key);
         if (node == nullptr) return std::nullopt;
         auto value = node->value_exact<T>();
-        if (!value) report(*node, key, wrong);
+        if (!value) report(*node, key, wrong, cure);
         return value;
     }
     template <class T>
     std::optional<T> in_range(std::string_view key, std::optional<T> value, T low, T high) {
         if (!value || (*value >= low && *value <= high)) return value;
-        report(*find(key), key, fmt::format("{} is out of range: use {} to {}", *value, low, high));
+        report(*find(key), key, fmt::format("{} is out of range", *value), fmt::format("use {} to {}", low, high));
         return std::nullopt;
     }
     template <class T, class Accept>
-    std::optional<std::vector<T>> list(std::string_view key, std::string_view wrong, Accept accept) {
+    std::optional<std::vector<T>> list(std::string_view key, std::string_view wrong, std::string_view cure,
+                                       Accept accept) {
         const toml::node* node = find(key);
         if (node == nullptr) return std::nullopt;
         std::vector<T> values;
@@ -71,7 +86,7 @@ struct TomlTable::Node {
             if (good) values.push_back(*element);
         }
         if (good) return values;
-        report(*node, key, wrong);
+        report(*node, key, wrong, cure);
         return std::nullopt;
     }
     std::shared_ptr<Node> add_sub_table(const toml::table& sub, std::string sub_path) {
@@ -111,11 +126,11 @@ TomlTable TomlTable::parse_text(std::string_view text, std::string_view name, To
         const auto at = error.source().begin;
         if (ends_line(text, at.line, at.column) &&
             error.description().find("control characters") != std::string_view::npos) {
-            problems.add(
-                fmt::format("{}:{}: a text is not closed: write its second quote on the same line", name, at.line));
+            problems.add(fmt::format("{}:{}: a text is not closed", name, at.line),
+                         "write its second quote on the same line");
         } else {
-            problems.add(fmt::format("{}:{}: not valid TOML ({}): {}", name, at.line, error.description(),
-                                     cure_of(error.description())));
+            problems.add(fmt::format("{}:{}: not valid TOML ({})", name, at.line, error.description()),
+                         std::string(cure_of(error.description())));
         }
     }
     const toml::table* root = file.get();
@@ -138,15 +153,13 @@ namespace {
 
 // The system would end a path there, and a protocol a name.
 bool has_nul(const std::string& text) { return text.find('\0') != std::string::npos; }
-constexpr std::string_view kNul = "holds a NUL character: take \\u0000 out";
+constexpr std::string_view kNul = "holds a NUL character", kNoNul = "take \\u0000 out";
 
-// Why a key's value is no `wanted` ("number", "whole number").
-std::string no_number(const toml::node* node, const std::string& wanted) {
-    const char* cure = node == nullptr ? ""
-        : node->is_string()            ? ": write one without quotes"
-        : node->is_floating_point()    ? ": write one without decimals"
-                                       : ": write digits";
-    return "is not a " + wanted + cure;
+// Of a value that is no number, or no whole one.
+std::string_view cure_of_number(const toml::node* node) {
+    if (node != nullptr && node->is_string()) return "write one without quotes";
+    if (node != nullptr && node->is_floating_point()) return "write one without decimals";
+    return "write digits";
 }
 
 }  // namespace
@@ -155,23 +168,24 @@ std::optional<double> TomlTable::read_number(std::string_view key, double low, d
     const toml::node* node = node_->find(key);
     const auto value = node != nullptr && node->is_integer()
         ? std::optional(static_cast<double>(node->as_integer()->get()))
-        : node_->value<double>(key, no_number(node, "number"));
+        : node_->value<double>(key, "is not a number", cure_of_number(node));
     return node_->in_range(key, value, low, high);
 }
 
 std::optional<std::int64_t> TomlTable::read_integer(std::string_view key, std::int64_t low, std::int64_t high) {
-    const auto value = node_->value<std::int64_t>(key, no_number(node_->find(key), "whole number"));
+    const auto value = node_->value<std::int64_t>(key, "is not a whole number", cure_of_number(node_->find(key)));
     return node_->in_range(key, value, low, high);
 }
 
 void TomlTable::boolean(std::string_view key, bool& value) {
-    if (const auto read = node_->value<bool>(key, "is neither true nor false")) value = *read;
+    if (const auto read = node_->value<bool>(key, "is neither true nor false", "write true or false, without quotes"))
+        value = *read;
 }
 
 void TomlTable::text(std::string_view key, std::string& value) {
-    auto read = node_->value<std::string>(key, "is not a text: write it in quotes");
+    auto read = node_->value<std::string>(key, "is not a text", "write it in quotes");
     if (!read) return;
-    if (has_nul(*read)) node_->report(*node_->find(key), key, kNul);
+    if (has_nul(*read)) node_->report(*node_->find(key), key, kNul, kNoNul);
     else value = std::move(*read);
 }
 
@@ -186,19 +200,19 @@ void TomlTable::name(std::string_view key, std::string& value) {
 void TomlTable::scalar(std::string_view key, std::string& value) {
     const toml::node* node = node_->find(key);
     if (node == nullptr) return;
-    if (node->is_string() && has_nul(node->as_string()->get())) node_->report(*node, key, kNul);
+    if (node->is_string() && has_nul(node->as_string()->get())) node_->report(*node, key, kNul, kNoNul);
     else if (node->is_string()) value = node->as_string()->get();
     else if (node->is_integer()) value = fmt::format("{}", node->as_integer()->get());
     else if (node->is_floating_point() && std::isfinite(node->as_floating_point()->get()))
         value = fmt::format("{}", node->as_floating_point()->get());
     else if (node->is_boolean()) value = node->as_boolean()->get() ? "true" : "false";
-    else node_->report(*node, key, "is neither a text, a finite number, true nor false");
+    else node_->report(*node, key, "is neither a text, a finite number, true nor false", "write one of these");
 }
 
 void TomlTable::numbers(std::string_view key, std::vector<double>& values, std::size_t min_count,
                         std::size_t max_count) {
     auto read = node_->list<double>(
-        key, "is not a list of numbers: write [1.0, 2.0]",
+        key, "is not a list of numbers", "write [1.0, 2.0]",
         [](const toml::node& element, double number) { return element.is_number() && std::isfinite(number); });
     if (!read) return;
     if (read->size() < min_count || read->size() > max_count) {
@@ -211,9 +225,9 @@ void TomlTable::numbers(std::string_view key, std::vector<double>& values, std::
 
 void TomlTable::texts(std::string_view key, std::vector<std::string>& values) {
     auto read =
-        node_->list<std::string>(key, "is not a list of texts: write [\"a\", \"b\"]",
+        node_->list<std::string>(key, "is not a list of texts", "write [\"a\", \"b\"]",
                                  [](const toml::node& element, const std::string&) { return element.is_string(); });
-    if (read && std::ranges::any_of(*read, has_nul)) node_->report(*node_->find(key), key, kNul);
+    if (read && std::ranges::any_of(*read, has_nul)) node_->report(*node_->find(key), key, kNul, kNoNul);
     else if (read) values = std::move(*read);
 }
 
@@ -225,9 +239,9 @@ std::optional<std::size_t> TomlTable::choice(std::string_view key, std::span<con
     if (found == names.end()) {
         const auto nearest = nearest_name(given, names);
         *node_->misread = true;
-        node_->report(*node, key,
-                      fmt::format("\"{}\" is not known: {}one of {}", given,
-                                  nearest ? "did you mean " + *nearest + "? It is " : "use ", fmt::join(names, ", ")));
+        node_->report(*node, key, fmt::format("\"{}\" is not known", given),
+                      fmt::format("{}one of {}", nearest ? "did you mean " + *nearest + "? It is " : "use ",
+                                  fmt::join(names, ", ")));
         return std::nullopt;
     }
     return static_cast<std::size_t>(found - names.begin());
@@ -238,7 +252,7 @@ TomlTable TomlTable::table(std::string_view key) {
     const toml::node* node = node_->find(key);
     const toml::table* sub = node != nullptr ? node->as_table() : nullptr;
     if (node != nullptr && sub == nullptr)
-        node_->report(*node, key, fmt::format("is not a table: write [{}{}]", node_->path, key));
+        node_->report(*node, key, "is not a table", fmt::format("write [{}{}]", node_->path, key));
     return TomlTable(node_->add_sub_table(sub != nullptr ? *sub : empty, fmt::format("{}{}.", node_->path, key)));
 }
 
@@ -249,7 +263,7 @@ std::vector<TomlTable> TomlTable::tables(std::string_view key) {
     const toml::array* array = node->as_array();
     if (array == nullptr ||
         !std::all_of(array->begin(), array->end(), [](const toml::node& n) { return n.is_table(); })) {
-        node_->report(*node, key, fmt::format("is not a list of tables: write [[{}{}]] for each", node_->path, key));
+        node_->report(*node, key, "is not a list of tables", fmt::format("write [[{}{}]] for each", node_->path, key));
         return all;
     }
     for (std::size_t k = 0; k < array->size(); ++k) {
@@ -268,10 +282,10 @@ bool TomlTable::misread() const {
 void TomlTable::problem(std::string_view key, std::string_view what, std::string_view cure) {
     if (misread()) return;
     const toml::node* node = node_->find(key);
-    std::string line = node_->line_of(node != nullptr ? *node : *node_->table, key,
-                                      cure.empty() ? std::string(what) : fmt::format("{}: {}", what, cure));
-    if (node == nullptr) node_->of_absent_keys.push_back(line);
-    node_->problems->add(std::move(line));
+    const Error error{ErrorCode::invalid_argument, node_->line_of(node != nullptr ? *node : *node_->table, key, what),
+                      std::string(cure)};
+    if (node == nullptr) node_->of_absent_keys.push_back(error.message());
+    node_->problems->add(error.what, error.cure);
 }
 
 void TomlTable::refuse_unknown_keys() {
@@ -281,10 +295,8 @@ void TomlTable::refuse_unknown_keys() {
         const auto nearest = nearest_name(unknown, node_->read_keys);
         if (nearest)
             std::ranges::for_each(node_->of_absent_keys, [&](const auto& line) { node_->problems->remove(line); });
-        node_->problems->add_unknown(node_->line_of(value, unknown,
-                                                    nearest
-                                                        ? fmt::format("is not a known key: did you mean {}?", *nearest)
-                                                        : std::string("is not a known key: remove it")));
+        node_->problems->add_unknown(node_->line_of(value, unknown, "is not a known key"),
+                                     nearest ? fmt::format("did you mean {}?", *nearest) : "remove it");
     }
     for (const auto& sub : node_->sub_tables) TomlTable(sub).refuse_unknown_keys();
 }

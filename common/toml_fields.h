@@ -27,24 +27,27 @@ namespace hord::common {
 
 class TomlProblems {
   public:
-    void add(std::string line) { lines_.push_back(std::move(line)); }
-    // A name that is not known: told before all others, which may follow from it ("backend is missing").
-    void add_unknown(std::string line) { lines_.insert(lines_.begin() + unknown_++, std::move(line)); }
-    void remove(const std::string& line) { std::erase(lines_, line); }
-    void add(const Error& error) {
-        last_ = error;
-        lines_.push_back(error.message());
+    void add(std::string what, std::string cure) {
+        problems_.push_back({ErrorCode::invalid_argument, std::move(what), std::move(cure)});
     }
-    [[nodiscard]] bool empty() const { return lines_.empty(); }
-    [[nodiscard]] const std::vector<std::string>& lines() const { return lines_; }
-    // The only problem, if it is an Error. Else invalid_argument, or the code of the last Error; `what` holds every
-    // problem, one a line.
+    // A name that is not known: told before all others, which may follow from it ("backend is missing").
+    void add_unknown(std::string what, std::string cure);
+    void remove(const std::string& line);
+    void add(const Error& error) {
+        code_ = error.code;
+        problems_.push_back(error);
+    }
+    [[nodiscard]] bool empty() const { return problems_.empty(); }
+    // Each problem with its cure (Error::message).
+    [[nodiscard]] std::vector<std::string> lines() const;
+    // The only problem. Of several, `what` holds each with its cure, one a line, and `cure` is empty. The code is
+    // invalid_argument, or that of the last Error.
     [[nodiscard]] tl::unexpected<Error> as_error() const;
 
   private:
-    std::vector<std::string> lines_;
+    std::vector<Error> problems_;
     std::ptrdiff_t unknown_ = 0;  // of them, the first ones
-    std::optional<Error> last_;
+    ErrorCode code_ = ErrorCode::invalid_argument;
 };
 
 // Fails with invalid_argument for a file of no text, as a disk that was full leaves it: its defaults are not meant.

@@ -192,7 +192,11 @@ Result<Config> read(TomlTable root, std::string_view name, const std::filesystem
     read_optics(root.table("optics"), config.optics);
     read_store(root.table("store"), config.store, folder);
     root.refuse_unknown_keys();
-    for (const std::string& problem : problems(config.core)) found.add(std::string(name) + ": " + problem);
+    for (const std::string& problem : problems(config.core)) {  // "what: cure"
+        const auto end = std::min(problem.find(": "), problem.size());
+        found.add(fmt::format("{}: {}", name, problem.substr(0, end)),
+                  problem.substr(std::min(end + 2, problem.size())));
+    }
     if (!found.empty()) return found.as_error();
     return config;
 }

@@ -437,10 +437,9 @@ Result<NumberedRecipe> parse_recipe_file(std::string_view text, const std::files
     TomlProblems found;
     TomlTable root = TomlTable::parse_text(text, file.string(), found);
     if (!text.ends_with('\n')) {
-        found.add(
-            fmt::format("{}:{}: the last line has no line end, so the file may have lost its end: end it with a "
-                        "line end, or copy the file again",
-                        file.string(), 1 + std::ranges::count(text, '\n')));
+        found.add(fmt::format("{}:{}: the last line has no line end, so the file may have lost its end", file.string(),
+                              1 + std::ranges::count(text, '\n')),
+                  "end it with a line end, or copy the file again");
     }
     if (!found.empty()) return found.as_error();
     if (!root.has("schema"))

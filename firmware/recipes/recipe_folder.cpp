@@ -60,7 +60,7 @@ Result<NumberedRecipe> find_recipe(const fs::path& folder, std::uint16_t number)
     std::string unusable;
     for (const RecipeEntry& one : *all) {
         if (!one.recipe) {
-            unusable += "; " + one.recipe.error().what;
+            unusable += "; " + one.recipe.error().message();
         } else if (one.recipe->number == number) {
             if (found != nullptr) {
                 return fail(

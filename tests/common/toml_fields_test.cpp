@@ -213,6 +213,58 @@ TEST(TomlFields, a_file_that_is_no_utf8_gets_that_cure) {
     }
 }
 
+TEST(TomlFields, a_problem_has_its_cure_apart_from_what_is_wrong) {
+    for (const auto& [text, what, cure] :
+         {std::tuple("flag = 1\n", "a.toml:1: flag: is neither true nor false", "write true or false, without quotes"),
+          {"any = [1]\n", "a.toml:1: any: is neither a text, a finite number, true nor false", "write one of these"},
+          {"text = 1\n", "a.toml:1: text: is not a text", "write it in quotes"},
+          {"text = \"a\\u0000\"\n", "a.toml:1: text: holds a NUL character", "take \\u0000 out"},
+          {"name = \"\"\n", "a.toml:1: name: is empty", "give a name, or take it out"},
+          {"number = \"1\"\n", "a.toml:1: number: is not a number", "write one without quotes"},
+          {"number = 11\n", "a.toml:1: number: 11 is out of range", "use 0 to 10"},
+          {"numbers = 1\n", "a.toml:1: numbers: is not a list of numbers", "write [1.0, 2.0]"},
+          {"numbers = [1]\n", "a.toml:1: numbers: has 1 numbers", "give 2"},
+          {"texts = 1\n", "a.toml:1: texts: is not a list of texts", "write [\"a\", \"b\"]"},
+          {"kind = \"x\"\n", "a.toml:1: kind: \"x\" is not known", "use one of led, laser"},
+          {"light = 1\n", "a.toml:1: light: is not a table", "write [light]"},
+          {"lights = 1\n", "a.toml:1: lights: is not a list of tables", "write [[lights]] for each"},
+          {"numbres = []\n", "a.toml:1: numbres: is not a known key", "did you mean numbers?"},
+          {"text = \"a\nname = 1\n", "a.toml:1: a text is not closed", "write its second quote on the same line"}}) {
+        TomlProblems problems;
+        auto root = TomlTable::parse_text(text, "a.toml", problems);
+        bool flag = false;
+        std::string any, name;
+        double number = 0;
+        std::vector<double> numbers;
+        std::vector<std::string> texts;
+        root.boolean("flag", flag);
+        root.scalar("any", any);
+        root.text("text", any);
+        root.name("name", name);
+        root.number("number", number, 0, 10);
+        root.numbers("numbers", numbers, 2, 2);
+        root.texts("texts", texts);
+        (void)root.choice("kind", std::array<std::string_view, 2>{"led", "laser"});
+        (void)root.table("light");
+        (void)root.tables("lights");
+        root.refuse_unknown_keys();
+        const Error error = problems.as_error().value();
+        EXPECT_EQ(error.what, what);
+        EXPECT_EQ(error.cure, cure);
+    }
+}
+
+TEST(TomlFields, several_problems_are_told_line_by_line_each_with_its_cure) {
+    TomlProblems problems;
+    auto root = TomlTable::parse_text("flag = 1\nfoo = 1\n", "a.toml", problems);
+    bool flag = false;
+    root.boolean("flag", flag);
+    root.refuse_unknown_keys();
+    EXPECT_EQ(problems.as_error().value().message(),
+              "a.toml:2: foo: is not a known key: remove it\n"
+              "a.toml:1: flag: is neither true nor false: write true or false, without quotes");
+}
+
 TEST(TomlFields, a_missing_file_is_not_found) {
     TomlProblems problems;
     (void)TomlTable::parse_file("/none/a.toml", problems);

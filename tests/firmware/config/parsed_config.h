@@ -16,7 +16,7 @@ inline Result<Config> parse(std::string_view text) {
 }
 inline std::string problems_of(std::string_view text) {
     const auto config = parse(text);
-    return config ? std::string("no problem") : config.error().what;
+    return config ? std::string("no problem") : config.error().message();
 }
 
 inline const std::filesystem::path kDeploy = std::filesystem::path(HORD_SOURCE_DIR) / "deploy";

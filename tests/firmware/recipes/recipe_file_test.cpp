@@ -44,6 +44,7 @@ TEST(Recipe, the_form_of_a_part_says_whether_a_frame_must_show_one) {
     const auto refused = parse_recipe("[part]\nform = \"web\"\npresent = \"required\"\n", "r.toml");
     ASSERT_FALSE(refused);
     EXPECT_THAT(refused.error().what, HasSubstr("web has no outline"));
+    EXPECT_FALSE(refused.error().cure.empty());
     EXPECT_THAT(parse_recipe("[part]\nform = \"cube\"\n", "r.toml").error().what, HasSubstr("cube"));
 }
 
@@ -153,7 +154,7 @@ TEST(Recipe, zones_in_mixed_units_or_without_the_lenslets_size_are_refused) {
 TEST(Recipe, problems_of_zones_are_told_with_their_cure) {
     const auto problems = [](std::string_view text) {
         const auto recipe = parse_recipe(text, "r.toml");
-        return recipe ? std::string("no problem") : recipe.error().what;
+        return recipe ? std::string("no problem") : recipe.error().message();
     };
     EXPECT_THAT(problems("[[zone]]\nshape = \"circle\"\n"), HasSubstr("write centre = [m, n]"));
     const std::string not_a_number = problems("[[zone]]\nshape = \"circle\"\ncentre = [nan, 3]\nradius = 5\n");
@@ -250,7 +251,7 @@ TEST(Recipe, features_are_chosen_and_survive_being_written_and_read) {
 TEST(Recipe, features_that_contradict_are_told_with_their_cure) {
     const auto said = [](std::string_view text) {
         const auto recipe = parse_recipe(text, "r.toml");
-        return recipe ? std::string("no problem") : recipe.error().what;
+        return recipe ? std::string("no problem") : recipe.error().message();
     };
     EXPECT_THAT(said("features = [\"emd\", \"emd\"]\n"), HasSubstr("r.toml:1: features: has emd twice"));
     EXPECT_THAT(

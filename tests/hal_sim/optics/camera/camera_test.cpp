@@ -181,7 +181,7 @@ TEST(Array, one_that_cannot_be_is_refused) {
         const auto file = std::filesystem::path(::testing::TempDir()) / "camera_refusal.toml";
         std::ofstream(file) << text;
         const auto scene = load_scene(file);
-        return scene ? std::string("accepted") : scene.error().what;
+        return scene ? std::string("accepted") : scene.error().message();
     };
     EXPECT_THAT(refusal("[camera.array]\npitch_px = 3\n"),
                 HasSubstr(":2: camera.array.pitch_px: makes a bin of 0.333333 pixels: a lenslet too fine for its bins: "

@@ -17,7 +17,7 @@ std::string refusal(const std::string& text) {
     const auto file = std::filesystem::path(::testing::TempDir()) / "effects_refusal.toml";
     std::ofstream(file) << text;
     const auto scene = load_scene(file);
-    return scene ? std::string("accepted") : scene.error().what;
+    return scene ? std::string("accepted") : scene.error().message();
 }
 
 TEST(Effects, that_contradict_one_another_are_refused_all_at_once_with_line_and_cure) {

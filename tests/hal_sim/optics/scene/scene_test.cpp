@@ -67,7 +67,7 @@ read_e = 3
 )");
     ASSERT_FALSE(scene);
     EXPECT_EQ(scene.error().code, ErrorCode::invalid_argument);
-    const std::string what = scene.error().what;
+    const std::string what = scene.error().message();
     EXPECT_THAT(what, HasSubstr("toml:3: part.radius_of_curvature_mm: -190 is out of range"));
     EXPECT_THAT(what,
                 HasSubstr("toml:4: part.apertur_radius_mm: is not a known key: did you mean aperture_radius_mm?"));
@@ -99,7 +99,7 @@ pitch_px = 3
 ghosts = true
 )");
     ASSERT_FALSE(scene);
-    const std::string what = scene.error().what;
+    const std::string what = scene.error().message();
     EXPECT_THAT(what, HasSubstr(".toml:3: part.radius_of_curvature_mm: -190 is out of range: use 1e-06 to 10000"));
     EXPECT_THAT(what, HasSubstr(".toml:4: part.colour: is not a known key"));
     EXPECT_THAT(what, HasSubstr(".toml:6: pose.x_mm: "));
@@ -150,7 +150,7 @@ TEST(SceneFile, the_documented_keys_are_those_that_are_read) {
 TEST(SceneFile, impossible_geometry_is_refused) {
     const auto problem = [](const std::string& text) {
         const auto scene = read(text);
-        return scene ? std::string("accepted") : scene.error().what;
+        return scene ? std::string("accepted") : scene.error().message();
     };
     EXPECT_THAT(problem("[part]\nkind = \"double-convex\"\naperture_radius_mm = 200\n"),
                 HasSubstr("larger than the radius of curvature"));

@@ -206,7 +206,7 @@ std::string refusal(const std::string& text) {
     const auto file = std::filesystem::path(::testing::TempDir()) / "shapes_refusal.toml";
     std::ofstream(file) << text;
     const auto scene = load_scene(file);
-    return scene ? std::string("accepted") : scene.error().what;
+    return scene ? std::string("accepted") : scene.error().message();
 }
 
 TEST(Waviness, is_read_of_plates_and_refused_of_other_parts) {
