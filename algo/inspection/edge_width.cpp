@@ -18,8 +18,7 @@ int RimFinder::edge_width(const FieldLight& light) const {
     constexpr int kWidest = 15;      // wider ones count so
     constexpr int kFreeBeside = 12;  // lenslets outside the part, the brightest of which is the free light
     constexpr int kMinFree = 3;      // of these, that show free light
-    constexpr auto kTolerance = static_cast<std::int64_t>(kFreeToleranceBins * (1 << DeflectionQ::kFractionBits));
-    const RawRange near_x(free_.x, kTolerance), near_y(free_.y, kTolerance);
+    const NearFree near_free(free_);
     std::array<int, kWidest + 1> edges{};  // of so many lenslets
     struct Median {
         int edges = 0, width = 0;
@@ -37,9 +36,8 @@ int RimFinder::edge_width(const FieldLight& light) const {
         if (count < kMinFree) return;
         const auto is_partial = [&](int in) {
             const std::size_t k = at(in);
-            return (light.mask[k] & kDark) == 0 && near_x.has(light.deflections[k].x) &&
-                near_y.has(light.deflections[k].y) && std::uint64_t{5} * light.sums[k] > free &&
-                std::uint64_t{5} * light.sums[k] < std::uint64_t{4} * free;
+            return (light.mask[k] & kDark) == 0 && near_free.has(light.deflections[k]) &&
+                std::uint64_t{5} * light.sums[k] > free && std::uint64_t{5} * light.sums[k] < std::uint64_t{4} * free;
         };
         int before = 0, behind = 0;
         while (before < outside && is_partial(-1 - before)) ++before;

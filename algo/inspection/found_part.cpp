@@ -45,8 +45,8 @@ void RimFinder::describe(Deflections deflections, Sums sums, std::span<const std
     found_.free_beside = least_free_beside();
     if (found_.free_light) found_.edge_width = edge_width({deflections, sums, mask});
     found_.symmetry = point_symmetry();
-    if (form_ == PartForm::plate && found_.at_border > 0) found_.cut = cut_of_plate();
-    found_.lacks_place = form_ == PartForm::plate && found_.at_border == 0 && lacks_place();
+    if (form_ == PartForm::plate) check_outline_of_plate();
+    if (form_ == PartForm::tube && found_.at_border > 0) found_.cut = cut_by_border();
     found_.convexity = convexity();
 }
 
@@ -194,27 +194,6 @@ double RimFinder::point_symmetry() {
     return static_cast<double>(both) / static_cast<double>(2 * area - both);
 }
 
-// The hull of an outline is exact to a lenslet or two. What is missing opposite each other is not seen.
-bool RimFinder::lacks_place() {
-    const Centroid middle = centroid();
-    const int side = default_rim_margin(extents_) + 1;
-    const auto is_inside = [&](int m, int n) {
-        return m >= 0 && n >= 0 && m < extents_.m && n < extents_.n && (state_[extents_.index(m, n)] & kInside) != 0;
-    };
-    std::ranges::fill(in_column_, std::int16_t{0});  // lenslets without an image, in a row down to this one
-    for (int n = 0; n < extents_.n; ++n) {
-        int beside = 0;
-        for (int m = 0; m < extents_.m; ++m) {
-            const bool alone = is_inside(m, n) && !is_inside(middle.twice_m - m, middle.twice_n - n);
-            std::int16_t& above = in_column_[static_cast<std::size_t>(m)];
-            above = static_cast<std::int16_t>(alone ? above + 1 : 0);
-            beside = above >= side ? beside + 1 : 0;
-            if (beside >= side) return true;
-        }
-    }
-    return false;
-}
-
 double RimFinder::convexity() {
     hull_.take(state_, kInside);
     const std::size_t inside =
@@ -224,10 +203,9 @@ double RimFinder::convexity() {
 
 double RimFinder::deflecting_share(Deflections deflections, std::span<const std::uint8_t> mask) const {
     const auto inside = [mask](std::size_t k) { return (mask[k] & (kRim | kOutside)) == 0; };
-    const RawRange near_x(free_.x, bins_q(kFreeToleranceBins)), near_y(free_.y, bins_q(kFreeToleranceBins));
+    const NearFree near_free(free_);
     const auto free_inside = [=](std::size_t k) {
-        return ((mask[k] & (kRim | kOutside | kDark)) == 0) & near_x.has(deflections[k].x) &
-            near_y.has(deflections[k].y);
+        return ((mask[k] & (kRim | kOutside | kDark)) == 0) & near_free.has(deflections[k]);
     };
     const std::size_t all = count_suiting(0, state_.size(), inside),
                       free = count_suiting(0, state_.size(), free_inside);

@@ -323,7 +323,7 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     if (part.free_light && part.sharp_outline < kMinSharpOutline) return FrameFault::no_outline;
     if (part.islands > 0) return FrameFault::several;
     if (part.edge_width > kMaxEdgeWidth) return FrameFault::blurred_edge;
-    // Tubes and plates may leave the field, and a plate may show its edges alone.
+    // Whether the field cuts a tube or a plate is asked of good ones (judge_good()). A plate may show its edges alone.
     if (form_ == PartForm::tube && part.deflecting < kMinDeflectingShare) return FrameFault::hollow;
     if (form_ == PartForm::plate) return check_plate(part);
     if (form_ != PartForm::round) return FrameFault::none;
@@ -346,7 +346,8 @@ FrameFault FrameChecks::check_plate(const FoundPart& part) const {
 }
 
 Reason FrameChecks::judge_good(const FoundPart& part) {
-    const bool checked = form_ == PartForm::plate && part_required_ && !has_reference_ && symmetric_;
+    const bool checked =
+        (form_ == PartForm::plate || form_ == PartForm::tube) && part_required_ && !has_reference_ && symmetric_;
     if (checked) {
         if (part.cut > kMaxBorderCut) findings_.fault = FrameFault::cut_by_field;
         else if (part.lacks_place) findings_.fault = FrameFault::lopsided;

@@ -6,6 +6,7 @@
 #include <cstdint>
 
 #include "algo/features/deflection.h"
+#include "algo/inspection/rim.h"
 
 namespace hord::algo::outline {
 
@@ -27,6 +28,15 @@ struct RawRange {
           most(static_cast<std::int32_t>(std::min<std::int64_t>(middle.raw() + tolerance, INT32_MAX))) {}
     [[nodiscard]] bool has(DeflectionQ value) const { return (value.raw() >= least) & (value.raw() <= most); }
     std::int32_t least, most;
+};
+
+// Light that is deflected like the free light, within kFreeToleranceBins.
+struct NearFree {
+    static constexpr auto kTolerance =
+        static_cast<std::int64_t>(kFreeToleranceBins * (1 << DeflectionQ::kFractionBits));
+    explicit NearFree(const Deflection& free) : x(free.x, kTolerance), y(free.y, kTolerance) {}
+    [[nodiscard]] bool has(const Deflection& d) const { return x.has(d.x) & y.has(d.y); }
+    RawRange x, y;
 };
 
 }  // namespace hord::algo::outline

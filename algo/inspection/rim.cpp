@@ -23,9 +23,6 @@ constexpr float kSmoothShare = 0.7F;
 constexpr std::size_t kGapSteps = 4;  // at a gap, the light jumps in 1/kGapSteps of the steps to the part
 constexpr int kShortestPiece = 4;     // a piece of the outline is at least 1/kShortestPiece as long as the longest one
 
-constexpr std::int64_t kFreeTolerance =
-    static_cast<std::int64_t>(kFreeToleranceBins * (1 << DeflectionQ::kFractionBits));
-
 static_assert(kReached == FoundPart::kFreeField);
 
 // The slope of the mean deflection, bin pitches a lenslet, from which a part with the recipe's limits may be rejected.
@@ -46,7 +43,7 @@ bool slope_goes_on(const FieldLight& light, const std::array<std::size_t, 4>& at
                 (light.deflections[at[from]].*axis).raw();
         };
         const std::int64_t first = change(0), later = change(2);
-        return std::abs(first) <= kFreeTolerance ||
+        return std::abs(first) <= NearFree::kTolerance ||
             ((first > 0) == (later > 0) && 2 * std::abs(later) >= std::abs(first));
     };
     return (light.mask[at[2]] & kDark) == 0 && (light.mask[at[3]] & kDark) == 0 && alike(&Deflection::x) &&
@@ -158,13 +155,13 @@ std::size_t RimFinder::agreeing(const FieldLight& light, std::span<const std::ui
 
     free_ = {x, y};
     free_light_ = sum;
-    const RawRange near_x(x, kFreeTolerance), near_y(y, kFreeTolerance);
+    const NearFree near_free(free_);
     const auto half = static_cast<std::uint32_t>((sum + 1) / 2);
     // Local copies: a store to a byte may change anything else.
     const auto [deflections, sums, mask] = light;
     std::uint8_t* const state = state_.data();
     for (std::size_t k = 0, lenslets = state_.size(); k < lenslets; ++k) {
-        const bool free = near_x.has(deflections[k].x) & near_y.has(deflections[k].y) & (sums[k] >= half);
+        const bool free = near_free.has(deflections[k]) & (sums[k] >= half);
         state[k] = free ? kFree : 0;
     }
     for (std::size_t k = 0, lenslets = state_.size(); k < lenslets; ++k)

@@ -54,11 +54,11 @@ struct FoundPart {
     // Overlap of the part, with what it encloses, and its image turned by 180 degrees about its centroid, over both
     // together: 1 for a disc or a rectangle, 0.69 for half a disc.
     double symmetry = 0;
-    // Of a plate that the field cuts: lenslets along the cut, over its width. What lies on opposite sides of the field
-    // is taken off each other: a plate that reaches from border to border has no cut.
+    // Of a plate or a tube that the field cuts: lenslets along the cut, over its width. What lies on opposite sides of
+    // the field is taken off each other: one that reaches from border to border has no cut.
     double cut = 0;
-    // Of a plate that the field does not cut: a square of default_rim_margin() + 1 lenslets of its hull has no image
-    // when the hull is turned by 180 degrees, as where a corner is missing.
+    // Of a plate: a square of default_rim_margin() + 1 lenslets of its hull has no image when the hull is turned by 180
+    // degrees, as where a corner is missing; nor is the hull a rectangle, as far as it lies in the field.
     bool lacks_place = false;
     // Lenslets of the part, with what it encloses, over those of its convex hull: 1 for a disc or a rectangle.
     double convexity = 0;
@@ -144,9 +144,12 @@ class RimFinder {
     [[nodiscard]] double light_at_centroid(const FieldLight& light) const;
     [[nodiscard]] double least_free_beside();
     [[nodiscard]] double point_symmetry();
-    [[nodiscard]] double cut_of_plate() const;
+    void check_outline_of_plate();
+    [[nodiscard]] double cut_by_border() const;
     [[nodiscard]] int edge_width(const FieldLight& light) const;
-    [[nodiscard]] bool lacks_place();
+    [[nodiscard]] bool lacks_image();
+    template <class Lenslet>
+    [[nodiscard]] bool has_square(Lenslet&& of);
     double convexity();
     [[nodiscard]] double deflecting_share(Deflections deflections, std::span<const std::uint8_t> mask) const;
     [[nodiscard]] Deflection median_inside(Deflections deflections, std::span<const std::uint8_t> mask);

@@ -239,10 +239,15 @@ std::vector<std::string> notes(const Recipe& recipe) {
             "a round part is compared with itself: small holes and cracks in it, and notches at its rim, can pass, and "
             "so can one that is bad all over in the same way (haze, another curvature): learn a reference with "
             "`hordctl learn`");
-    if (!recipe.symmetric_outline && alone && (recipe.form == PartForm::round || recipe.form == PartForm::plate))
+    if (!recipe.symmetric_outline && alone && recipe.form != PartForm::web)
         messages.emplace_back(
-            "[part] outline = \"any\" takes a broken part for one of another shape, so that missing corners, notches "
-            "and halves can pass: learn a reference with `hordctl learn`");
+            recipe.form == PartForm::tube
+                ? "[part] outline = \"any\" takes a tube of which the field shows one end for a whole one, so that "
+                  "late "
+                  "triggers and broken tubes can pass: show both ends or none, or learn a reference with `hordctl "
+                  "learn`"
+                : "[part] outline = \"any\" takes a broken part for one of another shape, so that missing corners, "
+                  "notches and halves can pass: learn a reference with `hordctl learn`");
     const Recipe usual;
     const bool has_scores = recipe.reject_score != usual.reject_score || recipe.grow_score != usual.grow_score ||
         recipe.cluster_score != usual.cluster_score || recipe.pooled_score != usual.pooled_score;

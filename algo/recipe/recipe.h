@@ -111,8 +111,8 @@ struct Recipe {
     PartForm form = PartForm::round;
     bool part_required = true;  // a frame without one whole part is unfit (Reason::no_part)
     // A round part is convex and looks the same when it is turned by 180 degrees, as discs and rectangles do; half a
-    // part does not. A plate's outline looks the same, too, and the field does not cut it, unless it reaches from
-    // border to border. Not checked with a reference.
+    // part does not. A plate's outline looks the same, too, or is a rectangle as far as the field shows it. The field
+    // cuts no plate and no tube, unless they reach from border to border. Not checked with a reference.
     bool symmetric_outline = true;
 
     // The part's rim has large gradients. So many lenslets inwards from the outline are not judged; negative:

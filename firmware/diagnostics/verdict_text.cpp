@@ -162,14 +162,18 @@ std::string missing_part(const algo::FrameFindings& f, algo::PartForm form, int 
                        "or "
                        "show the whole plate; of one that is larger than the field in every frame set [part] outline = "
                        "\"any\" (only what is in the field is then judged)";
+            if (form == algo::PartForm::tube)
+                return "the field's border cuts off one end of the tube, and what lies beyond is not seen: set the "
+                       "trigger's delay, or show both ends or none; if every frame shows one end set [part] outline = "
+                       "\"any\" (only what is in the field is then judged)";
             return "the field's border cuts the part, or the frame's last rows are lost: set the trigger's delay, or "
                    "show "
                    "the whole part";
         case algo::FrameFault::lopsided:
             if (form == algo::PartForm::plate)
-                return "the plate's outline is not symmetric, as if a corner were missing, or an edge were not seen "
-                       "(one "
-                       "narrower than a lenslet): check the part, or set [part] outline = \"any\" if it has this shape";
+                return "the plate's outline is neither a rectangle nor symmetric, as if a corner were missing, or an "
+                       "edge were not seen (one narrower than a lenslet): check the part, or set [part] outline = "
+                       "\"any\" if it has this shape";
             return "the part's outline is not symmetric, as if a piece were missing: check the part, or set [part] "
                    "outline = \"any\" if it has this shape";
         case algo::FrameFault::notched:

@@ -48,7 +48,8 @@ TEST(Plate, tells_that_its_outline_lacks_a_corner) {
     EXPECT_FALSE(without_corner(0, 3).lacks_place);
     EXPECT_FALSE(without_corner(3, 3).lacks_place);
     EXPECT_TRUE(without_corner(8, 3).lacks_place);
-    EXPECT_FALSE(without_corner(8, 0).lacks_place);  // the field cuts it
+    EXPECT_FALSE(without_corner(3, 0).lacks_place);  // the field cuts it
+    EXPECT_TRUE(without_corner(8, 0).lacks_place);   // its left corner is broken all the same
 }
 
 TEST(Plate, may_leave_the_field_on_one_or_two_sides) {
@@ -281,7 +282,8 @@ TEST(Plate, that_the_field_cuts_is_unfit_unless_the_recipe_allows_any_outline) {
                             {"from border to border, more askew", 30, 30, kFar, 7, 0.14, false},
                             {"from border to border, down", 25, 30, 11, kFar, 0, false},
                             {"from border to border, turned", 30, 30, kFar, 10, 0.5, false},
-                            {"from corner to corner of the field", 28, 30, kFar, 10, kDiagonal, true},
+                            {"from corner to corner of the field", 28, 30, kFar, 10, kDiagonal, false},
+                            {"across a corner of the field", 48, 12, kFar, 9, kDiagonal, false},
                             {"corners that touch two borders", 23, 23, 17, 17, kDiagonal, false},
                             {"corners that touch all borders", 30, 30, 22, 22, kDiagonal, false},
                             {"less a tip", 30, 44, 14, 14, kDiagonal, false}};
@@ -307,6 +309,46 @@ TEST(Plate, that_the_field_cuts_is_unfit_unless_the_recipe_allows_any_outline) {
         plate.symmetric_outline = false;
         EXPECT_EQ(verdict_on(frame, e, plate), Verdict::pass) << p.what;
     }
+}
+
+// Of a strip from border to border a corner is broken off: the break is an edge that no rectangle has there. A strip of
+// which both edges are seen whole is good, however it lies; so is a round plate that touches the border.
+TEST(Plate, a_strip_with_a_corner_broken_off_inside_the_field_is_unfit) {
+    const Extents e{61, 61, 9, 9};
+    const auto judged = [&](auto&& depth_at) {
+        const Frame frame =
+            noisy(drawn(e, 8, 240,
+                        [&](int m, int n) {
+                            const double depth = depth_at(m, n);
+                            return Spot{0, 0, depth < -1 ? 1 : depth < 0 ? 0.6 : depth < 1.5 ? 0 : kGlass};
+                        }),
+                  {10, 2, 1}, 3);
+        Recipe plate;
+        plate.form = PartForm::plate;
+        auto pipeline = Pipeline::create(e, 8, plate);
+        EXPECT_TRUE(pipeline);
+        const auto seen = pipeline->inspect(frame.view());
+        EXPECT_TRUE(seen);
+        return seen->frame.fault;
+    };
+    for (const double half_width : {8.0, 15.0, 24.0}) {
+        for (const double turn : {0.0, 0.1, 0.5}) {
+            if (half_width > 20 && turn > 0) continue;   // an edge would lie outside
+            for (const double leg : {0.0, 9.0, 14.0}) {  // of the triangle that is missing
+                const auto depth = [&](int m, int n) {
+                    const double x = m - 30, y = n - 30, u = x * std::cos(turn) + y * std::sin(turn),
+                                 v = y * std::cos(turn) - x * std::sin(turn), edge = half_width - std::abs(v),
+                                 end = (30 - std::abs(half_width * std::sin(turn))) / std::cos(turn);  // of the edge
+                    return leg > 0 ? std::min(edge, ((end - u) + (half_width - v) - leg) / std::sqrt(2.0)) : edge;
+                };
+                const FrameFault found = judged(depth);
+                if (leg > 0) EXPECT_TRUE(found == FrameFault::lopsided || found == FrameFault::cut_by_field);
+                else EXPECT_EQ(found, FrameFault::none);
+                if (HasFailure()) FAIL() << half_width << ", " << turn << ", " << leg;
+            }
+        }
+    }
+    EXPECT_EQ(judged([](int m, int n) { return 20 - std::hypot(m - 41, n - 30); }), FrameFault::none);
 }
 
 // A ring, a nest, a cross of hairs: nothing is in them.

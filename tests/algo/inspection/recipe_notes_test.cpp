@@ -43,6 +43,10 @@ TEST(Notes, of_plates_and_webs_are_true) {
     ASSERT_EQ(notes(plate).size(), 2U);
     EXPECT_NE(notes(plate)[1].find("outline = \"any\" takes a broken part for one of another shape"),
               std::string::npos);
+    plate.form = PartForm::tube;
+    ASSERT_EQ(notes(plate).size(), 2U);
+    EXPECT_NE(notes(plate)[1].find("outline = \"any\" takes a tube of which the field shows one end"),
+              std::string::npos);
     plate.reference = std::make_shared<const Reference>();
     EXPECT_TRUE(notes(plate).empty());
 }

@@ -27,6 +27,7 @@ struct DrawnTube {
     double slope = 0.12;
     double skew = 0;      // lenslets across, a lenslet along
     double centre = 0.3;  // lenslets from the middle of the field
+    double along = 0;     // the same, along the tube
     [[nodiscard]] bool is_open() const { return half_length > 0.5 * extents.n; }
 };
 
@@ -44,7 +45,7 @@ Frame drawn_tube(const DrawnTube& t, std::uint64_t seed, const DarkSpot* spot = 
     std::vector<int> thickness(static_cast<std::size_t>(2 * t.extents.n));
     for (int& flank : thickness) flank = t.flank + static_cast<int>(random() % 2);
     const Frame frame = drawn(t.extents, 8, 240, [&](int m, int n) -> Spot {
-        const double x = across_tube(t, m, n), y = n - 0.5 * (t.extents.n - 1);
+        const double x = across_tube(t, m, n), y = n - 0.5 * (t.extents.n - 1) - t.along;
         if (spot != nullptr && std::hypot(m - spot->m, n - spot->n) <= std::max(spot->radius, 0.1)) return {0, 0, 0};
         if (std::abs(x) > t.half_width || std::abs(y) > t.half_length) return {};
         const auto row = static_cast<std::size_t>(2 * n + (x > 0 ? 1 : 0));
@@ -85,6 +86,25 @@ const DrawnTube kTubes[] = {
     {.extents = {48, 48, 5, 5}, .half_length = 20, .slope = 0.05, .skew = 0.07},  // askew; the band is free light
     {.extents = {41, 60, 8, 10}, .half_width = 9, .half_length = 25, .flank = 2, .centre = -4.6},
 };
+
+// Half a tube is not known to be good. One that reaches from border to border is longer than the field.
+TEST(Tube, of_which_one_end_lies_outside_is_unfit_unless_the_recipe_allows_any_outline) {
+    for (DrawnTube tube : kTubes) {
+        for (const double along : {-0.7, 0.7}) {
+            tube.half_length = 0.5 * tube.extents.n;
+            tube.along = along * tube.half_length;
+            const Frame half = drawn_tube(tube, 5);
+            const Judged found = judged_both_ways(half, tube.extents, tube_recipe());
+            EXPECT_EQ(found.verdict, Verdict::unfit) << tube.extents.m << ", " << along;
+            EXPECT_EQ(found.reason, Reason::no_part);
+            Recipe any = tube_recipe();
+            any.symmetric_outline = false;
+            EXPECT_EQ(judged_both_ways(half, tube.extents, any).verdict, Verdict::pass);
+            tube.half_length *= 3;
+            EXPECT_EQ(judged_both_ways(drawn_tube(tube, 5), tube.extents, tube_recipe()).verdict, Verdict::pass);
+        }
+    }
+}
 
 // Belts, rails: flanks with nothing between them.
 TEST(Tube, is_no_part_where_free_light_lies_between_its_flanks) {

@@ -424,6 +424,9 @@ TEST(VerdictText, of_a_plate_or_a_tube_that_is_not_found_names_the_cures_of_its_
                         "= \"any\""),
               std::string::npos);
     recipe.form = algo::PartForm::tube;
+    EXPECT_NE(explain(unfit(Reason::no_part, {.fault = FrameFault::cut_by_field}), recipe, extents)
+                  .find("show both ends or none; if every frame shows one end set [part] outline = \"any\""),
+              std::string::npos);
     EXPECT_NE(explain(unfit(Reason::no_part, {.fault = FrameFault::hollow, .deflecting = 0}), recipe, extents)
                   .find("the bins may be too wide"),
               std::string::npos);
