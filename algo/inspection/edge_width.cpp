@@ -1,66 +1,137 @@
-// RimFinder: how sharp the part's outline is.
+// RimFinder: over how many lenslets the light changes at the part's edges.
 #include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "algo/frame/mask.h"
 #include "algo/inspection/part_state.h"
 #include "algo/inspection/rim.h"
+#include "common/statistics.h"
 
 namespace hord::algo {
 
 using namespace outline;
 
-// At both ends of the part in each row and each column: the lenslets that show undeflected light of a fifth to four
-// fifths of the free light beside them. An edge in focus covers one lenslet in part, or two if it lies askew. An edge
-// that moved, or was exposed twice, is as wide as it moved. The median of the rows, or of the columns if it is wider;
-// of a tube only across its axis, because its ends are as deep as it is wide.
-int RimFinder::edge_width(const FieldLight& light) const {
-    constexpr int kWidest = 15;      // wider ones count so
+namespace {
+constexpr int kWidest = 15;          // lenslets; wider edges count so
+constexpr double kMinDeflected = 2;  // times the tolerance of free light, by which a part deflects light at its edge
+constexpr double kBinRipple = 1.27;  // a spot's mean moves up to so many times as fast as the spot
+}  // namespace
+
+double RimFinder::deflection_squared(const FieldLight& light, std::size_t k) const {
+    const Deflection& d = light.deflections[k];
+    const auto x = static_cast<double>(std::int64_t{d.x.raw()} - free_.x.raw()),
+               y = static_cast<double>(std::int64_t{d.y.raw()} - free_.y.raw());
+    return x * x + y * y;
+}
+
+// The lenslets of a line in which the deflection grows, from the field inwards, from a fifth to four fifths of the
+// largest within kWidest lenslets of the part; none if it is small, or grows no faster than inside the part.
+RimFinder::Ramp RimFinder::ramp_at_edge(const FieldLight& light, const LineOfPart& line, double own_slope) const {
+    const auto is_dark = [&](int in) { return (light.mask[line.at(in)] & kDark) != 0; };
+    const auto squared = [&](int in) { return deflection_squared(light, line.at(in)); };
+    constexpr double kMin = kMinDeflected * static_cast<double>(NearFree::kTolerance), kFifth = 0.2 * 0.2,
+                     kFourFifths = 0.8 * 0.8;
+    double largest = 0;
+    for (int k = 0; k < std::min(line.inside / 2, kWidest); ++k)
+        largest = is_dark(k) ? largest : std::max(largest, squared(k));
+    if (largest < kMin * kMin) return {};
+    int end = 0;
+    while (is_dark(end) || squared(end) < kFourFifths * largest) ++end;
+    int begin = end;
+    while (begin > -line.outside && !is_dark(begin - 1) && squared(begin - 1) >= kFifth * largest) --begin;
+    const double steps = end - begin + 1;  // from what is free yet
+    return std::sqrt(squared(end)) > kBinRipple * own_slope * steps ? Ramp{begin, end} : Ramp{};
+}
+
+// The steepest change of the deflection over three lenslets, a lenslet, in the middle half of each line: the upper
+// quartile of the lines, so that most of a part shows it.
+template <class Lines>
+double RimFinder::slope_inside(const FieldLight& light, Lines&& for_each_line) {
+    constexpr int kOver = 3;
+    std::size_t lines = 0;
+    for_each_line([&](const LineOfPart& line, const LineOfPart&) {
+        const auto is_lit = [&](int in) { return (light.mask[line.at(in)] & kDark) == 0; };
+        double steepest = 0;
+        for (int k = line.inside / 4; k + kOver <= 3 * line.inside / 4; ++k) {
+            if (!is_lit(k) || !is_lit(k + kOver)) continue;
+            const double before = std::sqrt(deflection_squared(light, line.at(k))),
+                         after = std::sqrt(deflection_squared(light, line.at(k + kOver)));
+            steepest = std::max(steepest, std::abs(after - before) / kOver);
+        }
+        ring_values_[lines++] = std::llround(steepest);
+    });
+    if (lines == 0) return 0;
+    return static_cast<double>(common::nth_smallest(std::span(ring_values_).first(lines), 3 * (lines - 1) / 4));
+}
+
+// Lenslets of a line that show undeflected light of a fifth to four fifths of the free light, or belong to its ramp. -1
+// where no free light lies beside the part.
+int RimFinder::width_of_edge(const FieldLight& light, const LineOfPart& line, double own_slope) const {
     constexpr int kFreeBeside = 12;  // lenslets outside the part, the brightest of which is the free light
     constexpr int kMinFree = 3;      // of these, that show free light
     const NearFree near_free(free_);
-    std::array<int, kWidest + 1> edges{};  // of so many lenslets
+    std::uint32_t free = 0;
+    int count = 0;
+    for (int k = 1; k <= std::min(line.outside, kFreeBeside); ++k) {
+        if ((state_[line.at(-k)] & kReached) == 0) continue;
+        free = std::max(free, light.sums[line.at(-k)]);
+        ++count;
+    }
+    if (count < kMinFree) return -1;
+    const Ramp ramp = ramp_at_edge(light, line, own_slope);
+    const auto is_partial = [&](int in) {
+        const std::size_t k = line.at(in);
+        if (in >= ramp.begin && in < ramp.end) return true;
+        return (light.mask[k] & kDark) == 0 && near_free.has(light.deflections[k]) &&
+            std::uint64_t{5} * light.sums[k] > free && std::uint64_t{5} * light.sums[k] < std::uint64_t{4} * free;
+    };
+    int before = std::min(ramp.begin, 0), behind = std::max(ramp.begin, 0);
+    while (before > -line.outside && is_partial(before - 1)) --before;
+    while (behind < line.inside && is_partial(behind)) ++behind;
+    int width = 0;
+    for (int k = before; k < behind; ++k) width += is_partial(k) ? 1 : 0;
+    return std::min(width, kWidest);
+}
+
+// At both ends of the part in each row and each column. An edge in focus covers one lenslet in part, or two if it lies
+// askew. An edge that moved, or was exposed twice, is as wide as it moved. The median of the rows, or of the columns if
+// it is wider; of a tube only across its axis, because its ends are as deep as it is wide.
+int RimFinder::edge_width(const FieldLight& light) {
     struct Median {
         int edges = 0, width = 0;
     };
-    // `step`: from the field towards the part. `outside`, `inside`: lenslets of the line before the part, and of it.
-    const auto take = [&](std::size_t first, std::ptrdiff_t step, int outside, int inside) {
-        const auto at = [&](int in) { return first + static_cast<std::size_t>(step * in); };
-        std::uint32_t free = 0;
-        int count = 0;
-        for (int k = 1; k <= std::min(outside, kFreeBeside); ++k) {
-            if ((state_[at(-k)] & kReached) == 0) continue;
-            free = std::max(free, light.sums[at(-k)]);
-            ++count;
-        }
-        if (count < kMinFree) return;
-        const auto is_partial = [&](int in) {
-            const std::size_t k = at(in);
-            return (light.mask[k] & kDark) == 0 && near_free.has(light.deflections[k]) &&
-                std::uint64_t{5} * light.sums[k] > free && std::uint64_t{5} * light.sums[k] < std::uint64_t{4} * free;
-        };
-        int before = 0, behind = 0;
-        while (before < outside && is_partial(-1 - before)) ++before;
-        while (behind < inside && is_partial(behind)) ++behind;
-        ++edges[static_cast<std::size_t>(std::min(before + behind, kWidest))];
-    };
     const auto median_of = [&](int lines, int length, auto&& index) {
-        edges.fill(0);
         const auto step = static_cast<std::ptrdiff_t>(index(0, 1) - index(0, 0));
-        for (int line = 0; line < lines; ++line) {
-            const auto is_part = [&](int k) { return (state_[index(line, k)] & kPart) != 0; };
-            int first = 0, last = length - 1;
-            while (first < length && !is_part(first)) ++first;
-            while (last > first && !is_part(last)) --last;
-            if (first >= last) continue;
-            take(index(line, first), step, first, last - first + 1);
-            take(index(line, last), -step, length - 1 - last, last - first + 1);
-        }
-        int all = 0, seen = 0, width = 0;
-        for (const int count : edges) all += count;
-        if (all < kMinBeside) return Median{};
-        while (2 * (seen += edges[static_cast<std::size_t>(width)]) < all) ++width;
-        return Median{all, width};
+        const auto for_each_line = [&](auto&& visit) {
+            for (int line = 0; line < lines; ++line) {
+                const auto is_part = [&](int k) { return (state_[index(line, k)] & kPart) != 0; };
+                int first = 0, last = length - 1;
+                while (first < length && !is_part(first)) ++first;
+                while (last > first && !is_part(last)) --last;
+                if (first >= last) continue;
+                const int inside = last - first + 1;
+                visit(LineOfPart{index(line, first), step, first, inside},
+                      LineOfPart{index(line, last), -step, length - 1 - last, inside});
+            }
+        };
+        const auto median = [&](double own_slope) {
+            std::array<int, kWidest + 1> edges{};  // of so many lenslets
+            int all = 0, seen = 0, width = 0;
+            for_each_line([&](const LineOfPart& near, const LineOfPart& far) {
+                for (const LineOfPart& line : {near, far}) {
+                    const int found = width_of_edge(light, line, own_slope);
+                    if (found < 0) continue;
+                    ++edges[static_cast<std::size_t>(found)];
+                    ++all;
+                }
+            });
+            if (all < kMinBeside) return Median{};
+            while (2 * (seen += edges[static_cast<std::size_t>(width)]) < all) ++width;
+            return Median{all, width};
+        };
+        const Median any = median(0);
+        return any.width <= kMaxEdgeWidth ? any : median(slope_inside(light, for_each_line));
     };
     const auto in_rows = [&] {
         return median_of(extents_.n, extents_.m, [&](int n, int m) { return extents_.index(m, n); });

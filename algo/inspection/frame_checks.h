@@ -28,7 +28,6 @@ constexpr double kMaxBorderCut = 0.5;     // outermost lenslets of the part over
                                           // of a plate those without others opposite them, over its width
 constexpr double kMinSharpOutline = 0.5;  // of the part's outline
 constexpr double kMinFreeBeside = 0.5;    // of a row or column beside the part
-constexpr int kMaxEdgeWidth = 2;          // lenslets that an edge in focus covers in part: two if it lies askew
 // Of the light may be lost to the dark level. Beyond it light that is even can vary by kJumpLight where it is spread
 // over more or fewer bins, and an outline is no longer known by its light.
 constexpr double kMaxLostLight = 1 - 1 / kJumpLight;

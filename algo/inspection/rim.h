@@ -24,6 +24,7 @@ constexpr double kFreeToleranceBins = 0.25;  // deflection of free light from th
 constexpr int kSmallestPart = 16;            // a part covers at least 1/kSmallestPart of the field
 constexpr double kJumpBins = 0.25;           // light jumps between two lenslets if its mean deflection changes by more
 constexpr double kJumpLight = 1.25;          // or its sum by more than this factor
+constexpr int kMaxEdgeWidth = 2;             // lenslets that an edge in focus covers in part: two if it lies askew
 constexpr int kMinBeside = 8;                // lenslets beside the part in a row or column that tell something
 constexpr double kShadedLight = 0.985;       // of the light outside an edge; glass reflects 0.04 at each face or more
 constexpr double kSmoothChange = 2;          // a shadow changes across an edge at most so much more than beside it
@@ -146,7 +147,22 @@ class RimFinder {
     [[nodiscard]] double point_symmetry();
     void check_outline_of_plate();
     [[nodiscard]] double cut_by_border() const;
-    [[nodiscard]] int edge_width(const FieldLight& light) const;
+    // A row or column from an end of the part inwards: its lenslets before the part, and of it.
+    struct LineOfPart {
+        std::size_t first = 0;
+        std::ptrdiff_t step = 0;  // inwards
+        int outside = 0, inside = 0;
+        [[nodiscard]] std::size_t at(int in) const { return first + static_cast<std::size_t>(step * in); }
+    };
+    struct Ramp {
+        int begin = 0, end = 0;  // lenslets into the part; negative: before it
+    };
+    [[nodiscard]] int edge_width(const FieldLight& light);
+    [[nodiscard]] int width_of_edge(const FieldLight& light, const LineOfPart& line, double own_slope) const;
+    [[nodiscard]] Ramp ramp_at_edge(const FieldLight& light, const LineOfPart& line, double own_slope) const;
+    template <class Lines>
+    [[nodiscard]] double slope_inside(const FieldLight& light, Lines&& for_each_line);
+    [[nodiscard]] double deflection_squared(const FieldLight& light, std::size_t k) const;  // from free light, raw
     [[nodiscard]] bool lacks_image();
     template <class Lenslet>
     [[nodiscard]] bool has_square(Lenslet&& of);
