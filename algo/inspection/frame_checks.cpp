@@ -345,13 +345,13 @@ FrameFault FrameChecks::check_plate(const FoundPart& part) const {
     return part.shaded < kMinShadedShare ? FrameFault::unproven : FrameFault::none;
 }
 
+bool FrameChecks::must_be_whole() const {
+    return (form_ == PartForm::plate || form_ == PartForm::tube) && part_required_ && !has_reference_ && symmetric_;
+}
+
 Reason FrameChecks::judge_good(const FoundPart& part) {
-    const bool checked =
-        (form_ == PartForm::plate || form_ == PartForm::tube) && part_required_ && !has_reference_ && symmetric_;
-    if (checked) {
-        if (part.cut > kMaxBorderCut) findings_.fault = FrameFault::cut_by_field;
-        else if (part.lacks_place) findings_.fault = FrameFault::lopsided;
-    }
+    if (must_be_whole() && part.cut > kMaxBorderCut) findings_.fault = FrameFault::cut_by_field;
+    else if (must_be_whole() && part.lacks_place) findings_.fault = FrameFault::lopsided;
     return reason_of(findings_.fault);
 }
 
@@ -419,6 +419,9 @@ Reason FrameChecks::judge(const FrameView& frame, const DecodedField& field, con
         const int half = std::max(extents_.width_px(), extents_.height_px()) / 2;
         if (std::abs(findings_.turned_rad) * static_cast<float>(half) > max_offset_bins_) fault = FrameFault::turned;
     }
+    // The edges of a plate that lies in a corner of the field may fill a block of lenslets.
+    if (fault == FrameFault::alternating && must_be_whole() && part.cut > kMaxBorderCut)
+        fault = FrameFault::cut_by_field;
     const FrameFault of_part = check_part(field, part);
     if (fault == FrameFault::none) fault = is_dim() && hides_part(of_part) ? FrameFault::dim : of_part;
     if (fault == FrameFault::none) fault = check_spread(frame, field, part);

@@ -25,6 +25,17 @@ std::string place_text(const algo::Defect& d, const algo::Recipe& recipe, const 
     return fmt::format("lenslet ({:.1f}, {:.1f})", d.m, d.n);
 }
 
+// A value on the wrong side of its limit, with as many digits as tell them apart.
+std::string beyond(double value, double limit, int digits = 0) {
+    constexpr int kMaxDigits = 4;
+    std::string text = fmt::format("{:.{}f}", value, digits);
+    while (digits < kMaxDigits && text == fmt::format("{:.{}f}", limit, digits))
+        text = fmt::format("{:.{}f}", value, ++digits);
+    return text;
+}
+
+std::string beyond_percent(float share, double limit) { return beyond(100 * static_cast<double>(share), 100 * limit); }
+
 std::string_view what_is(const algo::Defect& defect) {
     const algo::DefectKind kind = defect.kind;
     if (defect.weak && kind == algo::DefectKind::scattering) return "haze";
@@ -44,9 +55,9 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
     switch (f.fault) {
         case algo::FrameFault::pedestal:
             return fmt::format(
-                "the dark bins read {:.1f} DN (at most {:.0f}): keep stray light out, lower the sensor's black level, "
+                "the dark bins read {} DN (at most {:.0f}): keep stray light out, lower the sensor's black level, "
                 "or raise [light] max_dark_rise_dn",
-                f.pedestal_dn, f.dark_limit_dn);
+                beyond(static_cast<double>(f.pedestal_dn), static_cast<double>(f.dark_limit_dn), 1), f.dark_limit_dn);
         case algo::FrameFault::noise:
             return fmt::format(
                 "the frame is too noisy: the dark bins vary by {:.1f} DN about {:.1f} DN, and {:.0f} DN would have to "
@@ -58,9 +69,10 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
             const std::string_view where =
                 across ? (by > 0 ? "to the right of" : "to the left of") : (by > 0 ? "below" : "above");
             return fmt::format(
-                "the free light is {:.2f} bins {} the middle (at most {:.2g}): calibrate again, or check that nothing "
+                "the free light is {} bins {} the middle (at most {:.2g}): calibrate again, or check that nothing "
                 "moved",
-                std::abs(by), where, recipe.max_offset_bins);
+                beyond(static_cast<double>(std::abs(by)), static_cast<double>(recipe.max_offset_bins), 2), where,
+                recipe.max_offset_bins);
         }
         case algo::FrameFault::wide_spot:
             return fmt::format(
@@ -111,10 +123,10 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
                 f.edge_width, algo::kMaxEdgeWidth);
         default:
             return fmt::format(
-                "a row or column of lenslets shows free light in {:.0f} % of what lies beside the part (at least "
+                "a row or column of lenslets shows free light in {} % of what lies beside the part (at least "
                 "{:.0f} %): look for lost rows of the frame, something across the field, a part that reaches from "
                 "border to border, or bins that do not lie where the light does (calibrate again)",
-                100 * f.free_beside, 100 * algo::kMinFreeBeside);
+                beyond_percent(f.free_beside, algo::kMinFreeBeside), 100 * algo::kMinFreeBeside);
     }
 }
 
@@ -137,15 +149,15 @@ std::string missing_part(const algo::FrameFindings& f, algo::PartForm form, int 
         case algo::FrameFault::no_outline:
             if (form == algo::PartForm::tube)
                 return fmt::format(
-                    "the light jumps across {:.0f} % of the tube's edges only (at least {:.0f} %): its walls may "
+                    "the light jumps across {} % of the tube's edges only (at least {:.0f} %): its walls may "
                     "be too thin for these lenslets and bins, or the light uneven: learn a reference (hordctl "
                     "learn), use smaller lenslets, or check the lamp",
-                    100 * f.sharp_share, 100 * algo::kMinSharpOutline);
+                    beyond_percent(f.sharp_share, algo::kMinSharpOutline), 100 * algo::kMinSharpOutline);
             return fmt::format(
-                "the light jumps across {:.0f} % of the outline only (at least {:.0f} %), as beside an uneven lamp or "
+                "the light jumps across {} % of the outline only (at least {:.0f} %), as beside an uneven lamp or "
                 "edges narrower than a lenslet: check the lamp and the optics; of a part with such edges learn a "
                 "reference (hordctl learn), or use smaller lenslets",
-                100 * f.sharp_share, 100 * algo::kMinSharpOutline);
+                beyond_percent(f.sharp_share, algo::kMinSharpOutline), 100 * algo::kMinSharpOutline);
         case algo::FrameFault::several:
             if (form != algo::PartForm::round)
                 return fmt::format(
@@ -217,10 +229,10 @@ std::string missing_part(const algo::FrameFindings& f, algo::PartForm form, int 
                    "and whole; of one with a hole learn a reference (hordctl learn)";
         case algo::FrameFault::unproven:
             return fmt::format(
-                "{:.0f} % of the steps across the edges lead to less light (at least {:.0f} %), and hardly any light "
+                "{} % of the steps across the edges lead to less light (at least {:.0f} %), and hardly any light "
                 "between them is deflected, as if only hairs or a frame were there: check that the plate is there; of "
                 "one whose faces are coated learn a reference (hordctl learn)",
-                100 * f.shaded, 100 * algo::kMinShadedShare);
+                beyond_percent(f.shaded, algo::kMinShadedShare), 100 * algo::kMinShadedShare);
         default:
             return "no free light surrounds the part: show the whole part, calibrate again if free light does "
                    "surround it (the bins then do not lie where the light does), or set [part] form = \"web\" if it "
@@ -253,10 +265,11 @@ std::string why_unfit(const algo::Inspection& found, const algo::Recipe& recipe,
         case algo::Reason::too_dark:
             if (found.frame.fault == algo::FrameFault::dim)
                 return fmt::format(
-                    "the dark level, {} DN, takes {:.0f} % of the light (at most {:.0f} %), and no whole part is seen: "
+                    "the dark level, {} DN, takes {} % of the light (at most {:.0f} %), and no whole part is seen: "
                     "check that the light flashes while the sensor exposes, and raise its current, the exposure or the "
                     "gain",
-                    found.dark_dn, 100 * found.frame.lost_share, 100 * algo::kMaxLostLight);
+                    found.dark_dn, beyond_percent(found.frame.lost_share, algo::kMaxLostLight),
+                    100 * algo::kMaxLostLight);
             return fmt::format(
                 "{} have light enough (at least {:.2g} %): check that the light flashes while the sensor exposes, and "
                 "raise its current, the exposure or the gain",
@@ -305,15 +318,17 @@ bool is_along_tube(const algo::Inspection& found, const algo::Recipe& recipe, co
 
 // What the reason of a reject may be beside a defect, as a sentence of its own; "": nothing.
 std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
+    // In so little light a lenslet's own spot may be one sample.
+    const bool is_dim = static_cast<double>(found.frame.lost_share) > algo::kMaxLostLight;
     const algo::LoneSample& lone = found.lone_sample;
-    if (lone.dn > 0) {
+    if (lone.dn > 0 && !is_dim) {
         return fmt::format(
             " Sample ({}, {}) of the macro-pixels alone reads {} DN more than all around it: if it does in every "
             "frame, a pixel of the sensor is warm there; have the camera correct it, or cool the sensor.",
             lone.x, lone.y, lone.dn);
     }
     if (recipe.reference) return "";
-    if (static_cast<double>(found.frame.lost_share) > algo::kMaxLostLight)
+    if (is_dim)
         return fmt::format(
             " The dark level, {} DN, takes {:.0f} % of the light: raise the light's current, the exposure or the gain "
             "before the part is judged.",

@@ -279,6 +279,22 @@ TEST(FrameFaults, of_alternation_have_limits_and_are_switched_off_with_the_perio
     EXPECT_EQ(in_turn(0, 225, true), alternating);
 }
 
+// The edges of a plate in a corner of the field fill a block of lenslets: that it is cut says more.
+TEST(FrameFaults, of_alternation_on_a_plate_that_the_field_cuts_are_that_cut) {
+    const auto cut = [](PartForm form, double by, bool symmetric) {
+        return with([=](Case& c) {
+            c.recipe.form = form;
+            c.recipe.symmetric_outline = symmetric;
+            c.part.cut = by;
+            for (std::size_t k = 1; k < c.sums.size(); k += 2) c.sums[k] += 300;
+        });
+    };
+    EXPECT_EQ(cut(PartForm::plate, 0.6, true), cut_by_field);
+    EXPECT_EQ(cut(PartForm::plate, 0.5, true), alternating);
+    EXPECT_EQ(cut(PartForm::plate, 0.6, false), alternating);
+    EXPECT_EQ(cut(PartForm::round, 0.6, true), alternating);
+}
+
 // The light of fewer than eight lenslets tells nothing but the dark level.
 TEST(FrameFaults, of_the_light_need_eight_lenslets_of_free_light) {
     const auto free_lenslets = [](int count, const Frame& frame) {

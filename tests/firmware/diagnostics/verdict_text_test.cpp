@@ -153,6 +153,25 @@ TEST(VerdictText, of_a_lone_sample_says_that_the_pixel_may_be_warm) {
         ::testing::EndsWith(" 2.5 times its limit. Sample (230, 47) of the macro-pixels alone reads 117 DN more "
                             "than all around it: if it does in every frame, a pixel of the sensor is warm "
                             "there; have the camera correct it, or cool the sensor."));
+    // In little light a lenslet's own spot may be one sample.
+    found.frame.lost_share = 0.26F;
+    EXPECT_THAT(explain(found, recipe(false), kField), ::testing::Not(::testing::HasSubstr("warm")));
+    EXPECT_THAT(explain(found, recipe(false), kField), ::testing::HasSubstr("takes 26 % of the light: raise"));
+}
+
+TEST(VerdictText, tells_a_value_with_digits_enough_to_see_that_it_is_beyond_its_limit) {
+    const algo::Recipe recipe;
+    const auto share_of = [&](float lost) {
+        const std::string text =
+            explain(unfit(Reason::too_dark, {.fault = FrameFault::dim, .lost_share = lost}), recipe, kField);
+        return text.substr(0, text.find(" of the light"));
+    };
+    EXPECT_THAT(share_of(0.31F), ::testing::EndsWith("takes 31 %"));
+    EXPECT_THAT(share_of(0.203F), ::testing::EndsWith("takes 20.3 %"));
+    EXPECT_THAT(share_of(0.2004F), ::testing::EndsWith("takes 20.04 %"));
+    EXPECT_THAT(
+        explain(unfit(Reason::no_part, {.fault = FrameFault::no_outline, .sharp_share = 0.497F}), recipe, kField),
+        ::testing::HasSubstr("across 49.7 % of the outline only (at least 50 %)"));
 }
 
 TEST(VerdictText, of_two_lines_of_one_length_names_the_form_of_a_tube) {
