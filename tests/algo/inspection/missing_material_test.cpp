@@ -6,6 +6,7 @@
 #include <functional>
 #include <optional>
 #include <random>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -72,6 +73,28 @@ TEST(MissingMaterial, is_a_single_lenslet_of_a_dark_part) {
     EXPECT_EQ(found->n, 40);
     EXPECT_EQ(found->area, 1U);
     EXPECT_GT(found->score, 1);
+}
+
+// Of little light in whole numbers: a difference of two lenslets is 0, 1, 2, ... of 268.
+TEST(MissingMaterial, is_no_lenslet_within_five_deviations_of_little_light) {
+    constexpr int kLittle = 268;
+    constexpr double kDeviation = 2.8;  // of one lenslet
+    for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+        std::mt19937_64 random(seed);
+        std::normal_distribution<double> noise(0, kDeviation);
+        Field f = field([](int, int) { return 1; });
+        for (std::uint32_t& sum : f.sums) sum = static_cast<std::uint32_t>(std::lround(kLittle + noise(random)));
+        const auto set = [&](double sum) {
+            for (const auto& [m, n] : {std::pair(18, 30), std::pair(22, 30), std::pair(20, 28), std::pair(20, 32)})
+                f.sums[kField.index(m, n)] = kLittle;
+            f.sums[kField.index(20, 30)] = static_cast<std::uint32_t>(std::lround(sum));
+        };
+        const double five = 5 * std::sqrt(2.0) * kDeviation;
+        set(kLittle + 0.9 * five);
+        EXPECT_FALSE(found_in(f)) << seed;
+        set(kLittle + 1.6 * five);
+        EXPECT_TRUE(found_in(f)) << seed;
+    }
 }
 
 TEST(MissingMaterial, is_a_notch_that_is_open_at_one_side) {
