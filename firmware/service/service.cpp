@@ -210,22 +210,29 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
     identity_ = identity_of(config_, simulation);
     // A message that nobody reads, or a signal sent by mistake, must not end a station: its line would run on.
     for (const int signal : {SIGPIPE, SIGUSR1, SIGUSR2, SIGALRM}) std::signal(signal, SIG_IGN);
-    if (auto done = loop_->stop_on_signals({SIGINT, SIGTERM, SIGQUIT}); !done) return done;
+    // A simulated cell renders for seconds. A signal ends the process meanwhile: nothing runs yet.
+    const bool renders = std::holds_alternative<SimulatedSensor>(config_.sensor),
+               closes_ports = renders && sockets_.modbus < 0 && sockets_.modbus_read_only < 0;
+    const auto stop_on_signals = [&] { return loop_->stop_on_signals({SIGINT, SIGTERM, SIGQUIT}); };
+    if (!renders) {
+        if (auto done = stop_on_signals(); !done) return done;
+    }
     if (!watchers_.reload) {
         if (auto done = loop_->stop_on_signals({SIGHUP}); !done) return done;  // its terminal was closed
     } else {
         if (auto done = loop_->on_signal(SIGHUP, [this] { watchers_.reload(); }); !done) return done;
     }
-    // The ports come before the devices: a quick check. A simulated cell renders for seconds and nobody answers
-    // meanwhile: its own ports are closed until it is ready.
+    // The ports come before the devices: a quick check. While a simulated cell renders nobody answers: its own ports
+    // are closed until it is ready.
     prepare_registers();
     if (auto done = open_servers(); !done) return done;
-    const bool renders =
-        std::holds_alternative<SimulatedSensor>(config_.sensor) && sockets_.modbus < 0 && sockets_.modbus_read_only < 0;
-    if (renders) close_servers();
+    if (closes_ports) close_servers();
 
     if (auto done = assign(backends_, Backends::open(*loop_, config_, simulation)); !done) return done;
     if (renders) {
+        if (auto done = stop_on_signals(); !done) return done;
+    }
+    if (closes_ports) {
         if (auto done = open_servers(); !done) return done;
     }
     backends_->watch_line(watchers_.fate, watchers_.line_over);

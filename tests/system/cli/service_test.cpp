@@ -383,6 +383,13 @@ TEST_F(Service, proves_an_empty_line_at_an_orderly_end_and_at_no_other) {
     }
 }
 
+TEST(Run, is_ended_by_a_signal_while_it_renders) {
+    Running line("hordctl", {"run", "--simulate", "--parts", "5", "--seed", "41", "--modbus", "127.0.0.1:0"});
+    ASSERT_TRUE(line.says("seed 41"));
+    const Said said = line.stop(SIGTERM);
+    EXPECT_EQ(said.status, 128 + SIGTERM) << said.err;
+}
+
 TEST_F(Service, a_second_station_on_the_same_state_folder_is_refused_before_it_writes) {
     write_config("[station]\nautostart = false\n");
     const auto state = folder.path() / "state";
