@@ -38,6 +38,17 @@ bool has_line(std::string_view text, std::string_view start) {
     return false;
 }
 
+// Empty for what is no regular file: a pipe could block.
+std::string head_of(const std::filesystem::path& file) {
+    std::error_code error;
+    if (!std::filesystem::is_regular_file(file, error)) return {};
+    std::ifstream in(file, std::ios::binary);
+    std::string head(kHeadBytes, '\0');
+    in.read(head.data(), static_cast<std::streamsize>(head.size()));
+    head.resize(static_cast<std::size_t>(in.gcount()));
+    return head;
+}
+
 }  // namespace
 
 FileKind kind_of(std::string_view bytes) {
@@ -68,13 +79,14 @@ Result<void> require_kind(std::string_view bytes, std::string_view name, FileKin
 }
 
 Result<void> require_kind(const std::filesystem::path& file, FileKind wanted) {
-    std::error_code error;
-    if (!std::filesystem::is_regular_file(file, error)) return {};  // a pipe could block
-    std::ifstream in(file, std::ios::binary);
-    std::string head(kHeadBytes, '\0');
-    in.read(head.data(), static_cast<std::streamsize>(head.size()));
-    head.resize(static_cast<std::size_t>(in.gcount()));
-    return require_kind(head, file.string(), wanted);
+    return require_kind(head_of(file), file.string(), wanted);
+}
+
+Result<void> refuse_hand_written(const std::filesystem::path& file) {
+    const FileKind kind = kind_of(head_of(file));
+    if (kind < FileKind::recipe) return {};
+    return fail(ErrorCode::refused, file.string() + " is " + text_of(kind).name + ": it is not overwritten",
+                "give another name, or remove it first");
 }
 
 }  // namespace hord::common

@@ -12,9 +12,9 @@ namespace hord::common {
 enum class FileKind : std::uint8_t {
     unknown,
     image,
-    reference,    // hordctl learn
-    calibration,  // hordctl calibrate
-    recipe,
+    reference,      // hordctl learn
+    calibration,    // hordctl calibrate
+    recipe,         // from here on: what people write
     configuration,  // hordd.toml
     page,           // page.toml
     mqtt,           // mqtt.toml
@@ -31,5 +31,8 @@ FileKind kind_of(std::string_view bytes);
 Result<void> require_kind(const std::filesystem::path& file, FileKind wanted);
 // The same for a file's bytes.
 Result<void> require_kind(std::string_view bytes, std::string_view name, FileKind wanted);
+
+// Fails with refused if the file, which is to be written, holds what people write: recipe, configuration, scene, list.
+Result<void> refuse_hand_written(const std::filesystem::path& file);
 
 }  // namespace hord::common

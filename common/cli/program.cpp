@@ -20,6 +20,7 @@
 
 #include "common/cli/help_text.h"
 #include "common/cli/message.h"
+#include "common/file_kind.h"
 #include "common/nearest_name.h"
 
 namespace hord {
@@ -80,6 +81,8 @@ Result<void> check_overwrites(const std::vector<OutputFile>& outputs, const std:
             return fail(ErrorCode::refused,
                         option + " " + file + " is one of the files that are read: it is not overwritten",
                         "give another " + option);
+        if (auto fine = common::refuse_hand_written(file); !fine)
+            return fail(fine.error().code, option + " " + fine.error().what, fine.error().cure);
         std::error_code error;
         if (!one && std::filesystem::exists(file, error)) continue;  // a device
         const auto [place, fresh] = places.emplace(std::filesystem::weakly_canonical(file, error), option);

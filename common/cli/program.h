@@ -36,8 +36,9 @@ struct OutputFile {
 // (this user may not write there): for commands that work long before they write.
 Result<void> check_outputs(const std::vector<OutputFile>& outputs, const std::vector<std::string>& inputs);
 
-// Fails with refused if an output is one of the files that the command reads (also by another name or a link), or if
-// two outputs are one file. Devices and pipes are no such files. Inputs that are "" or do not exist are ignored.
+// Fails with refused if an output is one of the files that the command reads (also by another name or a link), if it is
+// there already and holds what people write (file_kind.h), or if two outputs are one file. Devices and pipes are no
+// such files. Inputs that are "" or do not exist are ignored.
 Result<void> check_overwrites(const std::vector<OutputFile>& outputs, const std::vector<std::string>& inputs);
 
 // Fails with invalid_argument if the output's extension is none of `extensions` (".png"). None at all is allowed.

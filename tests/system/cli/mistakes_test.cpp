@@ -189,6 +189,32 @@ TEST(Mistakes, an_output_overwrites_no_input_and_no_other_output) {
         EXPECT_EQ(std::filesystem::file_size(folder / name), 4U) << name;
 }
 
+TEST(Mistakes, an_output_overwrites_nothing_that_people_write) {
+    const TemporaryFolder folder;
+    const std::filesystem::path deploy = std::filesystem::path(HORD_SOURCE_DIR) / "deploy";
+    const std::string frame = folder / "a.png", station = folder / "station.toml", recipe = folder / "lens.toml";
+    std::ofstream(frame) << "no image";
+    std::filesystem::copy(deploy / "hordd.toml", station);
+    std::filesystem::copy(deploy / "recipes/default.toml", recipe);
+    const auto before = std::filesystem::file_size(station);
+    const std::vector<std::vector<std::string>> commands{
+        {"hordctl", "learn", frame, "--out", station},
+        {"hordctl", "replay", frame, "--out", station},
+        {"hordctl", "merge", folder / "1.jsonl", "--out", station},
+        {"hordctl", "calibrate", frame, "--out", station},
+        {"hordctl", "calibrate", frame, "--out", folder / "g.toml", "--centres", station},
+        {"hordctl", "run", "--simulate", "--parts", "1", "--vitals", station},
+        {"hord-lab", "render", folder / "s.toml", "--out", folder / "x.png", "--truth", station}};
+    for (const auto& command : commands) {
+        const Said said = run(command[0], {command.begin() + 1, command.end()});
+        EXPECT_EQ(said.status, 2) << command[1];
+        EXPECT_THAT(said.err, HasSubstr("station.toml is a station's configuration: it is not overwritten"))
+            << command[1];
+    }
+    EXPECT_THAT(run("hordctl", {"learn", frame, "--out", recipe}).err, HasSubstr("lens.toml is a recipe"));
+    EXPECT_EQ(std::filesystem::file_size(station), before);
+}
+
 TEST(Mistakes, a_file_of_another_kind_is_called_what_it_is) {
     const std::filesystem::path deploy = std::filesystem::path(HORD_SOURCE_DIR) / "deploy";
     const std::string station = deploy / "hordd.toml", page = deploy / "page.toml", mqtt = deploy / "mqtt.toml",
