@@ -21,6 +21,23 @@ constexpr Duration kBeltStops = milliseconds(200);  // from the end of the run p
 constexpr const char* kRecipeInUse = "recipe-in-use.toml";
 constexpr const char* kCalibrationInUse = "calibration-in-use.toml";
 
+constexpr std::initializer_list<int> kEndSignals = {SIGINT, SIGTERM, SIGQUIT};
+
+// The event loop takes these signals when it runs, and every thread has them blocked. One that waits meanwhile ends the
+// process as it would without a loop: call it where nothing runs yet.
+void end_by_waiting_signal() {
+    sigset_t waiting;
+    ::sigpending(&waiting);
+    for (const int signal : kEndSignals) {
+        if (::sigismember(&waiting, signal) != 1) continue;
+        sigset_t one;
+        ::sigemptyset(&one);
+        ::sigaddset(&one, signal);
+        std::signal(signal, SIG_DFL);
+        ::pthread_sigmask(SIG_UNBLOCK, &one, nullptr);
+    }
+}
+
 StationIdentity identity_of(const Config& config, const SimulationOptions& simulation) {
     StationIdentity identity;
     identity.firmware = HORD_VERSION;
@@ -210,13 +227,7 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
     identity_ = identity_of(config_, simulation);
     // A message that nobody reads, or a signal sent by mistake, must not end a station: its line would run on.
     for (const int signal : {SIGPIPE, SIGUSR1, SIGUSR2, SIGALRM}) std::signal(signal, SIG_IGN);
-    // A simulated cell renders for seconds. A signal ends the process meanwhile: nothing runs yet.
-    const bool renders = std::holds_alternative<SimulatedSensor>(config_.sensor),
-               closes_ports = renders && sockets_.modbus < 0 && sockets_.modbus_read_only < 0;
-    const auto stop_on_signals = [&] { return loop_->stop_on_signals({SIGINT, SIGTERM, SIGQUIT}); };
-    if (!renders) {
-        if (auto done = stop_on_signals(); !done) return done;
-    }
+    if (auto done = loop_->stop_on_signals(kEndSignals); !done) return done;
     if (!watchers_.reload) {
         if (auto done = loop_->stop_on_signals({SIGHUP}); !done) return done;  // its terminal was closed
     } else {
@@ -226,13 +237,17 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
     // are closed until it is ready.
     prepare_registers();
     if (auto done = open_servers(); !done) return done;
-    if (closes_ports) close_servers();
+    const bool renders =
+        std::holds_alternative<SimulatedSensor>(config_.sensor) && sockets_.modbus < 0 && sockets_.modbus_read_only < 0;
+    if (renders) close_servers();
 
-    if (auto done = assign(backends_, Backends::open(*loop_, config_, simulation)); !done) return done;
+    SimulationOptions watched = simulation;
+    watched.progress = [show = simulation.progress](double done) {
+        end_by_waiting_signal();
+        if (show) show(done);
+    };
+    if (auto done = assign(backends_, Backends::open(*loop_, config_, watched)); !done) return done;
     if (renders) {
-        if (auto done = stop_on_signals(); !done) return done;
-    }
-    if (closes_ports) {
         if (auto done = open_servers(); !done) return done;
     }
     backends_->watch_line(watchers_.fate, watchers_.line_over);
