@@ -16,7 +16,7 @@ constexpr int kSmallestField = 11;  // blocks
 constexpr std::size_t kMaxSamples = 2048, kMinSamples = 32;
 constexpr float kSigmasOfQuartile = 1 / 0.3186F;  // of a normal distribution, by the lower quartile of absolute values
 constexpr float kErrorOfQuartile = 1.79F;         // standard error, relative, of one sample; of n: over sqrt(n)
-constexpr float kGoldenShare = 0.618034F;
+constexpr float kNextShare = 0.618034F;  // (sqrt(5) - 1) / 2: its multiples, less whole ones, are spread evenly
 constexpr float kSurely = 3;             // standard errors that the noise is taken to be larger than it seems
 constexpr int kSharpOf = 4, kSharp = 3;  // of the outline of a region leads down: 3/4
 constexpr float kGoesOnOf = 4;           // at most 1/4 of the change across the outline goes on beyond
@@ -379,13 +379,13 @@ void MissingMaterialFinder::sum_squares(const Level& level) {
 }
 
 // Standard deviation of the relative difference of two squares, of up to kMaxSamples in places all over the part; by
-// the lower quartile, so that pairs across the outline of what is missing hardly add to it. Sums of light are whole
-// numbers: of differences of a few the quartile would be a step too small or too large, so that each gets its share of
-// a step (dither). None if there are too few.
+// the lower quartile, so that pairs across the outline of what is missing hardly add to it. None if there are too few.
+// Sums of light are whole numbers. Where they are small, most differences are 0, 1 or 2, and so is their quartile.
+// Therefore a part of 1, from -1/2 to 1/2, is added to each, every time another (dither).
 std::optional<float> MissingMaterialFinder::noise(const Squares& squares) {
     const Level& level = *squares.level;
     const std::vector<float>& count = squares.half > 0 ? count_ : level.count;
-    float share = 0;  // of a step, in [0, 1): spread evenly by the golden ratio
+    float share = 0;  // in [0, 1)
     samples_.clear();
     const auto blocks = static_cast<std::size_t>(level.m) * static_cast<std::size_t>(level.n);
     const auto shift = static_cast<std::size_t>(squares.distance()), below = shift * level.stride;
@@ -396,7 +396,7 @@ std::optional<float> MissingMaterialFinder::noise(const Squares& squares) {
         if (mean_[at] <= 0) continue;
         for (const std::size_t other : {at + shift, at + below}) {
             if (mean_[other] <= 0) continue;
-            share += share < 1 - kGoldenShare ? kGoldenShare : kGoldenShare - 1;
+            share += share < 1 - kNextShare ? kNextShare : kNextShare - 1;
             samples_.push_back(std::abs((mean_[at] + (share - 0.5F) / count[at]) / mean_[other] - 1));
         }
     }

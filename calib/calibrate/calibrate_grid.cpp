@@ -250,6 +250,7 @@ void place_and_count(const LocalFinders& finders, double pitch, GridCalibration&
         grid, out.observations,
         [&](int m, int n) { return finder_for(finders, grid, pitch, m, n).complete(grid.centre_px(m, n)); },
         [&](PixelPoint at) { return finder.amplitude_dn(at); }, finder.typical_amplitude_dn());
+    const double shift_px = kMinByBlemish * pitch, least_unlike = shift_px * shift_px * finder.unlike_by_shift_px2();
     // At the edge of the light, lenslets differ in shape without dust on them.
     mark_blemished(
         out.observations,
@@ -257,7 +258,7 @@ void place_and_count(const LocalFinders& finders, double pitch, GridCalibration&
             if (whole[grid.index(seen.m, seen.n)] == 0) return std::nullopt;
             return finder_for(finders, grid, pitch, seen.m, seen.n).unlike(seen.centre_px);
         },
-        kMinByBlemish* kMinByBlemish* pitch* pitch* finder.unlike_by_shift_px2(), out.fit);
+        least_unlike, out.fit);
     out.blemished = static_cast<int>(std::ranges::count_if(out.observations, &Observation::blemished));
     place_displaced(out.observations, whole, out.fit);
     out.whole = static_cast<int>(std::count(whole.begin(), whole.end(), 1));

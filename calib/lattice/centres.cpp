@@ -21,8 +21,8 @@ constexpr double kSettled = 0.001;                    // px
 constexpr double kInside = 0.7, kSmallestInside = 2;  // of the half height, and px: the inside of a lenslet
 
 constexpr double kSlopeStep = 2 * kTableStep;
-// Of two shapes of light: 1 if they have nothing in common. Spots have 0.06 at the most, lenslets with an edge 0.8,
-// small ones that are exposed twice less. more.
+// How different two changes of shape are: 0 if they are alike, 1 if they have nothing in common. Of spots it is 0.06 at
+// most, of lenslets with an edge up to 0.8.
 constexpr double kMinApart = 0.15;
 
 // Response of one window to the kernels of one phase (see CentreFinder::Kernels::bank).
