@@ -47,7 +47,7 @@ struct ListenSockets {
 class Service final : public StationObserver, public InspectionObserver {
   public:
     // Opens devices and ports; nothing runs yet. Fails as the devices and servers do, and with busy, before anything is
-    // written, if another station uses the state folder. The destructor halts: lights off,
+    // written, if another station uses the folder of state or results. The destructor halts: lights off,
     // outputs safe.
     static Result<std::unique_ptr<Service>> open(const Config& config, const SimulationOptions& simulation,
                                                  ServiceWatchers watchers, const ListenSockets& sockets = {});
@@ -92,6 +92,7 @@ class Service final : public StationObserver, public InspectionObserver {
 
     // service.cpp
     Result<void> open_all(const SimulationOptions& simulation);
+    Result<void> lock_folders();
     void prepare_registers();
     Result<void> open_servers();
     void close_servers();
@@ -121,7 +122,7 @@ class Service final : public StationObserver, public InspectionObserver {
 
     // Destroyed in reverse order: servers first, then the station (halts), the devices, the loop.
     Config config_;
-    StateLock state_lock_;  // of the state folder
+    StateLock state_lock_, store_lock_;  // of their folders
     ListenSockets sockets_;
     ServiceWatchers watchers_;
     std::unique_ptr<SdEventLoop> loop_;

@@ -27,7 +27,7 @@ void write_owner(int file) {
 
 }  // namespace
 
-Result<StateLock> StateLock::take(const std::filesystem::path& folder) {
+Result<StateLock> StateLock::take(const std::filesystem::path& folder, const std::string& what) {
     StateLock lock;
     const std::filesystem::path file = folder / "station.lock";
     lock.file_.reset(::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644));
@@ -38,7 +38,7 @@ Result<StateLock> StateLock::take(const std::filesystem::path& folder) {
         return lock;
     }
     if (errno == EWOULDBLOCK) {
-        return fail(ErrorCode::busy, "state folder " + folder.string() + " is in use by " + owner_of(file),
+        return fail(ErrorCode::busy, what + " " + folder.string() + " is in use by " + owner_of(file),
                     "stop it or name another folder");
     }
     lock.file_.reset();  // a file system without locks

@@ -1,10 +1,11 @@
-// Lock of a state folder: one station at a time writes there.
+// Lock of a folder of state or results: one station at a time writes there.
 //
 // The kernel holds the lock (flock) on the file `station.lock` and ends it with the process, also when that is killed.
 // The file stays; it names the last owner.
 #pragma once
 
 #include <filesystem>
+#include <string>
 
 #include "common/result.h"
 #include "common/unique_fd.h"
@@ -14,8 +15,10 @@ namespace hord::firmware {
 class StateLock {
   public:
     // Fails with busy if another station holds the lock. Nothing is held, without an error, of a folder whose file
-    // cannot be opened (missing, read-only, full): its other files tell that, and the station goes on.
-    [[nodiscard]] static Result<StateLock> take(const std::filesystem::path& folder);
+    // cannot be opened (missing, read-only, full): its other files tell that, and the station goes on. `what` is the
+    // error's name of the folder.
+    [[nodiscard]] static Result<StateLock> take(const std::filesystem::path& folder,
+                                                const std::string& what = "state folder");
 
     [[nodiscard]] bool held() const { return static_cast<bool>(file_); }
 

@@ -409,6 +409,27 @@ TEST_F(Service, a_second_station_on_the_same_state_folder_is_refused_before_it_w
     EXPECT_FALSE(std::filesystem::exists(state / "line-empty")) << "a false proof";
 }
 
+// The first is killed: a crash must not leave the folder locked.
+TEST_F(Service, a_second_station_on_the_same_store_is_refused_until_the_first_has_ended) {
+    const auto store = folder.path() / "store";
+    write_config("[station]\nautostart = false\n[store]\nfolder = \"" + store.string() + "\"\n");
+    Running first("/usr/bin/env", under({}));
+    ASSERT_TRUE(first.says("Preoperational to Initialized", kPatience)) << first.so_far().err;
+    const std::string why = "the store's folder " + store.string() + " is in use by process ";
+    const Said second = run("/usr/bin/env", under({}));
+    EXPECT_EQ(second.status, 2);
+    EXPECT_THAT(second.err, HasSubstr(why));
+    const Said simulated =
+        run("hordctl", {"run", "--simulate", "--parts", "1", "--modbus", "127.0.0.1:0", "--store", store});
+    EXPECT_EQ(simulated.status, 2);
+    EXPECT_THAT(simulated.err, HasSubstr(store.string() + " is written by another program"));
+    EXPECT_EQ(run("hordctl", {"results", "--store", store}).status, 0) << "readers go on";
+    EXPECT_EQ(run("hordctl", {"results", "verify", "--store", store}).status, 0);
+    first.stop(SIGKILL);
+    Running again("/usr/bin/env", under({}));
+    EXPECT_TRUE(again.says("Preoperational to Initialized", kPatience)) << again.so_far().err;
+}
+
 TEST_F(Service, that_could_not_store_its_results_ends_with_a_status_of_its_own) {
     write_config();
     const auto state = folder.path() / "state";
