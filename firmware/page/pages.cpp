@@ -463,16 +463,16 @@ Reply Pages::execute(const Request& request) {
     if (deps_.log)
         deps_.log(fmt::format("{} for {} from {}: {}", name_of(*command), *who, request.peer,
                               completed  ? "done"
-                                  : done ? done->error_name
+                                  : done ? done->why()
                                          : done.error().message()));
     if (!done)
         return refusal(done.error().code == ErrorCode::refused ? 403 : 503, done.error().what, done.error().cure);
     if (!completed)
-        return {.status = 409,
-                .body = to_text(
-                    {{"error", "the station refuses " + std::string(name_of(*command)) + ": " + done->error_name},
-                     {"reason", done->error_name},
-                     {"cure", done->cure(page_offers)}})};
+        return {
+            .status = 409,
+            .body = to_text({{"error", "the station refuses " + std::string(name_of(*command)) + ": " + done->why()},
+                             {"reason", done->error_name},
+                             {"cure", done->cure(page_offers)}})};
     return json(Json{{"done", name_of(*command)}, {"result", done->result}});
 }
 

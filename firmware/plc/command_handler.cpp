@@ -1,10 +1,12 @@
 #include "firmware/plc/command_handler.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <utility>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "common/utf8.h"
 #include "firmware/core/faults.h"
@@ -55,16 +57,37 @@ std::uint16_t scaled(double value, double scale) {
 
 // Shown as the limit of a feature that the recipe does not judge. A recipe with another value there is refused.
 constexpr std::uint16_t kNotJudged = 0xFFFF;
+constexpr std::uint16_t kMaxRecipeNumber = 0xFFFE;
 
 // Takes the staged limit only if it was changed: an unchanged one keeps the digits that registers cannot show.
 void set_if_changed(float& limit, std::uint16_t staged, std::uint16_t was, double scale) {
     if (staged != was) limit = static_cast<float>(staged / scale);
 }
 
-// As much of a text as REPLY holds; what is left out is in the journal.
+// As much of a text as REPLY holds, in one line; what is left out is in the journal.
 RemarkText remark_of(std::string text) {
+    std::ranges::replace(text, '\n', ' ');
     if (text.size() > kRemarkChars) text.replace(common::utf8_prefix(text, kRemarkChars - 3).size(), text.npos, "...");
     return RemarkText(text);
+}
+
+// "8203 staged_emd_limit: limits.emd_bins: 60 is out of range: use 0.001 to 30", for each staged register that alone
+// makes the recipe unusable; empty: none does.
+std::string bad_registers(const NumberedRecipe& in_use, const StagedRecipe& staged) {
+    const auto was = std::bit_cast<StagedWords>(staged_from(in_use)), now = std::bit_cast<StagedWords>(staged);
+    std::vector<std::string> found;
+    for (std::size_t k = 0; k < now.size(); ++k) {
+        StagedWords alone = was;
+        alone[k] = now[k];
+        const NumberedRecipe recipe = with_staged(in_use, std::bit_cast<StagedRecipe>(alone));
+        const auto checked = parse_numbered_recipe(format_recipe(recipe), "recipe");
+        if (checked) continue;
+        const Register& row = find_block(BlockId::recipe)->registers[k];
+        const std::string why = checked.error().message();  // "recipe:15: limits.emd_bins: 60 is ..."
+        found.push_back(
+            fmt::format("{} {}{}", row.address, row.name, why.substr(std::min(why.find(": "), why.size()))));
+    }
+    return fmt::format("{}", fmt::join(found, "; "));
 }
 
 }  // namespace
@@ -124,8 +147,7 @@ CommandOutcome CommandHandler::carry_out(const RequestOrigin& who, const Command
         return outcome_of(answer);
     }
     switch (command) {
-        case Command::commit_recipe:
-            return outcome_of_use(use(who, with_staged(recipe_, dependencies_->plc_interface.view().staged)));
+        case Command::commit_recipe: return commit_recipe(who, dependencies_->plc_interface.view().staged);
         case Command::use_recipe: return use_recipe(who, request);
         case Command::self_test: return self_test(who, request);
         case Command::teach: return teach(who, request);
@@ -140,6 +162,14 @@ void CommandHandler::record(const RequestOrigin& who, const CommandRequest& requ
     if (outcome.error != CommandError::none) after += " " + name_or_number(outcome.error);
     dependencies_->recorder->on_change({Change::What::command, who, name_or_number(static_cast<Command>(request.code)),
                                         std::string(name_of(before)), after});
+}
+
+// The journal has the whole text, REPLY as much of it as it holds.
+CommandOutcome CommandHandler::refuse(CommandError error, const Error& why) const {
+    report(why);
+    CommandOutcome outcome = failed(error);
+    outcome.remarks = remark_of(why.message());
+    return outcome;
 }
 
 void CommandHandler::report(const Error& error) const {
@@ -185,21 +215,32 @@ Result<void> CommandHandler::switch_to(const RequestOrigin& who, NumberedRecipe 
 
 CommandOutcome CommandHandler::outcome_of_use(const Result<void>& result) {
     if (result) return done(crc32_of(recipe_));
-    report(result.error());
-    return failed(result.error().code == ErrorCode::refused ? CommandError::not_in_this_state
-                                                            : CommandError::bad_argument);
+    return refuse(
+        result.error().code == ErrorCode::refused ? CommandError::not_in_this_state : CommandError::bad_argument,
+        result.error());
+}
+
+CommandOutcome CommandHandler::commit_recipe(const RequestOrigin& who, const StagedRecipe& staged) {
+    const auto used = use(who, with_staged(recipe_, staged));
+    if (!used && used.error().code != ErrorCode::refused) {
+        const std::string bad = bad_registers(recipe_, staged);
+        if (!bad.empty()) return refuse(CommandError::bad_argument, {used.error().code, bad, ""});
+    }
+    return outcome_of_use(used);
 }
 
 CommandOutcome CommandHandler::use_recipe(const RequestOrigin& who, const CommandRequest& request) {
     if (!is_possible(dependencies_->station.core().state(), Command::use_recipe))
         return failed(CommandError::not_in_this_state);
-    if (request.argument > 0xFFFE) return failed(CommandError::bad_argument);
+    if (request.argument > kMaxRecipeNumber) {
+        return refuse(
+            CommandError::bad_argument,
+            {ErrorCode::invalid_argument, fmt::format("argument (8006): no recipe has number {}", request.argument),
+             fmt::format("use 0 to {}", kMaxRecipeNumber)});
+    }
     if (!dependencies_->recipe) return failed(CommandError::no_such_recipe);
     auto recipe = dependencies_->recipe(static_cast<std::uint16_t>(request.argument));
-    if (!recipe) {
-        report(recipe.error());
-        return failed(CommandError::no_such_recipe);
-    }
+    if (!recipe) return refuse(CommandError::no_such_recipe, recipe.error());
     if (request.argument2 != 0 && request.argument2 != crc32_of(*recipe))
         return failed(CommandError::wrong_checksum, crc32_of(*recipe));
     return outcome_of_use(use(who, std::move(*recipe)));
@@ -228,10 +269,13 @@ CommandOutcome CommandHandler::self_test(const RequestOrigin& who, const Command
         if (flash.frame && !flash.judged) faults |= kFaultInspector;
         if (flash.reason == algo::Reason::too_dark || flash.reason == algo::Reason::saturated)
             faults |= kFaultLightLevel;
-        const CommandOutcome outcome = faults == 0 ? done() : failed(CommandError::failed, faults);
-        if (faults != 0)
-            report({ErrorCode::internal, "the self-test found: " + names_of_faults(faults),
-                    "see the cure of each fault: hordctl status"});
+        CommandOutcome outcome = done();
+        if (faults != 0) {
+            outcome = refuse(CommandError::failed,
+                             {ErrorCode::internal, "the self-test found: " + names_of_faults(faults),
+                              "see the cure of each fault: hordctl status"});
+            outcome.result = faults;
+        }
         dependencies_->plc_interface.finish(request, outcome);
         record(who, request, state, outcome);
     });
@@ -245,7 +289,11 @@ CommandOutcome CommandHandler::teach(const RequestOrigin& who, const CommandRequ
     const State state = dependencies_->station.core().state();
     if (!is_possible(state, Command::teach)) return failed(CommandError::not_in_this_state);
     const std::uint32_t parts = request.argument == 0 ? TeachIn::kUsualParts : request.argument;
-    if (parts < TeachIn::kMinParts || parts > TeachIn::kMaxParts) return failed(CommandError::bad_argument);
+    if (parts < TeachIn::kMinParts || parts > TeachIn::kMaxParts) {
+        return refuse(CommandError::bad_argument,
+                      {ErrorCode::invalid_argument, fmt::format("argument (8006): {} parts is out of range", parts),
+                       fmt::format("use {} to {}", TeachIn::kMinParts, TeachIn::kMaxParts)});
+    }
     if (running_teach_ || pending_reference_) return failed(CommandError::not_yet);
     TeachIn::Listener listener;
     listener.taken = [this, request](std::uint32_t taken) {
@@ -254,8 +302,7 @@ CommandOutcome CommandHandler::teach(const RequestOrigin& who, const CommandRequ
     listener.done = [this](Result<TeachResult> result) { on_learned(std::move(result)); };
     if (auto begun = dependencies_->teacher->begin(parts, recipe_, std::move(listener)); !begun) {
         if (begun.error().code == ErrorCode::busy) return failed(CommandError::not_yet);
-        report(begun.error());
-        return failed(CommandError::failed);
+        return refuse(CommandError::failed, begun.error());
     }
     running_teach_ = RunningTeach{who, request, state, parts};
     return {CommandState::executing, CommandError::none, 0};

@@ -60,12 +60,14 @@ class CommandHandler final : public PlcHandler {
     [[nodiscard]] CommandOutcome use_recipe(const RequestOrigin& who, const CommandRequest& request);
     [[nodiscard]] CommandOutcome self_test(const RequestOrigin& who, const CommandRequest& request);
     [[nodiscard]] CommandOutcome outcome_of_use(const Result<void>& done);
+    [[nodiscard]] CommandOutcome commit_recipe(const RequestOrigin& who, const StagedRecipe& staged);
     [[nodiscard]] CommandOutcome teach(const RequestOrigin& who, const CommandRequest& request);
     void on_learned(Result<TeachResult> result);
     void end_teach(const CommandOutcome& outcome);
     bool cancel_teach(const std::string& why);
     Result<void> switch_to(const RequestOrigin& who, NumberedRecipe recipe);
     void record(const RequestOrigin& who, const CommandRequest& request, State before, const CommandOutcome& outcome);
+    [[nodiscard]] CommandOutcome refuse(CommandError error, const Error& why) const;
     void report(const Error& error) const;
 
     std::optional<Dependencies> dependencies_;

@@ -199,7 +199,11 @@ CommandOutcome PlcInterface::execute(const modbus::Origin& origin, const Station
                                      bool has_argument) {
     const auto refuse = [](CommandError error) { return CommandOutcome{CommandState::failed, error, 0}; };
     if (request.boot != 0 && request.boot != (options_.boot_id & 0xFFFFU)) return refuse(CommandError::other_boot);
-    if (!has_argument && needs_argument(request.code)) return refuse(CommandError::bad_argument);
+    if (!has_argument && needs_argument(request.code)) {
+        CommandOutcome outcome = refuse(CommandError::bad_argument);
+        outcome.remarks = RemarkText(std::string_view("argument (8006) was left out: write it with the code"));
+        return outcome;
+    }
     if (static_cast<Command>(request.code) == Command::commit_recipe) {
         if (executing(now.state)) return refuse(CommandError::not_in_this_state);
         if (request.argument != crc32_of(staged_words_)) return refuse(CommandError::wrong_checksum);

@@ -95,7 +95,6 @@ class PlcInterface {
     [[nodiscard]] PlcView view() const;
 
   private:
-    using StagedWords = std::array<std::uint16_t, 8>;  // registers 8202 to 8209: StagedRecipe's members in their order
     struct Client {
         std::string address;
         UsedTokens used;

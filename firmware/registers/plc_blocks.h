@@ -46,11 +46,12 @@ inline constexpr Register kReply[] = {
            "commands that the station executed or refused since this boot; those that REPLY refuses before (token, "
            "boot, checksum, argument left out) and repeats do not count",
            plc<&PlcView::commands_done>),
-    text(8031, kRemarkChars / 2, "remarks",
-         "teach: which parts were left out, counted once or would be rejected, what they do not determine, or why "
-         "nothing "
-         "was learned; ends with ... where the journal has more; else empty",
-         [](const Source& s) { return s.extras.plc ? s.extras.plc->reply.remarks.view() : std::string_view{}; }),
+    text(
+        8031, kRemarkChars / 2, "remarks",
+        "why a command failed, where `error` does not say all: commit_recipe names each register whose value cannot be "
+        "used, and its range; of a completed teach: which parts were left out, counted once or would be rejected, and "
+        "what they do not determine; ends with ... where the journal has more; else empty",
+        [](const Source& s) { return s.extras.plc ? s.extras.plc->reply.remarks.view() : std::string_view{}; }),
 };
 
 inline constexpr Register kPlc[] = {

@@ -180,6 +180,13 @@ Result<std::vector<Reading>> Client::read_result(std::uint32_t sequence) {
 
 std::string Client::Reply::cure(bool (*offered)(Command)) const {
     switch (error) {
+        case CommandError::bad_argument:
+        case CommandError::no_such_recipe:
+            if (!remarks.empty() && !remarks.ends_with("...")) return {};  // they have the cure
+            break;
+        default: break;
+    }
+    switch (error) {
         case CommandError::not_in_this_state:
             return station_state ? possible_commands_text(*station_state, offered)
                                  : "the station is in another state: see its state";

@@ -66,6 +66,8 @@ class Client {
         std::string remarks = {};                 // for people; empty: none, or an older station
         std::optional<State> station_state = {};  // after that refusal
 
+        // The error's name, and the remarks if there are some.
+        [[nodiscard]] std::string why() const { return remarks.empty() ? error_name : error_name + ", " + remarks; }
         // What a person can do about a refusal. Names the commands that the state allows; `offered`: of these only
         // those that the asking program sends; null: all.
         [[nodiscard]] std::string cure(bool (*offered)(Command) = nullptr) const;

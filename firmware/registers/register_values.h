@@ -152,6 +152,7 @@ struct StagedRecipe {
     std::uint16_t max_saturated_permyriad = 200, min_lit_permyriad = 500;
     bool operator==(const StagedRecipe&) const = default;
 };
+using StagedWords = std::array<std::uint16_t, 8>;  // registers 8202 to 8209: StagedRecipe's members in their order
 
 struct PlcView {
     CommandRequest command;  // the last one written

@@ -81,7 +81,7 @@ Exit send_command(const RemoteOptions& options, Command code, std::uint32_t argu
     const auto reply = client->command(code, argument, argument2, kPatience);
     if (!reply) return complain(reply.error());
     if (reply->state != CommandState::completed)
-        return complain({ErrorCode::refused, "refused: " + reply->error_name, reply->cure()});
+        return complain({ErrorCode::refused, "refused: " + reply->why(), reply->cure()});
     if (code == Command::reset && state_of(*client) == State::initialized && has_faults(*client))
         fmt::print("done; the line starts when every device is up: see hordctl status\n");
     else if (reply->result != 0) fmt::print("done, {:08X}\n", reply->result);

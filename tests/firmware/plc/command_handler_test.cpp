@@ -159,6 +159,36 @@ TEST_F(PlcCommands, a_recipe_that_cannot_be_used_is_refused_as_a_whole_and_the_o
     EXPECT_EQ(troubles.size(), 4U);
 }
 
+TEST_F(PlcCommands, a_refused_commit_names_each_register_whose_value_cannot_be_used_and_its_range) {
+    open();
+    ready();
+    EXPECT_EQ(write(8203, {60000}), Exception::none);
+    EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::bad_argument);
+    EXPECT_EQ(remarks(), "8203 staged_emd_limit: limits.emd_bins: 60 is out of range: use 0.001 to 30");
+    EXPECT_EQ(troubles.back(), remarks()) << "the journal says the same";
+    EXPECT_EQ(write(8206, {0}), Exception::none);
+    EXPECT_EQ(write(8209, {20000}), Exception::none);
+    EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::bad_argument);
+    EXPECT_THAT(troubles.back(), HasSubstr("8203 staged_emd_limit: "));
+    EXPECT_THAT(troubles.back(), HasSubstr("; 8206 staged_min_area: limits.min_area: 0 is out of range"));
+    EXPECT_THAT(troubles.back(), HasSubstr("; 8209 staged_min_lit_share: light.min_lit_share: 2 is out of range"));
+    EXPECT_EQ(remarks(), troubles.back().substr(0, 117) + "...");
+    EXPECT_EQ(write(8203, {1000, 400, 700, 1, 0xFFFF, 200, 500}), Exception::none);
+    EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::none);
+    EXPECT_EQ(remarks(), "");
+}
+
+TEST_F(PlcCommands, a_refused_argument_is_told_with_its_range) {
+    open();
+    ready();
+    EXPECT_EQ(command(Command::use_recipe, 0xFFFF), CommandError::bad_argument);
+    EXPECT_EQ(remarks(), "argument (8006): no recipe has number 65535: use 0 to 65534");
+    EXPECT_EQ(command(Command::use_recipe, 8), CommandError::no_such_recipe);
+    EXPECT_EQ(remarks(), "no recipe 7: make one");
+    EXPECT_EQ(write(8002, {0, 999, 0, static_cast<std::uint16_t>(Command::use_recipe)}), Exception::none);
+    EXPECT_EQ(remarks(), "argument (8006) was left out: write it with the code");
+}
+
 TEST_F(PlcCommands, the_limit_of_a_feature_that_is_not_judged_is_not_available_and_cannot_be_given) {
     open();
     ready();

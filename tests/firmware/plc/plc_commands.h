@@ -138,6 +138,15 @@ class PlcCommands : public ::testing::Test, public StationObserver {
         return static_cast<CommandError>(read(8026, 1)[0]);
     }
     CommandState reply_state() { return static_cast<CommandState>(read(8025, 1)[0]); }
+    std::string remarks() {
+        std::string text;
+        for (const std::uint16_t word : read(8031, 60)) {
+            for (const unsigned c : {unsigned{word} >> 8U, word & 0xFFU}) {
+                if (c != 0) text += static_cast<char>(c);
+            }
+        }
+        return text;
+    }
     void beat() { EXPECT_EQ(write(8102, {++beats}), modbus::Exception::none); }
     // Advances time and checks the heartbeat, as the service does.
     void pass(Duration time) {

@@ -57,15 +57,6 @@ class Teach : public PlcCommands {
         EXPECT_EQ(read32(8022), asked);
         return static_cast<CommandError>(read(8026, 1)[0]);
     }
-    std::string remarks() {
-        std::string text;
-        for (const std::uint16_t word : read(8031, 60)) {
-            for (const unsigned c : {unsigned{word} >> 8U, word & 0xFFU}) {
-                if (c != 0) text += static_cast<char>(c);
-            }
-        }
-        return text;
-    }
     const Change* recorded(Change::What what) const {
         const auto found =
             std::find_if(notes.changes.rbegin(), notes.changes.rend(), [&](const Change& c) { return c.what == what; });
