@@ -7,6 +7,7 @@
 
 #include "algo/frame/extents.h"
 #include "common/file_kind.h"
+#include "common/file_writing.h"
 #include "common/name_bytes.h"
 #include "common/toml_fields.h"
 #include "common/utf8.h"
@@ -254,6 +255,15 @@ std::vector<Error> notes(const Config& config) {
                          fmt::format("station.name has {} bytes, and registers hold {} of them (\"{}\")",
                                      config.name.size(), common::kNameBytes, held),
                          "shorten it"});
+    }
+    // Not refused, as that of a recipe is: stations have been started with such files for long.
+    const std::string text = common::read_file(config.file).value_or("\n");
+    if (!text.ends_with('\n')) {
+        found.push_back({ErrorCode::invalid_argument,
+                         fmt::format("{}:{}: the last line has no line end, so the file may have lost its end, and "
+                                     "defaults count for what is lost",
+                                     config.file.string(), 1 + std::ranges::count(text, '\n')),
+                         "compare it with its original, and end it with a line end"});
     }
     return found;
 }

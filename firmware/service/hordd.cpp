@@ -18,6 +18,7 @@
 #include "firmware/service/journal.h"
 #include "firmware/service/realtime.h"
 #include "firmware/service/service.h"
+#include "firmware/store/recorder/store_setup.h"
 
 namespace {
 
@@ -44,6 +45,12 @@ Result<Config> read_config(const Options& options) {
     auto config = load_config(options.config);
     if (config) config->state_folder = environment("STATE_DIRECTORY");
     return config;
+}
+
+std::vector<Error> all_notes(const Config& config) {
+    std::vector<Error> all = notes(config);
+    if (auto note = nothing_is_stored(config)) all.push_back(std::move(*note));
+    return all;
 }
 
 int complain(JournalEvent what, const Error& error, int status) {
@@ -84,7 +91,7 @@ class Daemon {
         auto opened = Service::open(*config, simulation, watchers(), sockets_from_systemd());
         if (!opened) return complain(JournalEvent::trouble, opened.error(), kCannotRun);
         service_ = std::move(*opened);
-        for (const Error& note : notes(*config)) write_to_journal(JournalEvent::trouble, note.message());
+        for (const Error& note : all_notes(*config)) write_to_journal(JournalEvent::trouble, note.message());
         if (options_.realtime > 0) {
             for (const Error& refused : take_realtime_policy(options_.realtime))
                 write_to_journal(JournalEvent::trouble, refused.message());
@@ -179,6 +186,9 @@ class Daemon {
                 JournalEvent::reloaded,
                 fmt::format("configuration read again; not changed until a restart: {}", fmt::join(*waiting, ", ")));
         }
+        if (waiting) {
+            for (const Error& note : notes(*config)) write_to_journal(JournalEvent::trouble, note.message());
+        }
         sd_notify(0, "READY=1");
     }
 
@@ -207,10 +217,9 @@ int main(int argc, char** argv) {
     program.add_flag("--catalog", options.catalog,
                      "Only print the journal's catalogue: every message id, what it means and what to do");
     program.footer(
-        "Exit status: 0 stopped as asked, 2 a device or a port cannot be used, another station uses the state folder, "
-        "or usage, 3 stopped as asked, but "
-        "results "
-        "or frames could not be stored, 78 the configuration cannot be used.\n"
+        "Exit status: 0 stopped as asked, 2 a device or a port cannot be used, another station uses the folder of "
+        "state or results, or usage, 3 stopped as asked, but results or frames could not be stored, 78 the "
+        "configuration cannot be used.\n"
         "Example: hordd --config deploy/hordd.toml");
     if (const auto ended = parse_command_line(program, argc, argv)) return *ended;
     if (options.catalog) {
@@ -234,15 +243,16 @@ int main(int argc, char** argv) {
         use(folders);
         if (!found.empty()) return refuse_configuration(found.as_error().value());
         for (const std::string& folder : *folders) fmt::print("{}\n", folder);
-        for (const Error& note : notes(*config)) fmt::print("note: {}\n", note.message());
-        const auto print_notes = [](const std::filesystem::path& file, const NumberedRecipe& of) {
-            for (const std::string& note : notes(of)) fmt::print("{}: note: {}\n", file.string(), note);
+        for (const Error& note : all_notes(*config)) fmt::print("note: {}\n", note.message());
+        const auto print_notes = [](const std::string& name, const NumberedRecipe& of) {
+            for (const std::string& note : notes(of)) fmt::print("{}: note: {}\n", name, note);
         };
-        print_notes(config->inspection.recipe, *recipe);
+        const std::string named = config->inspection.recipe.string();
+        print_notes(named.empty() ? "the default recipe (inspection.recipe names none)" : named, *recipe);
         for (const RecipeEntry& entry : all.value_or(std::vector<RecipeEntry>())) {
             std::error_code none;
             if (std::filesystem::equivalent(entry.file, config->inspection.recipe, none)) continue;
-            if (entry.recipe) print_notes(entry.file, *entry.recipe);
+            if (entry.recipe) print_notes(entry.file.string(), *entry.recipe);
             else fmt::print("note: a recipe that cannot be selected: {}\n", entry.recipe.error().message());
         }
         fmt::print("{} can be used; devices were not asked\n", options.config);

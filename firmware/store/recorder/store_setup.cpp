@@ -55,6 +55,14 @@ std::filesystem::path store_folder(const Config& config) {
     return config.state_folder.empty() ? std::filesystem::path() : config.state_folder / "store";
 }
 
+std::optional<Error> nothing_is_stored(const Config& config) {
+    if (!config.store.enabled || !store_folder(config).empty()) return std::nullopt;
+    return Error{ErrorCode::not_found,
+                 "no result and no frame is stored: store.folder is empty, and there is no state directory",
+                 "name store.folder, or a state directory in $STATE_DIRECTORY as systemd does for the service; with "
+                 "store.enabled = false this is not told"};
+}
+
 std::optional<double> store_disk_free_percent(const Config& config) {
     const std::filesystem::path folder = store_folder(config);
     std::error_code error;

@@ -30,6 +30,9 @@ struct RecordingWatchers {
 // The folder of the store; empty: no store is configured.
 std::filesystem::path store_folder(const Config& config);
 
+// Told at the start: a store is wanted and has no folder. Empty: it has one, or none is wanted.
+std::optional<Error> nothing_is_stored(const Config& config);
+
 // Share of the disk with the store that is free. None: no store is configured, or its folder does not exist (yet).
 std::optional<double> store_disk_free_percent(const Config& config);
 

@@ -1,10 +1,13 @@
 // The configuration as a whole: all keys, all problems reported at once, what cannot work together.
 #include "firmware/config/config.h"
 
+#include <fstream>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "tests/firmware/config/parsed_config.h"
+#include "tests/support/temp_folder.h"
 
 namespace hord::firmware {
 namespace {
@@ -278,6 +281,23 @@ TEST(Config, a_missing_file_and_broken_toml_are_named) {
     ASSERT_FALSE(missing);
     EXPECT_THAT(missing.error().what, HasSubstr("/nowhere/cell.toml: cannot be read"));
     EXPECT_THAT(problems_of("[line\n"), HasSubstr("cell.toml:1: not valid TOML"));
+}
+
+TEST(Notes, tell_of_a_file_that_may_have_lost_its_end) {
+    const testing_support::TempFolder folder;
+    const auto file = folder.path() / "c.toml";
+    const auto told = [&](const std::string& text) {
+        std::ofstream(file) << text;
+        const auto config = load_config(file, NamedBackends::optional);
+        std::string all;
+        for (const Error& note : notes(config.value())) all += note.message();
+        return all;
+    };
+    EXPECT_EQ(told("[line]\ntransport_ms = 1500\n"), "");
+    EXPECT_EQ(told("[line]\ntransport_ms = 1500"),
+              file.string() +
+                  ":2: the last line has no line end, so the file may have lost its end, and defaults count for what "
+                  "is lost: compare it with its original, and end it with a line end");
 }
 
 TEST(Notes, tell_of_a_name_that_registers_cut) {

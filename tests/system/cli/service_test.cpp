@@ -430,6 +430,20 @@ TEST_F(Service, a_second_station_on_the_same_store_is_refused_until_the_first_ha
     EXPECT_TRUE(again.says("Preoperational to Initialized", kPatience)) << again.so_far().err;
 }
 
+TEST_F(Service, that_is_started_by_hand_says_that_it_stores_nothing) {
+    const std::string why = "no result and no frame is stored: store.folder is empty, and there is no state directory";
+    write_config("[station]\nautostart = false\n");
+    Running service("/usr/bin/env", under({}));
+    EXPECT_TRUE(service.says(why, kPatience)) << service.so_far().err;
+    const Said checked = run("/usr/bin/env", under({}, {"--check"}));
+    EXPECT_THAT(checked.out, HasSubstr("note: " + why));
+    EXPECT_THAT(checked.out, HasSubstr("\nthe default recipe (inspection.recipe names none): note: a round part"));
+    EXPECT_THAT(run("/usr/bin/env", under({"STATE_DIRECTORY=" + folder.path().string()}, {"--check"})).out,
+                Not(HasSubstr(why)));
+    write_config("[store]\nenabled = false\n");
+    EXPECT_THAT(run("/usr/bin/env", under({}, {"--check"})).out, Not(HasSubstr(why)));
+}
+
 TEST_F(Service, that_could_not_store_its_results_ends_with_a_status_of_its_own) {
     write_config();
     const auto state = folder.path() / "state";
