@@ -52,8 +52,10 @@ class Checker {
 Result<void> Checker::judge(const std::vector<std::size_t>& learn_from, const std::vector<std::size_t>& held_out,
                             const std::vector<std::size_t>& part_of, std::size_t trials_a_frame,
                             ReferenceCheck& check) {
+    LearnOptions learning = options_.learning;
+    learning.name_of = [&](std::size_t k) { return options_.learning.name_of(learn_from[k]); };
     auto learned = learn_reference(
-        extents_, bits_, learn_from.size(), [&](std::size_t k) { return frame_of_(learn_from[k]); }, options_.learning);
+        extents_, bits_, learn_from.size(), [&](std::size_t k) { return frame_of_(learn_from[k]); }, learning);
     if (!learned) return tl::unexpected(learned.error());
     Recipe recipe = options_.recipe;
     recipe.reference = std::make_shared<const Reference>(std::move(learned->reference));

@@ -208,7 +208,7 @@ Result<void> Learner::enough() const {
     if (left() >= Reference::kMinParts) return {};
     std::string why;
     for (const LeftOut& out : left_out_list_)
-        why += (why.empty() ? ": part " : "; part ") + std::to_string(out.part + 1) + ": " + out.why;
+        why += (why.empty() ? ": " : "; ") + options_.name_of(out.part) + ": " + out.why;
     return fail(ErrorCode::invalid_argument,
                 std::to_string(left()) + " of " + std::to_string(count_) + " parts can be learned from" + why,
                 "give at least " + std::to_string(Reference::kMinParts) + " frames of good parts that lie alike");

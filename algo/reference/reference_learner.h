@@ -35,6 +35,10 @@ struct LearnOptions {
     std::uint32_t max_dark_rise_dn = 0;
     int threads = 1;
     std::function<void(double)> progress = [](double) {};  // 0..1
+    // What errors call a part.
+    std::function<std::string(std::size_t part)> name_of = [](std::size_t part) {
+        return "part " + std::to_string(part + 1);
+    };
 };
 
 struct LeftOut {

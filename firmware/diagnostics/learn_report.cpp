@@ -154,6 +154,7 @@ Json json_of(const LearnReport& report, const Picture& picture, std::uint32_t pi
     for (const algo::LeftOut& out : parts.left_out)
         json["left_out"].push_back({{"frame", parts.frames[out.part]}, {"why", out.why}});
     for (const algo::VariationMode& mode : report.variation.modes) json["modes"].push_back(mode.share);
+    json["not_checked"] = check.not_checked.empty() ? Json() : Json(check.not_checked);
     if (check.not_checked.empty()) {
         json["false_rejects"] = {{"parts", check.false_rejects.parts},
                                  {"rejected", check.false_rejects.rejected},

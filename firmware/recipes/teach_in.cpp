@@ -309,6 +309,9 @@ Result<TeachResult> LineTeachIn::learn() {
     const auto parts = algo::parts_to_learn(options_.extents, session_->parts, frame_of, options);
     if (cancelled_) return tl::unexpected(cancelled_error());
     if (!parts) return refused(parts.error());
+    options.name_of = [numbers = session_->numbers, frames = parts->frames](std::size_t part) {
+        return fmt::format("part {}", numbers[frames[part]]);
+    };
     auto learned = algo::learn_reference(
         options_.extents, options_.bits, parts->frames.size(),
         [&](std::size_t k) { return frame_of(parts->frames[k]); }, options);

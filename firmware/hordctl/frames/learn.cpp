@@ -1,6 +1,8 @@
 // hordctl learn: a reference from frames of good parts, and what these parts support.
+#include <cmath>
 #include <filesystem>
 #include <memory>
+#include <numbers>
 #include <optional>
 
 #include <fmt/format.h>
@@ -8,6 +10,7 @@
 #include "algo/good_parts/distinct_parts.h"
 #include "algo/reference/read_noise.h"
 #include "algo/reference/reference_learner.h"
+#include "algo/reference/registration.h"
 #include "common/cli/progress.h"
 #include "firmware/diagnostics/learn_report.h"
 #include "firmware/hordctl/commands.h"
@@ -76,6 +79,7 @@ Exit run_learn(const LearnArguments& arguments) {
     std::vector<std::string> one_a_part;
     for (const std::size_t k : parts->frames) one_a_part.push_back(frames.files[k]);
     frames.files = std::move(one_a_part);
+    options.name_of = [files = frames.files](std::size_t part) { return files[part]; };
     auto learned = algo::learn_reference(frames.extents, frames.bits, frames.files.size(), frames, options);
     if (!learned) return complain(learned.error());
     options.progress = [](double) {};
@@ -144,13 +148,17 @@ void add_learn(CLI::App& program, Exit& status) {
     command->add_flag("!--no-check", arguments->check,
                       "Learn only: do not judge parts by what is learned from the others, write no report");
     add_number(*command, "--flaws", arguments->trials, "Painted flaws of each kind that the check tries", 0, 100000);
-    command->footer(
+    command->footer(fmt::format(
         "Beside REFERENCE.hordref go REFERENCE.learn.md, .csv, .png and .json: poses, what varies between the parts, "
-        "the bound of\n"
-        "false rejects, and the sizes of flaws that will be found. Copies and repeated exposures of a part count "
-        "once.\n"
+        "the\nbound of false rejects, and the sizes of flaws that will be found. Copies and repeated exposures of a "
+        "part count once.\n"
+        "A reference finds parts up to {:g} lenslets along each axis and {:.1f} degrees from the pose of those that it "
+        "was\nlearned from.\n"
+        "Exit status: 0 the reference is written, also where the parts were too few to check it (`not_checked` in the "
+        ".json),\n2 it is not, or usage.\n"
         "Example: hordctl learn good/*.png --out lens.hordref\n"
-        "         hordctl inspect part.png --reference lens.hordref --out maps");
+        "         hordctl inspect part.png --reference lens.hordref --out maps",
+        algo::kFarthestLenslets, std::asin(algo::kFarthestSine) * 180 / std::numbers::pi));
     command->callback([arguments, &status] { status = run_learn(*arguments); });
 }
 

@@ -16,6 +16,7 @@ namespace hord::test {
 namespace {
 
 using ::testing::HasSubstr;
+using ::testing::Not;
 using Json = nlohmann::json;
 
 constexpr int kColumns = 26, kRows = 24;
@@ -133,6 +134,14 @@ TEST_F(Learn, of_too_few_parts_says_how_many_more_the_check_takes) {
     ASSERT_EQ(said.status, 0) << said.err;
     EXPECT_THAT(said.out, HasSubstr("Not checked: 8 distinct parts are too few"));
     EXPECT_THAT(said.out, HasSubstr("give at least 11"));
+    const auto report = [&] {
+        std::ifstream file(folder / "lens.learn.json");
+        return Json::parse(file);
+    };
+    EXPECT_THAT(report()["not_checked"].get<std::string>(), HasSubstr("give at least 11"));
+    EXPECT_FALSE(report().contains("false_rejects"));
+    ASSERT_EQ(learn(11).status, 0);
+    EXPECT_TRUE(report()["not_checked"].is_null());
 }
 
 TEST_F(Learn, a_recipe_names_its_reference_and_tolerates_in_mm) {
@@ -171,6 +180,24 @@ TEST_F(Learn, as_many_files_of_fewer_parts_are_refused) {
     EXPECT_THAT(said.err, HasSubstr("9 frames show 3 distinct parts: 6 are copies of earlier ones"));
     EXPECT_THAT(said.err, HasSubstr("needs 8 distinct good parts: give frames of at least 5 more"));
     EXPECT_FALSE(std::filesystem::exists(reference));
+}
+
+// A frame whose light ends in the middle of the field.
+TEST_F(Learn, a_part_that_cannot_be_learned_from_is_told_by_its_file) {
+    std::vector<std::string> arguments{"learn"};
+    for (int k = 0; k < 8; ++k)
+        arguments.push_back(write("good" + std::to_string(k) + ".png", part(static_cast<std::uint64_t>(k) + 1)));
+    Frame dark(kColumns * 9, kRows * 9, 12);
+    for (int y = 0; y < dark.height_px(); ++y)
+        for (int x = 0; x < dark.width_px(); ++x) dark.set(x, y, x % 9 == 4 && y % 9 == 4 && x < 90 ? 900U : 0U);
+    arguments.insert(arguments.begin() + 1, write("odd.png", dark));
+    arguments.erase(arguments.end() - 1);
+    arguments.insert(arguments.end(),
+                     {"--bits", "12", "--electrons-per-dn", "1", "--read-dn", "2", "--out", reference});
+    const Said said = run("hordctl", arguments);
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("7 of 8 parts can be learned from: " + (folder / "odd.png") + ": "));
+    EXPECT_THAT(said.err, Not(HasSubstr("part 1")));
 }
 
 TEST_F(Learn, a_damaged_reference_and_too_few_parts_are_refused) {
