@@ -43,7 +43,7 @@ constexpr Duration kReportTimeout = milliseconds(1000);                    // of
 struct LatencyOptions {
     std::string config;
     bool simulate = false, actuate = false, sensor = false;
-    int edges = 1000, priority = 20;  // as hordd.service
+    int edges = 2000, priority = 20;  // as hordd.service
 };
 
 // ---- substitutes for devices
@@ -145,8 +145,10 @@ class Measurement final : hal::Strobe::Listener, hal::Rejector::Listener, hal::P
             for (const Error& error : refused) policy += (policy.empty() ? "" : "\npolicy: ") + error.message();
         }
         if (auto opened = open(); !opened) return complain(opened.error());
-        fmt::print("{}policy: {}\nedges: {}\nlight: {}\nrejector: {}\n\n", machine_text(), policy, edges_text_,
-                   light_text_, rejector_text_);
+        fmt::print(
+            "{}policy: {}\nedges: {}, {} idle and busy each\nlight: {}; at once after every other edge, planned "
+            "after the others\nrejector: {}, after every edge\n\n",
+            machine_text(), policy, edges_text_, options_.edges, light_text_, rejector_text_);
         Exit status = Exit::good;
         for (const bool busy : {false, true}) {
             if (!measure(busy)) status = Exit::unfit;
@@ -371,7 +373,10 @@ void add_latency(CLI::App& program, Exit& status) {
                       "Edges of the configured part sensor, as parts pass it, instead of a thread's");
     command->add_flag("--actuate", options->actuate,
                       "Commands to the configured module: the ejector moves, only with the line clear");
-    add_number(*command, "--edges", options->edges, "How many, idle and busy each", 2, 10'000'000);
+    add_number(
+        *command, "--edges", options->edges,
+        "How many, idle and busy each; the light comes at once after every other one, as planned after the others", 2,
+        10'000'000);
     add_number(*command, "--priority", options->priority,
                "Real-time priority of the timing threads, as the service has it; 0: none", 0, 99);
     command->footer(

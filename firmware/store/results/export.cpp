@@ -68,9 +68,25 @@ Json flat_row(const StoredResult& result) {
 }
 
 constexpr char kResultTable[] = "{:>10}  {:<24} {:>8}  {:<7} {:<20} {:>8} {:>7}  {:<20} {:>10}  {:<10} {}";
-constexpr char kChangeTable[] = "{:<24} {:<13} {:<24} {:<24} {}";
+constexpr std::size_t kWhoWidth = 36, kNameWidth = 24;
+constexpr char kChangeTable[] = "{:<24} {:<13} {:<36} {:<24} {}";
+
+// A longer value would move those behind it out of their columns. Its end tells files and senders apart; CSV and JSON
+// have the whole.
+std::string cell_of(const std::string& value, std::size_t width) {
+    const auto begins = [](char c) { return (static_cast<unsigned char>(c) & 0xC0U) != 0x80; };
+    auto chars = static_cast<std::size_t>(std::ranges::count_if(value, begins));
+    if (chars <= width) return value;
+    std::size_t from = 0;
+    for (chars += 3; chars > width; --chars) {
+        do ++from;
+        while (from < value.size() && !begins(value[from]));
+    }
+    return "..." + value.substr(from);
+}
 
 std::string one_line(const std::string& text) {
+    if (text.empty()) return "(none)";
     if (text.find('\n') == std::string::npos && text.size() <= 60) return text;
     return fmt::format("({} bytes)", text.size());
 }
@@ -215,9 +231,11 @@ std::string describe_removal(const std::string& after) {
 
 std::string to_table(const StoredChange& c) {
     const std::string who = c.peer.empty() ? "station" : c.token != 0 ? fmt::format("{} #{}", c.peer, c.token) : c.peer;
-    return fmt::format(
-        kChangeTable, format_utc(c.time_us), c.what, who, c.name,
-        c.what == "retention" ? describe_removal(c.after) : one_line(c.before) + " -> " + one_line(c.after));
+    const std::string change = c.what == "retention" ? describe_removal(c.after)
+        : c.before.empty() && c.after.empty()        ? "no file: every key has its default"
+                                                     : one_line(c.before) + " -> " + one_line(c.after);
+    return fmt::format(kChangeTable, format_utc(c.time_us), c.what, cell_of(who, kWhoWidth),
+                       cell_of(c.name, kNameWidth), change);
 }
 
 }  // namespace hord::firmware::store

@@ -86,19 +86,32 @@ TEST(Export, tells_who_made_a_change) {
     change.what = "recipe";
     change.name = "lens";
     change.before = "a";
-    const auto who = [&] { return to_table(change).substr(39, 25); };
+    const auto who = [&] { return to_table(change).substr(39, 37); };
     EXPECT_EQ(to_table(change).substr(0, 39), "2026-09-21T14:13:20.000Z recipe        ");
-    EXPECT_EQ(who(), "station                  ");
+    EXPECT_EQ(who(), "station                              ");
     change.token = 7;
-    EXPECT_EQ(who(), "station                  ") << "a token is a client's";
+    EXPECT_EQ(who(), "station                              ") << "a token is a client's";
     change.peer = "192.0.2.7:5";
-    EXPECT_EQ(who(), "192.0.2.7:5 #7           ");
+    EXPECT_EQ(who(), "192.0.2.7:5 #7                       ");
     change.token = 0;
-    EXPECT_EQ(who(), "192.0.2.7:5              ");
-    EXPECT_THAT(to_table(change), EndsWith(" lens                     a -> "));
+    EXPECT_EQ(who(), "192.0.2.7:5                          ");
+    EXPECT_THAT(to_table(change), EndsWith(" lens                     a -> (none)"));
     change.what = "retention";
     change.after = R"({"from":3,"to":9})";
     EXPECT_THAT(to_table(change), EndsWith(" 3 to 9 removed"));
+}
+
+TEST(Export, keeps_the_columns_of_changes_whatever_stands_in_them) {
+    StoredChange change;
+    change.time_us = kNoon;
+    change.what = "configuration";
+    change.peer = "[2001:db8:85a3:8d3:1319:8a2e:370:7348]:50123 for anna";
+    change.name = "/srv/stations/Zelle Süd/hordd.toml";
+    const auto column = table_head_of_changes().find("before -> after");
+    EXPECT_EQ(to_table(change),
+              "2026-09-21T14:13:20.000Z configuration ...319:8a2e:370:7348]:50123 for anna .../Zelle Süd/hordd.toml "
+              "no file: every key has its default");
+    EXPECT_EQ(to_table(change).find("no file"), column + 1) << "ü has two bytes";
 }
 
 TEST(Export, quotes_a_field_of_CSV_only_where_it_must) {
