@@ -1,12 +1,26 @@
 // What a program says on stderr.
 #pragma once
 
+#include <algorithm>
 #include <cstdio>
+#include <string>
+#include <string_view>
 #include <utility>
 
 #include <fmt/format.h>
 
 namespace hord {
+
+// "NAME: text", on each of its lines: a log that is searched for the name, or cut into lines, keeps all of them.
+inline std::string named_lines(std::string_view name, std::string_view text) {
+    std::string out;
+    for (std::size_t at = 0; at <= text.size();) {
+        const std::size_t end = std::min(text.find('\n', at), text.size());
+        out += fmt::format("{}{}: {}", at == 0 ? "" : "\n", name, text.substr(at, end - at));
+        at = end + 1;
+    }
+    return out;
+}
 
 // Prints on stderr. What cannot be written there (a full disk, a closed terminal) is lost: no program ends for it.
 // fmt::print() would throw.

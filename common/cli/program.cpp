@@ -26,7 +26,7 @@
 namespace hord {
 
 Exit complain(const Error& error) {
-    print_message("{}: {}\n", program_invocation_short_name, error.message());
+    print_message("{}\n", named_lines(program_invocation_short_name, error.message()));
     return Exit::bad_input;
 }
 

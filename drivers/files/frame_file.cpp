@@ -43,7 +43,8 @@ Result<Bytes> read_bytes(const fs::path& file) {
         return fail(ErrorCode::not_found, file.string() + " does not exist", "check the path");
     }
     if (status.type() == fs::file_type::directory) {
-        return fail(ErrorCode::unreadable, file.string() + " is a folder", "name the frames in it");
+        return fail(ErrorCode::unreadable, file.string() + " is a folder",
+                    "name the frames in it, such as " + (file / "*.png").string());
     }
     if (status.type() != fs::file_type::regular) {
         return fail(ErrorCode::unreadable, file.string() + " is not a file that can be read",

@@ -100,7 +100,7 @@ std::string format_catalog() {
 void write_to_journal(const Entry& entry, std::string_view message, std::span<const Field> fields) {
     static const bool to_journal = stderr_is_the_journal();
     if (!to_journal) {
-        print_message("{}: {}\n", program_invocation_short_name, message);
+        print_message("{}\n", named_lines(program_invocation_short_name, message));
         std::fflush(stderr);
         return;
     }

@@ -3,8 +3,16 @@
 
 #include <gtest/gtest.h>
 
+#include "common/cli/message.h"
+
 namespace hord {
 namespace {
+
+TEST(Message, has_the_programs_name_on_each_of_its_lines) {
+    EXPECT_EQ(named_lines("hordd", "a.toml:1: one"), "hordd: a.toml:1: one");
+    EXPECT_EQ(named_lines("hordd", "a.toml:1: one\na.toml:2: two"), "hordd: a.toml:1: one\nhordd: a.toml:2: two");
+    EXPECT_EQ(named_lines("hordd", ""), "hordd: ");
+}
 
 TEST(HelpText, of_lines_that_fit_and_of_no_terminal_is_unchanged) {
     const std::string text = "Options:\n  --json       One object\n\nEnd";

@@ -179,6 +179,7 @@ TEST_F(FrameFile, what_is_no_image_is_refused) {
     const auto empty = folder_.write("e.png", "");
     expect_refused(read_frame(empty), empty, ErrorCode::unreadable, "empty");
     expect_refused(read_frame(folder_.path()), folder_.path(), ErrorCode::unreadable, "is a folder");
+    EXPECT_EQ(read_frame("/tmp/").error().cure, "name the frames in it, such as /tmp/*.png");
     expect_refused(read_frame(file("none.png")), file("none.png"), ErrorCode::not_found, "does not exist");
     const auto pipe = file("pipe");
     ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
