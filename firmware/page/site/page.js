@@ -265,7 +265,7 @@ async function showPart(key, mapName = "") {
   const map = $("part-map");
   if (!mapName) {
     map.hidden = true;
-    say("part-title", `Part ${key}`);
+    say("part-title", String(key).includes("-") ? "Part" : `Result ${key}`);
     say("part-words", "Loading its record ...");
     $("part-facts").replaceChildren();
     $("part-defects").replaceChildren();
