@@ -30,8 +30,8 @@ class Search {
         : task_(task), survey_(survey), options_(options) {}
 
     Result<Design> run() {
+        if (auto fit = find_fit(); !fit) return tl::unexpected(fit.error());
         const std::vector<CellChoice> grid = grid_of_cells();
-        if (auto fit = find_fit(grid); !fit) return tl::unexpected(fit.error());
         if (auto done = try_all(grid, 0, 0.45); !done) return tl::unexpected(done.error());
         std::vector<CellChoice> steps;
         for (const CellChoice& start : best(options_.quick ? 1 : kStarts)) {
@@ -65,6 +65,20 @@ class Search {
         return std::move(design_);
     }
 
+    // Fails where a good part is unfit in the first cells that are not ruled out: no search would find a cell then.
+    [[nodiscard]] Result<void> find_fit() const {
+        Result<void> fit;
+        int tried = 0;
+        for (const CellChoice& cell : grid_of_cells()) {
+            if (!problem_of(cell, task_.part, task_.camera, survey_.largest_slope).empty()) continue;
+            if (tried++ == kFitCells) return fit;
+            options_.progress(0, "a good part in " + describe(cell, task_.part, task_.camera));
+            fit = check_good_part(cell, task_);
+            if (fit) return fit;
+        }
+        return fit;
+    }
+
   private:
     [[nodiscard]] std::vector<CellChoice> grid_of_cells() const {
         std::vector<CellChoice> cells;
@@ -74,19 +88,6 @@ class Search {
             for (const double pitch : pitches) cells.push_back({n, pitch, 1, 0.61, 1});
         }
         return cells;
-    }
-    // Fails where a good part is unfit in the first cells that are not ruled out: no search would find a cell then.
-    [[nodiscard]] Result<void> find_fit(const std::vector<CellChoice>& grid) const {
-        Result<void> fit;
-        int tried = 0;
-        for (const CellChoice& cell : grid) {
-            if (!problem_of(cell, task_.part, task_.camera, survey_.largest_slope).empty()) continue;
-            if (tried++ == kFitCells) return fit;
-            options_.progress(0, "a good part in " + describe(cell, task_.part, task_.camera));
-            fit = check_good_part(cell, task_);
-            if (fit) return fit;
-        }
-        return fit;
     }
     [[nodiscard]] static std::vector<CellChoice> steps_from(const CellChoice& start) {
         std::vector<CellChoice> cells;
@@ -163,6 +164,17 @@ Result<void> check_task(const DesignTask& task, const PartSurvey& survey) {
                "give --form web, or a scene with a larger camera.field_mm")
         : fail(ErrorCode::invalid_argument, "part " + task.part.name + " does not fill the field: it is no web",
                "give --form round or plate, or a scene with a smaller camera.field_mm");
+}
+
+algo::PartForm form_of(DesignTask task, const PartSurvey& survey, const DesignOptions& options) {
+    if (survey.fills_field) return algo::PartForm::web;
+    if (std::holds_alternative<sim::Plate>(task.part.part)) return algo::PartForm::plate;
+    const auto is_judged_as = [&](algo::PartForm form) {
+        task.base.form = form;
+        return Search(task, survey, options).find_fit().has_value();
+    };
+    return !is_judged_as(algo::PartForm::round) && is_judged_as(algo::PartForm::plate) ? algo::PartForm::plate
+                                                                                       : algo::PartForm::round;
 }
 
 Result<Design> design_cell(const DesignTask& task, const DesignOptions& options) {

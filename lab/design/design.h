@@ -29,6 +29,10 @@ inline constexpr double kHighestRate = 173;
 // where the form is web and the part does not fill the field, or the other way round.
 Result<void> check_task(const DesignTask& task, const PartSurvey& survey);
 
+// The form in which a recipe judges a good part: web where it fills the field, else round, or plate where a good part
+// is unfit as a round one and not as a plate in the first cells of the search.
+algo::PartForm form_of(DesignTask task, const PartSurvey& survey, const DesignOptions& options);
+
 // Fails as check_task(), with unsupported when good parts are unfit in the first cells (before the search) or no cell
 // can show the part, and as the renderer does.
 Result<Design> design_cell(const DesignTask& task, const DesignOptions& options);

@@ -139,8 +139,11 @@ Table ruled_out(const Design& design) {
     for (const CellTrial& trial : design.coarse) {
         if (trial.problem.empty()) continue;
         const std::string cell = fmt::format(
-            "{0}x{0} at {1:.3g} mrad{2}", trial.cell.bins, 1e3 * trial.cell.bin_pitch_rad,
-            trial.cell.pixels_share == 1 ? "" : fmt::format(" on {:g} of the width", trial.cell.pixels_share));
+            "{0}x{0} at {1:.3g} mrad{2}{3}", trial.cell.bins, 1e3 * trial.cell.bin_pitch_rad,
+            trial.cell.pixels_share == 1 ? "" : fmt::format(" on {:g} of the width", trial.cell.pixels_share),
+            trial.cell.source_radius_bins == CellChoice{}.source_radius_bins
+                ? ""
+                : fmt::format(" with a source of {:g} bin", trial.cell.source_radius_bins));
         const auto row = std::ranges::find_if(table.rows, [&](const auto& r) { return r[0] == trial.problem; });
         if (row == table.rows.end()) table.rows.push_back({trial.problem, cell});
         else (*row)[1] += ", " + cell;

@@ -35,13 +35,6 @@ Result<double> parse_pixels(const std::string& text) {
                 "write 25M, 5M or 400k; 10k to 200M");
 }
 
-algo::PartForm form_of(const sim::Scene& scene, const PartSurvey& survey, const std::string& asked) {
-    if (asked == "web" || (asked.empty() && survey.fills_field)) return algo::PartForm::web;
-    if (asked == "plate" || (asked.empty() && std::holds_alternative<sim::Plate>(scene.part)))
-        return algo::PartForm::plate;
-    return algo::PartForm::round;
-}
-
 Exit run_design(DesignArguments& arguments) {
     DesignTask& task = arguments.task;
     auto part = sim::load_scene(arguments.part);
@@ -52,21 +45,24 @@ Exit run_design(DesignArguments& arguments) {
     if (!pixels) return complain(pixels.error());
     const auto survey = PartSurvey::of(*part);
     if (!survey) return complain(survey.error());
-    task.base.form = form_of(*part, *survey, arguments.form);
-    if (task.base.form == algo::PartForm::web) task.base.part_required = false;
     task.base.symmetric_outline = !std::holds_alternative<sim::SolidPart>(part->part);
     task.part = std::move(*part);
     task.defects = std::move(*defects);
     task.camera.pixels = *pixels;
     task.camera.diffraction =
         std::ranges::find(task.defects, WantedKind::haze, &WantedDefect::kind) == task.defects.end();
+    task.base.form = arguments.form == "web" || (arguments.form.empty() && survey->fills_field) ? algo::PartForm::web
+        : arguments.form == "plate"                                                             ? algo::PartForm::plate
+                                                                                                : algo::PartForm::round;
+    if (task.base.form == algo::PartForm::web) task.base.part_required = false;
     if (auto checked = check_task(task, *survey); !checked) return complain(checked.error());
-    if (auto made = make_folder(arguments.out); !made) return complain(made.error());
-
     std::optional<Progress> progress(std::in_place, "design for " + task.part.name);
     DesignOptions options;
     options.quick = arguments.quick;
     options.progress = [&](double done, const std::string& note) { progress->show(done, note); };
+    if (arguments.form.empty()) task.base.form = form_of(task, *survey, options);
+    if (auto made = make_folder(arguments.out); !made) return complain(made.error());
+
     const auto design = design_cell(task, options);
     progress.reset();
     if (!design) return complain(design.error());
@@ -112,9 +108,14 @@ void add_design(CLI::App& program, Exit& status) {
     add_number(*command, "--rate", task.rate, fmt::format("Parts a second, at most {:g}", kHighestRate), 0.1, 1000.0);
     add_number(*command, "--inspection-threads", task.inspection_threads, "Cores that inspect parts", 1, 64);
     add_number(*command, "--false-rejects", task.false_rejects, "Share of good parts that may be rejected", 1e-6, 0.1);
-    command->add_option("--form", arguments->form, "Form of the part in the recipe; without it, by its shape")
+    command
+        ->add_option("--form", arguments->form,
+                     "Form of the part in the recipe; without it, the one in which a good part is judged")
         ->check(CLI::IsMember({"round", "plate", "web"}));
-    command->add_flag("--quick", arguments->quick, "Fewer cells, trials and parts: a first look");
+    command->add_flag(
+        "--quick", arguments->quick,
+        "Fewer cells, trials and parts: a first look. Its time grows with the pixels: half a minute of one core with "
+        "--pixels 1M, more than two minutes with 5M");
     command->add_option("--seed", task.seed, "Seed of places and noise")->capture_default_str();
     command
         ->add_option("--threads", task.threads,

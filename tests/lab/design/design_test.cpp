@@ -137,6 +137,11 @@ TEST(DesignReport, names_the_sizes_that_are_not_found_and_other_cells) {
     const std::string text = describe(design, task);
     EXPECT_THAT(text, HasSubstr("does not find with 90 % probability: scratch of 0.03 mm (a90 0.06 mm), and holds"));
     EXPECT_THAT(text, HasSubstr("7x7 bins"));
+    design.coarse.push_back({{5, 0.03, 1, 1.2, 1}, "too wide", {}});
+    design.coarse.push_back({{5, 0.03, 1, 0.61, 1}, "too fine", {}});
+    const std::string out = describe(design, task);
+    EXPECT_THAT(out, HasSubstr("| too wide | 5x5 at 30 mrad with a source of 1.2 bin |"));
+    EXPECT_THAT(out, HasSubstr("| too fine | 5x5 at 30 mrad |"));
 }
 
 TEST(DesignReport, names_the_optics_of_the_scene_that_a_design_does_not_take) {
@@ -374,6 +379,21 @@ TEST(WholeParts, of_wedges_get_a_rim_beyond_the_light_that_their_edge_bends) {
     ASSERT_TRUE(check) << check.error().message();
     EXPECT_GT(check->recipe.rim_margin, 2);
     EXPECT_LT(check->recipe.frobenius_limit_bins, 0.1F);  // 0.9 beside the edge
+}
+
+// What was asked as round is judged as no part: the form is the one in which a good part is judged.
+TEST(DesignTasks, take_the_form_in_which_a_good_part_is_judged) {
+    for (const auto& [scene, form] :
+         {std::pair("plate", algo::PartForm::plate), std::pair("lens", algo::PartForm::round)}) {
+        DesignTask task;
+        task.part = sim::load_scene(HORD_SOURCE_DIR "/hal_sim/scenes/" + std::string(scene) + ".toml").value();
+        task.base.symmetric_outline = !std::holds_alternative<sim::SolidPart>(task.part.part);
+        task.camera.pixels = 4e5;
+        task.threads = 1;
+        const auto survey = PartSurvey::of(task.part);
+        ASSERT_TRUE(survey);
+        EXPECT_EQ(form_of(task, *survey, {}), form) << scene;
+    }
 }
 
 TEST(DesignTasks, with_a_part_that_the_edge_of_the_field_cuts_are_refused_and_webs_fill_the_field) {
