@@ -91,14 +91,17 @@ class HoldUps {
     std::thread thread_;
 };
 
-// Runs the tests in a child process, so that attempts share no state. Returns the exit status.
-int attempt() {
+// Starts the tests in a child process, so that attempts share no state.
+pid_t start_tests() {
     const pid_t pid = fork();
-    if (pid == 0) {
-        const int status = RUN_ALL_TESTS();
-        std::fflush(nullptr);
-        _exit(status);
-    }
+    if (pid != 0) return pid;
+    const int status = RUN_ALL_TESTS();
+    std::fflush(nullptr);
+    _exit(status);
+}
+
+// Waits for their end. Returns the exit status.
+int exit_status_of(pid_t pid) {
     int status = 0;
     if (pid < 0 || waitpid(pid, &status, 0) != pid) return EXIT_FAILURE;
     return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
@@ -111,8 +114,10 @@ int main(int argc, char** argv) {
     if (GTEST_FLAG_GET(list_tests)) return RUN_ALL_TESTS();
     int status = EXIT_FAILURE;
     for (int k = 1; k <= kAttempts; ++k) {
+        const pid_t tests = start_tests();
+        // Its thread begins after the fork: a lock of AddressSanitizer that it held would stay locked in the child.
         HoldUps hold_ups;
-        status = attempt();
+        status = exit_status_of(tests);
         const auto longest = std::chrono::duration_cast<std::chrono::milliseconds>(hold_ups.longest());
         if (status == 0 || longest < kHeldUp) return status;
         std::printf("attempt %d of %d failed, but the machine was held up for %lld ms meanwhile\n", k, kAttempts,
