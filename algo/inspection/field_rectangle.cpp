@@ -1,6 +1,7 @@
 #include "algo/inspection/field_rectangle.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -8,8 +9,9 @@ namespace hord::algo {
 namespace {
 
 constexpr double kRightAngle = 1.5707963267948966;
-constexpr int kCoarse = 45, kFiner = 4;  // first steps in a right angle; how many finer ones in a step
+constexpr int kCoarse = 45, kFiner = 4;  // first steps in a right angle (odd); how many finer ones in a step
 constexpr double kOnSide = 1;            // lenslets from a side of the rectangle: what a hull of lenslets is exact to
+constexpr double kOfAngle = 0.25;        // lenslets that the last step of the angle moves an end of a side by, at most
 constexpr double kRounding = 1e-6;       // lenslets
 
 // Narrows [first, last] to where `rate` * x + `offset` lies in [least, most].
@@ -45,25 +47,31 @@ FieldRectangle::FieldRectangle(const RowHull& hull, const Extents& extents, doub
 FieldRectangle FieldRectangle::about(const RowHull& hull, const Extents& extents) {
     const double size = std::hypot(extents.m, extents.n);
     double best = 0, step = kRightAngle / kCoarse;
-    int first = 0, last = kCoarse - 1;
+    int steps = kCoarse / 2;
     for (;;) {
         const double middle = best;
         double most = -1;
-        for (int k = first; k <= last; ++k) {
-            const double angle = middle + step * k,
+        // Of equals the one next to the middle.
+        for (int k = 0; k <= 2 * steps; ++k) {
+            const double angle = middle + step * (k % 2 == 0 ? k / 2 : -(k + 1) / 2),
                          on_sides =
-                             FieldRectangle(hull, extents, angle).outline_on_sides(hull, kOnSide + step * size / 2);
+                             FieldRectangle(hull, extents, angle).outline_of(hull, kOnSide + step * size / 2).on_sides;
             if (on_sides > most) most = on_sides, best = angle;
         }
-        if (step * size < 0.5) return {hull, extents, best};
+        if (step * size < 2 * kOfAngle) return {hull, extents, best};
         step /= kFiner;
-        first = -kFiner, last = kFiner;
+        steps = kFiner;
     }
 }
 
-// Length of the hull's outline that lies inside the field, on a side of the rectangle to `near` lenslets.
-double FieldRectangle::outline_on_sides(const RowHull& hull, double near) const {
-    double length = 0;
+double FieldRectangle::share_on_sides(const RowHull& hull) const {
+    const Outline outline = outline_of(hull, kOnSide + kOfAngle);
+    return outline.all > 0 ? outline.on_sides / outline.all : 0;
+}
+
+// Of the hull's outline, what lies on a side of the rectangle to `near` lenslets.
+FieldRectangle::Outline FieldRectangle::outline_of(const RowHull& hull, double near) const {
+    Outline length;
     const int last_m = extents_.m - 1, last_n = extents_.n - 1;
     const auto add = [&](int m0, int n0, int m1, int n1) {
         if ((m0 == m1 && (m0 == 0 || m0 == last_m)) || (n0 == n1 && (n0 == 0 || n0 == last_n))) return;
@@ -72,9 +80,11 @@ double FieldRectangle::outline_on_sides(const RowHull& hull, double near) const 
         const auto lies_on = [near](double a, double b, double side) {
             return std::abs(a - side) <= near && std::abs(b - side) <= near;
         };
-        if (lies_on(u0, u1, first_u_) || lies_on(u0, u1, last_u_) || lies_on(v0, v1, first_v_) ||
-            lies_on(v0, v1, last_v_))
-            length += std::hypot(m1 - m0, n1 - n0);
+        const double of_step = std::hypot(m1 - m0, n1 - n0);
+        const bool is_on_side = lies_on(u0, u1, first_u_) || lies_on(u0, u1, last_u_) || lies_on(v0, v1, first_v_) ||
+            lies_on(v0, v1, last_v_);
+        length.all += of_step;
+        length.on_sides += is_on_side ? of_step : 0;
     };
     const auto right = [&](std::size_t row) { return last_m - hull.right(row); };
     for (int n = 0; n <= last_n; ++n) {
@@ -93,6 +103,52 @@ bool FieldRectangle::contains(int m, int n) const {
     const double u = m * cos_ + n * sin_, v = n * cos_ - m * sin_;
     return u >= first_u_ - kRounding && u <= last_u_ + kRounding && v >= first_v_ - kRounding &&
         v <= last_v_ + kRounding;
+}
+
+// The leg of a cut: the least sum of the distances of a lenslet of the hull from the two sides that meet there.
+double FieldRectangle::uneven_corners(const RowHull& hull) const {
+    constexpr double kFar = std::numeric_limits<double>::max();
+    std::array<double, 4> legs{kFar, kFar, kFar, kFar};
+    for (int n = 0; n < extents_.n; ++n) {
+        const auto row = static_cast<std::size_t>(n);
+        if (!hull.has(row)) continue;
+        for (const int m : {hull.left(row), extents_.m - 1 - hull.right(row)}) {
+            const double u = m * cos_ + n * sin_, v = n * cos_ - m * sin_;
+            for (unsigned corner = 0; corner < legs.size(); ++corner) {
+                const double from_u = (corner & 1U) != 0 ? last_u_ - u : u - first_u_,
+                             from_v = (corner & 2U) != 0 ? last_v_ - v : v - first_v_;
+                legs[corner] = std::min(legs[corner], from_u + from_v);
+            }
+        }
+    }
+    double longest = 0, shortest = kFar;
+    for (unsigned corner = 0; corner < legs.size(); ++corner) {
+        const double u = (corner & 1U) != 0 ? last_u_ : first_u_, v = (corner & 2U) != 0 ? last_v_ : first_v_,
+                     m = u * cos_ - v * sin_, n = u * sin_ + v * cos_;
+        const double last_m = extents_.m - 1, last_n = extents_.n - 1;
+        if (m < 0 || n < 0 || m > last_m || n > last_n) continue;
+        longest = std::max(longest, legs[corner]), shortest = std::min(shortest, legs[corner]);
+    }
+    return std::max(longest - shortest, 0.0);
+}
+
+double FieldRectangle::farthest_from_long_sides(const RowHull& hull) const {
+    const bool along = last_u_ - first_u_ > last_v_ - first_v_;
+    double farthest = 0;
+    for (int n = 0; n < extents_.n; ++n) {
+        const auto row = static_cast<std::size_t>(n);
+        for (int m = 0; m < extents_.m; ++m) {
+            if (hull.contains(row, m)) {
+                m = extents_.m - 1 - hull.right(row);
+                continue;
+            }
+            if (!contains(m, n)) continue;
+            const double at = along ? n * cos_ - m * sin_ : m * cos_ + n * sin_, first = along ? first_v_ : first_u_,
+                         last = along ? last_v_ : last_u_;
+            farthest = std::max(farthest, std::min(at - first, last - at));
+        }
+    }
+    return farthest;
 }
 
 // Of the side at u = `at` (or at v = `at`: `along`), the length inside the field; its outermost lenslets do not count.

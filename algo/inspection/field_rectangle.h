@@ -18,9 +18,23 @@ class FieldRectangle {
     // rectangle's width: a strip.
     [[nodiscard]] bool is_strip(double share) const;
 
+    // Of the outline inside the field, the share that lies on the rectangle's sides, to a lenslet: 0..1.
+    [[nodiscard]] double share_on_sides(const RowHull& hull) const;
+
+    // By how much the cuts at the rectangle's corners differ, the longest leg less the shortest, lenslets: 0 for a
+    // rectangle, and where all four corners are alike. Corners beyond the field do not count.
+    [[nodiscard]] double uneven_corners(const RowHull& hull) const;
+
+    // How far the outline of a strip stays away from the nearer of its long sides at the most, lenslets.
+    [[nodiscard]] double farthest_from_long_sides(const RowHull& hull) const;
+
   private:
     FieldRectangle(const RowHull& hull, const Extents& extents, double angle);
-    [[nodiscard]] double outline_on_sides(const RowHull& hull, double near) const;
+    // Lengths inside the field, lenslets.
+    struct Outline {
+        double all = 0, on_sides = 0;
+    };
+    [[nodiscard]] Outline outline_of(const RowHull& hull, double near) const;
     [[nodiscard]] double seen_of(bool along, double at) const;
 
     Extents extents_;

@@ -45,8 +45,7 @@ void RimFinder::describe(Deflections deflections, Sums sums, std::span<const std
     found_.free_beside = least_free_beside();
     if (found_.free_light) found_.edge_width = edge_width({deflections, sums, mask});
     found_.symmetry = point_symmetry();
-    if (form_ == PartForm::plate) check_outline_of_plate();
-    if (form_ == PartForm::tube && found_.at_border > 0) found_.cut = cut_by_border();
+    find_cut();
     found_.convexity = convexity();
 }
 

@@ -346,12 +346,13 @@ FrameFault FrameChecks::check_plate(const FoundPart& part) const {
 }
 
 bool FrameChecks::must_be_whole() const {
-    return (form_ == PartForm::plate || form_ == PartForm::tube) && part_required_ && !has_reference_ && symmetric_;
+    return (form_ == PartForm::plate || form_ == PartForm::tube) && has_known_outline();
 }
 
 Reason FrameChecks::judge_good(const FoundPart& part) {
     if (must_be_whole() && part.cut > kMaxBorderCut) findings_.fault = FrameFault::cut_by_field;
-    else if (must_be_whole() && part.lacks_place) findings_.fault = FrameFault::lopsided;
+    else if (has_known_outline() && part.lacks_place) findings_.fault = FrameFault::lopsided;
+    else if (has_known_outline() && part.notched) findings_.fault = FrameFault::notched;
     return reason_of(findings_.fault);
 }
 

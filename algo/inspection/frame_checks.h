@@ -98,6 +98,7 @@ class FrameChecks {
     FrameFault check_exposures(const FrameView& frame, const DecodedField& field, const Alternation& alternation);
     FrameFault check_part(const DecodedField& field, const FoundPart& part);
     [[nodiscard]] FrameFault check_plate(const FoundPart& part) const;
+    [[nodiscard]] bool has_known_outline() const { return part_required_ && !has_reference_ && symmetric_; }
     [[nodiscard]] bool must_be_whole() const;  // a plate or a tube
     [[nodiscard]] bool is_cut_by_field() const { return static_cast<double>(findings_.border_cut) > kMaxBorderCut; }
     FrameFault check_spread(const FrameView& frame, const DecodedField& field, const FoundPart& part);

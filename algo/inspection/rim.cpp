@@ -63,7 +63,7 @@ RimFinder RimFinder::of(const Recipe& recipe, const Extents& extents) {
 }
 
 RimFinder::RimFinder(const Extents& extents, int margin, PartForm form, float steepest_bins)
-    : extents_(extents), margin_(margin), form_(form), hull_(extents), state_(extents.lenslets()),
+    : extents_(extents), margin_(margin), form_(form), hull_(extents), circle_(extents), state_(extents.lenslets()),
       region_(extents.lenslets()), runs_(max_flood_runs(extents)), free_along_(extents.lenslets()), of_rows_(extents.n),
       of_columns_(extents.m), in_column_(of_columns_.first.size()), free_in_column_(in_column_.size()),
       in_rim_(in_column_.size()), seen_(in_column_.size()) {
@@ -89,6 +89,7 @@ void RimFinder::mark(std::span<const Deflection> deflections, std::span<const st
     std::ranges::fill(state_, std::uint8_t{0});
     found_ = {.state = state_};
     regions_ = 0;
+    rectangle_.reset();
     if (form_ != PartForm::web) {
         found_.free_light = find_free_light({deflections, sums, mask});
         if (found_.free_light) reach_free_field();

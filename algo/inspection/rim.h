@@ -13,6 +13,8 @@
 #include "algo/features/deflection.h"
 #include "algo/frame/extents.h"
 #include "algo/frame/flood.h"
+#include "algo/inspection/field_circle.h"
+#include "algo/inspection/field_rectangle.h"
 #include "algo/inspection/plate_outline.h"
 #include "algo/inspection/row_hull.h"
 #include "algo/inspection/tube_outline.h"
@@ -58,9 +60,11 @@ struct FoundPart {
     // Of a plate or a tube that the field cuts: lenslets along the cut, over its width. What lies on opposite sides of
     // the field is taken off each other: one that reaches from border to border has no cut.
     double cut = 0;
-    // Of a plate: a square of default_rim_margin() + 1 lenslets of its hull has no image when the hull is turned by 180
-    // degrees, as where a corner is missing; nor is the hull a rectangle, as far as it lies in the field.
-    bool lacks_place = false;
+    // Set by look_for_missing_pieces(). `lacks_place`: the outline is not what the form explains: of a plate neither a
+    // rectangle, nor one whose corners are cut alike, nor the same turned by 180 degrees; of a plate or a round part
+    // whose outline is a circle in most places, it lies inside the circle in others. `notched`: at a plate's outline
+    // the light outside goes on inside.
+    bool lacks_place = false, notched = false;
     // Lenslets of the part, with what it encloses, over those of its convex hull: 1 for a disc or a rectangle.
     double convexity = 0;
     // Of a plate: share of the steps across its edges, along rows and columns, at which the undeflected light inside is
@@ -98,6 +102,9 @@ class RimFinder {
     // Adds kRim and kOutside to `mask`, which holds kDark and kSaturated. All spans: one value a lenslet, row by row.
     void mark(std::span<const Deflection> deflections, std::span<const std::uint32_t> sums,
               std::span<std::uint8_t> mask);
+
+    // Of the last mark(), with its light and mask: sets what found() says of pieces that are missing at the outline.
+    void look_for_missing_pieces(const FieldLight& light);
 
     // Of the last mark().
     [[nodiscard]] const FoundPart& found() const { return found_; }
@@ -145,7 +152,11 @@ class RimFinder {
     [[nodiscard]] double light_at_centroid(const FieldLight& light) const;
     [[nodiscard]] double least_free_beside();
     [[nodiscard]] double point_symmetry();
-    void check_outline_of_plate();
+    void find_cut();
+    [[nodiscard]] const FieldRectangle& rectangle();
+    [[nodiscard]] bool lacks_of_rectangle();
+    [[nodiscard]] bool lacks_of_circle();
+    [[nodiscard]] bool has_notch(const FieldLight& light, int depth);
     [[nodiscard]] double cut_by_border() const;
     // A row or column from an end of the part inwards: its lenslets before the part, and of it.
     struct LineOfPart {
@@ -185,6 +196,8 @@ class RimFinder {
     std::optional<TubeOutline> tube_;    // if the form is a tube
     std::optional<PlateOutline> plate_;  // if it is a plate
     RowHull hull_;
+    FieldCircle circle_;
+    std::optional<FieldRectangle> rectangle_;  // of the last mark(), if it was asked for
     enum class Sides : std::uint8_t { all, beside_columns, beside_rows } free_sides_ = Sides::all;  // show free light
     std::vector<std::uint8_t> state_;                          // of each lenslet, outline::State
     std::vector<std::uint8_t> region_;                         // number of its large region, from 1, where kPart is set
@@ -204,10 +217,11 @@ class RimFinder {
     [[nodiscard]] bool closed_in_row(int m, int n) const { return of_rows_.holds(n, m); }
     [[nodiscard]] bool closed_in_column(int m, int n) const { return of_columns_.holds(m, n); }
     Between of_rows_, of_columns_;
-    std::vector<std::int16_t> in_column_, free_in_column_;  // numbers of lenslets
-    std::vector<std::uint8_t> in_rim_, seen_;               // of the lenslets of a row
-    Deflection free_;                                       // median of the outermost lenslets,
-    std::int64_t free_light_ = 0;                           // and of their light, DN
+    std::vector<std::int16_t> in_column_, free_in_column_;         // numbers of lenslets
+    std::vector<double> open_lines_, glass_lines_, sorted_lines_;  // light over that outside, of lines across an edge
+    std::vector<std::uint8_t> in_rim_, seen_;                      // of the lenslets of a row
+    Deflection free_;                                              // median of the outermost lenslets,
+    std::int64_t free_light_ = 0;                                  // and of their light, DN
     int regions_ = 0;
     FoundPart found_;
 };

@@ -226,8 +226,8 @@ std::vector<std::string> notes(const Recipe& recipe) {
             "a plate is found by its edges and by the light that its faces reflect: one whose edges neither darken nor "
             "deflect light, or whose faces are coated against reflections, is unfit (no-part); learn a reference of it "
             "(hordctl learn), or write [part] present = \"unchecked\"; without one small holes and thin cracks "
-            "(three lenslets across or less in clear glass), and small corners and notches that lie in the margin for "
-            "the most part, can pass; of one that reaches from border to border only what is in the field is judged");
+            "(three lenslets across or less in clear glass), and corners and notches of two lenslets at its edge, "
+            "can pass; of one that reaches from border to border only what is in the field is judged");
     if (recipe.form == PartForm::web && alone && recipe.light && recipe.transmission_limit > 0)
         messages.emplace_back(
             "a hole in a film that takes less than 3 % of the light, as one that is coated against reflections, shows "

@@ -183,12 +183,15 @@ std::string missing_part(const algo::FrameFindings& f, algo::PartForm form, int 
                    "the whole part";
         case algo::FrameFault::lopsided:
             if (form == algo::PartForm::plate)
-                return "the plate's outline is neither a rectangle nor symmetric, as if a corner were missing, or an "
-                       "edge were not seen (one narrower than a lenslet): check the part, or set [part] outline = "
-                       "\"any\" if it has this shape";
+                return "the plate's outline is neither a rectangle nor symmetric, or is a rectangle or a disc in most "
+                       "places only, as if a corner or a piece of its edge were missing, or an edge were not seen (one "
+                       "narrower than a lenslet): check the part, or set [part] outline = \"any\" if it has this shape";
             return "the part's outline is not symmetric, as if a piece were missing: check the part, or set [part] "
                    "outline = \"any\" if it has this shape";
         case algo::FrameFault::notched:
+            if (form == algo::PartForm::plate)
+                return "the light beside the plate goes on inside its outline, as if a piece of its edge were missing: "
+                       "check the part, or set [part] outline = \"any\" if it has this shape";
             return fmt::format(
                 "the part's outline is not convex, as if pieces were missing ({:.0f} % of its hull): check the part, "
                 "or set [part] outline = \"any\" if it has this shape",

@@ -43,6 +43,7 @@ inline Marked marked(const Rows& drawing, PartForm form, int margin = 1, float s
     }
     RimFinder finder(e, margin, form, steepest);
     finder.mark(deflections, sums, mask);
+    finder.look_for_missing_pieces({deflections, sums, mask});
     Marked result{{}, finder.found()};
     for (std::size_t k = 0; k < mask.size(); ++k) {
         if (k % static_cast<std::size_t>(e.m) == 0) result.rows.emplace_back();

@@ -46,10 +46,11 @@ TEST(Plate, tells_that_its_outline_lacks_a_corner) {
         return marked(drawing, PartForm::plate).found;
     };
     EXPECT_FALSE(without_corner(0, 3).lacks_place);
-    EXPECT_FALSE(without_corner(3, 3).lacks_place);
+    EXPECT_FALSE(without_corner(2, 3).lacks_place);
+    EXPECT_TRUE(without_corner(3, 3).lacks_place);
     EXPECT_TRUE(without_corner(8, 3).lacks_place);
-    EXPECT_FALSE(without_corner(3, 0).lacks_place);  // the field cuts it
-    EXPECT_TRUE(without_corner(8, 0).lacks_place);   // its left corner is broken all the same
+    EXPECT_FALSE(without_corner(2, 0).lacks_place);  // the field cuts it
+    EXPECT_TRUE(without_corner(3, 0).lacks_place);   // its left corner is broken all the same
 }
 
 TEST(Plate, may_leave_the_field_on_one_or_two_sides) {

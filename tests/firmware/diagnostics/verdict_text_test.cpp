@@ -436,7 +436,7 @@ TEST(VerdictText, of_a_plate_or_a_tube_that_is_not_found_names_the_cures_of_its_
                   .find("bevels narrower than a lenslet"),
               std::string::npos);
     EXPECT_NE(explain(unfit(Reason::no_part, {.fault = FrameFault::lopsided}), recipe, extents)
-                  .find("as if a corner were missing, or an edge were not seen"),
+                  .find("as if a corner or a piece of its edge were missing, or an edge were not seen"),
               std::string::npos);
     EXPECT_NE(explain(unfit(Reason::no_part, {.fault = FrameFault::cut_by_field}), recipe, extents)
                   .find("show the whole plate; of one that is larger than the field in every frame set [part] outline "
