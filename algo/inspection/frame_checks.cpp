@@ -302,6 +302,23 @@ FrameFault FrameChecks::check_holder(const DecodedField& field) const {
     return any ? FrameFault::none : FrameFault::nothing;
 }
 
+// The share of light that the dark level takes moves the mean of a spot by as many bins at most: what is lost lies
+// within a bin of the middle. So less light makes no free light deflected light. A dark lenslet may show free light.
+double FrameChecks::surely_deflecting(const DecodedField& field, const FoundPart& part) const {
+    const double least = kFreeToleranceBins + static_cast<double>(findings_.lost_share);
+    const double free_x = part.free.x.to_double_rounded(), free_y = part.free.y.to_double_rounded();
+    std::size_t inside = 0, deflecting = 0;
+    for (std::size_t k = 0; k < field.mask.size(); ++k) {
+        if ((field.mask[k] & kNotJudged) != 0) continue;
+        ++inside;
+        if ((field.mask[k] & kDark) != 0) continue;
+        const double x = field.deflections[k].x.to_double_rounded() - free_x,
+                     y = field.deflections[k].y.to_double_rounded() - free_y;
+        deflecting += std::max(std::abs(x), std::abs(y)) > least ? 1 : 0;
+    }
+    return inside == 0 ? part.deflecting : static_cast<double>(deflecting) / static_cast<double>(inside);
+}
+
 FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& part) {
     findings_.parts = part.parts + part.islands;
     findings_.sharp_share = static_cast<float>(part.sharp_outline);
@@ -311,7 +328,7 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     findings_.convexity = static_cast<float>(part.convexity);
     findings_.shaded = static_cast<float>(part.shaded);
     findings_.shaded_steps = part.shaded_steps;
-    findings_.deflecting = static_cast<float>(part.deflecting);
+    findings_.deflecting = static_cast<float>(is_dim() ? surely_deflecting(field, part) : part.deflecting);
     if (part.area > 0) {
         const double diameter = 2 * std::sqrt(static_cast<double>(part.area) / kPi);
         findings_.border_cut = static_cast<float>(static_cast<double>(part.at_border) / diameter);
@@ -324,7 +341,7 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     if (part.islands > 0) return FrameFault::several;
     if (part.edge_width > kMaxEdgeWidth) return FrameFault::blurred_edge;
     // Whether the field cuts a tube or a plate is asked of good ones (judge_good()). A plate may show its edges alone.
-    if (form_ == PartForm::tube && part.deflecting < kMinDeflectingShare) return FrameFault::hollow;
+    if (form_ == PartForm::tube && !deflects()) return FrameFault::hollow;
     if (form_ == PartForm::plate) return check_plate(part);
     if (form_ != PartForm::round) return FrameFault::none;
     if (part.parts > 1) return FrameFault::several;
@@ -332,14 +349,14 @@ FrameFault FrameChecks::check_part(const DecodedField& field, const FoundPart& p
     if (part.free_beside < kMinFreeBeside) return FrameFault::interrupted;
     if (symmetric_ && part.symmetry < min_symmetry(part.area)) return FrameFault::lopsided;
     if (symmetric_ && part.convexity < min_convexity(part.area)) return FrameFault::notched;
-    return part.deflecting < kMinDeflectingShare ? FrameFault::hollow : FrameFault::none;
+    return deflects() ? FrameFault::none : FrameFault::hollow;
 }
 
 // What one edge or two seem to enclose, and the field cuts, is a plate if it is flat. Hairs and empty frames have
 // edges, too: a plate shows itself by the light that its faces reflect, or that it deflects.
 FrameFault FrameChecks::check_plate(const FoundPart& part) const {
     if (is_cut_by_field() && part.deflecting > 1 - kMinDeflectingShare) return FrameFault::not_flat;
-    if (part.deflecting >= kMinDeflectingShare) return FrameFault::none;
+    if (deflects()) return FrameFault::none;
     if (part.shaded_steps < kMinShadedSteps) return FrameFault::no_steps;
     if (part.soft_shadow) return part.clear_middle ? FrameFault::clear_middle : FrameFault::shadow;
     return part.shaded < kMinShadedShare ? FrameFault::unproven : FrameFault::none;
@@ -376,7 +393,7 @@ bool FrameChecks::is_fog_beside(const DecodedField& field, const FoundPart& part
 // light from bins that have none: where they read more beside it, the difference of the light may be fog.
 FrameFault FrameChecks::check_spread(const FrameView& frame, const DecodedField& field, const FoundPart& part) {
     if (form_ != PartForm::plate || !part_required_ || has_reference_ || !part.free_light || !findings_.spot_measured ||
-        part.deflecting >= kMinDeflectingShare)
+        deflects())
         return FrameFault::none;
     choose_lenslets(field.mask.size(), kMaxChosen,
                     [mask = field.mask](std::size_t k) { return (mask[k] & (kNoHord | kNotJudged)) == 0; });

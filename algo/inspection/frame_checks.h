@@ -96,6 +96,8 @@ class FrameChecks {
     [[nodiscard]] double lost_share(const DecodedField& field, const MeanSpot& spot) const;
     [[nodiscard]] bool is_dim() const { return static_cast<double>(findings_.lost_share) > kMaxLostLight; }
     FrameFault check_exposures(const FrameView& frame, const DecodedField& field, const Alternation& alternation);
+    [[nodiscard]] double surely_deflecting(const DecodedField& field, const FoundPart& part) const;
+    [[nodiscard]] bool deflects() const { return static_cast<double>(findings_.deflecting) >= kMinDeflectingShare; }
     FrameFault check_part(const DecodedField& field, const FoundPart& part);
     [[nodiscard]] FrameFault check_plate(const FoundPart& part) const;
     [[nodiscard]] bool has_known_outline() const { return part_required_ && !has_reference_ && symmetric_; }

@@ -100,6 +100,7 @@ void RimFinder::mark(std::span<const Deflection> deflections, std::span<const st
     if (regions_ == 0) return;
     if (!found_.free_light) free_ = median_inside(deflections, mask);
     found_.deflecting = deflecting_share(deflections, mask);
+    found_.free = free_;
 }
 
 // Step 3. Sets kPart and kInside.

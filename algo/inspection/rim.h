@@ -78,6 +78,7 @@ struct FoundPart {
     // the free light or are dark; 1 if nothing is left or there is no part. If no free light is seen around a tube, its
     // place is taken by the median of the lenslets inside.
     double deflecting = 1;
+    Deflection free = {};                      // what `deflecting` is measured from
     std::span<const std::uint8_t> state = {};  // one a lenslet, valid until the next mark()
 
     // Bit of `state`: the lenslet shows free light that is connected to that of the outermost lenslets.

@@ -299,9 +299,9 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
          "the light falls over 4 lenslets at the part's edges (at most 2): look for a part that moves while the light "
          "is on (a shorter flash) or that is exposed twice, and see that it lies in the measurement plane"},
         {unfit(Reason::too_dark, {.fault = FrameFault::dim, .lost_share = 0.31F}),
-         "the dark level, 0 DN, takes 31 % of the light (at most 20 %), and no whole part is seen: check that the "
-         "light "
-         "flashes while the sensor exposes, and raise its current, the exposure or the gain"},
+         "the dark level, 0 DN, takes 31 % of the light, and what is seen is not surely one whole part, as it must be "
+         "above 20 %: check that the light flashes while the sensor exposes, and raise its current, the exposure or "
+         "the gain"},
         {unfit(Reason::unexpected_geometry, {.fault = FrameFault::turned, .turned_rad = 0.0349F}),
          "the free light drifts as if the bins were turned against the frame by 2.00 degrees: calibrate again, or set "
          "the camera straight"},
