@@ -25,15 +25,19 @@ double FieldCircle::distance(std::size_t k) const {
     return std::abs(std::hypot(m_[k] - middle_m_, n_[k] - middle_n_) - radius_);
 }
 
-// The lenslets of the hull with a neighbour in the field that does not belong to it.
+// The lenslets of the hull with a neighbour in the field that does not belong to it. Those of a row lie at its two
+// ends.
 void FieldCircle::collect(const RowHull& hull) {
     m_.clear(), n_.clear();
-    const auto has = [&](int m, int n) { return hull.contains(static_cast<std::size_t>(n), m); };
+    const auto left = [&](int n) { return hull.left(static_cast<std::size_t>(n)); };  // extents_.m: none
+    const auto last = [&](int n) { return extents_.m - 1 - hull.right(static_cast<std::size_t>(n)); };
     for (int n = 1; n + 1 < extents_.n; ++n) {
-        if (!hull.has(static_cast<std::size_t>(n))) continue;
-        const int last = extents_.m - 1 - hull.right(static_cast<std::size_t>(n));
-        for (int m = std::max(hull.left(static_cast<std::size_t>(n)), 1); m <= std::min(last, extents_.m - 2); ++m) {
-            if (has(m - 1, n) && has(m + 1, n) && has(m, n - 1) && has(m, n + 1)) continue;
+        const int first_inner = std::max({left(n) + 1, left(n - 1), left(n + 1)}),
+                  last_inner = std::min({last(n) - 1, last(n - 1), last(n + 1)}),
+                  end = std::min(last(n), extents_.m - 2);
+        for (int m = std::max(left(n), 1); m <= end; ++m) {
+            if (m == first_inner && last_inner > m) m = last_inner + 1;
+            if (m > end) break;
             m_.push_back(m), n_.push_back(n);
         }
     }

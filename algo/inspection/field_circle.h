@@ -2,7 +2,6 @@
 // form explains"). The places of the outline that lie off it do not move it.
 #pragma once
 
-#include <cmath>
 #include <cstdint>
 #include <vector>
 
@@ -19,8 +18,11 @@ class FieldCircle {
     // field lies on it, to a lenslet.
     bool fit(const RowHull& hull);
 
-    // Of a lenslet, from the circle inwards, lenslets.
-    [[nodiscard]] double depth(int m, int n) const { return radius_ - std::hypot(m - middle_m_, n - middle_n_); }
+    // The lenslet lies more than `depth` lenslets inside the circle.
+    [[nodiscard]] bool contains(int m, int n, double depth) const {
+        const double x = m - middle_m_, y = n - middle_n_, within = radius_ - depth;
+        return within > 0 && x * x + y * y < within * within;
+    }
 
   private:
     void collect(const RowHull& hull);

@@ -80,7 +80,7 @@ FieldRectangle::Outline FieldRectangle::outline_of(const RowHull& hull, double n
         const auto lies_on = [near](double a, double b, double side) {
             return std::abs(a - side) <= near && std::abs(b - side) <= near;
         };
-        const double of_step = std::hypot(m1 - m0, n1 - n0);
+        const double of_step = std::sqrt(static_cast<double>((m1 - m0) * (m1 - m0) + (n1 - n0) * (n1 - n0)));
         const bool is_on_side = lies_on(u0, u1, first_u_) || lies_on(u0, u1, last_u_) || lies_on(v0, v1, first_v_) ||
             lies_on(v0, v1, last_v_);
         length.all += of_step;

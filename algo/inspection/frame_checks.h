@@ -74,6 +74,9 @@ class FrameChecks {
     Reason judge(const FrameView& frame, const DecodedField& field, const FoundPart& part,
                  const Alternation& alternation);
 
+    // The form of the part says what its outline is: pieces that are missing at it are asked of judge_good().
+    [[nodiscard]] bool has_known_outline() const { return part_required_ && !has_reference_ && symmetric_; }
+
     // Of a frame that was judged, and of a part without a defect: Reason::no_part if its outline lacks a piece that
     // hides nothing of the rest, or a piece lies outside the field; none if not. (A defect is told with its place
     // instead.)
@@ -100,7 +103,6 @@ class FrameChecks {
     [[nodiscard]] bool deflects() const { return static_cast<double>(findings_.deflecting) >= kMinDeflectingShare; }
     FrameFault check_part(const DecodedField& field, const FoundPart& part);
     [[nodiscard]] FrameFault check_plate(const FoundPart& part) const;
-    [[nodiscard]] bool has_known_outline() const { return part_required_ && !has_reference_ && symmetric_; }
     [[nodiscard]] bool must_be_whole() const;  // a plate or a tube
     [[nodiscard]] bool is_cut_by_field() const { return static_cast<double>(findings_.border_cut) > kMaxBorderCut; }
     FrameFault check_spread(const FrameView& frame, const DecodedField& field, const FoundPart& part);

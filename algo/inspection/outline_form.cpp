@@ -63,7 +63,7 @@ bool RimFinder::lacks_of_circle() {
     const double margin = default_rim_margin(extents_);
     for (int n = 0; n < extents_.n; ++n) {
         for (int m = 0; m < extents_.m; ++m) {
-            if ((state_[extents_.index(m, n)] & kInside) == 0 && circle_.depth(m, n) > margin) return true;
+            if ((state_[extents_.index(m, n)] & kInside) == 0 && circle_.contains(m, n, margin)) return true;
         }
     }
     return false;

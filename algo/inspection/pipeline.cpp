@@ -271,7 +271,7 @@ void Pipeline::Workspace::find_missing(Inspection& result) {
 
 // Of a part without a defect: unfit if a piece of it is missing.
 void Pipeline::Workspace::check_good(Inspection& result) {
-    if (!comparison) rim.look_for_missing_pieces({deflections, sums, mask});
+    if (checks.has_known_outline()) rim.look_for_missing_pieces({deflections, sums, mask});
     const Reason reason = checks.judge_good(rim.found());
     if (reason == Reason::none) return;
     result.frame = checks.findings();

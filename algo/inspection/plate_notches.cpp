@@ -38,20 +38,20 @@ bool RimFinder::has_notch(const FieldLight& light, int depth) {
         }
         return count < least ? 0.0 : sum / count;
     };
-    // `first` of a line, lenslets; -1: none.
     const auto side = [&](int lines, int length, auto&& index) {
         auto &open = open_lines_, &glass = glass_lines_, &sorted = sorted_lines_;
         const auto step = static_cast<std::ptrdiff_t>(index(0, 1)) - static_cast<std::ptrdiff_t>(index(0, 0));
-        const auto first_of = [&](int line) {
-            if (line < 0 || line >= lines) return -1;
+        first_of_line_.assign(static_cast<std::size_t>(lines) + 4, -1);  // two more on either side
+        int* const first_of = first_of_line_.data() + 2;
+        for (int line = 0; line < lines; ++line) {
             int first = 0;
             while (first < length && (state_[index(line, first)] & kPart) == 0) ++first;
-            return first < length ? first : -1;
-        };
+            first_of[line] = first < length ? first : -1;
+        }
         open.assign(static_cast<std::size_t>(lines), 0);
         glass.clear();
         for (int line = 0; line < lines; ++line) {
-            const int first = first_of(line), before = first_of(line - 2), behind = first_of(line + 2);
+            const int first = first_of[line], before = first_of[line - 2], behind = first_of[line + 2];
             if (first < 0 || before < 0 || behind < 0 || std::abs(behind - before) > 4) continue;
             const double beside =
                 mean(index(line, first) - static_cast<std::size_t>(2 * step), -step, first - 1, kMinBesideNotch,

@@ -80,6 +80,9 @@ RimFinder::RimFinder(const Extents& extents, int margin, PartForm form, float st
         for (int m = 0; m < extents.m; ++m) beside_rows_.push_back(static_cast<std::uint32_t>(extents.index(m, n)));
     }
     ring_values_.resize(ring_.size());
+    const auto most_lines = static_cast<std::size_t>(std::max(extents.m, extents.n));
+    for (auto* const lines : {&open_lines_, &glass_lines_, &sorted_lines_}) lines->reserve(most_lines);
+    first_of_line_.reserve(most_lines + 4);
     if (form == PartForm::tube) tube_.emplace(extents, margin, steepest_bins);
     if (form == PartForm::plate) plate_.emplace(extents);
 }

@@ -219,6 +219,7 @@ class RimFinder {
     [[nodiscard]] bool closed_in_column(int m, int n) const { return of_columns_.holds(m, n); }
     Between of_rows_, of_columns_;
     std::vector<std::int16_t> in_column_, free_in_column_;         // numbers of lenslets
+    std::vector<int> first_of_line_;                               // lenslets; -1: no lenslet of the part
     std::vector<double> open_lines_, glass_lines_, sorted_lines_;  // light over that outside, of lines across an edge
     std::vector<std::uint8_t> in_rim_, seen_;                      // of the lenslets of a row
     Deflection free_;                                              // median of the outermost lenslets,
