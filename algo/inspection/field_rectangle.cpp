@@ -12,7 +12,8 @@ constexpr double kRightAngle = 1.5707963267948966;
 constexpr int kCoarse = 45, kFiner = 4;  // first steps in a right angle (odd); how many finer ones in a step
 constexpr double kOnSide = 1;            // lenslets from a side of the rectangle: what a hull of lenslets is exact to
 constexpr double kOfAngle = 0.25;        // lenslets that the last step of the angle moves an end of a side by, at most
-constexpr double kRounding = 1e-6;       // lenslets
+constexpr double kMostOfOutline = 5.0 / 6, kHalfOfSide = 0.5;  // of a rectangle's that has cut corners
+constexpr double kRounding = 1e-6;                             // lenslets
 
 // Narrows [first, last] to where `rate` * x + `offset` lies in [least, most].
 void narrow(double rate, double offset, double least, double most, double& first, double& last) {
@@ -64,9 +65,12 @@ FieldRectangle FieldRectangle::about(const RowHull& hull, const Extents& extents
     }
 }
 
-double FieldRectangle::share_on_sides(const RowHull& hull) const {
+bool FieldRectangle::explains(const RowHull& hull) const {
     const Outline outline = outline_of(hull, kOnSide + kOfAngle);
-    return outline.all > 0 ? outline.on_sides / outline.all : 0;
+    const double u = last_u_ - first_u_, v = last_v_ - first_v_;
+    const auto& [first_u, last_u, first_v, last_v] = outline.on_side;
+    return outline.on_sides >= kMostOfOutline * outline.all ||
+        (std::min(first_u, last_u) >= kHalfOfSide * v && std::min(first_v, last_v) >= kHalfOfSide * u);
 }
 
 // Of the hull's outline, what lies on a side of the rectangle to `near` lenslets.
@@ -81,10 +85,11 @@ FieldRectangle::Outline FieldRectangle::outline_of(const RowHull& hull, double n
             return std::abs(a - side) <= near && std::abs(b - side) <= near;
         };
         const double of_step = std::sqrt(static_cast<double>((m1 - m0) * (m1 - m0) + (n1 - n0) * (n1 - n0)));
-        const bool is_on_side = lies_on(u0, u1, first_u_) || lies_on(u0, u1, last_u_) || lies_on(v0, v1, first_v_) ||
-            lies_on(v0, v1, last_v_);
+        const std::array<bool, 4> lies{lies_on(u0, u1, first_u_), lies_on(u0, u1, last_u_), lies_on(v0, v1, first_v_),
+                                       lies_on(v0, v1, last_v_)};
         length.all += of_step;
-        length.on_sides += is_on_side ? of_step : 0;
+        for (std::size_t side = 0; side < lies.size(); ++side) length.on_side[side] += lies[side] ? of_step : 0;
+        length.on_sides += std::ranges::count(lies, true) > 0 ? of_step : 0;
     };
     const auto right = [&](std::size_t row) { return last_m - hull.right(row); };
     for (int n = 0; n <= last_n; ++n) {

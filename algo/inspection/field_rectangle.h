@@ -2,6 +2,8 @@
 // cuts"). Its sides that lie inside the field are those of the outline; what lies beyond the field is not known.
 #pragma once
 
+#include <array>
+
 #include "algo/frame/extents.h"
 #include "algo/inspection/row_hull.h"
 
@@ -18,8 +20,10 @@ class FieldRectangle {
     // rectangle's width: a strip.
     [[nodiscard]] bool is_strip(double share) const;
 
-    // Of the outline inside the field, the share that lies on the rectangle's sides, to a lenslet: 0..1.
-    [[nodiscard]] double share_on_sides(const RowHull& hull) const;
+    // The outline is the rectangle but for its corners: five sixths of it inside the field lie on the rectangle's
+    // sides, to a lenslet, or it lies on half of each side. A parallelogram touches two sides of its rectangle at a
+    // corner only.
+    [[nodiscard]] bool explains(const RowHull& hull) const;
 
     // By how much the cuts at the rectangle's corners differ, the longest leg less the shortest, lenslets: 0 for a
     // rectangle, and where all four corners are alike. Corners beyond the field do not count.
@@ -33,6 +37,7 @@ class FieldRectangle {
     // Lengths inside the field, lenslets.
     struct Outline {
         double all = 0, on_sides = 0;
+        std::array<double, 4> on_side{};  // first and last u, first and last v
     };
     [[nodiscard]] Outline outline_of(const RowHull& hull, double near) const;
     [[nodiscard]] double seen_of(bool along, double at) const;

@@ -11,8 +11,7 @@ namespace hord::algo {
 using namespace outline;
 
 namespace {
-constexpr double kSeenOfWidth = 0.5;      // of a strip's width, over which both its long edges are seen
-constexpr double kOfRectangle = 5.0 / 6;  // of the outline in the field, if it is a rectangle but for cut corners
+constexpr double kSeenOfWidth = 0.5;  // of a strip's width, over which both its long edges are seen
 }  // namespace
 
 void RimFinder::find_cut() {
@@ -54,7 +53,7 @@ bool RimFinder::lacks_of_rectangle() {
     if (lacks_image() && (found_.at_border == 0 || lacks_square())) return true;
     const double margin = default_rim_margin(extents_);
     if (found_.at_border > 0 && of.is_strip(kSeenOfWidth)) return of.farthest_from_long_sides(hull_) > margin;
-    return of.share_on_sides(hull_) >= kOfRectangle && of.uneven_corners(hull_) > margin;
+    return of.explains(hull_) && of.uneven_corners(hull_) > margin;
 }
 
 // Where most of the outline is a circle: a lenslet farther inside it than the margin is not of the part.

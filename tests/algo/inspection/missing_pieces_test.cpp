@@ -73,12 +73,28 @@ TEST(MissingPieces, are_corners_that_are_not_cut_as_the_others_are) {
     for (const double turn : {0.0, 0.03, 0.4, 0.7}) {
         for (const double all : {0.0, 3.0, 6.0})
             EXPECT_EQ(judged(plate(rectangle(turn, all, all, all)), PartForm::plate), FrameFault::none) << turn << all;
-        for (const double leg : {5.0, 6.0, 8.0}) {
+        for (const double leg : {5.0, 6.0, 8.0, 12.0}) {
             EXPECT_EQ(judged(plate(rectangle(turn, leg, 0, 0)), PartForm::plate), FrameFault::lopsided) << turn << leg;
             EXPECT_EQ(judged(plate(rectangle(turn, leg, leg, 0)), PartForm::plate), FrameFault::lopsided)
                 << turn << leg;
         }
         EXPECT_EQ(judged(plate(rectangle(turn, 6, 6, 0)), PartForm::plate, false), FrameFault::none) << turn;
+    }
+}
+
+TEST(MissingPieces, are_no_corners_of_a_parallelogram_or_a_hexagon) {
+    for (const double turn : {0.0, 0.03, 0.4, 0.7}) {
+        const auto parallelogram = [=](double m, double n) {
+            const auto [u, v] = turned(m, n, turn);
+            return std::min((18 - std::abs(u - 0.4 * v)) / std::hypot(1, 0.4), 14 - std::abs(v));
+        };
+        const auto hexagon = [=](double m, double n) {
+            const auto [u, v] = turned(m, n, turn);
+            const double half = std::sqrt(0.75) * std::abs(u);
+            return 17 - std::max({std::abs(v), half + v / 2, half - v / 2});
+        };
+        EXPECT_EQ(judged(plate(parallelogram), PartForm::plate), FrameFault::none) << turn;
+        EXPECT_EQ(judged(plate(hexagon), PartForm::plate), FrameFault::none) << turn;
     }
 }
 
