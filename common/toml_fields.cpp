@@ -142,6 +142,17 @@ Result<void> refuse_blank(std::string_view text, const std::filesystem::path& fi
     return fail(ErrorCode::invalid_argument, file.string() + ": is empty", "write it again, or remove it");
 }
 
+std::optional<Error> may_have_lost_its_end(const std::filesystem::path& file) {
+    const std::string text = read_file(file).value_or("\n");
+    if (text.ends_with('\n')) return std::nullopt;
+    return Error{
+        ErrorCode::invalid_argument,
+        fmt::format("{}:{}: the last line has no line end, so the file may have lost its end, and defaults count "
+                    "for what is lost",
+                    file.string(), 1 + std::ranges::count(text, '\n')),
+        "compare it with its original, and end it with a line end"};
+}
+
 TomlTable TomlTable::parse_file(const std::filesystem::path& file, TomlProblems& problems) {
     const auto text = read_file(file);
     if (!text) problems.add(cannot_read(file));

@@ -53,6 +53,10 @@ class TomlProblems {
 // Fails with invalid_argument for a file of no text, as a disk that was full leaves it: its defaults are not meant.
 Result<void> refuse_blank(std::string_view text, const std::filesystem::path& file);
 
+// Told, not refused, of a configuration that a program has been started with for long: its last line has no line end,
+// as where the file was cut. None: it has one, or the file cannot be read.
+std::optional<Error> may_have_lost_its_end(const std::filesystem::path& file);
+
 class TomlTable {
   public:
     // An unreadable file, a blank one or a syntax error adds a problem and returns an empty table. `problems` must

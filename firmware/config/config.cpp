@@ -256,15 +256,7 @@ std::vector<Error> notes(const Config& config) {
                                      config.name.size(), common::kNameBytes, held),
                          "shorten it"});
     }
-    // Not refused, as that of a recipe is: stations have been started with such files for long.
-    const std::string text = common::read_file(config.file).value_or("\n");
-    if (!text.ends_with('\n')) {
-        found.push_back({ErrorCode::invalid_argument,
-                         fmt::format("{}:{}: the last line has no line end, so the file may have lost its end, and "
-                                     "defaults count for what is lost",
-                                     config.file.string(), 1 + std::ranges::count(text, '\n')),
-                         "compare it with its original, and end it with a line end"});
-    }
+    if (auto cut = common::may_have_lost_its_end(config.file)) found.push_back(std::move(*cut));
     return found;
 }
 

@@ -14,6 +14,7 @@
 
 #include "common/cli/message.h"
 #include "common/cli/program.h"
+#include "common/toml_fields.h"
 #include "firmware/mqtt/agent.h"
 #include "firmware/mqtt/mqtt_config.h"
 
@@ -132,6 +133,7 @@ int main(int argc, char** argv) {
     if (const auto ended = hord::parse_command_line(program, argc, argv)) return *ended;
     auto config = load_mqtt_config(file);
     if (!config) return complain(config.error(), kBadConfiguration);
+    if (const auto cut = common::may_have_lost_its_end(file)) say(cut->message());
     if (check) {
         fmt::print("{} can be used\n", file);
         return 0;

@@ -10,6 +10,7 @@
 
 #include "common/cli/message.h"
 #include "common/cli/program.h"
+#include "common/toml_fields.h"
 #include "firmware/page/server.h"
 #include "firmware/page/station_watch.h"
 #include "firmware/page/wall.h"
@@ -167,6 +168,8 @@ int main(int argc, char** argv) {
     if (const auto ended = hord::parse_command_line(program, argc, argv)) return *ended;
     const auto config = configuration(options);
     if (!config) return complain(config.error(), kBadConfiguration);
+    for (const std::string& file : {options.config, options.stations})
+        if (const auto cut = common::may_have_lost_its_end(file)) log(cut->message());
     if (!options.stations.empty()) {
         auto stations = load_stations(options.stations);
         if (!stations) return complain(stations.error(), kBadConfiguration);

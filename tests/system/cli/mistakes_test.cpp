@@ -52,6 +52,24 @@ TEST(Mistakes, a_blank_file_is_refused_and_named) {
     }
 }
 
+TEST(Mistakes, a_configuration_that_may_have_lost_its_end_is_used_and_named) {
+    const TemporaryFolder folder;
+    const std::string file = folder / "cut.toml";
+    for (const auto& [program, section] : std::vector<std::pair<std::string, std::string>>{
+             {"hord-page", "[page]\nviewers = 1"}, {"hord-mqtt", "[broker]\nport = 1"}}) {
+        for (const bool cut : {true, false}) {
+            std::ofstream(file) << section << (cut ? "" : "\n");
+            const Said said = run(program, {"--check", "--config", file});
+            EXPECT_EQ(said.status, 0) << program;
+            EXPECT_EQ(said.err,
+                      cut ? program + ": " + file +
+                              ":2: the last line has no line end, so the file may have lost its end, and defaults "
+                              "count for what is lost: compare it with its original, and end it with a line end\n"
+                          : "");
+        }
+    }
+}
+
 TEST(Mistakes, on_the_command_line_are_named) {
     const auto refused = [](const std::vector<std::string>& arguments, const std::string& what) {
         const Said said = run("hordctl", arguments);
