@@ -415,6 +415,10 @@ TEST_F(Service, a_second_station_on_the_same_store_is_refused_until_the_first_ha
     write_config("[station]\nautostart = false\n[store]\nfolder = \"" + store.string() + "\"\n");
     Running first("/usr/bin/env", under({}));
     ASSERT_TRUE(first.says("Preoperational to Initialized", kPatience)) << first.so_far().err;
+    // Its store is opened by a thread of its own.
+    const auto until = std::chrono::steady_clock::now() + kPatience;
+    while (run("hordctl", {"results", "--store", store}).status != 0 && std::chrono::steady_clock::now() < until) {
+    }
     const std::string why = "the store's folder " + store.string() + " is in use by process ";
     const Said second = run("/usr/bin/env", under({}));
     EXPECT_EQ(second.status, 2);
