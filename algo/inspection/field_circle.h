@@ -14,8 +14,8 @@ class FieldCircle {
   public:
     explicit FieldCircle(const Extents& extents);  // allocates all memory
 
-    // Fits the circle to the outline of `hull`, which is closed. False if less than kOnCircle of the outline inside the
-    // field lies on it, to a lenslet.
+    // Fits the circle to the outline of `hull`, which is closed. False if less than two thirds of the outline
+    // inside the field lie on it, to a lenslet.
     bool fit(const RowHull& hull);
 
     // The lenslet lies more than `depth` lenslets inside the circle.

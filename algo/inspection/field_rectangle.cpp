@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 
 namespace hord::algo {
@@ -12,8 +13,8 @@ constexpr double kRightAngle = 1.5707963267948966;
 constexpr int kCoarse = 45, kFiner = 4;  // first steps in a right angle (odd); how many finer ones in a step
 constexpr double kOnSide = 1;            // lenslets from a side of the rectangle: what a hull of lenslets is exact to
 constexpr double kOfAngle = 0.25;        // lenslets that the last step of the angle moves an end of a side by, at most
-constexpr double kMostOfOutline = 5.0 / 6, kHalfOfSide = 0.5;  // of a rectangle's that has cut corners
-constexpr double kRounding = 1e-6;                             // lenslets
+constexpr double kOutlineShare = 5.0 / 6, kSideShare = 0.5;  // explains(): what must lie on all sides, or on each
+constexpr double kRounding = 1e-6;                           // lenslets
 
 // Narrows [first, last] to where `rate` * x + `offset` lies in [least, most].
 void narrow(double rate, double offset, double least, double most, double& first, double& last) {
@@ -69,8 +70,8 @@ bool FieldRectangle::explains(const RowHull& hull) const {
     const Outline outline = outline_of(hull, kOnSide + kOfAngle);
     const double u = last_u_ - first_u_, v = last_v_ - first_v_;
     const auto& [first_u, last_u, first_v, last_v] = outline.on_side;
-    return outline.on_sides >= kMostOfOutline * outline.all ||
-        (std::min(first_u, last_u) >= kHalfOfSide * v && std::min(first_v, last_v) >= kHalfOfSide * u);
+    return outline.on_sides >= kOutlineShare * outline.all ||
+        (std::min(first_u, last_u) >= kSideShare * v && std::min(first_v, last_v) >= kSideShare * u);
 }
 
 // Of the hull's outline, what lies on a side of the rectangle to `near` lenslets.
@@ -89,7 +90,7 @@ FieldRectangle::Outline FieldRectangle::outline_of(const RowHull& hull, double n
                                        lies_on(v0, v1, last_v_)};
         length.all += of_step;
         for (std::size_t side = 0; side < lies.size(); ++side) length.on_side[side] += lies[side] ? of_step : 0;
-        length.on_sides += std::ranges::count(lies, true) > 0 ? of_step : 0;
+        length.on_sides += std::ranges::any_of(lies, std::identity{}) ? of_step : 0;
     };
     const auto right = [&](std::size_t row) { return last_m - hull.right(row); };
     for (int n = 0; n <= last_n; ++n) {

@@ -7,7 +7,6 @@
 
 #include "algo/frame/extents.h"
 #include "common/file_kind.h"
-#include "common/file_writing.h"
 #include "common/name_bytes.h"
 #include "common/toml_fields.h"
 #include "common/utf8.h"

@@ -269,8 +269,7 @@ std::string why_unfit(const algo::Inspection& found, const algo::Recipe& recipe,
             if (found.frame.fault == algo::FrameFault::dim)
                 return fmt::format(
                     "the dark level, {} DN, takes {} % of the light, and what is seen is not surely one whole part, as "
-                    "it "
-                    "must be above {:.0f} %: check that the light flashes while the sensor exposes, and raise its "
+                    "it must be above {:.0f} %: check that the light flashes while the sensor exposes, and raise its "
                     "current, the exposure or the "
                     "gain",
                     found.dark_dn, beyond_percent(found.frame.lost_share, algo::kMaxLostLight),

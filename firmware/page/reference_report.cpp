@@ -34,9 +34,8 @@ constexpr const char* kRelative =
     "The recipe names this file by a path that depends on where the station was started, so this page cannot find it.";
 constexpr const char* kNoReport =
     "There is no report of this reference. A teach writes one within minutes; if the station ended or a new teach "
-    "began "
-    "before, there will be none, and the frames are gone. The reference judges as well without it. To have one, teach "
-    "again, or learn from frames of good parts (hordctl learn, not with --no-check).";
+    "began before, there will be none, and the frames are gone. The reference judges as well without it. To have one, "
+    "teach again, or learn from frames of good parts (hordctl learn, not with --no-check).";
 constexpr const char* kOther = "The report beside this reference is of another one. Learn again to have its own.";
 constexpr const char* kDamaged = "The report of this reference is damaged. Learn again, or delete the report.";
 
