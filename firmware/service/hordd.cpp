@@ -243,6 +243,7 @@ int main(int argc, char** argv) {
         use(folders);
         if (!found.empty()) return refuse_configuration(found.as_error().value());
         for (const std::string& folder : *folders) fmt::print("{}\n", folder);
+        for (const std::string& held : folders_in_use(*config)) fmt::print("note: {}\n", held);
         for (const Error& note : all_notes(*config)) fmt::print("note: {}\n", note.message());
         const auto print_notes = [](const std::string& name, const NumberedRecipe& of) {
             for (const std::string& note : notes(of)) fmt::print("{}: note: {}\n", name, note);

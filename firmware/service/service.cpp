@@ -10,7 +10,6 @@
 #include <fmt/format.h>
 
 #include "common/assign.h"
-#include "common/file_writing.h"
 #include "firmware/diagnostics/inspection_self_test.h"
 #include "firmware/diagnostics/learn_report.h"
 #include "firmware/recipes/recipe_folder.h"
@@ -219,15 +218,11 @@ void Service::connect(NumberedRecipe recipe) {
     command_handler_->begin(std::move(dependencies), std::move(recipe));
 }
 
-// The store locks its database by itself, again after each failure; the frames beside it have no lock but this.
 Result<void> Service::lock_folders() {
     if (!config_.state_folder.empty()) {
         if (auto done = assign(state_lock_, StateLock::take(config_.state_folder)); !done) return done;
     }
-    const std::filesystem::path store = store_folder(config_);
-    if (store.empty()) return {};
-    (void)common::ensure_folder(store);  // the store tells what is wrong with it
-    return assign(store_lock_, StateLock::take(store, "the store's folder"));
+    return assign(store_lock_, lock_store(config_));
 }
 
 Result<void> Service::open_all(const SimulationOptions& simulation) {

@@ -13,16 +13,37 @@
 namespace hord::firmware {
 namespace {
 
-// "process 4711 (hordd)"
-std::string owner_of(const std::filesystem::path& file) {
-    const std::string owner = common::read_file(file).value_or("");
-    return owner.empty() ? "another process" : "process " + owner;
+struct flock whole_file(short type) {
+    struct flock range {};
+    range.l_type = type;
+    range.l_whence = SEEK_SET;
+    return range;
 }
 
-// On a full disk the file stays empty, and the owner is not known.
-void write_owner(int file) {
-    const std::string owner = fmt::format("{} ({})", ::getpid(), program_invocation_short_name);
-    if (::ftruncate(file, 0) != 0 || ::pwrite(file, owner.data(), owner.size(), 0) < 0) return;
+// The kernel tells no process of a flock. It tells the one of a record lock, which a file of another user takes, too:
+// what the file says would be the name of any earlier holder.
+void sign(int file) {
+    struct flock mark = whole_file(F_RDLCK);
+    (void)::fcntl(file, F_SETLK, &mark);
+}
+
+// "process 4711 (hordd)". Empty: nobody has signed. The process is not known in another container or on another
+// machine.
+std::string signed_by(int file) {
+    struct flock mark = whole_file(F_WRLCK);
+    if (::fcntl(file, F_GETLK, &mark) != 0 || mark.l_type == F_UNLCK) return {};
+    if (mark.l_pid <= 0) return "another process";
+    std::string name = common::read_file(fmt::format("/proc/{}/comm", mark.l_pid)).value_or("");
+    while (!name.empty() && name.back() == '\n') name.pop_back();
+    return fmt::format("process {}{}", mark.l_pid, name.empty() ? "" : " (" + name + ")");
+}
+
+common::UniqueFd open_lock(const std::filesystem::path& file, int flags) {
+    return common::UniqueFd(::open(file.c_str(), flags | O_CLOEXEC, 0644));
+}
+
+std::string is_in_use(const std::string& what, const std::filesystem::path& folder, const std::string& holder) {
+    return what + " " + folder.string() + " is in use by " + (holder.empty() ? "another process" : holder);
 }
 
 }  // namespace
@@ -30,19 +51,25 @@ void write_owner(int file) {
 Result<StateLock> StateLock::take(const std::filesystem::path& folder, const std::string& what) {
     StateLock lock;
     const std::filesystem::path file = folder / "station.lock";
-    lock.file_.reset(::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644));
-    if (!lock.held()) lock.file_.reset(::open(file.c_str(), O_RDONLY | O_CLOEXEC));  // another user's, or read-only
+    lock.file_ = open_lock(file, O_RDWR | O_CREAT);
+    if (!lock.held()) lock.file_ = open_lock(file, O_RDONLY);  // another user's, or read-only
     if (!lock.held()) return lock;
     if (::flock(lock.file_.get(), LOCK_EX | LOCK_NB) == 0) {
-        write_owner(lock.file_.get());
+        sign(lock.file_.get());
         return lock;
     }
     if (errno == EWOULDBLOCK) {
-        return fail(ErrorCode::busy, what + " " + folder.string() + " is in use by " + owner_of(file),
+        return fail(ErrorCode::busy, is_in_use(what, folder, signed_by(lock.file_.get())),
                     "stop it or name another folder");
     }
     lock.file_.reset();  // a file system without locks
     return lock;
+}
+
+std::optional<std::string> StateLock::in_use(const std::filesystem::path& folder, const std::string& what) {
+    const common::UniqueFd file = open_lock(folder / "station.lock", O_RDONLY);
+    const std::string holder = file ? signed_by(file.get()) : std::string();
+    return holder.empty() ? std::nullopt : std::optional(is_in_use(what, folder, holder));
 }
 
 }  // namespace hord::firmware

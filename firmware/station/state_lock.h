@@ -1,10 +1,11 @@
 // Lock of a folder of state or results: one station at a time writes there.
 //
 // The kernel holds the lock (flock) on the file `station.lock` and ends it with the process, also when that is killed.
-// The file stays; it names the last owner.
+// The file stays. It is empty: the kernel knows the process that holds it.
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 
 #include "common/result.h"
@@ -19,6 +20,11 @@ class StateLock {
     // error's name of the folder.
     [[nodiscard]] static Result<StateLock> take(const std::filesystem::path& folder,
                                                 const std::string& what = "state folder");
+
+    // "state folder /data is in use by process 4711 (hordd)"; none: no other process holds it. Locks nothing: a station
+    // that starts meanwhile is not refused.
+    [[nodiscard]] static std::optional<std::string> in_use(const std::filesystem::path& folder,
+                                                           const std::string& what = "state folder");
 
     [[nodiscard]] bool held() const { return static_cast<bool>(file_); }
 

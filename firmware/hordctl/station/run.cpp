@@ -141,6 +141,8 @@ class Run {
         if (!options_.store.empty()) {
             config->store.folder = options_.store;
             // A service goes on without its store; who names one here wants it. Rendering takes longer than this check.
+            const auto lock = lock_store(*config);  // until the service takes it
+            if (!lock) return complain(lock.error());
             if (auto usable = store::open_sqlite_store(options_.store); !usable) return complain(usable.error());
         }
         if (!options_.out.empty()) {

@@ -4,6 +4,7 @@
 
 #include <sys/stat.h>
 
+#include "common/assign.h"
 #include "common/file_writing.h"
 #include "firmware/station/station.h"
 #include "firmware/store/results/export.h"
@@ -39,6 +40,14 @@ std::function<void()> clear(const std::shared_ptr<Faults>& faults, std::uint32_t
     return [faults, bit] { faults->loop.post([faults, bit] { faults->set(bit, false); }); };
 }
 
+constexpr const char* kStoreFolder = "the store's folder";
+
+// store.folder may name the state folder.
+bool is_state_folder(const std::filesystem::path& folder, const Config& config) {
+    std::error_code none;
+    return !config.state_folder.empty() && std::filesystem::equivalent(folder, config.state_folder, none);
+}
+
 // Whether removing frames makes room for results: a plant may mount another disk for them.
 bool on_one_disk(const std::filesystem::path& folder) {
     struct stat all {
@@ -53,6 +62,29 @@ std::filesystem::path store_folder(const Config& config) {
     if (!config.store.enabled) return {};
     if (!config.store.folder.empty()) return config.store.folder;
     return config.state_folder.empty() ? std::filesystem::path() : config.state_folder / "store";
+}
+
+Result<StateLock> lock_store(const Config& config) {
+    const std::filesystem::path folder = store_folder(config);
+    if (folder.empty()) return StateLock();
+    (void)common::ensure_folder(folder);  // the store tells what is wrong with it
+    StateLock lock;
+    if (!is_state_folder(folder, config)) {
+        if (auto done = assign(lock, StateLock::take(folder, kStoreFolder)); !done) return tl::unexpected(done.error());
+    }
+    if (auto free = store::check_not_written(folder); !free) return tl::unexpected(free.error());
+    return lock;
+}
+
+std::vector<std::string> folders_in_use(const Config& config) {
+    std::vector<std::string> all;
+    const auto look = [&](std::optional<std::string> use) {
+        if (use) all.push_back(std::move(*use));
+    };
+    if (!config.state_folder.empty()) look(StateLock::in_use(config.state_folder));
+    const std::filesystem::path folder = store_folder(config);
+    if (!folder.empty() && !is_state_folder(folder, config)) look(StateLock::in_use(folder, kStoreFolder));
+    return all;
 }
 
 std::optional<Error> nothing_is_stored(const Config& config) {

@@ -5,10 +5,12 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "algo/frame/extents.h"
 #include "drivers/hal/event_loop.h"
 #include "firmware/config/config.h"
+#include "firmware/station/state_lock.h"
 #include "firmware/store/recorder/station_recorder.h"
 
 namespace hord::firmware {
@@ -29,6 +31,15 @@ struct RecordingWatchers {
 
 // The folder of the store; empty: no store is configured.
 std::filesystem::path store_folder(const Config& config);
+
+// Takes the lock of the store's folder, which is made unless it exists. The database has a lock of its own, which is
+// taken again after each failure; the frames beside it have no lock but this. Fails with busy if another program writes
+// there, also if somebody has removed the file of its lock. Holds nothing without a store, and in the state folder,
+// whose lock is the same.
+Result<StateLock> lock_store(const Config& config);
+
+// "the store's folder /data is in use by process 4711 (hordd)", of the state folder, too. Locks nothing.
+std::vector<std::string> folders_in_use(const Config& config);
 
 // Told at the start: a store is wanted and has no folder. Empty: it has one, or none is wanted.
 std::optional<Error> nothing_is_stored(const Config& config);

@@ -31,6 +31,11 @@ void report_full(const SqliteStoreOptions& options, bool full) {
     if (full && options.disk_full) options.disk_full();
 }
 
+tl::unexpected<Error> written_by_another(const fs::path& folder) {
+    return fail(ErrorCode::busy, folder.string() + " is written by another program",
+                "give each station a store.folder of its own");
+}
+
 // One writer a store: a lock of the process (flock), which ends with it even when it is killed.
 Result<common::UniqueFd> lock_folder(const fs::path& folder, const SqliteStoreOptions& options) {
     const fs::path file = folder / "lock";
@@ -42,10 +47,7 @@ Result<common::UniqueFd> lock_folder(const fs::path& folder, const SqliteStoreOp
                     "give the station's user the right to write its folder, and see that its disk has space and is "
                     "not mounted read-only");
     }
-    if (flock(fd.get(), LOCK_EX | LOCK_NB) != 0) {
-        return fail(ErrorCode::busy, folder.string() + " is written by another program",
-                    "give each station a store.folder of its own");
-    }
+    if (flock(fd.get(), LOCK_EX | LOCK_NB) != 0) return written_by_another(folder);
     return fd;
 }
 
@@ -432,6 +434,12 @@ tl::unexpected<Error> folder_unusable(const fs::path& folder, std::error_code wh
     return fail(ErrorCode::io, "the folder " + folder.string() + " cannot be made or used (" + why.message() + ")",
                 file ? "it, or one above it, is a file: name another folder, or move that file away (store.folder)"
                      : "create it and give it to the station's user (store.folder)");
+}
+
+Result<void> check_not_written(const fs::path& folder) {
+    const common::UniqueFd fd(open((folder / "lock").c_str(), O_RDONLY | O_CLOEXEC));
+    if (fd && flock(fd.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) return written_by_another(folder);
+    return {};
 }
 
 Result<std::unique_ptr<ResultStore>> open_sqlite_store(const fs::path& folder, const SqliteStoreOptions& options) {

@@ -31,6 +31,9 @@ struct SqliteStoreOptions {
 // What to say when the store's folder cannot be made.
 tl::unexpected<Error> folder_unusable(const std::filesystem::path& folder, std::error_code why);
 
+// Fails with busy if another program writes the store in this folder. Other problems of the folder are no failure.
+Result<void> check_not_written(const std::filesystem::path& folder);
+
 // Creates the folder (not its parents) and the file if missing, migrates an older file, and locks the folder. Blocks.
 // Fails with busy (another program writes this store), not_found (options.moved, and no file was put back), unsupported
 // (written by newer software), unreadable (damaged), io (no permission, read-only, full disk, no such parent folder).

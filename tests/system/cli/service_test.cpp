@@ -425,13 +425,42 @@ TEST_F(Service, a_second_station_on_the_same_store_is_refused_until_the_first_ha
     EXPECT_THAT(second.err, HasSubstr(why));
     const Said simulated =
         run("hordctl", {"run", "--simulate", "--parts", "1", "--modbus", "127.0.0.1:0", "--store", store});
+    const std::string first_one = why + std::to_string(first.pid()) + " (hordd)";
     EXPECT_EQ(simulated.status, 2);
-    EXPECT_THAT(simulated.err, HasSubstr(store.string() + " is written by another program"));
+    EXPECT_THAT(simulated.err, HasSubstr(first_one));
+    const Said checked = run("/usr/bin/env", under({}, {"--check"}));
+    EXPECT_EQ(checked.status, 0) << checked.err;
+    EXPECT_THAT(checked.out, HasSubstr("note: " + first_one + "\n"));
     EXPECT_EQ(run("hordctl", {"results", "--store", store}).status, 0) << "readers go on";
     EXPECT_EQ(run("hordctl", {"results", "verify", "--store", store}).status, 0);
     first.stop(SIGKILL);
+    EXPECT_THAT(run("/usr/bin/env", under({}, {"--check"})).out, Not(HasSubstr("is in use by")));
     Running again("/usr/bin/env", under({}));
     EXPECT_TRUE(again.says("Preoperational to Initialized", kPatience)) << again.so_far().err;
+}
+
+// The database has a lock of its own; it is not there before the first station has written.
+TEST_F(Service, a_second_station_on_the_same_store_is_refused_without_the_file_of_the_lock) {
+    const auto store = folder.path() / "store";
+    write_config("[station]\nautostart = false\n[store]\nfolder = \"" + store.string() + "\"\n");
+    Running first("/usr/bin/env", under({}));
+    ASSERT_TRUE(first.says("Preoperational to Initialized", kPatience)) << first.so_far().err;
+    const auto until = std::chrono::steady_clock::now() + kPatience;
+    while (!std::filesystem::exists(store / "results.db") && std::chrono::steady_clock::now() < until)
+        std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    ASSERT_TRUE(std::filesystem::remove(store / "station.lock"));
+    const Said second = run("/usr/bin/env", under({}));
+    EXPECT_EQ(second.status, 2);
+    EXPECT_THAT(second.err, HasSubstr(store.string() + " is written by another program"));
+    EXPECT_EQ(first.stop(SIGTERM).status, 0);
+}
+
+TEST_F(Service, may_store_its_results_in_the_state_folder_itself) {
+    const auto state = folder.path() / "state";
+    std::filesystem::create_directories(state);
+    write_config("[station]\nautostart = false\n[store]\nfolder = \"" + state.string() + "\"\n");
+    Running service("/usr/bin/env", under({"STATE_DIRECTORY=" + state.string()}));
+    EXPECT_TRUE(service.says("Preoperational to Initialized", kPatience)) << service.so_far().err;
 }
 
 TEST_F(Service, that_is_started_by_hand_says_that_it_stores_nothing) {

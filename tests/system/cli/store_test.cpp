@@ -213,7 +213,7 @@ TEST(Store, of_another_station_that_runs_is_not_touched) {
                    folder / "store"});
     ASSERT_TRUE(first.says("\"part\":1", std::chrono::seconds(120))) << first.so_far().err;
     const Said second = produce(folder, 2);
-    EXPECT_THAT(second.err, HasSubstr("written by another program"));
+    EXPECT_THAT(second.err, HasSubstr("is in use by process " + std::to_string(first.pid()) + " (hordctl)"));
     EXPECT_EQ(second.status, 2);
     first.stop(SIGINT);  // any status: a busy machine can make it late, and then it stops its line
     EXPECT_EQ(run("hordctl", {"results", "verify", "--store", folder / "store"}).status, 0);
