@@ -348,7 +348,9 @@ std::vector<std::string> problems(const Recipe& recipe, const Extents& extents) 
         messages.push_back("min_area must be at most the number of lenslets, " + std::to_string(extents.lenslets()));
     if (std::int64_t{recipe.rim_margin} * 2 >= std::min(extents.m, extents.n)) {
         messages.push_back("rim_margin " + std::to_string(recipe.rim_margin) + " leaves nothing of a field of " +
-                           std::to_string(extents.m) + "x" + std::to_string(extents.n) + " lenslets to judge");
+                           std::to_string(extents.m) + "x" + std::to_string(extents.n) +
+                           " lenslets to judge: use at most " +
+                           std::to_string((std::min(extents.m, extents.n) - 1) / 2));
     }
     for (const Zone& zone : recipe.zones) {
         if (zone.unit == recipe.zones.front().unit) continue;

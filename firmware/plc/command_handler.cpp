@@ -1,17 +1,14 @@
 #include "firmware/plc/command_handler.h"
 
 #include <algorithm>
-#include <bit>
-#include <cmath>
 #include <utility>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include "common/utf8.h"
 #include "firmware/core/faults.h"
 #include "firmware/core/states.h"
-#include "firmware/registers/register_map.h"
+#include "firmware/plc/staged_recipe.h"
 
 namespace hord::firmware {
 namespace {
@@ -51,18 +48,7 @@ RequestOrigin who_asked(const modbus::Origin& origin, const CommandRequest& requ
     return {name.empty() ? std::string(origin.peer) : fmt::format("{} for {}", origin.peer, name), request.token};
 }
 
-std::uint16_t scaled(double value, double scale) {
-    return static_cast<std::uint16_t>(std::clamp(std::lround(value * scale), 0L, 0xFFFEL));
-}
-
-// Shown as the limit of a feature that the recipe does not judge. A recipe with another value there is refused.
-constexpr std::uint16_t kNotJudged = 0xFFFF;
 constexpr std::uint16_t kMaxRecipeNumber = 0xFFFE;
-
-// Takes the staged limit only if it was changed: an unchanged one keeps the digits that registers cannot show.
-void set_if_changed(float& limit, std::uint16_t staged, std::uint16_t was, double scale) {
-    if (staged != was) limit = static_cast<float>(staged / scale);
-}
 
 // As much of a text as REPLY holds, in one line; what is left out is in the journal.
 RemarkText remark_of(std::string text) {
@@ -71,52 +57,7 @@ RemarkText remark_of(std::string text) {
     return RemarkText(text);
 }
 
-// "8203 staged_emd_limit: limits.emd_bins: 60 is out of range: use 0.001 to 30", for each staged register that alone
-// makes the recipe unusable; empty: none does.
-std::string bad_registers(const NumberedRecipe& in_use, const StagedRecipe& staged) {
-    const auto was = std::bit_cast<StagedWords>(staged_from(in_use)), now = std::bit_cast<StagedWords>(staged);
-    std::vector<std::string> found;
-    for (std::size_t k = 0; k < now.size(); ++k) {
-        StagedWords alone = was;
-        alone[k] = now[k];
-        const NumberedRecipe recipe = with_staged(in_use, std::bit_cast<StagedRecipe>(alone));
-        const auto checked = parse_numbered_recipe(format_recipe(recipe), "recipe");
-        if (checked) continue;
-        const Register& row = find_block(BlockId::recipe)->registers[k];
-        const std::string why = checked.error().message();  // "recipe:15: limits.emd_bins: 60 is ..."
-        found.push_back(
-            fmt::format("{} {}{}", row.address, row.name, why.substr(std::min(why.find(": "), why.size()))));
-    }
-    return fmt::format("{}", fmt::join(found, "; "));
-}
-
 }  // namespace
-
-StagedRecipe staged_from(const NumberedRecipe& numbered) {
-    const algo::Recipe& r = numbered.recipe;
-    return {.number = numbered.number,
-            .emd_limit_mbins = r.gradient == algo::Feature::emd ? scaled(r.emd_limit_bins, 1e3) : kNotJudged,
-            .frobenius_limit_mbins = r.slopes ? scaled(r.frobenius_limit_bins, 1e3) : kNotJudged,
-            .transmission_permille = r.light ? scaled(r.transmission_limit, 1e3) : kNotJudged,
-            .min_area = static_cast<std::uint16_t>(std::min<std::uint32_t>(r.min_area, 0xFFFE)),
-            .rim_margin = static_cast<std::int16_t>(r.rim_margin),
-            .max_saturated_permyriad = scaled(r.max_saturated_share, 1e4),
-            .min_lit_permyriad = scaled(r.min_lit_share, 1e4)};
-}
-
-NumberedRecipe with_staged(NumberedRecipe base, const StagedRecipe& staged) {
-    const StagedRecipe was = staged_from(base);
-    algo::Recipe& r = base.recipe;
-    base.number = staged.number;
-    set_if_changed(r.emd_limit_bins, staged.emd_limit_mbins, was.emd_limit_mbins, 1e3);
-    set_if_changed(r.frobenius_limit_bins, staged.frobenius_limit_mbins, was.frobenius_limit_mbins, 1e3);
-    set_if_changed(r.transmission_limit, staged.transmission_permille, was.transmission_permille, 1e3);
-    if (staged.min_area != was.min_area) r.min_area = staged.min_area;
-    if (staged.rim_margin != was.rim_margin) r.rim_margin = staged.rim_margin;
-    set_if_changed(r.max_saturated_share, staged.max_saturated_permyriad, was.max_saturated_permyriad, 1e4);
-    set_if_changed(r.min_lit_share, staged.min_lit_permyriad, was.min_lit_permyriad, 1e4);
-    return base;
-}
 
 void CommandHandler::begin(Dependencies dependencies, NumberedRecipe recipe) {
     dependencies_.emplace(std::move(dependencies));
@@ -221,10 +162,11 @@ CommandOutcome CommandHandler::outcome_of_use(const Result<void>& result) {
 }
 
 CommandOutcome CommandHandler::commit_recipe(const RequestOrigin& who, const StagedRecipe& staged) {
-    const auto used = use(who, with_staged(recipe_, staged));
-    if (!used && used.error().code != ErrorCode::refused) {
-        const std::string bad = bad_registers(recipe_, staged);
-        if (!bad.empty()) return refuse(CommandError::bad_argument, {used.error().code, bad, ""});
+    const bool unjudged = gives_unjudged_limit(recipe_, staged);
+    const auto used = unjudged ? Result<void>() : use(who, with_staged(recipe_, staged));
+    if (unjudged || (!used && used.error().code != ErrorCode::refused)) {
+        const std::string bad = bad_registers(recipe_, staged, dependencies_->extents);
+        if (!bad.empty()) return refuse(CommandError::bad_argument, {ErrorCode::invalid_argument, bad, ""});
     }
     return outcome_of_use(used);
 }

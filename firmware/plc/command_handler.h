@@ -17,10 +17,6 @@
 
 namespace hord::firmware {
 
-// A recipe as eight registers, and back: limits from the registers; zones, light levels and the name from `base`.
-StagedRecipe staged_from(const NumberedRecipe& recipe);
-NumberedRecipe with_staged(NumberedRecipe base, const StagedRecipe& staged);
-
 class CommandHandler final : public PlcHandler {
   public:
     // All outlive this object. Null and empty members are optional.
@@ -28,6 +24,7 @@ class CommandHandler final : public PlcHandler {
         Station& station;
         Inspector& inspector;
         PlcInterface& plc_interface;
+        algo::Extents extents;  // of the inspector's light field
         ResultSink* recorder = nullptr;
         TeachIn* teacher = nullptr;                                               // null: teach is not supported
         std::function<Result<void>()> check_judgement = {};                       // part of the self-test

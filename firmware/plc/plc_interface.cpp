@@ -30,7 +30,7 @@ bool means_not_available(const Register& row, std::span<const std::uint16_t> wor
     return false;
 }
 
-// Checks that the values are whole writable rows of the block and that no value is a sentinel.
+// Checks that the values are whole writable rows of the block and that no value is a sentinel, but in nullable rows.
 Exception check_rows(const Block& block, std::uint16_t address, std::span<const std::uint16_t> values) {
     std::size_t covered = 0;
     for (const Register& row : block.registers) {
@@ -39,7 +39,8 @@ Exception check_rows(const Block& block, std::uint16_t address, std::span<const 
         if (begin >= end) continue;
         if (row.access != RegisterAccess::read_write) return Exception::illegal_address;
         if (end - begin != row.words) return Exception::illegal_value;
-        if (means_not_available(row, values.subspan(static_cast<std::size_t>(row.address - address), row.words))) {
+        if (!row.nullable &&
+            means_not_available(row, values.subspan(static_cast<std::size_t>(row.address - address), row.words))) {
             return Exception::illegal_value;
         }
         covered += row.words;

@@ -70,9 +70,9 @@ class PlcInterface {
 
     PlcInterface(const hal::Clock& clock, PlcHandler& handler, PlcOptions options);
 
-    // Writes whole writable rows, or nothing. Exception 02: another register; 03: half a value, "not available" or an
-    // impossible value; 06: a command is executing. An acknowledgement is refused with 06 until its results are stored,
-    // with 04 while they cannot be; a heartbeat in the same write counts.
+    // Writes whole writable rows, or nothing. Exception 02: another register; 03: half a value, "not available" where
+    // the row is not nullable, or an impossible value; 06: a command is executing. An acknowledgement is refused with
+    // 06 until its results are stored, with 04 while they cannot be; a heartbeat in the same write counts.
     modbus::Exception write(const modbus::Origin& origin, const StationNow& now, std::uint16_t address,
                             std::span<const std::uint16_t> values);
 

@@ -75,8 +75,8 @@ inline constexpr Register kPlc[] = {
            }),
 };
 
-// A limit of the staged recipe. 0xFFFF: the feature is not judged, and its limit is not available. commit_recipe takes
-// registers 8202 to 8209.
+// A limit of the staged recipe. Read 0xFFFF: the recipe does not judge by the feature. Written 0xFFFF: the recipe's
+// own. commit_recipe takes registers 8202 to 8209.
 template <auto limit>
 Number in_thousandths(const Source& s) {
     return from_plc(s, [](const PlcView& view) {
@@ -90,21 +90,26 @@ Number in_ten_thousandths(const Source& s) {
 }
 
 inline constexpr Register kRecipe[] = {
-    writable(number(8202, Type::u16, "staged_number", "", "number that the recipe will have",
+    writable(number(8202, Type::u16, "staged_number", "", "number that the recipe will have, 0 to 65534",
                     plc<&PlcView::staged, &StagedRecipe::number>)),
-    writable(number(8203, Type::u16, "staged_emd_limit", "bin pitches",
-                    "largest gradient of the earth mover's distance", in_thousandths<&StagedRecipe::emd_limit_mbins>,
-                    {}, 0.001)),
-    writable(number(8204, Type::u16, "staged_frobenius_limit", "bin pitches a lenslet",
-                    "largest norm of the deflection's Jacobian", in_thousandths<&StagedRecipe::frobenius_limit_mbins>,
-                    {}, 0.001)),
-    writable(number(8205, Type::u16, "staged_transmission_limit", "",
-                    "least light relative to a typical lenslet, 0 to 1",
-                    in_thousandths<&StagedRecipe::transmission_permille>, {}, 0.001)),
-    writable(number(8206, Type::u16, "staged_min_area", "lenslets", "smaller regions are no defects",
+    nullable(writable(number(8203, Type::u16, "staged_emd_limit", "bin pitches",
+                             "largest gradient of the earth mover's distance, 0.001 to 30; 65535 read: not judged by "
+                             "it, written: left as it is",
+                             in_thousandths<&StagedRecipe::emd_limit_mbins>, {}, 0.001))),
+    nullable(writable(number(
+        8204, Type::u16, "staged_frobenius_limit", "bin pitches a lenslet",
+        "largest norm of the deflection's Jacobian, 0.001 to 30; 65535 read: not judged by it, written: left as it is",
+        in_thousandths<&StagedRecipe::frobenius_limit_mbins>, {}, 0.001))),
+    nullable(writable(number(8205, Type::u16, "staged_transmission_limit", "",
+                             "least light relative to a typical lenslet, 0 (off) to 0.999; 65535 read: not judged by "
+                             "it, written: left as it is",
+                             in_thousandths<&StagedRecipe::transmission_permille>, {}, 0.001))),
+    writable(number(8206, Type::u16, "staged_min_area", "lenslets",
+                    "smaller regions are no defects; 1 to 65534, at most all lenslets of the field",
                     plc<&PlcView::staged, &StagedRecipe::min_area>)),
     writable(number(8207, Type::s16, "staged_rim_margin", "lenslets",
-                    "not judged inside the part's rim; -1: chosen by the station",
+                    "not judged inside the part's rim; 0 to 1000, less than half of the field's shorter side; -1: "
+                    "chosen by the station",
                     plc<&PlcView::staged, &StagedRecipe::rim_margin>)),
     writable(number(8208, Type::u16, "staged_max_saturated_share", "",
                     "more saturated lenslets make the frame unfit, 0 to 1",

@@ -68,7 +68,8 @@ Map version {}, CRC-32 0x{:08X}. Addresses count from 0, as they travel in the r
 - One request sees one moment: read a block whole (at most 125 registers) and its values belong together.
 - Bits (FC 1 and 2): 0 to 15 are STATUS `bits`, 16 to 47 `faults_active`, 48 to 79 `faults_latched`; 80 is the lowest
   bit of the PLC's `heartbeat`, the only bit that can be written.
-- Only rows marked rw can be written, whole values at a time; a value that means "not available" cannot (exception 03).
+- Only rows marked rw can be written, whole values at a time; a value that means "not available" cannot (exception 03),
+  unless its row says what it means.
 - Rows are only ever added. Check `magic` for the byte order, and `map_version` or `map_crc32` for the map.
 )";
 

@@ -39,6 +39,7 @@ struct Register {
     std::string_view unit = {};
     double scale = 1;  // value in `unit` = scale * number in the register
     RegisterAccess access = RegisterAccess::read;
+    bool nullable = false;  // "not available" may be written, too; `meaning` says what it means then
     std::string_view meaning = {};
     std::span<const NamedValue> values = {};  // names of values; of a bit set: of bits
     // Exactly one of the two, by type. No number: not available.

@@ -44,6 +44,10 @@ constexpr Register writable(Register row) {
     row.access = RegisterAccess::read_write;
     return row;
 }
+constexpr Register nullable(Register row) {
+    row.nullable = true;
+    return row;
+}
 
 // Converts an optional of any number type to the encoder's type.
 template <class T>

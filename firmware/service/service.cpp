@@ -144,7 +144,7 @@ Result<algo::Extents> Service::open_grid(const hal::SensorFormat& format) {
     return grid_->decoder->extents();
 }
 
-Result<void> Service::open_inspector(const NumberedRecipe& recipe) {
+Result<algo::Extents> Service::open_inspector(const NumberedRecipe& recipe) {
     const hal::SensorFormat format = backends_->sensor().format();
     auto extents = open_grid(format);
     if (!extents) return tl::unexpected(extents.error());
@@ -158,13 +158,14 @@ Result<void> Service::open_inspector(const NumberedRecipe& recipe) {
                                      .observer = this,
                                      .now = config_.inspection.budget.count() > 0 ? steady_ns : nullptr,
                                      .limits = limits_of(config_.inspection)};
-    if (auto done = assign(inspector_, make_threaded_inspector(*loop_, settings)); !done) return done;
+    if (auto done = assign(inspector_, make_threaded_inspector(*loop_, settings)); !done)
+        return tl::unexpected(done.error());
     const auto zero = grid_ ? algo::DriftZero::calibration : algo::DriftZero::first_parts;
     auto drift_monitor = DriftMonitor::create(*extents, algo::light_levels(recipe.recipe, format.bits), zero,
                                               grid_ ? grid_->decoder->bin_px() : 1);
-    if (auto done = assign(drift_, std::move(drift_monitor)); !done) return done;
+    if (auto done = assign(drift_, std::move(drift_monitor)); !done) return tl::unexpected(done.error());
     auto optics_monitor = OpticsMonitor::create(*extents, limits_of(config_.optics, format.bits));
-    if (auto done = assign(optics_, std::move(optics_monitor)); !done) return done;
+    if (auto done = assign(optics_, std::move(optics_monitor)); !done) return tl::unexpected(done.error());
     calibration_.lenslets_m = static_cast<std::uint16_t>(extents->m);
     calibration_.lenslets_n = static_cast<std::uint16_t>(extents->n);
     publish_calibration();
@@ -189,12 +190,15 @@ Result<void> Service::open_inspector(const NumberedRecipe& recipe) {
     recorder_ = make_recorder(
         *loop_, config_,
         {HORD_VERSION, identity_.boot_id, *extents, format.bits, recipe.recipe.name, format_recipe(recipe)}, recording);
-    return {};
+    return *extents;
 }
 
-void Service::connect(NumberedRecipe recipe) {
-    CommandHandler::Dependencies dependencies{
-        .station = *station_, .inspector = *inspector_, .plc_interface = *plc_interface_, .recorder = recorder_.get()};
+void Service::connect(NumberedRecipe recipe, const algo::Extents& extents) {
+    CommandHandler::Dependencies dependencies{.station = *station_,
+                                              .inspector = *inspector_,
+                                              .plc_interface = *plc_interface_,
+                                              .extents = extents,
+                                              .recorder = recorder_.get()};
     dependencies.teacher = teach_in_.get();
     dependencies.check_judgement = [this, bits = backends_->sensor().format().bits] {
         return check_judgement(config_.inspection.bins_i, config_.inspection.bins_j, bits);
@@ -259,12 +263,13 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
 
     auto recipe = first_recipe();
     if (!recipe) return tl::unexpected(recipe.error());
-    if (auto done = open_inspector(*recipe); !done) return done;
+    const auto extents = open_inspector(*recipe);
+    if (!extents) return tl::unexpected(extents.error());
     station_ = std::make_unique<Station>(config_.core,
                                          Cell{*loop_, backends_->part_sensor(), backends_->strobe(),
                                               backends_->sensor(), backends_->rejector(), *inspector_},
                                          this);
-    connect(std::move(*recipe));
+    connect(std::move(*recipe), *extents);
     publish_again();
     publish_health_again();
     return {};

@@ -98,8 +98,8 @@ class Service final : public StationObserver, public InspectionObserver {
     void close_servers();
     Result<NumberedRecipe> first_recipe();
     Result<algo::Extents> open_grid(const hal::SensorFormat& format);
-    Result<void> open_inspector(const NumberedRecipe& recipe);
-    void connect(NumberedRecipe recipe);
+    Result<algo::Extents> open_inspector(const NumberedRecipe& recipe);
+    void connect(NumberedRecipe recipe, const algo::Extents& extents);
     bool withdraw_proof();
     void prove_empty_line();
 

@@ -66,6 +66,7 @@ void PlcEndpoint::open(Station& station, Inspector& inspector, ResultSink& recor
     handler_.commands.begin({.station = station,
                              .inspector = inspector,
                              .plc_interface = plc_,
+                             .extents = {61, 61, 9, 9},  // only named where a commit is refused
                              .recorder = &recorder,
                              .publish = [this] { publish(); }},
                             {});

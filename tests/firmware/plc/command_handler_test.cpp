@@ -123,60 +123,7 @@ TEST_F(PlcCommands, a_result_says_where_the_worst_defect_is_and_which_recipe_jud
     EXPECT_THAT(notes.acknowledged, ElementsAre(1U));
 }
 
-// -- recipes
-
-TEST_F(PlcCommands, staged_limits_are_judged_with_once_committed_and_what_registers_do_not_say_stays) {
-    open();
-    ready();
-    EXPECT_EQ(write(8202, {12, 800}), Exception::none);
-    EXPECT_EQ(command(Command::commit_recipe, 0xBAD), CommandError::wrong_checksum);
-    EXPECT_EQ(operations.recipe().number, 3);
-    EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::none);
-    EXPECT_EQ(inspector.number, 12);
-    EXPECT_FLOAT_EQ(operations.recipe().recipe.emd_limit_bins, 0.8F);
-    EXPECT_EQ(operations.recipe().recipe.zones.size(), 1U);
-    EXPECT_EQ(read32(8027), crc32_of(operations.recipe()));  // the reply's result
-    const auto change = std::find_if(notes.changes.begin(), notes.changes.end(),
-                                     [](const Change& c) { return c.what == Change::What::recipe; });
-    ASSERT_NE(change, notes.changes.end());
-    EXPECT_EQ(change->who.peer, "192.0.2.7:50123");
-    EXPECT_EQ(change->who.token, token);
-    EXPECT_THAT(change->before, HasSubstr("number = 3"));
-    EXPECT_THAT(change->after, HasSubstr("emd_bins = 0.8"));
-}
-
-TEST_F(PlcCommands, a_recipe_that_cannot_be_used_is_refused_as_a_whole_and_the_old_one_stays) {
-    open();
-    ready();
-    const std::string before = format_recipe(operations.recipe());
-    for (const Words& bad :
-         {Words{12, 0}, Words{12, 1000, 400, 1000}, Words{12, 1000, 400, 700, 0}, Words{12, 800, 400, 700, 1, 200}}) {
-        EXPECT_EQ(write(8202, bad), Exception::none);
-        EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::bad_argument);
-        EXPECT_EQ(format_recipe(operations.recipe()), before);
-    }
-    EXPECT_EQ(inspector.number, 0);
-    EXPECT_EQ(troubles.size(), 4U);
-}
-
-TEST_F(PlcCommands, a_refused_commit_names_each_register_whose_value_cannot_be_used_and_its_range) {
-    open();
-    ready();
-    EXPECT_EQ(write(8203, {60000}), Exception::none);
-    EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::bad_argument);
-    EXPECT_EQ(remarks(), "8203 staged_emd_limit: limits.emd_bins: 60 is out of range: use 0.001 to 30");
-    EXPECT_EQ(troubles.back(), remarks()) << "the journal says the same";
-    EXPECT_EQ(write(8206, {0}), Exception::none);
-    EXPECT_EQ(write(8209, {20000}), Exception::none);
-    EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::bad_argument);
-    EXPECT_THAT(troubles.back(), HasSubstr("8203 staged_emd_limit: "));
-    EXPECT_THAT(troubles.back(), HasSubstr("; 8206 staged_min_area: limits.min_area: 0 is out of range"));
-    EXPECT_THAT(troubles.back(), HasSubstr("; 8209 staged_min_lit_share: light.min_lit_share: 2 is out of range"));
-    EXPECT_EQ(remarks(), troubles.back().substr(0, 117) + "...");
-    EXPECT_EQ(write(8203, {1000, 400, 700, 1, 0xFFFF, 200, 500}), Exception::none);
-    EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::none);
-    EXPECT_EQ(remarks(), "");
-}
+// -- recipes by number
 
 TEST_F(PlcCommands, a_refused_argument_is_told_with_its_range) {
     open();
@@ -187,43 +134,6 @@ TEST_F(PlcCommands, a_refused_argument_is_told_with_its_range) {
     EXPECT_EQ(remarks(), "no recipe 7: make one");
     EXPECT_EQ(write(8002, {0, 999, 0, static_cast<std::uint16_t>(Command::use_recipe)}), Exception::none);
     EXPECT_EQ(remarks(), "argument (8006) was left out: write it with the code");
-}
-
-TEST_F(PlcCommands, the_limit_of_a_feature_that_is_not_judged_is_not_available_and_cannot_be_given) {
-    open();
-    ready();
-    EXPECT_EQ(command(Command::use_recipe, 88), CommandError::none);
-    const StagedRecipe staged = staged_from(operations.recipe());
-    EXPECT_EQ(staged.emd_limit_mbins, 0xFFFF);
-    EXPECT_EQ(staged.frobenius_limit_mbins, 0xFFFF);
-    EXPECT_EQ(staged.transmission_permille, 700);
-    // Limits of judged features can be changed; the others stay "not available".
-    EXPECT_EQ(write(8205, {800}), Exception::none);
-    EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::none);
-    EXPECT_FLOAT_EQ(operations.recipe().recipe.transmission_limit, 0.8F);
-    EXPECT_FALSE(operations.recipe().recipe.gradient);
-    const std::string before = format_recipe(operations.recipe());
-    EXPECT_EQ(write(8203, {500}), Exception::none);
-    EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::bad_argument);
-    EXPECT_EQ(format_recipe(operations.recipe()), before);
-    ASSERT_EQ(troubles.size(), 1U);
-    EXPECT_THAT(troubles[0], HasSubstr("is a limit of emd, which is not among the features"));
-}
-
-TEST(StagedRecipe, shows_the_nearest_value_that_a_register_can_have) {
-    NumberedRecipe numbered{.number = 9};
-    numbered.recipe.emd_limit_bins = 70;
-    numbered.recipe.frobenius_limit_bins = 0.0006F;
-    numbered.recipe.transmission_limit = 0.0004F;
-    numbered.recipe.min_area = 70'000;
-    numbered.recipe.max_saturated_share = 0.99996F;
-    const StagedRecipe staged = staged_from(numbered);
-    EXPECT_EQ(staged.emd_limit_mbins, 0xFFFE);
-    EXPECT_EQ(staged.frobenius_limit_mbins, 1);
-    EXPECT_EQ(staged.transmission_permille, 0);
-    EXPECT_EQ(staged.min_area, 0xFFFE);
-    EXPECT_EQ(staged.max_saturated_permyriad, 10'000);
-    EXPECT_EQ(with_staged(numbered, staged).recipe.emd_limit_bins, 70) << "what was not changed keeps its digits";
 }
 
 TEST_F(PlcCommands, change_no_recipe_while_the_station_executes) {

@@ -29,7 +29,7 @@ struct Notes final : ResultSink {
     void on_inspection(std::uint32_t, const FrameView&, const algo::Inspection&) override {}
 };
 
-// Answers as set by the test. Refuses recipes with a rim margin above 3, as a light field of 8 lenslets would.
+// Answers as set by the test. Refuses recipes as a light field of 8x8 lenslets would.
 class ToldInspector final : public Inspector {
   public:
     explicit ToldInspector(hal::EventLoop& loop) : loop_(loop) {}
@@ -47,7 +47,8 @@ class ToldInspector final : public Inspector {
         return {};
     }
     Result<void> use(const algo::Recipe& recipe, std::uint16_t n) override {
-        if (recipe.rim_margin > 3) return fail(ErrorCode::invalid_argument, "rim_margin", "lower it");
+        if (recipe.rim_margin > 3 || recipe.min_area > 64)
+            return fail(ErrorCode::invalid_argument, "recipe", "rim_margin or min_area");
         number = n;
         return {};
     }
@@ -69,6 +70,7 @@ class PlcCommands : public ::testing::Test, public StationObserver {
         CommandHandler::Dependencies works{.station = *station,
                                            .inspector = inspector,
                                            .plc_interface = *plc_interface,
+                                           .extents = {8, 8, 9, 9},
                                            .recorder = &notes,
                                            .teacher = teacher};
         works.publish = [this] { publish(); };

@@ -444,8 +444,11 @@ TEST_F(PlcSimulator, nothing_but_the_rows_marked_writable_can_be_written) {
 }
 
 TEST_F(PlcSimulator, a_value_that_means_not_available_cannot_be_written) {
-    EXPECT_EQ(write(8202, {0xFFFF}), Exception::illegal_value);
+    for (const std::uint16_t address : std::vector<std::uint16_t>{8202, 8206, 8208, 8209})
+        EXPECT_EQ(write(address, {0xFFFF}), Exception::illegal_value) << address;
     EXPECT_EQ(write(8207, {0x8000}), Exception::illegal_value);
+    EXPECT_EQ(write(8203, {0xFFFF, 0xFFFF, 0xFFFF}), Exception::none) << "a limit may stay as it is";
+    EXPECT_THAT(read(8203, 3), ElementsAre(0xFFFF, 0xFFFF, 0xFFFF));
     EXPECT_EQ(write(8102, {0xFFFF}), Exception::none) << "a heartbeat is any number";
 }
 
