@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "algo/light/copied_spot.h"
 #include "algo/light/dark_bins.h"
 #include "common/statistics.h"
 
@@ -11,8 +12,9 @@ namespace hord::algo {
 namespace {
 
 constexpr auto kMaxOfBins = static_cast<std::size_t>(kMaxBins) * kMaxBins;
-constexpr double kFaint = 0.01;  // of the brightest bin
-constexpr int kCoreSteps = 8;    // mean shifts; the middle then moves by less than a hundredth of a bin
+constexpr double kFaint = 0.01;     // of the brightest bin
+constexpr double kNoiseSigmas = 3;  // of the dark bins of the mean: what exceeds it is light
+constexpr int kCoreSteps = 8;       // mean shifts; the middle then moves by less than a hundredth of a bin
 using Bins = std::array<double, kMaxOfBins>;
 
 struct Summed {
@@ -53,27 +55,40 @@ Summed sum_of(const FrameView& frame, const Extents& e, std::uint32_t dark_dn, s
     return summed;
 }
 
-// Mean light of each bin above the darkest ones, DN. Bins with less than kFaint of the brightest count as dark: noise
-// in many far bins would widen the spot. `with_faint`: with them.
-Bins light_of(const Summed& summed, const Extents& e, double& floor, Bins& with_faint) {
-    Bins light{}, sorted{};
+// Mean light of each bin above the darkest ones, DN.
+struct MeanLight {
+    Bins bright{};      // 0: less than kFaint of the brightest; noise in many far bins would widen the spot
+    Bins with_faint{};  // with the bins that count as dark: noise is alike on all sides of the spot
+    Bins certain{};     // 0: no more than noise explains; none if the dark bins are not known
+    double floor = 0;   // DN of the dark bins
+};
+
+MeanLight light_of(const Summed& summed, const Extents& e) {
+    MeanLight mean;
+    Bins& light = mean.bright;
     const auto count = static_cast<std::size_t>(e.bins());
     for (std::size_t b = 0; b < count; ++b) {
         if (summed.count[b] > 0) light[b] = static_cast<double>(summed.samples[b]) / summed.count[b];
     }
-    floor = 0;
-    with_faint = light;
+    mean.with_faint = light;
     const double dark_share = share_of_dark_bins(e);
-    if (dark_share < kMinDarkShare) return light;
-    sorted = light;
-    const auto rank = static_cast<std::size_t>(dark_share / 2 * static_cast<double>(count));
-    floor = common::nth_smallest(std::span(sorted).first(count), rank);
-    const double faint = kFaint * (*std::max_element(light.begin(), light.begin() + e.bins()) - floor);
+    if (dark_share < kMinDarkShare) return mean;
+    Bins sorted = light;
+    const auto nth_dark = [&](double share) {
+        return common::nth_smallest(std::span(sorted).first(count),
+                                    static_cast<std::size_t>(share * dark_share * static_cast<double>(count)));
+    };
+    mean.floor = nth_dark(0.5);
+    constexpr double kOneSigmaBelow = 0.1587;  // of a normal distribution
+    const double noise = kNoiseSigmas * (mean.floor - nth_dark(kOneSigmaBelow));
+    const double faint = kFaint * (*std::max_element(light.begin(), light.begin() + e.bins()) - mean.floor);
     for (std::size_t b = 0; b < count; ++b) {
-        with_faint[b] -= floor;
-        light[b] = with_faint[b] > faint ? with_faint[b] : 0;
+        const double above = light[b] - mean.floor;
+        mean.with_faint[b] = above;
+        light[b] = above > faint ? above : 0;
+        mean.certain[b] = above > noise ? above : 0;
     }
-    return light;
+    return mean;
 }
 
 // Light in bins that cannot be reached from the brightest one without climbing.
@@ -152,17 +167,19 @@ MeanSpot mean_spot(const FrameView& frame, const Extents& e, std::uint32_t dark_
                    std::span<const std::uint32_t> lenslets, std::span<const Deflection> centres) {
     const Summed summed = frame.bits > 8 ? sum_of<std::uint16_t>(frame, e, dark_dn, lenslets, centres)
                                          : sum_of<std::uint8_t>(frame, e, dark_dn, lenslets, centres);
-    double floor = 0;
-    Bins with_faint{};
-    const Bins light = light_of(summed, e, floor, with_faint);
-    std::array<double, kMaxBins> columns{}, rows{};
+    const MeanLight mean = light_of(summed, e);
+    const Bins& light = mean.bright;
+    std::array<double, kMaxBins> columns{}, rows{}, certain_columns{}, certain_rows{};
     double sum = 0, x = 0, y = 0, xx = 0, yy = 0;
     std::size_t b = 0, brightest = 0;
     for (int j = 0; j < e.j; ++j) {
         for (int i = 0; i < e.i; ++i, ++b) {
             if (light[b] > light[brightest]) brightest = b;
-            columns[static_cast<std::size_t>(i)] += with_faint[b];
-            rows[static_cast<std::size_t>(j)] += with_faint[b];
+            const auto column = static_cast<std::size_t>(i), row = static_cast<std::size_t>(j);
+            columns[column] += mean.with_faint[b];
+            rows[row] += mean.with_faint[b];
+            certain_columns[column] += mean.certain[b];
+            certain_rows[row] += mean.certain[b];
             sum += light[b];
             x += light[b] * i;
             y += light[b] * j;
@@ -184,8 +201,15 @@ MeanSpot mean_spot(const FrameView& frame, const Extents& e, std::uint32_t dark_
                  light_on_one_side(std::span(rows).first(static_cast<std::size_t>(e.j)), core.y));
     spot.second_share =
         std::max({light_beside(light, e, brightest) / sum, on_one_side / sum, lopsided / kSecondSpotBins});
+    // Without a part before it, all lenslets show the same.
+    if (centres.empty()) {
+        spot.second_share =
+            std::max({spot.second_share,
+                      copied_share(std::span(certain_columns).first(static_cast<std::size_t>(e.i)), core.x, kCoreBins),
+                      copied_share(std::span(certain_rows).first(static_cast<std::size_t>(e.j)), core.y, kCoreBins)});
+    }
     spot.light_dn = sum;
-    spot.floor_dn = floor;
+    spot.floor_dn = mean.floor;
     spot.lit_share = static_cast<double>(summed.lit) / static_cast<double>(summed.all);
     return spot;
 }

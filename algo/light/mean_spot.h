@@ -6,8 +6,8 @@
 // A second spot shows in one of two ways. Far from the main one it stands alone: the main spot holds all bins that can
 // be reached from the brightest one, over sides and corners, without climbing by more than kClimb of its light; what is
 // brighter than kClimb and cannot be reached is beside it. A near one shares bins with the main one. It makes the spot
-// lopsided: more light lies beyond the core on one side than on the opposite one, and the mean of all light lies beside
-// the middle of the core. Limits and reasons: docs/notes/inspection.md.
+// lopsided: more light lies beyond the core on one side than on the opposite one, the mean of all light lies beside the
+// middle of the core, and the light is skewed (algo/light/copied_spot.h). Limits and reasons: docs/notes/inspection.md.
 #pragma once
 
 #include <cstdint>
@@ -27,9 +27,9 @@ struct MeanSpot {
     bool measured = false;        // there was light
     double x = 0, y = 0;          // mean deflection, bin pitches, positive to the right and downwards
     double rms_x = 0, rms_y = 0;  // spread about the mean along each axis, bin pitches
-    // Share of the light in a second spot, the largest of three: what stands beside the main spot; what lies beyond the
+    // Share of the light in a second spot, the largest of four: what stands beside the main spot; what lies beyond the
     // core on one side more than on the opposite one; the distance from the core's middle to the mean over
-    // kSecondSpotBins. The last two along the worse axis.
+    // kSecondSpotBins; without `centres`, a copy of the main spot. The last three along the worse axis.
     double second_share = 0;
     double light_dn = 0;   // of a lenslet, what no dark level was subtracted from
     double lit_share = 0;  // bins of these lenslets above the dark level

@@ -195,6 +195,22 @@ TEST(FrameChecks, are_widened_and_switched_off_by_the_recipe) {
     EXPECT_EQ(inspected(kUsual, kind("a part that fills the field"), recipe).verdict, Verdict::pass);
 }
 
+// A ghost near the spot blends with it, and one four bins away lies in the next lenslet in part.
+TEST(FrameChecks, name_a_ghost_of_six_percent_and_let_three_pass) {
+    constexpr Extents kSmall{48, 48, 9, 9};
+    for (const double spread : {0.4, 0.6, 0.8}) {
+        const LightImage light = spots(kSmall, 200, spread, lens(kSmall, 18, 3));
+        for (const auto& [right, down] : {std::pair(2, 0), std::pair(-2, 0), std::pair(0, 2), std::pair(2, -1),
+                                          std::pair(-3, 0), std::pair(4, 0), std::pair(0, -4)}) {
+            const auto found = [&, across = right, along = down](double share) {
+                return inspected(kSmall, exposed(with_ghost(light, share, across, along), {}, 1), {});
+            };
+            EXPECT_EQ(found(0.06).frame.fault, FrameFault::second_spot) << spread << " " << right << " " << down;
+            EXPECT_EQ(found(0.03).verdict, Verdict::pass) << spread << " " << right << " " << down;
+        }
+    }
+}
+
 // The lit region of an opaque holder is the part; what the recipe's zones leave out is the holder.
 TEST(FrameChecks, know_a_part_in_an_opaque_holder) {
     const Extents e{60, 60, 9, 9};
