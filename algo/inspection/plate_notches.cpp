@@ -17,6 +17,20 @@ constexpr int kMinBesideNotch = 2, kMaxBesideNotch = 4;  // lenslets of free lig
 constexpr int kMinLines = 8;                             // of a side of the plate
 constexpr std::size_t kMinOpen = 2;                      // lines of a notch
 constexpr double kSigmas = 5;
+
+// Mean light of the lenslets from `from` on, up to `most` of them, while they count; 0 if fewer than `least` do.
+template <class Counts>
+double mean_light(const FieldLight& light, std::size_t from, std::ptrdiff_t step, int available, int least, int most,
+                  Counts&& counts) {
+    double sum = 0;
+    int count = 0;
+    for (; count < std::min(available, most) && counts(from); ++count) {
+        sum += light.sums[from];
+        from += static_cast<std::size_t>(step);
+    }
+    return count < least ? 0.0 : sum / count;
+}
+
 }  // namespace
 
 // The lines that cross an edge of the plate at 45 degrees or more, side by side: rows at its left and right, columns at
@@ -25,71 +39,71 @@ constexpr double kSigmas = 5;
 // the light. Two lines or more beside each other in which less than half of it is taken, by five standard errors, are a
 // notch.
 bool RimFinder::has_notch(const FieldLight& light, int depth) {
+    const int m = extents_.m, n = extents_.n;
+    const std::size_t last_column = extents_.index(m - 1, 0), last_row = extents_.index(0, n - 1);
+    const std::ptrdiff_t right = 1, down = m;
+    for (const FieldSide& side : {FieldSide{n, m, 0, down, right}, FieldSide{n, m, last_column, down, -right},
+                                  FieldSide{m, n, 0, right, down}, FieldSide{m, n, last_row, right, -down}}) {
+        compare_lines(light, side, depth);
+        if (shows_notch(depth)) return true;
+    }
+    return false;
+}
+
+// Sets open_lines_, what the light in the rim of each line is of the free light outside it (0: an edge is seen, or the
+// line cannot be told), and glass_lines_, the same behind the rim.
+void RimFinder::compare_lines(const FieldLight& light, const FieldSide& side, int depth) {
     const NearFree near_free(free_);
     const auto is_clear = [&](std::size_t k) {
         return (light.mask[k] & kNoHord) == 0 && near_free.has(light.deflections[k]);
     };
-    const auto mean = [&](std::size_t from, std::ptrdiff_t step, int available, int least, int most, auto&& counts) {
+    first_of_line_.assign(static_cast<std::size_t>(side.lines) + 4, -1);  // two more on either side
+    int* const first_of = first_of_line_.data() + 2;
+    for (int line = 0; line < side.lines; ++line) {
+        int first = 0;
+        while (first < side.length && (state_[side.at(line, first)] & kPart) == 0) ++first;
+        first_of[line] = first < side.length ? first : -1;
+    }
+    open_lines_.assign(static_cast<std::size_t>(side.lines), 0);
+    glass_lines_.clear();
+    const int into = 2 * default_rim_margin(extents_) + 2;
+    for (int line = 0; line < side.lines; ++line) {
+        const int first = first_of[line], before = first_of[line - 2], behind = first_of[line + 2];
+        if (first < 0 || before < 0 || behind < 0 || std::abs(behind - before) > 4) continue;
+        const double beside = mean_light(light, side.at(line, first - 2), -side.inwards, first - 1, kMinBesideNotch,
+                                         kMaxBesideNotch, [&](std::size_t k) { return (state_[k] & kReached) != 0; });
+        if (beside <= 0) continue;
+        const int left = side.length - first;
+        open_lines_[static_cast<std::size_t>(line)] =
+            mean_light(light, side.at(line, first), side.inwards, left, depth, depth, is_clear) / beside;
+        const double inside =
+            mean_light(light, side.at(line, first + into), side.inwards, left - into, kMaxBesideNotch, kMaxBesideNotch,
+                       [&](std::size_t k) { return is_clear(k) && (state_[k] & kPart) != 0; });
+        if (inside > 0) glass_lines_.push_back(inside / beside);
+    }
+}
+
+// Of the lines that were compared.
+bool RimFinder::shows_notch(int depth) {
+    if (static_cast<int>(glass_lines_.size()) < kMinLines) return false;
+    sorted_lines_ = glass_lines_;
+    const double through = common::lower_median(std::span(sorted_lines_));
+    for (double& value : sorted_lines_) value = std::abs(value - through);
+    // Of a normal distribution, by the median of absolute values; of the mean of `depth` lenslets instead of four.
+    const double sigma = 1.4826 * common::lower_median(std::span(sorted_lines_)) *
+        std::sqrt((1.0 / depth + 1.0 / kMaxBesideNotch) / (2.0 / kMaxBesideNotch));
+    for (std::size_t from = 0; from < open_lines_.size(); ++from) {
         double sum = 0;
-        int count = 0;
-        for (; count < std::min(available, most) && counts(from); ++count) {
-            sum += light.sums[from];
-            from += static_cast<std::size_t>(step);
+        for (std::size_t to = from; to < open_lines_.size() && open_lines_[to] > 0; ++to) {
+            sum += open_lines_[to];
+            const std::size_t count = to - from + 1;
+            const double excess = sum / static_cast<double>(count) - through;
+            if (count >= kMinOpen && excess > (1 - through) / 2 &&
+                excess > kSigmas * sigma / std::sqrt(static_cast<double>(count)))
+                return true;
         }
-        return count < least ? 0.0 : sum / count;
-    };
-    const auto side = [&](int lines, int length, auto&& index) {
-        auto &open = open_lines_, &glass = glass_lines_, &sorted = sorted_lines_;
-        const auto step = static_cast<std::ptrdiff_t>(index(0, 1)) - static_cast<std::ptrdiff_t>(index(0, 0));
-        first_of_line_.assign(static_cast<std::size_t>(lines) + 4, -1);  // two more on either side
-        int* const first_of = first_of_line_.data() + 2;
-        for (int line = 0; line < lines; ++line) {
-            int first = 0;
-            while (first < length && (state_[index(line, first)] & kPart) == 0) ++first;
-            first_of[line] = first < length ? first : -1;
-        }
-        open.assign(static_cast<std::size_t>(lines), 0);
-        glass.clear();
-        for (int line = 0; line < lines; ++line) {
-            const int first = first_of[line], before = first_of[line - 2], behind = first_of[line + 2];
-            if (first < 0 || before < 0 || behind < 0 || std::abs(behind - before) > 4) continue;
-            const double beside =
-                mean(index(line, first) - static_cast<std::size_t>(2 * step), -step, first - 1, kMinBesideNotch,
-                     kMaxBesideNotch, [&](std::size_t k) { return (state_[k] & kReached) != 0; });
-            if (beside <= 0) continue;
-            open[static_cast<std::size_t>(line)] =
-                mean(index(line, first), step, length - first, depth, depth, is_clear) / beside;
-            const int into = 2 * default_rim_margin(extents_) + 2;
-            const double inside = mean(index(line, first) + static_cast<std::size_t>(into * step), step,
-                                       length - first - into, kMaxBesideNotch, kMaxBesideNotch,
-                                       [&](std::size_t k) { return is_clear(k) && (state_[k] & kPart) != 0; });
-            if (inside > 0) glass.push_back(inside / beside);
-        }
-        if (static_cast<int>(glass.size()) < kMinLines) return false;
-        sorted = glass;
-        const double through = common::lower_median(std::span(sorted));
-        for (double& value : sorted) value = std::abs(value - through);
-        // Of a normal distribution, by the median of absolute values; of the mean of `depth` lenslets instead of four.
-        const double sigma = 1.4826 * common::lower_median(std::span(sorted)) *
-            std::sqrt((1.0 / depth + 1.0 / kMaxBesideNotch) / (2.0 / kMaxBesideNotch));
-        for (std::size_t from = 0; from < open.size(); ++from) {
-            double sum = 0;
-            for (std::size_t to = from; to < open.size() && open[to] > 0; ++to) {
-                sum += open[to];
-                const std::size_t count = to - from + 1;
-                const double excess = sum / static_cast<double>(count) - through;
-                if (count >= kMinOpen && excess > (1 - through) / 2 &&
-                    excess > kSigmas * sigma / std::sqrt(static_cast<double>(count)))
-                    return true;
-            }
-        }
-        return false;
-    };
-    const int columns = extents_.m, rows = extents_.n;
-    return side(rows, columns, [&](int n, int m) { return extents_.index(m, n); }) ||
-        side(rows, columns, [&](int n, int m) { return extents_.index(columns - 1 - m, n); }) ||
-        side(columns, rows, [&](int m, int n) { return extents_.index(m, n); }) ||
-        side(columns, rows, [&](int m, int n) { return extents_.index(m, rows - 1 - n); });
+    }
+    return false;
 }
 
 }  // namespace hord::algo

@@ -157,7 +157,18 @@ class RimFinder {
     [[nodiscard]] const FieldRectangle& rectangle();
     [[nodiscard]] bool lacks_of_rectangle();
     [[nodiscard]] bool lacks_of_circle();
+    // A side of the field: lines from it inwards.
+    struct FieldSide {
+        int lines = 0, length = 0;
+        std::size_t first = 0;  // lenslet
+        std::ptrdiff_t along = 0, inwards = 0;
+        [[nodiscard]] std::size_t at(int line, int in) const {
+            return first + static_cast<std::size_t>(along * line + inwards * in);
+        }
+    };
     [[nodiscard]] bool has_notch(const FieldLight& light, int depth);
+    void compare_lines(const FieldLight& light, const FieldSide& side, int depth);
+    [[nodiscard]] bool shows_notch(int depth);
     [[nodiscard]] double cut_by_border() const;
     // A row or column from an end of the part inwards: its lenslets before the part, and of it.
     struct LineOfPart {
