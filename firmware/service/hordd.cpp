@@ -127,6 +127,10 @@ class Daemon {
                 std::array{Field{"HORD_RECIPE", std::to_string(recipe.number)}, Field{"HORD_RECIPE_CRC", crc}});
         };
         all.reload = [this] { reload(); };
+        all.stopped_early = [] {
+            sd_notify(0, "STOPPING=1");
+            write_to_journal(JournalEvent::stopped, "stopped as asked, while the simulated parts were rendered");
+        };
         all.trouble = [](const Error& error) { write_to_journal(JournalEvent::trouble, error.message()); };
         return all;
     }

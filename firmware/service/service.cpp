@@ -1,9 +1,11 @@
 // Opens a service and runs it. The events of a running one: service_events.cpp; reload: service_reload.cpp.
 #include "firmware/service/service.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <csignal>
+#include <cstdlib>
 #include <filesystem>
 #include <random>
 
@@ -23,19 +25,12 @@ constexpr const char* kCalibrationInUse = "calibration-in-use.toml";
 
 constexpr std::initializer_list<int> kEndSignals = {SIGINT, SIGTERM, SIGQUIT};
 
-// The event loop takes these signals when it runs, and every thread has them blocked. One that waits meanwhile ends the
-// process as it would without a loop: call it where nothing runs yet.
-void end_by_waiting_signal() {
+// The event loop takes these signals when it runs, and every thread has them blocked. One that came meanwhile waits.
+bool stop_waits(bool hangup_stops) {
     sigset_t waiting;
     ::sigpending(&waiting);
-    for (const int signal : kEndSignals) {
-        if (::sigismember(&waiting, signal) != 1) continue;
-        sigset_t one;
-        ::sigemptyset(&one);
-        ::sigaddset(&one, signal);
-        std::signal(signal, SIG_DFL);
-        ::pthread_sigmask(SIG_UNBLOCK, &one, nullptr);
-    }
+    const auto waits = [&](int signal) { return ::sigismember(&waiting, signal) == 1; };
+    return std::ranges::any_of(kEndSignals, waits) || (hangup_stops && waits(SIGHUP));
 }
 
 StationIdentity identity_of(const Config& config, const SimulationOptions& simulation) {
@@ -251,8 +246,11 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
     if (renders) close_servers();
 
     SimulationOptions watched = simulation;
-    watched.progress = [show = simulation.progress](double done) {
-        end_by_waiting_signal();
+    watched.progress = [this, show = simulation.progress](double done) {
+        if (stop_waits(!watchers_.reload)) {
+            if (watchers_.stopped_early) watchers_.stopped_early();
+            std::_Exit(0);  // nothing runs yet
+        }
         if (show) show(done);
     };
     if (auto done = assign(backends_, Backends::open(*loop_, config_, watched)); !done) return done;

@@ -199,6 +199,10 @@ class Run {
             tell(raised, now.line_stop_why);
             told_ |= raised;
         };
+        watchers.stopped_early = [rendering] {
+            rendering->reset();
+            print_message("hordctl: stopped as asked, while the simulated parts were rendered: no part came\n");
+        };
         watchers.trouble = [this](const Error& error) { say(error.message()); };
         watchers.recipe = [this](const NumberedRecipe& recipe) { on_recipe(recipe); };
         if (!options_.out.empty() || options_.json) {
@@ -429,9 +433,8 @@ void add_run(CLI::App& program, Exit& status) {
         ->needs(simulate);  // a real line is reset by a person only
     command->add_flag("--json", options->json, "Print one JSON object a part; the report goes to stderr");
     command->footer(
-        "Exit status: 0 every part got its verdict, 2 bad configuration, or a port or a state folder that another "
-        "station uses, 3 the station ended "
-        "in an error, or results or frames could not be stored.\n"
+        "Exit status: 0 every part that came got its verdict, 2 bad configuration, or a port or a state folder that "
+        "another station uses, 3 the station ended in an error, or results or frames could not be stored.\n"
         "Example: hordctl run --simulate --parts 200 --modbus 127.0.0.1:1502");
     command->callback([options, rate, &status] {
         if (!options->config.empty() && rate->count() == 0) options->line.parts_per_second = 0;
