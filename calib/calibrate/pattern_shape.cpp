@@ -105,6 +105,29 @@ LightAlong light_along(const MeanLenslet& mean, algo::LatticeKind kind) {
             (mean.at(1 / 3.0, 1 / 3.0) + mean.at(-1 / 3.0, -1 / 3.0)) / 2};
 }
 
+// Of harmonics' real parts: those of order p along the first step and q along the second stand in row q, column p.
+constexpr int kHarmonics = 4, kOrders = 2 * kHarmonics + 1;
+struct RealParts {
+    std::array<std::array<double, kOrders>, kOrders> of{};
+    double& at(int p, int q) {
+        return of[static_cast<std::size_t>(q + kHarmonics)][static_cast<std::size_t>(p + kHarmonics)];
+    }
+};
+// PatternShape::unequal.
+double unequal(RealParts real, bool square) {
+    double differences = 0, squares = 0;
+    for (int q = -kHarmonics; q <= kHarmonics; ++q) {
+        for (int p = -kHarmonics; p <= kHarmonics; ++p) {
+            const int turned_p = square ? -q : q, turned_q = square ? p : q - p;
+            if (std::abs(turned_q) > kHarmonics) continue;
+            const double here = real.at(p, q), turned = real.at(turned_p, turned_q);
+            differences += (here - turned) * (here - turned);
+            squares += here * here + turned * turned;
+        }
+    }
+    return squares > 0 ? differences / (2 * squares) : 0;
+}
+
 }  // namespace
 
 PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibration) {
@@ -114,8 +137,8 @@ PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibratio
     const double pixels = std::accumulate(hits.begin(), hits.end(), 0.0);
     if (pixels == 0) return {.even_share = 1};
     const double mean = std::accumulate(sums.begin(), sums.end(), 0.0) / pixels;
-    constexpr int kHarmonics = 4;
     const bool square = grid.kind == algo::LatticeKind::square;
+    RealParts real;
     double all = 0, waves = 0, first = 0, even = 0;
     for (int q = -kHarmonics; q <= kHarmonics; ++q) {
         for (int p = -kHarmonics; p <= kHarmonics; ++p) {
@@ -128,6 +151,7 @@ PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibratio
                 sum += (sums[cell] - mean * hits[cell]) * std::polar(1.0, -2 * std::numbers::pi * turns);
             }
             const double power = std::norm(sum);
+            real.at(p, q) = sum.real();
             all += power;
             // Of a hexagonal lattice, steps 60 degrees apart have a third fundamental at (1, 1) or (1, -1).
             const bool third = !square && std::abs(p) == 1 && std::abs(q) == 1 &&
@@ -144,7 +168,8 @@ PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibratio
             .even_share = even / all,
             .between = light.share(light.between, light.farthest),
             .dark_share = dark_share(of),
-            .second = light.share(light.farthest, light.between)};
+            .second = light.share(light.farthest, light.between),
+            .unequal = unequal(real, square)};
 }
 
 }  // namespace hord::calib

@@ -49,6 +49,9 @@ constexpr double kMaxElongated = 0.15;
 // EdgeBlur::more_px2, over own_px2: the variance along is twice that across, so that half of it is not that of the
 // lenslets. A light-field microscope's lenslets have 0.44 (soft edges). And in standard errors.
 constexpr double kMaxEdgeBlur = 2.0 / 3, kMaxEdgeDeviations = 8;
+// PatternShape::unequal. Real white frames have at most 0.005. Two exposures that lie d pitches apart multiply the
+// first harmonics along their way by cos(pi d), which alone makes it (1 - cos)^2 / 2 / (1 + cos^2): 0.02 at 0.23 pitch.
+constexpr double kMaxUnequal = 0.02;
 constexpr double kMaxRoughness = 0.08;
 constexpr double kMaxFollowed = 0.3;     // of the residuals' power: what gradients of the light explain
 constexpr double kMinFollowed = 0.0002;  // of a pitch: explained residuals that matter
@@ -284,6 +287,11 @@ std::vector<std::string> warnings_about(const GridCalibration& calibration) {
             "{:.1f} "
             "px apart: the grid lies in the middle of that; keep array and light still, and record one exposure",
             edges.apart_px()));
+    } else if (!interlaced && calibration.shape.unequal > kMaxUnequal) {
+        out.push_back(
+            "the light between the lenslets differs from one direction to the other, as by two exposures that lie a "
+            "part of a pitch apart: the grid lies in the middle of that; keep array and light still, and record one "
+            "exposure");
     }
     const double noise = std::max(kMaxCut, kMaxCutDeviations * cut.sigma);
     const double beyond_grid = narrower_than_made(cut, noise);

@@ -114,6 +114,28 @@ TEST(WhiteExposures, lenslets_that_are_exposed_twice_are_warned_of) {
     }
 }
 
+// Discs a third of a pitch apart fill the gap to their neighbours, so that neither length nor edges show them.
+TEST(WhiteExposures, lenslets_that_fill_the_gap_by_two_exposures_are_warned_of) {
+    for (const auto& [hexagonal, pitch, radius, dx, dy] : {std::tuple(false, 17.3, 0.42, 0.32, 0.0),
+                                                           {false, 17.3, 0.42, 0.35, 0.0},
+                                                           {false, 10.0, 0.35, 0.29, 0.14},
+                                                           {false, 10.0, 0.35, 0.23, 0.23},
+                                                           {false, 10.0, 0.46, 0.14, 0.14},
+                                                           {true, 10.0, 0.35, 0.34, 0.0}}) {
+        SCOPED_TRACE(::testing::Message() << hexagonal << " " << pitch << " " << dx << " " << dy);
+        const White white{.width_px = 400,
+                          .height_px = 380,
+                          .hexagonal = hexagonal,
+                          .pitch_px = pitch,
+                          .rotation_deg = 2,
+                          .disc_radius_px = radius * pitch};
+        const Frame twice =
+            mixed(white, dx * pitch, dy * pitch, [](int, std::uint32_t a, std::uint32_t b) { return (a + b) / 2; });
+        EXPECT_THAT(warnings(twice), Contains(HasSubstr("exposure")));
+        EXPECT_THAT(warnings(test::draw(white).frame), IsEmpty());
+    }
+}
+
 // A lenslet that is wider than high is no double exposure: its edge is as sharp there as elsewhere.
 TEST(WhiteExposures, lenslets_that_are_longer_one_way_are_not_exposed_twice) {
     for (const double k1 : {-0.05, 0.0, 0.05}) {
