@@ -37,22 +37,32 @@ double mean_light(const FieldLight& light, std::size_t from, std::ptrdiff_t step
 // its top and bottom. Where a line shows undeflected light in all lenslets of the rim and none of an edge, the mean of
 // this light is compared with the free light outside. Behind the edges of the other lines the plate takes a share of
 // the light. Two lines or more beside each other in which less than half of it is taken, by five standard errors, are a
-// notch.
+// notch. The noise is that of all sides: a side alone has few lines.
 bool RimFinder::has_notch(const FieldLight& light, int depth) {
     const int m = extents_.m, n = extents_.n;
     const std::size_t last_column = extents_.index(m - 1, 0), last_row = extents_.index(0, n - 1);
     const std::ptrdiff_t right = 1, down = m;
+    open_lines_.clear();
+    deviations_.clear();
+    std::array<ComparedSide, 4> compared;
+    std::size_t sides = 0;
     for (const FieldSide& side : {FieldSide{n, m, 0, down, right}, FieldSide{n, m, last_column, down, -right},
                                   FieldSide{m, n, 0, right, down}, FieldSide{m, n, last_row, right, -down}}) {
-        compare_lines(light, side, depth);
-        if (shows_notch(depth)) return true;
+        const ComparedSide lines = compare_lines(light, side, depth);
+        if (lines.first < lines.end) compared[sides++] = lines;
     }
-    return false;
+    if (sides == 0) return false;
+    // Of a normal distribution, by the median of absolute values; of the mean of `depth` lenslets instead of four.
+    const double sigma = 1.4826 * common::lower_median(std::span(deviations_)) *
+        std::sqrt((1.0 / depth + 1.0 / kMaxBesideNotch) / (2.0 / kMaxBesideNotch));
+    return std::any_of(compared.begin(), compared.begin() + static_cast<std::ptrdiff_t>(sides),
+                       [&](const ComparedSide& lines) { return shows_notch(lines, sigma); });
 }
 
-// Sets open_lines_, what the light in the rim of each line is of the free light outside it (0: an edge is seen, or the
-// line cannot be told), and glass_lines_, the same behind the rim.
-void RimFinder::compare_lines(const FieldLight& light, const FieldSide& side, int depth) {
+// Adds to open_lines_ what the light in the rim of each line is of the free light outside it (0: an edge is seen, or
+// the line cannot be told), and to deviations_ how far the same behind the rim lies from its median. No lines if few
+// can be compared.
+RimFinder::ComparedSide RimFinder::compare_lines(const FieldLight& light, const FieldSide& side, int depth) {
     const NearFree near_free(free_);
     const auto is_clear = [&](std::size_t k) {
         return (light.mask[k] & kNoHord) == 0 && near_free.has(light.deflections[k]);
@@ -64,7 +74,8 @@ void RimFinder::compare_lines(const FieldLight& light, const FieldSide& side, in
         while (first < side.length && (state_[side.at(line, first)] & kPart) == 0) ++first;
         first_of[line] = first < side.length ? first : -1;
     }
-    open_lines_.assign(static_cast<std::size_t>(side.lines), 0);
+    ComparedSide compared{.first = open_lines_.size()};
+    open_lines_.resize(compared.first + static_cast<std::size_t>(side.lines), 0);
     glass_lines_.clear();
     const int into = 2 * default_rim_margin(extents_) + 2;
     for (int line = 0; line < side.lines; ++line) {
@@ -74,31 +85,32 @@ void RimFinder::compare_lines(const FieldLight& light, const FieldSide& side, in
                                          kMaxBesideNotch, [&](std::size_t k) { return (state_[k] & kReached) != 0; });
         if (beside <= 0) continue;
         const int left = side.length - first;
-        open_lines_[static_cast<std::size_t>(line)] =
+        open_lines_[compared.first + static_cast<std::size_t>(line)] =
             mean_light(light, side.at(line, first), side.inwards, left, depth, depth, is_clear) / beside;
         const double inside =
             mean_light(light, side.at(line, first + into), side.inwards, left - into, kMaxBesideNotch, kMaxBesideNotch,
                        [&](std::size_t k) { return is_clear(k) && (state_[k] & kPart) != 0; });
         if (inside > 0) glass_lines_.push_back(inside / beside);
     }
+    if (static_cast<int>(glass_lines_.size()) < kMinLines) {
+        open_lines_.resize(compared.first);
+        return {};
+    }
+    compared.end = open_lines_.size();
+    compared.through = common::lower_median(std::span(glass_lines_));
+    for (const double value : glass_lines_) deviations_.push_back(std::abs(value - compared.through));
+    return compared;
 }
 
-// Of the lines that were compared.
-bool RimFinder::shows_notch(int depth) {
-    if (static_cast<int>(glass_lines_.size()) < kMinLines) return false;
-    sorted_lines_ = glass_lines_;
-    const double through = common::lower_median(std::span(sorted_lines_));
-    for (double& value : sorted_lines_) value = std::abs(value - through);
-    // Of a normal distribution, by the median of absolute values; of the mean of `depth` lenslets instead of four.
-    const double sigma = 1.4826 * common::lower_median(std::span(sorted_lines_)) *
-        std::sqrt((1.0 / depth + 1.0 / kMaxBesideNotch) / (2.0 / kMaxBesideNotch));
-    for (std::size_t from = 0; from < open_lines_.size(); ++from) {
+// `sigma`: of a line.
+bool RimFinder::shows_notch(const ComparedSide& lines, double sigma) const {
+    for (std::size_t from = lines.first; from < lines.end; ++from) {
         double sum = 0;
-        for (std::size_t to = from; to < open_lines_.size() && open_lines_[to] > 0; ++to) {
+        for (std::size_t to = from; to < lines.end && open_lines_[to] > 0; ++to) {
             sum += open_lines_[to];
             const std::size_t count = to - from + 1;
-            const double excess = sum / static_cast<double>(count) - through;
-            if (count >= kMinOpen && excess > (1 - through) / 2 &&
+            const double excess = sum / static_cast<double>(count) - lines.through;
+            if (count >= kMinOpen && excess > (1 - lines.through) / 2 &&
                 excess > kSigmas * sigma / std::sqrt(static_cast<double>(count)))
                 return true;
         }

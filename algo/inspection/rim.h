@@ -167,8 +167,12 @@ class RimFinder {
         }
     };
     [[nodiscard]] bool has_notch(const FieldLight& light, int depth);
-    void compare_lines(const FieldLight& light, const FieldSide& side, int depth);
-    [[nodiscard]] bool shows_notch(int depth);
+    struct ComparedSide {
+        std::size_t first = 0, end = 0;  // of open_lines_
+        double through = 0;              // the light behind the edges, of that outside
+    };
+    [[nodiscard]] ComparedSide compare_lines(const FieldLight& light, const FieldSide& side, int depth);
+    [[nodiscard]] bool shows_notch(const ComparedSide& lines, double sigma) const;
     [[nodiscard]] double cut_by_border() const;
     // A row or column from an end of the part inwards: its lenslets before the part, and of it.
     struct LineOfPart {
@@ -229,12 +233,12 @@ class RimFinder {
     [[nodiscard]] bool closed_in_row(int m, int n) const { return of_rows_.holds(n, m); }
     [[nodiscard]] bool closed_in_column(int m, int n) const { return of_columns_.holds(m, n); }
     Between of_rows_, of_columns_;
-    std::vector<std::int16_t> in_column_, free_in_column_;         // numbers of lenslets
-    std::vector<int> first_of_line_;                               // lenslets; -1: no lenslet of the part
-    std::vector<double> open_lines_, glass_lines_, sorted_lines_;  // light over that outside, of lines across an edge
-    std::vector<std::uint8_t> in_rim_, seen_;                      // of the lenslets of a row
-    Deflection free_;                                              // median of the outermost lenslets,
-    std::int64_t free_light_ = 0;                                  // and of their light, DN
+    std::vector<std::int16_t> in_column_, free_in_column_;       // numbers of lenslets
+    std::vector<int> first_of_line_;                             // lenslets; -1: no lenslet of the part
+    std::vector<double> open_lines_, glass_lines_, deviations_;  // light over that outside, of lines across an edge
+    std::vector<std::uint8_t> in_rim_, seen_;                    // of the lenslets of a row
+    Deflection free_;                                            // median of the outermost lenslets,
+    std::int64_t free_light_ = 0;                                // and of their light, DN
     int regions_ = 0;
     FoundPart found_;
 };
