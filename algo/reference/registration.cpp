@@ -157,12 +157,22 @@ const char* explain(Registered::Outcome outcome) {
     return "";
 }
 
+namespace {
+
+// A place within a step, 0..step - 1, by the golden ratio: successive rows of the sample have every place alike often,
+// and so have every second ones.
+int staggered(int row, int step) { return row * 1597 % 2584 * step / 2584; }
+
+}  // namespace
+
+// Staggered: the straight edge of a plate that lies along the rows crosses a lattice's rows nowhere, or all along.
 Registrar::Registrar(const Extents& extents) : extents_(extents) {
     const int step = std::max(1, (std::max(extents.m, extents.n) + kSampledSide / 2) / kSampledSide);
     for (const bool coarse : {true, false}) {
-        for (int n = step / 2, row = 0; n < extents.n; n += step, ++row) {
-            for (int m = step / 2, column = 0; m < extents.m; m += step, ++column) {
-                if ((row % 2 == 0 && column % 2 == 0) == coarse)
+        for (int row = 0; row * step < extents.n; ++row) {
+            for (int column = 0; column * step < extents.m; ++column) {
+                const int m = column * step + staggered(row, step), n = row * step + staggered(column, step);
+                if (m < extents.m && n < extents.n && (row % 2 == 0 && column % 2 == 0) == coarse)
                     sample_.push_back({static_cast<std::uint32_t>(extents.index(m, n)), static_cast<double>(m),
                                        static_cast<double>(n)});
             }
@@ -296,6 +306,7 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
     bool round = false;  // a turn of the part does not show in the maps; decided at the first step
     std::array<bool, 3> determined{}, held{};  // by the maps, decided at the first step; at the farthest allowed
     bool settling = false;                     // the last steps, with the whole sample
+    int began = 0;                             // the first of them; 0 before: the quarter may have led far away
     std::size_t used = sample_.size(), count = 0;
     for (const SamplePoint& s : sample_) {
         if ((mask[s.k] & kNoHord) != 0 || (reference.mask[s.k] & (kOutside | kNoHord)) != 0 ||
@@ -349,7 +360,8 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
             return outcome(Registered::Outcome::unsettled);
         }
         // At most a lenslet a step; later steps are shorter, because the weights may make the pose oscillate.
-        const double damping = k < 6 ? 1.0 : k < 12 ? 0.5 : 0.25;
+        const int since = k - began;
+        const double damping = since < 6 ? 1.0 : since < 12 ? 0.5 : 0.25;
         const double shortened = shorter * std::min(damping, 1.0 / std::max(moved, 1e-9));
         pose.x += shortened * by[0];
         pose.y += shortened * by[1];
@@ -360,7 +372,7 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
             *unknowns[u] = std::copysign(kFarthest[u], *unknowns[u]);
             held[u] = true;
         }
-        settling = settling || moved < kNearlySettled || k >= kCoarseSteps;
+        if (!settling && (moved < kNearlySettled || k >= kCoarseSteps)) settling = true, began = k + 1;
         used = settling ? sample_.size() : coarse_;
         if (!(std::abs(pose.x) < 2 * kFarthestLenslets && std::abs(pose.y) < 2 * kFarthestLenslets &&
               std::abs(turn) < 2 * kFarthestSine))

@@ -1,6 +1,7 @@
 // Where a part lies by its maps of light and mean deflection, and what they do not say.
 #include "algo/reference/registration.h"
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <random>
@@ -24,25 +25,48 @@ struct Seen {
 };
 using Form = std::function<Seen(double u, double v)>;  // lenslets from the middle
 
-Seen at(const Form& form, std::size_t k) {
-    return form(static_cast<double>(k % kMaps.m) - 0.5 * (kMaps.m - 1),
-                static_cast<double>(k / kMaps.m) - 0.5 * (kMaps.n - 1));
+Seen at(const Form& form, std::size_t k, const Extents& field) {
+    const auto columns = static_cast<std::size_t>(field.m);
+    return form(static_cast<double>(k % columns) - 0.5 * (field.m - 1),
+                static_cast<double>(k / columns) - 0.5 * (field.n - 1));
 }
 
-Registered found(const Form& reference, const Form& part) {
+Registered found(const Form& reference, const Form& part, const Extents& field = kMaps) {
     std::vector<float> light, x, y;
     std::vector<std::uint32_t> sums;
     std::vector<Deflection> deflections;
-    const std::vector<std::uint8_t> mask(kMaps.lenslets(), kValid);
+    const std::vector<std::uint8_t> mask(field.lenslets(), kValid);
     const auto bins = [](double value) { return DeflectionQ::from_raw(std::lround(value * 0x1p24)); };
-    for (std::size_t k = 0; k < kMaps.lenslets(); ++k) {
-        const Seen r = at(reference, k), p = at(part, k);
+    for (std::size_t k = 0; k < field.lenslets(); ++k) {
+        const Seen r = at(reference, k, field), p = at(part, k, field);
         light.push_back(static_cast<float>(kLight * r.light));
         x.push_back(static_cast<float>(r.x)), y.push_back(static_cast<float>(r.y));
         sums.push_back(static_cast<std::uint32_t>(kLight * p.light));
         deflections.push_back({bins(p.x), bins(p.y)});
     }
-    return Registrar(kMaps).find({light, x, y, mask}, deflections, sums, mask, 1, kParts);
+    return Registrar(field).find({light, x, y, mask}, deflections, sums, mask, 1, kParts);
+}
+
+// Bevels of 1.4 lenslets along the rows and columns alone say where a plate lies. In a field of more than 60 lenslets
+// not every row is in the sample.
+TEST(Registration, a_plate_is_found_by_its_edges_wherever_they_lie_between_the_samples_rows) {
+    constexpr Extents kLarge{111, 111, 9, 9};
+    const auto bevel = [](double t, double outer) {  // the share of a lenslet at t
+        return std::clamp(std::min(t + 0.5, outer) - std::max(t - 0.5, outer - 1.4), 0.0, 1.0);
+    };
+    for (const double wider : {0.0, 0.5, 1.0, 1.5, 2.0, 2.5}) {
+        const auto plate = [&](double away_x, double away_y) {
+            return [=](double u, double v) {
+                const double x = std::abs(u - away_x), y = std::abs(v - away_y), a = 37 + wider, b = 27.5 + wider;
+                if (x > a + 0.5 || y > b + 0.5) return Seen{1, 0, 0};
+                return Seen{1 - std::max(bevel(x, a), bevel(y, b)), 0, 0};
+            };
+        };
+        const Registered r = found(plate(0, 0), plate(0.4, -0.4), kLarge);
+        EXPECT_TRUE(r.found()) << wider << ": " << explain(r.outcome);
+        EXPECT_NEAR(r.pose.x, 0.4, 0.1) << wider;
+        EXPECT_NEAR(r.pose.y, -0.4, 0.1) << wider;
+    }
 }
 
 // A weak strip deflects by 0.025 bin a lenslet. A tilt of 0.09 bins moves its deflections as 3.6 lenslets would.
