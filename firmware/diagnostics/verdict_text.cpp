@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -314,6 +316,56 @@ bool is_beside_rim(const algo::Inspection& found, const algo::Extents& e) {
     return any;
 }
 
+// Lenslets without light, or with less than the recipe allows, that lie along the rim from there inwards.
+struct DarkEdge {
+    int width = 0;     // lenslets beyond the rim, at its widest
+    double share = 0;  // of the outline
+};
+
+DarkEdge dark_edge(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
+    constexpr int kWidest = 6;
+    constexpr std::size_t kSomeOf = 16;  // fewer of the lenslets at one distance are no edge
+    if (found.mask.empty() || found.transmission.empty()) return {};
+    std::vector<std::uint8_t> seen(found.mask.size());
+    std::vector<std::size_t> at, next;
+    for (std::size_t k = 0; k < seen.size(); ++k) {
+        seen[k] = (found.mask[k] & algo::kNotJudged) != 0 ? 1 : 0;
+        if ((found.mask[k] & algo::kRim) != 0) at.push_back(k);
+    }
+    DarkEdge edge;
+    for (int width = 1; width <= kWidest; ++width) {
+        next.clear();
+        std::size_t dark = 0;
+        for (const std::size_t k : at) {
+            e.for_each_around(static_cast<int>(k) % e.m, static_cast<int>(k) / e.m, 1, [&](int m, int n) {
+                const std::size_t beside = e.index(m, n);
+                if (seen[beside] != 0) return;
+                seen[beside] = 1;
+                next.push_back(beside);
+                const bool is_dark =
+                    (found.mask[beside] & algo::kDark) != 0 || found.transmission[beside] < recipe.transmission_limit;
+                dark += is_dark ? 1 : 0;
+            });
+        }
+        if (kSomeOf * dark < next.size() || next.empty()) break;
+        edge.width = width;
+        edge.share = std::max(edge.share, static_cast<double>(dark) / static_cast<double>(next.size()));
+        std::swap(at, next);
+    }
+    return edge;
+}
+
+// A bevel that is wider than the rim's margin is dark along the outline.
+std::string dark_edge_hint(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
+    const DarkEdge edge = dark_edge(found, recipe, e);
+    if (edge.width == 0) return "";
+    const int margin = recipe.rim_margin < 0 ? algo::default_rim_margin(e) : recipe.rim_margin;
+    return fmt::format(
+        " It is dark along {:.0f} % of the outline, up to {} lenslets beyond the rim: if good parts have such a bevel, "
+        "set rim_margin = {}.",
+        100 * edge.share, edge.width, margin + edge.width);
+}
+
 // Of a tube that is compared with itself: the light of the worst defect is there, and it is half as long as the field.
 bool is_along_tube(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
     return recipe.form == algo::PartForm::tube && !recipe.reference && found.reason != algo::Reason::absorption &&
@@ -347,6 +399,9 @@ std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, cons
                "good tubes have it, learn a reference (hordctl learn).";
     const auto is_line = [](const algo::Defect& d) { return d.kind == algo::DefectKind::scratch; };
     const auto side = static_cast<float>(std::min(e.m, e.n));
+    if ((recipe.form == algo::PartForm::plate || recipe.form == algo::PartForm::round) && !light_is_there) {
+        if (std::string text = dark_edge_hint(found, recipe, e); !text.empty()) return text;
+    }
     if (recipe.form == algo::PartForm::plate && is_line(found.defects[0]) && is_beside_rim(found, e))
         return " A line along an edge may be the plate's bevel: set rim_margin wider, or show the plate square to "
                "the light.";

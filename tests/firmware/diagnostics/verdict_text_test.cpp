@@ -1,6 +1,7 @@
 // The sentence of every verdict and reason, with and without a reference.
 #include "firmware/diagnostics/verdict_text.h"
 
+#include <algorithm>
 #include <memory>
 #include <string>
 #include <tuple>
@@ -426,6 +427,39 @@ TEST(VerdictText, of_a_steep_part_and_of_a_line_at_a_plates_edge_says_what_else_
     mask[extents.index(2, 8)] = 0;
     mask[extents.index(1, 5)] = algo::kRim;
     EXPECT_FALSE(says("the plate's bevel"));
+}
+
+// A bevel wider than the rim's margin. A dark place away from the rim is none.
+TEST(VerdictText, of_what_is_dark_along_the_outline_names_the_margin) {
+    const algo::Extents extents{20, 20, 9, 9};
+    algo::Defect defect{.m = 10, .n = 10, .area = 40};
+    algo::Inspection found;
+    found.verdict = algo::Verdict::reject;
+    found.reason = Reason::absorption;
+    found.defects = {&defect, 1};
+    std::vector<std::uint8_t> mask(extents.lenslets());
+    std::vector<float> transmission(extents.lenslets(), 1);
+    const auto draw = [&](auto&& is_dark) {
+        for (int n = 0; n < extents.n; ++n) {
+            for (int m = 0; m < extents.m; ++m) {
+                const int in = std::min({m, n, extents.m - 1 - m, extents.n - 1 - n});  // lenslets from the border
+                const std::size_t k = extents.index(m, n);
+                mask[k] = in < 2 ? algo::kOutside : in < 4 ? algo::kRim : 0;
+                transmission[k] = is_dark(m, in) ? 0.4F : 1.0F;
+            }
+        }
+        found.mask = mask;
+        found.transmission = transmission;
+        algo::Recipe recipe;
+        recipe.form = algo::PartForm::plate;
+        return explain(found, recipe, extents);
+    };
+    EXPECT_THAT(draw([](int, int in) { return in < 6; }),
+                testing::HasSubstr("dark along 100 % of the outline, up to 2 lenslets beyond the rim: if good parts "
+                                   "have such a bevel, set rim_margin = 4."));
+    EXPECT_THAT(draw([](int m, int in) { return in < 5 && m < 10; }),
+                testing::HasSubstr("dark along 50 % of the outline, up to 1 lenslets"));
+    EXPECT_THAT(draw([](int m, int in) { return in > 6 && m < 10; }), testing::Not(testing::HasSubstr("rim_margin")));
 }
 
 TEST(VerdictText, of_a_plate_or_a_tube_that_is_not_found_names_the_cures_of_its_form) {
