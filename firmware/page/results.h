@@ -8,7 +8,6 @@
 #include <functional>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <span>
 #include <string>
@@ -17,6 +16,7 @@
 
 #include "algo/verdict/verdict.h"
 #include "common/result.h"
+#include "firmware/page/fair_mutex.h"
 #include "firmware/store/results/json_text.h"
 #include "firmware/store/results/store_reader.h"
 
@@ -91,7 +91,7 @@ class Results {
     Result<store::Json> by_period(std::chrono::seconds span, std::chrono::seconds step, const Fill& fill);
 
     const std::filesystem::path folder_;
-    std::timed_mutex mutex_;
+    FairMutex mutex_;
 };
 
 // A tar archive is, for each member, a header of 512 bytes, its bytes and zeros up to 512; then two blocks of zeros.
