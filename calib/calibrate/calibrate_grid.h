@@ -41,9 +41,9 @@ struct PatternShape {
     // Light in the middle of four lenslets (of three of a hexagonal lattice), over that in a lenslet, both less that
     // half way to the neighbours: 1 if other fields lie there, as in a checkerboard, 0 or less if it is dark.
     double second = 0;
-    // How much the mean lenslet changes when the lattice is turned onto itself, by 90 or 60 degrees: squared
+    // How much the mean lenslet of a square lattice changes when the lattice is turned by 90 degrees: squared
     // differences of the real parts of its harmonics, over twice their power. Two exposures move along one direction
-    // only.
+    // only. 0 of a hexagonal lattice: its lenslets may be squares, which a turn by 60 degrees changes.
     double unequal = 0;
     double corners = 0;  // of the lenslets; below 0: they are stars, with rays towards their neighbours
 };

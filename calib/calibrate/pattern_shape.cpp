@@ -113,14 +113,12 @@ struct RealParts {
         return of[static_cast<std::size_t>(q + kHarmonics)][static_cast<std::size_t>(p + kHarmonics)];
     }
 };
-// PatternShape::unequal.
-double unequal(RealParts real, bool square) {
+// PatternShape::unequal, of a square lattice.
+double unequal(RealParts real) {
     double differences = 0, squares = 0;
     for (int q = -kHarmonics; q <= kHarmonics; ++q) {
         for (int p = -kHarmonics; p <= kHarmonics; ++p) {
-            const int turned_p = square ? -q : q, turned_q = square ? p : q - p;
-            if (std::abs(turned_q) > kHarmonics) continue;
-            const double here = real.at(p, q), turned = real.at(turned_p, turned_q);
+            const double here = real.at(p, q), turned = real.at(-q, p);
             differences += (here - turned) * (here - turned);
             squares += here * here + turned * turned;
         }
@@ -169,7 +167,7 @@ PatternShape shape_of(const WhiteImage& image, const GridCalibration& calibratio
             .between = light.share(light.between, light.farthest),
             .dark_share = dark_share(of),
             .second = light.share(light.farthest, light.between),
-            .unequal = unequal(real, square)};
+            .unequal = square ? unequal(real) : 0};
 }
 
 }  // namespace hord::calib

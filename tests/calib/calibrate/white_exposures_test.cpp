@@ -116,23 +116,27 @@ TEST(WhiteExposures, lenslets_that_are_exposed_twice_are_warned_of) {
 
 // Discs a third of a pitch apart fill the gap to their neighbours, so that neither length nor edges show them.
 TEST(WhiteExposures, lenslets_that_fill_the_gap_by_two_exposures_are_warned_of) {
-    for (const auto& [hexagonal, pitch, radius, dx, dy] : {std::tuple(false, 17.3, 0.42, 0.32, 0.0),
-                                                           {false, 17.3, 0.42, 0.35, 0.0},
-                                                           {false, 10.0, 0.35, 0.29, 0.14},
-                                                           {false, 10.0, 0.35, 0.23, 0.23},
-                                                           {false, 10.0, 0.46, 0.14, 0.14},
-                                                           {true, 10.0, 0.35, 0.34, 0.0}}) {
-        SCOPED_TRACE(::testing::Message() << hexagonal << " " << pitch << " " << dx << " " << dy);
-        const White white{.width_px = 400,
-                          .height_px = 380,
-                          .hexagonal = hexagonal,
-                          .pitch_px = pitch,
-                          .rotation_deg = 2,
-                          .disc_radius_px = radius * pitch};
+    for (const auto& [pitch, radius, dx, dy] : {std::tuple(17.3, 0.42, 0.32, 0.0),
+                                                {17.3, 0.42, 0.35, 0.0},
+                                                {10.0, 0.35, 0.29, 0.14},
+                                                {10.0, 0.35, 0.23, 0.23},
+                                                {10.0, 0.46, 0.14, 0.14}}) {
+        SCOPED_TRACE(::testing::Message() << pitch << " " << dx << " " << dy);
+        const White white{
+            .width_px = 400, .height_px = 380, .pitch_px = pitch, .rotation_deg = 2, .disc_radius_px = radius * pitch};
         const Frame twice =
             mixed(white, dx * pitch, dy * pitch, [](int, std::uint32_t a, std::uint32_t b) { return (a + b) / 2; });
         EXPECT_THAT(warnings(twice), Contains(HasSubstr("exposure")));
         EXPECT_THAT(warnings(test::draw(white).frame), IsEmpty());
+    }
+}
+
+// A turn by 60 degrees changes squares, whatever their light.
+TEST(WhiteExposures, squares_on_a_hexagonal_lattice_are_not_exposed_twice) {
+    for (const double radius : {0.3, 0.36}) {
+        SCOPED_TRACE(radius);
+        const White white{.hexagonal = true, .pitch_px = 16, .disc_radius_px = radius * 16, .square = true};
+        EXPECT_THAT(warnings(test::draw(white).frame), Not(Contains(HasSubstr("exposure"))));
     }
 }
 
