@@ -11,10 +11,6 @@ namespace hord::algo {
 
 using namespace outline;
 
-namespace {
-constexpr double kSeenOfWidth = 0.5;  // of a strip's width, over which both its long edges are seen
-}
-
 // At each end of a row or column of the part: the mean of two to four lenslets of undeflected light on either side, the
 // margin away from what the edge darkens or deflects. Tinted glass may leave less inside than counts as free light.
 void RimFinder::compare_across_edges(const FieldLight& light) {

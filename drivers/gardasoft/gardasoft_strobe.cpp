@@ -75,7 +75,7 @@ Result<void> check_options(const GardasoftStrobeOptions& options) {
 }  // namespace
 
 // Lives as long as the last posted callback. The driver joins the thread.
-struct GardasoftStrobe::Worker : std::enable_shared_from_this<Worker>, hal::Strobe::Listener {
+struct GardasoftStrobe::Worker final : std::enable_shared_from_this<Worker>, hal::Strobe::Listener {
     hal::EventLoop& loop;
     const GardasoftStrobeOptions options;
     ThreadSafeQueue<std::function<void()>> events;  // from the thread to the loop
