@@ -64,6 +64,7 @@ void CommandHandler::begin(Dependencies dependencies, NumberedRecipe recipe) {
     recipe_ = std::move(recipe);
     dependencies_->plc_interface.stage(staged_from(recipe_));
     if (dependencies_->recipe_changed) dependencies_->recipe_changed(recipe_);
+    if (const auto kept = keep(recipe_); !kept) report(kept.error());
 }
 
 // -- commands
@@ -132,7 +133,12 @@ Result<void> CommandHandler::use(const RequestOrigin& who, NumberedRecipe recipe
         return tl::unexpected(checked.error());
     }
     const std::string why = fmt::format("recipe {} was taken", recipe.number);
-    if (auto taken = switch_to(who, std::move(recipe)); !taken) return taken;
+    if (auto taken = dependencies_->inspector.use(recipe.recipe, recipe.number); !taken) return taken;
+    if (auto kept = keep(recipe); !kept) {
+        if (const auto back = dependencies_->inspector.use(recipe_.recipe, recipe_.number); !back) report(back.error());
+        return kept;
+    }
+    adopt(who, std::move(recipe));
     (void)cancel_teach(why);
     if (const auto dropped = std::exchange(pending_reference_, std::nullopt)) {
         dependencies_->teacher->discard(dropped->recipe);
@@ -141,9 +147,17 @@ Result<void> CommandHandler::use(const RequestOrigin& who, NumberedRecipe recipe
     return {};
 }
 
-// Gives the recipe to the inspector; if it accepts, stores and records it.
-Result<void> CommandHandler::switch_to(const RequestOrigin& who, NumberedRecipe recipe) {
-    if (auto taken = dependencies_->inspector.use(recipe.recipe, recipe.number); !taken) return taken;
+// Always io: `refused` would mean that the station executes.
+Result<void> CommandHandler::keep(const NumberedRecipe& recipe) const {
+    if (!dependencies_->keep) return {};
+    return dependencies_->keep(recipe).map_error([](Error error) {
+        error.code = ErrorCode::io;
+        return error;
+    });
+}
+
+// Shows and records the recipe that the inspector has accepted.
+void CommandHandler::adopt(const RequestOrigin& who, NumberedRecipe recipe) {
     const NumberedRecipe before = std::exchange(recipe_, std::move(recipe));
     dependencies_->plc_interface.stage(staged_from(recipe_));
     if (dependencies_->recipe_changed) dependencies_->recipe_changed(recipe_);
@@ -151,14 +165,15 @@ Result<void> CommandHandler::switch_to(const RequestOrigin& who, NumberedRecipe 
         dependencies_->recorder->on_change(
             {Change::What::recipe, who, recipe_.recipe.name, format_recipe(before), format_recipe(recipe_)});
     }
-    return {};
 }
 
 CommandOutcome CommandHandler::outcome_of_use(const Result<void>& result) {
     if (result) return done(crc32_of(recipe_));
-    return refuse(
-        result.error().code == ErrorCode::refused ? CommandError::not_in_this_state : CommandError::bad_argument,
-        result.error());
+    switch (result.error().code) {
+        case ErrorCode::refused: return refuse(CommandError::not_in_this_state, result.error());
+        case ErrorCode::io: return refuse(CommandError::failed, result.error());
+        default: return refuse(CommandError::bad_argument, result.error());
+    }
 }
 
 CommandOutcome CommandHandler::commit_recipe(const RequestOrigin& who, const StagedRecipe& staged) {
@@ -291,10 +306,12 @@ Result<void> CommandHandler::use_learned_reference() {
         return {};
     PendingReference now = std::move(*pending_reference_);
     pending_reference_.reset();
-    const NumberedRecipe recipe = now.recipe;
-    auto taken = switch_to(now.who, std::move(now.recipe));
-    if (!taken) {
-        dependencies_->teacher->discard(recipe);
+    auto taken = dependencies_->inspector.use(now.recipe.recipe, now.recipe.number);
+    if (taken) {
+        if (const auto kept = keep(now.recipe); !kept) report(kept.error());
+        adopt(now.who, std::move(now.recipe));
+    } else {
+        dependencies_->teacher->discard(now.recipe);
         report(taken.error());
     }
     if (dependencies_->publish) dependencies_->publish();

@@ -30,6 +30,7 @@ class CommandHandler final : public PlcHandler {
         std::function<Result<void>()> check_judgement = {};                       // part of the self-test
         std::function<Result<NumberedRecipe>(std::uint16_t number)> recipe = {};  // fails with not_found
         std::function<void(const NumberedRecipe&)> recipe_changed = {};  // called after the recipe in use has changed
+        std::function<Result<void>(const NumberedRecipe&)> keep = {};    // writes it: a restart uses it again
         std::function<void()> publish = {};              // updates the registers; called before a command is answered
         std::function<void(const Error&)> trouble = {};  // logs an error, once
     };
@@ -39,12 +40,13 @@ class CommandHandler final : public PlcHandler {
     [[nodiscard]] const NumberedRecipe& recipe() const { return recipe_; }
 
     // Switches to another recipe. A running teach is cancelled and a waiting learned reference is discarded, because
-    // they belong to the old recipe. Fails with refused (the station executes) or the pipeline's error; the old recipe
-    // stays.
+    // they belong to the old recipe. Fails with refused (the station executes), the pipeline's error, or io if a
+    // restart would not use it again; the old recipe stays.
     Result<void> use(const RequestOrigin& who, NumberedRecipe recipe);
 
     // Switches to the learned reference if one waits, the station does not execute and the line is empty; else does
-    // nothing. Call it when that may have become true. Fails with the inspector's error; the old recipe stays.
+    // nothing. Call it when that may have become true. Fails with the inspector's error; the old recipe stays. Where
+    // `keep` fails the teach-in's own file still serves a restart: that is reported.
     Result<void> use_learned_reference();
 
     CommandOutcome on_command(const modbus::Origin& origin, const CommandRequest& request) override;
@@ -62,7 +64,8 @@ class CommandHandler final : public PlcHandler {
     void on_learned(Result<TeachResult> result);
     void end_teach(const CommandOutcome& outcome);
     bool cancel_teach(const std::string& why);
-    Result<void> switch_to(const RequestOrigin& who, NumberedRecipe recipe);
+    void adopt(const RequestOrigin& who, NumberedRecipe recipe);
+    [[nodiscard]] Result<void> keep(const NumberedRecipe& recipe) const;
     void record(const RequestOrigin& who, const CommandRequest& request, State before, const CommandOutcome& outcome);
     [[nodiscard]] CommandOutcome refuse(CommandError error, const Error& why) const;
     void report(const Error& error) const;

@@ -206,10 +206,13 @@ void Service::connect(NumberedRecipe recipe, const algo::Extents& extents) {
     dependencies.recipe_changed = [this](const NumberedRecipe& now) {
         on_recipe(now);
         if (watchers_.recipe) watchers_.recipe(now);
-        if (config_.state_folder.empty()) return;
-        if (auto kept = remember_recipe(config_.state_folder / kRecipeInUse, configured_recipe_, now); !kept)
-            return on_trouble(kept.error());
-        teach_in_->in_use(now);
+    };
+    dependencies.keep = [this](const NumberedRecipe& now) -> Result<void> {
+        if (config_.state_folder.empty()) return {};
+        auto kept = remember_recipe(config_.state_folder / kRecipeInUse, configured_recipe_, now);
+        if (kept) teach_in_->in_use(now);
+        else kept.error().cure = "check the folder's owner and its disk";  // short, so that REPLY holds it
+        return kept;
     };
     dependencies.publish = [this] { publish(); };
     dependencies.trouble = [this](const Error& error) { on_trouble(error); };

@@ -158,6 +158,32 @@ TEST_F(PlcCommands, switch_to_a_recipe_by_number_and_by_its_checksum) {
     EXPECT_EQ(read(8203, 1)[0], 750);  // the staged value
 }
 
+TEST_F(PlcCommands, a_recipe_that_a_restart_would_not_use_is_not_taken) {
+    open();
+    ready();
+    EXPECT_EQ(kept, 3);
+    const auto in_use = crc32_of(operations.recipe());
+    const std::size_t recorded = notes.changes.size();
+    for (const ErrorCode code :
+         {ErrorCode::io, ErrorCode::refused, ErrorCode::not_found}) {  // as write_durably() fails
+        disk = fail(code, "/var/lib/hord/recipe-in-use.toml cannot be written: No space left on device", "make room");
+        EXPECT_EQ(command(Command::use_recipe, 7), CommandError::failed);
+        EXPECT_EQ(remarks(), disk.error().message());
+        EXPECT_EQ(write(8203, {800}), Exception::none);
+        EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::failed);
+        EXPECT_EQ(remarks(), disk.error().message());
+        EXPECT_EQ(crc32_of(operations.recipe()), in_use);
+        EXPECT_EQ(inspector.number, 3) << "the old recipe judges";
+        EXPECT_EQ(kept, 3);
+    }
+    for (std::size_t k = recorded; k < notes.changes.size(); ++k)
+        EXPECT_EQ(notes.changes[k].what, Change::What::command) << "no recipe was changed";
+    disk = {};
+    EXPECT_EQ(command(Command::use_recipe, 7), CommandError::none);
+    EXPECT_EQ(kept, 7);
+    EXPECT_EQ(inspector.number, 7);
+}
+
 // -- outside faults
 
 TEST_F(PlcCommands, a_store_that_fails_is_a_fault_and_the_station_goes_on_judging) {

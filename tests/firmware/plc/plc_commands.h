@@ -87,6 +87,10 @@ class PlcCommands : public ::testing::Test, public StationObserver {
             seven.recipe.emd_limit_bins = 0.75F;
             return seven;
         };
+        works.keep = [this](const NumberedRecipe& recipe) {
+            if (disk) kept = recipe.number;
+            return disk;
+        };
         works.check_judgement = [this] { return judgement; };
         works.trouble = [this](const Error& error) { troubles.push_back(error.message()); };
         NumberedRecipe first{.number = 3};
@@ -180,7 +184,8 @@ class PlcCommands : public ::testing::Test, public StationObserver {
     Notes notes;
     TeachIn* teacher = nullptr;
     CommandHandler operations;
-    Result<void> judgement;
+    Result<void> judgement, disk;  // `disk`: of writing the recipe in use
+    int kept = -1;                 // number of the recipe that a restart would use
     std::vector<std::string> troubles;
     std::vector<PartResult> results;
     std::optional<Station> station;
