@@ -36,7 +36,7 @@ enum FaultBit : std::uint32_t {
 };
 inline constexpr std::size_t kFaultCount = std::bit_width(static_cast<std::uint32_t>(kFaultsEnd) - 1U);
 
-// Who finds the fault. Faults of service and optics change no verdict; the core learns of them by OutsideFaults.
+// Who finds the fault. The core learns of faults of service and optics by OutsideFaults; they stop nothing.
 enum class FaultSource : std::uint8_t { core, service, optics };
 
 struct FaultInfo {
@@ -77,8 +77,9 @@ inline constexpr std::array<FaultInfo, kFaultCount> kFaultTable{{
      "verdicts or exposures come later than the line allows",
      "of an exposure a message before it names part and lateness; of verdicts, lower the line's rate, raise "
      "inspection.threads or move the ejector downstream (line.transport_ms)"},
-    {kFaultConfiguration, "configuration", FaultSource::core, 3, "a930d55d954540f3ae889fe46f2c7a8c",
-     "the configuration could not be used", "see the log; correct the file and reload"},
+    {kFaultConfiguration, "configuration", FaultSource::service, 3, "a930d55d954540f3ae889fe46f2c7a8c",
+     "the recipe that was in use before the restart cannot be used; the configured one judges",
+     "see the log for the file and the reason; commit or select the recipe again"},
     {kFaultLightLevel, "light-level", FaultSource::core, 3, "43f2f1936e854f08b5927b0fe339d309",
      "frames are too dark or saturated",
      "check the collimator and the optics for dirt, then timing.strobe_us and timing.exposure_us"},

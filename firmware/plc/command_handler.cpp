@@ -9,6 +9,7 @@
 #include "firmware/core/faults.h"
 #include "firmware/core/states.h"
 #include "firmware/plc/staged_recipe.h"
+#include "firmware/recipes/recipe_folder.h"
 
 namespace hord::firmware {
 namespace {
@@ -64,7 +65,6 @@ void CommandHandler::begin(Dependencies dependencies, NumberedRecipe recipe) {
     recipe_ = std::move(recipe);
     dependencies_->plc_interface.stage(staged_from(recipe_));
     if (dependencies_->recipe_changed) dependencies_->recipe_changed(recipe_);
-    if (const auto kept = keep(recipe_); !kept) report(kept.error());
 }
 
 // -- commands
@@ -163,7 +163,7 @@ void CommandHandler::adopt(const RequestOrigin& who, NumberedRecipe recipe) {
     if (dependencies_->recipe_changed) dependencies_->recipe_changed(recipe_);
     if (dependencies_->recorder != nullptr) {
         dependencies_->recorder->on_change(
-            {Change::What::recipe, who, recipe_.recipe.name, format_recipe(before), format_recipe(recipe_)});
+            {Change::What::recipe, who, recipe_.recipe.name, recorded_recipe(before), recorded_recipe(recipe_)});
     }
 }
 

@@ -34,7 +34,7 @@ class CommandHandler final : public PlcHandler {
         std::function<void()> publish = {};              // updates the registers; called before a command is answered
         std::function<void(const Error&)> trouble = {};  // logs an error, once
     };
-    // `recipe`: in use by the inspector. To be called before the loop runs.
+    // `recipe`: in use by the inspector, and kept by the caller. To be called before the loop runs.
     void begin(Dependencies dependencies, NumberedRecipe recipe);
 
     [[nodiscard]] const NumberedRecipe& recipe() const { return recipe_; }

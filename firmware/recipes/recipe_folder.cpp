@@ -1,19 +1,36 @@
 #include "firmware/recipes/recipe_folder.h"
 
 #include <algorithm>
+#include <cerrno>
+#include <charconv>
 #include <iterator>
 
 #include <fmt/format.h>
 
+#include "common/crc32.h"
 #include "common/file_writing.h"
+#include "firmware/recipes/reference_file.h"
 
 namespace hord::firmware {
 namespace {
 
 namespace fs = std::filesystem;
 
-std::string head_line(std::uint32_t configured) {
-    return fmt::format("# In use since it was committed. Configured then: {:08X}\n", configured);
+constexpr std::string_view kHead = "# In use since it was committed. Configured then: ";
+constexpr std::string_view kContent = "# Checksum with its reference: ";
+constexpr std::string_view kSeal = "# crc32 ";
+
+// A comment of the file: the key and a CRC-32.
+std::string line(std::string_view key, std::uint32_t crc) { return fmt::format("{}{:08X}\n", key, crc); }
+constexpr std::size_t length(std::string_view key) { return key.size() + 9; }
+
+// The CRC-32 of the line at the text's begin. None: the text does not begin with such a line.
+std::optional<std::uint32_t> value_of(std::string_view text, std::string_view key) {
+    std::uint32_t crc = 0;
+    if (!text.starts_with(key) || text.size() < length(key)) return std::nullopt;
+    const char* const digits = text.data() + key.size();
+    if (std::from_chars(digits, digits + 8, crc, 16).ptr != digits + 8 || digits[8] != '\n') return std::nullopt;
+    return crc;
 }
 
 }  // namespace
@@ -77,15 +94,52 @@ Result<NumberedRecipe> find_recipe(const fs::path& folder, std::uint16_t number)
 }
 
 Result<void> remember_recipe(const fs::path& file, std::uint32_t configured, const NumberedRecipe& in_use) {
-    return common::write_durably(file, head_line(configured) + format_recipe(in_use));
+    const std::string text = line(kHead, configured) + line(kContent, crc32_of(in_use)) + format_recipe(in_use);
+    return common::write_durably(file, text + line(kSeal, common::crc32(text)));
 }
 
-Result<std::optional<NumberedRecipe>> remembered_recipe(const fs::path& file, std::uint32_t configured) {
-    const std::string text = common::read_file(file).value_or("");
-    if (!text.starts_with(head_line(configured))) return std::nullopt;
-    auto recipe = parse_numbered_recipe(text, file.string());
+fs::path damaged_recipe(const fs::path& file) { return file.string() + ".damaged"; }
+
+Result<std::optional<RememberedRecipe>> remembered_recipe(const fs::path& file, const NumberedRecipe& configured) {
+    const auto read = common::read_file(file);
+    if (!read && errno == ENOENT) return std::nullopt;
+    if (!read) return tl::unexpected(common::cannot_read(file));
+    const auto damaged = [&](std::string_view why) {
+        std::error_code error;
+        fs::rename(file, damaged_recipe(file), error);
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("{} is damaged ({}) and {}", file.string(), why,
+                                error ? "cannot be renamed: " + error.message()
+                                      : "was renamed " + damaged_recipe(file).filename().string()),
+                    "commit or select the recipe again");
+    };
+    std::string_view text = *read;
+    const auto seal = value_of(text.substr(text.size() - std::min(text.size(), length(kSeal))), kSeal);
+    if (seal) text.remove_suffix(length(kSeal));
+    if (seal && *seal != common::crc32(text)) return damaged("its content does not have the checksum of its last line");
+    const auto head = value_of(text, kHead);
+    if (!head) return damaged("its first line is not that of a recipe in use");
+    text.remove_prefix(length(kHead));
+    const auto content = value_of(text, kContent);
+    if (content) text.remove_prefix(length(kContent));
+    if (content && !seal) return damaged("its last line, the checksum, is missing");
+    if (!text.ends_with('\n')) return damaged("its last line has no line end");
+    if (*head != crc32_of(configured)) {
+        if (content && text == format_recipe(configured))
+            return RememberedRecipe{*content, configured};  // with another reference
+        if (!content || content == head) return std::nullopt;
+        return RememberedRecipe{*content, std::nullopt};
+    }
+    auto recipe = parse_numbered_recipe(*read, file.string());
     if (!recipe) return tl::unexpected(recipe.error());
-    return std::optional(std::move(*recipe));
+    if (!recipe->unset_limits.empty()) return damaged("limits are missing that it always has");
+    return RememberedRecipe{content.value_or(0), std::move(*recipe)};
+}
+
+std::string recorded_recipe(const NumberedRecipe& recipe) {
+    const auto& reference = recipe.recipe.reference;
+    return format_recipe(recipe) +
+        (reference ? fmt::format("# crc32 of the reference: {:08X}\n", crc32_of(reference)) : "");
 }
 
 }  // namespace hord::firmware

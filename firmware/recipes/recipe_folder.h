@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "firmware/recipes/recipe_file.h"
@@ -23,10 +24,23 @@ Result<void> check_numbers(const std::vector<RecipeEntry>& recipes);
 // Fails with not_found (no file has this number; names the unusable files), refused (several files have it).
 Result<NumberedRecipe> find_recipe(const std::filesystem::path& folder, std::uint16_t number);
 
-// The recipe that was in use last, stored with the CRC-32 of the recipe that was configured then (`configured`). It is
-// returned only if that recipe is still configured and unchanged. Reading fails with invalid_argument if it, or its
-// reference, is incomplete or damaged.
+// The recipe that was in use last, stored with the CRC-32 of the recipe that was configured then. The file's last line
+// is the CRC-32 of the bytes before it.
 Result<void> remember_recipe(const std::filesystem::path& file, std::uint32_t configured, const NumberedRecipe& in_use);
-Result<std::optional<NumberedRecipe>> remembered_recipe(const std::filesystem::path& file, std::uint32_t configured);
+
+struct RememberedRecipe {
+    std::uint32_t crc32 = 0;  // crc32_of() it when it was stored; 0: not known, an earlier version wrote the file
+    // None: another recipe is configured since, and what was committed or learned is over.
+    std::optional<NumberedRecipe> recipe;
+};
+// None: no file, or it has what was configured then. A damaged file (cut, changed) is renamed FILE.damaged; reading
+// fails then with invalid_argument, and the error says where the file is. Reading fails, too, if the file or the
+// recipe's reference cannot be read; the file stays then.
+Result<std::optional<RememberedRecipe>> remembered_recipe(const std::filesystem::path& file,
+                                                          const NumberedRecipe& configured);
+std::filesystem::path damaged_recipe(const std::filesystem::path& file);  // FILE.damaged
+
+// What the store keeps of a recipe: format_recipe(), and the checksum of its reference in a comment.
+std::string recorded_recipe(const NumberedRecipe& recipe);
 
 }  // namespace hord::firmware

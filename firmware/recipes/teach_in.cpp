@@ -18,7 +18,6 @@
 #include "algo/reference/reference_learner.h"
 #include "common/file_writing.h"
 #include "common/unique_fd.h"
-#include "firmware/recipes/recipe_folder.h"
 #include "firmware/recipes/reference_file.h"
 #include "firmware/recipes/taught_files.h"
 
@@ -117,10 +116,14 @@ void LineTeachIn::in_use(const NumberedRecipe& recipe) {
     remove_other_taught(recipe.reference_file, recipe.number);
 }
 
-Result<std::optional<NumberedRecipe>> LineTeachIn::pending_recipe(const fs::path& folder,
-                                                                  const NumberedRecipe& recipe) {
-    return remembered_recipe(folder / kWaiting, crc32_of(recipe));
+Result<std::optional<RememberedRecipe>> LineTeachIn::pending_recipe(const fs::path& folder,
+                                                                    const NumberedRecipe& recipe) {
+    auto learned = remembered_recipe(pending_file(folder), recipe);
+    if (learned && *learned && !(*learned)->recipe) return std::nullopt;
+    return learned;
 }
+
+fs::path LineTeachIn::pending_file(const fs::path& folder) { return folder / kWaiting; }
 
 // The background thread's last call but for the report.
 void LineTeachIn::finish(Result<TeachResult> outcome) {

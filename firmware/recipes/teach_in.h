@@ -27,6 +27,7 @@
 #include "drivers/hal/event_loop.h"
 #include "firmware/recipes/learned_parts.h"
 #include "firmware/recipes/recipe_file.h"
+#include "firmware/recipes/recipe_folder.h"
 
 namespace hord::firmware {
 
@@ -94,10 +95,12 @@ class LineTeachIn final : public TeachIn {
     // Any thread, several at the same time. Copies the frame.
     void on_inspection(std::uint32_t part, const FrameView& frame, const algo::Inspection& inspection);
 
+    // The file that a teach-in leaves until its recipe is in use.
+    [[nodiscard]] static std::filesystem::path pending_file(const std::filesystem::path& folder);
     // A recipe that was learned before the process ended and was not in use yet, to be used instead of `recipe`. Fails
     // as remembered_recipe().
-    [[nodiscard]] static Result<std::optional<NumberedRecipe>> pending_recipe(const std::filesystem::path& folder,
-                                                                              const NumberedRecipe& recipe);
+    [[nodiscard]] static Result<std::optional<RememberedRecipe>> pending_recipe(const std::filesystem::path& folder,
+                                                                                const NumberedRecipe& recipe);
 
   private:
     enum class Slot : std::uint32_t { closed, empty, filling, full };

@@ -1,4 +1,5 @@
-// Opens a service and runs it. The events of a running one: service_events.cpp; reload: service_reload.cpp.
+// Opens a service and runs it. Its first recipe: service_recipe.cpp; the events of a running one: service_events.cpp;
+// reload: service_reload.cpp.
 #include "firmware/service/service.h"
 
 #include <algorithm>
@@ -20,7 +21,6 @@ namespace hord::firmware {
 namespace {
 
 constexpr Duration kBeltStops = milliseconds(200);  // from the end of the run permit
-constexpr const char* kRecipeInUse = "recipe-in-use.toml";
 constexpr const char* kCalibrationInUse = "calibration-in-use.toml";
 
 constexpr std::initializer_list<int> kEndSignals = {SIGINT, SIGTERM, SIGQUIT};
@@ -96,27 +96,6 @@ void Service::close_servers() {
     server_.reset();
 }
 
-// The configured recipe, or the one that commands have selected since.
-Result<NumberedRecipe> Service::first_recipe() {
-    auto recipe = recipe_or_default(config_.inspection.recipe);
-    if (!recipe) return recipe;
-    configured_recipe_ = crc32_of(*recipe);
-    if (!config_.state_folder.empty()) {
-        const auto take = [&](Result<std::optional<NumberedRecipe>> kept) {
-            if (kept && *kept) recipe = std::move(**kept);
-            if (!kept) {
-                on_trouble({kept.error().code,
-                            fmt::format("what was in use before the restart cannot be used again, recipe {} is: {}",
-                                        recipe->number, kept.error().what),
-                            kept.error().cure});
-            }
-        };
-        take(remembered_recipe(config_.state_folder / kRecipeInUse, configured_recipe_));
-        take(LineTeachIn::pending_recipe(config_.state_folder, *recipe));
-    }
-    return recipe;
-}
-
 // Size of the light field: from the format of macro-pixel frames, or from the calibration for raw ones.
 Result<algo::Extents> Service::open_grid(const hal::SensorFormat& format) {
     const InspectionConfig& inspection = config_.inspection;
@@ -184,7 +163,8 @@ Result<algo::Extents> Service::open_inspector(const NumberedRecipe& recipe) {
     };
     recorder_ = make_recorder(
         *loop_, config_,
-        {HORD_VERSION, identity_.boot_id, *extents, format.bits, recipe.recipe.name, format_recipe(recipe)}, recording);
+        {HORD_VERSION, identity_.boot_id, *extents, format.bits, recipe.recipe.name, recorded_recipe(recipe)},
+        recording);
     return *extents;
 }
 
@@ -207,16 +187,17 @@ void Service::connect(NumberedRecipe recipe, const algo::Extents& extents) {
         on_recipe(now);
         if (watchers_.recipe) watchers_.recipe(now);
     };
-    dependencies.keep = [this](const NumberedRecipe& now) -> Result<void> {
-        if (config_.state_folder.empty()) return {};
-        auto kept = remember_recipe(config_.state_folder / kRecipeInUse, configured_recipe_, now);
-        if (kept) teach_in_->in_use(now);
-        else kept.error().cure = "check the folder's owner and its disk";  // short, so that REPLY holds it
+    dependencies.keep = [this](const NumberedRecipe& now) {
+        auto kept = keep_recipe(now);
+        if (kept && std::exchange(recipe_fault_, 0U) != 0) loop_->post([this] { report_faults(); });
         return kept;
     };
     dependencies.publish = [this] { publish(); };
     dependencies.trouble = [this](const Error& error) { on_trouble(error); };
     on_recipe(recipe);
+    // A recipe that is lost stays so until another is chosen: a further restart tells it, too.
+    if (recipe_fault_ != 0) loop_->post([this] { report_faults(); });
+    else if (const auto kept = keep_recipe(recipe); !kept) on_trouble(kept.error());
     command_handler_->begin(std::move(dependencies), std::move(recipe));
 }
 

@@ -97,12 +97,17 @@ class Service final : public StationObserver, public InspectionObserver {
     void prepare_registers();
     Result<void> open_servers();
     void close_servers();
-    Result<NumberedRecipe> first_recipe();
     Result<algo::Extents> open_grid(const hal::SensorFormat& format);
     Result<algo::Extents> open_inspector(const NumberedRecipe& recipe);
     void connect(NumberedRecipe recipe, const algo::Extents& extents);
     bool withdraw_proof();
     void prove_empty_line();
+
+    // service_recipe.cpp
+    Result<NumberedRecipe> first_recipe();
+    NumberedRecipe take_kept(RememberedRecipe kept, NumberedRecipe configured, const std::filesystem::path& file);
+    void kept_is_lost(const Error& why, const NumberedRecipe& instead);
+    Result<void> keep_recipe(const NumberedRecipe& recipe);
 
     // service_events.cpp
     void publish();
@@ -134,7 +139,7 @@ class Service final : public StationObserver, public InspectionObserver {
     std::unique_ptr<LineTeachIn> teach_in_;  // fed by the inspecting threads; null: no state folder
     CalibrationReport calibration_;
     std::optional<ActiveCalibration> grid_;  // empty: macro-pixel frames
-    std::uint32_t store_faults_ = 0, drift_fault_ = 0, optics_faults_ = 0;
+    std::uint32_t store_faults_ = 0, drift_fault_ = 0, optics_faults_ = 0, recipe_fault_ = 0;
     std::unique_ptr<Inspector> inspector_;
     std::unique_ptr<Station> station_;
     std::optional<CommandHandler> command_handler_;

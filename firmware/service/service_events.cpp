@@ -126,7 +126,7 @@ void Service::on_optics() {
 }
 
 void Service::report_faults() {
-    station_->outside_faults(store_faults_ | drift_fault_ | optics_faults_);
+    station_->outside_faults(store_faults_ | drift_fault_ | optics_faults_ | recipe_fault_);
     publish();
 }
 

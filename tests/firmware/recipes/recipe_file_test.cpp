@@ -1,10 +1,14 @@
 #include "firmware/recipes/recipe_file.h"
 
 #include <algorithm>
+#include <fstream>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
+#include "common/file_writing.h"
 #include "firmware/recipes/recipe_folder.h"
 
 namespace hord::firmware {
@@ -377,15 +381,77 @@ TEST(RecipeFolder, finds_by_number_and_says_why_it_cannot) {
 
     NumberedRecipe in_use;
     in_use.number = 5;
-    ASSERT_TRUE(remember_recipe(folder / "in-use", 0xAB, in_use));
-    EXPECT_EQ(remembered_recipe(folder / "in-use", 0xAB)->value().number, 5);
-    EXPECT_FALSE(remembered_recipe(folder / "in-use", 0xAC)->has_value());  // another one is configured meanwhile
-    EXPECT_FALSE(remembered_recipe(folder / "nowhere", 0xAB)->has_value());
+    const NumberedRecipe configured{.number = 1}, other{.number = 2};
+    ASSERT_TRUE(remember_recipe(folder / "in-use", crc32_of(configured), in_use));
+    const auto again = remembered_recipe(folder / "in-use", configured);
+    ASSERT_TRUE(again && *again && (*again)->recipe);
+    EXPECT_EQ((*again)->recipe->number, 5);
+    EXPECT_EQ((*again)->crc32, crc32_of(in_use));
+    const auto over = remembered_recipe(folder / "in-use", other);  // another one is configured meanwhile
+    ASSERT_TRUE(over && *over);
+    EXPECT_FALSE((*over)->recipe);
+    EXPECT_EQ((*over)->crc32, crc32_of(in_use));
+    ASSERT_TRUE(remember_recipe(folder / "as configured", crc32_of(configured), configured));
+    EXPECT_FALSE(remembered_recipe(folder / "as configured", other)->has_value()) << "nobody had chosen another one";
+    EXPECT_FALSE(remembered_recipe(folder / "nowhere", configured)->has_value());
     in_use.reference_file = folder / "gone.hordref";
-    ASSERT_TRUE(remember_recipe(folder / "in-use", 0xAB, in_use));
-    const auto lost = remembered_recipe(folder / "in-use", 0xAB);
+    ASSERT_TRUE(remember_recipe(folder / "in-use", crc32_of(configured), in_use));
+    const auto lost = remembered_recipe(folder / "in-use", configured);
     ASSERT_FALSE(lost);
     EXPECT_THAT(lost.error().what, HasSubstr("gone.hordref"));
+    std::filesystem::remove_all(folder);
+}
+
+TEST(RecipeInUse, is_refused_wherever_it_was_cut_or_changed) {
+    const auto folder = std::filesystem::path(::testing::TempDir()) / fmt::format("hord-in-use-{}", ::getpid());
+    std::filesystem::create_directories(folder);
+    const auto file = folder / "in-use";
+    const auto write = [&](std::string_view text) { std::ofstream(file, std::ios::binary) << text; };
+    const NumberedRecipe configured{.number = 1};
+    NumberedRecipe in_use{.number = 70};
+    in_use.recipe.emd_limit_bins = 0.1F;
+    in_use.recipe.min_area = 12;
+    ASSERT_TRUE(remember_recipe(file, crc32_of(configured), in_use));
+    const std::string whole = common::read_file(file).value();
+    const auto refused = [&](std::string_view text) {
+        write(text);
+        const auto read = remembered_recipe(file, configured);
+        return !read && read.error().code == ErrorCode::invalid_argument &&
+            read.error().what.find(file.string()) != std::string::npos && !std::filesystem::exists(file) &&
+            common::read_file(damaged_recipe(file)) == text;
+    };
+    for (std::size_t size = 0; size < whole.size(); ++size)
+        EXPECT_TRUE(refused(whole.substr(0, size))) << "cut behind byte " << size;
+    for (std::size_t k = 0; k < whole.size(); ++k) {
+        std::string other = whole;
+        other[k] ^= 1;
+        EXPECT_TRUE(refused(other)) << "changed byte " << k;
+    }
+    EXPECT_TRUE(refused(std::string(whole.size(), '\0')));
+    std::filesystem::remove(file);
+    std::filesystem::create_directories(file);
+    EXPECT_FALSE(remembered_recipe(file, configured)) << "a folder in its place";
+    std::filesystem::remove_all(folder);
+}
+
+TEST(RecipeInUse, of_an_earlier_version_is_taken_if_it_has_its_last_line_end_and_its_limits) {
+    const auto folder = std::filesystem::path(::testing::TempDir()) / fmt::format("hord-in-use-old-{}", ::getpid());
+    std::filesystem::create_directories(folder);
+    const NumberedRecipe configured{.number = 1};
+    const std::string head =
+        fmt::format("# In use since it was committed. Configured then: {:08X}\n", crc32_of(configured));
+    const std::string whole = head + format_recipe(NumberedRecipe{.number = 70});
+    const auto read = [&](std::string_view text) {
+        std::ofstream(folder / "in-use", std::ios::binary) << text;
+        return remembered_recipe(folder / "in-use", configured);
+    };
+    const auto taken = read(whole);
+    ASSERT_TRUE(taken && *taken);
+    EXPECT_EQ((*taken)->recipe.value().number, 70);
+    EXPECT_EQ((*taken)->crc32, 0U);
+    EXPECT_FALSE(read(whole.substr(0, whole.size() - 1)));
+    EXPECT_FALSE(read(whole.substr(0, whole.find("emd_bins"))));
+    EXPECT_FALSE(read(head));
     std::filesystem::remove_all(folder);
 }
 

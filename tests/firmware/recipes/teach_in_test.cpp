@@ -363,7 +363,7 @@ TEST_F(TeachInTest, what_waits_for_the_line_to_stop_is_found_by_the_next_process
     open(loop);
     const auto waiting = LineTeachIn::pending_recipe(folder, recipe);
     ASSERT_TRUE(waiting && *waiting);
-    const NumberedRecipe& found = **waiting;
+    const NumberedRecipe& found = (*waiting)->recipe.value();
     EXPECT_EQ(crc32_of(found), taught);
     EXPECT_NE(found.recipe.reference, nullptr);
     NumberedRecipe other = recipe;

@@ -26,6 +26,7 @@
 #include "firmware/core/station_types.h"
 #include "firmware/registers/register_client.h"
 #include "tests/system/cli/program.h"
+#include "tests/system/cli/service_fixture.h"
 
 namespace hord::test {
 namespace {
@@ -35,8 +36,6 @@ using ::testing::Not;
 
 const std::filesystem::path kDeploy = std::filesystem::path(HORD_SOURCE_DIR) / "deploy";
 const std::string kHordSafe = std::string(HORD_BIN_DIR) + "/hord-safe";
-const std::string kHordd = std::string(HORD_BIN_DIR) + "/hordd";
-constexpr auto kPatience = std::chrono::seconds(120);
 
 std::string text_of(const std::filesystem::path& file) {
     std::ifstream in(file);
@@ -74,40 +73,6 @@ class NotifySocket {
 
   private:
     int fd_;
-};
-
-// A small simulated cell: few bins, so that its parts are rendered quickly.
-class Service : public ::testing::Test {
-  protected:
-    void write_config(const std::string& more = "", const std::string& modbus = "port = 0\n") {
-        std::ofstream(folder / "c.toml") << simulated_beside(
-            "[inspection]\nmacro = \"3x3\"\n[line]\nexposure_delay_ms = 100\n[modbus]\n" + modbus + more);
-    }
-    std::vector<std::string> under(const std::vector<std::string>& environment,
-                                   const std::vector<std::string>& more = {}) {
-        std::vector<std::string> arguments{"CACHE_DIRECTORY=" + cache};
-        arguments.insert(arguments.end(), environment.begin(), environment.end());
-        arguments.insert(arguments.end(), {kHordd, "--config", folder / "c.toml"});
-        arguments.insert(arguments.end(), more.begin(), more.end());
-        return arguments;
-    }
-    static std::string port_of(const Said& said) {
-        std::smatch found;
-        const std::string text = said.err + said.out;
-        return std::regex_search(text, found, std::regex("registers at [^ ]*:([0-9]+)")) ? found[1].str() : "";
-    }
-    static Result<firmware::modbus::Client> client_at(const std::string& port) {
-        return firmware::modbus::Client::connect({"127.0.0.1", static_cast<std::uint16_t>(std::stoi(port))},
-                                                 std::chrono::seconds(10));
-    }
-
-    TemporaryFolder folder;
-    // Rendered parts are cached for the next test.
-    const std::string cache = [] {
-        const std::string made = std::string(HORD_BIN_DIR) + "/../service-cache";
-        std::filesystem::create_directories(made);
-        return made;
-    }();
 };
 
 TEST_F(Service, tells_its_manager_when_it_is_ready_what_it_does_and_that_it_lives) {
@@ -341,34 +306,6 @@ TEST_F(Service, starts_warm_from_what_it_rendered_before) {
     }
     ASSERT_EQ(kept.size(), 2U);
     EXPECT_EQ(kept[0], kept[1]);
-}
-
-TEST_F(Service, remembers_the_recipe_that_was_committed_until_another_is_configured) {
-    std::filesystem::create_directories(folder / "recipes");
-    std::ofstream(folder / "recipes/seven.toml") << "schema = 1\nname = \"seven\"\nnumber = 7\n";
-    write_config("[station]\nautostart = false\n");
-    const std::vector<std::string> arguments = under({"STATE_DIRECTORY=" + folder.path().string()});
-    const auto number_in_use = [&](bool switch_to_seven) {
-        Running service("/usr/bin/env", arguments);
-        EXPECT_TRUE(service.says("registers at", kPatience)) << service.so_far().err;
-        auto plc = client_at(port_of(service.so_far()));
-        if (!plc) return -1;
-        if (switch_to_seven) {
-            const auto reply = plc->command(firmware::Command::use_recipe, 7, 0, std::chrono::seconds(20));
-            EXPECT_TRUE(reply && reply->error == firmware::CommandError::none) << service.so_far().err;
-        }
-        const auto number = plc->read(110, 1);
-        EXPECT_EQ(service.stop(SIGTERM).status, 0);
-        return number ? static_cast<int>(number->at(0)) : -1;
-    };
-    EXPECT_EQ(number_in_use(false), 0);
-    EXPECT_EQ(number_in_use(true), 7);
-    EXPECT_EQ(number_in_use(false), 7);
-    std::ofstream(folder / "other.toml") << "schema = 1\nname = \"other\"\nnumber = 9\n";
-    std::ofstream(folder / "c.toml") << simulated_beside(
-        "[inspection]\nmacro = \"3x3\"\nrecipe = \"other.toml\"\n[modbus]\nport = 0\n"
-        "[station]\nautostart = false\n");
-    EXPECT_EQ(number_in_use(false), 9);
 }
 
 TEST_F(Service, proves_an_empty_line_at_an_orderly_end_and_at_no_other) {

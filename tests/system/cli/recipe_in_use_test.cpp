@@ -1,0 +1,167 @@
+// The recipe that a service was told to use, over restarts, and what becomes of its file (recipe-in-use.toml).
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "common/crc32.h"
+#include "common/file_writing.h"
+#include "firmware/core/faults.h"
+#include "tests/system/cli/service_fixture.h"
+
+namespace hord::test {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+class RecipeInUse : public Service {
+  protected:
+    // What a life of the service showed and said.
+    struct Life {
+        int number = -1;
+        std::uint32_t faults = 0;
+        firmware::CommandError error{};
+        std::string said;
+    };
+
+    void SetUp() override {
+        std::filesystem::create_directories(folder / "recipes");
+        std::ofstream(folder / "recipes/seven.toml") << "schema = 1\nname = \"seven\"\nnumber = 7\n";
+        write_config("[station]\nautostart = false\n");
+    }
+    // `use`: the recipe to select; -1: none. The number and the faults are those before it, after it if `after`.
+    Life live(int use = -1, bool after = false) {
+        Life life;
+        Running service("/usr/bin/env", under({"STATE_DIRECTORY=" + folder.path().string()}));
+        for (const char* ready : {"Preoperational to Initialized", "registers at"})
+            EXPECT_TRUE(service.says(ready, kPatience)) << service.so_far().err;
+        auto plc = client_at(port_of(service.so_far()));
+        EXPECT_TRUE(plc);
+        if (!plc) return life;
+        const auto look = [&] {
+            const auto words = plc->read(110, 5).value_or(std::vector<std::uint16_t>(5));
+            life.number = words[0];
+            life.faults = static_cast<std::uint32_t>(words[3]) << 16U | words[4];
+        };
+        look();
+        if (use >= 0) {
+            const auto reply = plc->command(firmware::Command::use_recipe, static_cast<std::uint32_t>(use), 0,
+                                            std::chrono::seconds(20));
+            EXPECT_TRUE(reply);
+            if (reply) life.error = reply->error;
+        }
+        if (after) look();
+        EXPECT_EQ(service.stop(SIGTERM).status, 0);
+        life.said = service.so_far().err;
+        return life;
+    }
+
+    const std::filesystem::path kept = folder / "recipe-in-use.toml", damaged = kept.string() + ".damaged";
+};
+
+TEST_F(RecipeInUse, remembers_the_recipe_that_was_committed_until_another_is_configured) {
+    const std::vector<std::string> arguments = under({"STATE_DIRECTORY=" + folder.path().string()});
+    const auto number_in_use = [&](bool switch_to_seven) {
+        Running service("/usr/bin/env", arguments);
+        EXPECT_TRUE(service.says("registers at", kPatience)) << service.so_far().err;
+        auto plc = client_at(port_of(service.so_far()));
+        if (!plc) return -1;
+        if (switch_to_seven) {
+            const auto reply = plc->command(firmware::Command::use_recipe, 7, 0, std::chrono::seconds(20));
+            EXPECT_TRUE(reply && reply->error == firmware::CommandError::none) << service.so_far().err;
+        }
+        const auto number = plc->read(110, 1);
+        EXPECT_EQ(service.stop(SIGTERM).status, 0);
+        return number ? static_cast<int>(number->at(0)) : -1;
+    };
+    EXPECT_EQ(number_in_use(false), 0);
+    EXPECT_EQ(number_in_use(true), 7);
+    EXPECT_EQ(number_in_use(false), 7);
+    std::ofstream(folder / "other.toml") << "schema = 1\nname = \"other\"\nnumber = 9\n";
+    std::ofstream(folder / "c.toml") << simulated_beside(
+        "[inspection]\nmacro = \"3x3\"\nrecipe = \"other.toml\"\n[modbus]\nport = 0\n"
+        "[station]\nautostart = false\n");
+    EXPECT_EQ(number_in_use(false), 9);
+}
+
+TEST_F(RecipeInUse, that_is_damaged_is_set_aside_and_a_fault_until_another_is_selected) {
+    EXPECT_EQ(live(7).error, firmware::CommandError::none);
+    EXPECT_EQ(live().number, 7);
+    std::filesystem::resize_file(kept, std::filesystem::file_size(kept) - 20);
+    const Life first = live();
+    EXPECT_EQ(first.number, 0) << "the configured one";
+    EXPECT_EQ(first.faults & firmware::kFaultConfiguration, firmware::kFaultConfiguration) << first.said;
+    EXPECT_THAT(first.said, HasSubstr(kept.string() + " is damaged ("));
+    EXPECT_THAT(first.said, HasSubstr("and was renamed recipe-in-use.toml.damaged: commit or select the recipe again"));
+    EXPECT_THAT(first.said, HasSubstr("configuration: the recipe that was in use before the restart cannot be used"));
+    EXPECT_TRUE(std::filesystem::exists(damaged));
+    const Life second = live(7, true);
+    EXPECT_THAT(second.said, HasSubstr(damaged.string() + " was damaged at an earlier start")) << "nobody has acted";
+    EXPECT_EQ(second.number, 7);
+    EXPECT_EQ(second.faults & firmware::kFaultConfiguration, 0U) << second.said;
+    const Life third = live();
+    EXPECT_EQ(third.number, 7);
+    EXPECT_EQ(third.faults & firmware::kFaultConfiguration, 0U) << third.said;
+    EXPECT_THAT(third.said, Not(HasSubstr("damaged")));
+}
+
+// Its reference's disk may be mounted late: the file itself is whole.
+TEST_F(RecipeInUse, whose_reference_is_gone_is_a_fault_and_its_file_stays) {
+    live(7);
+    std::string text = common::read_file(kept).value();
+    text.resize(text.rfind("# crc32 "));
+    text += "[reference]\nfile = \"gone.hordref\"\n";
+    text += fmt::format("# crc32 {:08X}\n", common::crc32(text));
+    std::ofstream(kept) << text;
+    for (int start = 0; start < 2; ++start) {
+        const Life life = live();
+        EXPECT_EQ(life.number, 0);
+        EXPECT_EQ(life.faults & firmware::kFaultConfiguration, firmware::kFaultConfiguration);
+        EXPECT_THAT(life.said, HasSubstr("gone.hordref"));
+        EXPECT_EQ(common::read_file(kept), text);
+    }
+}
+
+TEST_F(RecipeInUse, that_is_another_one_than_before_the_restart_is_told_once) {
+    live();
+    // The same text as with another reference: another content's checksum, and the file's own one to match.
+    std::string text = common::read_file(kept).value();
+    text.resize(text.rfind("# crc32 "));
+    const std::string key = "# Checksum with its reference: ";
+    text.replace(text.find(key) + key.size(), 8, "0BADC0DE");
+    std::ofstream(kept) << text << fmt::format("# crc32 {:08X}\n", common::crc32(text));
+    EXPECT_THAT(live().said, HasSubstr("now, 0BADC0DE then"));
+    EXPECT_THAT(live().said, Not(HasSubstr("0BADC0DE")));
+}
+
+TEST_F(RecipeInUse, of_an_earlier_version_is_taken_and_gets_its_checksum) {
+    live(7);
+    std::string text = common::read_file(kept).value();
+    text.resize(text.rfind("# crc32 "));
+    const auto second_line = text.find('\n') + 1;
+    text.erase(second_line, text.find('\n', second_line) + 1 - second_line);
+    std::ofstream(kept) << text;
+    const Life life = live();
+    EXPECT_EQ(life.number, 7);
+    EXPECT_EQ(life.faults & firmware::kFaultConfiguration, 0U);
+    EXPECT_THAT(life.said, HasSubstr("is of an earlier version and has no checksum"));
+    EXPECT_THAT(live().said, Not(HasSubstr("earlier version")));
+}
+
+TEST_F(RecipeInUse, that_cannot_be_kept_is_not_taken) {
+    live();
+    std::filesystem::remove(kept);
+    std::filesystem::create_directories(kept / "in the way");
+    const Life life = live(7, true);
+    EXPECT_EQ(life.error, firmware::CommandError::failed);
+    EXPECT_EQ(life.number, 0) << "the old recipe stays";
+    EXPECT_THAT(life.said, HasSubstr(kept.string() + " cannot be written: "));
+}
+
+}  // namespace
+}  // namespace hord::test
