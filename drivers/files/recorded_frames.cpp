@@ -8,13 +8,16 @@ namespace hord::drivers {
 namespace fs = std::filesystem;
 
 Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(hal::EventLoop& loop,
-                                                             const std::vector<fs::path>& files_or_folders) {
+                                                             const std::vector<fs::path>& files_or_folders,
+                                                             const std::function<void(double)>& progress) {
     auto files = list_frames(files_or_folders);
     if (!files) return tl::unexpected(files.error());
     std::unique_ptr<RecordedFrames> sensor(new RecordedFrames(loop));
     ExpectedFrame expected;
     Error all;
+    double looked_at = 0;
     for (const fs::path& file : *files) {
+        if (progress) progress(looked_at++ / static_cast<double>(files->size()));
         auto read = sensor->read(file, expected);
         if (!read) {
             if (all.what.empty()) all = read.error();
@@ -24,6 +27,7 @@ Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(hal::EventLoop& loo
         expected = {read->width_px(), read->height_px(), read->bits()};
         sensor->frames_.push_back(std::move(*read));
     }
+    if (progress) progress(1);
     if (!all.what.empty()) return tl::unexpected(all);
     return sensor;
 }

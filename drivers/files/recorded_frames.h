@@ -7,6 +7,7 @@
 #include <array>
 #include <atomic>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -25,9 +26,10 @@ class RecordedFrames final : public hal::Sensor {
 
     // Loop thread; blocks while it reads. Folders as in list_frames(). Fails with not_found (no such file or folder, no
     // frame in it), invalid_argument (frames of different formats or geometries), or as read_noted_frame() does; names
-    // every bad file.
+    // every bad file. `progress`, 0..1, is called before each file.
     static Result<std::unique_ptr<RecordedFrames>> open(hal::EventLoop& loop,
-                                                        const std::vector<std::filesystem::path>& files_or_folders);
+                                                        const std::vector<std::filesystem::path>& files_or_folders,
+                                                        const std::function<void(double)>& progress = {});
     ~RecordedFrames() override { stop(); }
     [[nodiscard]] hal::SensorFormat format() const override;
 

@@ -182,7 +182,7 @@ class ChosenBackends final : public Backends {
     Result<void> open_camera(const Config& config, const SimulationOptions& simulation) {
         sim::CellOptions options = cell_options(config, simulation);
         sim::FrameSource* source = &tokens_;
-        if (auto done = assign(sensor_, open_sensor(loop_, config)); !done) return done;
+        if (auto done = assign(sensor_, open_sensor(loop_, config, simulation.progress)); !done) return done;
         if (auto light = light_of_camera(loop_, config, sensor_.get())) strobe_ = std::move(light);
         if (auto barrier = barrier_of_camera(loop_, config, sensor_.get())) part_sensor_ = std::move(barrier);
         if (const auto* recorded = dynamic_cast<const drivers::RecordedFrames*>(sensor_.get()))
@@ -303,9 +303,10 @@ Result<std::unique_ptr<hal::PartSensor>> open_part_sensor(hal::EventLoop& loop, 
     return drivers::GpioPartSensor::open(loop, *line);
 }
 
-Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Config& config) {
+Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Config& config,
+                                                 const std::function<void(double)>& progress) {
     if (const auto* recorded = std::get_if<FrameFolder>(&config.sensor)) {
-        auto frames = drivers::RecordedFrames::open(loop, {recorded->folder});
+        auto frames = drivers::RecordedFrames::open(loop, {recorded->folder}, progress);
         if (!frames) return tl::unexpected(frames.error());
         if (auto fine = check_geometry(**frames, config.inspection); !fine) return tl::unexpected(fine.error());
         return std::move(*frames);

@@ -30,7 +30,7 @@ struct SimulationOptions {
     std::filesystem::path cache;           // folder that keeps rendered parts for the next start; empty: none
     bool own_coil_module = false;          // a Modbus coil module on loopback moves the simulated ejector
     int realtime = 0;                      // the coil module's real-time priority; 0: none
-    std::function<void(double)> progress;  // of rendering the parts, 0..1
+    std::function<void(double)> progress;  // of rendering the parts or reading the recorded frames, 0..1
 };
 
 // Parts a second of the simulated line; `wanted` is SimulationOptions::parts_per_second.
@@ -46,7 +46,9 @@ std::unique_ptr<hal::Strobe> light_of_camera(hal::EventLoop& loop, const Config&
 // The same of a light barrier on the camera's input.
 std::unique_ptr<hal::PartSensor> barrier_of_camera(hal::EventLoop& loop, const Config& config, hal::Sensor* sensor);
 Result<std::unique_ptr<hal::PartSensor>> open_part_sensor(hal::EventLoop& loop, const Config& config);
-Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Config& config);
+// `progress`: of reading recorded frames, 0..1.
+Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Config& config,
+                                                 const std::function<void(double)>& progress = {});
 
 // Reads the name of the rejector's module and the state of its outputs. Changes nothing; blocks for up to a
 // few response time-outs. Fails as the link to the module does.

@@ -129,7 +129,7 @@ class Daemon {
         all.reload = [this] { reload(); };
         all.stopped_early = [] {
             sd_notify(0, "STOPPING=1");
-            write_to_journal(JournalEvent::stopped, "stopped as asked, while the simulated parts were rendered");
+            write_to_journal(JournalEvent::stopped, "stopped as asked, before the line ran");
         };
         all.trouble = [](const Error& error) { write_to_journal(JournalEvent::trouble, error.message()); };
         return all;

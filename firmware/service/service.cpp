@@ -33,6 +33,11 @@ bool stop_waits(bool hangup_stops) {
     return std::ranges::any_of(kEndSignals, waits) || (hangup_stops && waits(SIGHUP));
 }
 
+bool is_ignored(int signal) {
+    struct sigaction now {};
+    return ::sigaction(signal, nullptr, &now) == 0 && now.sa_handler == SIG_IGN;
+}
+
 StationIdentity identity_of(const Config& config, const SimulationOptions& simulation) {
     StationIdentity identity;
     identity.firmware = HORD_VERSION;
@@ -216,9 +221,10 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
     // A message that nobody reads, or a signal sent by mistake, must not end a station: its line would run on.
     for (const int signal : {SIGPIPE, SIGUSR1, SIGUSR2, SIGALRM}) std::signal(signal, SIG_IGN);
     if (auto done = loop_->stop_on_signals(kEndSignals); !done) return done;
-    if (!watchers_.reload) {
-        if (auto done = loop_->stop_on_signals({SIGHUP}); !done) return done;  // its terminal was closed
-    } else {
+    const bool hangup_stops = !watchers_.reload && !is_ignored(SIGHUP);  // its terminal was closed; nohup ignores that
+    if (hangup_stops) {
+        if (auto done = loop_->stop_on_signals({SIGHUP}); !done) return done;
+    } else if (watchers_.reload) {
         if (auto done = loop_->on_signal(SIGHUP, [this] { watchers_.reload(); }); !done) return done;
     }
     // The ports come before the devices: a quick check. While a simulated cell renders nobody answers: its own ports
@@ -230,8 +236,8 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
     if (renders) close_servers();
 
     SimulationOptions watched = simulation;
-    watched.progress = [this, show = simulation.progress](double done) {
-        if (stop_waits(!watchers_.reload)) {
+    watched.progress = [this, hangup_stops, show = simulation.progress](double done) {
+        if (stop_waits(hangup_stops)) {
             if (watchers_.stopped_early) watchers_.stopped_early();
             std::_Exit(0);  // nothing runs yet
         }
@@ -284,7 +290,10 @@ void Service::prove_empty_line() {
     };
     if (uncertain()) return;
     station_->request(Command::abort);  // drops the run permit; refused where there is none
-    if (loop_->run_until(uncertain, kBeltStops)) return;
+    // A further signal ends the loop, and not this watch: a proof too early would be false.
+    for (const auto until = loop_->now() + kBeltStops; loop_->now() < until;) {
+        if (loop_->run_until(uncertain, until - loop_->now())) return;
+    }
     if (auto given = empty_line_.give(); !given) on_trouble(given.error());
 }
 

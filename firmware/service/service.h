@@ -33,7 +33,7 @@ struct ServiceWatchers {
     std::function<void(std::uint32_t raised, const Snapshot&)> fault;
     std::function<void(const NumberedRecipe&)> recipe;  // another recipe is in use; not called for the first one
     std::function<void()> reload;                       // SIGHUP; empty: the signal stops the station
-    std::function<void()> stopped_early;                // a signal ends the program, status 0, while open() renders
+    std::function<void()> stopped_early;                // a signal ends the program, status 0, in open()
     std::function<void(const Error&)> trouble;          // to be logged once
     std::function<void(const Backends::Fate&)> fate;    // simulated line: ground truth of a part
     std::function<void()> line_over;  // simulated line: all parts came and left; their results may still come
@@ -48,8 +48,9 @@ struct ListenSockets {
 class Service final : public StationObserver, public InspectionObserver {
   public:
     // Opens devices and ports; nothing runs yet. A signal that would stop run() ends the program while a simulated cell
-    // renders. Fails as the devices and servers do, and with busy, before anything is written, if another station uses
-    // the folder of state or results. The destructor halts: lights off, outputs safe.
+    // renders and while recorded frames are read. Fails as the devices and servers do, and with busy, before anything
+    // is written, if another station uses the folder of state or results. The destructor halts: lights off, outputs
+    // safe.
     static Result<std::unique_ptr<Service>> open(const Config& config, const SimulationOptions& simulation,
                                                  ServiceWatchers watchers, const ListenSockets& sockets = {});
 

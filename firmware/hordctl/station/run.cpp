@@ -166,6 +166,7 @@ class Run {
         if (options_.line.realtime > 0) {
             for (const Error& refused : take_realtime_policy(options_.line.realtime)) say(refused.message());
         }
+        begun_ = service_->loop().now();
         const auto ran = service_->run();
         progress_.reset();
         if (reader_.joinable()) reader_.join();
@@ -177,7 +178,8 @@ class Run {
     Result<std::unique_ptr<Service>> open(const Config& config) {
         SimulationOptions simulation = options_.line;
         simulation.own_coil_module = simulation.all_defects = options_.simulate;
-        auto rendering = std::make_shared<std::unique_ptr<Progress>>(std::make_unique<Progress>("render parts"));
+        auto rendering = std::make_shared<std::unique_ptr<Progress>>(std::make_unique<Progress>(
+            std::holds_alternative<FrameFolder>(config.sensor) ? "read frames" : "render parts"));
         simulation.progress = [rendering](double done) {
             if (*rendering) (*rendering)->show(done);
             if (done >= 1) rendering->reset();
@@ -201,7 +203,7 @@ class Run {
         };
         watchers.stopped_early = [rendering] {
             rendering->reset();
-            print_message("hordctl: stopped as asked, while the simulated parts were rendered: no part came\n");
+            print_message("hordctl: stopped as asked, before the line ran: no part came\n");
         };
         watchers.trouble = [this](const Error& error) { say(error.message()); };
         watchers.recipe = [this](const NumberedRecipe& recipe) { on_recipe(recipe); };
@@ -329,6 +331,7 @@ class Run {
 
     Exit finish() {
         if (!ending_) last_snapshot_ = service_->snapshot();
+        const bool waited = ending_ || service_->loop().now() - begun_ >= milliseconds(1000) * kWaitsForDevice;
         const Duration elapsed = last_seen_.time_since_epoch() - first_arrival_.value_or(Duration::zero());
         const auto print = [out = options_.json ? stderr : stdout](const std::string& text) {
             std::fputs(text.c_str(), out);  // does not throw: what is lost must still be told
@@ -353,7 +356,8 @@ class Run {
         const std::vector<Error> lost = service_->close();
         for (const Error& error : lost) print_message("hordctl: {}\n", error.message());
         const Snapshot& last = *last_snapshot_;
-        const bool stands = last.line_stop || last.state == State::error || waits_for_device(last);
+        // A device that is not there yet is no error of a run that was stopped early.
+        const bool stands = last.line_stop || last.state == State::error || (waited && waits_for_device(last));
         if (stands) {
             print(fmt::format("the station ended in {}{}\n", name_of(last.state),
                               last.line_stop ? ", line stop raised" : ""));
@@ -379,7 +383,7 @@ class Run {
     std::size_t settled_ = 0, resets_ = 0;
     std::uint32_t told_ = 0;                 // FaultBits, since the last change of state
     std::optional<Duration> first_arrival_;  // since the loop's epoch
-    hal::TimePoint last_seen_{};
+    hal::TimePoint begun_{}, last_seen_{};
     bool line_over_ = false, ending_ = false;
     std::optional<Snapshot> last_snapshot_;
     std::thread reader_;

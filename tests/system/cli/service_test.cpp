@@ -320,40 +320,6 @@ TEST_F(Service, proves_an_empty_line_at_an_orderly_end_and_at_no_other) {
     }
 }
 
-// Waits until a signal that would end the program waits for its event loop: it opens its devices then, or runs.
-bool blocks(int pid, int signal) {
-    const auto until = std::chrono::steady_clock::now() + kPatience;
-    while (std::chrono::steady_clock::now() < until) {
-        std::ifstream status("/proc/" + std::to_string(pid) + "/status");
-        for (std::string line; std::getline(status, line);) {
-            if (line.starts_with("SigBlk:") && (std::stoull(line.substr(7), nullptr, 16) >> (signal - 1) & 1U) != 0)
-                return true;
-        }
-        std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    }
-    return false;
-}
-
-TEST(Run, is_stopped_by_a_signal_while_it_renders_and_says_so) {
-    for (const int signal : {SIGTERM, SIGINT, SIGHUP}) {
-        Running line("hordctl", {"run", "--simulate", "--parts", "5", "--seed", "41", "--modbus", "127.0.0.1:0"});
-        ASSERT_TRUE(blocks(line.pid(), signal)) << line.so_far().err;
-        const Said said = line.stop(signal);
-        EXPECT_EQ(said.status, 0) << said.err;
-        EXPECT_THAT(said.err,
-                    HasSubstr("hordctl: stopped as asked, while the simulated parts were rendered: no part came\n"));
-    }
-}
-
-TEST_F(Service, is_stopped_by_a_signal_while_it_renders_and_says_so) {
-    write_config("[station]\nautostart = false\n");
-    Running service("/usr/bin/env", under({"CACHE_DIRECTORY=" + (folder / "empty")}));
-    ASSERT_TRUE(blocks(service.pid(), SIGTERM)) << service.so_far().err;
-    const Said said = service.stop(SIGTERM);
-    EXPECT_EQ(said.status, 0) << said.err;
-    EXPECT_THAT(said.err, HasSubstr("stopped as asked, while the simulated parts were rendered\n"));
-}
-
 TEST_F(Service, a_second_station_on_the_same_state_folder_is_refused_before_it_writes) {
     write_config("[station]\nautostart = false\n");
     const auto state = folder.path() / "state";

@@ -1,0 +1,129 @@
+// Signals that end hordd and hordctl run: before the line runs, twice, and behind nohup.
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <thread>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "drivers/files/frame_file.h"
+#include "tests/system/cli/service_fixture.h"
+
+namespace hord::test {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+// Waits until a signal that would end the program waits for its event loop: it opens its devices then, or runs.
+bool blocks(int pid, int signal) {
+    const auto until = std::chrono::steady_clock::now() + kPatience;
+    while (std::chrono::steady_clock::now() < until) {
+        std::ifstream status("/proc/" + std::to_string(pid) + "/status");
+        for (std::string line; std::getline(status, line);) {
+            if (line.starts_with("SigBlk:") && (std::stoull(line.substr(7), nullptr, 16) >> (signal - 1) & 1U) != 0)
+                return true;
+        }
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+    return false;
+}
+
+TEST(Run, is_stopped_by_a_signal_while_it_renders_and_says_so) {
+    for (const int signal : {SIGTERM, SIGINT, SIGHUP}) {
+        Running line("hordctl", {"run", "--simulate", "--parts", "5", "--seed", "41", "--modbus", "127.0.0.1:0"});
+        ASSERT_TRUE(blocks(line.pid(), signal)) << line.so_far().err;
+        const Said said = line.stop(signal);
+        EXPECT_EQ(said.status, 0) << said.err;
+        EXPECT_THAT(said.err, HasSubstr("hordctl: stopped as asked, before the line ran: no part came\n"));
+    }
+}
+
+TEST_F(Service, is_stopped_by_a_signal_while_it_renders_and_says_so) {
+    write_config("[station]\nautostart = false\n");
+    Running service("/usr/bin/env", under({"CACHE_DIRECTORY=" + (folder / "empty")}));
+    ASSERT_TRUE(blocks(service.pid(), SIGTERM)) << service.so_far().err;
+    const Said said = service.stop(SIGTERM);
+    EXPECT_EQ(said.status, 0) << said.err;
+    EXPECT_THAT(said.err, HasSubstr("stopped as asked, before the line ran\n"));
+}
+
+// A station that plays frames of `size` x `size` pixels.
+class Frames : public ::testing::Test {
+  protected:
+    void write(int size, int count, const std::string& more = "") {
+        std::filesystem::create_directories(folder / "frames");
+        Frame frame(size, size, 8);
+        std::uint32_t noise = 1;
+        for (int y = 0; y < size; ++y) {
+            for (int x = 0; x < size; ++x) frame.set(x, y, (noise = noise * 1664525U + 1013904223U) >> 24U);
+        }
+        const std::filesystem::path first = folder / "frames/0.png";
+        EXPECT_TRUE(drivers::write_frame(first, frame.view(), std::nullopt));
+        for (int k = 1; k < count; ++k)
+            std::filesystem::create_hard_link(first, folder / ("frames/" + std::to_string(k) + ".png"));
+        std::ofstream(folder / "c.toml") << simulated_beside(
+            "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[modbus]\nport = 0\n" + more + kRoomyLine);
+    }
+    TemporaryFolder folder;
+};
+
+TEST_F(Frames, that_still_load_are_no_reason_to_wait_for_the_end) {
+    write(999, 300);  // some seconds
+    for (const int signal : {SIGTERM, SIGINT, SIGHUP}) {
+        Running line("hordctl", {"run", "--config", folder / "c.toml"});
+        ASSERT_TRUE(blocks(line.pid(), signal)) << line.so_far().err;
+        const Said said = line.stop(signal);
+        EXPECT_EQ(said.status, 0) << said.err;
+        EXPECT_THAT(said.err, HasSubstr("hordctl: stopped as asked, before the line ran: no part came\n"));
+    }
+    Running service(kHordd, {"--config", folder / "c.toml"});
+    ASSERT_TRUE(blocks(service.pid(), SIGTERM)) << service.so_far().err;
+    const Said said = service.stop(SIGTERM);
+    EXPECT_EQ(said.status, 0) << said.err;
+    EXPECT_THAT(said.err, HasSubstr("stopped as asked, before the line ran\n"));
+}
+
+// The second comes while the first end watches that no part comes, or before.
+TEST_F(Frames, and_their_line_end_at_a_second_signal_as_at_the_first) {
+    write(27, 1, "[station]\nautostart = false\n");
+    const std::filesystem::path proof = folder / "state/line-empty";
+    const std::vector<std::string> arguments{"run", "--config", folder / "c.toml", "--state", folder / "state"};
+    for (const int second : {SIGTERM, SIGINT, SIGHUP}) {
+        Running line("hordctl", arguments);
+        ASSERT_TRUE(line.says("Preoperational to Initialized")) << line.so_far().err;
+        std::this_thread::sleep_for(std::chrono::milliseconds(100));
+        EXPECT_FALSE(std::filesystem::exists(proof)) << "withdrawn before the line may run";
+        line.signal(SIGINT);
+        std::this_thread::sleep_for(std::chrono::milliseconds(50));
+        EXPECT_FALSE(std::filesystem::exists(proof)) << "nobody has watched the line for 200 ms";
+        line.signal(second);
+        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+        EXPECT_FALSE(std::filesystem::exists(proof)) << "nobody has watched the line for 200 ms";
+        const Said said = line.stop(second);
+        EXPECT_EQ(said.status, 0) << said.out << said.err;
+        EXPECT_TRUE(std::filesystem::exists(proof));
+    }
+    Running early("hordctl", arguments);
+    ASSERT_TRUE(blocks(early.pid(), SIGTERM)) << early.so_far().err;
+    early.signal(SIGINT);
+    const Said said = early.stop(SIGTERM);
+    EXPECT_EQ(said.status, 0) << "its devices were not there yet\n" << said.out << said.err;
+}
+
+TEST_F(Frames, go_on_behind_nohup_when_the_terminal_is_closed) {
+    write(27, 1, "[station]\nautostart = false\n");
+    Running line("/usr/bin/env",
+                 {"--ignore-signal=HUP", std::string(HORD_BIN_DIR) + "/hordctl", "run", "--config", folder / "c.toml"});
+    ASSERT_TRUE(line.says("Preoperational to Initialized")) << line.so_far().err;
+    line.signal(SIGHUP);
+    std::this_thread::sleep_for(std::chrono::milliseconds(500));
+    EXPECT_THAT(line.so_far().out, Not(HasSubstr("no part came"))) << "the report of the end";
+    EXPECT_EQ(line.stop(SIGTERM).status, 0);
+}
+
+}  // namespace
+}  // namespace hord::test
