@@ -186,7 +186,9 @@ class ChosenBackends final : public Backends {
         if (auto light = light_of_camera(loop_, config, sensor_.get())) strobe_ = std::move(light);
         if (auto barrier = barrier_of_camera(loop_, config, sensor_.get())) part_sensor_ = std::move(barrier);
         if (const auto* recorded = dynamic_cast<const drivers::RecordedFrames*>(sensor_.get()))
-            options.schedule.parts = recorded->count();
+            options.schedule.parts = simulation.parts == 0
+                ? recorded->count()
+                : std::min<std::uint64_t>(simulation.parts, recorded->count());
         if (!sensor_) {
             auto drawn = parts_of_line(config, simulation);
             if (!drawn) return tl::unexpected(drawn.error());

@@ -22,7 +22,7 @@ namespace hord::firmware {
 // The simulated part of the cell. The simulated line follows the configuration's timing.
 struct SimulationOptions {
     std::uint64_t seed = 1;
-    std::uint64_t parts = 0;      // 0: no end; recorded frames: one for each frame
+    std::uint64_t parts = 0;      // 0: no end; recorded frames: at most one for each frame
     double parts_per_second = 0;  // 0: one part each two configured minimum gaps, at most 10
     double good_share = 0.7;
     int variety = 4;                       // different parts of each kind, rendered at the start

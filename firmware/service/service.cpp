@@ -247,7 +247,13 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
     if (renders) {
         if (auto done = open_servers(); !done) return done;
     }
-    backends_->watch_line(watchers_.fate, watchers_.line_over);
+    backends_->watch_line(watchers_.fate, [this, all = simulation.parts == 0] {
+        if (all && std::holds_alternative<FrameFolder>(config_.sensor)) {
+            on_trouble({ErrorCode::disconnected, "the last recorded frame was played: no part comes any more",
+                        "restart to play the frames again"});
+        }
+        if (watchers_.line_over) watchers_.line_over();
+    });
 
     auto recipe = first_recipe();
     if (!recipe) return tl::unexpected(recipe.error());

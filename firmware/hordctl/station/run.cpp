@@ -254,7 +254,9 @@ class Run {
             Backends::Fate fate;
             fate.arrived = hal::TimePoint(Duration(result.arrived_ns));
             if ((service_->simulated() & kFaultRejector) != 0) fate.ejected = result.reject == RejectState::confirmed;
-            return on_fate(fate);
+            on_fate(fate);
+            if (settled_ == options_.line.parts) end();  // a real line brings more of them; 0: never
+            return;
         }
         settle(result.arrived_ns);
     }
@@ -404,7 +406,8 @@ void add_run(CLI::App& program, Exit& status) {
                         "Where the register server listens, HOST:PORT (port 0: any free one), instead of what the "
                         "configuration says; who may read and write is as configured");
     command->add_option("--parts", options->line.parts,
-                        "End after so many parts (simulated line); 0, or without it: run until interrupted");
+                        "End after so many parts; of recorded frames at most one a frame; 0, or without it: run until "
+                        "interrupted, or until the last recorded frame");
     command->add_option("--seed", options->line.seed, "Seed of the simulated line")->capture_default_str();
     options->line.parts_per_second = 10;
     auto* const rate =
