@@ -51,18 +51,24 @@ std::string is_in_use(const std::string& what, const std::filesystem::path& fold
 Result<StateLock> StateLock::take(const std::filesystem::path& folder, const std::string& what) {
     StateLock lock;
     const std::filesystem::path file = folder / "station.lock";
-    lock.file_ = open_lock(file, O_RDWR | O_CREAT);
-    if (!lock.held()) lock.file_ = open_lock(file, O_RDONLY);  // another user's, or read-only
-    if (!lock.held()) return lock;
-    if (::flock(lock.file_.get(), LOCK_EX | LOCK_NB) == 0) {
-        sign(lock.file_.get());
-        return lock;
+    const auto is_free = [](common::UniqueFd& held) {
+        if (!held || ::flock(held.get(), LOCK_EX | LOCK_NB) == 0) return true;
+        if (errno == EWOULDBLOCK) return false;
+        held.reset();  // a file system without such locks
+        return true;
+    };
+    lock.folder_ = open_lock(folder, O_RDONLY | O_DIRECTORY);
+    bool free = is_free(lock.folder_);
+    if (free) {
+        lock.file_ = open_lock(file, O_RDWR | O_CREAT);
+        if (!lock.file_) lock.file_ = open_lock(file, O_RDONLY);  // another user's, or read-only
+        free = is_free(lock.file_);
     }
-    if (errno == EWOULDBLOCK) {
-        return fail(ErrorCode::busy, is_in_use(what, folder, signed_by(lock.file_.get())),
+    if (!free) {
+        return fail(ErrorCode::busy, in_use(folder, what).value_or(is_in_use(what, folder, "")),
                     "stop it or name another folder");
     }
-    lock.file_.reset();  // a file system without locks
+    if (lock.file_) sign(lock.file_.get());
     return lock;
 }
 

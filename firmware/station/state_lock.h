@@ -1,7 +1,8 @@
 // Lock of a folder of state or results: one station at a time writes there.
 //
-// The kernel holds the lock (flock) on the file `station.lock` and ends it with the process, also when that is killed.
-// The file stays. It is empty: the kernel knows the process that holds it.
+// The kernel holds the lock (flock) on the folder itself, which nobody removes by mistake, and ends it with the
+// process, also when that is killed. The file `station.lock` is locked, too: it tells who holds the folder, and locks
+// where a file system locks no folders (NFS). The file stays. It is empty: the kernel knows the process that holds it.
 #pragma once
 
 #include <filesystem>
@@ -15,21 +16,20 @@ namespace hord::firmware {
 
 class StateLock {
   public:
-    // Fails with busy if another station holds the lock. Nothing is held, without an error, of a folder whose file
-    // cannot be opened (missing, read-only, full): its other files tell that, and the station goes on. `what` is the
-    // error's name of the folder.
+    // Fails with busy if another station holds either lock. Nothing is held, without an error, of a folder that cannot
+    // be opened (missing): its files tell that, and the station goes on. `what` is the error's name of the folder.
     [[nodiscard]] static Result<StateLock> take(const std::filesystem::path& folder,
                                                 const std::string& what = "state folder");
 
-    // "state folder /data is in use by process 4711 (hordd)"; none: no other process holds it. Locks nothing: a station
-    // that starts meanwhile is not refused.
+    // "state folder /data is in use by process 4711 (hordd)"; none: no other process holds it, or its `station.lock`
+    // was removed. Locks nothing: a station that starts meanwhile is not refused.
     [[nodiscard]] static std::optional<std::string> in_use(const std::filesystem::path& folder,
                                                            const std::string& what = "state folder");
 
-    [[nodiscard]] bool held() const { return static_cast<bool>(file_); }
+    [[nodiscard]] bool held() const { return folder_ || file_; }
 
   private:
-    common::UniqueFd file_;
+    common::UniqueFd folder_, file_;
 };
 
 }  // namespace hord::firmware

@@ -80,6 +80,19 @@ TEST(StateLock, a_second_station_is_refused_and_told_who_holds_the_folder) {
     EXPECT_TRUE(StateLock::take(folder.path()).value().held()) << "the file of the last owner locks nothing";
 }
 
+// The lock is the folder's: the file only tells who holds it.
+TEST(StateLock, is_held_where_its_file_was_removed) {
+    const TempFolder folder;
+    const Holder first(folder.path());
+    ASSERT_TRUE(first.holds());
+    ASSERT_TRUE(std::filesystem::remove(folder.path() / "station.lock"));
+    const auto second = StateLock::take(folder.path());
+    ASSERT_FALSE(second);
+    EXPECT_EQ(second.error().code, ErrorCode::busy);
+    EXPECT_EQ(second.error().what, "state folder " + folder.path().string() + " is in use by another process");
+    EXPECT_TRUE(std::filesystem::is_empty(folder.path())) << "whoever is refused writes nothing";
+}
+
 // The holder may read the file, and not write it; what it says is of an earlier one.
 TEST(StateLock, a_file_of_another_user_names_its_holder_and_no_earlier_one) {
     const TempFolder folder;
