@@ -207,6 +207,11 @@ CommandOutcome PlcInterface::execute(const modbus::Origin& origin, const Station
     }
     if (static_cast<Command>(request.code) == Command::commit_recipe) {
         if (executing(now.state)) return refuse(CommandError::not_in_this_state);
+        if (request.argument2 != 0) {  // a checksum in the wrong place, perhaps
+            CommandOutcome outcome = refuse(CommandError::bad_argument);
+            outcome.remarks = RemarkText(std::string_view("argument2 (8008): commit_recipe takes none: write 0"));
+            return outcome;
+        }
         if (request.argument != crc32_of(staged_words_)) return refuse(CommandError::wrong_checksum);
     }
     ++commands_done_;

@@ -5,6 +5,7 @@
 #include <bit>
 #include <cmath>
 #include <span>
+#include <string_view>
 #include <vector>
 
 #include <fmt/format.h>
@@ -97,6 +98,9 @@ std::string bad_registers(const NumberedRecipe& in_use, const StagedRecipe& stag
             why = problems_of(with_staged(in_use, std::bit_cast<StagedRecipe>(alone)), extents);
         }
         if (why.empty()) continue;
+        // A file may give a larger area than the register holds.
+        constexpr std::string_view kOfFile = "use 1 to 1000000";
+        if (const auto at = why.find(kOfFile); at != why.npos) why.replace(at, kOfFile.size(), "use 1 to 65534");
         const Register& row = staged_rows()[k];
         addresses.push_back(row.address);
         reasons.push_back(fmt::format("{} {}: {}", row.address, row.name, why));

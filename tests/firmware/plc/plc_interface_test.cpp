@@ -58,11 +58,12 @@ class PlcSimulator : public ::testing::Test {
     Exception write(std::uint16_t address, const Words& words) {
         return image.write_registers({.peer = peer}, address, words);
     }
-    Exception command(std::uint32_t token, Command code, std::uint32_t argument = 0, std::uint16_t boot = 0) {
+    Exception command(std::uint32_t token, Command code, std::uint32_t argument = 0, std::uint16_t boot = 0,
+                      std::uint16_t argument2 = 0) {
         const auto half = [](std::uint32_t v) { return static_cast<std::uint16_t>(v & 0xFFFFU); };
         return write(8002,
                      {half(token >> 16U), half(token), boot, static_cast<std::uint16_t>(code), half(argument >> 16U),
-                      half(argument), 0, 0});
+                      half(argument), 0, argument2});
     }
     Words read(std::uint16_t address, std::size_t count) {
         Words words(count);
@@ -399,6 +400,8 @@ TEST_F(PlcSimulator, a_recipe_is_staged_and_committed_by_its_checksum) {
     const std::uint32_t crc = read32(8210);
     ASSERT_EQ(command(1, Command::commit_recipe, crc ^ 1), Exception::none);
     EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 1, 20, 3, 5));
+    ASSERT_EQ(command(3, Command::commit_recipe, crc, 0, 5), Exception::none);
+    EXPECT_THAT(reply_of(read(8020, 40)), ElementsAre(0, 3, 20, 3, 4)) << "no other argument";
     EXPECT_THAT(station.commands, IsEmpty());
     ASSERT_EQ(command(2, Command::commit_recipe, crc), Exception::none);
     ASSERT_EQ(station.commands.size(), 1U);
