@@ -14,6 +14,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "common/dangling_link.h"
 #include "common/unique_fd.h"
 
 namespace hord::common {
@@ -77,7 +78,9 @@ namespace {
 Result<void> check_folder_of(const fs::path& file) {
     const fs::path folder = file.parent_path();
     if (std::error_code error; folder.empty() || fs::is_directory(folder, error)) return {};
-    return fail(ErrorCode::not_found, "the folder " + folder.string() + " does not exist", "create it first");
+    const std::string link = dangling_link(folder);
+    return fail(ErrorCode::not_found, link.empty() ? "the folder " + folder.string() + " does not exist" : link,
+                "create it first");
 }
 
 }  // namespace
@@ -133,8 +136,9 @@ std::optional<std::string> read_file(const fs::path& file) {
 
 Error cannot_read(const fs::path& file) {
     const int reason = errno;
+    const std::string link = reason == ENOENT ? dangling_link(file) : "";
     return {reason == ENOENT ? ErrorCode::not_found : ErrorCode::unreadable,
-            fmt::format("{}: cannot be read ({})", file.string(), std::strerror(reason)),
+            fmt::format("{}: cannot be read ({})", file.string(), link.empty() ? std::strerror(reason) : link),
             reason == EISDIR      ? "give a file of this folder"
                 : reason == EFBIG ? "it is larger than 2 GiB, or never ends: give another file"
                                   : "check that the file exists and may be read"};

@@ -20,6 +20,7 @@
 
 #include "common/cli/help_text.h"
 #include "common/cli/message.h"
+#include "common/dangling_link.h"
 #include "common/file_kind.h"
 #include "common/nearest_name.h"
 
@@ -34,7 +35,8 @@ Result<void> make_folder(const std::filesystem::path& folder) {
     std::error_code error;
     std::filesystem::create_directories(folder, error);
     if (!error) return {};
-    return fail(ErrorCode::io, folder.string() + " cannot be created (" + error.message() + ")",
+    const std::string link = common::dangling_link(folder);
+    return fail(ErrorCode::io, folder.string() + " cannot be created (" + (link.empty() ? error.message() : link) + ")",
                 "give a folder that may be written to");
 }
 

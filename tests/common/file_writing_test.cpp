@@ -10,6 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "common/dangling_link.h"
 #include "tests/support/temp_folder.h"
 
 namespace hord::common {
@@ -124,6 +125,20 @@ TEST(WholeFile, of_two_writers_at_the_same_time_the_last_one_has_written_it) {
     const std::string text = TempFolder::read(file);
     ASSERT_FALSE(text.empty());
     EXPECT_EQ(text, std::string(1000U * static_cast<unsigned char>(text[0]), text[0]));
+}
+
+TEST(DanglingLink, is_named_with_what_it_leads_to_wherever_it_stands_in_the_path) {
+    const TempFolder folder;
+    const auto link = folder.path() / "link";
+    std::filesystem::create_symlink("nowhere", link);
+    const std::string why = link.string() + " is a symbolic link to nowhere, which does not exist";
+    EXPECT_EQ(dangling_link(link), why);
+    EXPECT_EQ(dangling_link(link / "a" / "b"), why);
+    EXPECT_FALSE(read_file(link));
+    EXPECT_THAT(cannot_read(link).what, HasSubstr(why));
+    EXPECT_EQ(dangling_link(folder.path() / "missing"), "");
+    std::filesystem::create_directory(folder.path() / "nowhere");
+    EXPECT_EQ(dangling_link(link / "a"), "");
 }
 
 }  // namespace

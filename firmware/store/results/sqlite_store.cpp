@@ -13,6 +13,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "common/dangling_link.h"
 #include "common/unique_fd.h"
 #include "firmware/store/results/chain_writer.h"
 #include "firmware/store/results/clock_days.h"
@@ -430,10 +431,14 @@ Result<void> SqliteStore::remove(const ChainTable& table, std::int64_t first, st
 }  // namespace
 
 tl::unexpected<Error> folder_unusable(const fs::path& folder, std::error_code why) {
+    const std::string link = common::dangling_link(folder);
     const bool file = why == std::errc::file_exists || why == std::errc::not_a_directory;
-    return fail(ErrorCode::io, "the folder " + folder.string() + " cannot be made or used (" + why.message() + ")",
-                file ? "it, or one above it, is a file: name another folder, or move that file away (store.folder)"
-                     : "create it and give it to the station's user (store.folder)");
+    return fail(
+        ErrorCode::io,
+        "the folder " + folder.string() + " cannot be made or used (" + (link.empty() ? why.message() : link) + ")",
+        !link.empty() ? "make the folder that it leads to, or name another one (store.folder)"
+            : file    ? "it, or one above it, is a file: name another folder, or move that file away (store.folder)"
+                      : "create it and give it to the station's user (store.folder)");
 }
 
 Result<void> check_not_written(const fs::path& folder) {
