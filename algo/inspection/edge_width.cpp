@@ -14,6 +14,7 @@ using namespace outline;
 
 namespace {
 constexpr int kWidest = 15;          // lenslets; wider edges count so
+constexpr int kFreeBeside = 12;      // lenslets outside the part, the brightest of which is the free light
 constexpr double kMinDeflected = 2;  // times the tolerance of free light, by which a part deflects light at its edge
 constexpr double kBinRipple = 1.27;  // a spot's mean moves up to so many times as fast as the spot
 }  // namespace
@@ -68,8 +69,7 @@ double RimFinder::slope_inside(const FieldLight& light, Lines&& for_each_line) {
 // Lenslets of a line that show undeflected light of a fifth to four fifths of the free light, or belong to its ramp. -1
 // where no free light lies beside the part.
 int RimFinder::width_of_edge(const FieldLight& light, const LineOfPart& line, double own_slope) const {
-    constexpr int kFreeBeside = 12;  // lenslets outside the part, the brightest of which is the free light
-    constexpr int kMinFree = 3;      // of these, that show free light
+    constexpr int kMinFree = 3;  // of kFreeBeside, that show free light
     const NearFree near_free(free_);
     std::uint32_t free = 0;
     int count = 0;
@@ -94,14 +94,59 @@ int RimFinder::width_of_edge(const FieldLight& light, const LineOfPart& line, do
     return std::min(width, kWidest);
 }
 
+// The median light of some undeflected lenslets in the middle half of a line; 0 if they are fewer than half of those.
+std::uint32_t RimFinder::light_of_glass(const FieldLight& light, const LineOfPart& line) const {
+    constexpr int kMost = 9;
+    const NearFree near_free(free_);
+    std::array<std::uint32_t, kMost> glass{};
+    std::size_t count = 0;
+    const int begin = line.inside / 4, length = 3 * line.inside / 4 - begin, seen = std::min(length, kMost);
+    for (int k = 0; k < seen; ++k) {
+        const std::size_t at = line.at(begin + (2 * k + 1) * length / (2 * seen));
+        if ((light.mask[at] & kDark) == 0 && near_free.has(light.deflections[at])) glass[count++] = light.sums[at];
+    }
+    if (2 * static_cast<int>(count) <= seen) return 0;
+    return common::lower_median(std::span(glass).first(count));
+}
+
+// The lenslets of a line that are neither free light, nor tinted glass, nor dark: those in which light falls from four
+// fifths to a fifth of the way from the free light to the darkest lenslet, that lenslet, and those behind it up to half
+// way to the light of the glass. -1 if the glass is clear.
+int RimFinder::width_before_glass(const FieldLight& light, const LineOfPart& line) const {
+    const std::uint32_t glass = light_of_glass(light, line);
+    std::array<std::uint32_t, kFreeBeside> beside{};
+    std::size_t count = 0;
+    for (int k = 1; k <= std::min(line.outside, kFreeBeside); ++k) {
+        if ((state_[line.at(-k)] & kReached) != 0) beside[count++] = light.sums[line.at(-k)];
+    }
+    if (glass == 0 || count == 0) return -1;
+    // The upper quartile: the nearer half may show a second exposure of the part.
+    const std::uint64_t free = common::nth_smallest(std::span(beside).first(count), 3 * (count - 1) / 4);
+    if (8 * std::uint64_t{glass} >= 7 * free) return -1;  // above the four fifths by the noise of a lenslet
+    const auto light_at = [&](int in) { return std::uint64_t{light.sums[line.at(in)]}; };
+    const auto is_dark = [&](int in) { return (light.mask[line.at(in)] & kDark) != 0 || 5 * light_at(in) <= free; };
+    const int outermost = -std::min(line.outside, kFreeBeside), innermost = std::min(line.inside / 2, kWidest);
+    int darkest = 0;
+    for (int k = outermost; k < innermost; ++k) darkest = light_at(k) < light_at(darkest) ? k : darkest;
+    const std::uint64_t least = light_at(darkest);
+    int width = is_dark(darkest) ? 0 : 1;
+    for (int k = darkest - 1; k >= outermost && 5 * light_at(k) < 4 * free + least; --k)
+        width += 5 * light_at(k) > free + 4 * least ? 1 : 0;
+    for (int k = darkest + 1; k < innermost && 2 * light_at(k) < glass + least; ++k) width += is_dark(k) ? 0 : 1;
+    return std::min(width, 2 * kMaxEdgeWidth);
+}
+
 // At both ends of the part in each row and each column. An edge in focus covers one lenslet in part, or two if it lies
 // askew. An edge that moved, or was exposed twice, is as wide as it moved. The median of the rows, or of the columns if
-// it is wider; of a tube only across its axis, because its ends are as deep as it is wide.
+// it is wider; of a tube only across its axis, because its ends are as deep as it is wide. The light of tinted glass
+// looks like a part of such an edge. So if most lines show tinted glass, it is the mean of the widths before the glass,
+// rounded up: at rest 2 at most, one lenslet towards the free light and one towards the glass. A median could not tell
+// 1.5 from 2.
 int RimFinder::edge_width(const FieldLight& light) {
-    struct Median {
+    struct Width {
         int edges = 0, width = 0;
     };
-    const auto median_of = [&](int lines, int length, auto&& index) {
+    const auto width_of = [&](int lines, int length, auto&& index) {
         const auto step = static_cast<std::ptrdiff_t>(index(0, 1) - index(0, 0));
         const auto for_each_line = [&](auto&& visit) {
             for (int line = 0; line < lines; ++line) {
@@ -115,32 +160,38 @@ int RimFinder::edge_width(const FieldLight& light) {
                       LineOfPart{index(line, last), -step, length - 1 - last, inside});
             }
         };
-        const auto median = [&](double own_slope) {
+        const auto typical = [&](double own_slope) {
             std::array<int, kWidest + 1> edges{};  // of so many lenslets
-            int all = 0, seen = 0, width = 0;
+            int all = 0, seen = 0, width = 0, of_glass = 0, before_glass = 0;
             for_each_line([&](const LineOfPart& near, const LineOfPart& far) {
                 for (const LineOfPart& line : {near, far}) {
                     const int found = width_of_edge(light, line, own_slope);
                     if (found < 0) continue;
+                    const int before = width_before_glass(light, line);
+                    if (before >= 0) {
+                        ++of_glass;
+                        before_glass += before;
+                    }
                     ++edges[static_cast<std::size_t>(found)];
                     ++all;
                 }
             });
-            if (all < kMinBeside) return Median{};
+            if (all < kMinBeside) return Width{};
+            if (2 * of_glass > all) return Width{all, (before_glass + of_glass - 1) / of_glass};
             while (2 * (seen += edges[static_cast<std::size_t>(width)]) < all) ++width;
-            return Median{all, width};
+            return Width{all, width};
         };
-        const Median any = median(0);
-        return any.width <= kMaxEdgeWidth ? any : median(slope_inside(light, for_each_line));
+        const Width any = typical(0);
+        return any.width <= kMaxEdgeWidth ? any : typical(slope_inside(light, for_each_line));
     };
     const auto in_rows = [&] {
-        return median_of(extents_.n, extents_.m, [&](int n, int m) { return extents_.index(m, n); });
+        return width_of(extents_.n, extents_.m, [&](int n, int m) { return extents_.index(m, n); });
     };
     const auto in_columns = [&] {
-        return median_of(extents_.m, extents_.n, [&](int m, int n) { return extents_.index(m, n); });
+        return width_of(extents_.m, extents_.n, [&](int m, int n) { return extents_.index(m, n); });
     };
     if (tube_) return (tube_->along_columns() ? in_rows() : in_columns()).width;
-    const Median rows = in_rows(), columns = in_columns();
+    const Width rows = in_rows(), columns = in_columns();
     // Few lines of an axis are those along an edge that is a little askew, as of a plate from border to border.
     return std::max(2 * rows.edges >= columns.edges ? rows.width : 0,
                     2 * columns.edges >= rows.edges ? columns.width : 0);

@@ -186,6 +186,8 @@ class RimFinder {
     };
     [[nodiscard]] int edge_width(const FieldLight& light);
     [[nodiscard]] int width_of_edge(const FieldLight& light, const LineOfPart& line, double own_slope) const;
+    [[nodiscard]] int width_before_glass(const FieldLight& light, const LineOfPart& line) const;
+    [[nodiscard]] std::uint32_t light_of_glass(const FieldLight& light, const LineOfPart& line) const;
     [[nodiscard]] Ramp ramp_at_edge(const FieldLight& light, const LineOfPart& line, double own_slope) const;
     template <class Lines>
     [[nodiscard]] double slope_inside(const FieldLight& light, Lines&& for_each_line);

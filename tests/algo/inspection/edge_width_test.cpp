@@ -14,12 +14,13 @@ namespace {
 using namespace hord::algo::testing;
 
 constexpr Extents kField{61, 61, 9, 9};
+const std::vector<int> kAtRest = {0};
 
 // The mean of exposures of a part that lies so many lenslets to the right.
-template <class Part>
-Frame exposed_at(const std::vector<int>& places, Part&& part) {
+template <class Place, class Part>
+Frame exposed_at(const std::vector<Place>& places, Part&& part) {
     std::vector<Frame> all;
-    for (const int place : places)
+    for (const Place place : places)
         all.push_back(drawn(kField, 8, 220, [&](int m, int n) { return part(m - place, n); }));
     Frame mean = all.front();
     for (int y = 0; y < mean.height_px(); ++y) {
@@ -32,8 +33,10 @@ Frame exposed_at(const std::vector<int>& places, Part&& part) {
     return noisy(mean, {10, 2, 1}, 5);
 }
 
-FrameFault fault_of(const Frame& frame) {
-    auto pipeline = Pipeline::create(kField, 8, Recipe{});
+FrameFault fault_of(const Frame& frame, PartForm form = PartForm::round) {
+    Recipe recipe;
+    recipe.form = form;
+    auto pipeline = Pipeline::create(kField, 8, recipe);
     EXPECT_TRUE(pipeline);
     const auto seen = pipeline->inspect(frame.view());
     EXPECT_TRUE(seen);
@@ -42,17 +45,63 @@ FrameFault fault_of(const Frame& frame) {
 
 // Its edges take no light: the mixed light there is deflected, from none to the most.
 TEST(EdgeWidth, of_a_weak_lens_tells_that_it_moved_or_was_exposed_twice) {
-    const std::vector<int> at_rest = {0}, three = {-1, 0, 1}, five = {-2, -1, 0, 1, 2},
-                           seven = {-3, -2, -1, 0, 1, 2, 3}, twice = {-3, 4};
+    const std::vector<int> three = {-1, 0, 1}, five = {-2, -1, 0, 1, 2}, seven = {-3, -2, -1, 0, 1, 2, 3},
+                           twice = {-3, 4};
     for (const double rim_bins : {1.2, 1.6, 2.0}) {
         const auto part = lens(kField, 19.4, rim_bins);
-        for (const auto& places : {at_rest, three, five, seven, twice}) {
+        for (const auto& places : {kAtRest, three, five, seven, twice}) {
             const Frame frame = exposed_at(places, part);
             for (const Frame& seen : {frame, transposed(frame)}) {
                 const FrameFault found = fault_of(seen);
                 if (places.size() == 1 || places.size() == 3) EXPECT_EQ(found, FrameFault::none);
                 else EXPECT_TRUE(found == FrameFault::blurred_edge || found == FrameFault::no_outline);
                 if (HasFailure()) FAIL() << rim_bins << " bins, " << places.size() << " exposures";
+            }
+        }
+    }
+}
+
+// A plate whose bevel lets no light through, of glass that lets so much through; the mean of 7 x 7 places a lenslet.
+struct TintedPlate {
+    double turn = 0, bevel = 0.7, light = 0.8;  // rad, lenslets
+    Spot operator()(double m, double n) const {
+        constexpr int kPlaces = 7;
+        double sum = 0;
+        for (int k = 0; k < kPlaces * kPlaces; ++k) {
+            const double x = m - 30.3 + (k % kPlaces - 3.0) / kPlaces, y = n - 30.1 + (k / kPlaces - 3.0) / kPlaces,
+                         u = std::cos(turn) * x + std::sin(turn) * y, v = std::cos(turn) * y - std::sin(turn) * x,
+                         into = std::min(18 - std::abs(u), 13.5 - std::abs(v));
+            sum += into < 0 ? 1 : into < bevel ? 0 : light;
+        }
+        return {0, 0, sum / (kPlaces * kPlaces)};
+    }
+};
+
+// A narrow bevel darkens no lenslet wholly: the light of the glass beside it is no part of the edge.
+TEST(EdgeWidth, of_a_tinted_plate_at_rest_is_that_of_its_bevel) {
+    for (const double bevel : {0.5, 0.7, 1.0, 1.2}) {
+        for (const double light : {0.84, 0.8, 0.76, 0.7, 0.6, 0.4}) {
+            for (const double turn : {0.0, 0.1, 0.4, 0.8})
+                EXPECT_NE(fault_of(exposed_at(kAtRest, TintedPlate{turn, bevel, light}), PartForm::plate),
+                          FrameFault::blurred_edge)
+                    << bevel << " " << light << " " << turn;
+        }
+    }
+}
+
+// By two lenslets and more. What is as light as half of the free light shows no outline.
+TEST(EdgeWidth, of_a_tinted_plate_tells_that_it_moved_or_was_exposed_twice) {
+    const std::vector<double> two = {-1, -0.5, 0, 0.5, 1}, four = {-2, -1.5, -1, -0.5, 0, 0.5, 1, 1.5, 2},
+                              twice_2 = {-1, 1}, twice_3 = {-1.5, 1.5}, twice_4 = {-2, 2};
+    for (const double bevel : {0.5, 0.7, 1.2}) {
+        for (const double light : {0.76, 0.7, 0.6}) {
+            for (const auto& places : {two, four, twice_2, twice_3, twice_4}) {
+                for (const double turn : {0.0, 0.3}) {
+                    const Frame frame = exposed_at(places, TintedPlate{turn, bevel, light});
+                    for (const Frame& seen : {frame, transposed(frame)})
+                        EXPECT_NE(fault_of(seen, PartForm::plate), FrameFault::none)
+                            << bevel << " " << light << " " << turn << " " << places.size() << " " << places.back();
+                }
             }
         }
     }
@@ -67,7 +116,7 @@ TEST(EdgeWidth, of_a_part_that_bends_light_by_its_own_slope_is_none) {
             const double bend = 0.05 * ring * std::sin(6.2832 * into / ring);
             return {bend * x / r, bend * y / r, into < 1 ? 0.0 : 0.92};
         };
-        EXPECT_EQ(fault_of(exposed_at({0}, rings)), FrameFault::none) << ring;
+        EXPECT_EQ(fault_of(exposed_at(kAtRest, rings)), FrameFault::none) << ring;
     }
 }
 
