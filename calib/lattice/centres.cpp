@@ -303,8 +303,9 @@ void CentreFinder::Kernels::calibrate_gain(std::span<const algo::PixelPoint> cen
         const Moments right = moments({c.x_px + step, c.y_px});
         const Moments above = moments({c.x_px, c.y_px - step});
         const Moments below = moments({c.x_px, c.y_px + step});
-        answered += (left.x - right.x + above.y - below.y) / amplitude;
-        shift += right.about.x_px - left.about.x_px + below.about.y_px - above.about.y_px;
+        // A quotient of sums: the light of a dead lenslet is rounding, and its own quotient may have any size.
+        answered += left.x - right.x + above.y - below.y;
+        shift += amplitude * (right.about.x_px - left.about.x_px + below.about.y_px - above.about.y_px);
     }
     gain = shift > 0 ? answered / shift : 0;
 }

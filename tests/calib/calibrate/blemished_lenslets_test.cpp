@@ -101,6 +101,42 @@ TEST(BlemishedLenslets, differ_in_shape_and_not_in_level) {
     }
 }
 
+// The light of a dead lenslet is the rounding of sums: quotients of it must not count where the profile is learned.
+TEST(BlemishedLenslets, dead_ones_in_the_middle_do_not_matter) {
+    for (const double offset : {0.3, 2.4, 4.1, 5.6, 7.0, 8.4, 9.9, 11.3}) {
+        for (const std::size_t dead : {1, 2, 3}) {
+            SCOPED_TRACE(::testing::Message() << offset << " px, " << dead);
+            White white{.width_px = 300,
+                        .height_px = 260,
+                        .pitch_px = 24,
+                        .offset_x_px = offset,
+                        .offset_y_px = offset + 0.3,
+                        .disc_radius_px = 6.9,
+                        .edge_px = 0.6,
+                        .square = true,
+                        .subpixels = 3,
+                        .peak_dn = 216.75,
+                        .background_dn = 2,
+                        .noise = false,
+                        .bits = 8};
+            auto near = test::draw(white).truth;
+            const auto far = [](const test::TruePoint& at) { return std::hypot(at.x - 149.5, at.y - 129.5); };
+            std::ranges::sort(near, {}, far);
+            white.light = [&](double x, double y) {
+                for (std::size_t k = 0; k < dead; ++k) {
+                    if (std::hypot(x - near[3 * k].x, y - near[3 * k].y) < 12) return 0.0;
+                }
+                return 1.0;
+            };
+            const auto drawn = test::draw(white);
+            const auto calibration = calibrate_grid(drawn.frame.view());
+            ASSERT_TRUE(calibration) << calibration.error().message();
+            EXPECT_EQ(calibration->missing, static_cast<int>(dead));
+            EXPECT_LT(test::compare(drawn, *calibration, white.pitch_px).max_px, 0.02);
+        }
+    }
+}
+
 // Where the light ends, lenslets are lit in part: their shape says nothing about dust.
 TEST(BlemishedLenslets, are_none_at_the_edge_of_the_light) {
     for (const double spot : {0.0, -2.5}) {
