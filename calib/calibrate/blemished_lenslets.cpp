@@ -18,6 +18,9 @@ bool stands_out(double own, std::vector<double>& near, double matters) {
     if (near.size() < kFewest) return false;
     std::ranges::nth_element(near, near.end() - 2, std::less<>());
     if (!(own > near[near.size() - 2] + matters)) return false;
+    // Shares are squares of differences, whose tails are long: the differences themselves are nearly normal.
+    own = std::sqrt(own);
+    for (double& one : near) one = std::sqrt(one);
     const double median = common::upper_median(std::span(near));
     for (double& one : near) one = std::abs(one - median);
     return own > median + kDeviations / kNormal * common::upper_median(std::span(near));
@@ -26,13 +29,13 @@ bool stands_out(double own, std::vector<double>& near, double matters) {
 }  // namespace
 
 void mark_blemished(std::span<Observation> observations,
-                    const std::function<std::optional<double>(const Observation&)>& unlike, double matters,
+                    const std::function<std::optional<Unlike>(const Observation&)>& unlike, double matters,
                     GridFit& fit) {
     algo::LensletGrid& grid = fit.grid;
     struct Known {
         const Observation* seen = nullptr;
         bool measured = false;
-        std::optional<double> unlike = {};
+        std::optional<Unlike> unlike = {};
     };
     std::vector<Known> lenslets(grid.index(0, grid.rows));
     for (const Observation& seen : observations) {
@@ -48,20 +51,23 @@ void mark_blemished(std::span<Observation> observations,
     for (Observation& seen : observations) {
         if ((seen.used && !all) || !grid.contains(seen.m, seen.n)) continue;
         const auto own = unlike_of(seen.m, seen.n);
-        std::vector<double> near, light;
+        std::vector<double> profile, turned, light;
         for (int n = std::max(0, seen.n - kNear); n <= std::min(grid.rows - 1, seen.n + kNear); ++n) {
             for (int m = std::max(0, seen.m - kNear); m <= std::min(grid.columns - 1, seen.m + kNear); ++m) {
                 if (m == seen.m && n == seen.n) continue;
                 const auto of = unlike_of(m, n);
                 if (!of) continue;
-                near.push_back(*of);
+                profile.push_back(of->profile);
+                turned.push_back(of->turned);
                 light.push_back(lenslets[grid.index(m, n)].seen->light_dn);
             }
         }
-        if (!own || near.empty()) continue;
+        if (!own || light.empty()) continue;
         // Noise has a larger share of the power of a dim lenslet: that of reading by the square of its light.
         const double dim = std::min(1.0, seen.light_dn / common::upper_median(std::span(light)));
-        if (!stands_out(dim * dim * *own, near, matters)) continue;
+        if (!stands_out(dim * dim * own->profile, profile, matters) &&
+            !stands_out(dim * dim * own->turned, turned, matters))
+            continue;
         seen.blemished = true;
         if (!seen.used) continue;
         seen.used = false;

@@ -7,17 +7,18 @@
 #include <span>
 
 #include "calib/fit/grid_fit.h"
+#include "calib/lattice/centres.h"
 
 namespace hord::calib {
 
 // Marks such lenslets `blemished`, not `used`, and takes shifts of their own from them: the outliers of the fit, and
-// all lenslets where each has a shift. `unlike`: the share of a lenslet's power that is not of the profile. A lenslet
-// is blemished if its share is larger than those of the lenslets within two columns and rows: by `matters` than all of
-// these but one, and by five of their robust standard deviations than their median. The share of a lenslet that is
-// dimmer than they are counts by the square of its light, because noise has more of it. Where several neighbours are
-// unlike together, something lies in the light in front of the array, and none is marked.
+// all lenslets where each has a shift. A lenslet is blemished if one of its shares in `unlike` is larger than those of
+// the lenslets within two columns and rows: by `matters` than all of these but one, and by five of their robust
+// standard deviations than their median. The shares of a lenslet that is dimmer than they are count by the square of
+// its light, because noise has more of it. Where several neighbours are unlike together, something lies in the light
+// in front of the array, and none is marked.
 void mark_blemished(std::span<Observation> observations,
-                    const std::function<std::optional<double>(const Observation&)>& unlike, double matters,
+                    const std::function<std::optional<Unlike>(const Observation&)>& unlike, double matters,
                     GridFit& fit);
 
 }  // namespace hord::calib

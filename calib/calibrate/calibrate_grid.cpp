@@ -254,7 +254,7 @@ void place_and_count(const LocalFinders& finders, double pitch, GridCalibration&
     // At the edge of the light, lenslets differ in shape without dust on them.
     mark_blemished(
         out.observations,
-        [&](const Observation& seen) -> std::optional<double> {
+        [&](const Observation& seen) -> std::optional<Unlike> {
             if (whole[grid.index(seen.m, seen.n)] == 0) return std::nullopt;
             return finder_for(finders, grid, pitch, seen.m, seen.n).unlike(seen.centre_px);
         },

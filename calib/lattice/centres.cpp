@@ -101,6 +101,7 @@ struct CentreFinder::Kernels {
     [[nodiscard]] std::optional<WindowPixels> pixels_about(algo::PixelPoint centre) const;
     [[nodiscard]] std::optional<algo::PixelPoint> split(algo::PixelPoint centre) const;
     [[nodiscard]] std::optional<Elongation> elongation(algo::PixelPoint centre) const;
+    [[nodiscard]] double turned(algo::PixelPoint centre) const;
     void calibrate_gain(std::span<const algo::PixelPoint> centres);
 };
 
@@ -290,6 +291,28 @@ std::optional<Elongation> CentreFinder::Kernels::elongation(algo::PixelPoint cen
     return Elongation{(xx - yy) / (xx + yy), 2 * xy / (xx + yy)};
 }
 
+// Power of the light that a turn by 180 degrees changes. Both places of a pair lie alike between the pixels, so that
+// both are blurred alike by the interpolation.
+double CentreFinder::Kernels::turned(algo::PixelPoint centre) const {
+    const int left = static_cast<int>(std::floor(centre.x_px)), top = static_cast<int>(std::floor(centre.y_px));
+    const double part_x = centre.x_px - left, part_y = centre.y_px - top;
+    const int reach = std::min({half, left, top, image->width_px() - 2 - left, image->height_px() - 2 - top});
+    const auto light_at = [&](int x, int y) {
+        const double above = image->at(left + x, top + y) * (1 - part_x) + image->at(left + x + 1, top + y) * part_x;
+        const double below =
+            image->at(left + x, top + y + 1) * (1 - part_x) + image->at(left + x + 1, top + y + 1) * part_x;
+        return above * (1 - part_y) + below * part_y;
+    };
+    double sum = 0;
+    for (int y = 0; y <= reach; ++y) {
+        for (int x = y == 0 ? 1 : -reach; x <= reach; ++x) {
+            const double window = lookup(weights.window, std::hypot(x, y));
+            if (window > 0) sum += window * std::pow(light_at(x, y) - light_at(-x, -y), 2) / 2;  // of both places
+        }
+    }
+    return sum;
+}
+
 // Sets `gain`, from the moments one phase to either side of known centres.
 void CentreFinder::Kernels::calibrate_gain(std::span<const algo::PixelPoint> centres) {
     const double step = 1.0 / phases;
@@ -448,7 +471,7 @@ Immunity CentreFinder::immunity() const { return kernels_->weights.immunity; }
 AgainstGradients CentreFinder::against() const { return kernels_->against; }
 double CentreFinder::shift_by_gradient_px2() const { return shift_by_gradient(kernels_->weights); }
 double CentreFinder::unlike_by_shift_px2() const { return unlike_by_shift(kernels_->weights); }
-std::optional<double> CentreFinder::unlike(algo::PixelPoint centre) const {
+std::optional<Unlike> CentreFinder::unlike(algo::PixelPoint centre) const {
     const auto of = kernels_->pixels_about(centre);
     if (!of) return std::nullopt;
     double area = 0, mean = 0, square = 0, left = 0;
@@ -458,7 +481,8 @@ std::optional<double> CentreFinder::unlike(algo::PixelPoint centre) const {
         square += p.window * p.light * p.light;
         left += p.window * std::pow(p.light - of->background - of->amplitude * p.shape, 2);
     }
-    return left / (square - mean * mean / area);
+    const double power = square - mean * mean / area;
+    return Unlike{left / power, kernels_->turned(centre) / power};
 }
 double CentreFinder::typical_amplitude_dn() const { return kernels_->typical_amplitude; }
 

@@ -28,6 +28,12 @@ struct Elongation {
     double aslant = 0;   // 2 xy / (xx + yy)
 };
 
+// How a lenslet's light differs, as shares of its power.
+struct Unlike {
+    double profile = 0;  // from the profile
+    double turned = 0;   // from itself, turned by 180 degrees: 0 for round, square and hexagonal lenslets
+};
+
 struct Immunity {
     bool background_gradient = false;
     bool vignetting = false;
@@ -89,9 +95,9 @@ class CentreFinder {
     [[nodiscard]] AgainstGradients against() const;  // as learned
     // How far a centre moves, px, where light changes by 1 a pixel, relative to itself. 0 if immune to vignetting.
     [[nodiscard]] double shift_by_gradient_px2() const;
-    // Share of a lenslet's power that is not of the profile. None if it cannot be measured.
-    [[nodiscard]] std::optional<double> unlike(algo::PixelPoint centre) const;
-    // The same of a lenslet beside its centre, over the square of that distance, px^-2; for small ones.
+    // None if it cannot be measured.
+    [[nodiscard]] std::optional<Unlike> unlike(algo::PixelPoint centre) const;
+    // Both parts of Unlike beside a lenslet's centre, over the square of that distance, px^-2; for small ones.
     [[nodiscard]] double unlike_by_shift_px2() const;
     [[nodiscard]] double typical_amplitude_dn() const;  // median of the lenslets learned from
 

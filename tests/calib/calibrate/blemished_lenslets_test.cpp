@@ -61,6 +61,46 @@ TEST(BlemishedLenslets, do_not_count_and_have_the_place_of_the_grid) {
     }
 }
 
+// A square lenslet without one of its corners is more like the profile, which is round; but not like itself turned.
+TEST(BlemishedLenslets, that_lost_a_corner_have_the_place_of_the_grid) {
+    for (const double turn : {0.0, 3.0}) {
+        for (const double radius : {1.6, 2.0, 2.6}) {
+            SCOPED_TRACE(::testing::Message() << turn << " degrees, " << radius);
+            White white{.width_px = 400,
+                        .height_px = 360,
+                        .pitch_px = 24,
+                        .rotation_deg = turn,
+                        .offset_x_px = 8.4,
+                        .offset_y_px = 8.7,
+                        .disc_radius_px = 6.9,
+                        .edge_px = 1,
+                        .square = true,
+                        .subpixels = 3,
+                        .peak_dn = 216.75,
+                        .background_dn = 2,
+                        .electrons_per_dn = 39,
+                        .bits = 8};
+            std::vector<test::TruePoint> grains = some_lenslets(white);
+            int corner = 0;
+            for (test::TruePoint& grain : grains) {
+                grain.x += corner % 2 == 0 ? 4.1 : -4.1;
+                grain.y += ++corner % 4 < 2 ? 5.9 : -5.9;
+            }
+            white.light = [&](double x, double y) {
+                double light = 1;
+                for (const test::TruePoint& at : grains)
+                    light *= 1 - 0.8 * std::clamp(radius + 0.5 - std::hypot(x - at.x, y - at.y), 0.0, 1.0);
+                return light;
+            };
+            const auto drawn = test::draw(white);
+            const auto calibration = calibrate_grid(drawn.frame.view());
+            ASSERT_TRUE(calibration) << calibration.error().message();
+            EXPECT_EQ(calibration->blemished, static_cast<int>(grains.size()));
+            EXPECT_LT(test::compare(drawn, *calibration, white.pitch_px).max_px, 0.02);
+        }
+    }
+}
+
 // Each lenslet is off its place, so that its light is judged. A grain that is brighter on one side than the lenslet and
 // darker on the other leaves its mean; a lenslet that is dim all over keeps its shape.
 TEST(BlemishedLenslets, differ_in_shape_and_not_in_level) {
@@ -152,6 +192,24 @@ TEST(BlemishedLenslets, are_none_at_the_edge_of_the_light) {
 
 // Clean lenslets, also where distortion scales them and where their edges are sharp.
 TEST(BlemishedLenslets, are_none_in_clean_frames) {
+    for (const double pitch : {17.3, 24.0}) {
+        for (const double edge : {1.0, 1.5}) {
+            SCOPED_TRACE(::testing::Message() << "squares of " << pitch << ", " << edge);
+            const auto calibration = calibrate_grid(test::draw({.width_px = 500,
+                                                                .height_px = 450,
+                                                                .pitch_px = pitch,
+                                                                .rotation_deg = 2,
+                                                                .disc_radius_px = 0.36 * pitch,
+                                                                .edge_px = edge,
+                                                                .square = true,
+                                                                .subpixels = 3,
+                                                                .misplaced_px = 0.005 * pitch,
+                                                                .peak_dn = 800})
+                                                        .frame.view());
+            ASSERT_TRUE(calibration) << calibration.error().message();
+            EXPECT_EQ(calibration->blemished, 0);
+        }
+    }
     for (const bool hexagonal : {false, true}) {
         for (const double k1 : {0.0, -0.05}) {
             for (const double edge : {0.3, 0.8, 2.0}) {
