@@ -19,6 +19,7 @@ namespace fs = std::filesystem;
 constexpr std::string_view kHead = "# In use since it was committed. Configured then: ";
 constexpr std::string_view kContent = "# Checksum with its reference: ";
 constexpr std::string_view kSeal = "# crc32 ";
+constexpr std::uintmax_t kMostBytes = 16'000'000;  // a recipe in use is not read into more memory
 
 // A comment of the file: the key and a CRC-32.
 std::string line(std::string_view key, std::uint32_t crc) { return fmt::format("{}{:08X}\n", key, crc); }
@@ -101,9 +102,6 @@ Result<void> remember_recipe(const fs::path& file, std::uint32_t configured, con
 fs::path damaged_recipe(const fs::path& file) { return file.string() + ".damaged"; }
 
 Result<std::optional<RememberedRecipe>> remembered_recipe(const fs::path& file, const NumberedRecipe& configured) {
-    const auto read = common::read_file(file);
-    if (!read && errno == ENOENT) return std::nullopt;
-    if (!read) return tl::unexpected(common::cannot_read(file));
     const auto damaged = [&](std::string_view why) {
         std::error_code error;
         fs::rename(file, damaged_recipe(file), error);
@@ -113,6 +111,16 @@ Result<std::optional<RememberedRecipe>> remembered_recipe(const fs::path& file, 
                                       : "was renamed " + damaged_recipe(file).filename().string()),
                     "commit or select the recipe again");
     };
+    std::error_code none;
+    if (const auto size = fs::file_size(file, none); !none && size > kMostBytes)
+        return damaged(fmt::format("it has {} bytes", size));
+    const auto read = common::read_file(file);
+    if (!read && errno == ENOENT) return std::nullopt;
+    if (!read) {
+        Error error = common::cannot_read(file);
+        error.cure = "move it away, then commit or select the recipe again";
+        return tl::unexpected(error);
+    }
     std::string_view text = *read;
     const auto seal = value_of(text.substr(text.size() - std::min(text.size(), length(kSeal))), kSeal);
     if (seal) text.remove_suffix(length(kSeal));

@@ -47,7 +47,7 @@ void Service::kept_is_lost(const Error& why, const NumberedRecipe& instead) {
     recipe_fault_ = kFaultConfiguration;
     on_trouble(
         {why.code,
-         fmt::format("the recipe that was in use before the restart cannot be used, recipe {} with CRC-32 {:08X} "
+         fmt::format("what was in use or learned before the restart cannot be used, recipe {} with CRC-32 {:08X} "
                      "is in use: {}",
                      instead.number, crc32_of(instead), why.what),
          why.cure});
@@ -65,6 +65,11 @@ Result<NumberedRecipe> Service::first_recipe() {
     };
     const auto in_use = config_.state_folder / kRecipeInUse, damaged = damaged_recipe(in_use);
     std::error_code ignored;
+    // What a process was writing when it was killed. Nobody else writes here: the folder is locked.
+    for (std::filesystem::directory_iterator at(config_.state_folder, ignored), end; at != end; at.increment(ignored)) {
+        const std::string name = at->path().filename().string();
+        if (name.starts_with(kRecipeInUse) && name.ends_with(".new")) std::filesystem::remove(at->path(), ignored);
+    }
     if (!std::filesystem::exists(in_use, ignored) && std::filesystem::exists(damaged, ignored)) {
         kept_is_lost({ErrorCode::invalid_argument,
                       damaged.string() + " was damaged at an earlier start, and no recipe was selected since",

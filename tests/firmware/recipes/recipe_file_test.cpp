@@ -428,6 +428,11 @@ TEST(RecipeInUse, is_refused_wherever_it_was_cut_or_changed) {
         EXPECT_TRUE(refused(other)) << "changed byte " << k;
     }
     EXPECT_TRUE(refused(std::string(whole.size(), '\0')));
+    write(whole);
+    std::filesystem::resize_file(file, std::uintmax_t{3} << 30U);  // is not read into memory
+    EXPECT_FALSE(remembered_recipe(file, configured));
+    EXPECT_FALSE(std::filesystem::exists(file));
+    std::filesystem::remove(damaged_recipe(file));
     std::filesystem::remove(file);
     std::filesystem::create_directories(file);
     EXPECT_FALSE(remembered_recipe(file, configured)) << "a folder in its place";

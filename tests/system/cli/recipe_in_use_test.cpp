@@ -93,7 +93,10 @@ TEST_F(RecipeInUse, that_is_damaged_is_set_aside_and_a_fault_until_another_is_se
     EXPECT_EQ(live(7).error, firmware::CommandError::none);
     EXPECT_EQ(live().number, 7);
     std::filesystem::resize_file(kept, std::filesystem::file_size(kept) - 20);
+    const std::filesystem::path unfinished = kept.string() + ".0a1b2c3d.new";
+    std::ofstream(unfinished) << "what a killed process was writing";
     const Life first = live();
+    EXPECT_FALSE(std::filesystem::exists(unfinished));
     EXPECT_EQ(first.number, 0) << "the configured one";
     EXPECT_EQ(first.faults & firmware::kFaultConfiguration, firmware::kFaultConfiguration) << first.said;
     EXPECT_THAT(first.said, HasSubstr(kept.string() + " is damaged ("));
