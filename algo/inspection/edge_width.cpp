@@ -113,13 +113,17 @@ std::uint32_t RimFinder::light_of_glass(const FieldLight& light, const LineOfPar
 // fifths to a fifth of the way from the free light to the darkest lenslet, that lenslet, and those behind it up to half
 // way to the light of the glass. -1 if the glass is clear.
 int RimFinder::width_before_glass(const FieldLight& light, const LineOfPart& line) const {
-    const std::uint32_t glass = light_of_glass(light, line);
     std::array<std::uint32_t, kFreeBeside> beside{};
+    std::uint64_t brightest = 0;
     std::size_t count = 0;
     for (int k = 1; k <= std::min(line.outside, kFreeBeside); ++k) {
-        if ((state_[line.at(-k)] & kReached) != 0) beside[count++] = light.sums[line.at(-k)];
+        if ((state_[line.at(-k)] & kReached) == 0) continue;
+        beside[count++] = light.sums[line.at(-k)];
+        brightest = std::max<std::uint64_t>(brightest, light.sums[line.at(-k)]);
     }
-    if (glass == 0 || count == 0) return -1;
+    if (8 * std::uint64_t{light.sums[line.at(line.inside / 2)]} >= 7 * brightest) return -1;  // most are clear
+    const std::uint32_t glass = light_of_glass(light, line);
+    if (glass == 0) return -1;
     // The upper quartile: the nearer half may show a second exposure of the part.
     const std::uint64_t free = common::nth_smallest(std::span(beside).first(count), 3 * (count - 1) / 4);
     if (8 * std::uint64_t{glass} >= 7 * free) return -1;  // above the four fifths by the noise of a lenslet
