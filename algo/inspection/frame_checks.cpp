@@ -197,6 +197,11 @@ FrameFault FrameChecks::check_light(const FrameView& frame, const DecodedField& 
     if (max_offset_bins_ > 0 && shows_middle && offset > max_offset_bins_) return FrameFault::off_centre;
     if (part.free_light) findings_.glare_share = static_cast<float>(glare_share(field));
     if (static_cast<double>(findings_.glare_share) > kMaxGlareShare) return FrameFault::glare;
+    if (part.free_light && max_second_share_ > 0) {
+        findings_.second_share =
+            std::max(findings_.second_share, static_cast<float>(second_share_of_places(frame, field, part)));
+        if (findings_.second_share > max_second_share_) return FrameFault::second_spot;
+    }
     return check_exposures(frame, field, alternation);
 }
 

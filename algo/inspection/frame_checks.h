@@ -92,6 +92,7 @@ class FrameChecks {
   private:
     FrameFault check_light(const FrameView& frame, const DecodedField& field, const FoundPart& part,
                            const Alternation& alternation);
+    double second_share_of_places(const FrameView& frame, const DecodedField& field, const FoundPart& part);
     // Of the judged lenslets, those far brighter than the median of the chosen ones.
     double glare_share(const DecodedField& field);
     // Of the chosen lenslets.

@@ -11,7 +11,13 @@ constexpr int kHalvings = 10;  // of the range of distances: to a 400th of a bin
 constexpr int kSteps = 8;
 
 struct Cumulants {
-    double third = 0, fifth = 0;  // bins to this power
+    double third = 0, fourth = 0, fifth = 0, sixth = 0;  // bins to this power
+};
+
+// A copy of the share s at the distance d: v = s (1 - s).
+struct Copy {
+    double v = 0, distance = 0;  // bins
+    [[nodiscard]] double share() const { return (1 - std::sqrt(1 - 4 * v)) / 2; }
 };
 
 double periodic(std::span<const double> axis, int at) {
@@ -35,12 +41,13 @@ Cumulants cumulants_of(std::span<const double> axis, double core) {
     double sum = 0, mean = 0;
     for (int at = first; at < end; ++at) sum += periodic(axis, at), mean += at * periodic(axis, at);
     mean /= sum;
-    std::array<double, 6> moments{};
+    std::array<double, 7> m{};  // central moments
     for (int at = first; at < end; ++at) {
         double power = periodic(axis, at) / sum;
-        for (double& moment : moments) moment += power, power *= at - mean;
+        for (double& moment : m) moment += power, power *= at - mean;
     }
-    return {moments[3], moments[5] - 10 * moments[2] * moments[3]};
+    return {m[3], m[4] - 3 * m[2] * m[2], m[5] - 10 * m[2] * m[3],
+            m[6] - 15 * m[4] * m[2] - 10 * m[3] * m[3] + 30 * m[2] * m[2] * m[2]};
 }
 
 // Third central moment of the light in the core, over all light. Of a bin partly within it, at the middle of that part.
@@ -69,6 +76,41 @@ double product_of_shares(double third) {
     return v;
 }
 
+// The distance, from kMinCopyBins to `far`, at which a ratio of cumulants that grows with it has this value.
+template <class RatioAt>
+double distance_of(double ratio, double far, RatioAt&& ratio_at) {
+    double near = kMinCopyBins;
+    for (int step = 0; step < kHalvings; ++step) {
+        const double d = (near + far) / 2;
+        (ratio_at(d) < ratio ? near : far) = d;
+    }
+    return near;
+}
+
+// On one side.
+Copy copy_of(const Cumulants& all, double skewness, double far) {
+    if (all.third == 0) return {};
+    const double third = std::abs(all.third - skewness);
+    const auto v_at = [&](double d) { return product_of_shares(third / (d * d * d)); };
+    const double d = distance_of(all.fifth / all.third, far, [&](double at) { return at * at * (1 - 12 * v_at(at)); });
+    return {v_at(d), d};
+}
+
+// On both sides alike: of what the copy on one side leaves. 0 of what is not positive, as a wide disc's is.
+double share_of_pair(const Cumulants& all, const Copy& copy, double far) {
+    const double v = copy.v, dd = copy.distance * copy.distance, fourth = all.fourth - v * (1 - 6 * v) * dd * dd,
+                 sixth = all.sixth - v * (1 - 30 * v + 120 * v * v) * dd * dd * dd;
+    if (!(fourth > 0)) return 0;
+    constexpr double kLargest = 1.0 / 12;  // of s (1 - 3 s)
+    const auto share_at = [&](double d) {
+        return (1 - std::sqrt(1 - 12 * std::min(fourth / (d * d * d * d), kLargest))) / 6;
+    };
+    return share_at(distance_of(sixth / fourth, far, [&](double at) {
+        const double s = share_at(at);
+        return at * at * (1 - 15 * s + 30 * s * s) / std::max(1 - 3 * s, 0.5);
+    }));
+}
+
 }  // namespace
 
 double copied_share(std::span<const double> axis, double core, double half_core) {
@@ -77,16 +119,9 @@ double copied_share(std::span<const double> axis, double core, double half_core)
     for (const double light : axis) sum += light;
     if (!(sum > 0)) return 0;
     const Cumulants all = cumulants_of(axis, core);
-    if (all.third == 0) return 0;
-    const double third = std::abs(all.third - skewness_of_core(axis, core, half_core)), ratio = all.fifth / all.third;
-    // k5 / k3 grows with the distance.
-    double near = kMinCopyBins, far = 0.5 * static_cast<double>(axis.size());
-    for (int step = 0; step < kHalvings; ++step) {
-        const double d = (near + far) / 2;
-        (d * d * (1 - 12 * product_of_shares(third / (d * d * d))) < ratio ? near : far) = d;
-    }
-    const double v = product_of_shares(third / (near * near * near));
-    return (1 - std::sqrt(1 - 4 * v)) / 2;
+    const double far = 0.5 * static_cast<double>(axis.size());
+    const Copy copy = copy_of(all, skewness_of_core(axis, core, half_core), far);
+    return std::max(copy.share(), share_of_pair(all, copy, far));
 }
 
 }  // namespace hord::algo

@@ -49,6 +49,21 @@ TEST(CopiedSpot, has_its_share_whatever_the_width_of_the_spot) {
     }
 }
 
+// Two on opposite sides cancel in the cumulants of odd order.
+TEST(CopiedSpot, on_both_sides_has_the_share_of_both) {
+    for (const double sigma : {0.3, 0.5, 0.7}) {
+        for (const double share : {0.06, 0.1, 0.2}) {
+            for (const double distance : {2.0, 2.5, 3.0}) {
+                std::vector<double> axis = with_copy(sigma, 4, share / 2, distance);
+                const std::vector<double> other = spot(sigma, 4 - distance, share / 2);
+                for (std::size_t k = 0; k < axis.size(); ++k) axis[k] += other[k];
+                const double of_light = share / (1 + share), found = copied_share(axis, 4, kHalfCore);
+                EXPECT_NEAR(found, of_light, 0.15 * of_light + kOfBins) << sigma << " " << share << " " << distance;
+            }
+        }
+    }
+}
+
 TEST(CopiedSpot, is_not_looked_for_in_few_bins) {
     EXPECT_EQ(copied_share(spot(0.5, 2.2, 1, 5), 2.2, kHalfCore), 0);
     EXPECT_EQ(copied_share(std::vector<double>(kBins, 0.0), 4, kHalfCore), 0);
