@@ -6,8 +6,9 @@
 // with the copy's share s of all light at the distance d.
 // Two copies on opposite sides cancel in these. They raise the cumulants of even order, by those of three points:
 //   k4 = s (1 - 3 s) d^4,   k6 = s (1 - 15 s + 30 s^2) d^6,
-// with the share s of both. One spot has hardly any: a Gaussian none, an even disc of the radius r -r^4 / 16, a narrow one
-// that three bins share at most 1/12 bin^4, as two copies of 0.5 % two bins away. docs/notes/inspection.md, "Near ghosts".
+// with the share s of both. One spot has hardly any: a Gaussian none, an even disc of the radius r -r^4 / 16, a narrow
+// one that three bins share at most 1/12 bin^4, as two copies of 0.5 % two bins away. docs/notes/inspection.md, "Near
+// ghosts".
 #pragma once
 
 #include <span>

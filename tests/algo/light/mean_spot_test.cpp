@@ -150,8 +150,8 @@ TEST(MeanSpot, counts_what_no_way_without_a_climb_leads_to_as_a_second_spot) {
     for (const auto& [i, j] : {std::pair(2, 4), std::pair(4, 2), std::pair(2, 2), std::pair(2, 6), std::pair(6, 2)})
         EXPECT_NEAR(of_bins({{4, 4, 90}, {i, j, 10}}).second_share, 0.1, 1e-6) << i << " " << j;
     EXPECT_NEAR(of_bins({{4, 4, 80}, {1, 4, 10}, {8, 8, 10}}).second_share, 0.2, 1e-6);
-    EXPECT_LT(of_bins({{4, 4, 90}, {4, 5, 10}}).second_share, 0.02);  // its neighbour
-    EXPECT_LT(of_bins({{4, 4, 90}, {5, 5, 10}}).second_share, 0.02);  // over a corner
+    EXPECT_LT(of_bins({{4, 4, 90}, {4, 5, 10}}).second_share, 0.02);                     // its neighbour
+    EXPECT_LT(of_bins({{4, 4, 90}, {5, 5, 10}}).second_share, 0.02);                     // over a corner
     EXPECT_LT(of_bins({{4, 4, 96}, {4, 3, 2}, {4, 5, 2}}).second_share, 1.0 / 12 / 16);  // copied_spot.h
 }
 
