@@ -189,7 +189,7 @@ Registered Learner::find(const ReferenceMaps& reference, const DecodedPart& part
 bool Learner::find_pose(std::size_t k, const DecodedPart& part) {
     const Registered found = find(reference_.maps(), part, reference_.parts);
     if (!found.found()) {
-        leave_out(k, explain(found.outcome));
+        leave_out(k, explain(found));
         return false;
     }
     poses_[k] = found.pose;
@@ -223,7 +223,7 @@ Result<bool> Learner::find_poses_from(std::size_t origin) {
         if (auto one = decode(k, part); !one) return tl::unexpected(one.error());
         const Registered found = find(reference.maps(), part, 1);
         if (!found.found()) {
-            out.push_back({k, explain(found.outcome)});
+            out.push_back({k, explain(found)});
             continue;
         }
         poses_[k] = found.pose;

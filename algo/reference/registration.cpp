@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstring>
+#include <cstdio>
+#include <numbers>
 
 #include "algo/frame/mask.h"
+#include "algo/reference/map_reader.h"
 #include "common/statistics.h"
 
 namespace hord::algo {
@@ -18,6 +20,7 @@ constexpr double kSwings = 1.0 / 8;      // factor of a step, after three revers
 constexpr double kNearlySettled = 0.03;  // lenslets: from here on with the whole sample
 constexpr int kCoarseSteps = 12;
 constexpr std::size_t kMinCoarse = 64;
+constexpr int kMinBlocks = 12;                        // a side, of which interpolation leaves 9
 constexpr double kShiftPrior = 1, kTurnPrior = 0.02;  // lenslets, radians
 constexpr double kLightFloor = 0.05,
                  kDeflectionFloor = 0.03;  // spread of good parts: of the typical light; bin pitches
@@ -26,7 +29,10 @@ constexpr double kTail = 3;                // standard deviations from which a r
 constexpr double kNoiseRidge = 4;          // weight of the prior that the reference's own noise needs
 constexpr double kHold = 1e12;             // weight of a prior that fixes an unknown
 constexpr double kTurnShare = 0.05;        // of the maps' changes that a turn must show: else the part is round
-constexpr double kForeignLight = 0.25, kForeignBins = 0.4;  // a sample that differs by more disagrees
+// A pose is refused if so much of the edges of one axis is missing: one of two opposite sides may be, and a third of
+// the other.
+constexpr double kLostEdges = 2.0 / 3;
+constexpr double kPhase = 0.25;  // edges that a part within half a lenslet may lack (edge_agreement.cpp)
 // A shift or turn as far as is allowed must change the maps by so many standard deviations, root mean square, beyond a
 // change that is the same everywhere: a tilt of the part, or of the light, makes that, too.
 constexpr double kDetermined = 0.5;
@@ -80,81 +86,37 @@ struct Changes {
     [[nodiscard]] double uneven(std::size_t u) const { return count > 0 ? squares[u] - sum[u] * sum[u] / count : 0; }
 };
 
-// Value and derivatives of a map at a point, by cubic interpolation of the 4x4 lenslets around it.
-struct MapAt {
-    double value = 0, by_m = 0, by_n = 0;
-    double curvature = 0;  // change of the slope over a lenslet, large at edges
-};
-class CubicReader {
-  public:
-    CubicReader(const Extents& extents, std::span<const std::uint8_t> mask) : extents_(extents), mask_(mask) {}
-    bool move_to(double m, double n);         // false if the 4x4 are not inside the field
-    [[nodiscard]] std::uint8_t mask() const;  // the bits of all 4x4, combined
-    [[nodiscard]] MapAt read(std::span<const float> map) const;
-
-  private:
-    Extents extents_;
-    std::span<const std::uint8_t> mask_;
-    std::size_t corner_ = 0;
-    float wm_[4] = {}, wn_[4] = {}, dm_[4] = {}, dn_[4] = {};
-};
-
-bool CubicReader::move_to(double m, double n) {
-    const double floor_m = std::floor(m), floor_n = std::floor(n);
-    const int first_m = static_cast<int>(floor_m) - 1, first_n = static_cast<int>(floor_n) - 1;
-    if (first_m < 0 || first_n < 0 || first_m + 3 >= extents_.m || first_n + 3 >= extents_.n) return false;
-    corner_ = extents_.index(first_m, first_n);
-    const auto keep = [](const CubicWeights& from, float(&to)[4]) {
-        for (int k = 0; k < 4; ++k) to[k] = static_cast<float>(from.of[k]);
-    };
-    keep(CubicWeights::at(m - floor_m), wm_), keep(CubicWeights::at(n - floor_n), wn_);
-    keep(CubicWeights::slope_at(m - floor_m), dm_), keep(CubicWeights::slope_at(n - floor_n), dn_);
-    return true;
-}
-
-std::uint8_t CubicReader::mask() const {
-    std::uint32_t all = 0;
-    for (std::size_t r = 0; r < 4; ++r) {
-        std::uint32_t row = 0;
-        std::memcpy(&row, mask_.data() + corner_ + r * static_cast<std::size_t>(extents_.m), sizeof row);
-        all |= row;
-    }
-    all |= all >> 16U;
-    return static_cast<std::uint8_t>(all | all >> 8U);
-}
-
-MapAt CubicReader::read(std::span<const float> map) const {
-    const float* row[4];
-    for (std::size_t r = 0; r < 4; ++r) row[r] = map.data() + corner_ + r * static_cast<std::size_t>(extents_.m);
-    float value[4], slope[4];  // of the columns
-    for (int c = 0; c < 4; ++c) {
-        value[c] = (wn_[0] * row[0][c] + wn_[1] * row[1][c]) + (wn_[2] * row[2][c] + wn_[3] * row[3][c]);
-        slope[c] = (dn_[0] * row[0][c] + dn_[1] * row[1][c]) + (dn_[2] * row[2][c] + dn_[3] * row[3][c]);
-    }
-    const auto along_row = [](const float(&w)[4], const float(&v)[4]) {
-        return static_cast<double>((w[0] * v[0] + w[1] * v[1]) + (w[2] * v[2] + w[3] * v[3]));
-    };
-    MapAt at;
-    at.value = along_row(wm_, value), at.by_m = along_row(dm_, value), at.by_n = along_row(wm_, slope);
-    const auto outer = [&](int r) { return (row[r][0] - row[r][1]) - (row[r][2] - row[r][3]); };
-    const auto inner = [&](int r) { return row[r][1] + row[r][2]; };
-    const float along = outer(1) + outer(2), across = (inner(0) - inner(1)) - (inner(2) - inner(3));
-    at.curvature = 0.25 * static_cast<double>(std::max(std::abs(along), std::abs(across)));
-    return at;
-}
-
 }  // namespace
+
+static_assert(kFarthestLenslets == 2.5 && kFarthestSine == 0.06, "as the sentences say");
 
 const char* explain(Registered::Outcome outcome) {
     switch (outcome) {
         case Registered::Outcome::found: return "it lies where the reference's parts do";
         case Registered::Outcome::too_little: return "too little of it is seen to find where it lies";
         case Registered::Outcome::too_far:
-            return "it lies too far from where the reference's parts did, or is turned too much";
+            return "it lies more than 2.5 lenslets or 3.4 degrees from the reference's pose: lay it closer, or learn "
+                   "from "
+                   "parts that lie like it";
         case Registered::Outcome::foreign: return "it does not look like the reference's parts";
+        case Registered::Outcome::other_edges:
+            return "its edges are not where the reference's parts have theirs: lay it within 2.5 lenslets and 3.4 "
+                   "degrees "
+                   "of them, or see whether it is another part";
         case Registered::Outcome::unsettled: return "where it lies cannot be settled";
     }
     return "";
+}
+
+std::string explain(const Registered& of) {
+    if (of.outcome != Registered::Outcome::too_far || of.missing_edges > kForeignShare) return explain(of.outcome);
+    std::array<char, 240> text{};
+    std::snprintf(
+        text.data(), text.size(),
+        "it lies %.1f lenslets along x and %.1f along y from the reference's pose, turned by %.1f degrees (2.5 "
+        "lenslets and 3.4 degrees are allowed): lay it closer, or learn from parts that lie like it",
+        of.pose.x, of.pose.y, of.pose.turn_rad() * 180 / std::numbers::pi);
+    return text.data();
 }
 
 namespace {
@@ -180,14 +142,21 @@ Registrar::Registrar(const Extents& extents) : extents_(extents) {
         if (coarse) coarse_ = sample_.size();
     }
     if (coarse_ < kMinCoarse) coarse_ = sample_.size();
+    if (std::min(extents.m, extents.n) >= kMinBlocks * CoarseMaps::kBlock) {
+        blocks_ = std::make_unique<CoarseMaps>(extents);
+        on_blocks_ = std::make_unique<Registrar>(blocks_->extents());
+    }
     ratios_.resize(sample_.size());
 }
 
-// One frame of a part.
-struct Registrar::PartMaps {
-    std::span<const Deflection> deflections;
-    std::span<const std::uint32_t> sums;
-    std::span<const std::uint8_t> mask;
+// What is compared.
+struct Registrar::Problem {
+    const ReferenceMaps& reference;
+    const PartMaps part;
+    double electrons_per_dn;
+    std::uint32_t parts;
+    double typical = 0;  // the reference's light, mean over the sample, DN
+    double light = 1;    // the part's over it
 };
 
 // The sums of one Gauss-Newton step over the sample.
@@ -247,8 +216,10 @@ bool Registrar::update_light(std::size_t count, std::size_t used, double& typica
 
 // Compares the first `used` samples with the reference. Returns how many ratios of light it has left in ratios_, and in
 // `next_typical` the sum of the reference's light there.
-std::size_t Registrar::compare(const ReferenceMaps& reference, const PartMaps& part, const PoseMap& map,
-                               std::size_t used, double typical, double light_ratio, Step& step, double& next_typical) {
+std::size_t Registrar::compare(const Problem& of, const PoseMap& map, std::size_t used, double typical,
+                               double light_ratio, Step& step, double& next_typical) {
+    const ReferenceMaps& reference = of.reference;
+    const PartMaps& part = of.part;
     CubicReader reader(extents_, reference.mask);
     const double middle_m = 0.5 * (extents_.m - 1), middle_n = 0.5 * (extents_.n - 1);
     const auto bins = [](DeflectionQ q) { return q.to_double_rounded(); };
@@ -293,14 +264,15 @@ std::size_t Registrar::compare(const ReferenceMaps& reference, const PartMaps& p
     return count;
 }
 
-Registered Registrar::find(const ReferenceMaps& reference, std::span<const Deflection> deflections,
-                           std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask,
-                           double electrons_per_dn, std::uint32_t parts) {
+// Gauss-Newton from `start`, near which the pose stays in what the maps do not determine.
+Registered Registrar::settle(const Problem& of, const Pose& start) {
     Registered result;
     Pose& pose = result.pose;
+    pose = start;
+    result.light = of.light;
     const double reach = std::max(0.5 * (extents_.m - 1), 0.5 * (extents_.n - 1));
-    double turn = 0;     // its sine
-    double typical = 0;  // the reference's light, mean over the sample, DN
+    double turn = start.sine;
+    double typical = of.typical;
     double shorter = 1;  // factor of a step: reduced while the steps oscillate
     std::array<double, 3> before{};
     bool round = false;  // a turn of the part does not show in the maps; decided at the first step
@@ -308,31 +280,22 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
     bool settling = false;                     // the last steps, with the whole sample
     int began = 0;                             // the first of them; 0 before: the quarter may have led far away
     std::size_t used = sample_.size(), count = 0;
-    for (const SamplePoint& s : sample_) {
-        if ((mask[s.k] & kNoHord) != 0 || (reference.mask[s.k] & (kOutside | kNoHord)) != 0 ||
-            !(reference.light[s.k] > 0))
-            continue;
-        ratios_[count++] = static_cast<double>(sums[s.k]) / static_cast<double>(reference.light[s.k]);
-        typical += static_cast<double>(reference.light[s.k]);
-    }
-    if (!update_light(count, used, typical, result.light)) return result;
     const auto outcome = [&](Registered::Outcome unless_foreign) {
         result.outcome = result.disagreeing > kForeignShare ? Registered::Outcome::foreign : unless_foreign;
         return result;
     };
     for (int k = 0;; ++k) {
         pose.sine = turn;
-        Step step(turn, typical * result.light * electrons_per_dn, parts);
+        Step step(turn, typical * result.light * of.electrons_per_dn, of.parts);
         double next_typical = 0;
-        count = compare(reference, {deflections, sums, mask}, PoseMap(pose, extents_), used, typical, result.light,
-                        step, next_typical);
+        count = compare(of, PoseMap(pose, extents_), used, typical, result.light, step, next_typical);
         result.disagreeing = step.compared > 0 ? step.foreign / step.compared : 1;
         const auto add_prior = [&](std::size_t unknown, double weight, double at) {
             step.normal.a[unknown][unknown] += weight;
             step.normal.b[unknown] -= weight * at;
         };
-        add_prior(0, 1 / (kShiftPrior * kShiftPrior) + kNoiseRidge * step.noise_of_shift, pose.x);
-        add_prior(1, 1 / (kShiftPrior * kShiftPrior) + kNoiseRidge * step.noise_of_shift, pose.y);
+        add_prior(0, 1 / (kShiftPrior * kShiftPrior) + kNoiseRidge * step.noise_of_shift, pose.x - start.x);
+        add_prior(1, 1 / (kShiftPrior * kShiftPrior) + kNoiseRidge * step.noise_of_shift, pose.y - start.y);
         if (k == 0) {
             round = step.normal.a[2][2] < kTurnShare * step.all_of_turn;
             for (std::size_t u = 0; u < 3; ++u) determined[u] = step.determines(u);
@@ -341,7 +304,8 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
         for (std::size_t u = 0; u < 3; ++u) {
             if (held[u]) step.normal.a[u][u] += kHold;
         }
-        add_prior(2, round ? kHold : 1 / (kTurnPrior * kTurnPrior) + kNoiseRidge * step.noise_of_turn, turn);
+        add_prior(2, round ? kHold : 1 / (kTurnPrior * kTurnPrior) + kNoiseRidge * step.noise_of_turn,
+                  turn - start.sine);
         const auto by = step.normal.solved();
         const double moved = std::max(std::abs(by[0]), std::abs(by[1])) + std::abs(by[2]) * reach;
         typical = next_typical;
@@ -367,20 +331,78 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
         pose.y += shortened * by[1];
         turn += shortened * by[2];
         const std::array<double*, 3> unknowns{&pose.x, &pose.y, &turn};
+        const std::array<double, 3> from{start.x, start.y, start.sine};
         for (std::size_t u = 0; u < 3; ++u) {
-            if (determined[u] || std::abs(*unknowns[u]) < kFarthest[u]) continue;
-            *unknowns[u] = std::copysign(kFarthest[u], *unknowns[u]);
+            const double moved_by = *unknowns[u] - from[u];
+            if (determined[u] || std::abs(moved_by) < kFarthest[u]) continue;
+            *unknowns[u] = from[u] + std::copysign(kFarthest[u], moved_by);
             held[u] = true;
         }
         if (!settling && (moved < kNearlySettled || k >= kCoarseSteps)) settling = true, began = k + 1;
         used = settling ? sample_.size() : coarse_;
-        if (!(std::abs(pose.x) < 2 * kFarthestLenslets && std::abs(pose.y) < 2 * kFarthestLenslets &&
-              std::abs(turn) < 2 * kFarthestSine))
+        if (!(std::abs(pose.x - start.x) < 2 * kFarthestLenslets &&
+              std::abs(pose.y - start.y) < 2 * kFarthestLenslets && std::abs(turn) < 2 * kFarthestSine))
             return outcome(Registered::Outcome::too_far);
     }
-    const bool far =
-        std::abs(pose.x) > kFarthestLenslets || std::abs(pose.y) > kFarthestLenslets || std::abs(turn) > kFarthestSine;
-    return outcome(far ? Registered::Outcome::too_far : Registered::Outcome::found);
+    return outcome(Registered::Outcome::found);
+}
+
+// Compares the edges at a pose that the steps have found, and refuses one that is too far.
+void Registrar::check(const Problem& of, bool afar, Registered& result) const {
+    if (!result.found()) return;
+    const EdgeAgreement edges =
+        compare_edges(extents_, of.reference, of.part, PoseMap(result.pose, extents_), of.typical, result.light);
+    result.missing_edges = edges.missing_share();
+    const auto far = [&](double shift, std::size_t axis) {
+        const bool known = blocks_ && afar && edges.tells_by_light(axis) && result.missing_edges <= kPhase;
+        return std::abs(shift) > (known ? kFarthestByEdges : kFarthestLenslets);
+    };
+    if (far(result.pose.x, 0) || far(result.pose.y, 1) || std::abs(result.pose.sine) > kFarthestSine)
+        result.outcome =
+            result.disagreeing > kForeignShare ? Registered::Outcome::foreign : Registered::Outcome::too_far;
+}
+
+bool Registrar::begin(Problem& of) {
+    std::size_t count = 0;
+    for (const SamplePoint& s : sample_) {
+        if ((of.part.mask[s.k] & kNoHord) != 0 || (of.reference.mask[s.k] & (kOutside | kNoHord)) != 0 ||
+            !(of.reference.light[s.k] > 0))
+            continue;
+        ratios_[count++] = static_cast<double>(of.part.sums[s.k]) / static_cast<double>(of.reference.light[s.k]);
+        of.typical += static_cast<double>(of.reference.light[s.k]);
+    }
+    return update_light(count, sample_.size(), of.typical, of.light);
+}
+
+// From where the coarse maps say that the part lies.
+Registered Registrar::settle_from_afar(const Problem& of) {
+    blocks_->fill(of.reference, of.part);
+    const ReferenceMaps reference = blocks_->reference();
+    Problem coarse{reference, blocks_->part(), of.electrons_per_dn, of.parts};
+    if (!on_blocks_->begin(coarse)) return {};
+    const Registered from = on_blocks_->settle(coarse, {});
+    const auto known = [&](std::size_t unknown, double value) { return from.determined[unknown] ? value : 0; };
+    return settle(of,
+                  {known(0, CoarseMaps::kBlock * from.pose.x), known(1, CoarseMaps::kBlock * from.pose.y),
+                   known(2, from.pose.sine)});
+}
+
+Registered Registrar::find(const ReferenceMaps& reference, std::span<const Deflection> deflections,
+                           std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask,
+                           double electrons_per_dn, std::uint32_t parts) {
+    Problem of{reference, {deflections, sums, mask}, electrons_per_dn, parts};
+    if (!begin(of)) return {};
+    Registered result = settle(of, {});
+    check(of, false, result);
+    if (result.found() && result.missing_edges <= kForeignShare) return result;
+    if (blocks_) {
+        Registered other = settle_from_afar(of);
+        check(of, true, other);
+        const bool better = other.missing_edges < result.missing_edges || (other.found() && !result.found());
+        if (better && other.missing_edges <= kForeignShare) result = other;
+    }
+    if (result.found() && result.missing_edges > kLostEdges) result.outcome = Registered::Outcome::other_edges;
+    return result;
 }
 
 }  // namespace hord::algo

@@ -1,8 +1,11 @@
 // Registration: finds a part's pose from its maps of light and mean deflection, to a small fraction of a lenslet, by
 // robust Gauss-Newton from the reference's own pose over a regular sample of lenslets (docs/notes/reference.md).
 //
-// It fails if the steps do not converge, if the pose exceeds kFarthestLenslets or kFarthestSine, or if more than
-// kForeignShare of the samples disagree grossly (another kind of part).
+// Where this fails, or the part lacks the reference's edges at that pose, blocks of lenslets tell another start, if the
+// field has 48 lenslets or more.
+//
+// It fails if the steps do not converge, if the pose exceeds kFarthestLenslets (kFarthestByEdges) or kFarthestSine, if
+// more than kForeignShare of the samples disagree grossly (another kind of part), or if the edges are elsewhere.
 //
 // Maps are read in floats, all else is doubles, + - * / and square roots in a fixed order: the same bits everywhere.
 // The constructor allocates all memory.
@@ -10,31 +13,32 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "algo/features/deflection.h"
 #include "algo/frame/extents.h"
+#include "algo/reference/coarse_maps.h"
+#include "algo/reference/edge_agreement.h"
 #include "algo/reference/pose.h"
+#include "algo/reference/registered_maps.h"
 
 namespace hord::algo {
 
 constexpr double kFarthestLenslets = 2.5, kFarthestSine = 0.06;  // 3.4 degrees
+// Along an axis of which edges of the light say where the part lies.
+constexpr double kFarthestByEdges = CoarseMaps::kBlock * kFarthestLenslets;
 constexpr double kForeignShare = 0.4;
 
-// The reference's maps, one value a lenslet. `mask`: no deflection at kDark and kSaturated, no value at kOutside.
-struct ReferenceMaps {
-    std::span<const float> light;  // DN
-    std::span<const float> x, y;   // mean deflection, bin pitches
-    std::span<const std::uint8_t> mask;
-};
-
 struct Registered {
-    enum class Outcome : std::uint8_t { found, too_little, too_far, foreign, unsettled };
+    enum class Outcome : std::uint8_t { found, too_little, too_far, foreign, other_edges, unsettled };
     Outcome outcome = Outcome::too_little;
     Pose pose;
-    double light = 1;        // the part's light over the reference's, median over the sample
-    double disagreeing = 0;  // share of the samples that disagree grossly
+    double light = 1;          // the part's light over the reference's, median over the sample
+    double disagreeing = 0;    // share of the samples that disagree grossly
+    double missing_edges = 2;  // share of the reference's edges that the part lacks there; 2: no pose was found
     // Whether the maps say where the part lies along x and y, and how it is turned (or it is round, so that no turn
     // matters). What they do not say stays near 0.
     std::array<bool, 3> determined{};
@@ -43,6 +47,8 @@ struct Registered {
 
 // One sentence for display.
 const char* explain(Registered::Outcome outcome);
+// With how far a part lies that is too far, if its edges show it.
+std::string explain(const Registered& of);
 
 class Registrar {
   public:
@@ -55,11 +61,15 @@ class Registrar {
                     std::uint32_t parts);
 
   private:
-    struct PartMaps;
+    struct Problem;
     struct Step;
+    bool begin(Problem& of);
     bool update_light(std::size_t count, std::size_t used, double& typical, double& light);
-    std::size_t compare(const ReferenceMaps& reference, const PartMaps& part, const PoseMap& map, std::size_t used,
-                        double typical, double light_ratio, Step& step, double& next_typical);
+    std::size_t compare(const Problem& of, const PoseMap& map, std::size_t used, double typical, double light_ratio,
+                        Step& step, double& next_typical);
+    Registered settle(const Problem& of, const Pose& start);
+    void check(const Problem& of, bool afar, Registered& result) const;
+    Registered settle_from_afar(const Problem& of);
 
     struct SamplePoint {
         std::uint32_t k;
@@ -69,6 +79,8 @@ class Registrar {
     std::vector<SamplePoint> sample_;  // begins with a quarter of it, evenly over the field:
     std::size_t coarse_ = 0;           // the first `coarse_` points
     std::vector<double> ratios_;
+    std::unique_ptr<CoarseMaps> blocks_;    // of large fields
+    std::unique_ptr<Registrar> on_blocks_;  // without the check of its poses
 };
 
 }  // namespace hord::algo

@@ -293,7 +293,7 @@ std::string why_unfit(const algo::Inspection& found, const algo::Recipe& recipe,
                                 recipe.rim_margin < 0 ? algo::default_rim_margin(extents) : recipe.rim_margin);
         case algo::Reason::unexpected_light: return light_fault(found.frame, recipe, extents);
         case algo::Reason::unexpected_geometry: return period_fault(found.frame, extents);
-        case algo::Reason::not_registered: return algo::explain(found.registered.outcome);
+        case algo::Reason::not_registered: return algo::explain(found.registered);
         default:
             if (recipe.form == algo::PartForm::tube)
                 return "no lenslet is left to judge between the tube's flanks: use wider bins or smaller lenslets, "

@@ -47,26 +47,61 @@ Registered found(const Form& reference, const Form& part, const Extents& field =
     return Registrar(field).find({light, x, y, mask}, deflections, sums, mask, 1, kParts);
 }
 
-// Bevels of 1.4 lenslets along the rows and columns alone say where a plate lies. In a field of more than 60 lenslets
-// not every row is in the sample.
-TEST(Registration, a_plate_is_found_by_its_edges_wherever_they_lie_between_the_samples_rows) {
-    constexpr Extents kLarge{111, 111, 9, 9};
+constexpr Extents kLarge{111, 111, 9, 9};  // not every row is in the sample
+
+// A plate with bevels of 1.4 lenslets. `noise`: that of a lenslet's light, relative, and a third of it in bins.
+Form plate(double half_x, double half_y, const Pose& pose, double noise, std::mt19937_64& random) {
     const auto bevel = [](double t, double outer) {  // the share of a lenslet at t
         return std::clamp(std::min(t + 0.5, outer) - std::max(t - 0.5, outer - 1.4), 0.0, 1.0);
     };
-    for (const double wider : {0.0, 0.5, 1.0, 1.5, 2.0, 2.5}) {
-        const auto plate = [&](double away_x, double away_y) {
-            return [=](double u, double v) {
-                const double x = std::abs(u - away_x), y = std::abs(v - away_y), a = 37 + wider, b = 27.5 + wider;
-                if (x > a + 0.5 || y > b + 0.5) return Seen{1, 0, 0};
-                return Seen{1 - std::max(bevel(x, a), bevel(y, b)), 0, 0};
-            };
+    return [=, &random](double u, double v) {
+        const auto normal = [&] {
+            double sum = -6;
+            for (int k = 0; k < 12; ++k) sum += static_cast<double>(random() >> 11U) * 0x1p-53;
+            return sum;
         };
-        const Registered r = found(plate(0, 0), plate(0.4, -0.4), kLarge);
-        EXPECT_TRUE(r.found()) << wider << ": " << explain(r.outcome);
+        const auto at = PoseMap(pose, {1, 1, 9, 9}).to_reference(u, v);
+        const double x = std::abs(at.m), y = std::abs(at.n);
+        const bool beside = x > half_x + 0.5 || y > half_y + 0.5;
+        const double light = beside ? 1 : 1 - std::max(bevel(x, half_x), bevel(y, half_y));
+        return Seen{light * (1 + noise * normal()), noise / 3 * normal(), noise / 3 * normal()};
+    };
+}
+
+// Bevels along the rows and columns alone say where a plate lies.
+TEST(Registration, a_plate_is_found_by_its_edges_wherever_they_lie_between_the_samples_rows) {
+    std::mt19937_64 random(1);
+    for (const double wider : {0.0, 0.5, 1.0, 1.5, 2.0, 2.5}) {
+        const auto at = [&](const Pose& pose) { return plate(37 + wider, 27.5 + wider, pose, 0, random); };
+        const Registered r = found(at({}), at({0.4, -0.4, 0}), kLarge);
+        EXPECT_TRUE(r.found()) << wider << ": " << explain(r);
         EXPECT_NEAR(r.pose.x, 0.4, 0.1) << wider;
         EXPECT_NEAR(r.pose.y, -0.4, 0.1) << wider;
     }
+}
+
+// So far that no bevel lies on its own in the reference: steps from the reference's pose end in wrong places.
+TEST(Registration, a_plate_whose_edges_lie_beside_those_of_the_reference_is_found) {
+    std::mt19937_64 random(2);
+    for (const double noise : {0.0, 0.02}) {
+        const auto at = [&](const Pose& pose) { return plate(37, 27.5, pose, noise, random); };
+        for (const Pose pose : {Pose{2.2, -1.8, 0.01}, Pose{-1.7, 2.3, -0.03}, Pose{0, 2.4, 0.04}, Pose{3.9, 0.2, 0},
+                                Pose{-0.2, -4.1, 0.02}, Pose{5.1, 7.9, 0}}) {
+            const Registered r = found(at({}), at(pose), kLarge);
+            EXPECT_TRUE(r.found()) << pose.x << ", " << pose.y << ": " << explain(r);
+            EXPECT_NEAR(r.pose.x, pose.x, 0.3);
+            EXPECT_NEAR(r.pose.y, pose.y, 0.3);
+            EXPECT_NEAR(r.pose.sine, pose.sine, 0.005);
+        }
+    }
+}
+
+TEST(Registration, a_plate_beyond_the_farthest_or_of_another_size_is_refused) {
+    std::mt19937_64 random(3);
+    const auto at = [&](double half_x, const Pose& pose) { return plate(half_x, 27.5, pose, 0.02, random); };
+    const Registered far = found(at(37, {}), at(37, {13, 0, 0}), kLarge);
+    EXPECT_FALSE(far.found()) << far.pose.x;
+    EXPECT_EQ(found(at(37, {}), at(42, {}), kLarge).outcome, Registered::Outcome::other_edges);
 }
 
 // A weak strip deflects by 0.025 bin a lenslet. A tilt of 0.09 bins moves its deflections as 3.6 lenslets would.

@@ -509,12 +509,21 @@ TEST(VerdictText, of_a_part_that_was_not_registered_says_what_registration_says)
     using Outcome = algo::Registered::Outcome;
     for (const auto& [outcome, why] :
          {std::pair(Outcome::too_little, "too little of it is seen to find where it lies"),
-          std::pair(Outcome::too_far, "it lies too far from where the reference's parts did, or is turned too much"),
+          std::pair(
+              Outcome::too_far,
+              "it lies more than 2.5 lenslets or 3.4 degrees from the reference's pose: lay it closer, or learn from "
+              "parts that lie like it"),
           std::pair(Outcome::foreign, "it does not look like the reference's parts"),
           std::pair(Outcome::unsettled, "where it lies cannot be settled")}) {
         found.registered.outcome = outcome;
         EXPECT_EQ(told(found), std::string("Not judged: ") + why + ".");
     }
+    found.registered.outcome = Outcome::too_far;
+    found.registered.pose = {3.24, -0.3, 0.01}, found.registered.missing_edges = 0.1;
+    EXPECT_EQ(
+        told(found),
+        "Not judged: it lies 3.2 lenslets along x and -0.3 along y from the reference's pose, turned by 0.6 degrees "
+        "(2.5 lenslets and 3.4 degrees are allowed): lay it closer, or learn from parts that lie like it.");
 }
 
 }  // namespace
