@@ -42,6 +42,9 @@ class Core {
     // Replaces the contents of `actions`. A `now` earlier than that of the last step is replaced by it.
     Answer step(const Event& event, TimePoint now, Actions& actions);
 
+    // The process ends: from the next step on, which halts, every part without a result gets it. Its rejection failed.
+    void end() { ends_ = true; }
+
     // When the next Tick is due unless another event comes first. In the past: at once.
     [[nodiscard]] TimePoint next_wake() const { return next_wake_; }
 
@@ -127,6 +130,7 @@ class Core {
 
     std::uint32_t up_ = 0;  // the FaultBits of the devices that work
     bool started_ = false;  // StartDevice was pushed for the devices
+    bool ends_ = false;     // end() was called
     bool run_permit_ = false;
     TimePoint permitted_since_;                     // when the run permit was given last
     TimePoint started_at_ = TimePoint::min();       // the last start: a part that came before it is not inspected

@@ -68,7 +68,7 @@ TimePoint Core::settle(Part& part) {
             decide(part, PartVerdict::unfit, PartReason::strobe_failed);
         }
     }
-    if (part.abandoned && part.phase != Part::Phase::complete) {
+    if ((part.abandoned || ends_) && part.phase != Part::Phase::complete) {
         if (part.phase == Part::Phase::decided) ++counters_.reject_commanded;
         complete(part, RejectState::failed);
     }

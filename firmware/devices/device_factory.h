@@ -94,6 +94,7 @@ class Backends {
         std::size_t look = 0;         // which of the rendered parts it is
         std::optional<bool> ejected;  // nothing: the rejector is real, so the simulated line does not see it
         bool taken_off = false;       // by clear_line()
+        bool on_line = false;         // still, when the station ended: what it would have been is not known
     };
     // Both are called on the loop's thread. `over`: the simulated line's last part has left. A real line never ends.
     virtual void watch_line(std::function<void(const Fate&)> fate, std::function<void()> over) = 0;

@@ -321,6 +321,7 @@ Result<void> Service::run() {
 
 // In the order of the destructor. The store comes last: the line must not wait for it.
 std::vector<Error> Service::close() {
+    if (station_) halt();
     close_servers();
     registers_.reset();
     plc_interface_.reset();

@@ -62,8 +62,12 @@ class Service final : public StationObserver, public InspectionObserver {
 
     void stop() { loop_->request_stop(); }  // any thread
 
-    // After run(): halts (lights off, outputs safe), then writes what waits for the store. Blocks for some seconds at
-    // most if the store fails. Returns what could not be stored: it is lost. Only the destructor may follow.
+    // After run(): halts (lights off, outputs safe), and every part on the line gets its result. Only close() and the
+    // destructor may follow.
+    void halt() { station_->end(); }
+
+    // After run(): halts unless that was done, then writes what waits for the store. Blocks for some seconds at most if
+    // the store fails. Returns what could not be stored: it is lost. Only the destructor may follow.
     std::vector<Error> close();
 
     // Loop thread. Applies another configuration at run time: access rules, the PLC's timeout, the folder of recipes,

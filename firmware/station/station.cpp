@@ -112,6 +112,12 @@ void Station::plc_back() { process(PlcBack{}); }
 
 void Station::line_unknown() { process(LineUnknown{}); }
 
+void Station::end() {
+    core_.end();
+    request(Command::halt);
+    while (core_.next_wake() <= cell_.loop.now()) process(Tick{});  // one step has no room for all
+}
+
 // Events that come during a step are queued until its end: steps do not nest.
 Answer Station::process(const Event& event) {
     if (stepping_) {

@@ -80,6 +80,10 @@ class Station {
     // withdrawn.
     void line_unknown();
 
+    // Halts, and gives every part on the line its result at once: what halt would give it when its time is over. For
+    // the end of the process: only the destructor may follow.
+    void end();
+
     [[nodiscard]] Snapshot snapshot() const { return core_.snapshot(); }
     [[nodiscard]] const Core& core() const { return core_; }
 

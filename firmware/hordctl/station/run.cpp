@@ -48,6 +48,7 @@ Json to_json(const PartResult& result, const Backends::Fate& fate, const std::st
     if (!fate.kind.empty()) json["truth"] = fate.kind;
     json["ejected"] = fate.ejected ? Json(*fate.ejected) : Json(nullptr);
     if (fate.taken_off) json["taken_off"] = true;
+    if (fate.on_line) json["on_line"] = true;
     return json;
 }
 
@@ -168,7 +169,6 @@ class Run {
         }
         begun_ = service_->loop().now();
         const auto ran = service_->run();
-        progress_.reset();
         if (reader_.joinable()) reader_.join();
         if (!ran) return complain(ran.error());
         return finish();
@@ -317,6 +317,19 @@ class Run {
         end_if_settled();
     }
 
+    // Halts. The parts that are on the line get their results, and nobody sees their way off it any more.
+    void settle_the_rest() {
+        ending_ = true;
+        service_->halt();
+        for (const auto& [arrived, result] : std::exchange(results_, {})) {
+            results_[arrived] = result;
+            Backends::Fate fate;
+            fate.arrived = hal::TimePoint(Duration(arrived));
+            fate.on_line = true;
+            on_fate(fate);
+        }
+    }
+
     // Reads the counters as a PLC would, over the network, while the station still runs; then stops it.
     void end() {
         if (ending_) return;
@@ -334,6 +347,8 @@ class Run {
     Exit finish() {
         if (!ending_) last_snapshot_ = service_->snapshot();
         const bool waited = ending_ || service_->loop().now() - begun_ >= milliseconds(1000) * kWaitsForDevice;
+        settle_the_rest();
+        progress_.reset();
         const Duration elapsed = last_seen_.time_since_epoch() - first_arrival_.value_or(Duration::zero());
         const auto print = [out = options_.json ? stderr : stdout](const std::string& text) {
             std::fputs(text.c_str(), out);  // does not throw: what is lost must still be told

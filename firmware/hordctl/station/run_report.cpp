@@ -25,9 +25,10 @@ void RunReport::add(const PartResult& result, const Backends::Fate& fate) {
     row.reject += result.verdict == PartVerdict::reject ? 1 : 0;
     row.unfit += result.verdict == PartVerdict::unfit ? 1 : 0;
     row.ejected += fate.ejected.value_or(false) ? 1 : 0;
-    ways_known_ = ways_known_ && fate.ejected.has_value();
+    ways_known_ = ways_known_ && (fate.ejected.has_value() || fate.on_line);
     if (result.reason != PartReason::none) ++reasons_[result.reason];
     taken_off_ += fate.taken_off ? 1U : 0U;
+    on_line_ += fate.on_line ? 1U : 0U;
     if (!fate.kind.empty() && !fate.taken_off && fate.ejected == (fate.kind == "good")) ++wrong_;
 }
 
@@ -39,13 +40,15 @@ std::string RunReport::text(hal::Duration elapsed) const {
         ? fmt::format("{:<12} {:>7} {:>7} {:>7} {:>7} {:>9}\n", "truth", "parts", "pass", "reject", "unfit", "ejected")
         : fmt::format("{:<12} {:>7} {:>7} {:>7} {:>7}\n", "", "parts", "pass", "reject", "unfit");
     for (const auto& [kind, row] : rows_) {
-        out += fmt::format("{:<12} {:>7} {:>7} {:>7} {:>7}", kind.empty() ? "all" : kind, row.parts, row.pass,
-                           row.reject, row.unfit);
+        out += fmt::format("{:<12} {:>7} {:>7} {:>7} {:>7}", kind.empty() ? (truth_known ? "not known" : "all") : kind,
+                           row.parts, row.pass, row.reject, row.unfit);
         if (!kind.empty()) out += fmt::format(" {:>9}", ways_known_ ? std::to_string(row.ejected) : "-");
         out += '\n';
     }
     if (truth_known && ways_known_)
-        out += fmt::format("{} of {} parts left the line by the right way\n", parts() - taken_off_ - wrong_, parts());
+        out += fmt::format("{} of {} parts left the line by the right way\n", parts() - taken_off_ - on_line_ - wrong_,
+                           parts());
+    if (on_line_ > 0) out += fmt::format("{} were on the line when the station ended\n", on_line_);
     if (taken_off_ > 0) out += fmt::format("{} were taken off the stopped line by hand\n", taken_off_);
 
     if (!reasons_.empty()) {

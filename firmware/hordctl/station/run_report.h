@@ -30,7 +30,7 @@ class RunReport {
     std::map<std::string, Row> rows_;
     std::map<PartReason, std::size_t> reasons_;
     std::size_t wrong_ = 0;  // good and ejected, or defective and not
-    std::size_t taken_off_ = 0;
+    std::size_t taken_off_ = 0, on_line_ = 0;
     bool ways_known_ = true;  // every part's way off the line is known
 };
 

@@ -303,6 +303,37 @@ TEST_F(StationTest, a_halt_with_a_part_on_the_line_tells_the_fault_and_why_befor
     EXPECT_EQ(text_of(station->snapshot().line_stop_why), "");
 }
 
+// More parts than one step of the core has room for: passed, to be rejected, commanded, and not yet judged.
+TEST_F(StationTest, its_end_gives_every_part_on_the_line_its_one_result) {
+    constexpr int kParts = 150;
+    CoreConfig config;
+    config.transport = std::chrono::seconds(10);
+    config.max_parts = 200;
+    station.reset();
+    station.emplace(config, Cell{loop, part_sensor, strobe, sensor, rejector, *inspector}, &observer);
+    run();
+    answer.judged.verdict = algo::Verdict::reject;
+    for (int k = 0; k < kParts; ++k) {
+        part();
+        loop.run_for(milliseconds(10));
+        light_and_frame();
+        loop.run_for(milliseconds(40));
+    }
+    part();
+    EXPECT_TRUE(observer.results.empty());
+    station->end();
+    ASSERT_EQ(observer.results.size(), std::size_t{kParts} + 1);
+    for (std::uint32_t k = 0; k <= kParts; ++k) {
+        EXPECT_EQ(observer.results[k].part, k + 1);
+        EXPECT_EQ(observer.results[k].verdict, k < kParts ? PartVerdict::reject : PartVerdict::unfit);
+        EXPECT_EQ(observer.results[k].reject, RejectState::failed);
+    }
+    EXPECT_EQ(observer.states.back(), State::halted);
+    EXPECT_NE(station->snapshot().faults_active & kFaultRejectUnconfirmed, 0U);
+    station.reset();
+    EXPECT_EQ(observer.results.size(), std::size_t{kParts} + 1);
+}
+
 TEST_F(StationTest, halt_closes_what_reset_and_initialise_open_again) {
     run();
     ASSERT_EQ(station->request(Command::halt), Answer::done);

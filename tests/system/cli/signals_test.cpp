@@ -3,6 +3,7 @@
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <regex>
 #include <string>
 #include <thread>
 
@@ -122,6 +123,28 @@ TEST_F(Frames, go_on_behind_nohup_when_the_terminal_is_closed) {
     line.signal(SIGHUP);
     EXPECT_FALSE(line.says("no part came", std::chrono::seconds(1))) << "the report of the end";
     EXPECT_EQ(line.stop(SIGTERM).status, 0);
+}
+
+// A part is rejected 1.5 s after it came: some are on the line at any time.
+TEST_F(Frames, and_their_line_end_with_one_result_for_every_part_that_came) {
+    write(27, 60, "[station]\nmax_failures_in_a_row = 0\n[store]\nfree_mb = 1\nfolder = \"store\"\n");
+    const std::vector<std::string> lines{"run", "--config", folder / "c.toml", "--rate", "2", "--json"};
+    Running line("hordctl", lines);
+    ASSERT_TRUE(line.says("{\"part\":1,")) << line.so_far().err;
+    const Said said = line.stop(SIGTERM);
+    EXPECT_EQ(said.status, 0) << said.err;
+    EXPECT_THAT(said.err, HasSubstr("were on the line when the station ended\n"));
+    const auto parts_of = [](const std::string& text, const std::regex& part) {
+        std::vector<int> parts;
+        for (auto it = std::sregex_iterator(text.begin(), text.end(), part); it != std::sregex_iterator(); ++it)
+            parts.push_back(std::stoi((*it)[1]));
+        return parts;
+    };
+    const std::vector<int> printed = parts_of(said.out, std::regex("\"part\":([0-9]+),"));
+    EXPECT_GT(printed.size(), 2U) << said.out;
+    for (std::size_t k = 0; k < printed.size(); ++k) EXPECT_EQ(printed[k], static_cast<int>(k) + 1);
+    const Said stored = run("hordctl", {"results", "--store", folder / "store", "--format", "json"});
+    EXPECT_EQ(parts_of(stored.out, std::regex("\"part\":([0-9]+),")), printed) << stored.out << stored.err;
 }
 
 TEST_F(Frames, end_the_run_after_so_many_parts_or_with_the_last_one_which_is_said) {
