@@ -104,15 +104,25 @@ class Folders {
     std::vector<std::string> good_;
 };
 
-}  // namespace
-
-Result<std::vector<std::string>> check_folders(const Config& config) {
-    Folders folders;
+void look_at_sources(const Config& config, Folders& folders) {
     if (const auto* const frames = std::get_if<FrameFolder>(&config.sensor))
         folders.read("sensor.folder", frames->folder);
     if (const auto* const parts = std::get_if<SimulatedSensor>(&config.sensor);
         parts != nullptr && !parts->scenes.empty())
         folders.read("sensor.scenes", parts->scenes);
+}
+
+}  // namespace
+
+Result<void> check_sources(const Config& config) {
+    Folders folders;
+    look_at_sources(config, folders);
+    return folders.result().map([](const auto&) {});
+}
+
+Result<std::vector<std::string>> check_folders(const Config& config) {
+    Folders folders;
+    look_at_sources(config, folders);
     // The default one need not exist.
     const fs::path& recipes = config.inspection.recipes;
     std::error_code error;

@@ -14,4 +14,7 @@ namespace hord::firmware {
 // and calibrations are for their readers to check.
 Result<std::vector<std::string>> check_folders(const Config& config);
 
+// Only the folders without which nothing can start: those of recorded frames and of scenes. Fails likewise.
+Result<void> check_sources(const Config& config);
+
 }  // namespace hord::firmware

@@ -84,6 +84,7 @@ class Daemon {
     int run() {
         auto config = read_config(options_);
         if (!config) return refuse_configuration(config.error());
+        if (auto usable = Service::check(*config); !usable) return refuse_configuration(usable.error());
         sd_notify(0, "STATUS=opening devices");
         SimulationOptions simulation;
         simulation.variety = 2;

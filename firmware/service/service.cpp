@@ -13,6 +13,8 @@
 #include <fmt/format.h>
 
 #include "common/assign.h"
+#include "common/toml_fields.h"
+#include "firmware/config/path_check.h"
 #include "firmware/diagnostics/inspection_self_test.h"
 #include "firmware/diagnostics/learn_report.h"
 #include "firmware/recipes/recipe_folder.h"
@@ -266,6 +268,18 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
     connect(std::move(*recipe), *extents);
     publish_again();
     publish_health_again();
+    return {};
+}
+
+Result<void> Service::check(const Config& config) {
+    common::TomlProblems found;
+    const auto use = [&](const auto& result) {
+        if (!result) found.add(result.error());
+    };
+    use(recipe_or_default(config.inspection.recipe));
+    if (!config.inspection.grid.empty()) use(calib::read_grid(config.inspection.grid));
+    use(check_sources(config));
+    if (!found.empty()) return found.as_error();
     return {};
 }
 

@@ -47,6 +47,11 @@ struct ListenSockets {
 
 class Service final : public StationObserver, public InspectionObserver {
   public:
+    // Whether what the configuration names can be used: recipe, calibration, the folder of frames or scenes. What it
+    // finds stays so until a person changes something; devices and ports, which may come, are for open(). Fails with
+    // all problems, one a line.
+    static Result<void> check(const Config& config);
+
     // Opens devices and ports; nothing runs yet. A signal that would stop run() ends the program while a simulated cell
     // renders and while recorded frames are read. Fails as the devices and servers do, and with busy, before anything
     // is written, if another station uses the folder of state or results. The destructor halts: lights off, outputs

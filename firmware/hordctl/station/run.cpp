@@ -139,6 +139,7 @@ class Run {
             config->modbus.host = listen->host;  // who may read and write stays as configured
             config->modbus.port = listen->port;
         }
+        if (auto usable = Service::check(*config); !usable) return complain(usable.error());
         if (!options_.store.empty()) {
             config->store.folder = options_.store;
             // A service goes on without its store; who names one here wants it. Rendering takes longer than this check.

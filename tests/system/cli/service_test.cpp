@@ -320,6 +320,39 @@ TEST_F(Service, proves_an_empty_line_at_an_orderly_end_and_at_no_other) {
     }
 }
 
+// 78: systemd would start it again and again with any other status.
+TEST_F(Service, refuses_files_that_cannot_be_used_before_anything_is_rendered) {
+    const std::filesystem::path empty = folder / "empty";
+    std::filesystem::create_directories(empty);
+    std::filesystem::create_symlink("nowhere", folder / "link.toml");
+    std::ofstream(folder / "bad.toml") << "schema = 1\nnumber = 1\n[limits]\nemd_bins = -1\n";
+    const auto refused = [&](const std::string& what, const std::string& name) {
+        const Said check = run("/usr/bin/env", under({}, {"--check"}));
+        const Said start = run("/usr/bin/env", under({"CACHE_DIRECTORY=" + empty.string()}));
+        EXPECT_EQ(check.status, 78) << what;
+        EXPECT_EQ(start.status, 78) << what << start.err;
+        EXPECT_THAT(start.err, HasSubstr(name)) << what;
+        const Said line = run("hordctl", {"run", "--config", folder / "c.toml", "--parts", "1"});
+        EXPECT_EQ(line.status, 2) << what;
+        EXPECT_THAT(line.err, testing::AllOf(HasSubstr(name), Not(HasSubstr("render")))) << what;
+    };
+    for (const std::string key : {"recipe", "grid"}) {
+        for (const std::string file : {"none.toml", "bad.toml", "link.toml", "empty"}) {
+            std::ofstream(folder / "c.toml") << simulated_beside("[modbus]\nport = 0\n[inspection]\nmacro = \"3x3\"\n" +
+                                                                 key + " = \"" + file + "\"\n");
+            refused(key + " " + file, file);
+        }
+    }
+    for (const std::string folder_key : {"backend = \"frames\"\nfolder", "backend = \"simulated\"\nscenes"}) {
+        for (const std::string file : {"none", "c.toml"}) {
+            std::ofstream(folder / "c.toml")
+                << simulated_beside("[modbus]\nport = 0\n[sensor]\n" + folder_key + " = \"" + file + "\"\n");
+            refused(folder_key + " " + file, file);
+        }
+    }
+    EXPECT_TRUE(std::filesystem::is_empty(empty)) << "a cell was rendered";
+}
+
 TEST_F(Service, a_second_station_on_the_same_state_folder_is_refused_before_it_writes) {
     write_config("[station]\nautostart = false\n");
     const auto state = folder.path() / "state";
