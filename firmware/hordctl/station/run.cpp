@@ -264,10 +264,13 @@ class Run {
     void on_fate(const Backends::Fate& fate) {
         const std::int64_t arrived = fate.arrived.time_since_epoch().count();
         fates_[arrived] = fate;
+        ++fated_;
         settle(arrived);
     }
     void on_line_over() {
         line_over_ = true;
+        if (fated_ < options_.line.parts)
+            say(fmt::format("the last recorded frame was played: {} of {} parts came", fated_, options_.line.parts));
         // Parts that the station never saw have a fate and no result: stop waiting after a while.
         service_->loop().call_after(milliseconds(2000), [this] { end(); });
         end_if_settled();
@@ -398,7 +401,7 @@ class Run {
     Sentences sentences_;
     std::map<std::int64_t, PartResult> results_;  // by arrival, until their fate is known
     std::map<std::int64_t, Backends::Fate> fates_;
-    std::size_t settled_ = 0, resets_ = 0;
+    std::size_t settled_ = 0, fated_ = 0, resets_ = 0;
     std::uint32_t told_ = 0;                 // FaultBits, since the last change of state
     std::optional<Duration> first_arrival_;  // since the loop's epoch
     hal::TimePoint begun_{}, last_seen_{};
@@ -456,8 +459,10 @@ void add_run(CLI::App& program, Exit& status) {
         ->needs(simulate);  // a real line is reset by a person only
     command->add_flag("--json", options->json, "Print one JSON object a part; the report goes to stderr");
     command->footer(
-        "Exit status: 0 every part that came got its verdict, 2 bad configuration, or a port or a state folder that "
-        "another station uses, 3 the station ended in an error, or results or frames could not be stored.\n"
+        "Exit status: 0 every part that came got its verdict, 2 bad configuration, a port or a state folder that "
+        "another "
+        "station uses, or output that could not be written, 3 the station ended in an error, or results or frames "
+        "could not be stored.\n"
         "Example: hordctl run --simulate --parts 200 --modbus 127.0.0.1:1502");
     command->callback([options, rate, &status] {
         if (!options->config.empty() && rate->count() == 0) options->line.parts_per_second = 0;

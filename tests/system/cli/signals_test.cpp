@@ -151,11 +151,15 @@ TEST_F(Frames, end_the_run_after_so_many_parts_or_with_the_last_one_which_is_sai
     write(27, 4, "[station]\nmax_failures_in_a_row = 0\n");
     const std::vector<std::string> all{"run", "--config", folder / "c.toml", "--rate", "2"};
     const std::string last = "the last recorded frame was played: no part comes any more";
-    std::vector<std::string> two = all;
-    two.insert(two.end(), {"--parts", "2"});
-    const Said some = run("hordctl", two), whole = run("hordctl", all);
+    const auto with_parts = [&](const std::string& count) {
+        std::vector<std::string> arguments = all;
+        arguments.insert(arguments.end(), {"--parts", count});
+        return run("hordctl", arguments);
+    };
+    const Said some = with_parts("2"), more = with_parts("5"), whole = run("hordctl", all);
     EXPECT_THAT(some.out, HasSubstr("seen 2 "));
-    EXPECT_THAT(some.err, Not(HasSubstr(last)));
+    EXPECT_THAT(some.err, Not(HasSubstr("the last recorded frame was played")));
+    EXPECT_THAT(more.err, HasSubstr("the last recorded frame was played: 4 of 5 parts came\n"));
     EXPECT_THAT(whole.out, HasSubstr("seen 4 "));
     EXPECT_THAT(whole.err, HasSubstr(last));
 }
