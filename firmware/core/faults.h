@@ -78,8 +78,8 @@ inline constexpr std::array<FaultInfo, kFaultCount> kFaultTable{{
      "of an exposure a message before it names part and lateness; of verdicts, lower the line's rate, raise "
      "inspection.threads or move the ejector downstream (line.transport_ms)"},
     {kFaultConfiguration, "configuration", FaultSource::service, 3, "a930d55d954540f3ae889fe46f2c7a8c",
-     "the recipe that was in use before the restart cannot be used; the configured one judges",
-     "see the log for the file and the reason; commit or select the recipe again"},
+     "the recipe that was in use before the restart cannot be used, or the one in use cannot be kept for the next",
+     "see the log for the file and the reason, then commit or select the recipe again"},
     {kFaultLightLevel, "light-level", FaultSource::core, 3, "43f2f1936e854f08b5927b0fe339d309",
      "frames are too dark or saturated",
      "check the collimator and the optics for dirt, then timing.strobe_us and timing.exposure_us"},

@@ -41,12 +41,16 @@ bool shows_a_part(algo::Reason reason) {
         reason != unexpected_light && reason != unexpected_geometry;
 }
 
-void remove_quietly(const fs::path& path) {
-    std::error_code ignored;
-    fs::remove_all(path, ignored);
+}  // namespace
+
+Result<void> LineTeachIn::check_folder() const {
+    return options_.check_folder ? options_.check_folder() : Result<void>();
 }
 
-}  // namespace
+void LineTeachIn::remove_quietly(const fs::path& path) const {
+    std::error_code ignored;
+    if (check_folder()) fs::remove_all(path, ignored);
+}
 
 LineTeachIn::LineTeachIn(hal::EventLoop& loop, TeachInOptions options) : loop_(loop), options_(std::move(options)) {
     remove_quietly(options_.folder / kSpool);
@@ -107,12 +111,13 @@ void LineTeachIn::discard(const NumberedRecipe& learned) {
     report_stopped_ = true;  // before the removal: write_report() looks at it after its writing
     remove_quietly(options_.folder / kWaiting);
     remove_quietly(learned.reference_file);
-    remove_taught_report(learned.reference_file);
+    if (check_folder()) remove_taught_report(learned.reference_file);
 }
 
 void LineTeachIn::in_use(const NumberedRecipe& recipe) {
     remove_quietly(options_.folder / kWaiting);
     if (recipe.reference_file.parent_path() != options_.folder / kReferences) return;  // not a learned one
+    if (!check_folder()) return;
     remove_other_taught(recipe.reference_file, recipe.number);
 }
 
@@ -138,8 +143,8 @@ void LineTeachIn::finish(Result<TeachResult> outcome) {
 // The outcome is told: nothing of the session is used here but its frames on the disk.
 void LineTeachIn::write_report(const LearnedParts& parts) {
     const auto stopped = [&] { return report_stopped_ || cancelled_; };
-    const auto written = options_.report(parts);
-    if (!written || stopped()) remove_taught_report(parts.file);
+    const auto written = check_folder().and_then([&] { return options_.report(parts); });
+    if ((!written || stopped()) && check_folder()) remove_taught_report(parts.file);
     if (!written && !stopped()) {
         post([this, error = written.error(), file = parts.file.string()] {
             if (!options_.trouble) return;
@@ -220,6 +225,7 @@ void LineTeachIn::step() {
 Result<void> LineTeachIn::prepare() {
     report_stopped_ = false;
     to_report_.reset();
+    if (auto here = check_folder(); !here) return here;
     frame_ = Frame(options_.extents.width_px(), options_.extents.height_px(),
                    options_.bits);  // zeroed, so its pages are allocated
     std::error_code error;
@@ -256,6 +262,10 @@ fs::path LineTeachIn::spool_file(std::size_t k) const {
 // Writes the slot's frame to the disk. Then the slot is empty again, or closed after the last frame.
 Result<void> LineTeachIn::spool() {
     const fs::path file = spool_file(session_->numbers.size());
+    if (auto here = check_folder(); !here) {
+        slot_ = Slot::closed;
+        return here;
+    }
     const auto refuse = [&](int why) {
         slot_ = Slot::closed;
         return fail(ErrorCode::io, fmt::format("{} cannot be written: {}", file.string(), std::strerror(why)),
@@ -338,7 +348,8 @@ Result<TeachResult> LineTeachIn::learn() {
     for (const std::string& sentence : unsure) remark(sentence);
 
     result.recipe.reference_file = next_taught_reference(options_.folder / kReferences, result.recipe.number);
-    auto written = write_reference(result.recipe.reference_file, *result.recipe.recipe.reference);
+    auto written = check_folder().and_then(
+        [&] { return write_reference(result.recipe.reference_file, *result.recipe.recipe.reference); });
     (void)crc32_of(result.recipe);  // cached here, so that the loop's thread need not compute it
     if (written) written = remember_recipe(options_.folder / kWaiting, before, result.recipe);
     if (!written || cancelled_) {

@@ -73,7 +73,9 @@ struct TeachInOptions {
     std::filesystem::path folder = {};        // must exist
     std::uint64_t leave_free_bytes = 0;       // on the disk
     std::uint32_t ignored_part = 0xFFFFFFFF;  // number of the station's own test parts
-    bool thread = true;                       // false: works on the loop's thread, for virtual time
+    // Before each write and removal: whether `folder` is still the station's. Any thread. Empty: it is.
+    std::function<Result<void>()> check_folder = {};
+    bool thread = true;  // false: works on the loop's thread, for virtual time
     // Writes the report_file()s of the reference, on the background thread. Its `frame_of` fails when the report is not
     // wanted any more. Empty: no report.
     std::function<Result<void>(const LearnedParts&)> report = {};
@@ -120,6 +122,8 @@ class LineTeachIn final : public TeachIn {
     [[nodiscard]] Result<std::string> inspect_again(const algo::Recipe& recipe, const std::vector<bool>& left_out);
     [[nodiscard]] Result<Frame> read_spooled(std::size_t k) const;
     [[nodiscard]] std::filesystem::path spool_file(std::size_t k) const;
+    [[nodiscard]] Result<void> check_folder() const;
+    void remove_quietly(const std::filesystem::path& path) const;
     void post(std::function<void()> call);  // to the loop, unless this is destroyed before
     void step();
     void finish(Result<TeachResult> outcome);

@@ -158,6 +158,7 @@ Result<algo::Extents> Service::open_inspector(const NumberedRecipe& recipe) {
                            .folder = std::filesystem::absolute(config_.state_folder),
                            .leave_free_bytes = static_cast<std::uint64_t>(config_.store.free_mb) * 1'000'000 / 2,
                            .ignored_part = Station::kTestPart,
+                           .check_folder = [this] { return state_lock_.check_place(); },
                            .report = write_report,
                            .trouble = [this](const Error& error) { on_trouble(error); }});
     }
@@ -292,7 +293,7 @@ Result<std::unique_ptr<Service>> Service::open(const Config& config, const Simul
 
 // Withdraws the proof that the process before left, and returns whether it said that the line is empty.
 bool Service::withdraw_proof() {
-    const auto proven = empty_line_.withdraw();
+    const auto proven = state_lock_.check_place().and_then([&] { return empty_line_.withdraw(); });
     proof_withdrawn_ = proven.has_value();
     if (!proven) on_trouble(proven.error());
     return proven.value_or(false);
@@ -314,7 +315,8 @@ void Service::prove_empty_line() {
     for (const auto until = loop_->now() + kBeltStops; loop_->now() < until;) {
         if (loop_->run_until(uncertain, until - loop_->now())) return;
     }
-    if (auto given = empty_line_.give(); !given) on_trouble(given.error());
+    const auto given = state_lock_.check_place().and_then([&] { return empty_line_.give(); });
+    if (!given) on_trouble(given.error());
 }
 
 Result<void> Service::run() {

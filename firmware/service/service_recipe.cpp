@@ -59,6 +59,7 @@ Result<NumberedRecipe> Service::first_recipe() {
     if (!recipe) return recipe;
     configured_recipe_ = crc32_of(*recipe);
     if (config_.state_folder.empty()) return recipe;
+    if (auto here = state_lock_.check_place(); !here) return tl::unexpected(here.error());
     const auto take = [&](const std::filesystem::path& file, Result<std::optional<RememberedRecipe>> kept) {
         if (!kept) kept_is_lost(kept.error(), *recipe);
         else if (*kept) recipe = take_kept(std::move(**kept), std::move(*recipe), file);
@@ -84,6 +85,11 @@ Result<NumberedRecipe> Service::first_recipe() {
 // Writes what a restart uses again.
 Result<void> Service::keep_recipe(const NumberedRecipe& recipe) {
     if (config_.state_folder.empty()) return {};
+    if (auto here = state_lock_.check_place(); !here) {
+        recipe_fault_ = kFaultConfiguration;
+        loop_->post([this] { report_faults(); });
+        return here;
+    }
     auto kept = remember_recipe(config_.state_folder / kRecipeInUse, configured_recipe_, recipe);
     if (kept) teach_in_->in_use(recipe);
     else kept.error().cure = "check the folder's owner and its disk";  // short, so that REPLY holds it

@@ -6,6 +6,7 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "common/file_writing.h"
@@ -50,12 +51,13 @@ std::string is_in_use(const std::string& what, const std::filesystem::path& fold
 
 Result<StateLock> StateLock::take(const std::filesystem::path& folder, const std::string& what) {
     StateLock lock;
+    lock.path_ = folder;
+    lock.what_ = what;
     const std::filesystem::path file = folder / "station.lock";
     const auto is_free = [](common::UniqueFd& held) {
         if (!held || ::flock(held.get(), LOCK_EX | LOCK_NB) == 0) return true;
         if (errno == EWOULDBLOCK) return false;
-        held.reset();  // a file system without such locks
-        return true;
+        return true;  // a file system without such locks
     };
     lock.folder_ = open_lock(folder, O_RDONLY | O_DIRECTORY);
     bool free = is_free(lock.folder_);
@@ -70,6 +72,16 @@ Result<StateLock> StateLock::take(const std::filesystem::path& folder, const std
     }
     if (lock.file_) sign(lock.file_.get());
     return lock;
+}
+
+Result<void> StateLock::check_place() const {
+    struct stat held {
+    }, now{};
+    if (!folder_ || ::fstat(folder_.get(), &held) != 0) return {};
+    if (::stat(path_.c_str(), &now) == 0 && now.st_dev == held.st_dev && now.st_ino == held.st_ino) return {};
+    return fail(ErrorCode::refused,
+                what_ + " " + path_.string() + " was renamed or removed since the start: nothing is written there",
+                "stop the station, put its folder back, start again");
 }
 
 std::optional<std::string> StateLock::in_use(const std::filesystem::path& folder, const std::string& what) {

@@ -28,7 +28,14 @@ class StateLock {
 
     [[nodiscard]] bool held() const { return folder_ || file_; }
 
+    // Before each write: whether the folder at the path is still the one that is held. Fails with refused if it was
+    // renamed or removed; another station may hold what is at the path since. Compares nothing of a folder that could
+    // not be opened. Any thread.
+    [[nodiscard]] Result<void> check_place() const;
+
   private:
+    std::filesystem::path path_;
+    std::string what_;
     common::UniqueFd folder_, file_;
 };
 

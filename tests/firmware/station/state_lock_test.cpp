@@ -126,5 +126,23 @@ TEST(StateLock, a_folder_that_cannot_be_written_is_no_reason_to_refuse_the_start
     ASSERT_TRUE(lock) << lock.error().message();
 }
 
+TEST(StateLock, tells_that_its_folder_is_at_its_place_no_more) {
+    const TempFolder folder;
+    const auto path = folder.path() / "state", moved = folder.path() / "moved";
+    std::filesystem::create_directory(path);
+    const auto lock = StateLock::take(path);
+    ASSERT_TRUE(lock);
+    EXPECT_TRUE(lock->check_place());
+    std::filesystem::rename(path, moved);
+    EXPECT_FALSE(lock->check_place());
+    std::filesystem::create_directory(path);
+    ASSERT_FALSE(lock->check_place());
+    EXPECT_EQ(lock->check_place().error().code, ErrorCode::refused);
+    EXPECT_THAT(lock->check_place().error().what, testing::HasSubstr(path.string() + " was renamed or removed"));
+    std::filesystem::remove_all(path);
+    std::filesystem::create_directory_symlink(moved, path);
+    EXPECT_TRUE(lock->check_place()) << "the same folder by another way";
+}
+
 }  // namespace
 }  // namespace hord::firmware

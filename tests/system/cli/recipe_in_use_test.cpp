@@ -166,5 +166,27 @@ TEST_F(RecipeInUse, that_cannot_be_kept_is_not_taken) {
     EXPECT_THAT(life.said, HasSubstr(kept.string() + " cannot be written: "));
 }
 
+// Another station may have locked the folder that is at the path since.
+TEST_F(RecipeInUse, is_not_written_into_another_folder_than_the_locked_one) {
+    const std::filesystem::path state = folder / "state", moved = folder / "moved";
+    std::filesystem::create_directory(state);
+    Running service("/usr/bin/env", under({"STATE_DIRECTORY=" + state.string()}));
+    for (const char* ready : {"Preoperational to Initialized", "registers at"})
+        ASSERT_TRUE(service.says(ready, kPatience)) << service.so_far().err;
+    std::filesystem::rename(state, moved);
+    std::filesystem::create_directory(state);
+    auto plc = client_at(port_of(service.so_far()));
+    ASSERT_TRUE(plc);
+    const auto reply = plc->command(firmware::Command::use_recipe, 7, 0, std::chrono::seconds(20));
+    ASSERT_TRUE(reply);
+    EXPECT_EQ(reply->error, firmware::CommandError::failed);
+    EXPECT_TRUE(service.says("configuration: the recipe that was in use before", kPatience)) << service.so_far().err;
+    EXPECT_EQ(plc->read(110, 1).value_or(std::vector<std::uint16_t>{9})[0], 0) << "the recipe stays";
+    service.stop(SIGTERM);
+    EXPECT_THAT(service.so_far().err, HasSubstr(state.string() + " was renamed or removed since the start"));
+    for (const char* file : {"recipe-in-use.toml", "line-empty", "station.lock", "teach"})
+        EXPECT_FALSE(std::filesystem::exists(state / file)) << file;
+}
+
 }  // namespace
 }  // namespace hord::test
