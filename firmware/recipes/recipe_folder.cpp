@@ -109,9 +109,13 @@ Result<std::optional<RememberedRecipe>> remembered_recipe(const fs::path& file, 
                     fmt::format("{} is damaged ({}) and {}", file.string(), why,
                                 error ? "cannot be renamed: " + error.message()
                                       : "was renamed " + damaged_recipe(file).filename().string()),
-                    "commit or select the recipe again");
+                    error ? "remove it by hand, then commit or select the recipe again"
+                          : "commit or select the recipe again, or remove that file and restart");
     };
     std::error_code none;
+    const fs::file_type kind = fs::status(file, none).type();
+    if (kind != fs::file_type::regular && fs::exists(fs::symlink_status(file, none)))
+        return damaged(kind == fs::file_type::directory ? "it is a folder" : "it is no regular file");
     if (const auto size = fs::file_size(file, none); !none && size > kMostBytes)
         return damaged(fmt::format("it has {} bytes", size));
     const auto read = common::read_file(file);
@@ -135,7 +139,7 @@ Result<std::optional<RememberedRecipe>> remembered_recipe(const fs::path& file, 
     if (*head != crc32_of(configured)) {
         if (content && text == format_recipe(configured))
             return RememberedRecipe{*content, configured};  // with another reference
-        if (!content || content == head) return std::nullopt;
+        if (!content) return std::nullopt;
         return RememberedRecipe{*content, std::nullopt};
     }
     auto recipe = parse_numbered_recipe(*read, file.string());

@@ -33,9 +33,9 @@ struct RememberedRecipe {
     // None: another recipe is configured since, and what was committed or learned is over.
     std::optional<NumberedRecipe> recipe;
 };
-// None: no file, or it has what was configured then. A damaged file (cut, changed) is renamed FILE.damaged; reading
-// fails then with invalid_argument, and the error says where the file is. Reading fails, too, if the file or the
-// recipe's reference cannot be read; the file stays then.
+// None: no file, or one of an earlier version that has what was configured then. A damaged file (cut, changed, not a
+// regular file) is renamed FILE.damaged; reading fails then with invalid_argument, and the error says where the file
+// is. Reading fails, too, if the file or the recipe's reference cannot be read; the file stays then.
 Result<std::optional<RememberedRecipe>> remembered_recipe(const std::filesystem::path& file,
                                                           const NumberedRecipe& configured);
 std::filesystem::path damaged_recipe(const std::filesystem::path& file);  // FILE.damaged

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include "common/file_writing.h"
 #include "firmware/core/faults.h"
 #include "firmware/recipes/recipe_folder.h"
 #include "firmware/service/service.h"
@@ -12,6 +13,20 @@ namespace hord::firmware {
 namespace {
 
 constexpr const char* kRecipeInUse = "recipe-in-use.toml";
+// The CRC-32 of the recipe that was in use last: tells that the file above is missing or an older one. Two lines: the
+// process ended while it kept the second recipe, and either may be in the file.
+constexpr const char* kLastInUse = "recipe-in-use.crc32";
+constexpr std::size_t kLine = 9;
+
+std::string line_of(std::uint32_t crc) { return fmt::format("{:08X}\n", crc); }
+
+// Empty: not known.
+std::string read_last(const std::filesystem::path& file) {
+    const std::string text = common::read_file(file).value_or("");
+    const bool whole = (text.size() == kLine || text.size() == 2 * kLine) && text[kLine - 1] == '\n' &&
+        text.back() == '\n' && text.find_first_not_of("0123456789ABCDEF\n") == std::string::npos;
+    return whole ? text : std::string();
+}
 
 }  // namespace
 
@@ -26,7 +41,8 @@ NumberedRecipe Service::take_kept(RememberedRecipe kept, NumberedRecipe configur
                                 file.string(), recipe.number, now),
                     "compare the recipe with what was committed"});
     } else if (kept.crc32 != now) {
-        std::string why = "the configured recipe or its reference has changed since", cure = "commit it again";
+        std::string why = "the configured recipe or its reference has changed since",
+                    cure = "put the old one back and restart, or commit it again";
         if (kept.recipe) {
             const std::string reference = recipe.reference_file.string();
             why =
@@ -77,7 +93,26 @@ Result<NumberedRecipe> Service::first_recipe() {
                       "commit or select the recipe again, or remove that file and restart"},
                      *recipe);
     }
-    take(in_use, remembered_recipe(in_use, *recipe));
+    auto kept = remembered_recipe(in_use, *recipe);
+    const auto last_file = config_.state_folder / kLastInUse;
+    const bool missing = !std::filesystem::exists(in_use, ignored);
+    // A damaged file is told of by its own name, until somebody removes it.
+    if (missing && std::filesystem::exists(damaged, ignored)) std::filesystem::remove(last_file, ignored);
+    const std::string last = read_last(last_file), then = last.substr(0, kLine - 1);
+    const auto was_last = [&](std::uint32_t crc) { return last.empty() || last.find(line_of(crc)) != last.npos; };
+    if (kept && missing && !was_last(crc32_of(*recipe))) {
+        kept_is_lost({ErrorCode::not_found,
+                      fmt::format("{} is missing, and the recipe with CRC-32 {} was in use", in_use.string(), then),
+                      fmt::format("commit or select the recipe again, or remove {} and restart", last_file.string())},
+                     *recipe);
+    } else if (kept && *kept && (*kept)->recipe && (*kept)->crc32 != 0 && !was_last((*kept)->crc32)) {
+        on_trouble({ErrorCode::invalid_argument,
+                    fmt::format("recipe {} is not what was in use before the restart: {} has CRC-32 {:08X}, {} was in "
+                                "use last; the file is an older one, or of another station",
+                                (*kept)->recipe->number, in_use.string(), (*kept)->crc32, then),
+                    "if nobody meant that, commit or select the recipe again"});
+    }
+    take(in_use, std::move(kept));
     take(LineTeachIn::pending_file(config_.state_folder), LineTeachIn::pending_recipe(config_.state_folder, *recipe));
     return recipe;
 }
@@ -90,7 +125,13 @@ Result<void> Service::keep_recipe(const NumberedRecipe& recipe) {
         loop_->post([this] { report_faults(); });
         return here;
     }
-    auto kept = remember_recipe(config_.state_folder / kRecipeInUse, configured_recipe_, recipe);
+    const auto last_file = config_.state_folder / kLastInUse;
+    const std::string last = read_last(last_file), now = line_of(crc32_of(recipe));
+    Result<void> kept;
+    if (last != now) kept = common::write_durably(last_file, last.substr(0, last.empty() ? 0 : kLine) + now);
+    if (kept) kept = remember_recipe(config_.state_folder / kRecipeInUse, configured_recipe_, recipe);
+    // Should this fail, the next start takes either for the last one.
+    if (last != now && (kept || !last.empty())) (void)common::write_durably(last_file, kept ? now : last);
     if (kept) teach_in_->in_use(recipe);
     else kept.error().cure = "check the folder's owner and its disk";  // short, so that REPLY holds it
     return kept;

@@ -160,10 +160,52 @@ TEST_F(RecipeInUse, that_cannot_be_kept_is_not_taken) {
     live();
     std::filesystem::remove(kept);
     std::filesystem::create_directories(kept / "in the way");
+    std::filesystem::create_directories(damaged / "in the way");  // so that it cannot be set aside
     const Life life = live(7, true);
     EXPECT_EQ(life.error, firmware::CommandError::failed);
     EXPECT_EQ(life.number, 0) << "the old recipe stays";
     EXPECT_THAT(life.said, HasSubstr(kept.string() + " cannot be written: "));
+}
+
+TEST_F(RecipeInUse, that_is_missing_or_no_file_is_a_fault_until_another_is_selected) {
+    EXPECT_EQ(live(7).error, firmware::CommandError::none);
+    std::filesystem::remove(kept);
+    for (int start = 0; start < 2; ++start) {
+        const Life life = live();
+        EXPECT_EQ(life.number, 0);
+        EXPECT_EQ(life.faults & firmware::kFaultConfiguration, firmware::kFaultConfiguration) << life.said;
+        EXPECT_THAT(life.said, HasSubstr(kept.string() + " is missing, and the recipe with CRC-32 "));
+    }
+    EXPECT_EQ(live(7, true).faults & firmware::kFaultConfiguration, 0U);
+    EXPECT_THAT(live().said, Not(HasSubstr("is missing")));
+    std::filesystem::remove(kept);
+    std::filesystem::create_symlink("nowhere", kept);
+    const Life link = live(7, true);
+    EXPECT_THAT(link.said, HasSubstr("is damaged (it is no regular file)"));
+    EXPECT_EQ(link.error, firmware::CommandError::none) << "the cure works";
+    EXPECT_EQ(live().number, 7);
+    std::filesystem::remove(kept);
+    std::filesystem::create_directory(kept);
+    std::filesystem::remove(damaged);
+    EXPECT_THAT(live().said, HasSubstr("is damaged (it is a folder)"));
+    std::filesystem::remove(damaged);
+    const Life removed = live();
+    EXPECT_EQ(removed.faults & firmware::kFaultConfiguration, 0U) << "the other cure works\n" << removed.said;
+}
+
+TEST_F(RecipeInUse, that_is_older_or_configured_otherwise_is_told_once) {
+    live();
+    const std::string older = common::read_file(kept).value();
+    live(7);
+    std::ofstream(kept) << older;
+    EXPECT_THAT(live().said, HasSubstr("was in use last; the file is an older one"));
+    EXPECT_THAT(live().said, Not(HasSubstr("not what was in use")));
+    std::ofstream(folder / "other.toml") << "schema = 1\nname = \"other\"\nnumber = 9\n";
+    std::ofstream(folder / "c.toml") << simulated_beside(
+        "[inspection]\nmacro = \"3x3\"\nrecipe = \"other.toml\"\n[modbus]\nport = 0\n"
+        "[station]\nautostart = false\n");
+    EXPECT_THAT(live().said, HasSubstr("recipe 9 is not what was in use before the restart"));
+    EXPECT_THAT(live().said, Not(HasSubstr("not what was in use")));
 }
 
 // Another station may have locked the folder that is at the path since.
