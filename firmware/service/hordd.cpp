@@ -100,8 +100,9 @@ class Daemon {
         service_->loop().post([this] { begin(); });
         const auto ran = service_->run();
         sd_notify(0, "STOPPING=1\nSTATUS=halting");
+        service_->halt();                                              // lights off, permit down
         const std::unique_ptr<Service> service = std::move(service_);  // watchers ask it nothing any more
-        const std::vector<Error> lost = service->close();              // lights off, permit down
+        const std::vector<Error> lost = service->close();
         for (const Error& error : lost) write_to_journal(JournalEvent::trouble, error.message());
         if (!ran) return complain(JournalEvent::trouble, ran.error(), kCannotRun);
         if (!lost.empty()) sd_notifyf(0, "STATUS=%s", lost.front().message().c_str());

@@ -147,6 +147,18 @@ TEST_F(Frames, and_their_line_end_with_one_result_for_every_part_that_came) {
     EXPECT_EQ(parts_of(stored.out, std::regex("\"part\":([0-9]+),")), printed) << stored.out << stored.err;
 }
 
+TEST_F(Frames, leave_a_fault_that_is_not_over_if_they_end_with_parts_on_the_line) {
+    write(27, 60, "[station]\nmax_failures_in_a_row = 0\n");
+    Running service(kHordd, {"--config", folder / "c.toml"});
+    ASSERT_TRUE(service.says("Ready to ContinuousExecution")) << service.so_far().err;
+    std::this_thread::sleep_for(std::chrono::seconds(2));
+    const Said said = service.stop(SIGTERM);
+    EXPECT_EQ(said.status, 0) << said.err;
+    EXPECT_THAT(said.err, HasSubstr("hordd: fault reject-unconfirmed: "));
+    EXPECT_THAT(said.err, Not(HasSubstr("is over")));
+    EXPECT_THAT(said.err, HasSubstr("ContinuousExecution to Halted\nhordd: stopped as asked\n"));
+}
+
 TEST_F(Frames, end_the_run_after_so_many_parts_or_with_the_last_one_which_is_said) {
     write(27, 4, "[station]\nmax_failures_in_a_row = 0\n");
     const std::vector<std::string> all{"run", "--config", folder / "c.toml", "--rate", "2"};
