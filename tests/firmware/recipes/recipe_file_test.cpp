@@ -392,7 +392,10 @@ TEST(RecipeFolder, finds_by_number_and_says_why_it_cannot) {
     EXPECT_FALSE((*over)->recipe);
     EXPECT_EQ((*over)->crc32, crc32_of(in_use));
     ASSERT_TRUE(remember_recipe(folder / "as configured", crc32_of(configured), configured));
-    EXPECT_FALSE(remembered_recipe(folder / "as configured", other)->has_value()) << "nobody had chosen another one";
+    const auto edited = remembered_recipe(folder / "as configured", other);  // nobody had chosen another one
+    ASSERT_TRUE(edited && *edited);
+    EXPECT_FALSE((*edited)->recipe);
+    EXPECT_EQ((*edited)->crc32, crc32_of(configured));
     EXPECT_FALSE(remembered_recipe(folder / "nowhere", configured)->has_value());
     in_use.reference_file = folder / "gone.hordref";
     ASSERT_TRUE(remember_recipe(folder / "in-use", crc32_of(configured), in_use));
