@@ -177,7 +177,15 @@ LoneSample Pipeline::Workspace::lone_sample(const FrameView& frame, const Defect
                                 for (int b = 0; b < extents.bins(); ++b)
                                     look_at(m * extents.i + b % extents.i, n * extents.j + b / extents.i);
                             });
-    return number == 1 ? found : LoneSample{};
+    if (number != 1) return {};
+    // Where lenslets around it have light at the same bin, it is what a defect leaves of a spot.
+    bool of_spot = false;
+    const int column = found.x / extents.i, row = found.y / extents.j;
+    extents.for_each_around(column, row, 2, [&](int m, int n) {
+        if (m == column && n == row) return;
+        of_spot |= above_dark(m * extents.i + found.x % extents.i, n * extents.j + found.y % extents.j) >= least;
+    });
+    return of_spot ? LoneSample{} : found;
 }
 
 // Looks for the part's outline. With a reference and several threads also for its pose, at the same time: it is needed
