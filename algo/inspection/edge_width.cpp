@@ -83,8 +83,8 @@ int RimFinder::width_of_edge(const FieldLight& light, const LineOfPart& line, do
     const auto is_partial = [&](int in) {
         const std::size_t k = line.at(in);
         if (in >= ramp.begin && in < ramp.end) return true;
-        return (light.mask[k] & kDark) == 0 && near_free.has(light.deflections[k]) &&
-            std::uint64_t{5} * light.sums[k] > free && std::uint64_t{5} * light.sums[k] < std::uint64_t{4} * free;
+        return near_free.has(light.deflections[k]) && std::uint64_t{5} * light.sums[k] > free &&
+            std::uint64_t{5} * light.sums[k] < std::uint64_t{4} * free;
     };
     int before = std::min(ramp.begin, 0), behind = std::max(ramp.begin, 0);
     while (before > -line.outside && is_partial(before - 1)) --before;
@@ -128,7 +128,7 @@ int RimFinder::width_before_glass(const FieldLight& light, const LineOfPart& lin
     const std::uint64_t free = common::nth_smallest(std::span(beside).first(count), 3 * (count - 1) / 4);
     if (8 * std::uint64_t{glass} >= 7 * free) return -1;  // above the four fifths by the noise of a lenslet
     const auto light_at = [&](int in) { return std::uint64_t{light.sums[line.at(in)]}; };
-    const auto is_dark = [&](int in) { return (light.mask[line.at(in)] & kDark) != 0 || 5 * light_at(in) <= free; };
+    const auto is_dark = [&](int in) { return 5 * light_at(in) <= free; };
     const int outermost = -std::min(line.outside, kFreeBeside), innermost = std::min(line.inside / 2, kWidest);
     int darkest = 0;
     for (int k = outermost; k < innermost; ++k) darkest = light_at(k) < light_at(darkest) ? k : darkest;

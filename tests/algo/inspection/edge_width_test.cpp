@@ -18,10 +18,10 @@ const std::vector<int> kAtRest = {0};
 
 // The mean of exposures of a part that lies so many lenslets to the right.
 template <class Place, class Part>
-Frame exposed_at(const std::vector<Place>& places, Part&& part) {
+Frame exposed_at(const std::vector<Place>& places, Part&& part, double peak_dn = 220) {
     std::vector<Frame> all;
     for (const Place place : places)
-        all.push_back(drawn(kField, 8, 220, [&](int m, int n) { return part(m - place, n); }));
+        all.push_back(drawn(kField, 8, peak_dn, [&](int m, int n) { return part(m - place, n); }));
     Frame mean = all.front();
     for (int y = 0; y < mean.height_px(); ++y) {
         for (int x = 0; x < mean.width_px(); ++x) {
@@ -104,6 +104,16 @@ TEST(EdgeWidth, of_a_tinted_plate_tells_that_it_moved_or_was_exposed_twice) {
                 }
             }
         }
+    }
+}
+
+// Little light hides no motion: lenslets that the edge covers in part tell of it even where they have too little light
+// for a HORD.
+TEST(EdgeWidth, of_a_tinted_plate_that_moved_shows_in_little_light) {
+    const std::vector<double> two = {-1, -0.75, -0.5, -0.25, 0, 0.25, 0.5, 0.75, 1};
+    for (const double light : {1.0, 0.5, 0.25, 0.2, 0.15, 0.12}) {
+        const Frame frame = exposed_at(two, TintedPlate{0, 1, 0.7}, 220 * light);
+        EXPECT_NE(fault_of(frame, PartForm::plate), FrameFault::none) << light;
     }
 }
 
