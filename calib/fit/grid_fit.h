@@ -81,10 +81,11 @@ Result<GridFit> fit_grid(const algo::LensletGrid& frame, std::span<Observation> 
 
 // Gives displaced lenslets their measured position: those that are fully lit (`whole`, one a lenslet of the grid, row
 // by row), are off the model by 1/500 to 1/20 of a pitch and by five robust standard deviations of the lenslets within
-// two columns and rows, whose halves (Observation::split_px) are both off to the same side by at least half as much,
-// that are not blemished, and none of whose eight neighbours is off the model. A shift of one half only is dirt; a
-// shift of neighbours, too, is in the light in front of the array (a bubble). Marks them `displaced`, adds their shifts
-// to the grid, and subtracts them from `rejected`.
+// two columns and rows (more if they are dimmer than these, by the ratio of the light), whose halves
+// (Observation::split_px) are both off to the same side by at least half as much, that are not blemished, and none of
+// whose eight neighbours is off the model. A shift of one half only is dirt; a shift of neighbours, too, is in the
+// light in front of the array (a bubble). Marks them `displaced`, adds their shifts to the grid, and subtracts them
+// from `rejected`.
 void place_displaced(std::span<Observation> observations, std::span<const std::uint8_t> whole, GridFit& fit);
 
 // The grid as a polynomial of `order` 1, 2 or 3 (model affine or cubic), by robust linear least squares: a start, and

@@ -144,22 +144,30 @@ void place_displaced(std::span<Observation> observations, std::span<const std::u
     const double pitch = grid.steps_px({0, 0}).mean_px();
     std::vector<std::uint8_t> off_model(whole.size());
     std::vector<double> distance(whole.size(), -1);  // of used lenslets from the model; below 0: of the others
+    std::vector<double> light(whole.size());
     for (const Observation& seen : observations) {
         if (!grid.contains(seen.m, seen.n)) continue;
         const std::size_t k = grid.index(seen.m, seen.n);
         const algo::PixelPoint at = grid.at(grid.uv(seen.m, seen.n));
         if (seen.used) distance[k] = std::hypot(seen.centre_px.x_px - at.x_px, seen.centre_px.y_px - at.y_px);
         else off_model[k] = 1;
+        light[k] = seen.light_dn;
     }
     // Where light falls off, centres are noisier than elsewhere: an outlier of the frame may be none of its neighbours.
     const auto stands_out = [&](const Observation& seen, double off) {
-        std::vector<double> near;
+        std::vector<double> near, near_light;
         for (int n = std::max(0, seen.n - kNear); n <= std::min(grid.rows - 1, seen.n + kNear); ++n) {
             for (int m = std::max(0, seen.m - kNear); m <= std::min(grid.columns - 1, seen.m + kNear); ++m) {
-                if (const double of = distance[grid.index(m, n)]; of >= 0) near.push_back(of);
+                const std::size_t k = grid.index(m, n);
+                if (distance[k] < 0) continue;
+                near.push_back(distance[k]);
+                near_light.push_back(light[k]);
             }
         }
-        return near.size() >= kFewest && off > kDeviations / kRayleigh * common::upper_median(std::span(near));
+        if (near.size() < kFewest) return false;
+        // Noise and the light of neighbours move a centre by the more the less light it has of its own.
+        const double dim = std::min(1.0, seen.light_dn / common::upper_median(std::span(near_light)));
+        return dim * off > kDeviations / kRayleigh * common::upper_median(std::span(near));
     };
     const auto alone = [&](const Observation& seen) {
         int off = 0;

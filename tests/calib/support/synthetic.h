@@ -74,6 +74,8 @@ struct White {
     std::function<std::pair<double, double>(double x, double y)> stop = nullptr;
     // Light at a place in the frame, 0..1; empty: 1 everywhere.
     std::function<double(double x, double y)> light = nullptr;
+    // Light of the lenslet at a place in the frame, without that of its neighbours there; empty: 1.
+    std::function<double(double x, double y)> own_light = nullptr;
 };
 
 struct TruePoint {
@@ -143,6 +145,7 @@ inline Drawn draw(const White& w) {
                 x += dx;
                 y += dy;
             }
+            const double own_light = w.own_light ? w.own_light(x, y) : 1.0;
             const double g = w.vignetting / std::sqrt(2.0) / half;
             const auto [more_x, more_y] = w.gradient ? w.gradient(x, y) : std::pair(0.0, 0.0);
             const double gx = g * (x - middle_x) + more_x;
@@ -170,7 +173,7 @@ inline Drawn draw(const White& w) {
                                          : std::exp(-0.5 * r * r / (radius * radius));
                         if (w.stop) here *= disc(std::hypot(dx - stop_x, dy - stop_y));
                         here *= 1 + (gx * dx + gy * dy) / (radius > 0 ? radius : -2 * radius);
-                        value += here / (w.subpixels * w.subpixels);
+                        value += own_light * here / (w.subpixels * w.subpixels);
                     }
                     light[static_cast<std::size_t>(py) * static_cast<std::size_t>(w.width_px) +
                           static_cast<std::size_t>(px)] += static_cast<float>(value);

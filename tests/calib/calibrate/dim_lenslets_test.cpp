@@ -1,0 +1,46 @@
+// Lenslets that are darker than their neighbours.
+#include <gtest/gtest.h>
+
+#include "tests/calib/support/synthetic.h"
+
+namespace hord::calib {
+namespace {
+
+using test::White;
+
+// Noise and the light of their neighbours move the centres of dim lenslets. That is no place of their own.
+TEST(DimLenslets, have_the_place_of_the_grid) {
+    for (const bool hexagonal : {false, true}) {
+        for (const double pitch : {10.4, 12.0, 15.0, 17.26}) {
+            for (const std::uint64_t seed : {1, 2, 3, 4}) {
+                SCOPED_TRACE(::testing::Message() << hexagonal << ", " << pitch << ", " << seed);
+                White white{.width_px = static_cast<int>(20 * pitch),
+                            .height_px = static_cast<int>(18 * pitch),
+                            .hexagonal = hexagonal,
+                            .pitch_px = pitch,
+                            .rotation_deg = seed == 2 ? 0.57 : 0,
+                            .disc_radius_px = 0.45 * pitch,
+                            .edge_px = 1.2,
+                            .peak_dn = 190,
+                            .background_dn = 2,
+                            .electrons_per_dn = 10,
+                            .read_e = 6,
+                            .seed = seed,
+                            .bits = 8};
+                test::Random random(seed);
+                white.own_light = [&](double x, double y) {
+                    const double border = std::min({x, y, white.width_px - x, white.height_px - y});
+                    const double light = 0.05 + 0.55 * random.uniform();
+                    return random.uniform() < 0.05 && border > pitch ? light : 1.0;
+                };
+                const auto drawn = test::draw(white);
+                const auto calibration = calibrate_grid(drawn.frame.view());
+                ASSERT_TRUE(calibration) << calibration.error().message();
+                EXPECT_LT(test::compare(drawn, *calibration, pitch).max_px, 0.1);
+            }
+        }
+    }
+}
+
+}  // namespace
+}  // namespace hord::calib
