@@ -335,22 +335,27 @@ Result<Lattice> find_lattice(const WhiteImage& image, const LatticeHint& hint) {
                           "use a sensor with 8 to 64 px a lenslet");
         }
     }
+    // A row of lenslets that is dark as a whole is alike along itself, and raises the peaks along it over all others:
+    // these are compared with the highest of them.
     std::optional<Basis> found;
+    double beside = 0;
     for (std::size_t first = 0; first < peaks.size() && !found; ++first) {
         if (peaks[first].height < 0.6 * highest) continue;
-        for (std::size_t second = first + 1; second < peaks.size(); ++second) {
-            const Vec a = peaks[first].lag;
-            const Vec b = peaks[second].lag;
-            if (peaks[second].height < 0.5 * highest || std::abs(cross(a, b)) < 0.5 * norm(a) * norm(b)) continue;
-            found = Basis{a, b};
-            break;
+        const Vec a = peaks[first].lag;
+        const auto apart = [&](Vec b) { return std::abs(cross(a, b)) >= 0.5 * norm(a) * norm(b); };
+        beside = 0;
+        for (const auto& peak : peaks) beside = apart(peak.lag) ? std::max(beside, peak.height) : beside;
+        if (beside < kMinStrength) continue;
+        for (std::size_t second = 0; second < peaks.size() && !found; ++second) {
+            const double least = (second < first ? 0.6 : 0.5) * beside;
+            if (peaks[second].height >= least && apart(peaks[second].lag)) found = Basis{a, peaks[second].lag};
         }
     }
     if (!found) {
         return refuse("the white frame repeats itself in one direction only: a single row of lenslets, or stripes",
                       "show at least three rows and three columns of lenslets");
     }
-    const Basis basis = refine(correlation, reduce(*found), 0.3 * highest);
+    const Basis basis = refine(correlation, reduce(*found), 0.3 * beside);
     const double ratio = norm(basis.b) / norm(basis.a);
     const double angle = std::acos(std::clamp(dot(basis.a, basis.b) / (norm(basis.a) * norm(basis.b)), -1.0, 1.0)) *
         180 / std::numbers::pi;

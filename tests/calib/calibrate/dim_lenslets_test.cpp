@@ -1,4 +1,4 @@
-// Lenslets that are darker than their neighbours.
+// Lenslets that are darker than their neighbours: single ones, and whole rows.
 #include <gtest/gtest.h>
 
 #include "tests/calib/support/synthetic.h"
@@ -38,6 +38,30 @@ TEST(DimLenslets, have_the_place_of_the_grid) {
                 ASSERT_TRUE(calibration) << calibration.error().message();
                 EXPECT_LT(test::compare(drawn, *calibration, pitch).max_px, 0.1);
             }
+        }
+    }
+}
+
+// A row of lenslets that is dark as a whole is alike along itself, and less so from row to row.
+TEST(DimLenslets, may_be_a_row) {
+    for (const bool hexagonal : {false, true}) {
+        for (const double light : {0.0, 0.1, 0.5}) {
+            SCOPED_TRACE(::testing::Message() << hexagonal << ", " << light);
+            White white{.width_px = 300,
+                        .height_px = 276,
+                        .hexagonal = hexagonal,
+                        .pitch_px = 12,
+                        .disc_radius_px = 5.1,
+                        .peak_dn = 190,
+                        .background_dn = 2,
+                        .electrons_per_dn = 10,
+                        .read_e = 6,
+                        .bits = 8};
+            white.own_light = [&](double, double y) { return std::abs(y - 137.1) < 4 ? light : 1.0; };
+            const auto drawn = test::draw(white);
+            const auto calibration = calibrate_grid(drawn.frame.view());
+            ASSERT_TRUE(calibration) << calibration.error().message();
+            EXPECT_LT(test::compare(drawn, *calibration, white.pitch_px).max_px, 0.05);
         }
     }
 }
