@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <vector>
 
 #include "common/statistics.h"
@@ -10,6 +11,7 @@ namespace hord::calib {
 namespace {
 
 constexpr std::size_t kOneSided = 100, kEdges = 400;  // lenslets
+constexpr double kMaxSquare = 0.01;                   // CentreFinder::lobes, four of them: round lenslets have none
 constexpr double kNormal = 0.6745;  // median deviation of a normal distribution, over its standard deviation
 
 // Of the median: as that of the mean of as many normal values, which is less by a fifth.
@@ -32,8 +34,9 @@ double one_sided(const CentreFinder& finder, std::span<const Observation> observ
     return x.empty() ? 0 : std::hypot(common::upper_median(std::span(x)), common::upper_median(std::span(y)));
 }
 
-EdgeBlur edge_blur(const CentreFinder& finder, std::span<const Observation> observations) {
+EdgeBlur edge_blur(const CentreFinder& finder, algo::LatticeKind kind, std::span<const Observation> observations) {
     std::vector<double> x, y;
+    std::complex<double> squares;
     const std::size_t every = std::max<std::size_t>(1, observations.size() / kEdges);
     for (std::size_t k = 0; k < observations.size(); k += every) {
         if (!observations[k].used) continue;
@@ -41,8 +44,11 @@ EdgeBlur edge_blur(const CentreFinder& finder, std::span<const Observation> obse
         if (!of) continue;
         x.push_back(of->real());
         y.push_back(of->imag());
+        squares += finder.lobes(observations[k].centre_px, 4).value_or(0.0);
     }
     if (x.empty()) return {};
+    const bool crossed = kind == algo::LatticeKind::hexagonal;
+    if (crossed && std::abs(squares) > kMaxSquare * static_cast<double>(x.size())) return {};
     const double along_x = common::upper_median(std::span(x)), aslant = common::upper_median(std::span(y));
     return {std::hypot(along_x, aslant), std::hypot(standard_error(x, along_x), standard_error(y, aslant)),
             finder.edge_variance_px2()};

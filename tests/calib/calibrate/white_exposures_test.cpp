@@ -133,9 +133,16 @@ TEST(WhiteExposures, lenslets_that_fill_the_gap_by_two_exposures_are_warned_of) 
 
 // A turn by 60 degrees changes squares, whatever their light.
 TEST(WhiteExposures, squares_on_a_hexagonal_lattice_are_not_exposed_twice) {
-    for (const double radius : {0.3, 0.36}) {
-        SCOPED_TRACE(radius);
-        const White white{.hexagonal = true, .pitch_px = 16, .disc_radius_px = radius * 16, .square = true};
+    for (const auto& [radius, edge] : {std::pair(0.3, 0.8), {0.36, 0.8}, {0.4, 1.0}, {0.4, 2.5}}) {
+        SCOPED_TRACE(::testing::Message() << radius << ", edge " << edge);
+        const White white{.width_px = 300,
+                          .height_px = 276,
+                          .hexagonal = true,
+                          .pitch_px = 12,
+                          .disc_radius_px = radius * 12,
+                          .edge_px = edge,
+                          .square = true,
+                          .subpixels = 3};
         EXPECT_THAT(warnings(test::draw(white).frame), Not(Contains(HasSubstr("exposure"))));
     }
 }
