@@ -13,6 +13,7 @@
 #include <sys/vfs.h>
 #include <unistd.h>
 
+#include "common/dangling_link.h"
 #include "common/toml_fields.h"
 
 namespace hord::firmware {
@@ -59,6 +60,7 @@ class Folders {
                                "give this user the right, or name another folder");
             return good(key, folder, "user " + user_ + " may write it");
         }
+        if (is_dangling(key, folder)) return;
         const fs::path absolute = fs::absolute(folder, error).lexically_normal();
         const fs::path parent = (absolute.has_filename() ? absolute : absolute.parent_path()).parent_path();
         if (!fs::is_directory(parent, error))
@@ -89,8 +91,17 @@ class Folders {
         else if (error)
             problem(key, folder, "cannot be looked at by user " + user_ + " (" + error.message() + ")",
                     "give this user the right, or name another folder");
-        else problem(key, folder, "does not exist", "create it, or name another folder");
+        else if (!is_dangling(key, folder)) problem(key, folder, "does not exist", "create it, or name another folder");
         return false;
+    }
+    // Creating a folder there fails.
+    bool is_dangling(const char* key, const fs::path& folder) {
+        const std::string link = common::dangling_link(folder);
+        if (!link.empty()) {
+            problems_.add(Error{ErrorCode::io, fmt::format("{}: {}", key, link),
+                                "create the folder that it links to, or remove the link, or name another folder"});
+        }
+        return !link.empty();
     }
     void problem(const char* key, const fs::path& folder, const std::string& what, const std::string& cure) {
         problems_.add(Error{ErrorCode::io, fmt::format("{}: {} {}", key, folder.string(), what), cure});

@@ -67,6 +67,14 @@ TEST_F(FolderCheck, a_store_that_cannot_be_is_refused_unless_it_is_switched_off)
     EXPECT_EQ(problem(), "none");
 }
 
+TEST_F(FolderCheck, a_link_to_nothing_is_no_folder_that_can_be_created) {
+    const fs::path link = root_.path() / "link";
+    fs::create_symlink("/nonexistent/x", link);
+    config_.store.folder = link;
+    EXPECT_THAT(problem(),
+                HasSubstr("store.folder: " + link.string() + " is a symbolic link to /nonexistent/x, which"));
+}
+
 TEST_F(FolderCheck, what_this_user_may_not_do_is_said_with_his_name) {
     config_.store.folder = root_.path() / "locked";
     fs::create_directory(config_.store.folder);
