@@ -87,7 +87,8 @@ Result<NumberedRecipe> Service::first_recipe() {
         const std::string name = at->path().filename().string();
         if (name.starts_with(kRecipeInUse) && name.ends_with(".new")) std::filesystem::remove(at->path(), ignored);
     }
-    if (!std::filesystem::exists(in_use, ignored) && std::filesystem::exists(damaged, ignored)) {
+    if (!std::filesystem::exists(in_use, ignored) &&
+        std::filesystem::exists(std::filesystem::symlink_status(damaged, ignored))) {
         kept_is_lost({ErrorCode::invalid_argument,
                       damaged.string() + " was damaged at an earlier start, and no recipe was selected since",
                       "commit or select the recipe again, or remove that file and restart"},
@@ -97,7 +98,8 @@ Result<NumberedRecipe> Service::first_recipe() {
     const auto last_file = config_.state_folder / kLastInUse;
     const bool missing = !std::filesystem::exists(in_use, ignored);
     // A damaged file is told of by its own name, until somebody removes it.
-    if (missing && std::filesystem::exists(damaged, ignored)) std::filesystem::remove(last_file, ignored);
+    if (missing && std::filesystem::exists(std::filesystem::symlink_status(damaged, ignored)))
+        std::filesystem::remove(last_file, ignored);
     const std::string last = read_last(last_file), then = last.substr(0, kLine - 1);
     const auto was_last = [&](std::uint32_t crc) { return last.empty() || last.find(line_of(crc)) != last.npos; };
     if (kept && missing && !was_last(crc32_of(*recipe))) {
