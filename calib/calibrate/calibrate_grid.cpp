@@ -382,7 +382,7 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     });
     out.cut.shown = finder.stretch_shown();
     out.one_sided = one_sided(finder, out.observations);
-    out.edge_blur = edge_blur(finder, lattice->kind, out.observations);
+    out.edge_blur = edge_blur(finder, *lattice, out.observations);
     out.row_shift = rows;
     if (auto fine = check_white_frame(*image, out); !fine) return tl::unexpected(fine.error());
     out.warnings = warnings_about(out);

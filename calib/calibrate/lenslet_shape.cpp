@@ -34,7 +34,7 @@ double one_sided(const CentreFinder& finder, std::span<const Observation> observ
     return x.empty() ? 0 : std::hypot(common::upper_median(std::span(x)), common::upper_median(std::span(y)));
 }
 
-EdgeBlur edge_blur(const CentreFinder& finder, algo::LatticeKind kind, std::span<const Observation> observations) {
+EdgeBlur edge_blur(const CentreFinder& finder, const Lattice& lattice, std::span<const Observation> observations) {
     std::vector<double> x, y;
     std::complex<double> squares;
     const std::size_t every = std::max<std::size_t>(1, observations.size() / kEdges);
@@ -47,10 +47,15 @@ EdgeBlur edge_blur(const CentreFinder& finder, algo::LatticeKind kind, std::span
         squares += finder.lobes(observations[k].centre_px, 4).value_or(0.0);
     }
     if (x.empty()) return {};
-    const bool crossed = kind == algo::LatticeKind::hexagonal;
-    if (crossed && std::abs(squares) > kMaxSquare * static_cast<double>(x.size())) return {};
     const double along_x = common::upper_median(std::span(x)), aslant = common::upper_median(std::span(y));
-    return {std::hypot(along_x, aslant), std::hypot(standard_error(x, along_x), standard_error(y, aslant)),
+    std::complex<double> more(along_x, aslant);
+    const bool crossed = lattice.kind == algo::LatticeKind::hexagonal;
+    if (crossed && std::abs(squares) > kMaxSquare * static_cast<double>(x.size())) {
+        const algo::PixelPoint row = lattice.stagger == algo::Stagger::columns ? lattice.step_v : lattice.step_u;
+        more *= std::polar(1.0, -2 * std::atan2(row.y_px, row.x_px));
+        more.real(std::max(0.0, more.real()));  // below 0: across the rows
+    }
+    return {std::abs(more), std::hypot(standard_error(x, along_x), standard_error(y, aslant)),
             finder.edge_variance_px2()};
 }
 

@@ -11,8 +11,9 @@ namespace hord::calib {
 // The median gradient of the lenslets' light along x and y, its length (CentreFinder::gradient).
 double one_sided(const CentreFinder& finder, std::span<const Observation> observations);
 
-// The median of the lenslets' blur (CentreFinder::edge_blur_px2). None of square lenslets on a hexagonal lattice: their
-// neighbours are nearer across the rows than along them, and their light there looks like blur.
-EdgeBlur edge_blur(const CentreFinder& finder, algo::LatticeKind kind, std::span<const Observation> observations);
+// The median of the lenslets' blur (CentreFinder::edge_blur_px2). Without that across the rows (columns where these are
+// staggered) of square lenslets on a hexagonal lattice: their neighbours are nearest there, and their light looks like
+// blur.
+EdgeBlur edge_blur(const CentreFinder& finder, const Lattice& lattice, std::span<const Observation> observations);
 
 }  // namespace hord::calib

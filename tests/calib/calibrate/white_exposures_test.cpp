@@ -144,6 +144,9 @@ TEST(WhiteExposures, squares_on_a_hexagonal_lattice_are_not_exposed_twice) {
                           .square = true,
                           .subpixels = 3};
         EXPECT_THAT(warnings(test::draw(white).frame), Not(Contains(HasSubstr("exposure"))));
+        const Frame along = mixed(white, 2, 0, [](int, std::uint32_t a, std::uint32_t b) { return (a + b) / 2; });
+        if (edge > 2) continue;
+        EXPECT_THAT(warnings(along), Contains(HasSubstr("two exposures that lie")));
     }
 }
 
