@@ -187,7 +187,7 @@ TEST_F(TeachService, learns_from_distinct_parts_judges_by_them_and_still_does_af
         EXPECT_TRUE(
             plc.sees([&] { return fs::exists(folder / "state/references/taught-7-1.learn.json"); }, kReportPatience));
     });
-    const auto left = ElementsAre("recipe-in-use.toml", "references/taught-7-1.hordref",
+    const auto left = ElementsAre("recipe-in-use.crc32", "recipe-in-use.toml", "references/taught-7-1.hordref",
                                   "references/taught-7-1.learn.csv", "references/taught-7-1.learn.json",
                                   "references/taught-7-1.learn.md", "references/taught-7-1.learn.png", "station.lock");
     EXPECT_THAT(files(), left);
