@@ -96,11 +96,11 @@ int RimFinder::width_of_edge(const FieldLight& light, const LineOfPart& line, do
 
 // The median light of some undeflected lenslets in the middle half of a line; 0 if they are fewer than half of those.
 std::uint32_t RimFinder::light_of_glass(const FieldLight& light, const LineOfPart& line) const {
-    constexpr int kMost = 9;
+    constexpr int kMaxSeen = 9;
     const NearFree near_free(free_);
-    std::array<std::uint32_t, kMost> glass{};
+    std::array<std::uint32_t, kMaxSeen> glass{};
     std::size_t count = 0;
-    const int begin = line.inside / 4, length = 3 * line.inside / 4 - begin, seen = std::min(length, kMost);
+    const int begin = line.inside / 4, length = 3 * line.inside / 4 - begin, seen = std::min(length, kMaxSeen);
     for (int k = 0; k < seen; ++k) {
         const std::size_t at = line.at(begin + (2 * k + 1) * length / (2 * seen));
         if ((light.mask[at] & kDark) == 0 && near_free.has(light.deflections[at])) glass[count++] = light.sums[at];

@@ -15,9 +15,9 @@ namespace hord::algo {
 // farther, moves the mean deflection of what shows it by twice the limit. Where the ninths differ by less than half of
 // that, it is not looked for, because that takes time.
 double FrameChecks::second_share_of_places(const FrameView& frame, const DecodedField& field, const FoundPart& part) {
-    constexpr int kPlaces = 3;              // along each axis
-    constexpr int kMostLooked = 48;         // lenslets of a ninth
-    constexpr std::size_t kLeastFree = 24;  // of these; one of them, with dirt before it, is 0.04
+    constexpr int kPlaces = 3;            // along each axis
+    constexpr int kMaxLooked = 48;        // lenslets of a ninth
+    constexpr std::size_t kMinFree = 24;  // of these; one of them, with dirt before it, is 0.04
     struct Place {
         std::size_t begin = 0, end = 0;  // of chosen_
     };
@@ -28,7 +28,7 @@ double FrameChecks::second_share_of_places(const FrameView& frame, const Decoded
     for (int place = 0; place < kPlaces * kPlaces; ++place) {
         const int left = place % kPlaces * extents_.m / kPlaces, right = (place % kPlaces + 1) * extents_.m / kPlaces,
                   top = place / kPlaces * extents_.n / kPlaces, bottom = (place / kPlaces + 1) * extents_.n / kPlaces;
-        const int width = right - left, count = width * (bottom - top), step = (count + kMostLooked - 1) / kMostLooked;
+        const int width = right - left, count = width * (bottom - top), step = (count + kMaxLooked - 1) / kMaxLooked;
         const std::size_t begin = chosen_.size();
         double x = 0, y = 0;
         for (int at = 0; at < count; at += step) {
@@ -39,7 +39,7 @@ double FrameChecks::second_share_of_places(const FrameView& frame, const Decoded
             y += field.deflections[k].y.to_double_rounded();
         }
         const std::size_t free = chosen_.size() - begin;
-        if (free < kLeastFree) continue;
+        if (free < kMinFree) continue;
         x /= static_cast<double>(free), y /= static_cast<double>(free);
         left_most = found == 0 ? x : std::min(left_most, x), right_most = found == 0 ? x : std::max(right_most, x);
         top_most = found == 0 ? y : std::min(top_most, y), bottom_most = found == 0 ? y : std::max(bottom_most, y);

@@ -19,7 +19,7 @@ namespace fs = std::filesystem;
 constexpr std::string_view kHead = "# In use since it was committed. Configured then: ";
 constexpr std::string_view kContent = "# Checksum with its reference: ";
 constexpr std::string_view kSeal = "# crc32 ";
-constexpr std::uintmax_t kMostBytes = 16'000'000;  // a recipe in use is not read into more memory
+constexpr std::uintmax_t kMaxBytes = 16'000'000;  // a recipe in use is not read into more memory
 
 // A comment of the file: the key and a CRC-32.
 std::string line(std::string_view key, std::uint32_t crc) { return fmt::format("{}{:08X}\n", key, crc); }
@@ -116,7 +116,7 @@ Result<std::optional<RememberedRecipe>> remembered_recipe(const fs::path& file, 
     const fs::file_type kind = fs::status(file, none).type();
     if (kind != fs::file_type::regular && fs::exists(fs::symlink_status(file, none)))
         return damaged(kind == fs::file_type::directory ? "it is a folder" : "it is no regular file");
-    if (const auto size = fs::file_size(file, none); !none && size > kMostBytes)
+    if (const auto size = fs::file_size(file, none); !none && size > kMaxBytes)
         return damaged(fmt::format("it has {} bytes", size));
     const auto read = common::read_file(file);
     if (!read && errno == ENOENT) return std::nullopt;
