@@ -6,26 +6,19 @@
 #include <utility>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "common/file_writing.h"
-#include "common/png_codec.h"
 #include "common/statistics.h"
-#include "common/tiff_codec.h"
+#include "firmware/diagnostics/drawing.h"
+#include "firmware/diagnostics/map_marks.h"
 
 namespace hord::firmware {
 namespace {
 
-constexpr int kMapSide = 444;  // pictures are enlarged until their longer side has at least this many pixels
-constexpr int kTitleHeight = 26;
 constexpr int kScaleWidth = 118, kBareScaleWidth = 76;  // without room for the limit and the unit
 constexpr int kAxisWidth = 40, kAxisHeight = 34;        // left of the map, below it
 constexpr int kLineHeight = 18;                         // of the legend
-const cv::Scalar kInk(40, 40, 40);
-const cv::Scalar kPaper(255, 255, 255);
-const cv::Scalar kMark(40, 40, 230);  // of defects and limits
 
 // Levels from 0 to 255 as colours.
 cv::Mat colours_of(const cv::Mat& levels, const MapPicture& what) {
@@ -33,33 +26,6 @@ cv::Mat colours_of(const cv::Mat& levels, const MapPicture& what) {
     if (what.grey) cv::cvtColor(levels, colours, cv::COLOR_GRAY2BGR);
     else cv::applyColorMap(levels, colours, cv::COLORMAP_VIRIDIS);
     return colours;
-}
-
-int enlargement(int side) { return std::max(1, (kMapSide + side - 1) / side); }
-
-int thickness(double size) { return std::max(1, static_cast<int>(std::lround(1.6 * size))); }
-
-void write_text(cv::Mat& image, const std::string& text, cv::Point at, double size, const cv::Scalar& colour = kInk) {
-    cv::putText(image, text, at, cv::FONT_HERSHEY_SIMPLEX, size, colour, thickness(size), cv::LINE_AA);
-}
-
-int scaled(int px, float letters) { return static_cast<int>(std::lround(static_cast<float>(px) * letters)); }
-
-// Largest text size up to `size` at which `text` fits into `width` pixels.
-double fitting(const std::string& text, int width, double size) {
-    int baseline = 0;
-    const int needed = cv::getTextSize(text, cv::FONT_HERSHEY_SIMPLEX, size, 1, &baseline).width;
-    return needed <= width ? size : size * width / needed;
-}
-
-Picture to_picture(const cv::Mat& image) {
-    Picture picture{image.cols, image.rows, {}};
-    picture.bgr.assign(image.datastart, image.dataend);
-    return picture;
-}
-
-cv::Mat to_mat(const Picture& picture) {
-    return {picture.height, picture.width, CV_8UC3, const_cast<unsigned char*>(picture.bgr.data())};
 }
 
 // The colour scale right of the map, with ticks, unit and the limit.
@@ -234,78 +200,6 @@ void draw_legend(cv::Mat& sheet, NoData reason, int left, int y) {
     write_text(sheet, text_of(reason), {left + kSide + 6, y + 10}, 0.36);
 }
 
-constexpr int kLetters = 12, kDescent = 5, kOutline = 3;  // px, of a label
-
-// Circle and label of a defect, in pixels of the enlarged map.
-struct Mark {
-    cv::Point centre;
-    int radius = 0;
-    std::string label;
-    cv::Rect text;  // the letters of the label; its base line is kDescent above the lower edge
-
-    [[nodiscard]] cv::Rect circle() const { return {centre.x - radius, centre.y - radius, 2 * radius, 2 * radius}; }
-};
-
-// The label of mark `k` is beside its circle, or below it where the map ends. Where it would cover a circle or an
-// earlier label, it takes the next free line below or above, if there is one.
-void place_label(std::span<Mark> marks, std::size_t k, const cv::Size& map) {
-    constexpr int kLine = kLetters + kDescent, kMaxLines = 8;
-    Mark& mark = marks[k];
-    const int right = mark.centre.x + mark.radius + 3,
-              left = std::max(0, std::min(right, map.width - mark.text.width - 2));
-    const bool beside = left == right;
-    const int down = mark.centre.y + (beside ? 4 - kLetters : mark.radius + 2),
-              up = beside ? down - kLine : mark.centre.y - mark.radius - 2 - kLine;
-    const auto is_free = [&](int top) {
-        mark.text.y = top;
-        if (top < 0 || top + kLine > map.height) return false;
-        const auto covers = [&](const cv::Rect& other) { return (other & mark.text).area() > 0; };
-        return std::ranges::none_of(marks, [&](const Mark& one) { return covers(one.circle()); }) &&
-            std::ranges::none_of(marks.first(k), [&](const Mark& one) { return covers(one.text); });
-    };
-    mark.text.x = left;
-    for (int line = 0; line < kMaxLines; ++line) {
-        if (is_free(down + line * kLine) || is_free(up - line * kLine)) return;
-    }
-    mark.text.y = down;
-}
-
-// Of the defects that are marked. `map`: of the enlarged map, px.
-std::vector<Mark> marks_of(std::span<const algo::Defect> defects, std::span<const std::string> labels, int zoom,
-                           const cv::Size& map) {
-    std::vector<Mark> marks;
-    for (std::size_t k = 0; k < std::min(defects.size(), kMaxMarked); ++k) {
-        Mark mark;
-        mark.centre = {static_cast<int>((defects[k].m + 0.5F) * static_cast<float>(zoom)),
-                       static_cast<int>((defects[k].n + 0.5F) * static_cast<float>(zoom))};
-        const double radius_lenslets = std::sqrt(static_cast<double>(defects[k].area) / 3.14159) + 2.0;
-        mark.radius = std::max(8, static_cast<int>(radius_lenslets * zoom));
-        mark.label = k < labels.size() ? fmt::format("{} {}", k + 1, labels[k]) : std::to_string(k + 1);
-        mark.text = {0, 0, cv::getTextSize(mark.label, cv::FONT_HERSHEY_SIMPLEX, 0.45, 1, nullptr).width,
-                     kLetters + kDescent};
-        marks.push_back(std::move(mark));
-    }
-    for (std::size_t k = 0; k < marks.size(); ++k) place_label(marks, k, map);
-    return marks;
-}
-
-// Labels above all circles.
-void draw_defects(cv::Mat& map, std::span<const algo::Defect> defects, std::span<const std::string> labels, int zoom) {
-    const std::vector<Mark> marks = marks_of(defects, labels, zoom, map.size());
-    for (const Mark& mark : marks) {
-        cv::circle(map, mark.centre, mark.radius + 1, cv::Scalar(255, 255, 255), 3, cv::LINE_AA);
-        cv::circle(map, mark.centre, mark.radius, kMark, 2, cv::LINE_AA);
-    }
-    for (std::size_t k = 0; k < marks.size(); ++k) {
-        const cv::Point at(marks[k].text.x, marks[k].text.y + kLetters);
-        if (k < labels.size()) {  // legible on any colour
-            cv::putText(map, marks[k].label, at, cv::FONT_HERSHEY_SIMPLEX, 0.45, cv::Scalar(255, 255, 255), kOutline,
-                        cv::LINE_AA);
-        }
-        write_text(map, marks[k].label, at, 0.45, kMark);
-    }
-}
-
 }  // namespace
 
 MapPicture scale_to(std::string title, std::string unit, algo::Map map, std::span<const std::uint8_t> mask,
@@ -382,136 +276,10 @@ PictureBox mark_in_picture(const algo::Extents& extents, std::span<const algo::D
     const int zoom = enlargement(std::max(extents.m, extents.n));
     const Mark mark = marks_of(defects, labels, zoom, {extents.m * zoom, extents.n * zoom}).at(k);
     const cv::Point reach(mark.radius + 5, mark.radius + 5);  // with the outline of the circle
-    const cv::Point outline(kOutline, kOutline);
+    const cv::Point outline(kLabelOutline, kLabelOutline);
     const cv::Rect all = cv::Rect(mark.centre - reach, mark.centre + reach) |
         cv::Rect(mark.text.tl() - outline, mark.text.br() + outline);
     return {all.x + kAxisWidth, all.y + kTitleHeight, all.width, all.height};
-}
-
-Picture draw(const std::string& title, const FrameView& frame, const algo::Extents& extents) {
-    cv::Mat samples(frame.height_px, frame.width_px, frame.bits > 8 ? CV_16U : CV_8U,
-                    const_cast<std::byte*>(frame.data), static_cast<std::size_t>(frame.stride_bytes));
-    // Most bins are dark: reduced and stretched to the brightest pixel, else the picture would be black.
-    const int zoom = enlargement(std::max(extents.m, extents.n));
-    cv::Mat reduced, resized;
-    cv::resize(samples, reduced, cv::Size(extents.m * zoom, extents.n * zoom), 0, 0, cv::INTER_AREA);
-    double brightest = 0;
-    cv::minMaxLoc(reduced, nullptr, &brightest);
-    reduced.convertTo(resized, CV_8U, brightest > 0 ? 255.0 / brightest : 0.0);
-    cv::Mat sheet(resized.rows + kTitleHeight, resized.cols, CV_8UC3, kPaper);
-    cv::Mat inner = sheet(cv::Rect(0, kTitleHeight, resized.cols, resized.rows));
-    cv::cvtColor(resized, inner, cv::COLOR_GRAY2BGR);
-    write_text(sheet, title, {4, 18}, fitting(title, resized.cols - 8, 0.5));
-    return to_picture(sheet);
-}
-
-Picture montage(std::span<const MontageRow> rows, float letters) {
-    constexpr int kGap = 8;
-    const int label_width = scaled(110, letters);
-    std::vector<int> columns;  // their widths
-    int height = kGap;
-    for (const MontageRow& row : rows) {
-        columns.resize(std::max(columns.size(), row.pictures.size()));
-        int row_height = 0;
-        for (std::size_t k = 0; k < row.pictures.size(); ++k) {
-            columns[k] = std::max(columns[k], row.pictures[k].width);
-            row_height = std::max(row_height, row.pictures[k].height);
-        }
-        height += row_height + kGap;
-    }
-    int width = label_width + kGap;
-    for (const int column : columns) width += column + kGap;
-    cv::Mat sheet(height, width, CV_8UC3, kPaper);
-    int y = kGap;
-    for (const MontageRow& row : rows) {
-        int x = label_width + kGap, row_height = 0;
-        for (std::size_t k = 0; k < row.pictures.size(); ++k) {
-            const Picture& picture = row.pictures[k];
-            to_mat(picture).copyTo(sheet(cv::Rect(x, y, picture.width, picture.height)));
-            x += columns[k] + kGap;
-            row_height = std::max(row_height, picture.height);
-        }
-        // One word a line, so that long labels fit.
-        int line = y + row_height / 2 - 8;
-        for (std::size_t from = 0; from < row.label.size();) {
-            const std::size_t to = std::min(row.label.find(' ', from), row.label.size());
-            write_text(sheet, row.label.substr(from, to - from), {kGap, line},
-                       fitting(row.label.substr(from, to - from), label_width - 4, 0.5 * letters));
-            line += scaled(18, letters);
-            from = to + 1;
-        }
-        y += row_height + kGap;
-    }
-    return to_picture(sheet);
-}
-
-Picture halved(const Picture& picture) {
-    const cv::Mat whole(picture.height, picture.width, CV_8UC3, const_cast<unsigned char*>(picture.bgr.data()));
-    cv::Mat half;
-    cv::resize(whole, half, {picture.width / 2, picture.height / 2}, 0, 0, cv::INTER_AREA);
-    return {half.cols, half.rows, {half.datastart, half.dataend}};
-}
-
-Result<std::vector<std::uint8_t>> encode_png(const Picture& picture) {
-    return common::encode_bgr_png(picture.width, picture.height, picture.bgr);
-}
-
-Result<void> write_png(const std::filesystem::path& file, const Picture& picture) {
-    return encode_png(picture).and_then([&](const auto& bytes) { return common::write_atomically(file, bytes); });
-}
-
-Result<void> write_float_tiff(const std::filesystem::path& file, algo::Map map, const algo::Extents& extents) {
-    return common::encode_float_tiff(extents.m, extents.n, map).and_then([&](const auto& bytes) {
-        return common::write_atomically(file, bytes);
-    });
-}
-
-Result<void> write_float_tiff(const std::filesystem::path& file, const FeatureView& view,
-                              const algo::Extents& extents) {
-    return write_float_tiff(file, with_no_data(view.map, view.mask, view.no_value), extents);
-}
-
-namespace {
-
-struct MaskReason {
-    algo::MaskBit bit;
-    const char* name;
-    common::PngColour colour;
-};
-// The first that applies gives the colour of a mask value.
-constexpr MaskReason kMaskReasons[] = {
-    {algo::kSaturated, "saturated", {255, 255, 255}},
-    {algo::kDark, "dark", {0, 0, 0}},
-    {algo::kBorder, "border", {128, 128, 128}},
-    {algo::kOutside, "outside", {60, 90, 160}},
-    {algo::kRim, "rim", {130, 180, 230}},
-    {algo::kAtLimit, "at-limit", {240, 160, 30}},
-};
-constexpr common::PngColour kJudgedColour{40, 130, 60};
-constexpr unsigned kMaskValues = 64;
-
-std::string hex(const common::PngColour& c) { return fmt::format("#{:02x}{:02x}{:02x}", c.red, c.green, c.blue); }
-
-}  // namespace
-
-Result<void> write_mask_png(const std::filesystem::path& file, const FeatureView& view, const algo::Extents& extents) {
-    std::vector<common::PngColour> palette(kMaskValues, kJudgedColour);
-    for (unsigned value = 0; value < kMaskValues; ++value) {
-        const auto* reason =
-            std::ranges::find_if(kMaskReasons, [&](const MaskReason& r) { return (value & r.bit) != 0; });
-        if (reason != std::end(kMaskReasons)) palette[value] = reason->colour;
-    }
-    nlohmann::ordered_json legend{{"schema", 1}, {"feature", view.name}};
-    for (const MaskReason& reason : kMaskReasons) {
-        legend["bits"][reason.name] = static_cast<int>(reason.bit);
-        legend["colours"][reason.name] = hex(reason.colour);
-    }
-    legend["colours"]["judged"] = hex(kJudgedColour);
-    legend["no_value"] = static_cast<int>(view.no_value);
-    legend["not_judged"] = static_cast<int>(view.not_judged);
-    return common::encode_index_png(extents.m, extents.n, view.mask, palette,
-                                    common::PngNote{"hord-mask", legend.dump()})
-        .and_then([&](const auto& bytes) { return common::write_atomically(file, bytes); });
 }
 
 }  // namespace hord::firmware

@@ -1,18 +1,14 @@
-// Maps as image files: float TIFF, mask PNG, pseudocolour PNG with axes, scale and legend, montage.
+// Maps as pictures: pseudocolours with axes, scale, legend and marked defects.
 #pragma once
 
-#include <filesystem>
-#include <optional>
 #include <span>
 #include <string>
-#include <vector>
 
 #include "algo/frame/extents.h"
 #include "algo/frame/mask.h"
 #include "algo/inspection/pipeline.h"
-#include "common/frame.h"
-#include "common/result.h"
 #include "firmware/diagnostics/feature_views.h"
+#include "firmware/diagnostics/pictures.h"
 
 namespace hord::firmware {
 
@@ -40,13 +36,6 @@ struct MapPicture {
 };
 constexpr std::size_t kMaxMarked = 20;
 
-// An 8-bit BGR picture, rows unpadded.
-struct Picture {
-    int width = 0;
-    int height = 0;
-    std::vector<unsigned char> bgr;
-};
-
 // The range of a map's judged values: low = 0 (or the smallest, if negative), high = all but the largest thousandth,
 // and at least `limit` (the recipe's, so that tolerated values look uniform); never equal. The limit is marked.
 MapPicture scale_to(std::string title, std::string unit, algo::Map map, std::span<const std::uint8_t> mask,
@@ -73,33 +62,5 @@ struct PictureBox {
 };
 PictureBox mark_in_picture(const algo::Extents& extents, std::span<const algo::Defect> defects,
                            std::span<const std::string> labels, std::size_t k);
-
-// The raw frame, as grey, reduced to about the size of a map's picture and stretched to its brightest pixel.
-Picture draw(const std::string& title, const FrameView& frame, const algo::Extents& extents);
-
-// Rows of pictures, in columns, with a label on the left of each row, its letters this large.
-struct MontageRow {
-    std::string label;
-    std::vector<Picture> pictures;
-};
-Picture montage(std::span<const MontageRow> rows, float letters = 1);
-
-// The picture at half its size, averaged.
-Picture halved(const Picture& picture);
-
-// The picture as the bytes of a PNG file. Fails with invalid_argument (no pixels), internal.
-Result<std::vector<std::uint8_t>> encode_png(const Picture& picture);
-
-// The file appears whole or not at all. Fail with not_found (the folder) and io, naming the file and the cure; with
-// invalid_argument (nothing in it, or a map of another size), internal.
-Result<void> write_png(const std::filesystem::path& file, const Picture& picture);
-Result<void> write_float_tiff(const std::filesystem::path& file, algo::Map map, const algo::Extents& extents);
-
-// The view as float TIFF: NaN where a lenslet has no value.
-Result<void> write_float_tiff(const std::filesystem::path& file, const FeatureView& view, const algo::Extents& extents);
-
-// Why lenslets have no value or are not judged: an 8-bit palette PNG, a pixel a lenslet, whose index is the mask value
-// (algo/frame/mask.h). Its iTXt chunk "hord-mask" names feature, bits, colours, and the bits without a value, in JSON.
-Result<void> write_mask_png(const std::filesystem::path& file, const FeatureView& view, const algo::Extents& extents);
 
 }  // namespace hord::firmware

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "firmware/diagnostics/map_files.h"
 #include "lab/experiment/scenes.h"
 #include "lab/paper/paper_cameras.h"
 #include "lab/paper/paper_claims.h"

@@ -11,7 +11,7 @@
 #include "common/tiff_codec.h"
 #include "firmware/diagnostics/feature_views.h"
 #include "firmware/diagnostics/inspection_json.h"
-#include "firmware/diagnostics/map_images.h"
+#include "firmware/diagnostics/map_files.h"
 #include "firmware/exchange/array.h"
 #include "firmware/exchange/hdf5_file.h"
 #include "firmware/exchange/light_field_import.h"

@@ -16,6 +16,7 @@
 #include "common/file_writing.h"
 #include "firmware/diagnostics/feature_views.h"
 #include "firmware/diagnostics/inspection_json.h"
+#include "firmware/diagnostics/map_files.h"
 #include "firmware/diagnostics/map_images.h"
 #include "firmware/diagnostics/verdict_text.h"
 #include "firmware/hordctl/commands.h"

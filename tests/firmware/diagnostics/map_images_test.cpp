@@ -10,6 +10,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
+#include "firmware/diagnostics/map_files.h"
 #include "tests/support/temp_folder.h"
 
 namespace hord::firmware {
