@@ -5,7 +5,6 @@
 #include <bit>
 #include <cmath>
 #include <span>
-#include <string_view>
 #include <vector>
 
 #include <fmt/format.h>
@@ -23,15 +22,16 @@ std::uint16_t scaled(double value, double scale) {
 // Shown as the limit of a feature that the recipe does not judge by; a commit with another value there is refused.
 // Written: the limit of the recipe in use.
 constexpr std::uint16_t kNotJudged = 0xFFFF;
+constexpr std::uint32_t kMaxStagedArea = 0xFFFE;  // a recipe's file may give a larger min_area
 
 // Takes the staged limit only if it was changed: an unchanged one keeps the digits that registers cannot show.
 void set_if_changed(float& limit, std::uint16_t staged, std::uint16_t was, double scale) {
     if (staged != was && staged != kNotJudged) limit = static_cast<float>(staged / scale);
 }
 
-// Why the recipe cannot be used; empty: it can.
-std::string problems_of(const NumberedRecipe& recipe, const algo::Extents& extents) {
-    if (const auto checked = parse_numbered_recipe(format_recipe(recipe), "recipe"); !checked) {
+// Why the recipe cannot be used; empty: it can. `max_area`: the largest min_area that it may have.
+std::string problems_of(const NumberedRecipe& recipe, const algo::Extents& extents, std::uint32_t max_area) {
+    if (const auto checked = parse_numbered_recipe(format_recipe(recipe), "recipe", max_area); !checked) {
         const std::string why = checked.error().message();  // "recipe:15: limits.emd_bins: 60 is ..."
         return why.substr(why.find(": ") + 2);
     }
@@ -54,7 +54,7 @@ StagedRecipe staged_from(const NumberedRecipe& numbered) {
             .emd_limit_mbins = r.gradient == algo::Feature::emd ? scaled(r.emd_limit_bins, 1e3) : kNotJudged,
             .frobenius_limit_mbins = r.slopes ? scaled(r.frobenius_limit_bins, 1e3) : kNotJudged,
             .transmission_permille = r.light ? scaled(r.transmission_limit, 1e3) : kNotJudged,
-            .min_area = static_cast<std::uint16_t>(std::min<std::uint32_t>(r.min_area, 0xFFFE)),
+            .min_area = static_cast<std::uint16_t>(std::min(r.min_area, kMaxStagedArea)),
             .rim_margin = static_cast<std::int16_t>(r.rim_margin),
             .max_saturated_permyriad = scaled(r.max_saturated_share, 1e4),
             .min_lit_permyriad = scaled(r.min_lit_share, 1e4)};
@@ -84,7 +84,7 @@ bool gives_unjudged_limit(const NumberedRecipe& in_use, const StagedRecipe& stag
 
 std::string bad_registers(const NumberedRecipe& in_use, const StagedRecipe& staged, const algo::Extents& extents) {
     const auto was = std::bit_cast<StagedWords>(staged_from(in_use)), now = std::bit_cast<StagedWords>(staged);
-    const bool usable = problems_of(in_use, extents).empty();  // its reference may have gone
+    const bool usable = problems_of(in_use, extents, kMaxArea).empty();  // its reference may have gone
     std::vector<std::uint16_t> addresses;
     std::vector<std::string> reasons;
     for (std::size_t k = 0; k < now.size(); ++k) {
@@ -95,12 +95,12 @@ std::string bad_registers(const NumberedRecipe& in_use, const StagedRecipe& stag
         if (is_unjudged(was, now, k)) {
             why = "the recipe does not judge by it: write 65535, or name it in the recipe's features";
         } else if (usable) {
-            why = problems_of(with_staged(in_use, std::bit_cast<StagedRecipe>(alone)), extents);
+            const NumberedRecipe changed = with_staged(in_use, std::bit_cast<StagedRecipe>(alone));
+            // An area that was not staged may be larger than its register holds.
+            const bool staged_area = changed.recipe.min_area != in_use.recipe.min_area;
+            why = problems_of(changed, extents, staged_area ? kMaxStagedArea : kMaxArea);
         }
         if (why.empty()) continue;
-        // A file may give a larger area than the register holds.
-        constexpr std::string_view kOfFile = "use 1 to 1000000";
-        if (const auto at = why.find(kOfFile); at != why.npos) why.replace(at, kOfFile.size(), "use 1 to 65534");
         const Register& row = staged_rows()[k];
         addresses.push_back(row.address);
         reasons.push_back(fmt::format("{} {}: {}", row.address, row.name, why));

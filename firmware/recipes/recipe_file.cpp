@@ -198,7 +198,7 @@ void read_features(TomlTable& root, algo::Recipe& recipe) {
 }
 
 // A limit for a feature that is off is a problem. Returns the keys of limits for features that are on and not set.
-std::vector<std::string> read_limits(TomlTable& limits, algo::Recipe& recipe) {
+std::vector<std::string> read_limits(TomlTable& limits, algo::Recipe& recipe, std::uint32_t max_area) {
     std::vector<std::string> unset;
     const auto limit = [&](bool on, std::string_view key, float& value, double low, double high,
                            std::string_view feature) {
@@ -219,11 +219,12 @@ std::vector<std::string> read_limits(TomlTable& limits, algo::Recipe& recipe) {
     }
     limit(recipe.slopes, "frobenius_bins", recipe.frobenius_limit_bins, 1e-3, 30, kSlopes);
     limit(recipe.light, "transmission", recipe.transmission_limit, 0, 0.999, kLight);
-    limits.integer("min_area", recipe.min_area, 1, 1'000'000);
+    limits.integer("min_area", recipe.min_area, 1, max_area);
     return unset;
 }
 
-Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::filesystem::path& folder) {
+Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::filesystem::path& folder,
+                            std::uint32_t max_area = kMaxArea) {
     NumberedRecipe numbered;
     algo::Recipe& recipe = numbered.recipe;
     int schema = kRecipeSchema;
@@ -246,7 +247,7 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
     if (const auto period = light.choice("period", kChecked)) recipe.check_period = *period == 0;
     TomlTable limits = root.table("limits");
     read_features(root, recipe);
-    numbered.unset_limits = read_limits(limits, recipe);
+    numbered.unset_limits = read_limits(limits, recipe, max_area);
     if (recipe.dark_dn != 0 && recipe.saturated_dn != 0 && recipe.dark_dn >= recipe.saturated_dn) {
         light.problem("dark_dn", "is not below saturated_dn", "lower it, or raise saturated_dn");
     }
@@ -474,11 +475,11 @@ Result<NumberedRecipe> recipe_or_default(const std::filesystem::path& file) {
     return file.empty() ? NumberedRecipe{} : load_numbered_recipe(file);
 }
 
-Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_view name) {
+Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_view name, std::uint32_t max_area) {
     TomlProblems found;
     TomlTable root = TomlTable::parse_text(text, name, found);
     if (!found.empty()) return found.as_error();
-    return read(std::move(root), found, {});
+    return read(std::move(root), found, {}, max_area);
 }
 
 }  // namespace hord::firmware

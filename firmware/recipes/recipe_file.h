@@ -12,6 +12,8 @@
 
 namespace hord::firmware {
 
+inline constexpr std::uint32_t kMaxArea = 1'000'000;  // of limits.min_area in a file, lenslets
+
 // A recipe with its identity for the PLC and the records.
 struct NumberedRecipe {
     std::uint16_t number = 0;   // by which a PLC selects it, 0..65534
@@ -31,7 +33,9 @@ std::uint32_t crc32_of(const NumberedRecipe& recipe);
 // Fail with invalid_argument: all problems of the file at once, one a line with line number and cure. Whether the zones
 // lie on the light field is checked later, with its extents: algo::problems(recipe, extents).
 Result<NumberedRecipe> load_numbered_recipe(const std::filesystem::path& file);
-Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_view name);
+// `max_area`: the largest limits.min_area that the caller can hold.
+Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_view name,
+                                             std::uint32_t max_area = kMaxArea);
 // The text of a recipe's file. It must have `schema` and end with a line end: a part of a file can lack either.
 Result<NumberedRecipe> parse_recipe_file(std::string_view text, const std::filesystem::path& file);
 

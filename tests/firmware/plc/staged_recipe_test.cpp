@@ -174,5 +174,24 @@ TEST(StagedRecipe, shows_the_nearest_value_that_a_register_can_have) {
     EXPECT_EQ(with_staged(numbered, staged).recipe.emd_limit_bins, 70) << "what was not changed keeps its digits";
 }
 
+// 300x300 lenslets: a file may give an area that no register holds, and a PLC may change the other limits beside it.
+TEST(StagedRecipe, the_range_of_an_area_is_that_of_its_register_and_of_the_file_where_it_was_not_changed) {
+    const algo::Extents field{.m = 300, .n = 300, .i = 3, .j = 3};
+    NumberedRecipe in_use{.number = 9};
+    in_use.recipe.min_area = 70'000;
+    StagedRecipe staged = staged_from(in_use);
+    staged.emd_limit_mbins = 60'000;
+    EXPECT_EQ(bad_registers(in_use, staged, field),
+              "8203 staged_emd_limit: limits.emd_bins: 60 is out of range: use 0.001 to 30");
+    staged.emd_limit_mbins = 800;
+    EXPECT_EQ(bad_registers(in_use, staged, field), "");
+    staged.min_area = 0xFFFF;
+    EXPECT_EQ(bad_registers(in_use, staged, field),
+              "8206 staged_min_area: limits.min_area: 65535 is out of range: use 1 to 65534");
+    staged.min_area = 0;
+    EXPECT_EQ(bad_registers(in_use, staged, field),
+              "8206 staged_min_area: limits.min_area: 0 is out of range: use 1 to 65534");
+}
+
 }  // namespace
 }  // namespace hord::firmware
