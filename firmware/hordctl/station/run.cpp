@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <map>
 #include <memory>
-#include <mutex>
 #include <thread>
 #include <utility>
 
@@ -11,75 +10,18 @@
 #include "common/cli/message.h"
 #include "common/cli/progress.h"
 #include "firmware/core/faults.h"
-#include "firmware/diagnostics/verdict_text.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/station/gallery.h"
+#include "firmware/hordctl/station/part_lines.h"
+#include "firmware/hordctl/station/run_options.h"
 #include "firmware/hordctl/station/run_report.h"
 #include "firmware/registers/register_client.h"
 #include "firmware/service/realtime.h"
 #include "firmware/service/service.h"
-#include "firmware/store/results/json_text.h"
 #include "firmware/store/results/sqlite_store.h"
 
 namespace hord::firmware {
 namespace {
-
-using store::Json;
-
-struct RunOptions {
-    std::string config, modbus, out, store, state, vitals;
-    bool simulate = false, json = false;
-    SimulationOptions line;
-    int vitals_every_s = 10, reset_after_s = 0;
-};
-
-// `sentence`: empty for a part without inspection.
-Json to_json(const PartResult& result, const Backends::Fate& fate, const std::string& sentence) {
-    Json json{{"part", result.part},
-              {"verdict", name_of(result.verdict)},
-              {"reason", name_of(result.reason)},
-              {"score", result.score},
-              {"defects", result.defects},
-              {"latency_us", result.latency_us},
-              {"reject", name_of(result.reject)},
-              {"reject_latency_us", result.reject_latency_us}};
-    if (result.bounded) json["bounded"] = true;
-    if (!sentence.empty()) json["explain"] = sentence;
-    if (!fate.kind.empty()) json["truth"] = fate.kind;
-    json["ejected"] = fate.ejected ? Json(*fate.ejected) : Json(nullptr);
-    if (fate.taken_off) json["taken_off"] = true;
-    if (fate.on_line) json["on_line"] = true;
-    return json;
-}
-
-// An endpoint as a client's; port 0: any free one.
-Result<modbus::Endpoint> parse_listen(const std::string& text) {
-    const bool any_port = text.size() > 2 && text.ends_with(":0");
-    const auto endpoint = modbus::parse_endpoint(any_port ? text.substr(0, text.size() - 2) : text);
-    if (!endpoint) return tl::unexpected(endpoint.error());
-    return modbus::Endpoint{endpoint->host, any_port ? std::uint16_t{0} : endpoint->port};
-}
-
-// The configuration of a run without a file: every wait as long as the rate of parts allows, because the machine may be
-// busy with other work. The camera is far behind the part sensor. The pulse takes four fifths of the gap between two
-// parts, and begins half a pulse before its part is at the ejector.
-Config with_room(double parts_per_second) {
-    Config config;
-    CoreConfig& core = config.core;
-    core.exposure_delay = milliseconds(100);
-    if (parts_per_second > 20) return config;
-    const Duration pitch = std::min(Duration(static_cast<std::int64_t>(1e9 / parts_per_second)), milliseconds(1000));
-    core.exposure_delay = std::max(core.exposure_delay, pitch);
-    core.transport = std::max(milliseconds(1000), 3 * pitch);
-    core.trigger_lead = core.reject_pulse = pitch * 4 / 5;
-    core.reject_early = pitch * 2 / 5;
-    core.min_gap = pitch * 9 / 10;
-    core.confirm_timeout = std::max(core.confirm_timeout, pitch);
-    drivers::ModbusRejectorOptions module;
-    module.response_timeout = std::max(module.response_timeout, pitch);
-    config.rejector = SimulatedRejector{std::move(module)};
-    return config;
-}
 
 // Each fault with its meaning and cure.
 std::vector<std::string> fault_lines(std::uint32_t faults, const LineStop& why) {
@@ -90,55 +32,14 @@ std::vector<std::string> fault_lines(std::uint32_t faults, const LineStop& why) 
     return lines;
 }
 
-// The sentence of explain() of each part, until its result comes. Any thread.
-class Sentences {
-  public:
-    void set_recipe(std::shared_ptr<const algo::Recipe> recipe) {
-        const std::lock_guard lock(mutex_);
-        recipe_ = std::move(recipe);
-    }
-    void keep(std::uint32_t part, const algo::Inspection& found, const algo::Extents& extents) {
-        const std::lock_guard lock(mutex_);
-        while (by_part_.size() >= kMax) by_part_.erase(by_part_.begin());
-        by_part_[part] = explain(found, *recipe_, extents);
-    }
-    // Empty: the part was not inspected.
-    std::string take(std::uint32_t part) {
-        const std::lock_guard lock(mutex_);
-        const auto found = by_part_.extract(part);
-        return found.empty() ? std::string() : std::move(found.mapped());
-    }
-
-  private:
-    static constexpr std::size_t kMax = 1000;  // parts whose result has not come
-    std::mutex mutex_;
-    std::shared_ptr<const algo::Recipe> recipe_ = std::make_shared<const algo::Recipe>();
-    std::map<std::uint32_t, std::string> by_part_;
-};
-
 // One run: joins each part's result with its fate (simulated line), and ends when all parts have both.
 class Run {
   public:
     explicit Run(const RunOptions& options) : options_(options) {}
 
     Exit go() {
-        if (options_.config.empty() && !options_.simulate)
-            return complain({ErrorCode::invalid_argument, "neither --config nor --simulate is given",
-                             "give --config FILE for the devices of this machine, or --simulate"});
-        if (auto fine = check_outputs({{"--vitals", options_.vitals}}, {options_.config}); !fine)
-            return complain(fine.error());
-        auto config = options_.config.empty()
-            ? with_room(options_.line.parts_per_second)
-            : load_config(options_.config, options_.simulate ? NamedBackends::optional : NamedBackends::required);
+        auto config = config_of_run(options_);
         if (!config) return complain(config.error());
-        if (options_.simulate && !std::holds_alternative<SimulatedSensor>(config->sensor))
-            config->sensor = SimulatedSensor{};
-        if (!options_.modbus.empty()) {
-            auto listen = parse_listen(options_.modbus);
-            if (!listen) return complain(listen.error());
-            config->modbus.host = listen->host;  // who may read and write stays as configured
-            config->modbus.port = listen->port;
-        }
         if (auto usable = Service::check(*config); !usable) return complain(usable.error());
         if (!options_.store.empty()) {
             config->store.folder = options_.store;
@@ -214,7 +115,7 @@ class Run {
                 if (!options_.out.empty()) gallery_.keep(part, frame, inspection);
                 if (!options_.json) return;
                 const auto [i, j] = bins;
-                sentences_.keep(part, inspection, {frame.width_px / i, frame.height_px / j, i, j});
+                lines_.keep(part, inspection, {frame.width_px / i, frame.height_px / j, i, j});
             };
         }
         return Service::open(config, simulation, std::move(watchers));
@@ -223,7 +124,7 @@ class Run {
     void on_recipe(const NumberedRecipe& recipe) {
         auto in_use = std::make_shared<const algo::Recipe>(recipe.recipe);
         gallery_.set_recipe(in_use);
-        sentences_.set_recipe(std::move(in_use));
+        lines_.set_recipe(std::move(in_use));
     }
 
     void sample_vitals() {
@@ -306,9 +207,8 @@ class Run {
         if (result == results_.end() || fate == fates_.end()) return;
         report_.add(result->second, fate->second);
         if (options_.json) {
-            const std::string sentence = sentences_.take(result->second.part);
-            const std::string line = store::to_text(to_json(result->second, fate->second, sentence)) + "\n";
-            if (std::fputs(line.c_str(), stdout) < 0 || std::fflush(stdout) != 0) end();  // nobody reads it any more
+            if (const auto printed = lines_.print(result->second, fate->second); !printed)
+                say(printed.error().message());
         }
         gallery_.settle(result->second.part, fate->second.kind, fate->second.look);
         ++settled_;
@@ -398,7 +298,7 @@ class Run {
     RunReport report_;
     ResourceMonitor vitals_;
     Gallery gallery_;
-    Sentences sentences_;
+    PartLines lines_;
     std::map<std::int64_t, PartResult> results_;  // by arrival, until their fate is known
     std::map<std::int64_t, Backends::Fate> fates_;
     std::size_t settled_ = 0, fated_ = 0, resets_ = 0;
@@ -434,9 +334,11 @@ void add_run(CLI::App& program, Exit& status) {
                    "Parts a second on the simulated line; unless given, fewer with a --config whose line.min_gap_ms is "
                    "above 50",
                    0.1, 1000.0);
-    add_number(*command, "--good", options->line.good_share, "Share of good parts on the simulated line", 0.0, 1.0);
-    add_number(*command, "--variety", options->line.variety,
-               "Different parts of each kind on the simulated line; each is rendered at the start", 1, 1000);
+    auto* const good =
+        add_number(*command, "--good", options->line.good_share, "Share of good parts on the simulated line", 0.0, 1.0);
+    auto* const variety =
+        add_number(*command, "--variety", options->line.variety,
+                   "Different parts of each kind on the simulated line; each is rendered at the start", 1, 1000);
     command->add_option("--out", options->out,
                         "Folder for a picture of one part of each kind: what a telecentric camera would have seen, the "
                         "transmission, and the map that decided");
@@ -464,7 +366,9 @@ void add_run(CLI::App& program, Exit& status) {
         "station uses, or output that could not be written, 3 the station ended in an error, or results or frames "
         "could not be stored.\n"
         "Example: hordctl run --simulate --parts 200 --modbus 127.0.0.1:1502");
-    command->callback([options, rate, &status] {
+    command->callback([options, rate, good, variety, &status] {
+        options->good_given = good->count() > 0;
+        options->variety_given = variety->count() > 0;
         if (!options->config.empty() && rate->count() == 0) options->line.parts_per_second = 0;
         status = Run(*options).go();
     });

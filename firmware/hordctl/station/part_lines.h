@@ -1,0 +1,37 @@
+// `hordctl run --json`: one JSON object a part on stdout, with the sentence that explains its verdict.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "algo/inspection/pipeline.h"
+#include "firmware/core/station_types.h"
+#include "firmware/devices/device_factory.h"
+
+namespace hord::firmware {
+
+// Keeps the sentence of each inspected part until the part's result comes.
+class PartLines {
+  public:
+    // Any thread.
+    void set_recipe(std::shared_ptr<const algo::Recipe> recipe);
+    void keep(std::uint32_t part, const algo::Inspection& found, const algo::Extents& extents);
+
+    // One thread. Fails with io, once: a line could not be written. The station goes on, and later lines are not
+    // printed, so that a reader never takes a part of a line for a line.
+    Result<void> print(const PartResult& result, const Backends::Fate& fate);
+
+  private:
+    std::string take(std::uint32_t part);  // empty: the part was not inspected
+
+    static constexpr std::size_t kMax = 1000;  // parts whose result has not come
+    std::mutex mutex_;
+    std::shared_ptr<const algo::Recipe> recipe_ = std::make_shared<const algo::Recipe>();
+    std::map<std::uint32_t, std::string> by_part_;
+    bool lost_ = false;
+};
+
+}  // namespace hord::firmware
