@@ -310,6 +310,21 @@ FoundDefects Pipeline::Workspace::find_differences(const FrameView& frame, const
     return found;
 }
 
+Result<void> check_recipe(const Recipe& recipe, const Extents& extents, int bits) {
+    if (auto fine = check(extents); !fine) return fine;
+    if (auto fine = check_bits(bits); !fine) return fine;
+    std::vector<std::string> messages = problems(recipe, extents);
+    for (std::string& message : problems_of(light_levels(recipe, bits), extents, bits))
+        messages.push_back(std::move(message));
+    for (std::string& message : problems_of_reference(recipe)) messages.push_back(std::move(message));
+    if (!messages.empty()) return fail(ErrorCode::invalid_argument, "recipe \"" + recipe.name + "\"", joined(messages));
+    // The reference may have been given without the recipe: it is named, not the recipe.
+    if (const auto other = mismatches_of_reference(recipe, extents, bits); !other.empty())
+        return fail(ErrorCode::invalid_argument, joined(other),
+                    "give the reference that was learned from such frames, or learn one (hordctl learn)");
+    return {};
+}
+
 Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe& recipe, int threads, MapSet maps) {
     return create(extents, bits, recipe, threads, maps, nullptr);
 }
@@ -321,17 +336,7 @@ Result<Pipeline> Pipeline::create(const GridDecoder& decoder, int bits, const Re
 
 Result<Pipeline> Pipeline::create(const Extents& extents, int bits, const Recipe& recipe, int threads, MapSet maps,
                                   const GridDecoder* decoder) {
-    if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());
-    if (auto fine = check_bits(bits); !fine) return tl::unexpected(fine.error());
-    std::vector<std::string> messages = problems(recipe, extents);
-    for (std::string& message : problems_of(light_levels(recipe, bits), extents, bits))
-        messages.push_back(std::move(message));
-    for (std::string& message : problems_of_reference(recipe)) messages.push_back(std::move(message));
-    if (!messages.empty()) return fail(ErrorCode::invalid_argument, "recipe \"" + recipe.name + "\"", joined(messages));
-    // The reference may have been given without the recipe: it is named, not the recipe.
-    if (const auto other = mismatches_of_reference(recipe, extents, bits); !other.empty())
-        return fail(ErrorCode::invalid_argument, joined(other),
-                    "give the reference that was learned from such frames, or learn one (hordctl learn)");
+    if (auto fine = check_recipe(recipe, extents, bits); !fine) return tl::unexpected(fine.error());
     auto pool = RowThreadPool::create(threads);
     if (!pool) return tl::unexpected(pool.error());
     std::vector<PipelineWorker> workers;

@@ -108,6 +108,10 @@ enum class MapSet : std::uint8_t {
     all,     // also the Jacobian's norms and the transmission; otherwise as exact
 };
 
+// Whether parts can be judged by the recipe on these light fields. Fails with invalid_argument: all problems in one
+// message, with the recipe's name; a reference of other light fields alone.
+Result<void> check_recipe(const Recipe& recipe, const Extents& extents, int bits);
+
 class Pipeline {
   public:
     // Fails with invalid_argument if the extents, the recipe or the number of threads are invalid (all problems of a

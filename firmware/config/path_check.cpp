@@ -91,7 +91,8 @@ class Folders {
         else if (error)
             problem(key, folder, "cannot be looked at by user " + user_ + " (" + error.message() + ")",
                     "give this user the right, or name another folder");
-        else if (!is_dangling(key, folder)) problem(key, folder, "does not exist", "create it, or name another folder");
+        else if (!is_dangling(key, folder))
+            problem(key, folder, "does not exist", "create it, or name another folder; " + mounted_late(folder));
         return false;
     }
     // Creating a folder there fails.
@@ -99,7 +100,8 @@ class Folders {
         const std::string link = common::dangling_link(folder);
         if (!link.empty()) {
             problems_.add(Error{ErrorCode::io, fmt::format("{}: {}", key, link),
-                                "create the folder that it links to, or remove the link, or name another folder"});
+                                "create the folder that it links to, or remove the link, or name another folder; " +
+                                    mounted_late(folder)});
         }
         return !link.empty();
     }
@@ -124,6 +126,12 @@ void look_at_sources(const Config& config, Folders& folders) {
 }
 
 }  // namespace
+
+std::string mounted_late(const fs::path& folder) {
+    std::error_code ignored;
+    return fmt::format("if it is mounted later: systemctl edit hordd, [Unit] RequiresMountsFor={}",
+                       fs::absolute(folder, ignored).string());
+}
 
 Result<void> check_sources(const Config& config) {
     Folders folders;

@@ -1,6 +1,7 @@
 // The folders that a configuration names, as they are on this machine now.
 #pragma once
 
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,9 @@ namespace hord::firmware {
 // writes nothing. Fails with io: all folders that cannot be used, one a line with its key and cure. Files of recipes
 // and calibrations are for their readers to check.
 Result<std::vector<std::string>> check_folders(const Config& config);
+
+// What to do about a folder of a disk or share that is mounted after the service starts.
+std::string mounted_late(const std::filesystem::path& folder);
 
 // Only the folders without which nothing can start: those of recorded frames and of scenes. Fails likewise.
 Result<void> check_sources(const Config& config);

@@ -26,6 +26,10 @@ Result<void> may_replace(const calib::GridFile& fresh, const std::filesystem::pa
     return {};
 }
 
+Error named(const std::filesystem::path& file, const Error& error) {
+    return {error.code, file.string() + ": " + error.what, error.cure};
+}
+
 }  // namespace
 
 std::optional<std::uint32_t> ActiveCalibration::age_s() const {
@@ -36,29 +40,32 @@ std::optional<std::uint32_t> ActiveCalibration::age_s() const {
     return static_cast<std::uint32_t>(std::clamp<std::int64_t>(seconds, 0, 0xFFFFFFFE));
 }
 
-Result<ActiveCalibration> use_calibration(const std::filesystem::path& file, const std::filesystem::path& kept,
-                                          const hal::SensorFormat& format, int bins_i, int bins_j) {
-    const auto named = [&file](const Error& error) {
-        return fail(error.code, file.string() + ": " + error.what, error.cure);
-    };
+Result<ActiveCalibration> read_calibration(const std::filesystem::path& file, int bins_i, int bins_j) {
     auto read = calib::read_grid(file);
     if (!read) return tl::unexpected(read.error());
-    ActiveCalibration out{std::move(*read), 0, nullptr};
-    const algo::LensletGrid& grid = out.file.grid;
-    if (grid.width_px != format.width_px || grid.height_px != format.height_px) {
-        return fail(ErrorCode::invalid_argument,
-                    fmt::format("{}: a calibration of frames of {}x{} px, but the sensor's are of {}x{}", file.string(),
-                                grid.width_px, grid.height_px, format.width_px, format.height_px),
-                    "calibrate this sensor (hordctl calibrate), or name its calibration in inspection.grid");
-    }
-    auto decoder = algo::GridDecoder::create(grid, out.file.directions, bins_i, bins_j);
-    if (!decoder) return named(decoder.error());
+    ActiveCalibration out{file, std::move(*read), 0, nullptr};
+    auto decoder = algo::GridDecoder::create(out.file.grid, out.file.directions, bins_i, bins_j);
+    if (!decoder) return tl::unexpected(named(file, decoder.error()));
     out.decoder = std::make_shared<const algo::GridDecoder>(std::move(*decoder));
     out.crc32 = common::crc32(calib::to_toml(out.file));
-    if (kept.empty()) return out;
-    if (auto fine = may_replace(out.file, kept); !fine) return named(fine.error());
-    if (auto done = calib::write_grid(kept, out.file); !done) return tl::unexpected(done.error());
     return out;
+}
+
+Result<void> check_calibration(const ActiveCalibration& read, const std::filesystem::path& kept,
+                               const hal::SensorFormat& format) {
+    const algo::LensletGrid& grid = read.file.grid;
+    if (grid.width_px != format.width_px || grid.height_px != format.height_px) {
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("{}: a calibration of frames of {}x{} px, but the sensor's are of {}x{}",
+                                read.path.string(), grid.width_px, grid.height_px, format.width_px, format.height_px),
+                    "calibrate this sensor (hordctl calibrate), or name its calibration in inspection.grid");
+    }
+    if (kept.empty()) return {};
+    return may_replace(read.file, kept).map_error([&](const Error& error) { return named(read.path, error); });
+}
+
+std::filesystem::path kept_calibration(const std::filesystem::path& state_folder) {
+    return state_folder.empty() ? std::filesystem::path() : state_folder / "calibration-in-use.toml";
 }
 
 }  // namespace hord::firmware

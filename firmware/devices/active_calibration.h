@@ -14,6 +14,7 @@
 namespace hord::firmware {
 
 struct ActiveCalibration {
+    std::filesystem::path path;
     calib::GridFile file;
     std::uint32_t crc32 = 0;  // of the file's text; identifies the calibration in the registers
     std::shared_ptr<const algo::GridDecoder> decoder;  // each thread copies it
@@ -22,11 +23,16 @@ struct ActiveCalibration {
     [[nodiscard]] std::optional<std::uint32_t> age_s() const;
 };
 
-// Reads `file` and makes the decoder of bins_i x bins_j bins. `kept` is the copy of the calibration in use (empty:
-// none): a worse one of the same camera does not replace it (calib/files/accept_calibration.h). Fails as
-// calib::read_grid does, with invalid_argument (not the sensor's frame size), refused (worse), io (`kept` cannot be
-// written).
-Result<ActiveCalibration> use_calibration(const std::filesystem::path& file, const std::filesystem::path& kept,
-                                          const hal::SensorFormat& format, int bins_i, int bins_j);
+// Reads `file` and makes the decoder of bins_i x bins_j bins. Fails as calib::read_grid and GridDecoder::create do.
+Result<ActiveCalibration> read_calibration(const std::filesystem::path& file, int bins_i, int bins_j);
+
+// Whether it can be used with these frames. `kept` is the copy of the calibration in use (empty: none): a worse one of
+// the same camera does not replace it (calib/files/accept_calibration.h). Writes nothing. Fails with invalid_argument
+// (not the sensor's frame size) and refused (worse).
+Result<void> check_calibration(const ActiveCalibration& read, const std::filesystem::path& kept,
+                               const hal::SensorFormat& format);
+
+// The file of the calibration in use.
+std::filesystem::path kept_calibration(const std::filesystem::path& state_folder);  // empty: nothing is kept
 
 }  // namespace hord::firmware

@@ -17,10 +17,10 @@
 #include "drivers/modbus/modbus_rejector.h"
 #include "drivers/v4l2/v4l2_sensor.h"
 #include "firmware/core/faults.h"
+#include "firmware/devices/expected_frames.h"
 #include "hal_sim/cell/cell.h"
 #include "hal_sim/cell/production.h"
 #include "hal_sim/cell/rendered_frames.h"
-#include "hal_sim/cell/scene_folder.h"
 #include "hal_sim/coil_module/coil_module.h"
 #include "hal_sim/optics/camera/telecentric.h"
 
@@ -54,33 +54,6 @@ sim::CellOptions cell_options(const Config& config, const SimulationOptions& sim
     return options;
 }
 
-// Compares the geometry that recorded frames note with [inspection]. Fails with invalid_argument.
-Result<void> check_geometry(const drivers::RecordedFrames& frames, const InspectionConfig& inspection) {
-    const auto& noted = frames.noted();
-    if (!noted) return {};
-    const algo::Extents& grid = noted->geometry.grid;
-    const std::string says = noted->file + " says " + describe(noted->geometry);
-    const auto refuse = [&](const std::string& configured, const std::string& cure) {
-        return fail(ErrorCode::invalid_argument, says + ", and " + configured, cure);
-    };
-    if (noted->geometry.kind == drivers::FrameKind::raw) {
-        if (!inspection.grid.empty()) return {};
-        return refuse("inspection.grid names no calibration", "name the one of this sensor (hordctl calibrate)");
-    }
-    if (!inspection.grid.empty()) {
-        return refuse("inspection.grid = \"" + inspection.grid.string() + "\" decodes raw frames",
-                      "leave inspection.grid out, or play raw frames");
-    }
-    if (grid.i == inspection.bins_i && grid.j == inspection.bins_j) return {};
-    return refuse(fmt::format("inspection.macro is \"{}x{}\"", inspection.bins_i, inspection.bins_j),
-                  fmt::format("set inspection.macro = \"{}x{}\", or play other frames", grid.i, grid.j));
-}
-
-bool has_scene_files(const Config& config) {
-    const auto* simulated = std::get_if<SimulatedSensor>(&config.sensor);
-    return simulated != nullptr && !simulated->scenes.empty();
-}
-
 // The parts of the simulated line: those of the configured scene files, else drawn ones.
 Result<sim::Production> parts_of_line(const Config& config, const SimulationOptions& simulation) {
     const InspectionConfig& inspection = config.inspection;
@@ -93,17 +66,7 @@ Result<sim::Production> parts_of_line(const Config& config, const SimulationOpti
         if (simulation.all_defects) production.defects.assign(sim::kAllDefects.begin(), sim::kAllDefects.end());
         return sim::draw_production(production);
     }
-    const auto& folder = std::get<SimulatedSensor>(config.sensor).scenes;
-    auto parts = sim::load_production(folder, simulation.good_share);
-    if (!parts) return parts;
-    const algo::Extents& e = parts->scenes.front().camera.extents;
-    if (e.i != inspection.bins_i || e.j != inspection.bins_j) {
-        return fail(ErrorCode::invalid_argument,
-                    fmt::format("the scenes of {} have {}x{} bins, and inspection.macro is \"{}x{}\"", folder.string(),
-                                e.i, e.j, inspection.bins_i, inspection.bins_j),
-                    fmt::format("set inspection.macro = \"{}x{}\", or use other scenes", e.i, e.j));
-    }
-    return parts;
+    return configured_scenes(config, simulation.good_share);
 }
 
 // Whether any device is simulated: then a simulated cell moves the parts.
@@ -310,7 +273,8 @@ Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Con
     if (const auto* recorded = std::get_if<FrameFolder>(&config.sensor)) {
         auto frames = drivers::RecordedFrames::open(loop, {recorded->folder}, progress);
         if (!frames) return tl::unexpected(frames.error());
-        if (auto fine = check_geometry(**frames, config.inspection); !fine) return tl::unexpected(fine.error());
+        if (auto fine = check_geometry((*frames)->noted(), config.inspection); !fine)
+            return tl::unexpected(fine.error());
         return std::move(*frames);
     }
     if (const auto* video = std::get_if<drivers::V4l2SensorOptions>(&config.sensor))

@@ -145,9 +145,11 @@ Result<EachDevice> open_each_device(hal::EventLoop& loop, const Config& config, 
         probe_sensor(loop, config, *devices, each.cell);
         probe_rejector(loop, config, *devices, each.cell);
         if (!config.inspection.grid.empty() && each.cell.sensor.device && *each.cell.sensor.device != nullptr) {
-            auto grid = use_calibration(config.inspection.grid, {}, (*each.cell.sensor.device)->format(),
-                                        config.inspection.bins_i, config.inspection.bins_j);
+            const auto grid =
+                read_calibration(config.inspection.grid, config.inspection.bins_i, config.inspection.bins_j);
             if (!grid) return tl::unexpected(grid.error());
+            if (auto fits = check_calibration(*grid, {}, (*each.cell.sensor.device)->format()); !fits)
+                return tl::unexpected(fits.error());
             each.cell.decoder = *grid->decoder;
         }
     }

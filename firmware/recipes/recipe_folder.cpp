@@ -9,6 +9,7 @@
 
 #include "common/crc32.h"
 #include "common/file_writing.h"
+#include "common/toml_fields.h"
 #include "firmware/recipes/reference_file.h"
 
 namespace hord::firmware {
@@ -34,9 +35,8 @@ std::optional<std::uint32_t> value_of(std::string_view text, std::string_view ke
     return crc;
 }
 
-}  // namespace
-
-Result<std::vector<RecipeEntry>> list_recipes(const fs::path& folder) {
+// All *.toml files of the folder, sorted by name.
+Result<std::vector<fs::path>> recipe_files(const fs::path& folder) {
     std::error_code error;
     std::vector<fs::path> files;
     for (auto entry = fs::directory_iterator(folder, error); !error && entry != fs::directory_iterator();
@@ -48,27 +48,62 @@ Result<std::vector<RecipeEntry>> list_recipes(const fs::path& folder) {
                     "make it, or name another one in inspection.recipes");
     }
     std::sort(files.begin(), files.end());
-    std::vector<RecipeEntry> all;
-    for (const fs::path& file : files) all.push_back({file, load_numbered_recipe(file)});
-    return all;
+    return files;
 }
 
-Result<void> check_numbers(const std::vector<RecipeEntry>& recipes) {
+struct NumberedFile {
+    fs::path file;
+    std::uint16_t number = 0;
+};
+
+Result<void> refuse_doubled(const std::vector<NumberedFile>& files) {
     std::string doubled;
-    for (std::size_t k = 0; k < recipes.size(); ++k) {
+    for (std::size_t k = 0; k < files.size(); ++k) {
         for (std::size_t other = 0; other < k; ++other) {
-            const RecipeEntry &a = recipes[other], &b = recipes[k];
-            if (!a.recipe || !b.recipe || a.recipe->number != b.recipe->number) continue;
+            const NumberedFile &a = files[other], &b = files[k];
+            if (a.number != b.number) continue;
             std::error_code error;
             const fs::path one = fs::weakly_canonical(a.file, error), two = fs::weakly_canonical(b.file, error);
             if (one == two || one.parent_path() != two.parent_path()) continue;
             doubled += fmt::format("{}{} and {} both have number {}", doubled.empty() ? "" : ", ", a.file.string(),
-                                   b.file.string(), a.recipe->number);
+                                   b.file.string(), a.number);
             break;
         }
     }
     if (doubled.empty()) return {};
     return fail(ErrorCode::refused, doubled, "give each recipe a number of its own");
+}
+
+}  // namespace
+
+Result<std::vector<RecipeEntry>> list_recipes(const fs::path& folder) {
+    const auto files = recipe_files(folder);
+    if (!files) return tl::unexpected(files.error());
+    std::vector<RecipeEntry> all;
+    for (const fs::path& file : *files) all.push_back({file, load_numbered_recipe(file)});
+    return all;
+}
+
+Result<void> check_numbers(const std::vector<RecipeEntry>& recipes) {
+    std::vector<NumberedFile> files;
+    for (const RecipeEntry& entry : recipes) {
+        if (entry.recipe) files.push_back({entry.file, entry.recipe->number});
+    }
+    return refuse_doubled(files);
+}
+
+Result<void> check_recipe_numbers(const fs::path& folder) {
+    if (folder.empty()) return {};
+    const auto files = recipe_files(folder);
+    if (!files) return tl::unexpected(files.error());
+    std::vector<NumberedFile> numbered;
+    for (const fs::path& file : *files) {
+        common::TomlProblems unreadable;
+        NumberedFile& entry = numbered.emplace_back(NumberedFile{file, 0});
+        common::TomlTable::parse_file(file, unreadable).integer("number", entry.number, 0, 65534);
+        if (!unreadable.empty()) numbered.pop_back();
+    }
+    return refuse_doubled(numbered);
 }
 
 Result<NumberedRecipe> find_recipe(const fs::path& folder, std::uint16_t number) {

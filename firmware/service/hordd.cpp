@@ -9,7 +9,6 @@
 #include <fmt/ranges.h>
 #include <systemd/sd-daemon.h>
 
-#include "calib/files/grid_toml.h"
 #include "common/cli/program.h"
 #include "common/toml_fields.h"
 #include "firmware/config/path_check.h"
@@ -47,12 +46,6 @@ Result<Config> read_config(const Options& options) {
     return config;
 }
 
-std::vector<Error> all_notes(const Config& config) {
-    std::vector<Error> all = notes(config);
-    if (auto note = nothing_is_stored(config)) all.push_back(std::move(*note));
-    return all;
-}
-
 int complain(JournalEvent what, const Error& error, int status) {
     write_to_journal(what, error.message());
     sd_notifyf(0, "STATUS=%s", error.message().c_str());
@@ -77,6 +70,39 @@ ListenSockets sockets_from_systemd() {
     return sockets;
 }
 
+// --check: everything that a start reads, and the folders.
+int check(const Options& options) {
+    const auto config = read_config(options);
+    if (!config) return refuse_configuration(config.error());
+    common::TomlProblems found;
+    const auto use = [&](const auto& result) {
+        if (!result) found.add(result.error());
+    };
+    const auto files = read_station_files(*config);
+    use(files);
+    const auto all = list_recipes(config->inspection.recipes);  // there need not be a folder of recipes
+    if (all) use(check_numbers(*all));
+    const auto folders = check_folders(*config);
+    use(folders);
+    if (!found.empty()) return refuse_configuration(found.as_error().value());
+    for (const std::string& folder : *folders) fmt::print("{}\n", folder);
+    for (const std::string& held : folders_in_use(*config)) fmt::print("note: {}\n", held);
+    for (const Error& note : start_notes(*config)) fmt::print("note: {}\n", note.message());
+    const auto print_notes = [](const std::string& name, const NumberedRecipe& of) {
+        for (const std::string& note : notes(of)) fmt::print("{}: note: {}\n", name, note);
+    };
+    const std::string named = config->inspection.recipe.string();
+    print_notes(named.empty() ? "the default recipe (inspection.recipe names none)" : named, files->recipe);
+    for (const RecipeEntry& entry : all.value_or(std::vector<RecipeEntry>())) {
+        std::error_code none;
+        if (std::filesystem::equivalent(entry.file, config->inspection.recipe, none)) continue;
+        if (entry.recipe) print_notes(entry.file.string(), *entry.recipe);
+        else fmt::print("note: a recipe that cannot be selected: {}\n", entry.recipe.error().message());
+    }
+    fmt::print("{} can be used; devices were not asked\n", options.config);
+    return end_output(0);
+}
+
 class Daemon {
   public:
     explicit Daemon(const Options& options) : options_(options) {}
@@ -84,15 +110,16 @@ class Daemon {
     int run() {
         auto config = read_config(options_);
         if (!config) return refuse_configuration(config.error());
-        if (auto usable = Service::check(*config); !usable) return refuse_configuration(usable.error());
+        auto files = read_station_files(*config);
+        if (!files) return refuse_configuration(files.error());
         sd_notify(0, "STATUS=opening devices");
         SimulationOptions simulation;
         simulation.variety = 2;
         simulation.cache = environment("CACHE_DIRECTORY");
-        auto opened = Service::open(*config, simulation, watchers(), sockets_from_systemd());
+        auto opened = Service::open(*config, std::move(*files), simulation, watchers(), sockets_from_systemd());
         if (!opened) return complain(JournalEvent::trouble, opened.error(), kCannotRun);
         service_ = std::move(*opened);
-        for (const Error& note : all_notes(*config)) write_to_journal(JournalEvent::trouble, note.message());
+        for (const Error& note : start_notes(*config)) write_to_journal(JournalEvent::trouble, note.message());
         if (options_.realtime > 0) {
             for (const Error& refused : take_realtime_policy(options_.realtime))
                 write_to_journal(JournalEvent::trouble, refused.message());
@@ -233,37 +260,7 @@ int main(int argc, char** argv) {
         return end_output(0);
     }
     if (options.check) {
-        const auto config = read_config(options);
-        if (!config) return refuse_configuration(config.error());
-        common::TomlProblems found;
-        const auto use = [&](const auto& result) {
-            if (!result) found.add(result.error());
-        };
-        const auto recipe = recipe_or_default(config->inspection.recipe);
-        use(recipe);
-        // There need not be a folder of recipes.
-        const auto all = list_recipes(config->inspection.recipes);
-        if (all) use(check_numbers(*all));
-        if (!config->inspection.grid.empty()) use(calib::read_grid(config->inspection.grid));
-        const auto folders = check_folders(*config);
-        use(folders);
-        if (!found.empty()) return refuse_configuration(found.as_error().value());
-        for (const std::string& folder : *folders) fmt::print("{}\n", folder);
-        for (const std::string& held : folders_in_use(*config)) fmt::print("note: {}\n", held);
-        for (const Error& note : all_notes(*config)) fmt::print("note: {}\n", note.message());
-        const auto print_notes = [](const std::string& name, const NumberedRecipe& of) {
-            for (const std::string& note : notes(of)) fmt::print("{}: note: {}\n", name, note);
-        };
-        const std::string named = config->inspection.recipe.string();
-        print_notes(named.empty() ? "the default recipe (inspection.recipe names none)" : named, *recipe);
-        for (const RecipeEntry& entry : all.value_or(std::vector<RecipeEntry>())) {
-            std::error_code none;
-            if (std::filesystem::equivalent(entry.file, config->inspection.recipe, none)) continue;
-            if (entry.recipe) print_notes(entry.file.string(), *entry.recipe);
-            else fmt::print("note: a recipe that cannot be selected: {}\n", entry.recipe.error().message());
-        }
-        fmt::print("{} can be used; devices were not asked\n", options.config);
-        return end_output(0);
+        return check(options);
     }
     return Daemon(options).run();
 }

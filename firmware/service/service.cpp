@@ -13,8 +13,6 @@
 #include <fmt/format.h>
 
 #include "common/assign.h"
-#include "common/toml_fields.h"
-#include "firmware/config/path_check.h"
 #include "firmware/diagnostics/inspection_self_test.h"
 #include "firmware/diagnostics/learn_report.h"
 #include "firmware/recipes/recipe_folder.h"
@@ -23,7 +21,6 @@ namespace hord::firmware {
 namespace {
 
 constexpr Duration kBeltStops = milliseconds(200);  // from the end of the run permit
-constexpr const char* kCalibrationInUse = "calibration-in-use.toml";
 
 constexpr std::initializer_list<int> kEndSignals = {SIGINT, SIGTERM, SIGQUIT};
 
@@ -103,33 +100,24 @@ void Service::close_servers() {
     server_.reset();
 }
 
-// Size of the light field: from the format of macro-pixel frames, or from the calibration for raw ones.
+// Takes the calibration in use, and returns the size of the light field.
 Result<algo::Extents> Service::open_grid(const hal::SensorFormat& format) {
-    const InspectionConfig& inspection = config_.inspection;
-    if (inspection.grid.empty())
-        return algo::extents_of_frame(format.width_px, format.height_px, inspection.bins_i, inspection.bins_j)
-            .map_error([](Error error) {
-                error.cure =
-                    "set sensor.width_px and height_px to whole lenslets, inspection.macro to the bins of one, or "
-                    "inspection.grid to the calibration";
-                return error;
-            });
-    const auto kept = config_.state_folder.empty() ? std::filesystem::path() : config_.state_folder / kCalibrationInUse;
-    if (auto done = assign(grid_, use_calibration(inspection.grid, kept, format, inspection.bins_i, inspection.bins_j));
-        !done) {
-        return tl::unexpected(done.error());
+    if (grid_) {
+        const auto kept = kept_calibration(config_.state_folder);
+        if (auto fits = check_calibration(*grid_, kept, format); !fits) return tl::unexpected(fits.error());
+        if (!kept.empty()) {
+            if (auto done = calib::write_grid(kept, grid_->file); !done) return tl::unexpected(done.error());
+        }
+        const calib::GridStatistics& s = grid_->file.statistics;
+        calibration_.id = grid_->crc32;
+        calibration_.residual_px = std::sqrt(0.5 * (s.rms_x_px * s.rms_x_px + s.rms_y_px * s.rms_y_px));
     }
-    const calib::GridStatistics& s = grid_->file.statistics;
-    calibration_.id = grid_->crc32;
-    calibration_.residual_px = std::sqrt(0.5 * (s.rms_x_px * s.rms_x_px + s.rms_y_px * s.rms_y_px));
-    return grid_->decoder->extents();
+    return light_field_of(config_.inspection, grid_, format);
 }
 
-Result<algo::Extents> Service::open_inspector(const NumberedRecipe& recipe) {
+Result<void> Service::open_inspector(const NumberedRecipe& recipe, const algo::Extents& extents) {
     const hal::SensorFormat format = backends_->sensor().format();
-    auto extents = open_grid(format);
-    if (!extents) return tl::unexpected(extents.error());
-    const InspectorSettings settings{.extents = *extents,
+    const InspectorSettings settings{.extents = extents,
                                      .bits = format.bits,
                                      .decoder = grid_ ? grid_->decoder : nullptr,
                                      .recipe = recipe.recipe,
@@ -142,18 +130,18 @@ Result<algo::Extents> Service::open_inspector(const NumberedRecipe& recipe) {
     if (auto done = assign(inspector_, make_threaded_inspector(*loop_, settings)); !done)
         return tl::unexpected(done.error());
     const auto zero = grid_ ? algo::DriftZero::calibration : algo::DriftZero::first_parts;
-    auto drift_monitor = DriftMonitor::create(*extents, algo::light_levels(recipe.recipe, format.bits), zero,
+    auto drift_monitor = DriftMonitor::create(extents, algo::light_levels(recipe.recipe, format.bits), zero,
                                               grid_ ? grid_->decoder->bin_px() : 1);
     if (auto done = assign(drift_, std::move(drift_monitor)); !done) return tl::unexpected(done.error());
-    auto optics_monitor = OpticsMonitor::create(*extents, limits_of(config_.optics, format.bits));
+    auto optics_monitor = OpticsMonitor::create(extents, limits_of(config_.optics, format.bits));
     if (auto done = assign(optics_, std::move(optics_monitor)); !done) return tl::unexpected(done.error());
-    calibration_.lenslets_m = static_cast<std::uint16_t>(extents->m);
-    calibration_.lenslets_n = static_cast<std::uint16_t>(extents->n);
+    calibration_.lenslets_m = static_cast<std::uint16_t>(extents.m);
+    calibration_.lenslets_n = static_cast<std::uint16_t>(extents.n);
     publish_calibration();
     if (!config_.state_folder.empty()) {
         teach_in_ = std::make_unique<LineTeachIn>(
             *loop_,
-            TeachInOptions{.extents = *extents,
+            TeachInOptions{.extents = extents,
                            .bits = format.bits,
                            .folder = std::filesystem::absolute(config_.state_folder),
                            .leave_free_bytes = static_cast<std::uint64_t>(config_.store.free_mb) * 1'000'000 / 2,
@@ -171,9 +159,9 @@ Result<algo::Extents> Service::open_inspector(const NumberedRecipe& recipe) {
     };
     recorder_ = make_recorder(
         *loop_, config_,
-        {HORD_VERSION, identity_.boot_id, *extents, format.bits, recipe.recipe.name, recorded_recipe(recipe)},
+        {HORD_VERSION, identity_.boot_id, extents, format.bits, recipe.recipe.name, recorded_recipe(recipe)},
         recording);
-    return *extents;
+    return {};
 }
 
 void Service::connect(NumberedRecipe recipe, const algo::Extents& extents) {
@@ -258,10 +246,11 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
         if (watchers_.line_over) watchers_.line_over();
     });
 
+    const auto extents = open_grid(backends_->sensor().format());
+    if (!extents) return tl::unexpected(extents.error());
     auto recipe = first_recipe();
     if (!recipe) return tl::unexpected(recipe.error());
-    const auto extents = open_inspector(*recipe);
-    if (!extents) return tl::unexpected(extents.error());
+    if (auto done = open_inspector(*recipe, *extents); !done) return done;
     station_ = std::make_unique<Station>(config_.core,
                                          Cell{*loop_, backends_->part_sensor(), backends_->strobe(),
                                               backends_->sensor(), backends_->rejector(), *inspector_},
@@ -272,21 +261,10 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
     return {};
 }
 
-Result<void> Service::check(const Config& config) {
-    common::TomlProblems found;
-    const auto use = [&](const auto& result) {
-        if (!result) found.add(result.error());
-    };
-    use(recipe_or_default(config.inspection.recipe));
-    if (!config.inspection.grid.empty()) use(calib::read_grid(config.inspection.grid));
-    use(check_sources(config));
-    if (!found.empty()) return found.as_error();
-    return {};
-}
-
-Result<std::unique_ptr<Service>> Service::open(const Config& config, const SimulationOptions& simulation,
-                                               ServiceWatchers watchers, const ListenSockets& sockets) {
-    std::unique_ptr<Service> service(new Service(config, std::move(watchers), sockets));
+Result<std::unique_ptr<Service>> Service::open(const Config& config, StationFiles files,
+                                               const SimulationOptions& simulation, ServiceWatchers watchers,
+                                               const ListenSockets& sockets) {
+    std::unique_ptr<Service> service(new Service(config, std::move(files), std::move(watchers), sockets));
     if (auto done = service->open_all(simulation); !done) return tl::unexpected(done.error());
     return service;
 }

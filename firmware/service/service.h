@@ -18,6 +18,7 @@
 #include "firmware/plc/command_handler.h"
 #include "firmware/plc/register_server_model.h"
 #include "firmware/recipes/teach_in.h"
+#include "firmware/service/station_files.h"
 #include "firmware/station/empty_line_proof.h"
 #include "firmware/station/state_lock.h"
 #include "firmware/station/station.h"
@@ -47,17 +48,13 @@ struct ListenSockets {
 
 class Service final : public StationObserver, public InspectionObserver {
   public:
-    // Whether what the configuration names can be used: recipe, calibration, the folder of frames or scenes. What it
-    // finds stays so until a person changes something; devices and ports, which may come, are for open(). Fails with
-    // all problems, one a line.
-    static Result<void> check(const Config& config);
-
-    // Opens devices and ports; nothing runs yet. A signal that would stop run() ends the program while a simulated cell
-    // renders and while recorded frames are read. Fails as the devices and servers do, and with busy, before anything
-    // is written, if another station uses the folder of state or results. The destructor halts: lights off, outputs
-    // safe.
-    static Result<std::unique_ptr<Service>> open(const Config& config, const SimulationOptions& simulation,
-                                                 ServiceWatchers watchers, const ListenSockets& sockets = {});
+    // Opens devices and ports; nothing runs yet. `files`: those of the configuration (read_station_files). A signal
+    // that would stop run() ends the program while a simulated cell renders and while recorded frames are read. Fails
+    // as the devices and servers do, and with busy, before anything is written, if another station uses the folder of
+    // state or results. The destructor halts: lights off, outputs safe.
+    static Result<std::unique_ptr<Service>> open(const Config& config, StationFiles files,
+                                                 const SimulationOptions& simulation, ServiceWatchers watchers,
+                                                 const ListenSockets& sockets = {});
 
     // Runs until stop(), SIGINT or SIGTERM. The belt of a simulated line moves while the station gives the run permit.
     // With a real rejector, whose outputs the simulation does not see, it moves from the first execution on, and after
@@ -98,8 +95,9 @@ class Service final : public StationObserver, public InspectionObserver {
     [[nodiscard]] std::string registers_address() const;                           // "127.0.0.1:1502"
 
   private:
-    Service(const Config& config, ServiceWatchers watchers, const ListenSockets& sockets)
-        : config_(config), sockets_(sockets), watchers_(std::move(watchers)) {}
+    Service(const Config& config, StationFiles files, ServiceWatchers watchers, const ListenSockets& sockets)
+        : config_(config), sockets_(sockets), watchers_(std::move(watchers)), grid_(std::move(files.calibration)),
+          configured_(std::move(files.recipe)) {}
 
     // service.cpp
     Result<void> open_all(const SimulationOptions& simulation);
@@ -108,7 +106,7 @@ class Service final : public StationObserver, public InspectionObserver {
     Result<void> open_servers();
     void close_servers();
     Result<algo::Extents> open_grid(const hal::SensorFormat& format);
-    Result<algo::Extents> open_inspector(const NumberedRecipe& recipe);
+    Result<void> open_inspector(const NumberedRecipe& recipe, const algo::Extents& extents);
     void connect(NumberedRecipe recipe, const algo::Extents& extents);
     bool withdraw_proof();
     void prove_empty_line();
@@ -164,6 +162,7 @@ class Service final : public StationObserver, public InspectionObserver {
     HealthReport health_{.frames_lost = 0, .frames_corrupt = 0, .bounded = 0};
     std::optional<Duration> bounded_told_;  // since opened_at_: when the journal was last told of a limit
     hal::TimePoint opened_at_{};
+    NumberedRecipe configured_;            // at the start
     std::uint32_t configured_recipe_ = 0;  // CRC-32
     StationIdentity identity_;
 };

@@ -71,8 +71,7 @@ void Service::kept_is_lost(const Error& why, const NumberedRecipe& instead) {
 
 // The configured recipe, or the one that commands have selected since.
 Result<NumberedRecipe> Service::first_recipe() {
-    auto recipe = recipe_or_default(config_.inspection.recipe);
-    if (!recipe) return recipe;
+    Result<NumberedRecipe> recipe = std::move(configured_);
     configured_recipe_ = crc32_of(*recipe);
     if (config_.state_folder.empty()) return recipe;
     if (auto here = state_lock_.check_place(); !here) return tl::unexpected(here.error());

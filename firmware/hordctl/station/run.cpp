@@ -40,7 +40,8 @@ class Run {
     Exit go() {
         auto config = config_of_run(options_);
         if (!config) return complain(config.error());
-        if (auto usable = Service::check(*config); !usable) return complain(usable.error());
+        auto files = read_station_files(*config);
+        if (!files) return complain(files.error());
         if (!options_.store.empty()) {
             config->store.folder = options_.store;
             // A service goes on without its store; who names one here wants it. Rendering takes longer than this check.
@@ -56,14 +57,14 @@ class Run {
             config->state_folder = options_.state;
         }
         gallery_.set_bins(config->inspection.bins_i, config->inspection.bins_j);
-        auto service = open(*config);
+        auto service = open(*config, std::move(*files));
         if (!service) return complain(service.error());
         service_ = std::move(*service);
         on_recipe(service_->recipe());
         print_message("registers at {}\nsimulated: {}\n", service_->registers_address(),
                       names_of_faults(service_->simulated()));
         progress_ = std::make_unique<Progress>("parts", options_.line.parts == 0);
-        for (const Error& note : notes(*config)) say(note.message());
+        for (const Error& note : start_notes(*config)) say(note.message());
         if (options_.line.parts > 0 || options_.reset_after_s > 0) watch_for_line_stop(0);
         if (!options_.vitals.empty()) service_->loop().post([this] { sample_vitals(); });
         if (options_.line.realtime > 0) {
@@ -77,7 +78,7 @@ class Run {
     }
 
   private:
-    Result<std::unique_ptr<Service>> open(const Config& config) {
+    Result<std::unique_ptr<Service>> open(const Config& config, StationFiles files) {
         SimulationOptions simulation = options_.line;
         simulation.own_coil_module = simulation.all_defects = options_.simulate;
         auto rendering = std::make_shared<std::unique_ptr<Progress>>(std::make_unique<Progress>(
@@ -118,7 +119,7 @@ class Run {
                 lines_.keep(part, inspection, {frame.width_px / i, frame.height_px / j, i, j});
             };
         }
-        return Service::open(config, simulation, std::move(watchers));
+        return Service::open(config, std::move(files), simulation, std::move(watchers));
     }
 
     void on_recipe(const NumberedRecipe& recipe) {

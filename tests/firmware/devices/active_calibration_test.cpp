@@ -40,7 +40,12 @@ class CalibrationFile : public ::testing::Test {
         return folder / name;
     }
     [[nodiscard]] Result<ActiveCalibration> use(const std::filesystem::path& file) const {
-        return use_calibration(file, folder / "kept.toml", {320, 288, 8, 4}, 8, 8);
+        const auto kept = kept_calibration(folder);
+        auto read = read_calibration(file, 8, 8);
+        if (!read) return read;
+        if (auto fits = check_calibration(*read, kept, {320, 288, 8, 4}); !fits) return tl::unexpected(fits.error());
+        EXPECT_TRUE(calib::write_grid(kept, read->file));
+        return read;
     }
 
     std::filesystem::path folder;
@@ -59,12 +64,12 @@ TEST_F(CalibrationFile, is_read_and_known_by_its_checksum) {
 
 TEST_F(CalibrationFile, that_does_not_fit_the_sensor_is_refused_with_both_sizes) {
     const auto file = write("one.toml", 0.01);
-    const auto refused = use_calibration(file, {}, {436, 436, 8, 4}, 8, 8);
+    const auto refused = check_calibration(*read_calibration(file, 8, 8), {}, {436, 436, 8, 4});
     ASSERT_FALSE(refused);
     EXPECT_THAT(refused.error().message(), HasSubstr("one.toml"));
     EXPECT_THAT(refused.error().message(), HasSubstr("320x288"));
     EXPECT_THAT(refused.error().message(), HasSubstr("436x436"));
-    EXPECT_FALSE(use_calibration(file, {}, {320, 288, 8, 4}, 8, 40));
+    EXPECT_FALSE(read_calibration(file, 8, 40));
     EXPECT_FALSE(use(folder / "none.toml"));
 }
 
@@ -76,21 +81,22 @@ TEST_F(CalibrationFile, that_is_worse_does_not_take_the_place_of_the_one_in_use)
         ASSERT_FALSE(refused);
         EXPECT_EQ(refused.error().code, ErrorCode::refused);
         EXPECT_THAT(refused.error().message(), HasSubstr("worse.toml"));
-        EXPECT_THAT(refused.error().message(), HasSubstr("kept.toml"));  // the message names the file to remove
+        EXPECT_THAT(refused.error().message(),
+                    HasSubstr("calibration-in-use.toml"));  // the message names the file to remove
     }
     EXPECT_TRUE(use(write("good.toml", 0.01)));
     EXPECT_TRUE(use(write("better.toml", 0.005)));
     EXPECT_FALSE(use(write("good.toml", 0.01)));  // now it is the worse one
     // A worse calibration is accepted once kept.toml is removed, and when it is of another camera.
-    std::filesystem::remove(folder / "kept.toml");
+    std::filesystem::remove(folder / "calibration-in-use.toml");
     EXPECT_TRUE(use(worse));
     EXPECT_TRUE(use(write("theirs.toml", 0.1, "another")));
 }
 
 TEST_F(CalibrationFile, kept_by_a_station_that_can_no_longer_be_read_stands_in_nobodys_way) {
-    std::ofstream(folder / "kept.toml") << "what is this\n";
+    std::ofstream(folder / "calibration-in-use.toml") << "what is this\n";
     EXPECT_TRUE(use(write("one.toml", 0.01)));
-    EXPECT_TRUE(calib::read_grid(folder / "kept.toml"));
+    EXPECT_TRUE(calib::read_grid(folder / "calibration-in-use.toml"));
 }
 
 // -- drift

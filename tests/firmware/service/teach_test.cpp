@@ -117,7 +117,7 @@ class TeachService : public ::testing::Test {
         };
         watchers.trouble = [](const Error& error) { std::fprintf(stderr, "trouble: %s\n", error.message().c_str()); };
         watchers.fate = [&](const Backends::Fate& fate) { kinds[fate.arrived.time_since_epoch().count()] = fate.kind; };
-        auto service = Service::open(config, simulation, watchers);
+        auto service = Service::open(config, std::move(*read_station_files(config)), simulation, watchers);
         ASSERT_TRUE(service) << service.error().message();
         std::atomic<bool> over{false};
         std::thread person([&] {

@@ -1,0 +1,84 @@
+#include "firmware/service/station_files.h"
+
+#include <utility>
+#include <variant>
+
+#include <fmt/format.h>
+
+#include "algo/inspection/pipeline.h"
+#include "common/assign.h"
+#include "common/toml_fields.h"
+#include "firmware/config/path_check.h"
+#include "firmware/devices/expected_frames.h"
+#include "firmware/recipes/recipe_folder.h"
+#include "firmware/store/recorder/store_setup.h"
+
+namespace hord::firmware {
+namespace {
+
+// Whether the frames fit the calibration, and the light field the recipe.
+Result<void> check_together(const Config& config, const StationFiles& files, const hal::SensorFormat& format) {
+    const InspectionConfig& inspection = config.inspection;
+    if (files.calibration) {
+        const auto kept = kept_calibration(config.state_folder);
+        if (auto fits = check_calibration(*files.calibration, kept, format); !fits) return fits;
+    }
+    const auto extents = light_field_of(inspection, files.calibration, format);
+    if (!extents) {
+        Error error = extents.error();
+        if (const auto* const recorded = std::get_if<FrameFolder>(&config.sensor))
+            error.what = fmt::format("sensor.folder: the frames of {}: {}", recorded->folder.string(), error.what);
+        return tl::unexpected(error);
+    }
+    return algo::check_recipe(files.recipe.recipe, *extents, format.bits).map_error([&](Error error) {
+        if (!inspection.recipe.empty())
+            error.what = fmt::format("inspection.recipe: {}: {}", inspection.recipe.string(), error.what);
+        return error;
+    });
+}
+
+}  // namespace
+
+Result<algo::Extents> light_field_of(const InspectionConfig& inspection,
+                                     const std::optional<ActiveCalibration>& calibration,
+                                     const hal::SensorFormat& format) {
+    if (calibration) return calibration->decoder->extents();
+    return algo::extents_of_frame(format.width_px, format.height_px, inspection.bins_i, inspection.bins_j)
+        .map_error([](Error error) {
+            error.cure =
+                "set sensor.width_px and height_px to whole lenslets, inspection.macro to the bins of one, or "
+                "inspection.grid to the calibration";
+            return error;
+        });
+}
+
+Result<StationFiles> read_station_files(const Config& config) {
+    common::TomlProblems found;
+    const auto note = [&](const Result<void>& result) {
+        if (!result) found.add(result.error());
+    };
+    StationFiles files;
+    const InspectionConfig& inspection = config.inspection;
+    note(assign(files.recipe, recipe_or_default(inspection.recipe)));
+    if (!inspection.grid.empty()) {
+        note(assign(files.calibration, read_calibration(inspection.grid, inspection.bins_i, inspection.bins_j)));
+    }
+    std::optional<hal::SensorFormat> format;
+    note(check_sources(config).and_then([&] { return assign(format, expected_format(config)); }));
+    if (found.empty() && format) note(check_together(config, files, *format));
+    if (!found.empty()) return found.as_error();
+    return files;
+}
+
+std::vector<Error> start_notes(const Config& config) {
+    std::vector<Error> all = notes(config);
+    if (auto note = nothing_is_stored(config)) all.push_back(std::move(*note));
+    if (auto selectable = check_recipe_numbers(config.inspection.recipes); !selectable) {
+        // The folder that no key names need not exist.
+        const bool is_default = config.inspection.recipes == config.file.parent_path() / "recipes";
+        if (!is_default || selectable.error().code != ErrorCode::not_found) all.push_back(selectable.error());
+    }
+    return all;
+}
+
+}  // namespace hord::firmware

@@ -1,0 +1,136 @@
+// Starts that cannot succeed until a person changes something: status 78, with key, file and cure, before anything is
+// rendered; and what a start tells of recipes that cannot be selected.
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "calib/files/grid_toml.h"
+#include "drivers/files/frame_file.h"
+#include "tests/system/cli/service_fixture.h"
+
+namespace hord::test {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+class RefusedStart : public Service {
+  protected:
+    void SetUp() override { std::filesystem::create_directories(empty); }
+    void configure(const std::string& text) {
+        std::ofstream(folder / "c.toml") << simulated_beside("[modbus]\nport = 0\n" + text);
+    }
+    // `says`: all that the message must have. The start, --check and hordctl run say the same.
+    template <class Says>
+    void refused(const Says& says) {
+        const Said start = run("/usr/bin/env", under({"CACHE_DIRECTORY=" + empty.string()}));
+        EXPECT_EQ(start.status, 78) << start.err;
+        EXPECT_THAT(start.err, says);
+        EXPECT_TRUE(std::filesystem::is_empty(empty)) << "a cell was rendered";
+        const Said check = run("/usr/bin/env", under({}, {"--check"}));
+        EXPECT_EQ(check.status, 78) << check.err;
+        EXPECT_THAT(check.err, says);
+        const Said line = run("hordctl", {"run", "--config", folder / "c.toml", "--parts", "1"});
+        EXPECT_EQ(line.status, 2);
+        EXPECT_THAT(line.err, AllOf(says, Not(HasSubstr("render"))));
+    }
+
+    const std::filesystem::path empty = folder / "empty";
+};
+
+TEST_F(RefusedStart, on_a_folder_without_a_frame_and_says_what_to_do_if_it_is_mounted_later) {
+    configure("[sensor]\nbackend = \"frames\"\nfolder = \"empty\"\n");
+    const auto mounted = HasSubstr("if it is mounted later: systemctl edit hordd, [Unit] RequiresMountsFor=");
+    refused(AllOf(HasSubstr("sensor.folder: the folder " + empty.string() + " holds no frame"), mounted));
+    configure("[sensor]\nbackend = \"frames\"\nfolder = \"none\"\n");
+    refused(AllOf(HasSubstr("sensor.folder: " + (folder / "none") + " does not exist"), mounted));
+    std::filesystem::create_symlink("/nonexistent/x", folder / "link");
+    configure("[sensor]\nbackend = \"frames\"\nfolder = \"link\"\n");
+    refused(AllOf(HasSubstr("sensor.folder: " + (folder / "link") + " is a symbolic link to /nonexistent/x"), mounted));
+}
+
+TEST_F(RefusedStart, on_frames_that_are_none_or_of_other_macro_pixels) {
+    std::filesystem::create_directories(folder / "frames/sub.png");
+    EXPECT_TRUE(drivers::write_frame(folder / "frames/a.png", Frame(27, 27, 8).view()));
+    configure("[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n");
+    refused(HasSubstr("sensor.folder: " + (folder / "frames/sub.png") +
+                      " is a folder, and its name is a frame's: rename it"));
+    std::filesystem::remove(folder / "frames/sub.png");
+    configure("[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[inspection]\nmacro = \"5x5\"\n");
+    refused(
+        AllOf(HasSubstr("sensor.folder: the frames of " + (folder / "frames") + ": macro-pixels of 5x5 do not divide"),
+              HasSubstr("inspection.macro")));
+    const drivers::FrameGeometry five{drivers::FrameKind::macro_pixels, {9, 9, 3, 3}, 8};
+    EXPECT_TRUE(drivers::write_frame(folder / "frames/a.png", Frame(27, 27, 8).view(), five));
+    configure("[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n");
+    refused(AllOf(HasSubstr("sensor.folder: " + (folder / "frames/a.png") + " says macro-pixels of 3x3 bins"),
+                  HasSubstr("set inspection.macro = \"3x3\"")));
+}
+
+TEST_F(RefusedStart, on_scenes_that_are_none_or_of_other_macro_pixels) {
+    configure("[sensor]\nbackend = \"simulated\"\nscenes = \"empty\"\n");
+    refused(HasSubstr("sensor.scenes: " + empty.string() + " has no scene"));
+    std::filesystem::create_directories(folder / "scenes");
+    std::filesystem::copy_file(std::filesystem::path(HORD_SOURCE_DIR) / "hal_sim/scenes/lens.toml",
+                               folder / "scenes/good.toml");
+    configure("[sensor]\nbackend = \"simulated\"\nscenes = \"scenes\"\n[inspection]\nmacro = \"3x3\"\n");
+    refused(AllOf(HasSubstr("sensor.scenes: the scenes of " + (folder / "scenes") + " have 9x9 bins"),
+                  HasSubstr("set inspection.macro = \"9x9\"")));
+    std::ofstream(folder / "scenes/idle.toml") << "idle = 1\n";
+    configure("[sensor]\nbackend = \"simulated\"\nscenes = \"scenes\"\n");
+    refused(AllOf(HasSubstr("sensor.scenes: "), HasSubstr("idle.toml")));
+}
+
+TEST_F(RefusedStart, on_a_calibration_of_frames_of_another_size) {
+    calib::GridFile file;
+    file.grid.columns = 20;
+    file.grid.rows = 18;
+    file.grid.width_px = 320;
+    file.grid.height_px = 288;
+    file.grid.parameters = {7.5, 7.5, 16, 0};
+    file.stamp = {"one", "2026-01-31T12:00:00Z", "white.png", ""};
+    file.statistics.complete = file.statistics.found = 360;
+    file.statistics.blocks = 25;
+    ASSERT_TRUE(calib::write_grid(folder / "grid.toml", file));
+    const std::string sizes =
+        (folder / "grid.toml") + ": a calibration of frames of 320x288 px, but the sensor's are of ";
+    configure("[inspection]\nmacro = \"8x8\"\ngrid = \"grid.toml\"\n");
+    refused(AllOf(HasSubstr(sizes + "888x888"), HasSubstr("name its calibration in inspection.grid")));
+    std::filesystem::create_directories(folder / "frames");
+    EXPECT_TRUE(drivers::write_frame(folder / "frames/a.png", Frame(64, 64, 8).view()));
+    configure(
+        "[inspection]\nmacro = \"8x8\"\ngrid = \"grid.toml\"\n[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n");
+    refused(HasSubstr(sizes + "64x64"));
+}
+
+TEST_F(RefusedStart, on_a_recipe_that_does_not_fit_the_light_field) {
+    std::ofstream(folder / "wide.toml") << "schema = 1\nname = \"wide\"\nnumber = 7\nrim_margin = 60\n";
+    configure("[inspection]\nmacro = \"3x3\"\nrecipe = \"wide.toml\"\n");
+    refused(AllOf(HasSubstr("inspection.recipe: " + (folder / "wide.toml")), HasSubstr("rim_margin 60")));
+}
+
+// Neither keeps the line from running; both would first show when a PLC selects a recipe.
+TEST_F(RefusedStart, is_none_for_recipes_that_cannot_be_selected_and_they_are_told) {
+    std::filesystem::create_directories(folder / "recipes");
+    for (const char* name : {"a.toml", "b.toml"})
+        std::ofstream(folder / ("recipes/" + std::string(name))) << "schema = 1\nnumber = 7\n[limits]\nemd_bins = 1\n";
+    write_config("[station]\nautostart = false\n");
+    {
+        Running doubled("/usr/bin/env", under({}));
+        EXPECT_TRUE(
+            doubled.says("a.toml and " + (folder / "recipes/b.toml") + " both have number 7: give each", kPatience))
+            << doubled.so_far().err;
+    }
+    std::ofstream(folder / "c.toml") << simulated_beside(
+        "[station]\nautostart = false\n[inspection]\nmacro = \"3x3\"\nrecipes = \"gone\"\n[modbus]\nport = 0\n");
+    Running missing("/usr/bin/env", under({}));
+    EXPECT_TRUE(missing.says("the folder of recipes " + (folder / "gone") + ": No such file", kPatience))
+        << missing.so_far().err;
+}
+
+}  // namespace
+}  // namespace hord::test
