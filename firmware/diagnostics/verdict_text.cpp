@@ -204,14 +204,14 @@ std::string missing_part(const algo::FrameFindings& f, algo::PartForm form, int 
         case algo::FrameFault::hollow:
             if (form == algo::PartForm::tube) {
                 return fmt::format(
-                    "{:.0f} % of the tube between its flanks shows free light, as if only two rails were there: check "
-                    "that the tube is there; the bins may be too wide to see its walls bend light (use narrower ones), "
-                    "or learn a reference (hordctl learn)",
+                    "{:.0f} % of the tube between its flanks does not deflect light, as if only two rails were there: "
+                    "check that the tube is there; the bins may be too wide to see its walls bend light (use narrower "
+                    "ones), or learn a reference (hordctl learn)",
                     100 * (1 - f.deflecting));
             }
             return fmt::format(
-                "{:.0f} % of what the outline encloses shows free light, as if nothing were in it: check that the part "
-                "is there; of a flat one learn a reference (hordctl learn), or set [part] form = \"plate\"",
+                "{:.0f} % of what the outline encloses does not deflect light, as if nothing were in it: check that "
+                "the part is there; of a flat one learn a reference (hordctl learn), or set [part] form = \"plate\"",
                 100 * (1 - f.deflecting));
         case algo::FrameFault::not_flat:
             return fmt::format(
@@ -324,7 +324,9 @@ struct DarkEdge {
 
 DarkEdge dark_edge(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
     constexpr int kWidest = 6;
-    constexpr std::size_t kSomeOf = 16;  // fewer of the lenslets at one distance are no edge
+    // Fewer of the lenslets beside the rim are no bevel, but a place, such as a hole: a short side of a plate that is
+    // three times as long as wide is an eighth. Farther from the rim a sixteenth.
+    constexpr std::size_t kSideOf = 8, kSomeOf = 16;
     if (found.mask.empty() || found.transmission.empty()) return {};
     std::vector<std::uint8_t> seen(found.mask.size());
     std::vector<std::size_t> at, next;
@@ -347,7 +349,7 @@ DarkEdge dark_edge(const algo::Inspection& found, const algo::Recipe& recipe, co
                 dark += is_dark ? 1 : 0;
             });
         }
-        if (kSomeOf * dark < next.size() || next.empty()) break;
+        if ((width == 1 ? kSideOf : kSomeOf) * dark < next.size() || next.empty()) break;
         edge.width = width;
         edge.share = std::max(edge.share, static_cast<double>(dark) / static_cast<double>(next.size()));
         std::swap(at, next);
@@ -384,11 +386,13 @@ std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, cons
             lone.x, lone.y, lone.dn);
     }
     if (recipe.reference) return "";
-    if (is_dim)
+    const auto dim_hint = [&] {
         return fmt::format(
             " The dark level, {} DN, takes {:.0f} % of the light: raise the light's current, the exposure or the gain "
             "before the part is judged.",
             found.dark_dn, 100 * found.frame.lost_share);
+    };
+    if (is_dim) return dim_hint();
     const bool light_is_there = found.reason != algo::Reason::absorption;
     if (is_along_tube(found, recipe, e))
         return " What goes on along the tube may be the slope of the tube and what is in it, which single "
@@ -400,7 +404,10 @@ std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, cons
     const auto is_line = [](const algo::Defect& d) { return d.kind == algo::DefectKind::scratch; };
     const auto side = static_cast<float>(std::min(e.m, e.n));
     if ((recipe.form == algo::PartForm::plate || recipe.form == algo::PartForm::round) && !light_is_there) {
-        if (std::string text = dark_edge_hint(found, recipe, e); !text.empty()) return text;
+        // Where the dark level takes a tenth of the light, it makes edges wider: a wider margin would be no cure.
+        constexpr float kWidensEdges = 0.1F;
+        if (std::string text = dark_edge_hint(found, recipe, e); !text.empty())
+            return found.frame.lost_share < kWidensEdges ? text : dim_hint();
     }
     if (recipe.form == algo::PartForm::plate && is_line(found.defects[0]) && is_beside_rim(found, e))
         return " A line along an edge may be the plate's bevel: set rim_margin wider, or show the plate square to "

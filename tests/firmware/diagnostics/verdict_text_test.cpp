@@ -311,8 +311,8 @@ TEST(VerdictText, of_an_unfit_frame_says_why_and_what_cures_it) {
          "the "
          "trigger's delay"},
         {unfit(Reason::no_part, {.fault = FrameFault::hollow, .deflecting = 0.1F}),
-         "90 % of what the outline encloses shows free light, as if nothing were in it: check that the part is there; "
-         "of a flat one learn a reference (hordctl learn), or set [part] form = \"plate\""},
+         "90 % of what the outline encloses does not deflect light, as if nothing were in it: check that the part is "
+         "there; of a flat one learn a reference (hordctl learn), or set [part] form = \"plate\""},
         {unfit(Reason::no_part, {.fault = FrameFault::unproven, .shaded = 0.1F}),
          "10 % of the steps across the edges lead to less light (at least 75 %), and hardly any light between them is "
          "deflected, as if only hairs or a frame were there: check that the plate is there; of one whose faces are "
@@ -373,6 +373,19 @@ TEST(VerdictText, of_a_dark_field_in_which_no_part_was_found_says_that_light_is_
     found.reason = Reason::too_dark;
     EXPECT_THAT(told(found),
                 ::testing::HasSubstr("too few lenslets of the field have light enough (at least 5 %): check"));
+}
+
+// Amber glass shows no free light: what is told must be true of it, too.
+TEST(VerdictText, of_a_tube_that_deflects_no_light_says_so_whatever_its_tint) {
+    algo::Inspection found;
+    found.verdict = algo::Verdict::unfit;
+    found.reason = Reason::no_part;
+    found.frame = {.fault = FrameFault::hollow, .deflecting = 0.1F};
+    algo::Recipe recipe;
+    recipe.form = algo::PartForm::tube;
+    EXPECT_THAT(
+        explain(found, recipe, kField),
+        ::testing::StartsWith("Not judged: 90 % of the tube between its flanks does not deflect light, as if "));
 }
 
 TEST(VerdictText, of_missing_material_says_where_and_how_much_light_passes) {
@@ -460,6 +473,14 @@ TEST(VerdictText, of_what_is_dark_along_the_outline_names_the_margin) {
     EXPECT_THAT(draw([](int m, int in) { return in < 5 && m < 10; }),
                 testing::HasSubstr("dark along 50 % of the outline, up to 1 lenslets"));
     EXPECT_THAT(draw([](int m, int in) { return in > 6 && m < 10; }), testing::Not(testing::HasSubstr("rim_margin")));
+    // Two places beside the rim, as of holes: 4 of 44 lenslets.
+    EXPECT_THAT(draw([](int m, int in) { return in < 6 && (m == 9 || m == 10); }),
+                testing::Not(testing::HasSubstr("rim_margin")));
+    // In little light the dark level makes edges wider.
+    found.frame.lost_share = 0.12F;
+    EXPECT_THAT(draw([](int, int in) { return in < 6; }),
+                testing::AllOf(testing::HasSubstr("The dark level, 0 DN, takes 12 % of the light"),
+                               testing::Not(testing::HasSubstr("rim_margin"))));
 }
 
 TEST(VerdictText, of_a_plate_or_a_tube_that_is_not_found_names_the_cures_of_its_form) {
