@@ -11,6 +11,7 @@
 #include "algo/frame/extents.h"
 #include "calib/calibrate/blemished_lenslets.h"
 #include "calib/calibrate/cut_lenslets.h"
+#include "calib/calibrate/diagonal_blur.h"
 #include "calib/calibrate/fall_off.h"
 #include "calib/calibrate/lenslet_chain.h"
 #include "calib/calibrate/lenslet_shape.h"
@@ -383,6 +384,10 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     out.cut.shown = finder.stretch_shown();
     out.one_sided = one_sided(finder, out.observations);
     out.edge_blur = edge_blur(finder, *lattice, out.observations);
+    if (const auto lobes = four_lobes(finder, out.observations)) {
+        out.diagonal_blur = diagonal_blur(*image, out.fit.grid, out.observations, *lobes,
+                                          corners > kMaxCorners ? kSmooth * kSmooth : 0.0);
+    }
     out.row_shift = rows;
     if (auto fine = check_white_frame(*image, out); !fine) return tl::unexpected(fine.error());
     out.warnings = warnings_about(out);

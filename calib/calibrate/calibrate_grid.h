@@ -120,6 +120,7 @@ struct GridCalibration {
     SmoothResiduals smooth_residuals;
     CutLenslets cut;
     EdgeBlur edge_blur;
+    EdgeBlur diagonal_blur;  // the same along the lattice's diagonals, of square lenslets; 0 of others
     RowShift row_shift;
     std::vector<std::string> warnings;  // sentences for a person: the grid is usable, but something is unusual
 

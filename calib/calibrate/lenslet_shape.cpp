@@ -34,6 +34,21 @@ double one_sided(const CentreFinder& finder, std::span<const Observation> observ
     return x.empty() ? 0 : std::hypot(common::upper_median(std::span(x)), common::upper_median(std::span(y)));
 }
 
+std::optional<std::complex<double>> four_lobes(const CentreFinder& finder, std::span<const Observation> observations) {
+    std::complex<double> sum;
+    int count = 0;
+    const std::size_t every = std::max<std::size_t>(1, observations.size() / kOneSided);
+    for (std::size_t k = 0; k < observations.size(); k += every) {
+        if (!observations[k].used) continue;
+        const auto of = finder.lobes(observations[k].centre_px, 4);
+        if (!of) continue;
+        sum += *of;
+        ++count;
+    }
+    if (!(std::abs(sum) > kMaxSquare * count)) return std::nullopt;
+    return sum / static_cast<double>(count);
+}
+
 EdgeBlur edge_blur(const CentreFinder& finder, const Lattice& lattice, std::span<const Observation> observations) {
     std::vector<double> x, y;
     std::complex<double> squares;

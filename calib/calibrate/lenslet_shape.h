@@ -2,6 +2,8 @@
 // calib/calibrate/calibrate_grid.cpp only.
 #pragma once
 
+#include <complex>
+#include <optional>
 #include <span>
 
 #include "calib/calibrate/calibrate_grid.h"
@@ -10,6 +12,9 @@ namespace hord::calib {
 
 // The median gradient of the lenslets' light along x and y, its length (CentreFinder::gradient).
 double one_sided(const CentreFinder& finder, std::span<const Observation> observations);
+
+// The mean of the lenslets' corners, if they are squares (CentreFinder::lobes, four of them).
+std::optional<std::complex<double>> four_lobes(const CentreFinder& finder, std::span<const Observation> observations);
 
 // The median of the lenslets' blur (CentreFinder::edge_blur_px2). Without that across the rows (columns where these are
 // staggered) of square lenslets on a hexagonal lattice: their neighbours are nearest there, and their light looks like

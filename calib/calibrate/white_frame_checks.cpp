@@ -140,6 +140,12 @@ std::optional<PixelPoint> fold_of(const LensletGrid& grid) {
     return std::nullopt;
 }
 
+// How much more lenslets are blurred one way than what is no second exposure: above 1 is one. 0 if not measured.
+double exposed_twice(const EdgeBlur& of) {
+    const double most = std::max(kMaxEdgeBlur * of.own_px2, kMaxEdgeDeviations * of.sigma_px2);
+    return most > 0 ? of.more_px2 / most : 0;
+}
+
 // How much narrower outwards the lenslets are than lenslets are without a cut: than those of one size, or than those
 // that a relay lens scales, whichever is less. A cut makes lenslets narrower only, so what is wider than one of these
 // by more than `noise` is the other one.
@@ -274,14 +280,14 @@ std::vector<std::string> warnings_about(const GridCalibration& calibration) {
     }
     const bool interlaced = !out.empty() && out.back().starts_with("every second row");
     const CutLenslets& cut = calibration.cut;
-    const EdgeBlur& edges = calibration.edge_blur;
+    const EdgeBlur& edges = std::max(calibration.edge_blur, calibration.diagonal_blur,
+                                     [](const auto& a, const auto& b) { return exposed_twice(a) < exposed_twice(b); });
     if (cut.elongated > kMaxElongated) {
         out.push_back(fmt::format(
             "all lenslets are longer in the same direction, by {:.0f} %: the frame may be exposed twice or blurred by "
             "motion, and the grid lies in the middle of that; keep array and light still, and record one exposure",
             100 * cut.elongated));
-    } else if (!interlaced &&
-               edges.more_px2 > std::max(kMaxEdgeBlur * edges.own_px2, kMaxEdgeDeviations * edges.sigma_px2)) {
+    } else if (!interlaced && exposed_twice(edges) > 1) {
         out.push_back(fmt::format(
             "the lenslets' edges are blurred in one direction and not across it, as by two exposures that lie about "
             "{:.1f} "

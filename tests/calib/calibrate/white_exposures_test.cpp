@@ -150,6 +150,56 @@ TEST(WhiteExposures, squares_on_a_hexagonal_lattice_are_not_exposed_twice) {
     }
 }
 
+// Each edge of a square that moves along the lattice's diagonal is blurred alike. Its corners are not.
+TEST(WhiteExposures, squares_that_are_exposed_twice_along_the_diagonal_are_warned_of) {
+    for (const bool hexagonal : {false, true}) {
+        for (const auto& [pitch, rotation, edge] :
+             {std::tuple(10.0, 0.0, 1.0), {14.3, 2.0, 2.0}, {20.0, 15.0, 1.0}, {20.0, 40.0, 3.0}}) {
+            SCOPED_TRACE(::testing::Message() << hexagonal << " " << pitch << " px, edge " << edge);
+            const White white{.width_px = static_cast<int>(24 * pitch),
+                              .height_px = static_cast<int>(22 * pitch),
+                              .hexagonal = hexagonal,
+                              .pitch_px = pitch,
+                              .rotation_deg = rotation,
+                              .disc_radius_px = (hexagonal ? 0.38 : 0.42) * pitch,
+                              .edge_px = edge,
+                              .square = true,
+                              .subpixels = 3};
+            EXPECT_THAT(warnings(test::draw(white).frame), Not(Contains(HasSubstr("exposure"))));
+            const double angle = (45 + rotation) * std::numbers::pi / 180, apart = 0.2 * pitch;
+            for (const auto& [dx, dy] :
+                 {std::pair(std::cos(angle), std::sin(angle)), {-std::sin(angle), std::cos(angle)}}) {
+                const Frame twice = mixed(white, apart * dx, apart * dy,
+                                          [](int, std::uint32_t a, std::uint32_t b) { return (a + b) / 2; });
+                EXPECT_THAT(warnings(twice), Contains(HasSubstr("two exposures that lie")));
+            }
+        }
+    }
+}
+
+// A shear or a turn of the lenslets moves their corners as well, and is no blur.
+TEST(WhiteExposures, sheared_or_distorted_squares_are_not_exposed_twice) {
+    for (const auto& [shear, k1, to_scale] : {std::tuple(0.02, 0.0, false), {0.0, -0.03, true}, {0.01, 0.03, false}}) {
+        SCOPED_TRACE(::testing::Message() << shear << " " << k1 << " " << to_scale);
+        const White white{.width_px = 420,
+                          .height_px = 400,
+                          .pitch_px = 14.3,
+                          .rotation_deg = 2,
+                          .shear = shear,
+                          .k1 = k1,
+                          .to_scale = to_scale,
+                          .disc_radius_px = 0.4 * 14.3,
+                          .edge_px = 1,
+                          .square = true,
+                          .subpixels = 3};
+        const auto calibration = calibrate_grid(test::draw(white).frame.view());
+        ASSERT_TRUE(calibration) << calibration.error().message();
+        const EdgeBlur& blur = calibration->diagonal_blur;
+        EXPECT_GT(blur.own_px2, 0);
+        EXPECT_LT(blur.more_px2, 0.1 * blur.own_px2);
+    }
+}
+
 // A lenslet that is wider than high is no double exposure: its edge is as sharp there as elsewhere.
 TEST(WhiteExposures, lenslets_that_are_longer_one_way_are_not_exposed_twice) {
     for (const double k1 : {-0.05, 0.0, 0.05}) {
