@@ -78,6 +78,9 @@ struct Reference {
     // The standard deviation of what several lenslets show together in a typical good part, one a filter
     // (algo/reference/pooled_scores.h); 0: it has no room. Empty: learned before they were, none is judged.
     std::vector<float> pooled_scales;
+    // Lenslets by which a good part's opposite edges lie farther apart than the reference's, or closer, at most: along
+    // x and y (algo/reference/size_difference.h). 0: not known, no size is refused.
+    std::array<float, 2> size_limits{};
 
     [[nodiscard]] std::size_t stride() const {
         return (static_cast<std::size_t>((extents.i + 2) * (extents.j + 2)) + 15) / 16 * 16;
@@ -85,7 +88,7 @@ struct Reference {
     [[nodiscard]] std::size_t place(int i, int j) const {
         return static_cast<std::size_t>((j + 1) * (extents.i + 2) + i + 1);
     }
-    [[nodiscard]] ReferenceMaps maps() const { return {light, x, y, mask}; }
+    [[nodiscard]] ReferenceMaps maps() const { return {light, x, y, mask, size_limits}; }
 };
 
 // Checks sizes and ranges. Fails with invalid_argument, naming the first problem.

@@ -89,6 +89,7 @@ class Learner {
     ReferenceMean mean_;
     double typical_light_ = 1;  // of the parts of the mean
     std::optional<SpreadEstimate> spread_;
+    SizeSpread sizes_;
 };
 
 // A level so far above the frames' pedestal that most dark bins read nothing, and haze still shows in them
@@ -294,6 +295,7 @@ Result<void> Learner::learn_spread() {
     }
     release(reference_.shares);
     spread_.emplace(extents_);
+    sizes_ = {};
     std::vector<std::size_t> parts;
     for (std::size_t p = 0; p < count_; ++p) {
         if (!left_out_[p]) parts.push_back(p);
@@ -330,6 +332,7 @@ Result<void> Learner::learn_spread_of(std::span<const std::size_t> fold, const R
         if (!emd) return tl::unexpected(emd.error());
         auto frobenius = mappers[1]->over_neighbours(one->view());
         if (!frobenius) return tl::unexpected(frobenius.error());
+        sizes_.add(found.size);
         const PoseMap pose(found.pose, extents_);
         for (int n = 0; n < extents_.n; ++n) {
             const std::size_t first = extents_.index(0, n);
@@ -446,6 +449,7 @@ Result<Learned> Learner::run() {
         if (auto fine = enough(); !fine) return tl::unexpected(fine.error());
     }
     reference_.parts = static_cast<std::uint32_t>(left());
+    reference_.size_limits = sizes_.limits();
     if (auto done = learn_pooled_scales(); !done) return tl::unexpected(done.error());
     options_.progress(1);
     const std::array<bool, 3> determined = pose_determined();

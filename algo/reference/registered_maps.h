@@ -1,6 +1,7 @@
 // The maps by which a part is registered, one value a lenslet.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 
@@ -13,6 +14,7 @@ struct ReferenceMaps {
     std::span<const float> light;  // DN
     std::span<const float> x, y;   // mean deflection, bin pitches
     std::span<const std::uint8_t> mask;
+    std::array<float, 2> size_limits{};  // Reference::size_limits
 };
 
 // One frame of a part. Of `mask` kDark and kSaturated are used.

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
-#include <numbers>
 
 #include "algo/frame/mask.h"
 #include "algo/reference/map_reader.h"
@@ -85,41 +83,6 @@ struct Changes {
     // Sum of squares about the mean.
     [[nodiscard]] double uneven(std::size_t u) const { return count > 0 ? squares[u] - sum[u] * sum[u] / count : 0; }
 };
-
-}  // namespace
-
-static_assert(kFarthestLenslets == 2.5 && kFarthestSine == 0.06, "as the sentences say");
-
-const char* explain(Registered::Outcome outcome) {
-    switch (outcome) {
-        case Registered::Outcome::found: return "it lies where the reference's parts do";
-        case Registered::Outcome::too_little: return "too little of it is seen to find where it lies";
-        case Registered::Outcome::too_far:
-            return "it lies more than 2.5 lenslets or 3.4 degrees from the reference's pose: lay it closer, or learn "
-                   "from "
-                   "parts that lie like it";
-        case Registered::Outcome::foreign: return "it does not look like the reference's parts";
-        case Registered::Outcome::other_edges:
-            return "its edges are not where the reference's parts have theirs: lay it within 2.5 lenslets and 3.4 "
-                   "degrees "
-                   "of them, or see whether it is another part";
-        case Registered::Outcome::unsettled: return "where it lies cannot be settled";
-    }
-    return "";
-}
-
-std::string explain(const Registered& of) {
-    if (of.outcome != Registered::Outcome::too_far || of.missing_edges > kForeignShare) return explain(of.outcome);
-    std::array<char, 240> text{};
-    std::snprintf(
-        text.data(), text.size(),
-        "it lies %.1f lenslets along x and %.1f along y from the reference's pose, turned by %.1f degrees (2.5 "
-        "lenslets and 3.4 degrees are allowed): lay it closer, or learn from parts that lie like it",
-        of.pose.x, of.pose.y, of.pose.turn_rad() * 180 / std::numbers::pi);
-    return text.data();
-}
-
-namespace {
 
 // A place within a step, 0..step - 1, by the golden ratio: successive rows of the sample have every place alike often,
 // and so have every second ones.
@@ -394,14 +357,17 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
     if (!begin(of)) return {};
     Registered result = settle(of, {});
     check(of, false, result);
-    if (result.found() && result.missing_edges <= kForeignShare) return result;
-    if (blocks_) {
+    if (blocks_ && !(result.found() && result.missing_edges <= kForeignShare)) {
         Registered other = settle_from_afar(of);
         check(of, true, other);
         const bool better = other.missing_edges < result.missing_edges || (other.found() && !result.found());
         if (better && other.missing_edges <= kForeignShare) result = other;
     }
     if (result.found() && result.missing_edges > kLostEdges) result.outcome = Registered::Outcome::other_edges;
+    if (!result.found()) return result;
+    result.size =
+        compare_sizes(extents_, of.reference, of.part, PoseMap(result.pose, extents_), of.typical, result.light);
+    if (result.size.exceeds()) result.outcome = Registered::Outcome::other_size;
     return result;
 }
 

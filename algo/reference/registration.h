@@ -5,7 +5,8 @@
 // field has 48 lenslets or more.
 //
 // It fails if the steps do not converge, if the pose exceeds kFarthestLenslets (kFarthestByEdges) or kFarthestSine, if
-// more than kForeignShare of the samples disagree grossly (another kind of part), or if the edges are elsewhere.
+// more than kForeignShare of the samples disagree grossly (another kind of part), if the edges are elsewhere, or if
+// opposite edges do not lie as far apart as those of the reference's parts.
 //
 // Maps are read in floats, all else is doubles, + - * / and square roots in a fixed order: the same bits everywhere.
 // The constructor allocates all memory.
@@ -24,6 +25,7 @@
 #include "algo/reference/edge_agreement.h"
 #include "algo/reference/pose.h"
 #include "algo/reference/registered_maps.h"
+#include "algo/reference/size_difference.h"
 
 namespace hord::algo {
 
@@ -33,7 +35,7 @@ constexpr double kFarthestByEdges = CoarseMaps::kBlock * kFarthestLenslets;
 constexpr double kForeignShare = 0.4;
 
 struct Registered {
-    enum class Outcome : std::uint8_t { found, too_little, too_far, foreign, other_edges, unsettled };
+    enum class Outcome : std::uint8_t { found, too_little, too_far, foreign, other_edges, unsettled, other_size };
     Outcome outcome = Outcome::too_little;
     Pose pose;
     double light = 1;          // the part's light over the reference's, median over the sample
@@ -42,12 +44,13 @@ struct Registered {
     // Whether the maps say where the part lies along x and y, and how it is turned (or it is round, so that no turn
     // matters). What they do not say stays near 0.
     std::array<bool, 3> determined{};
+    SizeDifference size;  // at the pose that was found
     [[nodiscard]] bool found() const { return outcome == Outcome::found; }
 };
 
 // One sentence for display.
 const char* explain(Registered::Outcome outcome);
-// With how far a part lies that is too far, if its edges show it.
+// With how far a part lies that is too far, if its edges show it, and how much larger or smaller it is.
 std::string explain(const Registered& of);
 
 class Registrar {

@@ -31,7 +31,8 @@ Seen at(const Form& form, std::size_t k, const Extents& field) {
                 static_cast<double>(k / columns) - 0.5 * (field.n - 1));
 }
 
-Registered found(const Form& reference, const Form& part, const Extents& field = kMaps) {
+Registered found(const Form& reference, const Form& part, const Extents& field = kMaps,
+                 const std::array<float, 2>& size_limits = {}) {
     std::vector<float> light, x, y;
     std::vector<std::uint32_t> sums;
     std::vector<Deflection> deflections;
@@ -44,7 +45,7 @@ Registered found(const Form& reference, const Form& part, const Extents& field =
         sums.push_back(static_cast<std::uint32_t>(kLight * p.light));
         deflections.push_back({bins(p.x), bins(p.y)});
     }
-    return Registrar(field).find({light, x, y, mask}, deflections, sums, mask, 1, kParts);
+    return Registrar(field).find({light, x, y, mask, size_limits}, deflections, sums, mask, 1, kParts);
 }
 
 constexpr Extents kLarge{111, 111, 9, 9};  // not every row is in the sample
@@ -102,6 +103,59 @@ TEST(Registration, a_plate_beyond_the_farthest_or_of_another_size_is_refused) {
     const Registered far = found(at(37, {}), at(37, {13, 0, 0}), kLarge);
     EXPECT_FALSE(far.found()) << far.pose.x;
     EXPECT_EQ(found(at(37, {}), at(42, {}), kLarge).outcome, Registered::Outcome::other_edges);
+}
+
+// A plate that is a little larger or smaller fits at one edge, or at none: a shift cannot explain it.
+TEST(Registration, a_plate_is_as_large_as_the_good_parts_were) {
+    const Extents field{61, 61, 9, 9};
+    std::mt19937_64 random(4);
+    std::uniform_real_distribution<double> place(-0.5, 0.5);
+    const auto at = [&](double wider_x, double wider_y) {
+        return plate(15 + 0.5 * wider_x, 11.5 + 0.5 * wider_y, {place(random), place(random), 0.02 * place(random)},
+                     0.05, random);
+    };
+    const Form reference = plate(15, 11.5, {}, 0, random);
+    SizeSpread good;
+    for (int k = 0; k < 16; ++k) good.add(found(reference, at(0, 0), field).size);
+    const std::array<float, 2> limits = good.limits();
+    for (const std::size_t axis : {0U, 1U}) {
+        EXPECT_GT(limits[axis], 0) << axis;
+        EXPECT_LT(limits[axis], 0.5F) << axis;
+    }
+    for (int k = 0; k < 32; ++k) {
+        const Registered r = found(reference, at(0, 0), field, limits);
+        EXPECT_TRUE(r.found()) << k << ": " << explain(r);
+    }
+    for (const double wider : {-2.0, -1.0, 1.0, 2.0}) {
+        for (const auto& [along_x, along_y] : {std::pair(wider, 0.0), std::pair(0.0, wider), std::pair(wider, wider)}) {
+            const Registered r = found(reference, at(along_x, along_y), field, limits);
+            EXPECT_FALSE(r.found()) << along_x << ", " << along_y;
+            for (const std::size_t axis : {0U, 1U}) {
+                if (r.outcome != Registered::Outcome::other_size || !r.size.known[axis]) continue;
+                EXPECT_NEAR(r.size.wider[axis], axis == 0 ? along_x : along_y, 0.3);
+            }
+        }
+    }
+}
+
+// From seven parts that are alike nothing follows; the limit holds for the next part, whatever their number.
+TEST(Registration, the_limit_of_the_size_follows_from_how_good_parts_differ) {
+    std::mt19937_64 random(5);
+    std::normal_distribution<double> size(0, 0.1);
+    SizeSpread few;
+    for (int k = 0; k < 7; ++k) few.add({.known = {true, false}, .wider = {size(random), 0}});
+    EXPECT_EQ(few.limits()[0], 0);
+    for (const int parts : {8, 20, 200}) {
+        int exceeded = 0;
+        const int trials = 20'000;
+        for (int trial = 0; trial < trials; ++trial) {
+            SizeSpread good;
+            for (int k = 0; k < parts; ++k) good.add({.known = {true, false}, .wider = {size(random), 0}});
+            EXPECT_EQ(good.limits()[1], 0);
+            exceeded += std::abs(size(random)) > static_cast<double>(good.limits()[0]) ? 1 : 0;
+        }
+        EXPECT_LE(exceeded, 9) << parts;  // 2 are expected; more in one of 20,000 cases
+    }
 }
 
 // A weak strip deflects by 0.025 bin a lenslet. A tilt of 0.09 bins moves its deflections as 3.6 lenslets would.

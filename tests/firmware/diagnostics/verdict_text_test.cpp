@@ -545,6 +545,11 @@ TEST(VerdictText, of_a_part_that_was_not_registered_says_what_registration_says)
         told(found),
         "Not judged: it lies 3.2 lenslets along x and -0.3 along y from the reference's pose, turned by 0.6 degrees "
         "(2.5 lenslets and 3.4 degrees are allowed): lay it closer, or learn from parts that lie like it.");
+    found.registered.outcome = Outcome::other_size;
+    found.registered.size = {.known = {true, true}, .wider = {0.1, -1.25}, .allowed = {0.3, 0.4}};
+    EXPECT_EQ(told(found),
+              "Not judged: its opposite edges lie 1.25 lenslets closer together along y than those of the reference's "
+              "parts (0.40 are allowed): see whether it is another part, or learn from good parts of its size, too.");
 }
 
 }  // namespace

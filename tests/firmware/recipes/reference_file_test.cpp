@@ -37,6 +37,7 @@ algo::Reference small() {
     r.emd.assign(count, 0.1F);
     r.frobenius.assign(count, 0.05F);
     r.pooled_scales.assign(algo::pooled_filters().size(), 1.25F);
+    r.size_limits = {0.25F, 0.5F};
     for (std::size_t k = 0; k < count; ++k)
         r.shares[k * r.stride() + r.place(1, 1)] = static_cast<std::uint16_t>(30000 + k);
     return r;
@@ -74,6 +75,7 @@ TEST_F(ReferenceFile, what_is_written_is_read) {
     EXPECT_EQ(a.emd, b.emd);
     EXPECT_EQ(a.frobenius, b.frobenius);
     EXPECT_EQ(a.pooled_scales, b.pooled_scales);
+    EXPECT_EQ(a.size_limits, b.size_limits);
     EXPECT_EQ(a.parts, b.parts);
     EXPECT_EQ(a.sensor.clip_dn, b.sensor.clip_dn);
     EXPECT_EQ(a.levels.saturated, b.levels.saturated);
@@ -97,7 +99,7 @@ TEST_F(ReferenceFile, what_is_cut_off_of_another_version_or_missing_is_refused_w
         EXPECT_FALSE(read_reference(file)) << size << " bytes";
     }
     std::string newer = whole;
-    newer[8] = 3;
+    newer[8] = 4;
     put(newer);
     const auto refused = read_reference(file);
     ASSERT_FALSE(refused);
@@ -106,14 +108,27 @@ TEST_F(ReferenceFile, what_is_cut_off_of_another_version_or_missing_is_refused_w
     EXPECT_EQ(read_reference(folder / "none").error().code, ErrorCode::not_found);
 }
 
+// Bytes of a file before its checksum, as an older version has them.
+std::string as_version(char version, const std::string& whole) {
+    const std::size_t scales = 4 * algo::pooled_filters().size(), end = whole.size() - 4 - scales;
+    std::string older = whole.substr(0, end - sizeof small().size_limits);
+    if (version == 2) older += whole.substr(end, scales);
+    older[8] = version;
+    const std::uint32_t sum = common::crc32(older);
+    return older.append(reinterpret_cast<const char*>(&sum), sizeof sum);
+}
+
+TEST_F(ReferenceFile, the_second_version_is_read_and_refuses_no_size) {
+    put(as_version(2, text()));
+    const auto read = read_reference(file);
+    ASSERT_TRUE(read) << read.error().message();
+    EXPECT_EQ((*read)->pooled_scales, small().pooled_scales);
+    EXPECT_EQ((*read)->size_limits, (std::array<float, 2>{}));
+}
+
 // A program of before wrote no scales of what lenslets show together.
 TEST_F(ReferenceFile, the_first_version_is_read_and_judges_no_lenslets_together) {
-    std::string older = text();
-    older.resize(older.size() - 4 - 4 * algo::pooled_filters().size());
-    older[8] = 1;
-    const std::uint32_t sum = common::crc32(older);
-    older.append(reinterpret_cast<const char*>(&sum), sizeof sum);
-    put(older);
+    put(as_version(1, text()));
     const auto read = read_reference(file);
     ASSERT_TRUE(read) << read.error().message();
     EXPECT_TRUE((*read)->pooled_scales.empty());
@@ -133,6 +148,9 @@ TEST_F(ReferenceFile, what_is_not_sound_is_not_written) {
     algo::Reference wild = small();
     wild.light[3] = -1;
     EXPECT_FALSE(write_reference(file, wild));
+    algo::Reference no_limit = small();
+    no_limit.size_limits[1] = std::numeric_limits<float>::quiet_NaN();
+    EXPECT_FALSE(write_reference(file, no_limit));
 }
 
 TEST_F(ReferenceFile, a_recipe_that_names_it_survives_being_written_and_read) {

@@ -1,0 +1,59 @@
+// What is told of a part that was not registered.
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+
+#include "algo/reference/registration.h"
+
+namespace hord::algo {
+
+static_assert(kFarthestLenslets == 2.5 && kFarthestSine == 0.06, "as the sentences say");
+
+const char* explain(Registered::Outcome outcome) {
+    switch (outcome) {
+        case Registered::Outcome::found: return "it lies where the reference's parts do";
+        case Registered::Outcome::too_little: return "too little of it is seen to find where it lies";
+        case Registered::Outcome::too_far:
+            return "it lies more than 2.5 lenslets or 3.4 degrees from the reference's pose: lay it closer, or learn "
+                   "from parts that lie like it";
+        case Registered::Outcome::foreign: return "it does not look like the reference's parts";
+        case Registered::Outcome::other_edges:
+            return "its edges are not where the reference's parts have theirs: lay it within 2.5 lenslets and 3.4 "
+                   "degrees of them, or see whether it is another part";
+        case Registered::Outcome::other_size:
+            return "its opposite edges do not lie as far apart as those of the reference's parts: see whether it is "
+                   "another part, or learn from good parts of its size, too";
+        case Registered::Outcome::unsettled: return "where it lies cannot be settled";
+    }
+    return "";
+}
+
+namespace {
+
+std::string of_other_size(const SizeDifference& size) {
+    const std::size_t axis = size.exceeds(0) ? 0 : 1;
+    std::array<char, 280> text{};
+    std::snprintf(text.data(), text.size(),
+                  "its opposite edges lie %.2f lenslets %s along %s than those of the reference's parts (%.2f are "
+                  "allowed): see whether it is another part, or learn from good parts of its size, too",
+                  std::abs(size.wider[axis]), size.wider[axis] > 0 ? "farther apart" : "closer together",
+                  axis == 0 ? "x" : "y", size.allowed[axis]);
+    return text.data();
+}
+
+}  // namespace
+
+std::string explain(const Registered& of) {
+    if (of.outcome == Registered::Outcome::other_size && of.size.exceeds()) return of_other_size(of.size);
+    if (of.outcome != Registered::Outcome::too_far || of.missing_edges > kForeignShare) return explain(of.outcome);
+    std::array<char, 240> text{};
+    std::snprintf(
+        text.data(), text.size(),
+        "it lies %.1f lenslets along x and %.1f along y from the reference's pose, turned by %.1f degrees (2.5 "
+        "lenslets and 3.4 degrees are allowed): lay it closer, or learn from parts that lie like it",
+        of.pose.x, of.pose.y, of.pose.turn_rad() * 180 / std::numbers::pi);
+    return text.data();
+}
+
+}  // namespace hord::algo

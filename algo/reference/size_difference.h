@@ -1,0 +1,44 @@
+// Whether a part is as large as the reference's parts: how far its opposite edges lie apart at its pose. A shift moves
+// both alike, another size does not (docs/notes/reference.md, "Registration").
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+#include "algo/frame/extents.h"
+#include "algo/reference/pose.h"
+#include "algo/reference/registered_maps.h"
+
+namespace hord::algo {
+
+// Along x and along y. Only edges of the light count.
+struct SizeDifference {
+    std::array<bool, 2> known{};      // both sides show their edges
+    std::array<double, 2> wider{};    // lenslets by which opposite edges lie farther apart than the reference's
+    std::array<double, 2> allowed{};  // what it may be, by ReferenceMaps::size_limits and the noise of the part's edges
+
+    [[nodiscard]] bool exceeds(std::size_t axis) const {
+        return known[axis] && allowed[axis] > 0 && std::abs(wider[axis]) > allowed[axis];
+    }
+    [[nodiscard]] bool exceeds() const { return exceeds(0) || exceeds(1); }
+};
+
+// `typical`: the reference's typical light, DN. `light`: the part's light over the reference's.
+SizeDifference compare_sizes(const Extents& extents, const ReferenceMaps& reference, const PartMaps& part,
+                             const PoseMap& map, double typical, double light);
+
+// How good parts differ in size, from parts that are compared with the mean of others.
+class SizeSpread {
+  public:
+    void add(const SizeDifference& size);
+    // Lenslets that one of 10,000 good parts exceeds, if their sizes are normally distributed. 0, no limit, of an axis
+    // along which less than 8 parts show their size.
+    [[nodiscard]] std::array<float, 2> limits() const;
+
+  private:
+    std::array<double, 2> squares_{};
+    std::array<std::size_t, 2> parts_{};
+};
+
+}  // namespace hord::algo
