@@ -228,6 +228,12 @@ Result<Config> parse_config(std::string_view text, std::string_view name, const 
     return read(std::move(root), name, folder, backends, found);
 }
 
+std::filesystem::path store_folder(const Config& config) {
+    if (!config.store.enabled) return {};
+    if (!config.store.folder.empty()) return config.store.folder;
+    return config.state_folder.empty() ? std::filesystem::path() : config.state_folder / "store";
+}
+
 std::vector<Error> notes(const Config& config) {
     std::vector<Error> found;
     const auto add = [&](const char* what, const char* cure) {

@@ -152,6 +152,9 @@ Result<Config> load_config(const std::filesystem::path& file, NamedBackends back
 Result<Config> parse_config(std::string_view text, std::string_view name, const std::filesystem::path& folder,
                             NamedBackends backends = NamedBackends::required);
 
+// The folder of the store; empty: no store is configured.
+std::filesystem::path store_folder(const Config& config);
+
 // What the configuration allows and is hardly meant: a simulated device beside a real one that it does not work with
 // (for trials of single devices), a name that registers cut, a file that may have lost its end. Each with its cure.
 std::vector<Error> notes(const Config& config);

@@ -148,7 +148,13 @@ Result<std::vector<std::string>> check_folders(const Config& config) {
     if (!recipes.empty() && (recipes != config.file.parent_path() / "recipes" || fs::exists(recipes, error) || error))
         folders.read("inspection.recipes", recipes);
     if (!config.state_folder.empty()) folders.write("$STATE_DIRECTORY", config.state_folder);
-    if (config.store.enabled && !config.store.folder.empty()) folders.write("store.folder", config.store.folder);
+    if (!config.store.enabled) return folders.result();
+    if (!config.store.folder.empty()) {
+        folders.write("store.folder", config.store.folder);
+    } else if (const fs::path store = store_folder(config);
+               fs::exists(fs::symlink_status(store, error)) && !store.empty()) {
+        folders.write("store.folder (not set: in $STATE_DIRECTORY)", store);  // made by the first start
+    }
     return folders.result();
 }
 

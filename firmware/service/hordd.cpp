@@ -18,6 +18,7 @@
 #include "firmware/service/realtime.h"
 #include "firmware/service/service.h"
 #include "firmware/store/recorder/store_setup.h"
+#include "firmware/store/results/store_rights.h"
 
 namespace {
 
@@ -84,6 +85,7 @@ int check(const Options& options) {
     if (all) use(check_numbers(*all));
     const auto folders = check_folders(*config);
     use(folders);
+    if (const auto store = store_folder(*config); folders && !store.empty()) use(store::check_rights(store));
     if (!found.empty()) return refuse_configuration(found.as_error().value());
     for (const std::string& folder : *folders) fmt::print("{}\n", folder);
     for (const std::string& held : folders_in_use(*config)) fmt::print("note: {}\n", held);

@@ -58,12 +58,6 @@ bool on_one_disk(const std::filesystem::path& folder) {
 
 }  // namespace
 
-std::filesystem::path store_folder(const Config& config) {
-    if (!config.store.enabled) return {};
-    if (!config.store.folder.empty()) return config.store.folder;
-    return config.state_folder.empty() ? std::filesystem::path() : config.state_folder / "store";
-}
-
 Result<StateLock> lock_store(const Config& config) {
     const std::filesystem::path folder = store_folder(config);
     if (folder.empty()) return StateLock();

@@ -29,9 +29,6 @@ struct RecordingWatchers {
     std::function<void(std::uint32_t faults)> faults;  // kFaultStore and kFaultPictures, as they are now
 };
 
-// The folder of the store; empty: no store is configured.
-std::filesystem::path store_folder(const Config& config);
-
 // Takes the lock of the store's folder, which is made unless it exists. The database has a lock of its own, which is
 // taken again after each failure; the frames beside it have no lock but this. Fails with busy if another program writes
 // there, also if somebody has removed the file of its lock. Holds nothing without a store, and in the state folder,

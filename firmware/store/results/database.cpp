@@ -6,6 +6,8 @@
 
 #include <sqlite3.h>
 
+#include "firmware/store/results/store_rights.h"
+
 namespace hord::firmware::store {
 namespace {
 
@@ -40,9 +42,7 @@ tl::unexpected<Error> Database::failed(int code) const {
                         "free space on its disk, or lower store.keep_mb and store.frames_mb, or raise store.free_mb");
         case SQLITE_READONLY:
         case SQLITE_PERM:
-            return fail(ErrorCode::io, name + " cannot be written (" + detail + ")",
-                        "give the station's user the right to write its folder, and see that its disk is not mounted "
-                        "read-only");
+            return fail(ErrorCode::io, name + " cannot be written (" + detail + ")", rights_cure(file_.parent_path()));
         case SQLITE_CANTOPEN:
             return fail(ErrorCode::io, name + " cannot be opened (" + detail + ")",
                         "check that its folder exists and that this user may use it");

@@ -22,6 +22,7 @@
 #include "firmware/store/results/hash_chain.h"
 #include "firmware/store/results/records.h"
 #include "firmware/store/results/schema.h"
+#include "firmware/store/results/store_rights.h"
 
 namespace hord::firmware::store {
 namespace {
@@ -39,14 +40,13 @@ tl::unexpected<Error> written_by_another(const fs::path& folder) {
 
 // One writer a store: a lock of the process (flock), which ends with it even when it is killed.
 Result<common::UniqueFd> lock_folder(const fs::path& folder, const SqliteStoreOptions& options) {
-    const fs::path file = folder / "lock";
+    const fs::path file = folder / kLockFile;
     common::UniqueFd fd(open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644));
     if (!fd) {
         const int why = errno;
         report_full(options, why == ENOSPC || why == EDQUOT);
         return fail(ErrorCode::io, file.string() + " cannot be written (" + std::strerror(why) + ")",
-                    "give the station's user the right to write its folder, and see that its disk has space and is "
-                    "not mounted read-only");
+                    why == ENOSPC || why == EDQUOT ? "free space on its disk" : rights_cure(folder));
     }
     if (flock(fd.get(), LOCK_EX | LOCK_NB) != 0) return written_by_another(folder);
     return fd;

@@ -48,6 +48,20 @@ TEST_F(FolderCheck, a_store_is_there_or_can_be_created_and_which_is_said) {
     EXPECT_THAT(good(), ElementsAre(HasSubstr("may write it")));
 }
 
+TEST_F(FolderCheck, the_store_in_the_state_folder_is_looked_at_once_it_is_there) {
+    config_.state_folder = root_.path();
+    EXPECT_THAT(good(), ElementsAre(HasSubstr("$STATE_DIRECTORY"))) << "the first start makes it";
+    fs::create_symlink("/nonexistent/x", root_.path() / "store");
+    EXPECT_THAT(problem(),
+                AllOf(HasSubstr("store.folder (not set: in $STATE_DIRECTORY): "),
+                      HasSubstr("is a symbolic link to /nonexistent/x, which")));
+    fs::remove(root_.path() / "store");
+    root_.write("store", "x");
+    EXPECT_THAT(problem(), HasSubstr("store is not a folder"));
+    config_.store.enabled = false;
+    EXPECT_EQ(problem(), "none");
+}
+
 TEST_F(FolderCheck, what_the_kernel_shows_as_files_holds_no_store) {
     config_.store.folder = "/proc/hord";
     EXPECT_THAT(problem(), HasSubstr("/proc/hord cannot be created: /proc cannot hold files"));
