@@ -416,6 +416,12 @@ std::string format(const NumberedRecipe& numbered, const std::string& reference_
 
 std::string format_recipe(const NumberedRecipe& recipe) { return format(recipe, recipe.reference_file.string()); }
 
+std::string format_recipe_in(const std::filesystem::path& folder, const NumberedRecipe& recipe) {
+    const auto inside = recipe.reference_file.lexically_relative(std::filesystem::absolute(folder));
+    const bool is_inside = !inside.empty() && *inside.begin() != "..";
+    return format(recipe, (is_inside ? inside : recipe.reference_file).string());
+}
+
 std::uint32_t crc32_of(const NumberedRecipe& recipe) {
     const auto& reference = recipe.recipe.reference;
     return common::crc32(
@@ -475,11 +481,12 @@ Result<NumberedRecipe> recipe_or_default(const std::filesystem::path& file) {
     return file.empty() ? NumberedRecipe{} : load_numbered_recipe(file);
 }
 
-Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_view name, std::uint32_t max_area) {
+Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_view name, std::uint32_t max_area,
+                                             const std::filesystem::path& folder) {
     TomlProblems found;
     TomlTable root = TomlTable::parse_text(text, name, found);
     if (!found.empty()) return found.as_error();
-    return read(std::move(root), found, {}, max_area);
+    return read(std::move(root), found, folder, max_area);
 }
 
 }  // namespace hord::firmware

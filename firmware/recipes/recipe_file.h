@@ -26,6 +26,9 @@ struct NumberedRecipe {
 // The recipe as the text of a recipe file; parsing it gives the same recipe.
 std::string format_recipe(const NumberedRecipe& recipe);
 
+// The same with the reference's path relative to `folder`, if the reference lies in it: the folder can be copied.
+std::string format_recipe_in(const std::filesystem::path& folder, const NumberedRecipe& recipe);
+
 // CRC-32 of the content: independent of the file's formatting and of the reference file's path, but not of the
 // reference's content.
 std::uint32_t crc32_of(const NumberedRecipe& recipe);
@@ -33,9 +36,11 @@ std::uint32_t crc32_of(const NumberedRecipe& recipe);
 // Fail with invalid_argument: all problems of the file at once, one a line with line number and cure. Whether the zones
 // lie on the light field is checked later, with its extents: algo::problems(recipe, extents).
 Result<NumberedRecipe> load_numbered_recipe(const std::filesystem::path& file);
-// `max_area`: the largest limits.min_area that the caller can hold.
+// `max_area`: the largest limits.min_area that the caller can hold. `folder`: a relative path of a reference starts
+// there.
 Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_view name,
-                                             std::uint32_t max_area = kMaxArea);
+                                             std::uint32_t max_area = kMaxArea,
+                                             const std::filesystem::path& folder = {});
 // The text of a recipe's file. It must have `schema` and end with a line end: a part of a file can lack either.
 Result<NumberedRecipe> parse_recipe_file(std::string_view text, const std::filesystem::path& file);
 

@@ -51,6 +51,22 @@ Result<std::vector<fs::path>> recipe_files(const fs::path& folder) {
     return files;
 }
 
+// What a file without a checksum has lost at its end; empty: nothing. A commit and a teach-in change no zone and no
+// tolerance of the configured recipe, and take no reference away. Another recipe of the folder has another name.
+std::string what_was_cut(const NumberedRecipe& kept, const NumberedRecipe& configured) {
+    const algo::Recipe &now = kept.recipe, &then = configured.recipe;
+    if (now.name != then.name) return {};
+    if (now.zones.size() < then.zones.size())
+        return fmt::format("it has {} of the {} zones of the configured recipe", now.zones.size(), then.zones.size());
+    if (now.tolerances.size() < then.tolerances.size()) {
+        return fmt::format("it has {} of the {} tolerances of the configured recipe", now.tolerances.size(),
+                           then.tolerances.size());
+    }
+    if (kept.reference_file.empty() && !configured.reference_file.empty())
+        return "it lacks the reference of the configured recipe";
+    return {};
+}
+
 struct NumberedFile {
     fs::path file;
     std::uint16_t number = 0;
@@ -130,7 +146,8 @@ Result<NumberedRecipe> find_recipe(const fs::path& folder, std::uint16_t number)
 }
 
 Result<void> remember_recipe(const fs::path& file, std::uint32_t configured, const NumberedRecipe& in_use) {
-    const std::string text = line(kHead, configured) + line(kContent, crc32_of(in_use)) + format_recipe(in_use);
+    const std::string text =
+        line(kHead, configured) + line(kContent, crc32_of(in_use)) + format_recipe_in(file.parent_path(), in_use);
     return common::write_durably(file, text + line(kSeal, common::crc32(text)));
 }
 
@@ -172,14 +189,19 @@ Result<std::optional<RememberedRecipe>> remembered_recipe(const fs::path& file, 
     if (content && !seal) return damaged("its last line, the checksum, is missing");
     if (!text.ends_with('\n')) return damaged("its last line has no line end");
     if (*head != crc32_of(configured)) {
-        if (content && text == format_recipe(configured))
+        // The path may be absolute, as an earlier version wrote it.
+        if (content && (text == format_recipe_in(file.parent_path(), configured) || text == format_recipe(configured)))
             return RememberedRecipe{*content, configured};  // with another reference
         if (!content) return std::nullopt;
         return RememberedRecipe{*content, std::nullopt};
     }
-    auto recipe = parse_numbered_recipe(*read, file.string());
+    auto recipe = parse_numbered_recipe(*read, file.string(), kMaxArea, fs::absolute(file).parent_path());
     if (!recipe) return tl::unexpected(recipe.error());
     if (!recipe->unset_limits.empty()) return damaged("limits are missing that it always has");
+    if (!content) {
+        const std::string lost = what_was_cut(*recipe, configured);
+        if (!lost.empty()) return damaged(lost);
+    }
     return RememberedRecipe{content.value_or(0), std::move(*recipe)};
 }
 

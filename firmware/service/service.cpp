@@ -246,16 +246,19 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
         if (watchers_.line_over) watchers_.line_over();
     });
 
-    const auto extents = open_grid(backends_->sensor().format());
+    const hal::SensorFormat format = backends_->sensor().format();
+    const auto extents = open_grid(format);
     if (!extents) return tl::unexpected(extents.error());
-    auto recipe = first_recipe();
-    if (!recipe) return tl::unexpected(recipe.error());
-    if (auto done = open_inspector(*recipe, *extents); !done) return done;
+    if (!config_.state_folder.empty()) {
+        if (auto here = state_lock_.check_place(); !here) return here;
+    }
+    NumberedRecipe recipe = first_recipe(*extents, format.bits);
+    if (auto done = open_inspector(recipe, *extents); !done) return done;
     station_ = std::make_unique<Station>(config_.core,
                                          Cell{*loop_, backends_->part_sensor(), backends_->strobe(),
                                               backends_->sensor(), backends_->rejector(), *inspector_},
                                          this);
-    connect(std::move(*recipe), *extents);
+    connect(std::move(recipe), *extents);
     publish_again();
     publish_health_again();
     return {};

@@ -112,7 +112,7 @@ class Service final : public StationObserver, public InspectionObserver {
     void prove_empty_line();
 
     // service_recipe.cpp
-    Result<NumberedRecipe> first_recipe();
+    NumberedRecipe first_recipe(const algo::Extents& extents, int bits);
     NumberedRecipe take_kept(RememberedRecipe kept, NumberedRecipe configured, const std::filesystem::path& file);
     void kept_is_lost(const Error& why, const NumberedRecipe& instead);
     Result<void> keep_recipe(const NumberedRecipe& recipe);

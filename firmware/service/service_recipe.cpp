@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include "algo/inspection/pipeline.h"
 #include "common/file_writing.h"
 #include "firmware/core/faults.h"
 #include "firmware/recipes/recipe_folder.h"
@@ -17,6 +18,18 @@ constexpr const char* kRecipeInUse = "recipe-in-use.toml";
 // process ended while it kept the second recipe, and either may be in the file.
 constexpr const char* kLastInUse = "recipe-in-use.crc32";
 constexpr std::size_t kLine = 9;
+
+// The kept recipe, if it fits the light field: the camera, the calibration or inspection.macro may be another since.
+Result<std::optional<RememberedRecipe>> fitting(RememberedRecipe kept, const std::filesystem::path& file,
+                                                const algo::Extents& extents, int bits) {
+    const auto fits = algo::check_recipe(kept.recipe->recipe, extents, bits);
+    if (fits) return kept;
+    const std::string reference = kept.recipe->reference_file.string();
+    return fail(fits.error().code,
+                fmt::format("{}{}{}: {}", file.string(), reference.empty() ? "" : " with its reference ", reference,
+                            fits.error().message()),
+                "commit, select or teach the recipe again");
+}
 
 std::string line_of(std::uint32_t crc) { return fmt::format("{:08X}\n", crc); }
 
@@ -37,11 +50,16 @@ NumberedRecipe Service::take_kept(RememberedRecipe kept, NumberedRecipe configur
     if (kept.crc32 == 0) {
         on_trouble({ErrorCode::unsupported,
                     fmt::format("{} is of an earlier version and has no checksum: whether it is whole is not known; "
-                                "recipe {} is in use as it says, CRC-32 {:08X}",
-                                file.string(), recipe.number, now),
+                                "recipe {} is in use as it says, with {} zones, {} tolerances and {} reference, CRC-32 "
+                                "{:08X}",
+                                file.string(), recipe.number, recipe.recipe.zones.size(),
+                                recipe.recipe.tolerances.size(), recipe.recipe.reference ? "a" : "no", now),
                     "compare the recipe with what was committed"});
     } else if (kept.crc32 != now) {
-        std::string why = "the configured recipe or its reference has changed since",
+        const std::string file_of_it = config_.inspection.recipe.string(), its = recipe.reference_file.string();
+        std::string why = fmt::format("the configured recipe{}{}{} has changed since",
+                                      file_of_it.empty() ? "" : " " + file_of_it,
+                                      its.empty() ? "" : " or its reference ", its),
                     cure = "put the old one back and restart, or commit it again";
         if (kept.recipe) {
             const std::string reference = recipe.reference_file.string();
@@ -70,14 +88,14 @@ void Service::kept_is_lost(const Error& why, const NumberedRecipe& instead) {
 }
 
 // The configured recipe, or the one that commands have selected since.
-Result<NumberedRecipe> Service::first_recipe() {
-    Result<NumberedRecipe> recipe = std::move(configured_);
-    configured_recipe_ = crc32_of(*recipe);
+NumberedRecipe Service::first_recipe(const algo::Extents& extents, int bits) {
+    NumberedRecipe recipe = std::move(configured_);
+    configured_recipe_ = crc32_of(recipe);
     if (config_.state_folder.empty()) return recipe;
-    if (auto here = state_lock_.check_place(); !here) return tl::unexpected(here.error());
     const auto take = [&](const std::filesystem::path& file, Result<std::optional<RememberedRecipe>> kept) {
-        if (!kept) kept_is_lost(kept.error(), *recipe);
-        else if (*kept) recipe = take_kept(std::move(**kept), std::move(*recipe), file);
+        if (kept && *kept && (*kept)->recipe) kept = fitting(std::move(**kept), file, extents, bits);
+        if (!kept) kept_is_lost(kept.error(), recipe);
+        else if (*kept) recipe = take_kept(std::move(**kept), std::move(recipe), file);
     };
     const auto in_use = config_.state_folder / kRecipeInUse, damaged = damaged_recipe(in_use);
     std::error_code ignored;
@@ -91,9 +109,9 @@ Result<NumberedRecipe> Service::first_recipe() {
         kept_is_lost({ErrorCode::invalid_argument,
                       damaged.string() + " was damaged at an earlier start, and no recipe was selected since",
                       "commit or select the recipe again, or remove that file and restart"},
-                     *recipe);
+                     recipe);
     }
-    auto kept = remembered_recipe(in_use, *recipe);
+    auto kept = remembered_recipe(in_use, recipe);
     const auto last_file = config_.state_folder / kLastInUse;
     const bool missing = !std::filesystem::exists(in_use, ignored);
     // A damaged file is told of by its own name, until somebody removes it.
@@ -101,11 +119,11 @@ Result<NumberedRecipe> Service::first_recipe() {
         std::filesystem::remove(last_file, ignored);
     const std::string last = read_last(last_file), then = last.substr(0, kLine - 1);
     const auto was_last = [&](std::uint32_t crc) { return last.empty() || last.find(line_of(crc)) != last.npos; };
-    if (kept && missing && !was_last(crc32_of(*recipe))) {
+    if (kept && missing && !was_last(crc32_of(recipe))) {
         kept_is_lost({ErrorCode::not_found,
                       fmt::format("{} is missing, and the recipe with CRC-32 {} was in use", in_use.string(), then),
                       fmt::format("commit or select the recipe again, or remove {} and restart", last_file.string())},
-                     *recipe);
+                     recipe);
     } else if (kept && *kept && (*kept)->recipe && (*kept)->crc32 != 0 && !was_last((*kept)->crc32)) {
         on_trouble({ErrorCode::invalid_argument,
                     fmt::format("recipe {} is not what was in use before the restart: {} has CRC-32 {:08X}, {} was in "
@@ -114,7 +132,7 @@ Result<NumberedRecipe> Service::first_recipe() {
                     "if nobody meant that, commit or select the recipe again"});
     }
     take(in_use, std::move(kept));
-    take(LineTeachIn::pending_file(config_.state_folder), LineTeachIn::pending_recipe(config_.state_folder, *recipe));
+    take(LineTeachIn::pending_file(config_.state_folder), LineTeachIn::pending_recipe(config_.state_folder, recipe));
     return recipe;
 }
 
@@ -134,7 +152,9 @@ Result<void> Service::keep_recipe(const NumberedRecipe& recipe) {
     // Should this fail, the next start takes either for the last one.
     if (last != now && (kept || !last.empty())) (void)common::write_durably(last_file, kept ? now : last);
     if (kept) teach_in_->in_use(recipe);
-    else kept.error().cure = "check the folder's owner and its disk";  // short, so that REPLY holds it
+    // Short, so that REPLY holds it.
+    else if (kept.error().code == ErrorCode::refused) kept.error().cure = "remove it, then commit or select again";
+    else kept.error().cure = "check the folder's owner and its disk";
     return kept;
 }
 

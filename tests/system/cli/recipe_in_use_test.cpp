@@ -2,6 +2,7 @@
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <regex>
 #include <string>
 
 #include <fmt/format.h>
@@ -204,8 +205,40 @@ TEST_F(RecipeInUse, that_is_older_or_configured_otherwise_is_told_once) {
     std::ofstream(folder / "c.toml") << simulated_beside(
         "[inspection]\nmacro = \"3x3\"\nrecipe = \"other.toml\"\n[modbus]\nport = 0\n"
         "[station]\nautostart = false\n");
-    EXPECT_THAT(live().said, HasSubstr("recipe 9 is not what was in use before the restart"));
+    const Life other = live();
+    EXPECT_THAT(other.said, HasSubstr("recipe 9 is not what was in use before the restart"));
+    EXPECT_THAT(other.said, HasSubstr("the configured recipe " + (folder / "other.toml") + " has changed since"));
     EXPECT_THAT(live().said, Not(HasSubstr("not what was in use")));
+}
+
+// The camera, the calibration or inspection.macro may be another since it was committed.
+TEST_F(RecipeInUse, that_does_not_fit_the_light_field_is_a_fault_and_its_file_is_named) {
+    live(7);
+    std::string text = common::read_file(kept).value();
+    text.resize(text.rfind("# crc32 "));
+    text = std::regex_replace(text, std::regex("rim_margin = [-0-9]+"), "rim_margin = 60");
+    text += fmt::format("# crc32 {:08X}\n", common::crc32(text));
+    std::ofstream(kept) << text;
+    const Life life = live();
+    EXPECT_EQ(life.number, 0) << "the configured one";
+    EXPECT_EQ(life.faults & firmware::kFaultConfiguration, firmware::kFaultConfiguration);
+    EXPECT_THAT(life.said, HasSubstr(kept.string() + ": recipe \"seven\": rim_margin 60 leaves nothing"));
+    EXPECT_EQ(common::read_file(kept), text) << "what it fits may come back";
+}
+
+TEST_F(RecipeInUse, that_is_a_link_to_a_good_file_is_used_and_a_commit_says_that_the_link_must_go) {
+    live(7);
+    std::filesystem::rename(kept, folder / "elsewhere.toml");
+    std::filesystem::create_symlink("elsewhere.toml", kept);
+    const Life life = live(7);
+    EXPECT_EQ(life.number, 7);
+    EXPECT_EQ(life.error, firmware::CommandError::failed);
+    EXPECT_THAT(life.said,
+                HasSubstr(kept.string() +
+                          " is a symbolic link, not a regular file: it is not replaced: "
+                          "remove it, then commit or select again"));
+    std::filesystem::remove(kept);
+    EXPECT_EQ(live(7).error, firmware::CommandError::none) << "the cure works";
 }
 
 // Another station may have locked the folder that is at the path since.
