@@ -10,6 +10,7 @@
 #include "firmware/core/states.h"
 #include "firmware/plc/staged_recipe.h"
 #include "firmware/recipes/recipe_folder.h"
+#include "firmware/recipes/reference_file.h"
 
 namespace hord::firmware {
 namespace {
@@ -51,10 +52,21 @@ RequestOrigin who_asked(const modbus::Origin& origin, const CommandRequest& requ
 
 constexpr std::uint16_t kMaxRecipeNumber = 0xFFFE;
 
-// As much of a text as REPLY holds, in one line; what is left out is in the journal.
-RemarkText remark_of(std::string text) {
+// As much of an error as REPLY holds, in one line. A cure that fits behind the reason's first characters stays whole,
+// and the reason is cut: a person acts by the cure. The journal has all.
+RemarkText remark_of(const Error& error) {
+    constexpr std::string_view kCut = "...: ", kRest = "... (journal)";
+    constexpr std::size_t kMinReason = 40;
+    std::string text = error.message();
+    if (text.size() > kRemarkChars) {
+        const std::size_t behind = kCut.size() + error.cure.size();
+        if (!error.cure.empty() && kMinReason + behind <= kRemarkChars) {
+            text = fmt::format("{}{}{}", common::utf8_prefix(error.what, kRemarkChars - behind), kCut, error.cure);
+        } else {
+            text = fmt::format("{}{}", common::utf8_prefix(text, kRemarkChars - kRest.size()), kRest);
+        }
+    }
     std::ranges::replace(text, '\n', ' ');
-    if (text.size() > kRemarkChars) text.replace(common::utf8_prefix(text, kRemarkChars - 3).size(), text.npos, "...");
     return RemarkText(text);
 }
 
@@ -110,7 +122,7 @@ void CommandHandler::record(const RequestOrigin& who, const CommandRequest& requ
 CommandOutcome CommandHandler::refuse(CommandError error, const Error& why) const {
     report(why);
     CommandOutcome outcome = failed(error);
-    outcome.remarks = remark_of(why.message());
+    outcome.remarks = remark_of(why);
     return outcome;
 }
 
@@ -131,6 +143,12 @@ Result<void> CommandHandler::use(const RequestOrigin& who, NumberedRecipe recipe
     if (auto checked = parse_numbered_recipe(format_recipe(recipe), fmt::format("recipe {}", recipe.number));
         !checked) {
         return tl::unexpected(checked.error());
+    } else if (recipe.recipe.reference && crc32_of(checked->recipe.reference) != crc32_of(recipe.recipe.reference)) {
+        // A restart would read the file, and find another recipe than the one that was in use.
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("recipe {}: its reference {} was replaced since it was read", recipe.number,
+                                recipe.reference_file.string()),
+                    "put the old one back, or select the recipe again");
     }
     const std::string why = fmt::format("recipe {} was taken", recipe.number);
     if (auto taken = dependencies_->inspector.use(recipe.recipe, recipe.number); !taken) return taken;
@@ -269,7 +287,7 @@ void CommandHandler::on_learned(Result<TeachResult> result) {
     if (!result) {
         report(result.error());
         CommandOutcome outcome = failed(CommandError::failed);
-        outcome.remarks = remark_of(result.error().what);
+        outcome.remarks = remark_of(result.error());
         return end_teach(outcome);
     }
     if (!result->remarks.empty()) {
@@ -280,7 +298,7 @@ void CommandHandler::on_learned(Result<TeachResult> result) {
     pending_reference_ = PendingReference{running_teach_->who, std::move(result->recipe)};
     const auto used = use_learned_reference();  // at once, or later
     CommandOutcome outcome = used ? done(crc) : failed(CommandError::failed);
-    outcome.remarks = remark_of(used ? result->remarks : used.error().what);
+    outcome.remarks = remark_of(used ? Error{ErrorCode::refused, result->remarks, {}} : used.error());
     end_teach(outcome);
 }
 

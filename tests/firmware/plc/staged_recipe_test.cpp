@@ -65,7 +65,7 @@ TEST_F(PlcCommands, a_refused_commit_names_each_register_whose_value_cannot_be_u
     EXPECT_THAT(troubles.back(),
                 HasSubstr("; 8206 staged_min_area: limits.min_area: 0 is out of range: use 1 to 65534; "));
     EXPECT_THAT(troubles.back(), HasSubstr("; 8209 staged_min_lit_share: light.min_lit_share: 2 is out of range"));
-    EXPECT_EQ(remarks(), troubles.back().substr(0, 117) + "...");
+    EXPECT_EQ(remarks(), troubles.back().substr(0, 107) + "... (journal)");
     EXPECT_EQ(write(8203, {1000, 400, 700, 1, 0xFFFF, 200, 500}), Exception::none);
     EXPECT_EQ(command(Command::commit_recipe, read32(8210)), CommandError::none);
     EXPECT_EQ(remarks(), "");
