@@ -57,6 +57,7 @@ class TeachInTest : public ::testing::Test {
         options.bits = kDrawnBits;
         options.folder = folder;
         options.thread = thread;
+        options.check_folder = check_folder;
         teacher = std::make_unique<LineTeachIn>(on, options);
     }
     Result<void> begin(std::uint32_t parts) {
@@ -90,6 +91,7 @@ class TeachInTest : public ::testing::Test {
     std::unique_ptr<LineTeachIn> teacher;
     std::uint32_t taken = 0;
     std::vector<Result<TeachResult>> outcomes;
+    std::function<Result<void>()> check_folder;  // see TeachInOptions
 };
 
 TEST_F(TeachInTest, refuses_at_once_what_a_reference_does_not_go_with) {
@@ -352,6 +354,41 @@ TEST_F(TeachInTest, what_a_killed_process_spooled_is_removed_at_the_next_start) 
     std::ofstream(folder / "recipe-in-use.toml") << "number = 7\n";
     open(loop);
     EXPECT_THAT(files(), ElementsAre("recipe-in-use.toml"));
+}
+
+// Another station may have locked the folder that is at the path since. The folder is lost at the n-th look at it, for
+// every n until the teach-in ends well: nothing is written or removed from then on.
+TEST_F(TeachInTest, changes_nothing_in_a_folder_that_is_no_longer_the_stations) {
+    int looks = 0, lost_at = 1;
+    std::vector<std::string> then;
+    check_folder = [&]() -> Result<void> {
+        if (++looks < lost_at) return {};
+        if (looks == lost_at) then = files();
+        return fail(ErrorCode::refused, "the state folder was renamed", "put it back");
+    };
+    std::size_t left_something = 0;
+    for (bool learned = false; !learned; ++lost_at) {
+        ASSERT_LT(lost_at, 100);
+        fs::remove_all(folder);
+        fs::create_directory(folder);
+        looks = 0;
+        outcomes.clear();
+        open(loop);
+        ASSERT_TRUE(begin(9));
+        loop.run_for(milliseconds(1));
+        good_parts(1, 9);
+        ASSERT_EQ(outcomes.size(), 1U) << lost_at;
+        learned = outcomes[0].has_value();
+        if (!learned) {
+            EXPECT_EQ(outcomes[0].error().what, "the state folder was renamed") << lost_at;
+        }
+        teacher.reset();
+        if (looks < lost_at) break;
+        EXPECT_EQ(files(), then) << "lost at look " << lost_at;
+        left_something += then.empty() ? 0 : 1;
+    }
+    EXPECT_GT(lost_at, 12) << "it looks before each part and before the reference";
+    EXPECT_GT(left_something, 8U);
 }
 
 TEST_F(TeachInTest, what_waits_for_the_line_to_stop_is_found_by_the_next_process) {
