@@ -30,7 +30,8 @@ std::string percent_encoded(const std::string& name) {
 
 tl::unexpected<Error> Database::failed(int code) const {
     const std::string name = file_.string();
-    const std::string detail = handle_ != nullptr ? sqlite3_errmsg(handle_) : sqlite3_errstr(code);
+    const bool told = handle_ != nullptr && sqlite3_errcode(handle_) != SQLITE_OK;
+    const std::string detail = told ? sqlite3_errmsg(handle_) : sqlite3_errstr(code);
     const int primary = code & 0xFF, system = handle_ != nullptr ? sqlite3_system_errno(handle_) : 0;
     // The log's index and new files fail with other codes on a full disk.
     const bool no_room =
@@ -248,6 +249,9 @@ Result<std::unique_ptr<Database>> Database::open(const std::filesystem::path& fi
     }
     const int code = sqlite3_open_v2(name.c_str(), &database->handle_, flags, vfs.empty() ? nullptr : vfs.c_str());
     if (code != SQLITE_OK) return database->failed(code);
+    // SQLite opens a file that this user may not write to be read, and would tell so at the first result.
+    if (access == Access::create && sqlite3_db_readonly(database->handle_, "main") == 1)
+        return database->failed(SQLITE_READONLY);
     sqlite3_busy_timeout(database->handle_, kBusyMs);
     // A damaged length must not take all memory, and a schema that somebody edited must not call functions.
     sqlite3_limit(database->handle_, SQLITE_LIMIT_LENGTH, kMaxValueBytes);

@@ -40,7 +40,10 @@ TEST(StoreRights, of_another_user_are_told_with_every_file_that_must_change) {
     ASSERT_EQ(::chown(lock.c_str(), 65534, 65534), 0);  // and then the lock
     ASSERT_EQ(::seteuid(65534), 0);
     const auto rest = check_rights(folder);
+    const auto locked = open_sqlite_store(folder);
     ASSERT_EQ(::seteuid(0), 0);
+    ASSERT_FALSE(locked) << "SQLite alone would open it to be read";
+    EXPECT_THAT(locked.error().message(), AllOf(HasSubstr(file + " cannot be written ("), HasSubstr("chown -R")));
     ASSERT_FALSE(rest);
     EXPECT_EQ(rest.error().what, file + " cannot be written (Permission denied)");
 }
