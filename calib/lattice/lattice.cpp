@@ -16,9 +16,11 @@ namespace {
 
 using algo::kHalfSqrt3;
 
-constexpr int kLargestSide = 640;      // of the analysed part
-constexpr double kShortestLag = 3;     // px
-constexpr double kRepeats = 0.8;       // of the highest peak: it is one of the lattice, too
+constexpr int kLargestSide = 640;   // of the analysed part
+constexpr double kShortestLag = 3;  // px
+constexpr double kRepeats = 0.8;    // of the highest peak: it is one of the lattice, too
+// One in so many pixels: darker ones are made alike. The latter for two dark rows of twenty.
+constexpr std::size_t kDarkest = 50, kDarkRows = 10;
 constexpr double kMinStrength = 0.08;  // of the autocorrelation at a lattice vector, against 1 at lag 0
 // Of a pitch: what distortion and the autocorrelation may make of one at a limit.
 constexpr double kPitchError = 0.005;
@@ -55,13 +57,14 @@ Part choose_part(const WhiteImage& image) {
     return best;
 }
 
-// The part as square roots of light, less the local mean, windowed: reduces hot pixels and bright corners.
-cv::Mat1f flatten(const WhiteImage& image, const Part& part) {
+// The part as square roots of light, less the local mean, windowed: reduces hot pixels and bright corners. The darkest
+// pixels, one in `darkest`, are made alike.
+cv::Mat1f flatten(const WhiteImage& image, const Part& part, std::size_t darkest) {
     cv::Mat1f light(part.height, part.width);
     image.window(part.x, part.y, part.width, part.height, light.ptr<float>(0), part.width);
     std::vector<float> sorted;  // every 13th pixel
     for (int k = 0; k < part.width * part.height; k += 13) sorted.push_back(light(k / part.width, k % part.width));
-    const auto dim = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 50);
+    const auto dim = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / darkest);
     std::nth_element(sorted.begin(), dim, sorted.end());
     const float floor = *dim;
     light -= floor;
@@ -186,12 +189,13 @@ Vec nearest(const std::vector<Vec>& vectors, Vec direction) {
 
 double Lattice::pitch_px() const { return std::sqrt(std::abs(step_u.x_px * step_v.y_px - step_u.y_px * step_v.x_px)); }
 
-Result<Lattice> find_lattice(const WhiteImage& image, const LatticeHint& hint) {
+namespace {
+
+Result<Lattice> lattice_of(const WhiteImage& image, const Part& part, std::size_t darkest, const LatticeHint& hint) {
     const auto refuse = [](std::string what, std::string cure) {
         return fail(ErrorCode::refused, std::move(what), std::move(cure));
     };
-    const Part part = choose_part(image);
-    const cv::Mat1f windowed = flatten(image, part);
+    const cv::Mat1f windowed = flatten(image, part, darkest);
     const Autocorrelation correlation(windowed);
     const double shortest = hint.pitch_px > 0 ? 0.8 * hint.pitch_px : 0.9 * kMinPitch;
     const double longest = hint.pitch_px > 0 ? 1.8 * hint.pitch_px : 1.5 * kMaxPitch;
@@ -279,6 +283,17 @@ Result<Lattice> find_lattice(const WhiteImage& image, const LatticeHint& hint) {
     lattice.reach_px = 0.5 * std::min(part.width, part.height);
     lattice.strength = highest;
     return lattice;
+}
+
+}  // namespace
+
+Result<Lattice> find_lattice(const WhiteImage& image, const LatticeHint& hint) {
+    const Part part = choose_part(image);
+    auto lattice = lattice_of(image, part, kDarkest, hint);
+    if (lattice) return lattice;
+    // A row of lenslets that is dark is deeper than gaps with soft edges, and alike along itself only.
+    auto without_dark_row = lattice_of(image, part, kDarkRows, hint);
+    return without_dark_row ? without_dark_row : lattice;
 }
 
 }  // namespace hord::calib

@@ -66,5 +66,26 @@ TEST(DimLenslets, may_be_a_row) {
     }
 }
 
+// Their gaps are less deep than the row.
+TEST(DimLenslets, of_a_dark_row_do_not_hide_a_lattice_with_soft_edges) {
+    for (const double pitch : {9.7, 11.9, 13.8}) {
+        for (const double edge : {0.8, 1.2}) {
+            SCOPED_TRACE(::testing::Message() << pitch << " px, edge " << edge);
+            White white{.width_px = static_cast<int>(26 * pitch),
+                        .height_px = static_cast<int>(26 * pitch),
+                        .hexagonal = true,
+                        .pitch_px = pitch,
+                        .disc_radius_px = 0.45 * pitch,
+                        .edge_px = edge};
+            const double middle = 13 * pitch - 0.9;
+            white.own_light = [&](double, double y) { return std::abs(y - middle) < pitch / 3 ? 0.0 : 1.0; };
+            const auto calibration = calibrate_grid(test::draw(white).frame.view());
+            ASSERT_TRUE(calibration) << calibration.error().message();
+            EXPECT_NEAR(calibration->pitch_px, pitch, 0.01);
+            EXPECT_GE(calibration->missing, 20);
+        }
+    }
+}
+
 }  // namespace
 }  // namespace hord::calib
