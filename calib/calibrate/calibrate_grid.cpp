@@ -378,10 +378,10 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     out.light_roughness = light_roughness(out.fit.grid, out.observations);
     out.light_following = light_following(out.fit.grid, out.observations);
     out.smooth_residuals = smooth_residuals(out.fit.grid, out.observations);
-    out.cut = cut_lenslets(out.fit.grid, out.observations, [&](const Observation& seen) {
-        return finder_for(finders, out.fit.grid, pitch, seen.m, seen.n).elongation(seen.centre_px);
-    });
-    out.cut.shown = finder.stretch_shown();
+    out.cut = cut_lenslets(*image, out.fit.grid, out.observations, finder,
+                           [&](const Observation& seen) -> const CentreFinder& {
+                               return finder_for(finders, out.fit.grid, pitch, seen.m, seen.n);
+                           });
     out.one_sided = one_sided(finder, out.observations);
     out.edge_blur = edge_blur(finder, *lattice, out.observations);
     if (const auto lobes = four_lobes(finder, out.observations)) {

@@ -65,10 +65,14 @@ struct SmoothResiduals {
 // How the lenslets' light is narrower along the way to one place in or near the frame than across, in proportion to the
 // squared distance: cat's-eye vignetting (or distortion that scales the lenslets) makes them so.
 struct CutLenslets {
-    double narrower = 0;  // at half a diagonal from that place: share of the moments (Elongation); below 0: wider
-    double sigma = 0;     // standard error of `narrower`, from how regions of the frame differ from the law
-    double of_grid = 0;   // the same of the grid's own distortion
-    double shown = 1;     // part of `of_grid` that lenslets show which a relay lens scales as it scales their distances
+    // Than whole lenslets are, at half a diagonal from that place: share of the moments (Elongation); below 0: wider.
+    struct Beyond {
+        double narrower = 0;
+        double sigma = 0;   // standard error of `narrower`, from how regions of the frame differ from the law
+        double spread = 0;  // how far the shape of whole lenslets may be off
+    };
+    Beyond one_size;  // than whole lenslets of one size everywhere, beside their neighbours
+    Beyond scaled;    // than those that a relay lens scales as it scales their distances
     // How the shape changes evenly over the frame, at half a diagonal from its middle: a stop far to one side makes it
     // so. What the grid's own distortion explains is not in it.
     double uneven = 0, uneven_sigma = 0;

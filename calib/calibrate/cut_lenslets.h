@@ -12,9 +12,10 @@
 
 namespace hord::calib {
 
-// `measure`: the shape of a measured lenslet; called for some of them. All 0 where less than 4 regions of the frame can
+// `finder_at`: what measures lenslets of the size of an observation. All 0 where less than 4 regions of the frame can
 // be compared.
-CutLenslets cut_lenslets(const algo::LensletGrid& grid, std::span<const Observation> observations,
-                         const std::function<std::optional<Elongation>(const Observation&)>& measure);
+CutLenslets cut_lenslets(const WhiteImage& image, const algo::LensletGrid& grid,
+                         std::span<const Observation> observations, const CentreFinder& middle,
+                         const std::function<const CentreFinder&(const Observation&)>& finder_at);
 
 }  // namespace hord::calib

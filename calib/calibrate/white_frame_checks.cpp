@@ -60,12 +60,9 @@ constexpr double kMaxBend = 0.005;       // of a pitch: by polynomials beyond ev
 // Of neighbours' residuals, and in standard deviations of that of independent pairs: frames of few lenslets.
 constexpr double kMaxAlike = 0.2, kMaxAlikeDeviations = 4;
 constexpr double kMaxCommon = 0.0002;  // of a pitch: the common part of residuals
-// CutLenslets::narrower beyond what the grid's distortion makes of it, and in its standard errors. These are too small
-// by half where neighbouring regions differ from the law alike: 8 are 4 then.
+// CutLenslets::Beyond::narrower, and in its standard errors. These are too small by half where neighbouring regions
+// differ from the law alike: 8 are 4 then.
 constexpr double kMaxCut = 0.002, kMaxCutDeviations = 8;
-// Of what a relay lens that distorts makes of the lenslets' shape (of_grid times shown): to first order in it, and
-// drawn frames of k1 -0.06 to 0.08 differ by up to 0.16.
-constexpr double kRelay = 0.2;
 constexpr double kMaxUneven = 0.012;     // CutLenslets::uneven; a real white frame has 0.9 %
 constexpr double kMaxMissing = 0.1;      // of the complete lenslets
 constexpr double kMaxSaturated = 0.1;    // of the found lenslets
@@ -146,14 +143,17 @@ double exposed_twice(const EdgeBlur& of) {
     return most > 0 ? of.more_px2 / most : 0;
 }
 
-// How much narrower outwards the lenslets are than lenslets are without a cut: than those of one size, or than those
-// that a relay lens scales, whichever is less. A cut makes lenslets narrower only, so what is wider than one of these
-// by more than `noise` is the other one.
-double narrower_than_made(const CutLenslets& cut, double noise) {
-    const double scaled = cut.of_grid * cut.shown, spread = kRelay * std::abs(scaled);
+// How much narrower outwards the lenslets are than whole lenslets; 0 if that is within the errors. They are of one
+// size, or a relay lens scales them, whichever explains more. A cut makes lenslets narrower only, so what is wider than
+// one of these is the other one.
+double narrower_than_whole(const CutLenslets& cut) {
     double least = std::numeric_limits<double>::infinity();
-    if (cut.narrower > -noise) least = cut.narrower;
-    if (cut.narrower > scaled - spread) least = std::min(least, std::max(0.0, cut.narrower - scaled - spread));
+    for (const CutLenslets::Beyond& of : {cut.one_size, cut.scaled}) {
+        const double noise = std::max(kMaxCut, kMaxCutDeviations * of.sigma);
+        if (of.narrower < -of.spread - noise) continue;
+        const double narrower = of.narrower - of.spread;
+        least = std::min(least, narrower > noise ? narrower : 0);
+    }
     return std::isfinite(least) ? least : 0;
 }
 
@@ -299,14 +299,13 @@ std::vector<std::string> warnings_about(const GridCalibration& calibration) {
             "part of a pitch apart: the grid lies in the middle of that; keep array and light still, and record one "
             "exposure");
     }
-    const double noise = std::max(kMaxCut, kMaxCutDeviations * cut.sigma);
-    const double beyond_grid = narrower_than_made(cut, noise);
-    if (beyond_grid > noise) {
+    const double narrower = narrower_than_whole(cut);
+    if (narrower > 0) {
         out.push_back(fmt::format(
             "the lenslets are narrower outwards than across, by {:.1f} % at the corners: the stop of the "
             "optics cuts them, and their centres may be off by tenths of a pixel; stop the optics down until "
             "the corners' lenslets are whole, and compare the pitch",
-            100 * beyond_grid));
+            100 * narrower));
     } else if (cut.uneven > std::max(kMaxUneven, kMaxCutDeviations * cut.uneven_sigma)) {
         out.push_back(fmt::format(
             "the shape of the lenslets changes from border to border of the frame, by {:.1f} %: something on one side "

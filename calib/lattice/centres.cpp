@@ -234,6 +234,7 @@ std::optional<Spot> CentreFinder::measure(algo::PixelPoint at, double most_px) c
 }
 bool CentreFinder::complete(algo::PixelPoint at) const { return kernels_->complete(at); }
 double CentreFinder::amplitude_dn(algo::PixelPoint at) const { return kernels_->moments(at).amplitude; }
+const Weights& CentreFinder::weights() const { return kernels_->weights; }
 double CentreFinder::window_radius_px() const { return kernels_->weights.radius; }
 double CentreFinder::half_height_radius_px() const {
     return static_cast<double>(half_height(kernels_->weights.profile)) * kTableStep;

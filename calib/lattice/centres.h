@@ -45,6 +45,8 @@ enum class AgainstGradients {
     always        // wherever a plateau separates them from a shift
 };
 
+struct Weights;  // calib/lattice/centre_weights.h
+
 class CentreFinder {
   public:
     // Learns the profile from the lenslets near `seeds` (predicted to a quarter of a pitch; at most 400 are used).
@@ -87,6 +89,7 @@ class CentreFinder {
     // Share of the samples in the window that are saturated.
     [[nodiscard]] double saturated_share(algo::PixelPoint at) const;
 
+    [[nodiscard]] const Weights& weights() const;
     [[nodiscard]] double window_radius_px() const;
     [[nodiscard]] double half_height_radius_px() const;  // of the profile
     [[nodiscard]] double stretch_shown() const;          // of a lenslet's elongation: the window cuts its rim
