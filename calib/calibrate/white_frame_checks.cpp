@@ -179,8 +179,9 @@ Result<void> check_white_frame(const WhiteImage& image, const GridCalibration& c
     if (misfit.rejected > kMaxRejected * misfit.measured) {
         return refuse(fmt::format("the grid does not fit the lenslets {}: {} of {} measured there are off it",
                                   Regions(calibration).place(misfit.region), misfit.rejected, misfit.measured),
-                      "record evenly lit lenslets in focus up to the frame's corners; if they are, the optics distort "
-                      "more than the grid's models can describe");
+                      "record evenly lit lenslets in focus up to the frame's corners, without dark or dirty lenslets, "
+                      "bubbles or dead pixels there; if they are, the optics cut the lenslets there, or distort more "
+                      "than the grid's models can describe");
     }
     if (calibration.torn > std::max(3.0, kMaxTorn * calibration.found)) {
         return refuse(fmt::format("the lenslets cannot be numbered: {} pairs of neighbours are not one pitch apart",
@@ -220,8 +221,11 @@ Result<void> check_white_frame(const WhiteImage& image, const GridCalibration& c
     if (square &&
         ((shape.between > kMaxBetween && shape.dark_share < kMinDark) ||
          (shape.dark_share < kMaxDarkOfStars && shape.corners < -kMaxStar))) {
-        return refuse("this is no white frame: between its lenslets it is as bright as in them, as between dark dots",
-                      "record the light behind a lenslet array, bright on dark, not inverted");
+        return refuse(
+            "this is no white frame: between its lenslets it is as bright as in them, as between dark dots or lenslets "
+            "out of focus",
+            "record the light behind a lenslet array, bright on dark, not inverted, and focus the sensor on the "
+            "lenslets");
     }
     return {};
 }
