@@ -66,12 +66,17 @@ void RimFinder::compare_across_edges(const FieldLight& light) {
                               .apart = across + kMax - 1};
         const int into = std::min(across, half - edge - margin_ - kMax);
         const double deeper = into > 0 ? mean_light(at(edge + margin_ + into), step, kMax, is_undeflected) : 0;
-        if (deeper > 0) line.fallen = inside - deeper, line.into = into;
+        if (deeper > 0) {
+            line.into = into;
+            deviations_.push_back(inside - deeper);
+        }
         all.add(line);
         const std::ptrdiff_t beside_line = to_next * (edge + margin_);
         const std::size_t middle = at(half - 1);
-        if (is_part_or_beyond_field(middle, beside_line) && is_part_or_beyond_field(middle, -beside_line))
+        if (is_part_or_beyond_field(middle, beside_line) && is_part_or_beyond_field(middle, -beside_line)) {
             inner.add(line);
+            if (deeper > 0) glass_lines_.push_back(inside - deeper);
+        }
     };
     const auto look_at = [&](std::size_t start, std::ptrdiff_t step, std::ptrdiff_t to_next, int length) {
         const auto is_part = [&](int k) { return (state_[start + static_cast<std::size_t>(step * k)] & kPart) != 0; };
@@ -83,12 +88,18 @@ void RimFinder::compare_across_edges(const FieldLight& light) {
         take(start + static_cast<std::size_t>(step * first), step, to_next, first, half);
         take(start + static_cast<std::size_t>(step * last), -step, to_next, length - 1 - last, half);
     };
+    deviations_.clear();
+    glass_lines_.clear();
     for (int n = 0; n < extents_.n; ++n) look_at(extents_.index(0, n), 1, extents_.m, extents_.m);
     for (int m = 0; m < extents_.m; ++m) look_at(extents_.index(m, 0), extents_.m, 1, extents_.n);
     found_.shaded_steps = steps;
     if (steps == 0) return;
     found_.shaded = static_cast<double>(shaded) / steps;
-    const LightAcrossEdges& sums = inner.lines >= kMinShadedSteps ? inner : all;
+    const bool few = inner.lines < kMinShadedSteps;
+    LightAcrossEdges& sums = few ? all : inner;
+    // The median: a spot in the middle of a plate makes light fall in the lines through it alone, a lamp in all.
+    std::vector<double>& fallen = few ? deviations_ : glass_lines_;
+    if (!fallen.empty()) sums.fallen = common::lower_median(std::span(fallen)) * static_cast<double>(fallen.size());
     found_.soft_shadow = is_shadow(sums, sums.lines * light_at_centroid(light));
     found_.clear_middle = found_.soft_shadow && !is_shadow(sums, 0);
 }
@@ -96,7 +107,6 @@ void RimFinder::compare_across_edges(const FieldLight& light) {
 void RimFinder::LightAcrossEdges::add(const LightAcrossEdges& line) {
     lines += line.lines;
     inside += line.inside, beside += line.beside, farther += line.farther, farthest += line.farthest;
-    fallen += line.fallen;
     across += line.across, away += line.away, apart += line.apart, into += line.into;
 }
 

@@ -81,8 +81,7 @@ RimFinder::RimFinder(const Extents& extents, int margin, PartForm form, float st
     }
     ring_values_.resize(ring_.size());
     const auto most_lines = static_cast<std::size_t>(std::max(extents.m, extents.n));
-    glass_lines_.reserve(most_lines);
-    for (auto* const of_all_sides : {&open_lines_, &deviations_}) of_all_sides->reserve(4 * most_lines);
+    for (auto* const of_all_sides : {&open_lines_, &glass_lines_, &deviations_}) of_all_sides->reserve(4 * most_lines);
     first_of_line_.reserve(most_lines + 4);
     if (form == PartForm::tube) tube_.emplace(extents, margin, steepest_bins);
     if (form == PartForm::plate) plate_.emplace(extents);

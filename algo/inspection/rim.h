@@ -137,7 +137,7 @@ class RimFinder {
     struct LightAcrossEdges {
         int lines = 0;
         double inside = 0, beside = 0, farther = 0, farthest = 0;  // light, inside the edge and outside of it
-        double fallen = 0;         // light from `inside` to as far again towards the middle
+        double fallen = 0;         // light from `inside` to as far again towards the middle: the median, times lines
         int across = 0, away = 0;  // lenslets from `beside` to `inside` and to `farther`
         int apart = 0;             // from the middle of `beside` to that of `inside`
         int into = 0;              // over which light has `fallen`

@@ -252,6 +252,25 @@ TEST(Plate, with_a_hole_in_its_middle_is_told_by_its_clear_middle) {
     }
 }
 
+// Light falls towards the middle in the lines through the spot alone: no lamp or shadow makes it so.
+TEST(Plate, of_clear_glass_with_a_spot_in_its_middle_is_rejected_for_the_spot) {
+    const Extents e{61, 61, 9, 9};
+    Recipe recipe;
+    recipe.form = PartForm::plate;
+    for (const double radius : {3.0, 4.0, 5.0}) {
+        for (const double spot : {0.3, 0.5}) {
+            const Frame plate = drawn(e, 8, 220, [&](int m, int n) -> Spot {
+                const int into = std::min(18 - std::abs(m - 30), 14 - std::abs(n - 30));
+                const bool in_spot = std::hypot(m - 30, n - 30) < radius;
+                return {0, 0, into < 0 ? 1 : into < 1 ? 0 : in_spot ? spot : 0.92};
+            });
+            for (const std::uint64_t seed : {1U, 2U, 3U})
+                EXPECT_EQ(verdict_on(noisy(plate, {10, 2, 1}, seed), e, recipe), Verdict::reject)
+                    << radius << " " << spot << " " << seed;
+        }
+    }
+}
+
 TEST(Plate, may_be_tinted_to_less_than_half_of_the_light) {
     const Extents e{40, 44, 9, 9}, turned{44, 40, 9, 9};
     Recipe plate;
