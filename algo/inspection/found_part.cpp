@@ -43,7 +43,6 @@ void RimFinder::describe(Deflections deflections, Sums sums, std::span<const std
     found_.sharp_outline = sharp_share(deflections, sums, mask);
     if (form_ == PartForm::plate) compare_across_edges({deflections, sums, mask});
     found_.free_beside = least_free_beside();
-    if (found_.free_light) found_.edge_width = edge_width({deflections, sums, mask});
     found_.symmetry = point_symmetry();
     find_cut();
     found_.convexity = convexity();

@@ -17,6 +17,7 @@
 #include "algo/inspection/rim.h"
 #include "algo/light/dark_bins.h"
 #include "algo/light/exposures.h"
+#include "algo/light/light_scale.h"
 #include "algo/light/macro_period.h"
 #include "algo/light/mean_spot.h"
 #include "algo/recipe/recipe.h"
@@ -68,6 +69,9 @@ class FrameChecks {
     void for_each_sampled(Visit&& visit) const {
         dark_bins_.for_each_sampled(visit);
     }
+
+    // What the dark level leaves of the free light beside the part. levels_of() was called with this frame.
+    LightScale scale_of(const FrameView& frame, const FoundPart& part);
 
     // Reason::unexpected_geometry, unexpected_light or no_part; none if the frame can be judged. levels_of() was called
     // with this frame; `field` was decoded with its result. `alternation`: of the whole field.

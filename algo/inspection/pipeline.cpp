@@ -398,6 +398,8 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
     watch.lap(result.times.feature_ns);
     w.compute_maps(frame, watch, result.times);
     const std::optional<Registered> registered = w.mark_part();
+    // A part that was learned is recognised by its pose.
+    if (!w.comparison) w.rim.measure_edges({w.deflections, w.sums, w.mask}, w.checks.scale_of(frame, w.rim.found()));
     const Alternation alternation = w.measure_light();
     watch.lap(result.times.feature_ns);
 

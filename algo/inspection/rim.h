@@ -18,6 +18,7 @@
 #include "algo/inspection/plate_outline.h"
 #include "algo/inspection/row_hull.h"
 #include "algo/inspection/tube_outline.h"
+#include "algo/light/light_scale.h"
 #include "algo/recipe/recipe.h"
 
 namespace hord::algo {
@@ -51,8 +52,8 @@ struct FoundPart {
     // Share of the lenslets beside the part that show free light, in the row or the column with the fewest. It counts
     // rows with at least kMinBeside lenslets beside the part, and those without any free light; 1 if there is no part.
     double free_beside = 1;
-    // Lenslets along a row or a column in which undeflected light falls from that of the free field to the part's edge:
-    // the median. 0 where too little is seen.
+    // Set by measure_edges(): lenslets along a row or a column in which undeflected light falls from that of the free
+    // field to the part's edge: the median. 0 where too little is seen.
     int edge_width = 0;
     // Overlap of the part, with what it encloses, and its image turned by 180 degrees about its centroid, over both
     // together: 1 for a disc or a rectangle, 0.69 for half a disc.
@@ -103,6 +104,9 @@ class RimFinder {
     // Adds kRim and kOutside to `mask`, which holds kDark and kSaturated. All spans: one value a lenslet, row by row.
     void mark(std::span<const Deflection> deflections, std::span<const std::uint32_t> sums,
               std::span<std::uint8_t> mask);
+
+    // Of the last mark(), with its light and mask: sets FoundPart::edge_width. `scale`: of the free light.
+    void measure_edges(const FieldLight& light, const LightScale& scale);
 
     // Of the last mark(), with its light and mask: sets what found() says of pieces that are missing at the outline.
     void look_for_missing_pieces(const FieldLight& light);
@@ -184,10 +188,17 @@ class RimFinder {
     struct Ramp {
         int begin = 0, end = 0;  // lenslets into the part; negative: before it
     };
-    [[nodiscard]] int edge_width(const FieldLight& light);
-    [[nodiscard]] int width_of_edge(const FieldLight& light, const LineOfPart& line, double own_slope) const;
-    [[nodiscard]] int width_before_glass(const FieldLight& light, const LineOfPart& line) const;
-    [[nodiscard]] std::uint32_t light_of_glass(const FieldLight& light, const LineOfPart& line) const;
+    [[nodiscard]] int edge_width(const FieldLight& light, const LightScale& scale);
+    [[nodiscard]] int width_of_edge(const FieldLight& light, const LightScale& scale, const LineOfPart& line,
+                                    double own_slope) const;
+    [[nodiscard]] int width_before_glass(const FieldLight& light, const LightScale& scale, double glass_noise,
+                                         const LineOfPart& line) const;
+    template <class Lines>
+    [[nodiscard]] double noise_of_glass(const FieldLight& light, const LightScale& scale, Lines&& for_each_line);
+    [[nodiscard]] std::uint32_t light_of_glass(const FieldLight& light, const LightScale& scale,
+                                               const LineOfPart& line) const;
+    [[nodiscard]] double bend_of(const FieldLight& light, const LightScale& scale, std::size_t k) const;
+    [[nodiscard]] bool is_undeflected(const FieldLight& light, const LightScale& scale, std::size_t k) const;
     [[nodiscard]] Ramp ramp_at_edge(const FieldLight& light, const LineOfPart& line, double own_slope) const;
     template <class Lines>
     [[nodiscard]] double slope_inside(const FieldLight& light, Lines&& for_each_line);

@@ -16,12 +16,7 @@ using namespace hord::algo::testing;
 constexpr Extents kField{61, 61, 9, 9};
 const std::vector<int> kAtRest = {0};
 
-// The mean of exposures of a part that lies so many lenslets to the right.
-template <class Place, class Part>
-Frame exposed_at(const std::vector<Place>& places, Part&& part, double peak_dn = 220) {
-    std::vector<Frame> all;
-    for (const Place place : places)
-        all.push_back(drawn(kField, 8, peak_dn, [&](int m, int n) { return part(m - place, n); }));
+Frame mean_of(const std::vector<Frame>& all) {
     Frame mean = all.front();
     for (int y = 0; y < mean.height_px(); ++y) {
         for (int x = 0; x < mean.width_px(); ++x) {
@@ -30,7 +25,16 @@ Frame exposed_at(const std::vector<Place>& places, Part&& part, double peak_dn =
             mean.set(x, y, sum / static_cast<std::uint32_t>(all.size()));
         }
     }
-    return noisy(mean, {10, 2, 1}, 5);
+    return mean;
+}
+
+// The mean of exposures of a part that lies so many lenslets to the right.
+template <class Place, class Part>
+Frame exposed_at(const std::vector<Place>& places, Part&& part, double peak_dn = 220) {
+    std::vector<Frame> all;
+    for (const Place place : places)
+        all.push_back(drawn(kField, 8, peak_dn, [&](int m, int n) { return part(m - place, n); }));
+    return noisy(mean_of(all), {10, 2, 1}, 5);
 }
 
 FrameFault fault_of(const Frame& frame, PartForm form = PartForm::round) {
@@ -114,6 +118,51 @@ TEST(EdgeWidth, of_a_tinted_plate_that_moved_shows_in_little_light) {
     for (const double light : {1.0, 0.5, 0.25, 0.2, 0.15, 0.12}) {
         const Frame frame = exposed_at(two, TintedPlate{0, 1, 0.7}, 220 * light);
         EXPECT_NE(fault_of(frame, PartForm::plate), FrameFault::none) << light;
+    }
+}
+
+// The dark level takes more of faint light than of bright light: what is lit in part looks darker than it is.
+TEST(EdgeWidth, of_a_tinted_plate_that_moved_is_the_same_where_the_dark_level_takes_light) {
+    const std::vector<double> two_and_a_half = {-1.25, -1, -0.75, -0.5, -0.25, 0, 0.25, 0.5, 0.75, 1, 1.25};
+    for (const double glass : {0.3, 0.4, 0.6}) {
+        for (const double bevel : {1.0, 1.4}) {
+            for (const double light : {1.0, 0.5, 0.35, 0.25}) {
+                const Frame frame = exposed_at(two_and_a_half, TintedPlate{0, bevel, glass}, 220 * light);
+                EXPECT_NE(fault_of(frame, PartForm::plate), FrameFault::none) << glass << " " << bevel << " " << light;
+            }
+        }
+    }
+}
+
+// A plate whose bevels bend light by so many bins outwards and take no more of it than the glass.
+Frame bevelled(double glass, double bevel, double bins, double peak_dn) {
+    constexpr int kPlaces = 3;
+    std::vector<Frame> all;
+    for (int k = 0; k < kPlaces * kPlaces; ++k) {
+        const double right = (k % kPlaces - 1.0) / kPlaces, down = (k / kPlaces - 1.0) / kPlaces;
+        all.push_back(drawn(kField, 12, 16 * peak_dn, [&](int m, int n) -> Spot {
+            const double x = m - 30.3 + right, y = n - 30.1 + down, from_side = 18 - std::abs(x),
+                         from_end = 13.5 - std::abs(y), into = std::min(from_side, from_end);
+            if (into < 0) return {};
+            if (into >= bevel) return {0, 0, glass};
+            return from_side < from_end ? Spot{std::copysign(bins, x), 0, glass}
+                                        : Spot{0, std::copysign(bins, y), glass};
+        }));
+    }
+    return noisy(mean_of(all), {10.0 / 16, 2, 1}, 5);  // drawn with 12 bits: rounding takes no light
+}
+
+// A bevel that bends light and takes none leaves no dark edge: the darkest lenslet there is one of the glass, by noise.
+TEST(EdgeWidth, of_a_plate_at_rest_whose_bevels_bend_light_is_that_of_one_edge) {
+    for (const double glass : {0.84, 0.7}) {
+        for (const double bevel : {0.6, 1.0}) {
+            for (const double bins : {1.0, 2.0}) {
+                for (const double light : {1.0, 0.25})
+                    EXPECT_NE(fault_of(bevelled(glass, bevel, bins, 220 * light), PartForm::plate),
+                              FrameFault::blurred_edge)
+                        << glass << " " << bevel << " " << bins << " " << light;
+            }
+        }
     }
 }
 
