@@ -275,15 +275,15 @@ Registered Registrar::settle(const Problem& of, const Pose& start) {
         if (!update_light(count, used, typical, result.light)) return result;
         // The reference's interpolation has kinks at its own lenslets: full steps could oscillate across one.
         const double turned_back = by[0] * before[0] + by[1] * before[1] + reach * reach * by[2] * before[2];
-        shorter = moved < kNearlySettled && turned_back < 0 ? 0.5 * shorter : std::min(1.0, 2 * shorter);
+        shorter = (settling || moved < kNearlySettled) && turned_back < 0 ? 0.5 * shorter : std::min(1.0, 2 * shorter);
         before = by;
         if (settling && (moved < kSettled || (shorter <= kSwings && shorter * moved < kSettled))) break;
         if (k == kSteps) {
-            // Oscillates within a tenth of a lenslet (the last steps were a quarter of that), or the maps do not
-            // determine the pose any better: another step would lower the sum of squares by less than one.
+            // Oscillates within a tenth of a lenslet (the last steps were at most a quarter of that), or the maps do
+            // not determine the pose any better: another step would lower the sum of squares by less than one.
             double gain = 0;
             for (std::size_t u = 0; u < 3; ++u) gain += by[u] * step.normal.b[u];
-            if (moved < 0.1 || gain < 1) break;
+            if (shorter * moved < 0.1 || gain < 1) break;
             return outcome(Registered::Outcome::unsettled);
         }
         // At most a lenslet a step; later steps are shorter, because the weights may make the pose oscillate.

@@ -24,7 +24,9 @@ const char* explain(Registered::Outcome outcome) {
         case Registered::Outcome::other_size:
             return "its opposite edges do not lie as far apart as those of the reference's parts: see whether it is "
                    "another part, or learn from good parts of its size, too";
-        case Registered::Outcome::unsettled: return "where it lies cannot be settled";
+        case Registered::Outcome::unsettled:
+            return "where it lies cannot be settled: see whether it is the reference's part and whole, or learn again "
+                   "from parts that lie within half a lenslet of each other";
     }
     return "";
 }

@@ -535,7 +535,9 @@ TEST(VerdictText, of_a_part_that_was_not_registered_says_what_registration_says)
               "it lies more than 2.5 lenslets or 3.4 degrees from the reference's pose: lay it closer, or learn from "
               "parts that lie like it"),
           std::pair(Outcome::foreign, "it does not look like the reference's parts"),
-          std::pair(Outcome::unsettled, "where it lies cannot be settled")}) {
+          std::pair(Outcome::unsettled,
+                    "where it lies cannot be settled: see whether it is the reference's part and whole, or learn again "
+                    "from parts that lie within half a lenslet of each other")}) {
         found.registered.outcome = outcome;
         EXPECT_EQ(told(found), std::string("Not judged: ") + why + ".");
     }
