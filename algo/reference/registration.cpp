@@ -30,7 +30,7 @@ constexpr double kTurnShare = 0.05;        // of the maps' changes that a turn m
 // A pose is refused if so much of the edges of one axis is missing: one of two opposite sides may be, and a third of
 // the other.
 constexpr double kLostEdges = 2.0 / 3;
-constexpr double kPhase = 0.25;  // edges that a part within half a lenslet may lack (edge_agreement.cpp)
+constexpr double kPhase = 0.5;  // lenslets that the edges of both sides may lie beside those of the reference
 // A shift or turn as far as is allowed must change the maps by so many standard deviations, root mean square, beyond a
 // change that is the same everywhere: a tilt of the part, or of the light, makes that, too.
 constexpr double kDetermined = 0.5;
@@ -316,8 +316,11 @@ void Registrar::check(const Problem& of, bool afar, Registered& result) const {
     const EdgeAgreement edges =
         compare_edges(extents_, of.reference, of.part, PoseMap(result.pose, extents_), of.typical, result.light);
     result.missing_edges = edges.missing_share();
+    result.size =
+        compare_sizes(extents_, of.reference, of.part, PoseMap(result.pose, extents_), of.typical, result.light);
     const auto far = [&](double shift, std::size_t axis) {
-        const bool known = blocks_ && afar && edges.tells_by_light(axis) && result.missing_edges <= kPhase;
+        const bool known = blocks_ && afar && edges.tells_by_light(axis) && result.missing_edges <= kForeignShare &&
+            result.size.known[axis] && result.size.apart[axis] <= kPhase;
         return std::abs(shift) > (known ? kFarthestByEdges : kFarthestLenslets);
     };
     if (far(result.pose.x, 0) || far(result.pose.y, 1) || std::abs(result.pose.sine) > kFarthestSine)

@@ -16,6 +16,7 @@ namespace hord::algo {
 struct SizeDifference {
     std::array<bool, 2> known{};      // both sides show their edges
     std::array<double, 2> wider{};    // lenslets by which opposite edges lie farther apart than the reference's
+    std::array<double, 2> apart{};    // lenslets by which that side's edges lie from the reference's where it is more
     std::array<double, 2> allowed{};  // what it may be, by ReferenceMaps::size_limits and the noise of the part's edges
 
     [[nodiscard]] bool exceeds(std::size_t axis) const {

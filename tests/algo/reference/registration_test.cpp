@@ -97,6 +97,22 @@ TEST(Registration, a_plate_whose_edges_lie_beside_those_of_the_reference_is_foun
     }
 }
 
+// By where an edge lies in a lenslet, a plate may lack a third of the steps at its edges though its pose is right.
+TEST(Registration, a_far_plate_is_found_wherever_its_edges_lie_in_a_lenslet) {
+    const Extents field{61, 61, 9, 9};
+    std::mt19937_64 random(6);
+    std::uniform_real_distribution<double> near(-0.5, 0.5), far(3, 7.5);
+    const Form reference = plate(15, 11.5, {}, 0, random);
+    for (int k = 0; k < 24; ++k) {
+        Pose pose{near(random), near(random), 0.02 * near(random)};
+        (k % 2 == 0 ? pose.x : pose.y) += std::copysign(far(random), near(random));
+        const Registered r = found(reference, plate(15, 11.5, pose, 0.04, random), field);
+        EXPECT_TRUE(r.found()) << pose.x << ", " << pose.y << ": " << explain(r);
+        EXPECT_NEAR(r.pose.x, pose.x, 0.3);
+        EXPECT_NEAR(r.pose.y, pose.y, 0.3);
+    }
+}
+
 TEST(Registration, a_plate_beyond_the_farthest_or_of_another_size_is_refused) {
     std::mt19937_64 random(3);
     const auto at = [&](double half_x, const Pose& pose) { return plate(half_x, 27.5, pose, 0.02, random); };
