@@ -30,6 +30,7 @@ constexpr double kTurnShare = 0.05;        // of the maps' changes that a turn m
 // A pose is refused if so much of the edges of one axis is missing: one of two opposite sides may be, and a third of
 // the other.
 constexpr double kLostEdges = 2.0 / 3;
+constexpr double kWrong = 0.3;  // lenslets that the edges lie beside the reference's: the steps ended in a wrong place
 constexpr double kPhase = 0.5;  // lenslets that the edges of both sides may lie beside those of the reference
 // A shift or turn as far as is allowed must change the maps by so many standard deviations, root mean square, beyond a
 // change that is the same everywhere: a tilt of the part, or of the light, makes that, too.
@@ -365,6 +366,14 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
         check(of, true, other);
         const bool better = other.missing_edges < result.missing_edges || (other.found() && !result.found());
         if (better && other.missing_edges <= kForeignShare) result = other;
+    }
+    if (result.found() && result.size.shifted() > kWrong) {
+        const Pose& at = result.pose;
+        const std::array<double, 2>& by = result.size.shift;
+        Registered other = settle(of, {at.x + by[0], at.y + by[1], at.sine});
+        check(of, true, other);
+        if (other.found() && other.missing_edges <= kForeignShare && other.size.shifted() < result.size.shifted())
+            result = other;
     }
     if (result.found() && result.missing_edges > kLostEdges) result.outcome = Registered::Outcome::other_edges;
     if (!result.found()) return result;

@@ -160,6 +160,7 @@ SizeDifference compare_sizes(const Extents& extents, const ReferenceMaps& refere
         if (!before || !behind) continue;
         result.known[axis] = true;
         result.wider[axis] = behind->offset - before->offset;
+        result.shift[axis] = 0.5 * (before->offset + behind->offset);
         result.apart[axis] = std::max(std::abs(before->offset), std::abs(behind->offset));
         const auto limit = static_cast<double>(reference.size_limits[axis]);
         const double noise = kLimitNoises * kLimitNoises * (before->variance + behind->variance);

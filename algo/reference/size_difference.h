@@ -2,6 +2,7 @@
 // both alike, another size does not (docs/notes/reference.md, "Registration").
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -17,11 +18,14 @@ struct SizeDifference {
     std::array<bool, 2> known{};      // both sides show their edges
     std::array<double, 2> wider{};    // lenslets by which opposite edges lie farther apart than the reference's
     std::array<double, 2> apart{};    // lenslets by which that side's edges lie from the reference's where it is more
+    std::array<double, 2> shift{};    // lenslets by which both sides lie beside the reference's, mean
     std::array<double, 2> allowed{};  // what it may be, by ReferenceMaps::size_limits and the noise of the part's edges
 
     [[nodiscard]] bool exceeds(std::size_t axis) const {
         return known[axis] && allowed[axis] > 0 && std::abs(wider[axis]) > allowed[axis];
     }
+    // Lenslets, along the axis with more.
+    [[nodiscard]] double shifted() const { return std::max(std::abs(shift[0]), std::abs(shift[1])); }
     [[nodiscard]] bool exceeds() const { return exceeds(0) || exceeds(1); }
 };
 

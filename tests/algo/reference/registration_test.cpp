@@ -101,7 +101,7 @@ TEST(Registration, a_plate_whose_edges_lie_beside_those_of_the_reference_is_foun
 TEST(Registration, a_far_plate_is_found_wherever_its_edges_lie_in_a_lenslet) {
     const Extents field{61, 61, 9, 9};
     std::mt19937_64 random(6);
-    std::uniform_real_distribution<double> near(-0.5, 0.5), far(3, 7.5);
+    std::uniform_real_distribution<double> near(-0.5, 0.5), far(2.6, 7.5);
     const Form reference = plate(15, 11.5, {}, 0, random);
     for (int k = 0; k < 24; ++k) {
         Pose pose{near(random), near(random), 0.02 * near(random)};
