@@ -20,7 +20,7 @@ const char* explain(Registered::Outcome outcome) {
         case Registered::Outcome::foreign: return "it does not look like the reference's parts";
         case Registered::Outcome::other_edges:
             return "its edges are not where the reference's parts have theirs: lay it within 2.5 lenslets and 3.4 "
-                   "degrees of them, or see whether it is another part";
+                   "degrees of them, or see whether it is another part, or the field is empty";
         case Registered::Outcome::other_size:
             return "its opposite edges do not lie as far apart as those of the reference's parts: see whether it is "
                    "another part, or learn from good parts of its size, too";

@@ -534,6 +534,9 @@ TEST(VerdictText, of_a_part_that_was_not_registered_says_what_registration_says)
               Outcome::too_far,
               "it lies more than 2.5 lenslets or 3.4 degrees from the reference's pose: lay it closer, or learn from "
               "parts that lie like it"),
+          std::pair(Outcome::other_edges,
+                    "its edges are not where the reference's parts have theirs: lay it within 2.5 lenslets and 3.4 "
+                    "degrees of them, or see whether it is another part, or the field is empty"),
           std::pair(Outcome::foreign, "it does not look like the reference's parts"),
           std::pair(Outcome::unsettled,
                     "where it lies cannot be settled: see whether it is the reference's part and whole, or learn again "
