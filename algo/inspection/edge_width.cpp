@@ -19,6 +19,7 @@ constexpr int kFreeBeside = 12;      // lenslets outside the part, the brightest
 constexpr double kMinDeflected = 2;  // times the tolerance of free light, by which a part deflects light at its edge
 constexpr double kDarkEdgeSigmas = 3.5;  // one of the 27 lenslets about an edge is so dark by noise in 0.6 % of lines
 constexpr double kRampSigmas = 1.5;      // the light of the glass or the free light is beyond by noise in 7 % of lines
+constexpr double kMinSeenOfStep = 0.3;   // half of the way from four fifths to a fifth
 constexpr double kBinRipple = 1.27;      // a spot's mean moves up to so many times as fast as the spot
 // Lenslets about the first two that are darker than `half` in which light falls from `outer` to `inner`.
 template <class LightAt>
@@ -195,13 +196,14 @@ int RimFinder::width_before_glass(const FieldLight& light, const LightScale& sca
     for (int k = outermost; k < innermost; ++k) {
         if (const double here = without_loss(k); here < least_light) darkest = k, least_light = here;
     }
-    if (least_light > least_of_glass) {
-        // No dark edge: one step from the free light to the glass.
+    const double outer_of_step = std::min(left(0.8 + 0.2 * of_glass), free - kRampSigmas * glass_noise),
+                 inner_of_step = std::max(left(0.2 + 0.8 * of_glass), glass + kRampSigmas * glass_noise);
+    // Where noise hides more than half of the step's three fifths, nothing proves that the part was at rest.
+    const bool shows_step = outer_of_step - inner_of_step >= kMinSeenOfStep * (free - glass);
+    if (least_light > least_of_glass && shows_step) {  // no dark edge: one step from the free light to the glass
+        const double half = left((1 + of_glass) / 2);
         return std::min(2 * kMaxEdgeWidth,
-                        1 +
-                            width_of_step(light_at, outermost, innermost, left((1 + of_glass) / 2),
-                                          std::min(left(0.8 + 0.2 * of_glass), free - kRampSigmas * glass_noise),
-                                          std::max(left(0.2 + 0.8 * of_glass), glass + kRampSigmas * glass_noise)));
+                        1 + width_of_step(light_at, outermost, innermost, half, outer_of_step, inner_of_step));
     }
     const double least = scale.share(light_at(darkest) / free);
     const double dark = left(0.2 * of_glass), outer = left(0.8 + 0.2 * least), inner = left(0.2 + 0.8 * least),

@@ -1,10 +1,14 @@
 // Over how many lenslets the light changes at a part's edges: a part that moved, or was exposed twice, is told by them.
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <vector>
 
 #include <gtest/gtest.h>
 
+#include "algo/frame/mask.h"
 #include "algo/inspection/pipeline.h"
+#include "algo/inspection/rim.h"
 #include "algo/recipe/recipe.h"
 #include "tests/support/frames.h"
 
@@ -164,6 +168,28 @@ TEST(EdgeWidth, of_a_plate_at_rest_whose_bevels_bend_light_is_that_of_one_edge) 
             }
         }
     }
+}
+
+// Glass of 163 DN with noise of 8 DN, and an edge that falls from 200 DN over four lenslets: noise hides the fifths of
+// the step, so that nothing proves a part at rest.
+TEST(EdgeWidth, of_a_step_that_noise_hides_is_not_that_of_a_part_at_rest) {
+    const Extents e{40, 40, 9, 9};
+    std::vector<Deflection> deflections(e.lenslets());
+    std::vector<std::uint32_t> sums(e.lenslets(), 200);
+    std::vector<std::uint8_t> mask(e.lenslets(), kValid);
+    for (int n = 0; n < e.n; ++n) {
+        for (int m = 0; m < e.m; ++m) {
+            const int into = std::min({m, n, e.m - 1 - m, e.n - 1 - n}) - 8;
+            const std::size_t k = e.index(m, n);
+            if (into >= 0) sums[k] = (m + n) % 2 == 0 ? 155 : 171;
+            else if (into >= -4) sums[k] = static_cast<std::uint32_t>(174 - 7 * (into + 1));
+            if (into == -1 || into == -2) deflections[k].x = DeflectionQ::from_raw(std::int64_t{1} << 23);
+        }
+    }
+    RimFinder finder(e, 1, PartForm::plate);
+    finder.mark(deflections, sums, mask);
+    finder.measure_edges({deflections, sums, mask}, LightScale());
+    EXPECT_GT(finder.found().edge_width, kMaxEdgeWidth);
 }
 
 // A disc with a dark rim that bends light in rings: the slope beside the rim is the part's own, and goes on inside.
