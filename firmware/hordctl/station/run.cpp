@@ -253,6 +253,7 @@ class Run {
         if (!ending_) last_snapshot_ = service_->snapshot();
         const bool waited = ending_ || service_->loop().now() - begun_ >= milliseconds(1000) * kWaitsForDevice;
         settle_the_rest();
+        if (const auto printed = lines_.finish(kWaitsForReader); !printed) say(printed.error().message());
         progress_.reset();
         const Duration elapsed = last_seen_.time_since_epoch() - first_arrival_.value_or(Duration::zero());
         const auto print = [out = options_.json ? stderr : stdout](const std::string& text) {
@@ -288,10 +289,12 @@ class Run {
         }
         if (!picture) return complain(picture.error());
         if (!options_.out.empty()) print(fmt::format("picture: {}\n", *picture));
-        return stands || !lost.empty() ? Exit::unfit : Exit::good;
+        if (stands || !lost.empty()) return Exit::unfit;
+        return lines_.lost() ? Exit::bad_input : Exit::good;
     }
 
     static constexpr int kWaitsForReset = 5, kWaitsForDevice = 10;  // seconds
+    static constexpr int kWaitsForReader = 2000;                    // ms, of --json, at the end
 
     const RunOptions& options_;
     std::unique_ptr<Service> service_;

@@ -3,8 +3,10 @@
 #include <fstream>
 #include <string>
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include "drivers/files/frame_file.h"
 #include "tests/system/cli/program.h"
@@ -44,6 +46,25 @@ TEST_F(RunFrames, inspects_every_part_when_its_lines_cannot_be_written_and_says_
         const auto first = said.err.find("inspection goes on");
         EXPECT_EQ(said.err.find("inspection goes on", first + 1), std::string::npos) << "told once\n" << said.err;
     }
+}
+
+// The pipe takes one line of a part at most: it is nearly full before the run, and nobody reads.
+TEST_F(RunFrames, goes_on_when_the_reader_of_its_lines_takes_nothing) {
+    int ends[2];
+    ASSERT_EQ(::pipe(ends), 0);
+    const std::string out = "/proc/" + std::to_string(::getpid()) + "/fd/" + std::to_string(ends[1]);
+    const int size = ::fcntl(ends[1], F_SETPIPE_SZ, 4096);
+    ASSERT_EQ(size, 4096);
+    ASSERT_EQ(::write(ends[1], std::string(4096, ' ').data(), 4096), 4096);
+    const Said said =
+        run("/bin/bash",
+            {"-c",
+             std::string(HORD_BIN_DIR) + "/hordctl run --rate 2 --json --config " + (folder / "c.toml") + " >" + out});
+    EXPECT_EQ(said.status, 2) << said.err;
+    EXPECT_THAT(said.err, HasSubstr("the last lines could not be written: their reader does not take them"));
+    EXPECT_THAT(said.err, HasSubstr("seen " + std::to_string(kFrames) + " "));
+    ::close(ends[0]);
+    ::close(ends[1]);
 }
 
 TEST_F(RunFrames, options_that_would_have_no_effect_are_refused_with_the_reason) {
