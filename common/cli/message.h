@@ -2,7 +2,6 @@
 #pragma once
 
 #include <algorithm>
-#include <cstdio>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -22,11 +21,17 @@ inline std::string named_lines(std::string_view name, std::string_view text) {
     return out;
 }
 
-// Prints on stderr. What cannot be written there (a full disk, a closed terminal) is lost: no program ends for it.
-// fmt::print() would throw.
+// For programs that must go on: from now on a message that stderr does not take at once (a full pipe, a terminal that
+// is held) is lost. The next that it takes says how many were.
+void never_wait_for_stderr();
+
+// Any thread. Prints on stderr. What cannot be written there (a full disk, a closed terminal) is lost: no program ends
+// for it.
+void write_message(std::string_view text);
+
 template <class... Parts>
 void print_message(fmt::format_string<Parts...> format, Parts&&... parts) {
-    std::fputs(fmt::format(format, std::forward<Parts>(parts)...).c_str(), stderr);
+    write_message(fmt::format(format, std::forward<Parts>(parts)...));
 }
 
 }  // namespace hord

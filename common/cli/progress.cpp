@@ -33,7 +33,6 @@ void Progress::show(double done, const std::string& note) {
     const auto full = static_cast<std::size_t>(done * kWidth);
     print_message("\r{} [{}{}] {:3.0f} % {}\033[K", what_, std::string(full, '#'), std::string(kWidth - full, '.'),
                   done * 100, note);
-    std::fflush(stderr);
     drawn_ = true;
 }
 

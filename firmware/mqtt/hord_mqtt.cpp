@@ -131,6 +131,7 @@ int main(int argc, char** argv) {
         "used.\n"
         "Example: hord-mqtt --config deploy/mqtt.toml --check");
     if (const auto ended = hord::parse_command_line(program, argc, argv)) return *ended;
+    never_wait_for_stderr();
     auto config = load_mqtt_config(file);
     if (!config) return complain(config.error(), kBadConfiguration);
     if (const auto cut = common::may_have_lost_its_end(file)) say(cut->message());

@@ -166,6 +166,7 @@ int main(int argc, char** argv) {
         "Exit status: 0 stopped as asked, 2 the port cannot be used, or usage, 78 the configuration cannot be used.\n"
         "Example: hord-page --modbus 127.0.0.1:1502 --store /var/lib/hord/store --listen 127.0.0.1:8070");
     if (const auto ended = hord::parse_command_line(program, argc, argv)) return *ended;
+    never_wait_for_stderr();
     const auto config = configuration(options);
     if (!config) return complain(config.error(), kBadConfiguration);
     for (const std::string& file : {options.config, options.stations})

@@ -9,6 +9,7 @@
 #include <fmt/ranges.h>
 #include <systemd/sd-daemon.h>
 
+#include "common/cli/message.h"
 #include "common/cli/program.h"
 #include "common/toml_fields.h"
 #include "firmware/config/path_check.h"
@@ -264,5 +265,6 @@ int main(int argc, char** argv) {
     if (options.check) {
         return check(options);
     }
+    never_wait_for_stderr();
     return Daemon(options).run();
 }

@@ -1,7 +1,6 @@
 #include "firmware/service/journal.h"
 
 #include <array>
-#include <cstdio>
 #include <cstdlib>
 #include <iterator>
 #include <utility>
@@ -101,7 +100,6 @@ void write_to_journal(const Entry& entry, std::string_view message, std::span<co
     static const bool to_journal = stderr_is_the_journal();
     if (!to_journal) {
         print_message("{}\n", named_lines(program_invocation_short_name, message));
-        std::fflush(stderr);
         return;
     }
     std::vector<std::string> lines{fmt::format("MESSAGE={}", message), fmt::format("MESSAGE_ID={}", entry.id),

@@ -38,6 +38,7 @@ class Run {
     explicit Run(const RunOptions& options) : options_(options) {}
 
     Exit go() {
+        never_wait_for_stderr();
         auto config = config_of_run(options_);
         if (!config) return complain(config.error());
         auto files = read_station_files(*config);
@@ -256,8 +257,9 @@ class Run {
         if (const auto printed = lines_.finish(kWaitsForReader); !printed) say(printed.error().message());
         progress_.reset();
         const Duration elapsed = last_seen_.time_since_epoch() - first_arrival_.value_or(Duration::zero());
-        const auto print = [out = options_.json ? stderr : stdout](const std::string& text) {
-            std::fputs(text.c_str(), out);  // does not throw: what is lost must still be told
+        const auto print = [to_stderr = options_.json](const std::string& text) {
+            if (to_stderr) write_message(text);
+            else std::fputs(text.c_str(), stdout);  // does not throw: what is lost must still be told
         };
         print(fmt::format("\n{}", report_.parts() > 0 ? report_.text(elapsed) : std::string("no part came\n")));
         if (options_.reset_after_s > 0) print(fmt::format("the line was stopped and reset {} times\n", resets_));

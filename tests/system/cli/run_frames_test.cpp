@@ -33,6 +33,29 @@ class RunFrames : public ::testing::Test {
     TemporaryFolder folder;
 };
 
+// A pipe that takes nothing: it is full, and nobody reads.
+class FullPipe {
+  public:
+    FullPipe() {
+        EXPECT_EQ(::pipe(ends_), 0);
+        const auto size = static_cast<std::size_t>(::fcntl(ends_[1], F_GETPIPE_SZ));
+        EXPECT_EQ(::write(ends_[1], std::string(size, ' ').data(), size), static_cast<ssize_t>(size));
+    }
+    FullPipe(const FullPipe&) = delete;
+    FullPipe& operator=(const FullPipe&) = delete;
+    ~FullPipe() {
+        ::close(ends_[0]);
+        ::close(ends_[1]);
+    }
+    // Other programs open it by this name.
+    [[nodiscard]] std::string path() const {
+        return "/proc/" + std::to_string(::getpid()) + "/fd/" + std::to_string(ends_[1]);
+    }
+
+  private:
+    int ends_[2] = {-1, -1};
+};
+
 TEST_F(RunFrames, inspects_every_part_when_its_lines_cannot_be_written_and_says_so_once) {
     for (const auto& [out, why] : {std::pair<std::string, std::string>{">/dev/full", "No space left on device"},
                                    {"> >(head -n 1 >/dev/null)", "Broken pipe"}}) {
@@ -48,23 +71,32 @@ TEST_F(RunFrames, inspects_every_part_when_its_lines_cannot_be_written_and_says_
     }
 }
 
-// The pipe takes one line of a part at most: it is nearly full before the run, and nobody reads.
 TEST_F(RunFrames, goes_on_when_the_reader_of_its_lines_takes_nothing) {
-    int ends[2];
-    ASSERT_EQ(::pipe(ends), 0);
-    const std::string out = "/proc/" + std::to_string(::getpid()) + "/fd/" + std::to_string(ends[1]);
-    const int size = ::fcntl(ends[1], F_SETPIPE_SZ, 4096);
-    ASSERT_EQ(size, 4096);
-    ASSERT_EQ(::write(ends[1], std::string(4096, ' ').data(), 4096), 4096);
-    const Said said =
-        run("/bin/bash",
-            {"-c",
-             std::string(HORD_BIN_DIR) + "/hordctl run --rate 2 --json --config " + (folder / "c.toml") + " >" + out});
+    const FullPipe unread;
+    const Said said = run("/bin/bash",
+                          {"-c",
+                           std::string(HORD_BIN_DIR) + "/hordctl run --rate 2 --json --config " + (folder / "c.toml") +
+                               " >" + unread.path()});
     EXPECT_EQ(said.status, 2) << said.err;
     EXPECT_THAT(said.err, HasSubstr("the last lines could not be written: their reader does not take them"));
     EXPECT_THAT(said.err, HasSubstr("seen " + std::to_string(kFrames) + " "));
-    ::close(ends[0]);
-    ::close(ends[1]);
+}
+
+// The station's own thread writes messages: it must time the line, answer the registers and end all the same.
+TEST_F(RunFrames, goes_on_and_ends_when_nobody_takes_its_messages) {
+    const FullPipe unread;
+    const Said said = run(
+        "/bin/bash",
+        {"-c",
+         std::string(HORD_BIN_DIR) + "/hordctl run --rate 2 --config " + (folder / "c.toml") + " 2>" + unread.path()});
+    EXPECT_EQ(said.status, 0);
+    EXPECT_THAT(said.out, HasSubstr("seen " + std::to_string(kFrames) + " "));
+    std::filesystem::create_directories(folder / "state");
+    const Said service = run("/bin/bash",
+                             {"-c",
+                              "STATE_DIRECTORY=" + (folder / "state") + " " + HORD_BIN_DIR + "/hordd --config " +
+                                  (folder / "c.toml") + " 2>" + unread.path() + " & sleep 2; kill -TERM $!; wait $!"});
+    EXPECT_EQ(service.status, 0);
 }
 
 TEST_F(RunFrames, options_that_would_have_no_effect_are_refused_with_the_reason) {
