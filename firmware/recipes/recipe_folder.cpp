@@ -4,6 +4,7 @@
 #include <cerrno>
 #include <charconv>
 #include <iterator>
+#include <system_error>
 
 #include <fmt/format.h>
 
@@ -44,8 +45,13 @@ Result<std::vector<fs::path>> recipe_files(const fs::path& folder) {
         if (entry->path().extension() == ".toml") files.push_back(entry->path());
     }
     if (error) {
-        return fail(ErrorCode::not_found, fmt::format("the folder of recipes {}: {}", folder.string(), error.message()),
-                    "make it, or name another one in inspection.recipes");
+        const bool is_missing = error == std::errc::no_such_file_or_directory;
+        const std::string cure = is_missing         ? "make it, or "
+            : error == std::errc::permission_denied ? "give this user the right to read it, or "
+                                                    : "";
+        return fail(is_missing ? ErrorCode::not_found : ErrorCode::unreadable,
+                    fmt::format("the folder of recipes {}: {}", folder.string(), error.message()),
+                    cure + "name another one in inspection.recipes");
     }
     std::sort(files.begin(), files.end());
     return files;

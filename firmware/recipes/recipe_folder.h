@@ -15,13 +15,14 @@ struct RecipeEntry {
     Result<NumberedRecipe> recipe;  // or the reason why it cannot be used
 };
 
-// All *.toml files of the folder, sorted by name. Fails with not_found (no such folder).
+// All *.toml files of the folder, sorted by name. Fails with not_found (no such folder), unreadable (no right, no
+// folder).
 Result<std::vector<RecipeEntry>> list_recipes(const std::filesystem::path& folder);
 
 // Fails with refused if recipes of one folder have the same number: names the files.
 Result<void> check_numbers(const std::vector<RecipeEntry>& recipes);
 // The same of a folder, for a start: reads the numbers alone, no reference. A file without a number that can be read is
-// passed over. Fails with not_found, too, as list_recipes(); "": no folder, fine.
+// passed over. Fails as list_recipes(), too; "": no folder, fine.
 Result<void> check_recipe_numbers(const std::filesystem::path& folder);
 
 // Fails with not_found (no file has this number; names the unusable files), refused (several files have it).

@@ -149,9 +149,11 @@ Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesys
         return fail(code, file.string() + " " + what, "learn it again: hordctl learn");
     };
     const auto read = common::read_file(file);
-    if (!read)
-        return fail(errno == ENOENT ? ErrorCode::not_found : ErrorCode::unreadable, file.string() + " cannot be opened",
-                    "give a file that hordctl learn has written");
+    if (!read) {
+        Error error = common::cannot_read(file);
+        error.cure = "give a file that hordctl learn has written";
+        return tl::unexpected(error);
+    }
     const std::string& text = *read;
     if (auto right = common::require_kind(text, file.string(), common::FileKind::reference); !right)
         return tl::unexpected(right.error());

@@ -10,6 +10,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include "algo/reference/pooled_scores.h"
 #include "common/crc32.h"
@@ -106,6 +107,18 @@ TEST_F(ReferenceFile, what_is_cut_off_of_another_version_or_missing_is_refused_w
     EXPECT_EQ(refused.error().code, ErrorCode::unsupported);
     EXPECT_THAT(refused.error().cure, HasSubstr("hordctl learn"));
     EXPECT_EQ(read_reference(folder / "none").error().code, ErrorCode::not_found);
+}
+
+TEST_F(ReferenceFile, that_cannot_be_read_says_why) {
+    const auto refusal = [](const std::filesystem::path& path) {
+        const auto read = read_reference(path);
+        return read ? "none" : read.error().message();
+    };
+    const std::string cure = "): give a file that hordctl learn has written", pipe = folder / "pipe.hordref";
+    EXPECT_EQ(refusal(folder), folder.string() + ": cannot be read (Is a directory" + cure);
+    ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+    EXPECT_EQ(refusal(pipe), pipe + ": cannot be read (No data available" + cure);
+    std::filesystem::remove(pipe);
 }
 
 // Bytes of a file before its checksum, as an older version has them.

@@ -115,6 +115,14 @@ TEST_F(RefusedStart, on_a_recipe_that_does_not_fit_the_light_field) {
 
 // Neither keeps the line from running; both would first show when a PLC selects a recipe.
 TEST_F(RefusedStart, is_none_for_recipes_that_cannot_be_selected_and_they_are_told) {
+    std::ofstream(folder / "recipes") << "x";  // that no key names: told unless it does not exist
+    write_config("[station]\nautostart = false\n");
+    {
+        Running no_folder("/usr/bin/env", under({}));
+        EXPECT_TRUE(no_folder.says("the folder of recipes " + (folder / "recipes") + ": Not a directory", kPatience))
+            << no_folder.so_far().err;
+    }
+    std::filesystem::remove(folder / "recipes");
     std::filesystem::create_directories(folder / "recipes");
     for (const char* name : {"a.toml", "b.toml"})
         std::ofstream(folder / ("recipes/" + std::string(name))) << "schema = 1\nnumber = 7\n[limits]\nemd_bins = 1\n";
