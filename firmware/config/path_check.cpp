@@ -117,31 +117,48 @@ class Folders {
     std::vector<std::string> good_;
 };
 
-void look_at_sources(const Config& config, Folders& folders) {
-    if (const auto* const frames = std::get_if<FrameFolder>(&config.sensor))
-        folders.read("sensor.folder", frames->folder);
-    if (const auto* const parts = std::get_if<SimulatedSensor>(&config.sensor);
-        parts != nullptr && !parts->scenes.empty())
-        folders.read("sensor.scenes", parts->scenes);
+// The path with every symbolic link replaced by its target, whether or not that exists: systemd does not follow links,
+// and fs::weakly_canonical() stops at the first one to nothing. Of links in a circle, the path as it is.
+fs::path without_links(const fs::path& path) {
+    constexpr int kMaxLinks = 40;  // as the kernel
+    std::error_code error;
+    fs::path whole = fs::absolute(path, error);
+    for (int links = 0; links <= kMaxLinks; ++links) {
+        fs::path done, target;
+        for (const fs::path& name : whole) {
+            if (!target.empty()) {
+                target /= name;
+                continue;
+            }
+            const fs::path here = done / name;
+            if (fs::is_symlink(fs::symlink_status(here, error))) target = done / fs::read_symlink(here, error);
+            else done = here;
+        }
+        if (target.empty()) return done.lexically_normal();
+        whole = target;
+    }
+    return fs::absolute(path, error);
 }
 
 }  // namespace
 
 std::string mounted_late(const fs::path& folder) {
-    std::error_code ignored;
     return fmt::format("if it is mounted later: systemctl edit hordd, [Unit] RequiresMountsFor={}",
-                       fs::absolute(folder, ignored).string());
+                       without_links(folder).string());
 }
 
-Result<void> check_sources(const Config& config) {
+Result<std::vector<std::string>> check_sources(const Config& config) {
     Folders folders;
-    look_at_sources(config, folders);
-    return folders.result().map([](const auto&) {});
+    if (const auto* const frames = std::get_if<FrameFolder>(&config.sensor))
+        folders.read("sensor.folder", frames->folder);
+    if (const auto* const parts = std::get_if<SimulatedSensor>(&config.sensor);
+        parts != nullptr && !parts->scenes.empty())
+        folders.read("sensor.scenes", parts->scenes);
+    return folders.result();
 }
 
 Result<std::vector<std::string>> check_folders(const Config& config) {
     Folders folders;
-    look_at_sources(config, folders);
     // The default one need not exist.
     const fs::path& recipes = config.inspection.recipes;
     std::error_code error;

@@ -10,15 +10,16 @@
 
 namespace hord::firmware {
 
-// A sentence for each folder: that this user may read or write it, or that the station will create it. Creates and
-// writes nothing. Fails with io: all folders that cannot be used, one a line with its key and cure. Files of recipes
-// and calibrations are for their readers to check.
+// A sentence for each folder but those of check_sources(): that this user may read or write it, or that the station
+// will create it. Creates and writes nothing. Fails with io: all folders that cannot be used, one a line with its key
+// and cure. Files of recipes and calibrations are for their readers to check.
 Result<std::vector<std::string>> check_folders(const Config& config);
 
-// What to do about a folder of a disk or share that is mounted after the service starts.
+// What to do about a folder of a disk or share that is mounted after the service starts. Names the folder itself, also
+// where the configuration names a link to it.
 std::string mounted_late(const std::filesystem::path& folder);
 
-// Only the folders without which nothing can start: those of recorded frames and of scenes. Fails likewise.
-Result<void> check_sources(const Config& config);
+// The same for the folders without which nothing can start: those of recorded frames and of scenes.
+Result<std::vector<std::string>> check_sources(const Config& config);
 
 }  // namespace hord::firmware

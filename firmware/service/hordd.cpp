@@ -80,7 +80,7 @@ int check(const Options& options) {
     const auto use = [&](const auto& result) {
         if (!result) found.add(result.error());
     };
-    const auto files = read_station_files(*config);
+    const auto files = read_station_files(*config);  // refuses what check_sources() refuses
     use(files);
     const auto all = list_recipes(config->inspection.recipes);  // there need not be a folder of recipes
     if (all) use(check_numbers(*all));
@@ -88,7 +88,9 @@ int check(const Options& options) {
     use(folders);
     if (const auto store = store_folder(*config); folders && !store.empty()) use(store::check_rights(store));
     if (!found.empty()) return refuse_configuration(found.as_error().value());
-    for (const std::string& folder : *folders) fmt::print("{}\n", folder);
+    for (const auto& readable : {check_sources(*config), folders}) {
+        for (const std::string& folder : readable.value_or(std::vector<std::string>())) fmt::print("{}\n", folder);
+    }
     for (const std::string& held : folders_in_use(*config)) fmt::print("note: {}\n", held);
     for (const Error& note : start_notes(*config)) fmt::print("note: {}\n", note.message());
     const auto print_notes = [](const std::string& name, const NumberedRecipe& of) {

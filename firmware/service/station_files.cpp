@@ -64,7 +64,7 @@ Result<StationFiles> read_station_files(const Config& config) {
         note(assign(files.calibration, read_calibration(inspection.grid, inspection.bins_i, inspection.bins_j)));
     }
     std::optional<hal::SensorFormat> format;
-    note(check_sources(config).and_then([&] { return assign(format, expected_format(config)); }));
+    note(check_sources(config).and_then([&](const auto&) { return assign(format, expected_format(config)); }));
     if (found.empty() && format) note(check_together(config, files, *format));
     if (!found.empty()) return found.as_error();
     return files;

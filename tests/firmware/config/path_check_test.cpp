@@ -15,6 +15,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::AllOf;
 using testing::ElementsAre;
+using testing::EndsWith;
 using testing::HasSubstr;
 using testing::IsEmpty;
 using testing_support::TempFolder;
@@ -110,16 +111,41 @@ TEST_F(FolderCheck, what_this_user_may_not_do_is_said_with_his_name) {
 
 TEST_F(FolderCheck, all_folders_are_looked_at_and_all_problems_said) {
     const fs::path missing = root_.path() / "missing";
-    config_.sensor = FrameFolder{missing};
     config_.inspection.recipes = missing;
     config_.state_folder = root_.write("file", "x");
     config_.store.folder = missing / "store";
     const std::string all = problem();
-    for (const char* key : {"sensor.folder", "inspection.recipes", "$STATE_DIRECTORY", "store.folder"})
-        EXPECT_THAT(all, HasSubstr(key));
-    config_ = {};
-    config_.sensor = SimulatedSensor{root_.path() / "file"};
-    EXPECT_THAT(problem(), AllOf(HasSubstr("sensor.scenes"), HasSubstr("is not a folder")));
+    for (const char* key : {"inspection.recipes", "$STATE_DIRECTORY", "store.folder"}) EXPECT_THAT(all, HasSubstr(key));
+}
+
+TEST_F(FolderCheck, the_folder_of_frames_or_scenes_is_looked_at_for_itself) {
+    config_.sensor = FrameFolder{root_.path() / "missing"};
+    const auto frames = check_sources(config_);
+    ASSERT_FALSE(frames);
+    EXPECT_THAT(frames.error().message(), AllOf(HasSubstr("sensor.folder"), HasSubstr("does not exist")));
+    EXPECT_EQ(problem(), "none") << "it would be said twice";
+    config_.sensor = SimulatedSensor{root_.write("file", "x")};
+    const auto scenes = check_sources(config_);
+    ASSERT_FALSE(scenes);
+    EXPECT_THAT(scenes.error().message(), AllOf(HasSubstr("sensor.scenes"), HasSubstr("is not a folder")));
+    config_.sensor = SimulatedSensor{root_.path()};
+    EXPECT_THAT(check_sources(config_).value_or(std::vector<std::string>()), ElementsAre(HasSubstr("may read it")));
+}
+
+TEST_F(FolderCheck, what_is_mounted_later_is_named_without_links) {
+    fs::create_directory(root_.path() / "share");
+    fs::create_symlink("/nonexistent/disk", root_.path() / "dangling");
+    fs::create_symlink("dangling", root_.path() / "second");
+    fs::create_symlink("share", root_.path() / "link");
+    fs::create_symlink("circle", root_.path() / "circle");
+    const auto names = [&](const fs::path& folder, const fs::path& mount) {
+        EXPECT_THAT(mounted_late(folder), EndsWith("RequiresMountsFor=" + mount.string()));
+    };
+    const fs::path root = fs::canonical(root_.path());
+    names(root_.path() / "second/frames", "/nonexistent/disk/frames");
+    names(root_.path() / "link/../link/frames", root / "share/frames");
+    names(root_.path() / "missing", root / "missing");
+    names(root_.path() / "circle/frames", root_.path() / "circle/frames");
 }
 
 TEST_F(FolderCheck, the_recipes_folder_that_no_key_names_need_not_exist) {

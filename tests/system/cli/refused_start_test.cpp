@@ -34,6 +34,7 @@ class RefusedStart : public Service {
         const Said check = run("/usr/bin/env", under({}, {"--check"}));
         EXPECT_EQ(check.status, 78) << check.err;
         EXPECT_THAT(check.err, says);
+        EXPECT_EQ(check.err, start.err) << "--check says it twice, or in other words";
         const Said line = run("hordctl", {"run", "--config", folder / "c.toml", "--parts", "1"});
         EXPECT_EQ(line.status, 2);
         EXPECT_THAT(line.err, AllOf(says, Not(HasSubstr("render"))));
@@ -44,13 +45,15 @@ class RefusedStart : public Service {
 
 TEST_F(RefusedStart, on_a_folder_without_a_frame_and_says_what_to_do_if_it_is_mounted_later) {
     configure("[sensor]\nbackend = \"frames\"\nfolder = \"empty\"\n");
-    const auto mounted = HasSubstr("if it is mounted later: systemctl edit hordd, [Unit] RequiresMountsFor=");
+    const std::string later = "if it is mounted later: systemctl edit hordd, [Unit] RequiresMountsFor=";
+    const auto mounted = HasSubstr(later);
     refused(AllOf(HasSubstr("sensor.folder: the folder " + empty.string() + " holds no frame"), mounted));
     configure("[sensor]\nbackend = \"frames\"\nfolder = \"none\"\n");
     refused(AllOf(HasSubstr("sensor.folder: " + (folder / "none") + " does not exist"), mounted));
     std::filesystem::create_symlink("/nonexistent/x", folder / "link");
     configure("[sensor]\nbackend = \"frames\"\nfolder = \"link\"\n");
-    refused(AllOf(HasSubstr("sensor.folder: " + (folder / "link") + " is a symbolic link to /nonexistent/x"), mounted));
+    refused(AllOf(HasSubstr("sensor.folder: " + (folder / "link") + " is a symbolic link to /nonexistent/x"),
+                  HasSubstr(later + "/nonexistent/x")));
 }
 
 TEST_F(RefusedStart, on_frames_that_are_none_or_of_other_macro_pixels) {
