@@ -80,7 +80,7 @@ common::AcceptSize size_check(const std::string& name, const ExpectedFrame& expe
         return fail(ErrorCode::invalid_argument,
                     name + " is " + size_text(static_cast<int>(width), static_cast<int>(height)) +
                         " pixels, expected " + size_text(wanted_width, wanted_height),
-                    "give frames of the configured sensor, or correct the configured size");
+                    "give frames of that size");
     };
 }
 
@@ -90,7 +90,7 @@ Result<void> check_bits(const std::string& name, const Frame& frame, const Expec
         return fail(
             ErrorCode::invalid_argument,
             name + " has " + std::to_string(frame.bits()) + "-bit samples, expected " + std::to_string(expected.bits),
-            "correct the configured bits, or record the frame again");
+            "say how many bits the samples have, or give frames of that depth");
     }
     return {};
 }

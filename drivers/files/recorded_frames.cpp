@@ -7,50 +7,63 @@ namespace hord::drivers {
 
 namespace fs = std::filesystem;
 
-Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(hal::EventLoop& loop,
-                                                             const std::vector<fs::path>& files_or_folders,
-                                                             const std::function<void(double)>& progress) {
-    auto files = list_frames(files_or_folders);
-    if (!files) return tl::unexpected(files.error());
-    std::unique_ptr<RecordedFrames> sensor(new RecordedFrames(loop));
-    ExpectedFrame expected;
-    Error all;
-    double looked_at = 0;
-    for (const fs::path& file : *files) {
-        if (progress) progress(looked_at++ / static_cast<double>(files->size()));
-        auto read = sensor->read(file, expected);
-        if (!read) {
-            if (all.what.empty()) all = read.error();
-            else all.what += "\n" + read.error().message();
-            continue;
-        }
-        expected = {read->width_px(), read->height_px(), read->bits()};
-        sensor->frames_.push_back(std::move(*read));
-    }
-    if (progress) progress(1);
-    if (!all.what.empty()) return tl::unexpected(all);
-    return sensor;
-}
-
-// The frame in the expected format; its note must be that of the frames before it.
-Result<Frame> RecordedFrames::read(const fs::path& file, const ExpectedFrame& expected) {
-    auto read = read_noted_frame(file, expected);
+Result<Frame> RecordedSeries::read(const fs::path& file) {
+    // A file of 16 bits without a note has the depth of the frames before it.
+    auto read = read_noted_frame(file, {0, 0, format_.bits > 8 ? format_.bits : 0});
     if (!read) return tl::unexpected(read.error());
+    const Frame& frame = read->frame;
     const auto& geometry = read->geometry;
+    const auto refuse = [&](const std::string& has, const std::string& before, const char* cure) {
+        return fail(ErrorCode::invalid_argument, file.string() + has + ", and the frames before it " + before, cure);
+    };
+    const auto size = [](int width, int height) { return std::to_string(width) + "x" + std::to_string(height); };
     if (geometry && noted_ && !(*geometry == noted_->geometry)) {
         return fail(
             ErrorCode::invalid_argument,
             file.string() + " says " + describe(*geometry) + ", and " + noted_->file + " " + describe(noted_->geometry),
             "play frames of one geometry");
     }
-    if (expected.bits != 0 && read->frame.bits() != expected.bits) {
-        return fail(ErrorCode::invalid_argument,
-                    file.string() + " has " + std::to_string(read->frame.bits()) +
-                        "-bit samples, and the frames before it " + std::to_string(expected.bits),
-                    "play frames of one depth");
+    if (format_.bits != 0 && (frame.width_px() != format_.width_px || frame.height_px() != format_.height_px)) {
+        return refuse(" is " + size(frame.width_px(), frame.height_px()) + " pixels",
+                      size(format_.width_px, format_.height_px), "play frames of one size");
     }
+    if (format_.bits != 0 && frame.bits() != format_.bits) {
+        return refuse(" has " + std::to_string(frame.bits()) + "-bit samples", std::to_string(format_.bits),
+                      "play frames of one depth");
+    }
+    format_ = {frame.width_px(), frame.height_px(), frame.bits()};
     if (geometry && !noted_) noted_ = Noted{file.string(), *geometry};
     return std::move(read->frame);
+}
+
+Error all_of(const std::vector<Error>& problems) {
+    Error all{problems.front().code, {}, problems.back().cure};
+    for (std::size_t k = 0; k < problems.size(); ++k) {
+        const Error& problem = problems[k];
+        const bool is_last = k + 1 == problems.size();
+        const bool says_cure = !is_last && problems[k + 1].cure != problem.cure;
+        all.what += (says_cure ? problem.message() : problem.what) + (is_last ? "" : "\n");
+    }
+    return all;
+}
+
+Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(hal::EventLoop& loop,
+                                                             const std::vector<fs::path>& files_or_folders,
+                                                             const std::function<void(double)>& progress) {
+    auto files = list_frames(files_or_folders);
+    if (!files) return tl::unexpected(files.error());
+    std::unique_ptr<RecordedFrames> sensor(new RecordedFrames(loop));
+    std::vector<Error> problems;
+    double looked_at = 0;
+    for (const fs::path& file : *files) {
+        if (progress) progress(looked_at++ / static_cast<double>(files->size()));
+        auto read = sensor->series_.read(file);
+        if (read) sensor->frames_.push_back(std::move(*read));
+        else problems.push_back(read.error());
+    }
+    if (progress) progress(1);
+    if (!problems.empty()) return tl::unexpected(all_of(problems));
+    return sensor;
 }
 
 hal::SensorFormat RecordedFrames::format() const {

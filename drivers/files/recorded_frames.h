@@ -19,6 +19,31 @@
 
 namespace hord::drivers {
 
+// Reads recorded frames one after the other. All must be of one size, depth and geometry.
+class RecordedSeries {
+  public:
+    // The geometry that files of these frames note, the same in all of them, and the first such file.
+    struct Noted {
+        std::string file;
+        FrameGeometry geometry;
+    };
+
+    // The next frame. Fails with invalid_argument (another format or geometry than the frames before it), or as
+    // read_noted_frame() does. A frame that is refused changes nothing for those after it.
+    Result<Frame> read(const std::filesystem::path& file);
+
+    [[nodiscard]] const ExpectedFrame& format() const { return format_; }       // zeros: no frame has been read
+    [[nodiscard]] const std::optional<Noted>& noted() const { return noted_; }  // none: no file has a note
+
+  private:
+    ExpectedFrame format_;
+    std::optional<Noted> noted_;
+};
+
+// The problems of several files, one a line. Neighbours with one cure share it: it is said after the last of them.
+// Precondition: there is one.
+Error all_of(const std::vector<Error>& problems);
+
 class RecordedFrames final : public hal::Sensor {
   public:
     static constexpr int kBuffers = 4;  // frames that can be leased at the same time
@@ -35,13 +60,8 @@ class RecordedFrames final : public hal::Sensor {
 
     [[nodiscard]] std::size_t count() const { return frames_.size(); }
 
-    // The geometry that files of these frames note, the same in all of them, and the first such file. None: no file has
-    // a note.
-    struct Noted {
-        std::string file;
-        FrameGeometry geometry;
-    };
-    [[nodiscard]] const std::optional<Noted>& noted() const { return noted_; }
+    using Noted = RecordedSeries::Noted;
+    [[nodiscard]] const std::optional<Noted>& noted() const { return series_.noted(); }
 
   private:
     enum class State : std::uint8_t { free, exposing, lent };
@@ -51,7 +71,6 @@ class RecordedFrames final : public hal::Sensor {
         hal::EventLoop::TimerId timer{};
     };
     explicit RecordedFrames(hal::EventLoop& loop) : loop_(loop) {}
-    Result<Frame> read(const std::filesystem::path& file, const ExpectedFrame& expected);
     Result<void> do_start(Listener& listener) override;
     Result<void> do_trigger(const hal::ExposureRequest& request) override;
     void do_stop() override;
@@ -63,7 +82,7 @@ class RecordedFrames final : public hal::Sensor {
 
     hal::EventLoop& loop_;
     std::vector<Frame> frames_;
-    std::optional<Noted> noted_;
+    RecordedSeries series_;
     std::array<Slot, kBuffers> slots_;
     Listener* listener_ = nullptr;
     std::uint32_t sequence_ = 0;

@@ -3,9 +3,11 @@
 #include <filesystem>
 #include <string>
 #include <variant>
+#include <vector>
 
 #include <fmt/format.h>
 
+#include "common/cli/message.h"
 #include "drivers/files/frame_file.h"
 #include "firmware/config/path_check.h"
 #include "hal_sim/cell/scene_folder.h"
@@ -15,29 +17,31 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// The key before each line.
 tl::unexpected<Error> of_key(const char* key, const Error& error, const std::string& more = {}) {
-    return fail(error.code, fmt::format("{}: {}", key, error.what), error.cure + more);
+    return fail(error.code, named_lines(key, error.what), error.cure + more);
 }
 
-// By the first frame: all must be of one geometry, and the sensor reads them when it is opened.
+// Reads every frame: what the sensor refuses when it is opened stays so until a person changes a file.
 Result<hal::SensorFormat> format_of_frames(const FrameFolder& recorded, const InspectionConfig& inspection) {
     constexpr const char* kKey = "sensor.folder";
     const auto files = drivers::list_frames({recorded.folder});
     if (!files) return of_key(kKey, files.error(), "; " + mounted_late(recorded.folder));
+    drivers::RecordedSeries series;
+    std::vector<Error> problems;
     for (const fs::path& file : *files) {
         std::error_code none;
-        if (fs::is_directory(file, none))
-            return fail(ErrorCode::invalid_argument,
-                        fmt::format("{}: {} is a folder, and its name is a frame's", kKey, file.string()),
-                        "rename it, or name a folder of frames alone");
+        if (fs::is_directory(file, none)) {
+            problems.push_back({ErrorCode::invalid_argument, file.string() + " is a folder, and its name is a frame's",
+                                "rename it, or name a folder of frames alone"});
+        } else if (auto frame = series.read(file); !frame) {
+            problems.push_back(frame.error());
+        }
     }
-    const auto first = drivers::read_noted_frame(files->front());
-    if (!first) return of_key(kKey, first.error());
-    std::optional<drivers::RecordedFrames::Noted> noted;
-    if (first->geometry) noted = {files->front().string(), *first->geometry};
-    if (auto fits = check_geometry(noted, inspection); !fits) return of_key(kKey, fits.error());
-    const Frame& frame = first->frame;
-    return hal::SensorFormat{frame.width_px(), frame.height_px(), frame.bits(), drivers::RecordedFrames::kBuffers};
+    if (!problems.empty()) return of_key(kKey, drivers::all_of(problems));
+    if (auto fits = check_geometry(series.noted(), inspection); !fits) return of_key(kKey, fits.error());
+    const drivers::ExpectedFrame& format = series.format();
+    return hal::SensorFormat{format.width_px, format.height_px, format.bits, drivers::RecordedFrames::kBuffers};
 }
 
 hal::SensorFormat format_of_scene(const sim::Scene& scene) {

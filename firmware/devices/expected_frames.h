@@ -22,9 +22,9 @@ Result<sim::Production> configured_scenes(const Config& config, double good_shar
 Result<void> check_geometry(const std::optional<drivers::RecordedFrames::Noted>& noted,
                             const InspectionConfig& inspection);
 
-// The format of the frames that will come: of the first recorded frame, of the scenes, or of the simulated parts. None:
-// a camera, which says it when it is there. Reads one frame at most. Fails with invalid_argument, not_found and as the
-// files' readers do: the key, the file and a cure.
+// The format of the frames that will come: of the recorded frames, of the scenes, or of the simulated parts. None: a
+// camera, which says it when it is there. Reads every recorded frame, and keeps none. Fails with invalid_argument,
+// not_found and as the files' readers do: the key, each file and a cure.
 Result<std::optional<hal::SensorFormat>> expected_format(const Config& config);
 
 }  // namespace hord::firmware

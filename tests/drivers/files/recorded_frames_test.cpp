@@ -13,6 +13,7 @@ using namespace std::chrono_literals;
 using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
+using testing::StartsWith;
 
 struct Ear final : hal::Sensor::Listener {
     void on_frame(hal::FrameLease frame) override { frames.push_back(std::move(frame)); }
@@ -88,12 +89,16 @@ TEST_F(Recorded, every_bad_file_is_named_before_anything_runs) {
     write("a.png", 1);
     write("b.png", 2, 18);
     write("c.png", 3, 9, 16);
+    write("c2.png", 3, 9, 16);
     folder_.write("d.png", "not an image");
     const auto sensor = RecordedFrames::open(loop_, {folder_.path()});
     ASSERT_FALSE(sensor);
+    const auto file = [&](const char* name) { return (folder_.path() / name).string(); };
     EXPECT_THAT(sensor.error().message(),
-                AllOf(HasSubstr("b.png is 18x9 pixels, expected 9x9"),
-                      HasSubstr("c.png has 16-bit samples, expected 8"), HasSubstr("d.png is not a PNG")));
+                StartsWith(file("b.png") + " is 18x9 pixels, and the frames before it 9x9: play frames of one size\n" +
+                           file("c.png") + " has 16-bit samples, and the frames before it 8\n" + file("c2.png") +
+                           " has 16-bit samples, and the frames before it 8: play frames of one depth\n" +
+                           file("d.png") + " is not a PNG"));
 }
 
 TEST_F(Recorded, a_missing_file_an_empty_folder_and_no_name_at_all_are_refused) {

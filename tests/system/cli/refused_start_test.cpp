@@ -6,6 +6,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include "calib/files/grid_toml.h"
 #include "drivers/files/frame_file.h"
@@ -72,6 +73,25 @@ TEST_F(RefusedStart, on_frames_that_are_none_or_of_other_macro_pixels) {
     configure("[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n");
     refused(AllOf(HasSubstr("sensor.folder: " + (folder / "frames/a.png") + " says macro-pixels of 3x3 bins"),
                   HasSubstr("set inspection.macro = \"3x3\"")));
+}
+
+TEST_F(RefusedStart, on_any_recorded_frame_that_cannot_be_played) {
+    const std::filesystem::path frames = folder / "frames";
+    std::filesystem::create_directories(frames);
+    for (const char* good : {"a.png", "b.png"})
+        EXPECT_TRUE(drivers::write_frame(frames / good, Frame(45, 45, 8).view()));
+    EXPECT_TRUE(drivers::write_frame(frames / "c.png", Frame(54, 45, 8).view()));
+    EXPECT_TRUE(drivers::write_frame(frames / "d.png", Frame(45, 45, 16).view()));
+    std::filesystem::copy_file(frames / "a.png", frames / "e.png");
+    std::filesystem::resize_file(frames / "e.png", std::filesystem::file_size(frames / "e.png") - 20);
+    std::filesystem::create_symlink("/nonexistent/f.png", frames / "f.png");
+    ASSERT_EQ(::mkfifo((frames / "g.png").c_str(), 0600), 0);
+    configure("[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n");
+    const auto of = [&](const char* name) { return "sensor.folder: " + (frames / name).string(); };
+    refused(AllOf(HasSubstr(of("c.png") + " is 54x45 pixels, and the frames before it 45x45: play frames of one size"),
+                  HasSubstr(of("d.png") + " has 16-bit samples, and the frames before it 8: play frames of one depth"),
+                  HasSubstr(of("e.png") + " is truncated"), HasSubstr(of("f.png") + " does not exist"),
+                  HasSubstr(of("g.png") + " is not a file that can be read")));
 }
 
 TEST_F(RefusedStart, on_scenes_that_are_none_or_of_other_macro_pixels) {
