@@ -90,7 +90,7 @@ Result<void> check_bits(const std::string& name, const Frame& frame, const Expec
         return fail(
             ErrorCode::invalid_argument,
             name + " has " + std::to_string(frame.bits()) + "-bit samples, expected " + std::to_string(expected.bits),
-            "say how many bits the samples have, or give frames of that depth");
+            "say how many bits the samples have (sensor.bits, --bits), or give frames of that depth");
     }
     return {};
 }

@@ -9,7 +9,8 @@ namespace fs = std::filesystem;
 
 Result<Frame> RecordedSeries::read(const fs::path& file) {
     // A file of 16 bits without a note has the depth of the frames before it.
-    auto read = read_noted_frame(file, {0, 0, format_.bits > 8 ? format_.bits : 0});
+    const int found = format_.bits > 8 ? format_.bits : 0;
+    auto read = read_noted_frame(file, {0, 0, bits_ != 0 ? bits_ : found});
     if (!read) return tl::unexpected(read.error());
     const Frame& frame = read->frame;
     const auto& geometry = read->geometry;
@@ -49,10 +50,10 @@ Error all_of(const std::vector<Error>& problems) {
 
 Result<std::unique_ptr<RecordedFrames>> RecordedFrames::open(hal::EventLoop& loop,
                                                              const std::vector<fs::path>& files_or_folders,
-                                                             const std::function<void(double)>& progress) {
+                                                             const std::function<void(double)>& progress, int bits) {
     auto files = list_frames(files_or_folders);
     if (!files) return tl::unexpected(files.error());
-    std::unique_ptr<RecordedFrames> sensor(new RecordedFrames(loop));
+    std::unique_ptr<RecordedFrames> sensor(new RecordedFrames(loop, bits));
     std::vector<Error> problems;
     double looked_at = 0;
     for (const fs::path& file : *files) {

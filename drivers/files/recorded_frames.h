@@ -22,6 +22,9 @@ namespace hord::drivers {
 // Reads recorded frames one after the other. All must be of one size, depth and geometry.
 class RecordedSeries {
   public:
+    // `bits`: of frames without a note; 0: as the files before it, else as its own file says.
+    explicit RecordedSeries(int bits = 0) : bits_(bits) {}
+
     // The geometry that files of these frames note, the same in all of them, and the first such file.
     struct Noted {
         std::string file;
@@ -36,6 +39,7 @@ class RecordedSeries {
     [[nodiscard]] const std::optional<Noted>& noted() const { return noted_; }  // none: no file has a note
 
   private:
+    int bits_;
     ExpectedFrame format_;
     std::optional<Noted> noted_;
 };
@@ -51,10 +55,10 @@ class RecordedFrames final : public hal::Sensor {
 
     // Loop thread; blocks while it reads. Folders as in list_frames(). Fails with not_found (no such file or folder, no
     // frame in it), invalid_argument (frames of different formats or geometries), or as read_noted_frame() does; names
-    // every bad file. `progress`, 0..1, is called before each file.
+    // every bad file. `progress`, 0..1, is called before each file; `bits` as in RecordedSeries.
     static Result<std::unique_ptr<RecordedFrames>> open(hal::EventLoop& loop,
                                                         const std::vector<std::filesystem::path>& files_or_folders,
-                                                        const std::function<void(double)>& progress = {});
+                                                        const std::function<void(double)>& progress = {}, int bits = 0);
     ~RecordedFrames() override { stop(); }
     [[nodiscard]] hal::SensorFormat format() const override;
 
@@ -70,7 +74,7 @@ class RecordedFrames final : public hal::Sensor {
         hal::FrameInfo info;
         hal::EventLoop::TimerId timer{};
     };
-    explicit RecordedFrames(hal::EventLoop& loop) : loop_(loop) {}
+    RecordedFrames(hal::EventLoop& loop, int bits) : loop_(loop), series_(bits) {}
     Result<void> do_start(Listener& listener) override;
     Result<void> do_trigger(const hal::ExposureRequest& request) override;
     void do_stop() override;

@@ -28,7 +28,9 @@ struct SimulatedSensor {
     bool operator==(const SimulatedSensor&) const = default;
 };
 struct FrameFolder {
-    std::filesystem::path folder;  // every image in it is a frame, in the order of the names
+    std::filesystem::path folder;     // every image in it is a frame, in the order of the names
+    int bits = 0;                     // of frames without a note; 0: not named, as the files have them
+    int width_px = 0, height_px = 0;  // that the frames must have; 0: any
     bool operator==(const FrameFolder&) const = default;
 };
 using SensorConfig = std::variant<SimulatedSensor, FrameFolder, drivers::V4l2SensorOptions,

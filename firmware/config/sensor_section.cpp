@@ -164,7 +164,7 @@ void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::p
                                                 video.buffers, green,          video.controls};
     if (backend != 1) return;
     if (frames.empty()) sensor.problem("folder", "is missing", "name the folder of the recorded frames");
-    value = FrameFolder{folder / frames};
+    value = FrameFolder{folder / frames, sensor.has("bits") ? video.bits : 0, video.width_px, video.height_px};
 }
 
 }  // namespace hord::firmware

@@ -271,7 +271,7 @@ Result<std::unique_ptr<hal::PartSensor>> open_part_sensor(hal::EventLoop& loop, 
 Result<std::unique_ptr<hal::Sensor>> open_sensor(hal::EventLoop& loop, const Config& config,
                                                  const std::function<void(double)>& progress) {
     if (const auto* recorded = std::get_if<FrameFolder>(&config.sensor)) {
-        auto frames = drivers::RecordedFrames::open(loop, {recorded->folder}, progress);
+        auto frames = drivers::RecordedFrames::open(loop, {recorded->folder}, progress, recorded->bits);
         if (!frames) return tl::unexpected(frames.error());
         if (auto fine = check_geometry((*frames)->noted(), config.inspection); !fine)
             return tl::unexpected(fine.error());

@@ -22,12 +22,24 @@ tl::unexpected<Error> of_key(const char* key, const Error& error, const std::str
     return fail(error.code, named_lines(key, error.what), error.cure + more);
 }
 
+Result<void> check_size(const FrameFolder& recorded, const drivers::ExpectedFrame& frames) {
+    const auto compare = [&](const char* key, int configured, int found) -> Result<void> {
+        if (configured == 0 || configured == found) return {};
+        return fail(ErrorCode::invalid_argument,
+                    fmt::format("{} = {}, and the frames of {} are {}x{}", key, configured, recorded.folder.string(),
+                                frames.width_px, frames.height_px),
+                    fmt::format("set {} = {}, or play other frames", key, found));
+    };
+    auto fits = compare("sensor.width_px", recorded.width_px, frames.width_px);
+    return fits ? compare("sensor.height_px", recorded.height_px, frames.height_px) : fits;
+}
+
 // Reads every frame: what the sensor refuses when it is opened stays so until a person changes a file.
 Result<hal::SensorFormat> format_of_frames(const FrameFolder& recorded, const InspectionConfig& inspection) {
     constexpr const char* kKey = "sensor.folder";
     const auto files = drivers::list_frames({recorded.folder});
     if (!files) return of_key(kKey, files.error(), "; " + mounted_late(recorded.folder));
-    drivers::RecordedSeries series;
+    drivers::RecordedSeries series(recorded.bits);
     std::vector<Error> problems;
     for (const fs::path& file : *files) {
         std::error_code none;
@@ -39,6 +51,7 @@ Result<hal::SensorFormat> format_of_frames(const FrameFolder& recorded, const In
         }
     }
     if (!problems.empty()) return of_key(kKey, drivers::all_of(problems));
+    if (auto fits = check_size(recorded, series.format()); !fits) return tl::unexpected(fits.error());
     if (auto fits = check_geometry(series.noted(), inspection); !fits) return of_key(kKey, fits.error());
     const drivers::ExpectedFrame& format = series.format();
     return hal::SensorFormat{format.width_px, format.height_px, format.bits, drivers::RecordedFrames::kBuffers};

@@ -101,6 +101,22 @@ TEST_F(Recorded, every_bad_file_is_named_before_anything_runs) {
                            file("d.png") + " is not a PNG"));
 }
 
+TEST_F(Recorded, frames_without_a_note_have_the_bits_that_are_named) {
+    write("a.png", 4000, 9, 12);
+    const auto as_the_file = RecordedFrames::open(loop_, {folder_.path()});
+    ASSERT_TRUE(as_the_file);
+    EXPECT_EQ((*as_the_file)->format().bits, 16);
+    const auto named = RecordedFrames::open(loop_, {folder_.path()}, {}, 12);
+    ASSERT_TRUE(named) << named.error().message();
+    EXPECT_EQ((*named)->format().bits, 12);
+    for (const int wrong : {8, 10}) EXPECT_FALSE(RecordedFrames::open(loop_, {folder_.path()}, {}, wrong)) << wrong;
+    const FrameGeometry noted{FrameKind::macro_pixels, {5, 5, 9, 9}, 12};
+    ASSERT_TRUE(write_frame(folder_.path() / "a.png", Frame(45, 45, 12).view(), noted));
+    const auto by_note = RecordedFrames::open(loop_, {folder_.path()}, {}, 10);
+    ASSERT_TRUE(by_note) << by_note.error().message();
+    EXPECT_EQ((*by_note)->format().bits, 12);
+}
+
 TEST_F(Recorded, a_missing_file_an_empty_folder_and_no_name_at_all_are_refused) {
     const auto missing = RecordedFrames::open(loop_, {folder_.path() / "none.png"});
     ASSERT_FALSE(missing);

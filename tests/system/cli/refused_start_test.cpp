@@ -94,6 +94,22 @@ TEST_F(RefusedStart, on_any_recorded_frame_that_cannot_be_played) {
                   HasSubstr(of("g.png") + " is not a file that can be read")));
 }
 
+TEST_F(RefusedStart, on_frames_of_another_size_or_depth_than_the_configuration_names) {
+    std::filesystem::create_directories(folder / "frames");
+    EXPECT_TRUE(drivers::write_frame(folder / "frames/a.png", Frame(45, 54, 12).view()));
+    const std::string frames = "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n";
+    const std::string are = ", and the frames of " + (folder / "frames") + " are 45x54: set sensor.";
+    configure(frames + "width_px = 54\n");
+    refused(HasSubstr("sensor.width_px = 54" + are + "width_px = 45, or"));
+    configure(frames + "height_px = 45\n");
+    refused(HasSubstr("sensor.height_px = 45" + are + "height_px = 54, or"));
+    configure(frames + "bits = 8\n");
+    refused(HasSubstr("a.png has 16-bit samples, expected 8: say how many bits the samples have (sensor.bits"));
+    configure(frames + "bits = 12\nwidth_px = 45\nheight_px = 54\n");
+    const Said check = run("/usr/bin/env", under({}, {"--check"}));
+    EXPECT_EQ(check.status, 0) << check.err;
+}
+
 TEST_F(RefusedStart, on_scenes_that_are_none_or_of_other_macro_pixels) {
     configure("[sensor]\nbackend = \"simulated\"\nscenes = \"empty\"\n");
     refused(HasSubstr("sensor.scenes: " + empty.string() + " has no scene"));
