@@ -18,9 +18,10 @@ constexpr int kWidest = 15;          // lenslets; wider edges count so
 constexpr int kFreeBeside = 12;      // lenslets outside the part, the brightest of which is the free light
 constexpr double kMinDeflected = 2;  // times the tolerance of free light, by which a part deflects light at its edge
 constexpr double kDarkEdgeSigmas = 3.5;  // one of the 27 lenslets about an edge is so dark by noise in 0.6 % of lines
-constexpr double kRampSigmas = 1.5;      // the light of the glass or the free light is beyond by noise in 7 % of lines
-constexpr double kMinSeenOfStep = 0.3;   // half of the way from four fifths to a fifth
-constexpr double kBinRipple = 1.27;      // a spot's mean moves up to so many times as fast as the spot
+// These two were chosen on drawn frames, not derived. Frames that were not looked at: docs/notes/inspection.md.
+constexpr double kRampSigmas = 1.5;     // the light of the glass or the free light is beyond by noise in 7 % of lines
+constexpr double kMinSeenOfStep = 0.3;  // half of the way from four fifths to a fifth
+constexpr double kBinRipple = 1.27;     // a spot's mean moves up to so many times as fast as the spot
 // Lenslets about the first two that are darker than `half` in which light falls from `outer` to `inner`.
 template <class LightAt>
 int width_of_step(const LightAt& light_at, int outermost, int innermost, double half, double outer, double inner) {
