@@ -27,6 +27,9 @@ constexpr double kSafety = 2, kMaxMargin = 4;
 // A deviation that just is a defect by the default recipe, squared, over its variance; of shape: the excess over the
 // mean one, and over the standard deviation of its noise.
 constexpr double kDefect[kDeviations] = {36, 18, 36, 27.5}, kDefectOfNoise[kDeviations] = {36, 18, 36, 14};
+// Between a dark lenslet and a lit one, interpolation expects light by where the part lies. If less than half of the
+// parts are expected to have it, the next good part may lack all of it: a deviation of -1.
+constexpr auto kSpreadOfNoLight = static_cast<float>(kSafety * kSafety / kDefect[0]);
 constexpr double kNoiseOfShape = 6;  // standard deviations that the excess reaches by noise alone
 constexpr double kExplained = 0.5;   // of that: less needs no other explanation than noise and the local spread
 
@@ -223,13 +226,14 @@ void SpreadEstimate::finish(double parts, Reference& reference) const {
         tails.reached = reached(w, tails.edge_class);
         const double elsewhere = margin(w, parts, spread, tails, false),
                      near_jumps = margin(w, parts, spread, tails, true);
+        const bool of_light = w == static_cast<std::size_t>(Deviation::light);
         const double noise_reaches = w == static_cast<std::size_t>(Deviation::shape) ? kNoiseOfShape : of_noise;
         for (std::size_t k = 0; k < count; ++k) {
-            if (2 * values(k, w) < parts) continue;
             const double beyond =
                 static_cast<double>(tails.reached[k].value(1)) - noise_reaches * static_cast<double>(noise(k, w));
             const double times = tails.edge_class[k] >= 0 ? near_jumps : elsewhere;
             spread[k] = std::max(spread[k], static_cast<float>(times * beyond / kDefect[w]));
+            if (of_light && 2 * values(k, w) < parts) spread[k] = std::max(spread[k], kSpreadOfNoLight);
         }
     }
     reference.emd.assign(count, 0);

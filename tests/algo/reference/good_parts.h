@@ -57,6 +57,46 @@ inline Frame seen(const Frame& frame, std::uint64_t seed, double light = 1) {
     return noisy(frame, {1, 2, light}, seed, kBits);
 }
 
+inline constexpr Extents kPlateField{61, 61, 9, 9};
+
+// A plate in free light, 30x23 lenslets with dark bevels of three lenslets, behind which the light is tilted by so many
+// bins. `opaque(x, y)`: no light passes there, lenslets from the middle. One electron a DN.
+inline Frame plate_with_dark_bevels(
+    const Pose& pose, double x_bins, double y_bins,
+    const std::function<bool(double, double)>& opaque = [](double, double) { return false; }) {
+    const PoseMap map(pose, kPlateField);
+    // The share of a lenslet that is free or behind the plate's inside, from 11x11 points.
+    const auto clear = [&](int m, int n, bool inside) {
+        int points = 0;
+        for (int t = 0; t < 121; ++t) {
+            const auto q = map.to_reference(m + (t % 11 - 5) / 11.0, n + (t / 11 - 5) / 11.0);
+            const double x = std::abs(q.m - 30), y = std::abs(q.n - 30);
+            points += (inside ? x < 12 && y < 8.5 && !opaque(q.m - 30, q.n - 30) : x > 15 || y > 11.5) ? 1 : 0;
+        }
+        return points / 121.0;
+    };
+    const double full_bin = kElectrons / (1.22 * 1.22);
+    Frame frame = drawn(kPlateField, kBits, full_bin, [&](int m, int n) {
+        return Spot{x_bins, y_bins, clear(m, n, true)};
+    });
+    const Frame beside = drawn(kPlateField, kBits, full_bin, [&](int m, int n) {
+        return Spot{0, 0, clear(m, n, false)};
+    });
+    for (int y = 0; y < frame.height_px(); ++y) {
+        for (int x = 0; x < frame.width_px(); ++x)
+            frame.set(x, y, frame.view().sample(x, y) + beside.view().sample(x, y));
+    }
+    return frame;
+}
+inline Result<Learned> learn_plates(const std::vector<Frame>& frames) {
+    LearnOptions options;
+    options.levels = kLevels;
+    options.electrons_per_dn = 1;
+    options.read_dn = kReadDn;
+    return learn_reference(
+        kPlateField, kBits, frames.size(), [&](std::size_t k) -> Result<Frame> { return frames[k]; }, options);
+}
+
 inline Pose wobble(std::uint64_t seed) {
     std::mt19937_64 random(seed);
     std::uniform_real_distribution<double> shift(-0.5, 0.5), turn(-0.0175, 0.0175);
@@ -98,7 +138,7 @@ struct Judged {
     Registered registered;
 };
 inline Judged judge(const Frame& frame, const Recipe& with = recipe(), int threads = 1) {
-    auto pipeline = Pipeline::create(kField, kBits, with, threads);
+    auto pipeline = Pipeline::create(with.reference->extents, kBits, with, threads);
     EXPECT_TRUE(pipeline) << pipeline.error().message();
     const auto found = pipeline->inspect(frame.view());
     EXPECT_TRUE(found);

@@ -233,6 +233,31 @@ TEST(Learning, what_parts_show_somewhere_at_the_rim_is_no_defect_at_the_rim) {
     EXPECT_EQ(judge(seen(part({}, bent_at(20, 18)), 101), with).verdict, Verdict::reject);
 }
 
+// Beside a dark bevel the reference expects light by where the part lies in a lenslet: of parts that lie almost alike,
+// less than half show how far that is wrong.
+TEST(Learning, good_plates_pass_where_parts_lie_almost_alike) {
+    std::mt19937_64 random(3);
+    std::uniform_real_distribution<double> shift(-0.1, 0.1), turn(-0.005, 0.005), tilt(-0.03, 0.03), place(-6, 6);
+    const auto plate = [&](auto&&... opaque) {
+        const Pose pose{shift(random), shift(random), turn(random)};
+        const double x_bins = tilt(random), y_bins = tilt(random);
+        return plate_with_dark_bevels(pose, x_bins, y_bins, opaque...);
+    };
+    std::vector<Frame> frames;
+    for (std::uint64_t k = 0; k < 16; ++k) frames.push_back(seen(plate(), k));
+    auto all = learn_plates(frames);
+    ASSERT_TRUE(all) << all.error().message();
+    EXPECT_TRUE(all->left_out.empty());
+    Recipe with = recipe();
+    with.reference = std::make_shared<Reference>(std::move(all->reference));
+    for (std::uint64_t k = 0; k < 12; ++k) {
+        EXPECT_EQ(judge(seen(plate(), 100 + k), with).verdict, Verdict::pass) << k;
+        const double at_x = place(random), at_y = place(random);
+        const auto speck = [=](double x, double y) { return std::hypot(x - at_x, y - at_y) < 0.5; };
+        EXPECT_EQ(judge(seen(plate(speck), 200 + k), with).verdict, Verdict::reject) << at_x << ", " << at_y;
+    }
+}
+
 TEST(Learning, keeps_the_largest_values_one_of_each_part) {
     LargestByPart largest;
     for (const auto& [value, part] : {std::pair(3.0F, 1U), {5.0F, 2U}, {4.0F, 1U}, {1.0F, 3U}, {2.0F, 4U}, {-1.0F, 5U}})

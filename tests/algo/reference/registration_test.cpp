@@ -157,42 +157,15 @@ TEST(Registration, a_plate_is_as_large_as_the_good_parts_were) {
 // The reference's maps have kinks at its own lenslets: steps that are not shortened swing across them for ever. Two of
 // these plates, with dark bevels of three lenslets, were left out for that.
 TEST(Registration, good_plates_are_all_learned_from) {
-    const Extents field{61, 61, 9, 9};
     std::mt19937_64 random(14);
     std::uniform_real_distribution<double> shift(-0.5, 0.5), turn(-0.0175, 0.0175), tilt(-0.03, 0.03);
     std::vector<Frame> frames;
     for (std::uint64_t k = 0; k < 20; ++k) {
-        const PoseMap map({shift(random), shift(random), turn(random)}, field);
+        const Pose pose{shift(random), shift(random), turn(random)};
         const double x_bins = tilt(random), y_bins = tilt(random);
-        // The share of a lenslet that is free or behind the plate's inside, from 11x11 points: bevels are dark.
-        const auto clear = [&](int m, int n, bool inside) {
-            int points = 0;
-            for (int t = 0; t < 121; ++t) {
-                const auto q = map.to_reference(m + (t % 11 - 5) / 11.0, n + (t / 11 - 5) / 11.0);
-                const double x = std::abs(q.m - 30), y = std::abs(q.n - 30);
-                points += (inside ? x < 12 && y < 8.5 : x > 15 || y > 11.5) ? 1 : 0;
-            }
-            return points / 121.0;
-        };
-        const double full_bin = kElectrons / (1.22 * 1.22);
-        Frame frame = drawn(field, kBits, full_bin, [&](int m, int n) {
-            return Spot{x_bins, y_bins, clear(m, n, true)};
-        });
-        const Frame beside = drawn(field, kBits, full_bin, [&](int m, int n) {
-            return Spot{0, 0, clear(m, n, false)};
-        });
-        for (int y = 0; y < frame.height_px(); ++y) {
-            for (int x = 0; x < frame.width_px(); ++x)
-                frame.set(x, y, frame.view().sample(x, y) + beside.view().sample(x, y));
-        }
-        frames.push_back(seen(frame, k));
+        frames.push_back(seen(plate_with_dark_bevels(pose, x_bins, y_bins), k));
     }
-    LearnOptions options;
-    options.levels = kLevels;
-    options.electrons_per_dn = 1;
-    options.read_dn = kReadDn;
-    const auto learned = learn_reference(
-        field, kBits, frames.size(), [&](std::size_t k) -> Result<Frame> { return frames[k]; }, options);
+    const auto learned = learn_plates(frames);
     ASSERT_TRUE(learned) << learned.error().message();
     for (const LeftOut& out : learned->left_out) ADD_FAILURE() << "part " << out.part << ": " << out.why;
 }
