@@ -46,11 +46,23 @@ class Cells {
             const double half = std::sqrt(left);
             const int from = std::max(0, static_cast<int>(std::ceil(centres_[k].x_px - half)));
             const int to = std::min(width_ - 1, static_cast<int>(std::floor(centres_[k].x_px + half)));
-            for (int x = from; x <= to; x = (x | 63) + 1) {
-                const int count = std::min(to, x | 63) - x + 1;
-                bits_[static_cast<std::size_t>(x) / 64] |= ~std::uint64_t{0} >> (64 - count) << (x & 63);
-            }
+            mark(from, to);
         }
+        return bits_;
+    }
+    // The same, of the pixels within the square in each cell only: no square roots. Half a pitch, less what rounding
+    // may add to a place, so that no pixel beside the cells is marked.
+    const std::vector<std::uint64_t>& squares_of_row(int y) {
+        std::fill(bits_.begin(), bits_.end(), 0);
+        const double half = reach_ / std::numbers::sqrt2 - kRounding;
+        if (half < 1) return bits_;
+        // Of a centre in row r the distance is between y - r - 1 and y - r.
+        const int rows = static_cast<int>(first_.size()) - 1, above = static_cast<int>(half), below = above - 1;
+        const auto first = first_[static_cast<std::size_t>(std::max(0, y - above))];
+        const auto last = first_[static_cast<std::size_t>(std::min(rows, y + below + 1))];
+        for (std::size_t k = first; k < last; ++k)
+            mark(std::max(0, static_cast<int>(centres_[k].x_px - half) + 1),
+                 std::min(width_ - 1, static_cast<int>(centres_[k].x_px + half)));
         return bits_;
     }
     [[nodiscard]] static bool has(const std::vector<std::uint64_t>& bits, int x) {
@@ -58,6 +70,15 @@ class Cells {
     }
 
   private:
+    static constexpr double kRounding = 0.01;  // px
+
+    void mark(int from, int to) {
+        for (int x = from; x <= to; x = (x | 63) + 1) {
+            const int count = std::min(to, x | 63) - x + 1;
+            bits_[static_cast<std::size_t>(x) / 64] |= ~std::uint64_t{0} >> (64 - count) << (x & 63);
+        }
+    }
+
     double reach_;
     int width_;
     std::vector<std::size_t> first_;  // of centres_, one a row and the end
@@ -130,17 +151,27 @@ LightOnGrid light_on_grid(const WhiteImage& image, const GridCalibration& calibr
     for (int x = border + 1; x <= width - border; ++x) {
         if (x == width - border || regions.at(x, 0) != regions.at(x - 1, 0)) ends.push_back(x);
     }
+    std::vector<Bright> found(ends.size());
+    // Counts the bright pixels of a row; true if all of them are `marked`.
+    const auto count = [&](const std::vector<float>& light, const std::vector<std::uint64_t>& marked) {
+        bool on_cells = true;
+        int x = border;
+        for (std::size_t k = 0; k < ends.size(); x = ends[k++]) {
+            found[k] = count_bright(light.data(), marked, x, ends[k], bright);
+            on_cells = on_cells && found[k].all == found[k].on_grid;
+        }
+        return on_cells;
+    };
     std::vector<float> row(static_cast<std::size_t>(width));
     for (int y = border; y < height - border; ++y) {
         image.window(0, y, width, 1, row.data(), width);
-        const std::vector<std::uint64_t>& bits = cells.of_row(y);
+        // Most rows have no bright pixel beside the squares.
+        if (!count(row, cells.squares_of_row(y))) count(row, cells.of_row(y));
         int x = border;
-        for (const int end : ends) {
+        for (std::size_t k = 0; k < ends.size(); x = ends[k++]) {
             const std::size_t region = regions.at(x, y);
-            const Bright here = count_bright(row.data(), bits, x, end, bright);
-            all[region] += here.all;
-            on_grid[region] += here.on_grid;
-            x = end;
+            all[region] += found[k].all;
+            on_grid[region] += found[k].on_grid;
         }
     }
     LightOnGrid out;
