@@ -33,7 +33,7 @@ class LightScale {
     [[nodiscard]] double left(double share) const;  // share: 0 and more
     [[nodiscard]] double share(double left) const;  // the inverse; of 0 the largest share that leaves nothing
 
-    // Bin pitches. Of shares that leave nothing, that of the least that leaves some.
+    // Bin pitches. Where left(share) is 0: of the least share that leaves light.
     struct Shift {
         double x = 0, y = 0;
     };

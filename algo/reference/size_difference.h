@@ -15,9 +15,10 @@ namespace hord::algo {
 
 // Along x and along y. Only edges of the light count.
 struct SizeDifference {
-    std::array<bool, 2> known{};      // both sides show their edges
-    std::array<double, 2> wider{};    // lenslets by which opposite edges lie farther apart than the reference's
-    std::array<double, 2> apart{};    // lenslets by which that side's edges lie from the reference's where it is more
+    std::array<bool, 2> known{};  // both sides show their edges
+    std::array<double, 2>
+        wider{};  // lenslets by which opposite edges lie farther apart than the reference's; below 0: closer
+    std::array<double, 2> apart{};    // the larger of both sides' offsets, without sign, lenslets
     std::array<double, 2> shift{};    // lenslets by which both sides lie beside the reference's, mean
     std::array<double, 2> allowed{};  // what it may be, by ReferenceMaps::size_limits and the noise of the part's edges
 

@@ -10,9 +10,10 @@
 
 namespace hord::calib {
 
-// The median of some lenslets' blur along one diagonal, less that along the other. `lobes`: of their corners
-// (four_lobes); 0 of those whose sides lie across the lattice. `smooth_px2`: variance of the
-// Gaussian that `image` was smoothed with, which is no blur of the lenslets. All 0 where nothing can be measured.
+// The median of some lenslets' blur along one diagonal, less that along the other. `lobes`: the mean of the
+// lenslets' corners (four_lobes). `smooth_px2`: variance of the Gaussian that `image` was smoothed with, which is no
+// blur of the lenslets. All 0 where nothing can be measured, or where no step of the lattice lies along the lenslets'
+// sides.
 EdgeBlur diagonal_blur(const WhiteImage& image, const algo::LensletGrid& grid,
                        std::span<const Observation> observations, std::complex<double> lobes, double smooth_px2);
 

@@ -49,7 +49,7 @@ class Autocorrelation {
     float zero_ = 1;
 };
 
-// Local maxima in the upper half plane at the lags a lenslet pitch may have.
+// Local maxima in the upper half plane at the lags a lenslet pitch may have, px.
 std::vector<Autocorrelation::Peak> peaks_of(const Autocorrelation& correlation, double shortest, double longest);
 
 }  // namespace hord::calib

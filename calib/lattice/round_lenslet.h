@@ -18,16 +18,16 @@ struct RoundLenslet {
     [[nodiscard]] double light(double r_px) const;
 };
 
-// From a lenslet to those nearest to it; a hexagonal lattice has six, the others are 0.
+// From a lenslet to those nearest to it; a square lattice has eight; a hexagonal one six, and the others are 0.
 struct Neighbours {
     std::array<algo::PixelPoint, 8> to{};
     int count = 0;
 };
 Neighbours neighbours_of(const algo::LensletGrid::Steps& steps, algo::Stagger stagger);
 
-// The lenslet whose light, with that of such neighbours, has the mean profile of `spots` in the finder's window: of
-// lenslets that have these neighbours, where the finder learned from a larger part of a distorted frame. None if it
-// differs from that by more than 1 % of its height (RMS): spots, squares, lenslets with structure; or of fewer than 8.
+// The lenslet whose light, with that of such neighbours, has the mean profile of `spots` in the finder's window. All
+// `spots` have these neighbours: in a distorted frame they are fewer than the finder learned from. None if the profiles
+// differ by more than 1 % of the height (RMS: spots, squares, lenslets with structure), or of fewer than 8 spots.
 std::optional<RoundLenslet> round_lenslet(const WhiteImage& image, std::span<const Spot> spots,
                                           const CentreFinder& finder, const Neighbours& neighbours);
 

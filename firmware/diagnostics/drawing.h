@@ -1,4 +1,4 @@
-// What pictures of this room are drawn with: colours, sizes, text. Needs OpenCV; for sources of this folder alone.
+// What pictures of this folder are drawn with: colours, sizes, text. Needs OpenCV; for sources of this folder alone.
 #pragma once
 
 #include <string>
@@ -14,7 +14,7 @@ const cv::Scalar kInk(40, 40, 40);
 const cv::Scalar kPaper(255, 255, 255);
 const cv::Scalar kMark(40, 40, 230);  // of defects and limits
 
-// The whole factor by which a picture is enlarged whose longer side has `side` lenslets.
+// The least whole factor that makes at least 444 px of `side` lenslets, those of a map's longer side.
 int enlargement(int side);
 
 // A length in pixels at letters of this size (1: the usual one).

@@ -23,7 +23,7 @@ struct Mark {
     [[nodiscard]] cv::Rect circle() const { return {centre.x - radius, centre.y - radius, 2 * radius, 2 * radius}; }
 };
 
-// Of the defects that are marked. `map`: size of the enlarged map, px.
+// Of the first kMaxMarked (map_images.h). `map`: size of the enlarged map, px.
 std::vector<Mark> marks_of(std::span<const algo::Defect> defects, std::span<const std::string> labels, int zoom,
                            const cv::Size& map);
 

@@ -35,8 +35,8 @@ Picture halved(const Picture& picture);
 // The picture as the bytes of a PNG file. Fails with invalid_argument (no pixels), internal.
 Result<std::vector<std::uint8_t>> encode_png(const Picture& picture);
 
-// The file appears whole or not at all. Fail with not_found (the folder) and io, naming the file and the cure; with
-// invalid_argument (nothing in it, or a map of another size), internal.
+// The file appears whole or not at all. Fails with not_found (the folder) and io, naming the file and the cure; with
+// invalid_argument (no pixels), internal.
 Result<void> write_png(const std::filesystem::path& file, const Picture& picture);
 
 }  // namespace hord::firmware
