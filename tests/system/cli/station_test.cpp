@@ -123,9 +123,8 @@ TEST(Run, that_comes_into_error_says_which_fault_and_its_cure_and_status_names_b
     EXPECT_THAT(status["faults"][0]["cure"].get<std::string>(), HasSubstr("check its supply"));
     EXPECT_THAT(run("hordctl", {"recipe", "use", "7", "--modbus", address}).err,
                 AllOf(HasSubstr("refused: no_such_recipe, the folder of recipes "),
-                      HasSubstr("...: no usable recipe of the station's folder has this number: name the folder in "
-                                "hordd.toml (inspection.recipes)")))
-        << "the reply holds the beginning of the station's message: the cure stays";
+                      HasSubstr(": make it, or name another one in inspection.recipes\n")))
+        << "the reply has the station's own cure whole; the reason before it may be cut";
 
     // On a terminal of 60 columns no line of the page is longer.
     const Said page = run("/usr/bin/script",
