@@ -12,7 +12,6 @@ namespace hord::firmware {
 namespace {
 
 using modbus::Exception;
-using ::testing::HasSubstr;
 
 TEST_F(PlcCommands, a_long_reason_is_cut_and_its_cure_is_whole) {
     open();
