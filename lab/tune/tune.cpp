@@ -1,20 +1,17 @@
-// One file of more than 450 lines: the Tuner is one measurement, and its steps share their state.
 #include "lab/tune/tune.h"
 
 #include <algorithm>
-#include <array>
 #include <chrono>
-#include <cmath>
 #include <deque>
-#include <map>
 
 #include <fmt/format.h>
 
 #include "algo/frame/decode.h"
 #include "algo/frame/mask.h"
-#include "algo/good_parts/false_rejects.h"
 #include "algo/inspection/pipeline.h"
 #include "lab/report/cpu_time.h"
+#include "lab/tune/measured_part.h"
+#include "lab/tune/set_limits.h"
 #include "lab/tune/worst_value.h"
 
 namespace hord::lab {
@@ -23,57 +20,13 @@ using namespace firmware;
 
 namespace {
 
-constexpr int kRepeats = 1000;
-constexpr std::uint64_t kSeed = 1;
 constexpr int kRounds = 25;              // timed inspections of each set
 constexpr std::size_t kTimedFrames = 5;  // good frames, kept for the timing
 constexpr double kUnregistered = 1000;   // score of a part in which the reference is not found: above any other
 
-// The values that have limits: the gradients, then slopes and light.
-constexpr std::size_t kGradients = algo::kJudgedGradients.size(), kSlopes = kGradients, kLight = kGradients + 1,
-                      kValues = kGradients + 2;
-using Values = std::array<double, kValues>;
-
-std::size_t index_of(algo::Feature gradient) {
-    return static_cast<std::size_t>(std::ranges::find(algo::kJudgedGradients, gradient) -
-                                    algo::kJudgedGradients.begin());
-}
-
 double wall_ms() {
     return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
-
-// The base recipe with the set's features; set_limits() gives the limits.
-algo::Recipe recipe_of(const FeatureSet& set, const algo::Recipe& base) {
-    const algo::Recipe defaults;
-    algo::Recipe recipe = base;
-    recipe.gradient = set.gradient;
-    recipe.slopes = set.slopes;
-    recipe.light = set.light;
-    recipe.gradient_limit = set.gradient && *set.gradient != algo::Feature::emd ? 1.0F : 0.0F;
-    if (set.gradient != algo::Feature::emd || !set.reference) recipe.emd_limit_bins = defaults.emd_limit_bins;
-    if (!set.slopes || !set.reference) recipe.frobenius_limit_bins = defaults.frobenius_limit_bins;
-    recipe.transmission_limit = defaults.transmission_limit;
-    if (set.reference) recipe.pooled_score = algo::kPooledUnreached;
-    if (!set.reference) {
-        recipe.reference.reset();
-        recipe.tolerances.clear();
-        recipe.reject_score = defaults.reject_score, recipe.grow_score = defaults.grow_score,
-        recipe.cluster_score = defaults.cluster_score, recipe.pooled_score = defaults.pooled_score;
-    }
-    return recipe;
-}
-
-// The measured values of a part.
-struct Part {
-    std::string file;
-    bool bad = false;
-    std::uint32_t number = 0;  // the same for all frames of a part; good parts first
-    Values values{};
-    // Of the sets with a reference, in order: Inspection::by_lenslets and together.
-    std::vector<double> by_lenslets, together;
-    std::vector<bool> registered;
-};
 
 class Tuner {
   public:
@@ -89,10 +42,7 @@ class Tuner {
     Result<Frame> read(const std::string& file) const;
     Result<void> measure_frame(const std::string& file, bool bad);
     Result<void> number_parts();
-    template <class Value>
-    [[nodiscard]] std::vector<double> worst_of_good(const Value& value) const;
-    [[nodiscard]] Values limits() const;
-    void set_limits(MeasuredFeatureSet& measured, const Values& limits, std::size_t reference_index);
+    void set_limits();
     Result<void> measure_times();
     void choose();
     Result<void> judge_with_choice();
@@ -102,7 +52,7 @@ class Tuner {
     std::vector<algo::Pipeline> plain_pipelines_, reference_pipelines_;  // the first give maps, the others scores
     std::optional<WorstValue> worst_;
     std::optional<algo::DistinctParts> distinct_good_, distinct_bad_;  // of the frames measured
-    std::vector<Part> parts_;
+    std::vector<MeasuredPart> parts_;
     std::vector<Frame> timed_;
     std::vector<std::vector<ScoredPlace>> scored_;  // by feature set
     Tuned tuned_;
@@ -156,7 +106,7 @@ Result<void> Tuner::measure_frame(const std::string& file, bool bad) {
     const auto named = [&](const Error& error) {
         return tl::unexpected(Error{error.code, file + ": " + error.what, error.cure});
     };
-    Part part;
+    MeasuredPart part;
     part.file = file;
     part.bad = bad;
     for (std::size_t g = 0; g < kGradients; ++g) {
@@ -200,7 +150,7 @@ Result<void> Tuner::number_parts() {
     tuned_.parts = distinct_good_->groups();
     tuned_.bad_parts = distinct_bad_->groups();
     std::size_t good = 0, bad = 0;
-    for (Part& part : parts_) {
+    for (MeasuredPart& part : parts_) {
         part.number = static_cast<std::uint32_t>(part.bad ? tuned_.parts.parts + tuned_.bad_parts.part_of[bad++]
                                                           : tuned_.parts.part_of[good++]);
     }
@@ -218,115 +168,13 @@ Result<void> Tuner::number_parts() {
     return {};
 }
 
-// The worst of value(part) of each distinct good part for which it has one.
-template <class Value>
-std::vector<double> Tuner::worst_of_good(const Value& value) const {
-    std::map<std::uint32_t, double> worst;
-    for (const Part& part : parts_) {
-        if (part.bad) continue;
-        const std::optional<double> here = value(part);
-        if (!here) continue;
-        const auto [at, is_new] = worst.try_emplace(part.number, *here);
-        if (!is_new) at->second = std::max(at->second, *here);
+void Tuner::set_limits() {
+    const LimitSetter setter(options_, parts_, tuned_.parts.at_least);
+    std::size_t reference_index = 0;
+    for (MeasuredFeatureSet& measured : tuned_.feature_sets) {
+        scored_.push_back(setter.set(measured, reference_index));
+        reference_index += measured.set.reference ? 1U : 0U;
     }
-    std::vector<double> values;
-    for (const auto& [number, here] : worst) values.push_back(here);
-    return values;
-}
-
-// The limit of each value, from the good parts.
-Values Tuner::limits() const {
-    Values limits{};
-    for (std::size_t v = 0; v < kValues; ++v) {
-        const std::vector<double> good = worst_of_good([&](const Part& part) { return std::optional(part.values[v]); });
-        const double highest = *std::ranges::max_element(good);
-        limits[v] =
-            std::max(1e-3, limit_above(std::max(gumbel_limit(good, options_.false_rejects), (1 + kMargin) * highest)));
-    }
-    return limits;
-}
-
-// Sets the recipe with limits, or the reason why there are no limits, and the scores of the set.
-void Tuner::set_limits(MeasuredFeatureSet& measured, const Values& limits, std::size_t reference_index) {
-    const FeatureSet& set = measured.set;
-    measured.recipe = options_.base;
-    measured.recipe.recipe = recipe_of(set, options_.base.recipe);
-    algo::Recipe& recipe = measured.recipe.recipe;
-    double factor = 1, pooled_limit = 0;  // 0: not judged
-    if (set.reference) {
-        const auto good_scores = [&](std::vector<double> Part::*of) {
-            return worst_of_good([&](const Part& part) {
-                return part.registered[reference_index] ? std::optional((part.*of)[reference_index]) : std::nullopt;
-            });
-        };
-        const auto found = static_cast<std::size_t>(std::ranges::count_if(
-            parts_, [&](const Part& part) { return !part.bad && part.registered[reference_index]; }));
-        if (found < kMinGood) {
-            measured.no_limit = fmt::format("the reference finds only {} of the good parts", found);
-        } else {
-            const auto factor_of = [&](const std::vector<double>& good, const auto& predicted) {
-                return std::max(1e-3,
-                                limit_above(std::max(predicted(good, options_.false_rejects / 2),
-                                                     (1 + kMargin) * *std::ranges::max_element(good))));
-            };
-            factor = factor_of(good_scores(&Part::by_lenslets), algo::predicted_limit);
-            if (!recipe.reference->pooled_scales.empty())
-                pooled_limit = std::clamp(factor_of(good_scores(&Part::together), algo::predicted_light_tailed_limit),
-                                          1.0, static_cast<double>(algo::kPooledUnreached));
-        }
-        algo::scale_score_limits(recipe, factor);
-        recipe.pooled_score = static_cast<float>(pooled_limit);
-        const auto scale = [&](float& limit) { limit = static_cast<float>(static_cast<double>(limit) * factor); };
-        if (set.gradient) scale(recipe.emd_limit_bins);
-        if (set.slopes) scale(recipe.frobenius_limit_bins);
-    } else {
-        measured.recipe.reference_file.clear();
-        if (set.gradient)
-            (*set.gradient == algo::Feature::emd ? recipe.emd_limit_bins : recipe.gradient_limit) =
-                static_cast<float>(limits[index_of(*set.gradient)]);
-        if (set.slopes) recipe.frobenius_limit_bins = static_cast<float>(limits[kSlopes]);
-        if (set.light) {
-            recipe.transmission_limit = static_cast<float>(std::max(0.0, 1 - limits[kLight]));
-            if (limits[kLight] >= 0.999)
-                measured.no_limit =
-                    "good parts have places without light, or nearly: no limit of the transmission lets them pass";
-        }
-    }
-    if (measured.no_limit.empty()) {
-        if (auto readable = parse_numbered_recipe(format_recipe(measured.recipe), "limit"); !readable)
-            measured.no_limit = readable.error().what;
-    }
-    // Scores: 1 and above is rejected. Each part counts once: a good one with its worst frame, a bad one with the frame
-    // that is hardest to find.
-    std::map<std::uint32_t, ScoredPlace> of_parts;
-    std::vector<double> scores;
-    for (const Part& part : parts_) {
-        double score = 0;
-        if (set.reference) {
-            score = part.by_lenslets[reference_index] / factor;
-            if (pooled_limit > 0) score = std::max(score, part.together[reference_index] / pooled_limit);
-        } else {
-            if (set.gradient) score = part.values[index_of(*set.gradient)] / limits[index_of(*set.gradient)];
-            if (set.slopes) score = std::max(score, part.values[kSlopes] / limits[kSlopes]);
-            if (set.light) score = std::max(score, part.values[kLight] / limits[kLight]);
-        }
-        if (score >= 1) ++(part.bad ? measured.found : measured.rejected);
-        const auto value = static_cast<float>(score);
-        scores.push_back(static_cast<double>(value));
-        const auto [at, is_new] = of_parts.try_emplace(part.number, ScoredPlace{value, part.number, part.bad});
-        if (!is_new)
-            at->second.score = part.bad ? std::min(at->second.score, value) : std::max(at->second.score, value);
-    }
-    measured.false_rejects = algo::false_rejects_at(worst_of_good([&](const Part& part) {
-                                                        const auto index =
-                                                            static_cast<std::size_t>(&part - parts_.data());
-                                                        return std::optional(scores[index]);
-                                                    }),
-                                                    1, tuned_.parts.at_least);
-    std::vector<ScoredPlace> scored;
-    for (const auto& [number, place] : of_parts) scored.push_back(place);
-    measured.auc = detection_of(scored, 0, kRepeats, kSeed).auc;
-    scored_.push_back(std::move(scored));
 }
 
 Result<void> Tuner::measure_times() {
@@ -381,7 +229,7 @@ void Tuner::choose() {
     };
     double fastest = all[*tuned_.best].wall_ms;
     for (std::size_t k = 0; k < all.size(); ++k) {
-        all[k].behind = auc_difference(scored_[*tuned_.best], scored_[k], kRepeats, kSeed);
+        all[k].behind = auc_difference(scored_[*tuned_.best], scored_[k], kBootstraps, kBootstrapSeed);
         if (as_good(all[k])) fastest = std::min(fastest, all[k].wall_ms);
     }
     if (all[*tuned_.best].auc.value <= kGuessing) return;
@@ -445,12 +293,7 @@ Result<Tuned> Tuner::run(const std::vector<std::string>& good, const std::vector
         }
     }
     if (auto enough_parts = number_parts(); !enough_parts) return tl::unexpected(enough_parts.error());
-    const Values values = limits();
-    std::size_t reference_index = 0;
-    for (MeasuredFeatureSet& measured : tuned_.feature_sets) {
-        set_limits(measured, values, reference_index);
-        reference_index += measured.set.reference ? 1U : 0U;
-    }
+    set_limits();
     if (auto timed = measure_times(); !timed) return tl::unexpected(timed.error());
     choose();
     if (auto judged = judge_with_choice(); !judged) return tl::unexpected(judged.error());
