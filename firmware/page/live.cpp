@@ -7,6 +7,7 @@
 #include "firmware/core/enum_values.h"
 #include "firmware/core/faults.h"
 #include "firmware/core/states.h"
+#include "firmware/page/commands.h"
 #include "firmware/page/page_config.h"
 
 namespace hord::firmware::page {

@@ -20,10 +20,6 @@
 
 namespace hord::firmware::page {
 
-// The commands that the page sends: a recipe is selected by number, its limits are set and a reference is taught
-// elsewhere.
-constexpr bool page_offers(Command command) { return command != Command::commit_recipe && command != Command::teach; }
-
 // One result of the register ring, for the page.
 struct RingResult {
     std::uint32_t boot = 0, sequence = 0, part = 0, defects = 0;

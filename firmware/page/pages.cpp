@@ -1,12 +1,9 @@
-// Every address of the page and its answer, in one file of more than 450 lines: what may be asked is seen in one place.
 #include "firmware/page/pages.h"
 
 #include <algorithm>
-#include <array>
 #include <cctype>
 #include <charconv>
 #include <chrono>
-#include <set>
 #include <span>
 #include <utility>
 
@@ -23,26 +20,10 @@ namespace {
 using store::Json;
 using store::to_text;
 
-constexpr std::string_view kBearer = "Bearer ";
 constexpr const char* kNoStore =
     "No results are stored yet. They appear here when the station runs with a store that this page may read.";
 constexpr const char* kNoRecipe = "No recipe is stored yet. It appears here when the station has run with its store.";
 constexpr auto kFrameTimeout = std::chrono::seconds(5);
-constexpr std::uint64_t kRefusalsLogged = 5;  // in kRefusalPeriod
-constexpr auto kRefusalPeriod = std::chrono::seconds(60);
-
-Reply refusal(int status, std::string_view what, std::string_view cure) {
-    return {.status = status, .body = to_text({{"error", what}, {"cure", cure}})};
-}
-
-Reply refusal(const Error& error) {
-    const int status = error.code == ErrorCode::not_found ? 404
-        : error.code == ErrorCode::invalid_argument       ? 400
-        : error.code == ErrorCode::busy || error.code == ErrorCode::timeout || error.code == ErrorCode::disconnected
-        ? 503
-        : 500;
-    return refusal(status, error.what, error.cure);
-}
 
 // An answer of the store. A store that does not exist yet is no fault of the client: it is told, with no rows.
 Reply of_store(const Result<Json>& found, const char* about) {
@@ -109,28 +90,6 @@ std::string host_alone(std::string_view host) {
     return lower(name);
 }
 
-std::optional<Command> command_of(std::string_view name) {
-    const auto command = command_named(name);
-    return command && page_offers(*command) ? command : std::nullopt;
-}
-
-constexpr std::string_view kTeach = name_of(Command::teach);
-const std::string kCommandsOfThePage = [] {
-    std::string names;
-    for (const Command command : kValuesOf<Command>) {
-        if (command_of(name_of(command)))
-            names += (names.empty() ? "use one of " : ", ") + std::string(name_of(command));
-    }
-    return names;
-}();
-
-std::optional<std::uint32_t> number_in(const Json& body, const char* name) {
-    if (!body.contains(name)) return 0;
-    const Json& value = body[name];
-    if (!value.is_number_unsigned() || value.get<std::uint64_t>() > 0xFFFFFFFFU) return std::nullopt;
-    return value.get<std::uint32_t>();
-}
-
 }  // namespace
 
 const std::vector<std::pair<std::string, std::string>>& headers_of_every_reply() {
@@ -178,14 +137,7 @@ Reply Pages::reply_to(const Request& request) {
     }
     if (request.path.find('\0') != std::string::npos || request.path.empty() || request.path[0] != '/')
         return refusal(400, "that is no address of this page", "begin at /");
-    if (request.method == "POST" && request.path == "/api/command") {
-        if (deps_.tokens.empty())
-            return refuse_command(403, "this page only shows",
-                                  "to allow commands, name a file of tokens in page.toml: [actions] tokens", request);
-        if (!request.content_type.starts_with("application/json"))
-            return refuse_command(415, "a command is JSON", "send {\"command\":\"stop\"} as application/json", request);
-        return execute(request);
-    }
+    if (request.method == "POST" && request.path == "/api/command") return commands_.execute(request);
     if (request.method == "GET" || request.method == "HEAD") return get(request);
     Reply reply = refusal(405, "this page only answers GET", "commands are sent to /api/command with POST");
     reply.headers.emplace_back("Allow", request.path == "/api/command" ? "POST" : "GET, HEAD");
@@ -371,109 +323,12 @@ Reply Pages::metrics() {
     figures.version = deps_.version;
     figures.viewers = deps_.viewers.count();
     figures.turned_away = turned_away_;
+    figures.commands = commands_.counts();
     {
         const std::lock_guard lock(mutex_);
         figures.replies = replies_;
-        figures.commands = commands_;
     }
     return file("text/plain; version=0.0.4; charset=utf-8", metrics_text(deps_.live.figures(), figures));
-}
-
-// -- commands
-
-Reply Pages::refuse_command(int status, const char* what, const char* cure, const Request& request) {
-    {
-        const std::lock_guard lock(mutex_);
-        ++commands_["refused"];
-    }
-    log_refusal(fmt::format("a command from {} is refused: {}", request.peer, what));
-    return refusal(status, what, cure);
-}
-
-// A client may send refused commands without end: most are only counted.
-void Pages::log_refusal(const std::string& line) {
-    if (!deps_.log) return;
-    std::uint64_t not_logged = 0;
-    {
-        const std::lock_guard lock(mutex_);
-        if (const auto now = std::chrono::steady_clock::now(); now - refusals_since_ >= kRefusalPeriod) {
-            not_logged = refusals_ > kRefusalsLogged ? refusals_ - kRefusalsLogged : 0;
-            refusals_ = 0;
-            refusals_since_ = now;
-        }
-        if (++refusals_ > kRefusalsLogged) return;
-    }
-    if (not_logged > 0) deps_.log(fmt::format("{} more commands were refused and not logged", not_logged));
-    deps_.log(line);
-}
-
-Reply Pages::execute(const Request& request) {
-    // Browsers name the origin of a request: refuse commands from pages of other sites.
-    const bool foreign_site =
-        !request.fetch_site.empty() && request.fetch_site != "same-origin" && request.fetch_site != "none";
-    const bool foreign_origin = !request.origin.empty() && request.origin != "http://" + request.host &&
-        request.origin != "https://" + request.host;
-    if (foreign_site || foreign_origin)
-        return refuse_command(403, "another site may not command the station", "give the command on the page itself",
-                              request);
-    const std::string_view shown = request.authorization;
-    const auto who = shown.starts_with(kBearer) ? deps_.tokens.owner(shown.substr(kBearer.size())) : std::nullopt;
-    if (!who) {
-        Reply reply =
-            refuse_command(401, "the token is not known", "enter a token of the file that page.toml names", request);
-        reply.headers.emplace_back("WWW-Authenticate", "Bearer");
-        return reply;
-    }
-    bool exact = true;  // known members, each once: of a repeated one the parser keeps the last
-    std::set<std::string> members;
-    const auto check = [&](int depth, Json::parse_event_t event, const Json& key) {
-        constexpr std::array<std::string_view, 3> kMembers{"command", "argument", "argument2"};
-        if (event != Json::parse_event_t::key) return true;
-        const auto name = key.get<std::string>();
-        exact =
-            exact && depth == 1 && std::ranges::find(kMembers, name) != kMembers.end() && members.insert(name).second;
-        return true;
-    };
-    const Json body = Json::parse(request.body, check, false);
-    if (!exact || !body.is_object() || !body.contains("command") || !body["command"].is_string())
-        return refuse_command(400, "that is no command", "send {\"command\":\"stop\"}", request);
-    const auto name = body["command"].get<std::string>();
-    const auto command = command_of(name);
-    const auto argument = number_in(body, "argument"), argument2 = number_in(body, "argument2");
-    if (!command) {
-        const bool known = command_named(name).has_value();
-        return refuse_command(400, known ? "the page does not send this command" : "there is no such command",
-                              name == kTeach ? "at the station: hordctl teach; or from the PLC"
-                                  : known    ? "commit_recipe is the PLC's; a recipe's number is taken by use_recipe"
-                                             : kCommandsOfThePage.c_str(),
-                              request);
-    }
-    if (!argument || !argument2)
-        return refuse_command(400, "an argument is no whole number of 0 to 4294967295",
-                              "send {\"command\":\"use_recipe\",\"argument\":7}", request);
-    if (*command == firmware::Command::use_recipe && !body.contains("argument"))
-        return refuse_command(400, "use_recipe needs the recipe's number",
-                              "send {\"command\":\"use_recipe\",\"argument\":7}", request);
-    const auto done = deps_.command(*command, *argument, *argument2, *who);
-    const bool completed = done && done->state == CommandState::completed;
-    {
-        const std::lock_guard lock(mutex_);
-        ++commands_[completed ? "completed" : "failed"];
-    }
-    if (deps_.log)
-        deps_.log(fmt::format("{} for {} from {}: {}", name_of(*command), *who, request.peer,
-                              completed  ? "done"
-                                  : done ? done->why()
-                                         : done.error().message()));
-    if (!done)
-        return refusal(done.error().code == ErrorCode::refused ? 403 : 503, done.error().what, done.error().cure);
-    if (!completed)
-        return {
-            .status = 409,
-            .body = to_text({{"error", "the station refuses " + std::string(name_of(*command)) + ": " + done->why()},
-                             {"reason", done->error_name},
-                             {"cure", done->cure(page_offers)}})};
-    return json(Json{{"done", name_of(*command)}, {"result", done->result}});
 }
 
 }  // namespace hord::firmware::page

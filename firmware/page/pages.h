@@ -11,13 +11,11 @@
 //   /parts/KEY/FILE                      part.json, record.json, record.tar, frame.png, map.png, found.json of one part
 //   /api/command                         POST {"command":"stop"}, with a token
 //
-// Everything but /api/command only reads. It refuses requests with an unknown Host (DNS rebinding), and commands that
-// another site made the browser send (cross-site request forgery).
+// Everything but /api/command (firmware/page/commands.h) only reads. Requests with an unknown Host are refused (DNS
+// rebinding).
 #pragma once
 
 #include <atomic>
-#include <chrono>
-#include <functional>
 #include <map>
 #include <mutex>
 #include <string>
@@ -25,48 +23,25 @@
 #include <utility>
 #include <vector>
 
-#include "common/unique_fd.h"
+#include "firmware/page/commands.h"
 #include "firmware/page/fair_mutex.h"
 #include "firmware/page/kept_frames.h"
 #include "firmware/page/live.h"
 #include "firmware/page/metrics.h"
 #include "firmware/page/page_config.h"
 #include "firmware/page/part_picture.h"
+#include "firmware/page/reply.h"
 #include "firmware/page/results.h"
 #include "firmware/page/tokens.h"
 #include "firmware/page/wall.h"
-#include "firmware/registers/register_client.h"
 
 namespace hord::firmware::page {
-
-struct Request {
-    std::string method, path;  // decoded
-    Fields query;              // decoded
-    std::string body;
-    std::string host, origin, fetch_site, authorization, content_type;
-    std::string peer;  // address, for the log
-};
-
-struct Reply {
-    int status = 200;
-    std::string type = "application/json";
-    std::string body = {};
-    struct File {  // sent after the body; read while it is sent
-        common::UniqueFd fd = {};
-        std::size_t size = 0;
-    } file = {};
-    std::string tail = {};                                          // sent after the file
-    std::vector<std::pair<std::string, std::string>> headers = {};  // beside those of every reply
-    bool events = false;                                            // Viewers sends the rest; body is the beginning
-};
 
 // Security headers of every reply: no content of other sites, no framing, no guessing of types.
 const std::vector<std::pair<std::string, std::string>>& headers_of_every_reply();
 
 class Pages {
   public:
-    using Command = std::function<Result<modbus::Client::Reply>(Command code, std::uint32_t argument,
-                                                                std::uint32_t argument2, const std::string& who)>;
     struct Dependencies {
         const PageConfig& config;
         const Tokens& tokens;
@@ -75,12 +50,13 @@ class Pages {
         Results& results;
         KeptFrames& frames;
         PartPictures& pictures;
-        Command command;
-        std::function<void(const std::string&)> log;  // one line: a command, a wrong token
+        Commands::Send command;
+        Commands::Log log;  // one line: a command, a wrong token
         std::string version;
         const Wall* wall = nullptr;  // shows several stations, and nothing else
     };
-    explicit Pages(Dependencies dependencies) : deps_(std::move(dependencies)) {}
+    explicit Pages(Dependencies dependencies)
+        : deps_(std::move(dependencies)), commands_(deps_.tokens, deps_.command, deps_.log) {}
 
     [[nodiscard]] Reply answer(const Request& request);
     // The answer needs neither the store nor a frame nor the station: it is there at once.
@@ -95,19 +71,14 @@ class Pages {
     [[nodiscard]] Reply reference_picture_named(std::string_view name);
     [[nodiscard]] Reply metrics();
     [[nodiscard]] bool may_be_called(std::string_view host) const;
-    [[nodiscard]] Reply refuse_command(int status, const char* what, const char* cure, const Request& request);
     [[nodiscard]] Reply reply_to(const Request& request);
-    [[nodiscard]] Reply execute(const Request& request);
-    void log_refusal(const std::string& line);
 
     const Dependencies deps_;
+    Commands commands_;
     FairMutex frame_mutex_;  // frames are large: one in memory at a time
     std::mutex mutex_;
     std::map<int, std::uint64_t> replies_;
-    std::map<std::string, std::uint64_t> commands_{{"completed", 0}, {"failed", 0}, {"refused", 0}};
     std::atomic<std::uint64_t> turned_away_{0};
-    std::chrono::steady_clock::time_point refusals_since_{};
-    std::uint64_t refusals_ = 0;  // since then
 };
 
 }  // namespace hord::firmware::page
