@@ -74,7 +74,8 @@ struct Reference {
     // Variance of good parts beyond noise, in the deviation's unit squared; of shape: excess of chi-square a DN of
     // light.
     std::array<std::vector<float>, kDeviations> spread;
-    std::vector<float> emd, frobenius;  // the gradients of a typical good part
+    // The gradients of a typical good part; near jumps those that good parts reach.
+    std::vector<float> emd, frobenius;
     // The standard deviation of what several lenslets show together in a typical good part, one a filter
     // (algo/reference/pooled_scores.h); 0: it has no room. Empty: learned before they were, none is judged.
     std::vector<float> pooled_scales;

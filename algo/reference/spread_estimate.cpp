@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "algo/frame/mask.h"
 #include "common/statistics.h"
@@ -64,8 +65,8 @@ void SpreadEstimate::add(std::uint32_t part, const Difference& d, float emd, flo
     add(Deviation::light, d.light * d.light, d.light_variance);
     if (d.has_hord) {
         ++s.hords;
-        s.emd += emd;
-        s.frobenius += frobenius;
+        for (const auto& [of, value] : {std::pair{0U, emd}, std::pair{1U, frobenius}})
+            s.gradients[of] += value, s.largest_gradients[of].add(value, part);
         add(Deviation::deflection_shift, (d.x * d.x + d.y * d.y) / 2, (d.x_variance + d.y_variance) / 2);
         add(Deviation::scattering, d.scattering * d.scattering, d.scattering_variance);
         const auto w = static_cast<std::size_t>(Deviation::shape);
@@ -164,8 +165,10 @@ float SpreadEstimate::noise(std::size_t k, std::size_t w) const {
     return static_cast<float>(static_cast<double>(sums_[k].variance[w]) / std::max(1.0, values(k, w)));
 }
 
-// The largest squared deviations of the parts near each lenslet, or in its edge class.
-std::vector<LargestByPart> SpreadEstimate::reached(std::size_t w, std::span<const std::int16_t> edge_class) const {
+// The largest values of the parts near each lenslet, or in its edge class.
+template <class LargestOf>
+std::vector<LargestByPart> SpreadEstimate::reached(std::span<const std::int16_t> edge_class,
+                                                   const LargestOf& largest_of) const {
     const Extents& e = extents_;
     std::vector<LargestByPart> along(sums_.size()), around(sums_.size());
     std::array<LargestByPart, kClasses> of_class;
@@ -175,10 +178,10 @@ std::vector<LargestByPart> SpreadEstimate::reached(std::size_t w, std::span<cons
     for (int n = 0; n < e.n; ++n) {
         for (int m = 0; m < e.m; ++m) {
             const std::size_t k = e.index(m, n);
-            if (edge_class[k] >= 0) of_class[static_cast<std::size_t>(edge_class[k])].add(sums_[k].largest[w]);
+            if (edge_class[k] >= 0) of_class[static_cast<std::size_t>(edge_class[k])].add(largest_of(k));
             for_near(m, e.m, [&](int x) {
                 const std::size_t at = e.index(x, n);
-                if (edge_class[at] < 0) along[k].add(sums_[at].largest[w]);
+                if (edge_class[at] < 0) along[k].add(largest_of(at));
             });
         }
     }
@@ -216,6 +219,18 @@ double SpreadEstimate::margin(std::size_t w, double parts, std::span<const float
     return beyond > 0 ? std::clamp(kSafety * kSafety * beyond, kSafety * kSafety, kMaxMargin * kMaxMargin) : 0;
 }
 
+// The mean of the parts. Near jumps the gradient depends on where the edge lies between the lenslets: there it is what
+// good parts reach at such edges, the second largest of all parts.
+std::vector<float> SpreadEstimate::usual_gradient(std::size_t which, std::span<const std::int16_t> edge_class) const {
+    const auto reaches = reached(edge_class, [&](std::size_t k) { return sums_[k].largest_gradients[which]; });
+    std::vector<float> usual(sums_.size(), 0);
+    for (std::size_t k = 0; k < sums_.size(); ++k) {
+        if (sums_[k].hords > 0) usual[k] = sums_[k].gradients[which] / sums_[k].hords;
+        if (edge_class[k] >= 0) usual[k] = std::max(usual[k], reaches[k].value(1));
+    }
+    return usual;
+}
+
 void SpreadEstimate::finish(double parts, Reference& reference) const {
     const std::size_t count = extents_.lenslets();
     Tails tails{edge_classes(reference), {}};
@@ -223,7 +238,7 @@ void SpreadEstimate::finish(double parts, Reference& reference) const {
     for (std::size_t w = 0; w < kDeviations; ++w) {
         std::vector<float>& spread = reference.spread[w];
         spread = local_spread(w, parts);
-        tails.reached = reached(w, tails.edge_class);
+        tails.reached = reached(tails.edge_class, [&](std::size_t k) { return sums_[k].largest[w]; });
         const double elsewhere = margin(w, parts, spread, tails, false),
                      near_jumps = margin(w, parts, spread, tails, true);
         const bool of_light = w == static_cast<std::size_t>(Deviation::light);
@@ -236,13 +251,8 @@ void SpreadEstimate::finish(double parts, Reference& reference) const {
             if (of_light && 2 * values(k, w) < parts) spread[k] = std::max(spread[k], kSpreadOfNoLight);
         }
     }
-    reference.emd.assign(count, 0);
-    reference.frobenius.assign(count, 0);
-    for (std::size_t k = 0; k < count; ++k) {
-        if (sums_[k].hords == 0) continue;
-        reference.emd[k] = sums_[k].emd / sums_[k].hords;
-        reference.frobenius[k] = sums_[k].frobenius / sums_[k].hords;
-    }
+    reference.emd = usual_gradient(0, tails.edge_class);
+    reference.frobenius = usual_gradient(1, tails.edge_class);
 }
 
 std::vector<double> SpreadEstimate::sole_deviations(std::size_t count, double parts) const {

@@ -44,7 +44,8 @@ class SpreadEstimate {
         float scores = 0, largest_score = 0;
         std::uint32_t largest_part = 0;
         std::uint16_t count = 0, hords = 0;
-        float emd = 0, frobenius = 0;
+        std::array<float, 2> gradients{};  // EMD, Frobenius norm
+        std::array<LargestByPart, 2> largest_gradients{};
     };
     struct Tails {
         std::vector<std::int16_t> edge_class;
@@ -55,8 +56,11 @@ class SpreadEstimate {
         return deviation == 0 ? sums_[k].count : sums_[k].hords;
     }
     [[nodiscard]] std::vector<float> local_spread(std::size_t deviation, double parts) const;
-    [[nodiscard]] std::vector<LargestByPart> reached(std::size_t deviation,
-                                                     std::span<const std::int16_t> edge_class) const;
+    // `largest_of(k)`: the largest values of lenslet k.
+    template <class LargestOf>
+    [[nodiscard]] std::vector<LargestByPart> reached(std::span<const std::int16_t> edge_class,
+                                                     const LargestOf& largest_of) const;
+    [[nodiscard]] std::vector<float> usual_gradient(std::size_t which, std::span<const std::int16_t> edge_class) const;
     [[nodiscard]] double margin(std::size_t deviation, double parts, std::span<const float> spread, const Tails& tails,
                                 bool near_jumps) const;
     [[nodiscard]] float noise(std::size_t k, std::size_t deviation) const;
