@@ -16,6 +16,8 @@ template <class ValueAt>
 double step_at(std::size_t k, std::size_t apart, ValueAt&& value) {
     return 0.5 * (value(k + 2 * apart) + value(k + apart) - value(k - apart) - value(k - 2 * apart));
 }
+// Fewer edges are specks.
+double enough_edges(const Extents& extents) { return 0.5 * (extents.m + extents.n); }
 std::uint8_t bits_around(std::span<const std::uint8_t> mask, std::size_t k, std::size_t apart) {
     return static_cast<std::uint8_t>(mask[k + 2 * apart] | mask[k + apart] | mask[k] | mask[k - apart] |
                                      mask[k - 2 * apart]);
@@ -26,7 +28,7 @@ std::uint8_t bits_around(std::span<const std::uint8_t> mask, std::size_t k, std:
 EdgeAgreement compare_edges(const Extents& extents, const ReferenceMaps& reference, const PartMaps& part,
                             const PoseMap& map, double typical, double light) {
     EdgeAgreement result;
-    result.enough = 0.5 * (extents.m + extents.n);
+    result.enough = enough_edges(extents);
     const std::array<std::size_t, 2> next{1, static_cast<std::size_t>(extents.m)};
     const auto of = [](std::span<const float> values) {
         return [=](std::size_t k) { return static_cast<double>(values[k]); };
@@ -68,6 +70,27 @@ EdgeAgreement compare_edges(const Extents& extents, const ReferenceMaps& referen
         for (int m = kReach; m + kReach < extents.m; ++m) compare(0, m, n), compare(1, m, n);
     }
     return result;
+}
+
+bool shows_edges(const Extents& extents, const PartMaps& part, double typical) {
+    const std::array<std::size_t, 2> next{1, static_cast<std::size_t>(extents.m)};
+    const auto sums = [&](std::size_t k) { return static_cast<double>(part.sums[k]); };
+    const auto x = [&](std::size_t k) { return part.deflections[k].x.to_double_rounded(); };
+    const auto y = [&](std::size_t k) { return part.deflections[k].y.to_double_rounded(); };
+    double edges = 0;
+    for (int n = kReach; n + kReach < extents.n; ++n) {
+        for (int m = kReach; m + kReach < extents.m; ++m) {
+            const std::size_t k = extents.index(m, n);
+            const auto is_edge = [&](std::size_t apart) {
+                const std::uint8_t around = bits_around(part.mask, k, apart);
+                if ((around & kSaturated) != 0) return false;
+                if (std::abs(step_at(k, apart, sums)) > kForeignLight * typical) return true;
+                return (around & kNoHord) == 0 && std::hypot(step_at(k, apart, x), step_at(k, apart, y)) > kForeignBins;
+            };
+            edges += is_edge(next[0]) || is_edge(next[1]) ? 1 : 0;
+        }
+    }
+    return edges >= enough_edges(extents);
 }
 
 }  // namespace hord::algo

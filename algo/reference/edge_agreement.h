@@ -33,4 +33,8 @@ struct EdgeAgreement {
 EdgeAgreement compare_edges(const Extents& extents, const ReferenceMaps& reference, const PartMaps& part,
                             const PoseMap& map, double typical, double light);
 
+// Whether the part's own maps show as many edges as `compare_edges` needs: an empty field does not. `typical`: the
+// part's typical light, DN.
+bool shows_edges(const Extents& extents, const PartMaps& part, double typical);
+
 }  // namespace hord::algo

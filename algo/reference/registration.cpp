@@ -319,6 +319,9 @@ void Registrar::check(const Problem& of, bool afar, Registered& result) const {
     result.missing_edges = edges.missing_share();
     result.size =
         compare_sizes(extents_, of.reference, of.part, PoseMap(result.pose, extents_), of.typical, result.light);
+    for (std::size_t axis : {0U, 1U}) {
+        if (blocks_ && edges.tells_by_light(axis)) result.farthest[axis] = kFarthestByEdges;
+    }
     const auto far = [&](double shift, std::size_t axis) {
         const bool known = blocks_ && afar && edges.tells_by_light(axis) && result.missing_edges <= kForeignShare &&
             result.size.known[axis] && result.size.apart[axis] <= kPhase;
@@ -359,6 +362,19 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
                            double electrons_per_dn, std::uint32_t parts) {
     Problem of{reference, {deflections, sums, mask}, electrons_per_dn, parts};
     if (!begin(of)) return {};
+    Registered result = find_pose(of);
+    if (!result.found() && is_empty(of)) result.outcome = Registered::Outcome::no_part;
+    return result;
+}
+
+// The reference has edges, and the part's maps show none.
+bool Registrar::is_empty(const Problem& of) const {
+    const EdgeAgreement edges =
+        compare_edges(extents_, of.reference, of.part, PoseMap({}, extents_), of.typical, of.light);
+    return (edges.tells(0) || edges.tells(1)) && !shows_edges(extents_, of.part, of.typical * of.light);
+}
+
+Registered Registrar::find_pose(const Problem& of) {
     Registered result = settle(of, {});
     check(of, false, result);
     if (blocks_ && !(result.found() && result.missing_edges <= kForeignShare)) {

@@ -35,7 +35,16 @@ constexpr double kFarthestByEdges = CoarseMaps::kBlock * kFarthestLenslets;
 constexpr double kForeignShare = 0.4;
 
 struct Registered {
-    enum class Outcome : std::uint8_t { found, too_little, too_far, foreign, other_edges, unsettled, other_size };
+    enum class Outcome : std::uint8_t {
+        found,
+        too_little,
+        too_far,
+        foreign,
+        other_edges,
+        unsettled,
+        other_size,
+        no_part,  // the reference has edges, the field shows none
+    };
     Outcome outcome = Outcome::too_little;
     Pose pose;
     double light = 1;          // the part's light over the reference's, median over the sample
@@ -45,6 +54,8 @@ struct Registered {
     // matters). What they do not say stays near 0.
     std::array<bool, 3> determined{};
     SizeDifference size;  // at the pose that was found
+    // How far a part may lie along x and y, lenslets: kFarthestByEdges where the reference's edges of the light tell.
+    std::array<double, 2> farthest{kFarthestLenslets, kFarthestLenslets};
     [[nodiscard]] bool found() const { return outcome == Outcome::found; }
 };
 
@@ -71,6 +82,8 @@ class Registrar {
     std::size_t compare(const Problem& of, const PoseMap& map, std::size_t used, double typical, double light_ratio,
                         Step& step, double& next_typical);
     Registered settle(const Problem& of, const Pose& start);
+    Registered find_pose(const Problem& of);
+    [[nodiscard]] bool is_empty(const Problem& of) const;
     void check(const Problem& of, bool afar, Registered& result) const;
     Registered settle_from_afar(const Problem& of);
 

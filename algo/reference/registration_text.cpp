@@ -8,19 +8,22 @@
 
 namespace hord::algo {
 
-static_assert(kFarthestLenslets == 2.5 && kFarthestSine == 0.06, "as the sentences say");
+static_assert(kFarthestLenslets == 2.5 && kFarthestByEdges == 10 && kFarthestSine == 0.06, "as the sentences say");
 
 const char* explain(Registered::Outcome outcome) {
     switch (outcome) {
         case Registered::Outcome::found: return "it lies where the reference's parts do";
         case Registered::Outcome::too_little: return "too little of it is seen to find where it lies";
         case Registered::Outcome::too_far:
-            return "it lies more than 2.5 lenslets or 3.4 degrees from the reference's pose: lay it closer, or learn "
-                   "from parts that lie like it";
+            return "it lies more than 2.5 lenslets or 3.4 degrees from the reference's pose (10 lenslets are allowed "
+                   "where its edges are found): lay it closer, or learn from parts that lie like it";
         case Registered::Outcome::foreign: return "it does not look like the reference's parts";
         case Registered::Outcome::other_edges:
             return "its edges are not where the reference's parts have theirs: lay it within 2.5 lenslets and 3.4 "
-                   "degrees of them, or see whether it is another part, or the field is empty";
+                   "degrees of them, or see whether it is another part";
+        case Registered::Outcome::no_part:
+            return "the field shows no edges, and the reference's parts have some: check that the part was there, the "
+                   "trigger's delay, and that it is the reference's part";
         case Registered::Outcome::other_size:
             return "its opposite edges do not lie as far apart as those of the reference's parts: see whether it is "
                    "another part, or learn from good parts of its size, too";
@@ -49,13 +52,15 @@ std::string of_other_size(const SizeDifference& size) {
 std::string explain(const Registered& of) {
     if (of.outcome == Registered::Outcome::other_size && of.size.exceeds()) return of_other_size(of.size);
     if (of.outcome != Registered::Outcome::too_far || of.missing_edges > kForeignShare) return explain(of.outcome);
-    std::array<char, 240> text{};
-    std::snprintf(
-        text.data(), text.size(),
-        "it lies %.1f lenslets along x and %.1f along y from the reference's pose, turned by %.1f degrees (2.5 "
-        "lenslets and 3.4 degrees are allowed): lay it closer, or learn from parts that lie like it",
-        of.pose.x, of.pose.y, of.pose.turn_rad() * 180 / std::numbers::pi);
-    return text.data();
+    const bool by_edges = of.farthest[0] > kFarthestLenslets || of.farthest[1] > kFarthestLenslets;
+    std::array<char, 200> lies{}, allowed{};
+    std::snprintf(lies.data(), lies.size(),
+                  "it lies %.1f lenslets along x and %.1f along y from the reference's pose, turned by %.1f degrees",
+                  of.pose.x, of.pose.y, of.pose.turn_rad() * 180 / std::numbers::pi);
+    std::snprintf(allowed.data(), allowed.size(), "%g lenslets along x, %g along y if its edges are found there,",
+                  of.farthest[0], of.farthest[1]);
+    return std::string(lies.data()) + " (" + (by_edges ? allowed.data() : "2.5 lenslets") +
+        " and 3.4 degrees are allowed): lay it closer, or learn from parts that lie like it";
 }
 
 }  // namespace hord::algo

@@ -121,6 +121,21 @@ TEST(Registration, a_plate_beyond_the_farthest_or_of_another_size_is_refused) {
     EXPECT_EQ(found(at(37, {}), at(42, {}), kLarge).outcome, Registered::Outcome::other_edges);
 }
 
+// With noise of 3 % and of 8 % of the light.
+TEST(Registration, an_empty_field_is_no_part_and_another_part_is_one) {
+    const Extents field{61, 61, 9, 9};
+    std::mt19937_64 random(8);
+    const Form reference = plate(15, 11.5, {}, 0, random);
+    for (const double noise : {0.03, 0.08}) {
+        for (int k = 0; k < 4; ++k) {
+            const Registered none = found(reference, plate(-3, -3, {}, noise, random), field);
+            EXPECT_EQ(none.outcome, Registered::Outcome::no_part) << explain(none);
+            EXPECT_EQ(found(reference, plate(22, 18, {}, noise, random), field).outcome,
+                      Registered::Outcome::other_edges);
+        }
+    }
+}
+
 // A plate that is a little larger or smaller fits at one edge, or at none: a shift cannot explain it.
 TEST(Registration, a_plate_is_as_large_as_the_good_parts_were) {
     const Extents field{61, 61, 9, 9};

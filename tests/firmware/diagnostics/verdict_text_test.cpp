@@ -532,11 +532,11 @@ TEST(VerdictText, of_a_part_that_was_not_registered_says_what_registration_says)
          {std::pair(Outcome::too_little, "too little of it is seen to find where it lies"),
           std::pair(
               Outcome::too_far,
-              "it lies more than 2.5 lenslets or 3.4 degrees from the reference's pose: lay it closer, or learn from "
-              "parts that lie like it"),
+              "it lies more than 2.5 lenslets or 3.4 degrees from the reference's pose (10 lenslets are allowed where "
+              "its edges are found): lay it closer, or learn from parts that lie like it"),
           std::pair(Outcome::other_edges,
                     "its edges are not where the reference's parts have theirs: lay it within 2.5 lenslets and 3.4 "
-                    "degrees of them, or see whether it is another part, or the field is empty"),
+                    "degrees of them, or see whether it is another part"),
           std::pair(Outcome::foreign, "it does not look like the reference's parts"),
           std::pair(Outcome::unsettled,
                     "where it lies cannot be settled: see whether it is the reference's part and whole, or learn again "
@@ -550,11 +550,21 @@ TEST(VerdictText, of_a_part_that_was_not_registered_says_what_registration_says)
         told(found),
         "Not judged: it lies 3.2 lenslets along x and -0.3 along y from the reference's pose, turned by 0.6 degrees "
         "(2.5 lenslets and 3.4 degrees are allowed): lay it closer, or learn from parts that lie like it.");
+    found.registered.farthest = {10, 2.5}, found.registered.pose = {-0.4, 3.1, 0};
+    EXPECT_EQ(told(found),
+              "Not judged: it lies -0.4 lenslets along x and 3.1 along y from the reference's pose, turned by 0.0 "
+              "degrees (10 lenslets along x, 2.5 along y if its edges are found there, and 3.4 degrees are allowed): "
+              "lay it closer, or learn from parts that lie like it.");
     found.registered.outcome = Outcome::other_size;
     found.registered.size = {.known = {true, true}, .wider = {0.1, -1.25}, .allowed = {0.3, 0.4}};
     EXPECT_EQ(told(found),
               "Not judged: its opposite edges lie 1.25 lenslets closer together along y than those of the reference's "
               "parts (0.40 are allowed): see whether it is another part, or learn from good parts of its size, too.");
+    found = unfit(Reason::no_part);
+    found.registered.outcome = Outcome::no_part;
+    EXPECT_EQ(told(found),
+              "Not judged: the field shows no edges, and the reference's parts have some: check that the part was "
+              "there, the trigger's delay, and that it is the reference's part.");
 }
 
 }  // namespace
