@@ -3,11 +3,19 @@
 
     tests/calib/calibrate/calibration_page.py [BUILD/bin] [FOLDER with lenslet/ and bench/] > docs/results/calibration.md
 
-Needs the targets calibration_table, bench_decode and those of PROGRAMS. Fails when a test fails."""
+Needs the targets calibration_table, bench_decode and those of PROGRAMS. Fails when a test fails.
+With "--check" it runs nothing: it fails if the page's prose is not that of calibration_answer.md and
+calibration_speed.md."""
 import contextlib, datetime, io, json, os, subprocess, sys, tempfile, textwrap
 
 here = os.path.dirname(os.path.abspath(__file__))
 root = os.path.abspath(os.path.join(here, "../../.."))
+if sys.argv[1:] == ["--check"]:
+    written = open(os.path.join(root, "docs/results/calibration.md")).read()
+    for name in ("calibration_answer.md", "calibration_speed.md"):
+        if open(os.path.join(here, name)).read() not in written:
+            sys.exit(f"docs/results/calibration.md differs from tests/calib/calibrate/{name}: write the same into both")
+    sys.exit(0)
 bin_folder = sys.argv[1] if len(sys.argv) > 1 else os.path.join(root, "build/release/bin")
 data = sys.argv[2] if len(sys.argv) > 2 else os.environ.get("HORD_DATA", os.path.join(root, "../shared/data"))
 
