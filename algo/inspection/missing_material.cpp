@@ -6,20 +6,11 @@
 #include <limits>
 
 #include "algo/frame/mask.h"
-#include "common/statistics.h"
 
 namespace hord::algo {
 namespace {
 
-constexpr int kPad = 10;            // twice the distance of squares of 3 x 3
 constexpr int kSmallestField = 11;  // blocks
-constexpr std::size_t kMaxSamples = 2048, kMinSamples = 32;
-constexpr float kSigmasOfQuartile = 1 / 0.3186F;  // of a normal distribution, by the lower quartile of absolute values
-constexpr float kErrorOfQuartile = 1.79F;         // standard error, relative, of one sample; of n: over sqrt(n)
-constexpr float kNextShare = 0.618034F;  // (sqrt(5) - 1) / 2: its multiples, less whole ones, are spread evenly
-constexpr float kSurely = 3;             // standard errors that the noise is taken to be larger than it seems
-constexpr int kSharpOf = 4, kSharp = 3;  // of the outline of a region leads down: 3/4
-constexpr float kGoesOnOf = 4;           // at most 1/4 of the change across the outline goes on beyond
 
 // The lamp of a web, and its density, may vary over more lenslets as a step between two large squares does.
 constexpr int kLargestInWeb = 10;  // lenslets between squares that are compared: between those of 6 x 6
@@ -61,6 +52,7 @@ MissingMaterialFinder::MissingMaterialFinder(const Extents& extents, PartForm fo
     for (auto& map : met_) map.resize(size);
     for (auto* const map : {&steps_, &ways_}) map->resize(size);
     returns_.resize(size);
+    of_hole_.resize(size);
     region_.resize(size);
     samples_.reserve(2 * kMaxSamples + 4);
 }
@@ -122,8 +114,34 @@ void MissingMaterialFinder::look_at(Squares& squares, MissingMaterial& best) {
     for (std::size_t k = 0; k < size; ++k) judged += mean[k] > 0 ? 1 : 0;
     squares.judged = static_cast<std::size_t>(judged);
     const std::optional<float> sigma = noise(squares);
+    if (squares.half == 0) noise_of_lenslet_ = sigma.value_or(0);
     if (!sigma) return;
     squares.limit = std::max(kMinExcess, kMinExcessSigmas * *sigma);
+    find_regions(squares, best);
+    if (best.score < 1 && form_ == PartForm::plate) look_again(squares, best);
+}
+
+// A hole that is no small share of the part raises the noise: many pairs lie across its outline. Light that varies from
+// lenslet to lenslet alone gives the least limit. What could be a hole by it is left out of a second estimate. Of
+// plates only: the light of lenses and webs varies over large squares, so that nearly each of them would be searched
+// twice.
+void MissingMaterialFinder::look_again(Squares& squares, MissingMaterial& best) {
+    Squares trial = squares;
+    trial.is_trial = true;
+    trial.limit = std::max(kMinExcess, kMinExcessSigmas * noise_of_lenslet_ / static_cast<float>(squares.side()));
+    if (trial.limit >= squares.limit) return;
+    std::fill_n(of_hole_.begin(), squares.level->light.size(), std::uint8_t{0});
+    find_regions(trial, best);
+    if (!std::ranges::any_of(std::span(of_hole_).first(squares.level->light.size()), [](auto of) { return of != 0; }))
+        return;
+    const std::optional<float> sigma = noise(trial);
+    if (!sigma || kMinExcessSigmas * *sigma >= squares.limit) return;
+    squares.limit = std::max(trial.limit, kMinExcessSigmas * *sigma);
+    find_regions(squares, best);
+}
+
+void MissingMaterialFinder::find_regions(const Squares& squares, MissingMaterial& best) {
+    const Level& level = *squares.level;
     if (!find_steps(squares)) return;
     std::fill_n(returns_.begin(), level.light.size(), std::uint8_t{0});
     for (const Direction direction : {right, left, down, up}) follow(squares, direction);
@@ -266,103 +284,6 @@ void MissingMaterialFinder::follow(const Squares& squares, Direction direction) 
     }
 }
 
-// Takes the bright squares that touch `seed` as one region: their excess becomes negative. It is the best one if its
-// score is the largest yet, and its outline that of a hole.
-void MissingMaterialFinder::take_region(const Squares& squares, std::size_t seed, MissingMaterial& best) {
-    const Level& level = *squares.level;
-    const auto stride = static_cast<std::ptrdiff_t>(level.stride);
-    const std::array<std::ptrdiff_t, 4> ways{1, -1, stride, -stride};  // by Direction
-    Region region;
-    const auto add = [&](std::size_t at) {
-        region.most = std::max(region.most, excess_[at]);
-        excess_[at] = -excess_[at];
-        region_[region.squares++] = static_cast<std::uint32_t>(at);
-        region.light += mean_[at];
-        const auto [n, m] = std::div(static_cast<int>(at), static_cast<int>(level.stride));
-        region.left = std::min(region.left, m), region.right = std::max(region.right, m);
-        region.top = std::min(region.top, n), region.bottom = std::max(region.bottom, n);
-        region.sum_m += m, region.sum_n += n;
-    };
-    add(seed);
-    for (std::size_t q = 0; q < region.squares; ++q) {
-        for (const std::ptrdiff_t way : ways) {
-            const std::size_t next = beside(region_[q], way);
-            if (excess_[next] > 0) add(next);
-        }
-    }
-    if (region.most <= squares.limit * best.score || !is_sharp(squares, region) || is_part(squares, region)) return;
-    const auto middle = [&](double sum) {
-        const double block = sum / static_cast<double>(region.squares) - kPad + 0.5;
-        return static_cast<float>(block * level.block - 0.5);
-    };
-    const auto lenslets = [&](int blocks) { return std::max(blocks * level.block, squares.side()); };
-    const auto wide = static_cast<float>(lenslets(region.right - region.left + 1)),
-               high = static_cast<float>(lenslets(region.bottom - region.top + 1));
-    const std::size_t area = std::max(region.squares * static_cast<std::size_t>(level.block * level.block),
-                                      static_cast<std::size_t>(squares.side() * squares.side()));
-    if (area < squares.min_area) return;
-    best = {.m = middle(region.sum_m),
-            .n = middle(region.sum_n),
-            .area = static_cast<std::uint32_t>(area),
-            .length = std::max(wide, high),
-            .width = std::min(wide, high),
-            .excess = region.most,
-            .score = region.most / squares.limit};
-}
-
-// Most steps out of the region lead down, to light that goes on no farther down; and it is no bump that smaller squares
-// would have shown if it were a hole.
-bool MissingMaterialFinder::is_sharp(const Squares& squares, const Region& region) const {
-    const int distance = squares.distance();
-    const auto stride = static_cast<std::ptrdiff_t>(squares.level->stride);
-    const std::array<std::ptrdiff_t, 4> ways{1, -1, stride, -stride};
-    const auto largest_bump = static_cast<std::size_t>(4 * distance * distance);
-    if (region.most > squares.seen_excess && region.squares < largest_bump) return false;
-    int exits = 0, sharp = 0;
-    float change = 0, farther_change = 0;
-    for (const std::uint32_t at : std::span(region_).first(region.squares)) {
-        for (const std::ptrdiff_t way : ways) {
-            const std::size_t next = beside(at, way);
-            if (excess_[next] < 0 || mean_[next] <= 0) continue;
-            ++exits;
-            // The largest change on the way out: the outline lies within the distance of two squares.
-            float largest = 0, goes_on = 0;
-            bool is_step = false;
-            for (int back = 0; back <= distance; ++back) {
-                const std::size_t from = beside(at, -back * way), to = beside(from, distance * way);
-                const float here = mean_[from], beyond = mean_[to], farther = mean_[beside(to, distance * way)];
-                if (beyond <= 0 || here - beyond <= largest) continue;
-                largest = here - beyond;
-                goes_on = farther > 0 ? beyond - farther : 0;
-                is_step = is_step || here > (1 + squares.limit / 2) * beyond;
-            }
-            sharp += is_step ? 1 : 0;
-            change += largest;
-            farther_change += goes_on;
-        }
-    }
-    return kSharpOf * sharp >= kSharp * exits && kGoesOnOf * farther_change <= change;
-}
-
-// What a dark rim or ring surrounds: most of the squares in and about the region are as bright. A web has no rim, and
-// most of it may be torn off.
-bool MissingMaterialFinder::is_part(const Squares& squares, const Region& region) const {
-    if (form_ == PartForm::web) return false;
-    const int wide = region.right - region.left + 1, high = region.bottom - region.top + 1;
-    const float least = region.light / static_cast<float>(region.squares) / (1 + region.most / 2);
-    std::size_t all = 0, bright = 0;
-    for (int n = std::max(region.top - high, kPad); n <= std::min(region.bottom + high, squares.level->n - 1 + kPad);
-         ++n) {
-        const float* const row = mean_.data() + static_cast<std::size_t>(n) * squares.level->stride;
-        for (int m = std::max(region.left - wide, kPad);
-             m <= std::min(region.right + wide, squares.level->m - 1 + kPad); ++m) {
-            all += row[m] > 0 ? 1 : 0;
-            bright += row[m] > least ? 1 : 0;
-        }
-    }
-    return 2 * bright > all;
-}
-
 // Of the 3 x 3 blocks about each.
 void MissingMaterialFinder::sum_squares(const Level& level) {
     const auto sum = [&](const std::vector<float>& from, std::vector<float>& to) {
@@ -376,33 +297,6 @@ void MissingMaterialFinder::sum_squares(const Level& level) {
     };
     sum(level.light, light_);
     sum(level.count, count_);
-}
-
-// Standard deviation of the relative difference of two squares, of up to kMaxSamples in places all over the part; by
-// the lower quartile, so that pairs across the outline of what is missing hardly add to it. None if there are too few.
-// Sums of light are whole numbers. Where they are small, most differences are 0, 1 or 2, and so is their quartile.
-// Therefore a part of 1, from -1/2 to 1/2, is added to each, every time another (dither).
-std::optional<float> MissingMaterialFinder::noise(const Squares& squares) {
-    const Level& level = *squares.level;
-    const std::vector<float>& count = squares.half > 0 ? count_ : level.count;
-    float share = 0;  // in [0, 1)
-    samples_.clear();
-    const auto blocks = static_cast<std::size_t>(level.m) * static_cast<std::size_t>(level.n);
-    const auto shift = static_cast<std::size_t>(squares.distance()), below = shift * level.stride;
-    const std::size_t step = std::max<std::size_t>((2 * squares.judged + kMaxSamples - 1) / kMaxSamples, 1);
-    for (std::size_t k = 0; k < blocks; k += step) {
-        const auto row = k / static_cast<std::size_t>(level.m), column = k % static_cast<std::size_t>(level.m);
-        const std::size_t at = level.index(static_cast<int>(column), static_cast<int>(row));
-        if (mean_[at] <= 0) continue;
-        for (const std::size_t other : {at + shift, at + below}) {
-            if (mean_[other] <= 0) continue;
-            share += share < 1 - kNextShare ? kNextShare : kNextShare - 1;
-            samples_.push_back(std::abs((mean_[at] + (share - 0.5F) / count[at]) / mean_[other] - 1));
-        }
-    }
-    if (samples_.size() < kMinSamples) return std::nullopt;
-    const float margin = 1 + kSurely * kErrorOfQuartile / std::sqrt(static_cast<float>(samples_.size()));
-    return margin * kSigmasOfQuartile * common::nth_smallest(std::span(samples_), samples_.size() / 4);
 }
 
 }  // namespace hord::algo

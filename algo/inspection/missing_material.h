@@ -45,6 +45,8 @@ class MissingMaterialFinder {
                                         std::uint32_t min_area = 1);
 
   private:
+    static constexpr int kPad = 10;                   // twice the distance of squares of 3 x 3
+    static constexpr std::size_t kMaxSamples = 2048;  // of the noise
     // Sums over blocks of lenslets, with kPad blocks of zeros on each side.
     struct Level {
         Level(int columns, int rows, int lenslets_a_block);
@@ -59,8 +61,9 @@ class MissingMaterialFinder {
         const Level* level;
         int half;
         std::uint32_t min_area;
-        float seen_excess;  // a hole with more light is seen between the next smaller squares
-        float limit = 0;    // of the excess
+        float seen_excess;      // a hole with more light is seen between the next smaller squares
+        float limit = 0;        // of the excess
+        bool is_trial = false;  // regions are only marked
         std::size_t judged = 0;
         [[nodiscard]] int side() const { return (2 * half + 1) * level->block; }  // lenslets
         // Blocks between two that are compared: 1 and 2/3 of the side, rounded up. A partly covered block lies between.
@@ -75,8 +78,11 @@ class MissingMaterialFinder {
         int left = INT32_MAX, right = 0, top = INT32_MAX, bottom = 0;
     };
     void look_at(Squares& squares, MissingMaterial& best);
+    void look_again(Squares& squares, MissingMaterial& best);
+    void find_regions(const Squares& squares, MissingMaterial& best);
     void sum_squares(const Level& level);
     std::optional<float> noise(const Squares& squares);
+    [[nodiscard]] bool is_at_outline(const Squares& squares, std::size_t at) const;
     [[nodiscard]] bool any_change(const Squares& squares) const;
     bool find_steps(const Squares& squares);
     void follow(const Squares& squares, Direction direction);
@@ -99,8 +105,10 @@ class MissingMaterialFinder {
     std::vector<std::int32_t> ways_;         // that lead down; -1: one leads up
     std::vector<float> least_;               // of the excesses over what lies beyond these steps
     std::vector<float> excess_;              // of bright squares; 0: not bright, or in a region already
+    std::vector<std::uint8_t> of_hole_;      // 1: of what may be a hole by the trial's limit
     std::vector<std::uint32_t> region_;
     std::vector<float> samples_;
+    float noise_of_lenslet_ = 0;
 };
 
 }  // namespace hord::algo

@@ -97,6 +97,39 @@ TEST(MissingMaterial, is_no_lenslet_within_five_deviations_of_little_light) {
     }
 }
 
+// Of a part of 21 x 21 lenslets whose light has noise of so much; with a hole of 12 lenslets in it, or without.
+Field small_plate(double noise, std::uint64_t seed, bool has_hole) {
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> normal(1, noise);
+    Field f = field(hole(30, 30, has_hole ? 6 : -1, 1.087), 20, 40);
+    for (std::uint32_t& sum : f.sums) sum = static_cast<std::uint32_t>(std::lround(sum * normal(random)));
+    return f;
+}
+
+// Most pairs of its squares lie across the outline: they are no noise. At 2 % the hole's 8 % are five deviations of
+// squares of 3 x 3, so that noise hides some.
+TEST(MissingMaterial, is_a_hole_of_more_than_half_the_width_of_the_part) {
+    for (const auto& [noise, least] : {std::pair(0.005, 20), std::pair(0.01, 20), std::pair(0.02, 16)}) {
+        int holes = 0;
+        for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+            const auto found = found_in(small_plate(noise, seed, true), 1, PartForm::plate);
+            if (!found) continue;
+            ++holes;
+            EXPECT_LE(std::hypot(found->m - 30, found->n - 30), 3) << noise << " " << seed;
+        }
+        EXPECT_GE(holes, least) << noise;
+    }
+}
+
+TEST(MissingMaterial, is_none_by_noise_alone_in_a_small_part) {
+    for (const double noise : {0.005, 0.01, 0.02, 0.04, 0.08}) {
+        for (std::uint64_t seed = 1; seed <= 60; ++seed) {
+            for (const PartForm form : {PartForm::round, PartForm::plate, PartForm::tube})
+                EXPECT_FALSE(found_in(small_plate(noise, seed, false), 1, form)) << noise << " " << seed;
+        }
+    }
+}
+
 TEST(MissingMaterial, is_a_notch_that_is_open_at_one_side) {
     const auto found = found_in(field(hole(10, 30, 6, 1.08), 10, 50));
     ASSERT_TRUE(found);
