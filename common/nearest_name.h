@@ -12,7 +12,7 @@ namespace hord::common {
 
 // Insertions, deletions, replacements and swaps of neighbours (optimal string alignment).
 inline std::size_t edit_distance(std::string_view a, std::string_view b) {
-    std::vector<std::size_t> before, above(b.size() + 1), row(b.size() + 1);
+    std::vector<std::size_t> before(b.size() + 1), above(b.size() + 1), row(b.size() + 1);
     for (std::size_t k = 0; k < above.size(); ++k) above[k] = k;
     for (std::size_t y = 1; y <= a.size(); ++y) {
         row[0] = y;
@@ -21,23 +21,28 @@ inline std::size_t edit_distance(std::string_view a, std::string_view b) {
             if (y > 1 && x > 1 && a[y - 1] == b[x - 2] && a[y - 2] == b[x - 1])
                 row[x] = std::min(row[x], before[x - 2] + 1);
         }
-        before = above;
-        above = row;
+        before.swap(above);
+        above.swap(row);
     }
     return above[b.size()];
 }
 
-// None: no name of `names` is similar. One edit for every three letters is allowed, and one at least; hyphens in front
-// do not count.
+// The first of the nearest names. None: no name of `names` is similar. One edit for every three letters is allowed, and
+// one at least; hyphens in front do not count.
 template <class Names>
 std::optional<std::string> nearest_name(std::string_view misspelt, const Names& names) {
-    const auto nearest = std::min_element(names.begin(), names.end(), [&](const auto& a, const auto& b) {
-        return edit_distance(a, misspelt) < edit_distance(b, misspelt);
-    });
     const std::size_t letters = misspelt.size() - std::min(misspelt.find_first_not_of('-'), misspelt.size());
-    if (nearest == names.end() || edit_distance(*nearest, misspelt) > std::max<std::size_t>(1, letters / 3))
-        return std::nullopt;
-    return std::string(*nearest);
+    std::size_t limit = std::max<std::size_t>(1, letters / 3) + 1;  // a nearer name has fewer edits
+    std::optional<std::string> nearest;
+    for (const std::string_view name : names) {
+        const std::size_t fewest = std::max(name.size(), misspelt.size()) - std::min(name.size(), misspelt.size());
+        if (fewest >= limit) continue;  // each letter that one has more is an edit
+        const std::size_t edits = edit_distance(name, misspelt);
+        if (edits >= limit) continue;
+        limit = edits;
+        nearest = name;
+    }
+    return nearest;
 }
 
 }  // namespace hord::common

@@ -45,7 +45,7 @@ hal::ListedCamera lines_of(hal::ListedCamera camera) {
     return camera;
 }
 
-std::optional<Result<CameraAnswer>> understand(const std::string& text, std::vector<int>& fds) {
+std::optional<Result<CameraAnswer>> understand(std::string_view text, std::vector<int>& fds) {
     try {
         const Json json = Json::parse(text);
         if (const auto error = json.find("error"); error != json.end())
@@ -110,7 +110,7 @@ std::optional<Result<CameraAnswer>> receive_answer(int socket, hal::Duration pat
     while ((polled = ::poll(&ready, 1, static_cast<int>(wait_ms))) < 0 && errno == EINTR) {
     }
     if (polled <= 0) return std::nullopt;
-    std::string text(kTextMax, '\0');
+    std::array<char, kTextMax> text;  // only what is received is read
     iovec part{text.data(), text.size()};
     alignas(cmsghdr) std::array<char, CMSG_SPACE(kBuffersMax * sizeof(int))> control{};
     msghdr message{};
@@ -126,10 +126,8 @@ std::optional<Result<CameraAnswer>> receive_answer(int socket, hal::Duration pat
         std::memcpy(fds.data(), CMSG_DATA(head), fds.size() * sizeof(int));
     }
     std::optional<Result<CameraAnswer>> answer;
-    if (count > 0 && (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) == 0) {
-        text.resize(static_cast<std::size_t>(count));
-        answer = understand(text, fds);
-    }
+    if (count > 0 && (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) == 0)
+        answer = understand({text.data(), static_cast<std::size_t>(count)}, fds);
     for (const int fd : fds) ::close(fd);  // of a malformed answer
     return answer;
 }

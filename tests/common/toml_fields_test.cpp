@@ -165,6 +165,8 @@ TEST(NearestName, is_one_edit_in_three_letters_away_at_most) {
     EXPECT_EQ(nearest_name("hots", names), "host");
     EXPECT_EQ(nearest_name("--macroo", names), "--macro");
     EXPECT_EQ(nearest_name("transport", names), "transport_ms");
+    EXPECT_EQ(nearest_name("--lust", std::vector<std::string>{"--macro", "--last", "--lost"}), "--last")
+        << "the first of the nearest";
     for (const char* far : {"page", "--foo", "--part", "x", "--"})
         EXPECT_EQ(nearest_name(far, names), std::nullopt) << far;
 }

@@ -9,17 +9,27 @@
 #include "common/unique_fd.h"
 #include "drivers/camera_process/camera_wire.h"
 
+namespace {
+
+// Both ends stay open: each input is one message, which receive_answer() takes.
+struct Ends {
+    hord::common::UniqueFd station, camera;
+    Ends() {
+        std::array<int, 2> ends{};
+        if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends.data()) != 0) std::abort();
+        station = hord::common::UniqueFd(ends[0]);
+        camera = hord::common::UniqueFd(ends[1]);
+    }
+};
+
+}  // namespace
+
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     using namespace hord;
     using namespace hord::drivers;
-    std::array<int, 2> ends{};
-    if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends.data()) != 0) std::abort();
-    const common::UniqueFd station(ends[0]);
-    {
-        const common::UniqueFd camera(ends[1]);
-        (void)::send(camera.get(), data, size, MSG_NOSIGNAL | MSG_DONTWAIT);
-    }
-    if (const auto answer = receive_answer(station.get(), std::chrono::seconds(1)); answer && *answer) {
+    static const Ends ends;
+    if (::send(ends.camera.get(), data, size, MSG_NOSIGNAL | MSG_DONTWAIT) != static_cast<ssize_t>(size)) std::abort();
+    if (const auto answer = receive_answer(ends.station.get(), std::chrono::seconds(1)); answer && *answer) {
         for (const CameraBuffer& buffer : (*answer)->buffers) {
             if (buffer.fd >= 0) std::abort();  // no descriptor was sent
         }

@@ -7,6 +7,8 @@ set -u
 # Freed memory stays unusable until as much as this was freed after it: more than an execution frees. Of 256 MB, the
 # default, every page is new to the processor's caches. To see the whole stacks of a finding's memory, run its input alone.
 export ASAN_OPTIONS=quarantine_size_mb=16:malloc_context_size=2${ASAN_OPTIONS:+:$ASAN_OPTIONS}
+# -entropic=0: to weigh the corpus by rare features takes 39 % of the time of `toml`, and 2 % more edges are reached by
+# the same executions.
 TIMEFORMAT='%U %S'
 bin=$1 runs=$2 here=$(dirname "$0") status=0
 shift 2
@@ -25,7 +27,7 @@ for name in "$@"; do
         *) max_len=16384 ;;
     esac
     spent=$( { time "$bin/fuzz_$name" -runs="$runs" ${HORD_FUZZ_SECONDS:+-max_total_time=$HORD_FUZZ_SECONDS} -max_len=$max_len \
-        -malloc_limit_mb=512 -rss_limit_mb=2048 -timeout=20 -seed="${HORD_FUZZ_SEED:-1}" -print_final_stats=1 \
+        -malloc_limit_mb=512 -rss_limit_mb=2048 -timeout=20 -seed="${HORD_FUZZ_SEED:-1}" -entropic=0 -print_final_stats=1 \
         -artifact_prefix="$found/" "$found/new" "$here/corpus/$name" >"$found/log" 2>&1; } 2>&1) || status=1
     findings=$(find "$found" -maxdepth 1 -type f ! -name log | wc -l)
     [ "$findings" -eq 0 ] || status=1

@@ -118,6 +118,7 @@ Result<void> Statement::run(std::span<const Value> values, const Take& take) {
     }
     if (done && code != SQLITE_DONE) done = database_->failed(code);  // before the reset, which may clear the message
     sqlite3_reset(statement_);
+    sqlite3_clear_bindings(statement_);  // a statement that is kept must not keep long values
     return done;
 }
 
@@ -268,7 +269,10 @@ void Database::limit_time(std::chrono::milliseconds most) {
         this);
 }
 
-Database::~Database() { sqlite3_close_v2(handle_); }
+Database::~Database() {
+    idle_.clear();
+    sqlite3_close_v2(handle_);
+}
 
 Result<Statement> Database::prepare(std::string_view sql) {
     sqlite3_stmt* statement = nullptr;
@@ -285,9 +289,15 @@ Result<void> Database::execute(const std::string& sql) {
 }
 
 Result<void> Database::run(std::string_view sql, std::span<const Value> values, const Statement::Take& take) {
-    auto statement = prepare(sql);
+    // What runs is taken out, so that `take` may run the same text.
+    const auto known = idle_.find(sql);
+    auto statement = known == idle_.end() ? prepare(sql) : Result<Statement>(std::move(known->second));
+    if (known != idle_.end()) idle_.erase(known);
     if (!statement) return tl::unexpected(statement.error());
-    return statement->run(values, take);
+    auto done = statement->run(values, take);
+    if (idle_.size() >= kMaxIdle) idle_.clear();
+    idle_.emplace(sql, std::move(*statement));
+    return done;
 }
 
 Result<Value> Database::get(std::string_view sql, std::span<const Value> values) {

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <span>
@@ -96,6 +97,8 @@ class Database {
 
     Result<Statement> prepare(std::string_view sql);
     Result<void> execute(const std::string& sql);  // one or more statements, rows ignored
+    // Keeps the prepared statement for the next run of the same text: to parse a query of results takes longer than to
+    // answer it. `take` may run statements, too.
     Result<void> run(std::string_view sql, std::span<const Value> values, const Statement::Take& take = {});
     // For statements with one row at most: its first value. Without a row, and for NULL: NULL, 0, an empty text. Fail
     // with unreadable for a value of another type.
@@ -118,6 +121,8 @@ class Database {
     explicit Database(std::filesystem::path file) : file_(std::move(file)) {}
     std::filesystem::path file_;
     sqlite3* handle_ = nullptr;
+    static constexpr std::size_t kMaxIdle = 16;                // of all that are run, verify() has the most: 11
+    std::map<std::string, Statement, std::less<>> idle_ = {};  // by their text; those that run are not here
     std::chrono::steady_clock::time_point until_{};
     mutable bool disk_full_ = false;
 };

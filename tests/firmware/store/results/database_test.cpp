@@ -127,6 +127,33 @@ TEST_F(AnyDatabase, an_error_of_the_reader_ends_the_run) {
     EXPECT_EQ(rows, 1);
 }
 
+TEST_F(AnyDatabase, the_same_text_runs_again_with_other_values_inside_itself_and_after_a_change_of_the_table) {
+    const char* const text = "SELECT * FROM t WHERE a >= ?1 ORDER BY a";
+    sql("CREATE TABLE t (a); INSERT INTO t VALUES (1), (2)");
+    const auto from = [&](std::int64_t first, const Statement::Take& take) {
+        const auto done = database->run(text, std::array<Value, 1>{first}, take);
+        EXPECT_TRUE(done) << done.error().message();
+    };
+    std::vector<std::int64_t> seen;
+    from(1, [&](const Statement& outer) -> Result<void> {
+        seen.push_back(*outer.integer(0));
+        from(2, [&](const Statement& inner) -> Result<void> {
+            seen.push_back(10 * *inner.integer(0));
+            return {};
+        });
+        return {};
+    });
+    EXPECT_THAT(seen, ::testing::ElementsAre(1, 20, 2, 20));
+    sql("ALTER TABLE t ADD COLUMN b DEFAULT 7");
+    from(2, [](const Statement& row) -> Result<void> {
+        EXPECT_EQ(row.columns(), 2);
+        EXPECT_EQ(row.value(1), Value(std::int64_t{7}));
+        return {};
+    });
+    // More texts than are kept.
+    for (int k = 0; k < 50; ++k) EXPECT_EQ(database->get_integer(fmt::format("SELECT {}", k)), k);
+}
+
 TEST_F(AnyDatabase, a_transaction_that_is_not_committed_changes_nothing) {
     sql("CREATE TABLE t (v)");
     {
