@@ -15,6 +15,7 @@
 #include "calib/calibrate/fall_off.h"
 #include "calib/calibrate/lenslet_chain.h"
 #include "calib/calibrate/lenslet_shape.h"
+#include "calib/calibrate/missing_neighbours.h"
 #include "calib/calibrate/neighbour_statistics.h"
 #include "calib/calibrate/pattern_shape.h"
 #include "calib/calibrate/white_frame_checks.h"
@@ -223,7 +224,7 @@ void measure_more(const WhiteImage& image, const LocalFinders& finders, const Le
 // Counts the lenslets inside the frame, and those of them that are complete, measured and missing.
 void count_lenslets(const LocalFinders& finders, double pitch, GridCalibration& out) {
     const LensletGrid& grid = out.fit.grid;
-    std::vector<std::uint8_t> measured(grid.index(0, grid.rows));
+    std::vector<std::uint8_t> measured(grid.index(0, grid.rows)), missing(measured);
     for (const Observation& seen : out.observations) {
         if (grid.contains(seen.m, seen.n)) measured[grid.index(seen.m, seen.n)] = 1;
     }
@@ -231,8 +232,12 @@ void count_lenslets(const LocalFinders& finders, double pitch, GridCalibration& 
         ++out.inside;
         if (!finder_for(finders, grid, pitch, node.m, node.n).complete(node.centre_px)) continue;
         ++out.complete;
-        if (measured[grid.index(node.m, node.n)] == 0) out.missing_px.push_back(node.centre_px);
+        if (measured[grid.index(node.m, node.n)] != 0) continue;
+        out.missing_px.push_back(node.centre_px);
+        missing[grid.index(node.m, node.n)] = 1;
     }
+    out.beside_missing =
+        mark_beside_missing(grid, out.observations, [&](int m, int n) { return missing[grid.index(m, n)] != 0; });
     out.found = static_cast<int>(out.observations.size());
     out.missing = static_cast<int>(out.missing_px.size());
     out.displaced = out.fit.displaced;

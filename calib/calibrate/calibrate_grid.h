@@ -105,6 +105,7 @@ struct GridCalibration {
     int displaced = 0;        // of the found ones, those off the model with a shift of their own (place_displaced)
     int rejected = 0;         // of the found ones, the other outliers
     int blemished = 0;        // of the rejected ones, those whose light has another shape than that of their neighbours
+    int beside_missing = 0;   // of the rejected ones, those that the missing light of a dead neighbour moves
     int saturated = 0;        // of the found ones, those with saturated samples
     int apart = 0;            // of the found ones, those that no chain of lit neighbours joins to the others
     int torn = 0;             // pairs of neighbours that are not one local pitch apart

@@ -71,7 +71,7 @@ constexpr int kFewestOff = 5;            // of them: fewer may be dust
 
 constexpr const char* kCure = "record evenly lit lenslets, without a part in the light, in focus";
 
-// Lenslets of one region. Rejected: off the grid by kMinOff or more.
+// Lenslets of one region. Rejected: off the grid by kMinOff or more, and not by the missing light of a neighbour.
 struct RegionCount {
     int measured = 0, rejected = 0, missing = 0;
     std::size_t region = 0;
@@ -87,7 +87,7 @@ std::vector<RegionCount> count_regions(const GridCalibration& calibration) {
     for (const Observation& seen : calibration.observations) {
         RegionCount& count = counts[regions.at(seen.centre_px.x_px, seen.centre_px.y_px)];
         ++count.measured;
-        if (seen.used || seen.displaced) continue;
+        if (seen.used || seen.displaced || seen.beside_missing) continue;
         const PixelPoint at = grid.at(grid.uv(seen.m, seen.n));
         const double off = std::hypot(seen.centre_px.x_px - at.x_px, seen.centre_px.y_px - at.y_px);
         if (off > kMinOff * calibration.pitch_px) ++count.rejected;
@@ -330,15 +330,16 @@ std::vector<std::string> warnings_about(const GridCalibration& calibration) {
             "sensor on the lenslets",
             calibration.by_fall_off_px));
     }
-    if (calibration.rejected > kMaxOff * calibration.found) {
+    const int rejected = calibration.rejected - calibration.beside_missing;
+    if (rejected > kMaxOff * calibration.found) {
         out.push_back(
             fmt::format("{} of {} measured lenslets are off the grid: clean the array and the optics, or take "
                         "objects out of the light; centres.png shows where",
-                        calibration.rejected, calibration.found));
+                        rejected, calibration.found));
     }
     const RegionCount worst = least_covered(calibration);
     const bool all_over = calibration.missing > kMaxMissing * calibration.complete ||
-        calibration.rejected > kMaxOff * calibration.found;  // told above
+        rejected > kMaxOff * calibration.found;  // told above
     if (!all_over && worst.off() >= kFewestOff && worst.off() > kMaxOffOfRegion * worst.all()) {
         out.push_back(
             fmt::format("{} of {} lenslets {} have no centre or are off the grid: the grid there is only that of the "
