@@ -458,27 +458,6 @@ Result<Learned> Learner::run() {
 
 }  // namespace
 
-std::vector<std::string> unsure_of(const Learned& learned, const std::string& cure) {
-    std::vector<std::string> sentences;
-    if (learned.gain_unsure) {
-        sentences.push_back(
-            "No place of the field shows photon noise alone, so the electrons a DN count form and ripple "
-            "as noise and may be several times too low: " +
-            cure);
-    }
-    constexpr const char* kNames[] = {"the shift along x", "the shift along y", "the turn"};
-    std::string unknown;
-    for (std::size_t u = 0; u < 3; ++u) {
-        if (!learned.pose_determined[u]) unknown += (unknown.empty() ? "" : ", ") + std::string(kNames[u]);
-    }
-    if (!unknown.empty()) {
-        sentences.push_back("Pose not determined: " + unknown +
-                            "; it changes these parts' light by no more than a tilt does, and what is told of it means "
-                            "little");
-    }
-    return sentences;
-}
-
 Result<Learned> learn_reference(const Extents& extents, int bits, std::size_t count, const FrameOfPart& frame_of,
                                 const LearnOptions& options) {
     if (auto fine = check(extents); !fine) return tl::unexpected(fine.error());

@@ -55,8 +55,9 @@ struct Learned {
     std::array<bool, 3> pose_determined{};
 };
 
-// Sentences for people, without a full stop: what the parts do not determine. `cure`: how to give the electrons a DN.
-std::vector<std::string> unsure_of(const Learned& learned, const std::string& cure);
+// Sentences for people, without a full stop: what the parts do not determine, and how far others may lie. `cure`: how
+// to give the electrons a DN. `reject_score`: the recipe's.
+std::vector<std::string> unsure_of(const Learned& learned, const std::string& cure, double reject_score);
 
 // The frame of part 0..count-1, macro-pixels. Any error ends the learning.
 using FrameOfPart = std::function<Result<Frame>(std::size_t part)>;

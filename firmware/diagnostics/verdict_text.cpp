@@ -12,6 +12,7 @@
 #include "algo/inspection/frame_checks.h"
 #include "algo/inspection/reference_defects.h"
 #include "algo/inspection/rim.h"
+#include "algo/reference/pose_tolerance.h"
 
 namespace hord::firmware {
 namespace {
@@ -375,6 +376,23 @@ bool is_along_tube(const algo::Inspection& found, const algo::Recipe& recipe, co
         2 * found.defects[0].length >= static_cast<float>(std::min(e.m, e.n));
 }
 
+// Of a part that is compared with a reference: the worst defect lies at an edge that its pose moves farther than the
+// reference allows (algo/reference/pose_tolerance.h).
+std::string moved_edge(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
+    constexpr double kNear = 1.5;  // lenslets
+    if (!found.registered.found() || found.defects.empty()) return "";
+    const algo::Pose& pose = found.registered.pose;
+    const algo::Defect& worst = found.defects.front();
+    const auto at = algo::PoseMap(pose, e).to_reference(static_cast<double>(worst.m), static_cast<double>(worst.n));
+    const auto near = [&](int m, int n) { return std::hypot(m - at.m, n - at.n) <= kNear; };
+    if (!algo::moves_edges_too_far(*recipe.reference, pose, static_cast<double>(recipe.reject_score), near)) return "";
+    return fmt::format(
+        " An edge of the part is there, and the part lies {:.2f} lenslets and {:.1f} degrees from the reference's "
+        "pose: "
+        "if it is good, learn from parts that lie as differently.",
+        std::hypot(pose.x, pose.y), std::abs(pose.turn_rad()) * 180 / std::numbers::pi);
+}
+
 // What the reason of a reject may be beside a defect, as a sentence of its own; "": nothing.
 std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
     // In so little light a lenslet's own spot may be one sample.
@@ -386,7 +404,7 @@ std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, cons
             "frame, a pixel of the sensor is warm there; have the camera correct it, or cool the sensor.",
             lone.x, lone.y, lone.dn);
     }
-    if (recipe.reference) return "";
+    if (recipe.reference) return moved_edge(found, recipe, e);
     const auto dim_hint = [&] {
         return fmt::format(
             " The dark level, {} DN, takes {:.0f} % of the light: raise the light's current, the exposure or the gain "

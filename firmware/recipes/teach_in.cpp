@@ -340,7 +340,8 @@ Result<TeachResult> LineTeachIn::learn() {
         remark(fmt::format("part {} was left out: {}", session_->numbers[frame], out.why));
     }
     remark(parts->repeated);
-    const auto unsure = algo::unsure_of(*learned, "learn with hordctl learn --electrons-per-dn");
+    const auto unsure = algo::unsure_of(*learned, "learn with hordctl learn --electrons-per-dn",
+                                        static_cast<double>(result.recipe.recipe.reject_score));
     result.recipe.recipe.reference = std::make_shared<const algo::Reference>(std::move(learned->reference));
     auto judged = inspect_again(result.recipe.recipe, left_out);
     if (!judged) return tl::unexpected(judged.error());

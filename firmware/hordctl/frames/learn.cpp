@@ -83,6 +83,8 @@ Exit run_learn(const LearnArguments& arguments) {
     auto learned = algo::learn_reference(frames.extents, frames.bits, frames.files.size(), frames, options);
     if (!learned) return complain(learned.error());
     options.progress = [](double) {};
+    const std::vector<std::string> unsure = algo::unsure_of(*learned, "give the sensor's with --electrons-per-dn",
+                                                            static_cast<double>(recipe->recipe.reject_score));
     const LearnedParts report_of{.file = arguments.out,
                                  .reference = std::make_shared<const algo::Reference>(std::move(learned->reference)),
                                  .recipe = recipe->recipe,
@@ -91,7 +93,7 @@ Exit run_learn(const LearnArguments& arguments) {
                                  .poses = learned->poses,
                                  .frame_of = frames,
                                  .repeated = parts->repeated,
-                                 .unsure = algo::unsure_of(*learned, "give the sensor's with --electrons-per-dn"),
+                                 .unsure = unsure,
                                  .learning = options,
                                  .electrons_from = options.electrons_per_dn ? "given" : "estimated",
                                  .read_noise_from = arguments.read_dn ? "given" : "estimated"};
@@ -108,7 +110,7 @@ Exit run_learn(const LearnArguments& arguments) {
         written = std::move(*files);
         for (LearnSentence& sentence : describe(*report)) told.push_back(std::move(sentence.text));
     } else {
-        for (const std::string& unsure : report_of.unsure) told.push_back(unsure + ".");
+        for (const std::string& sentence : report_of.unsure) told.push_back(sentence + ".");
         if (!parts->repeated.empty()) told.push_back(parts->repeated);
         for (const algo::LeftOut& out : learned->left_out)
             told.push_back(fmt::format("Left out: {}: {}.", frames.files[out.part], out.why));

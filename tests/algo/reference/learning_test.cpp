@@ -17,8 +17,10 @@ namespace hord::algo {
 namespace {
 
 using namespace testing;
+using ::testing::Contains;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 TEST(Learning, names_the_parts_that_differ_from_all_others) {
     const auto speck = [](int m, int n, Spot& s) {
@@ -130,12 +132,25 @@ TEST(Learning, says_where_form_counts_as_noise) {
 TEST(Learning, names_what_the_parts_do_not_determine) {
     Learned all;
     all.pose_determined = {true, true, true};
-    EXPECT_TRUE(unsure_of(all, "").empty());
+    EXPECT_TRUE(unsure_of(all, "", 6).empty());
     all.gain_unsure = true;
     all.pose_determined = {true, false, false};
-    EXPECT_THAT(unsure_of(all, "give them"),
+    EXPECT_THAT(unsure_of(all, "give them", 6),
                 ElementsAre(HasSubstr("several times too low: give them"),
                             HasSubstr("Pose not determined: the shift along y, the turn; ")));
+}
+
+TEST(Learning, says_where_frames_show_no_noise) {
+    std::vector<Frame> frames;
+    for (std::uint64_t k = 0; k < 12; ++k) frames.push_back(part(wobble(k)));
+    LearnOptions options;
+    options.levels = kLevels;
+    options.read_dn = 0;
+    const auto all = learn_reference(
+        kField, kBits, frames.size(), [&](std::size_t k) -> Result<Frame> { return frames[k]; }, options);
+    ASSERT_TRUE(all) << all.error().message();
+    EXPECT_THAT(unsure_of(*all, "give them", 6), Contains(HasSubstr("show no photon noise")));
+    EXPECT_THAT(unsure_of(learned(), "give them", 6), Not(Contains(HasSubstr("show no photon noise"))));
 }
 
 // A normal variable above 2: by its distribution function, 0.02275, and its density, 0.05399.

@@ -525,6 +525,40 @@ TEST(VerdictText, of_light_off_the_middle_says_by_how_much_and_to_which_side) {
     }
 }
 
+// Column 20 is half of light and half of a dark edge, which is known to 4 %: 20 of its lenslets let a part lie off by
+// 0.04 (6 - sqrt(2 ln N)) / 0.5 lenslet of half the light, N the three columns at the edge: 0.12.
+TEST(VerdictText, of_a_defect_at_an_edge_that_lies_elsewhere_says_how_the_part_lies) {
+    algo::Recipe with = recipe(true);
+    algo::Reference edge;
+    edge.extents = kField;
+    edge.bits = 12;
+    edge.sensor = {1e4F, 1, 0};
+    edge.light.assign(kField.lenslets(), 0);
+    edge.mask.assign(kField.lenslets(), algo::kValid);
+    for (auto& spread : edge.spread) spread.assign(kField.lenslets(), 0.04F * 0.04F);
+    for (std::size_t k = 0; k < kField.lenslets(); ++k) {
+        const std::size_t m = k % static_cast<std::size_t>(kField.m);
+        edge.light[k] = m < 20 ? 4000 : m == 20 ? 2000 : 0;
+    }
+    with.reference = std::make_shared<algo::Reference>(edge);
+    const auto told_of = [&](double x, float at_m) {
+        algo::Inspection found;
+        found.verdict = Verdict::reject;
+        found.score = 1.5F;
+        found.registered.outcome = algo::Registered::Outcome::found;
+        found.registered.pose = {x, 0, 0};
+        const std::vector<algo::Defect> one{{.m = at_m, .n = 12, .area = 2, .score = 1.5F}};
+        found.defects = one;
+        return explain(found, with, kField);
+    };
+    constexpr const char* kTold =
+        "An edge of the part is there, and the part lies 0.20 lenslets and 0.0 degrees from the reference's pose: if "
+        "it is good, learn from parts that lie as differently.";
+    EXPECT_NE(told_of(0.2, 20).find(kTold), std::string::npos) << told_of(0.2, 20);
+    EXPECT_EQ(told_of(0.2, 10).find("An edge"), std::string::npos);
+    EXPECT_EQ(told_of(0.02, 20).find("An edge"), std::string::npos);
+}
+
 TEST(VerdictText, of_a_part_that_was_not_registered_says_what_registration_says) {
     algo::Inspection found = unfit(Reason::not_registered);
     using Outcome = algo::Registered::Outcome;
