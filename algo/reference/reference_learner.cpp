@@ -5,9 +5,8 @@
 #include <cmath>
 #include <memory>
 
-#include "algo/frame/mask.h"
-#include "algo/light/dark_bins.h"
 #include "algo/maps/feature_map.h"
+#include "algo/reference/learning_frames.h"
 #include "algo/reference/photon_noise.h"
 #include "algo/reference/pooled_scores.h"
 #include "algo/reference/reference_comparison.h"
@@ -17,9 +16,6 @@
 namespace hord::algo {
 namespace {
 
-constexpr double kShareOne = 1 << Reference::kShareBits;
-constexpr double kDarkNoises = 2;  // standard deviations of a dark bin's reading
-constexpr std::size_t kDarkFrames = 8;
 // The spread is that of parts from the mean of the others: as many times parts are left out of it.
 constexpr std::size_t kMaxFolds = 16;
 
@@ -34,9 +30,9 @@ class Learner {
   public:
     Learner(const Extents& extents, int bits, std::size_t count, const FrameOfPart& frame_of,
             const LearnOptions& options)
-        : extents_(extents), count_(count), frame_of_(frame_of), options_(options), row_(extents),
-          dark_bins_(extents, bits), registrar_(extents), poses_(count), lights_(count, 1.0), determined_(count),
-          left_out_(count, false), mean_(extents) {
+        : extents_(extents), count_(count), options_(options), frames_(extents, bits, count, frame_of, options),
+          registrar_(extents), poses_(count), lights_(count, 1.0), determined_(count), left_out_(count, false),
+          mean_(extents) {
         reference_.extents = extents;
         reference_.bits = bits;
         reference_.levels = options.levels;
@@ -46,10 +42,11 @@ class Learner {
     Result<Learned> run();
 
   private:
-    Result<void> choose_dark_level();
     Result<void> estimate_photon_noise();
-    void lower_to_dark_level(Frame& frame);
-    Result<Frame> decode(std::size_t of, DecodedPart& part, bool with_shares = false);
+    Result<Frame> decode(std::size_t of, DecodedPart& part, bool with_shares = false) {
+        tick();
+        return frames_.decode(of, reference_, part, with_shares);
+    }
     Registered find(const ReferenceMaps& reference, const DecodedPart& part, std::uint32_t parts);
     bool find_pose(std::size_t k, const DecodedPart& part);
     Result<bool> find_poses_from(std::size_t origin);
@@ -71,11 +68,9 @@ class Learner {
 
     Extents extents_;
     std::size_t count_;
-    const FrameOfPart& frame_of_;
     const LearnOptions& options_;
     Reference reference_;
-    HordRow row_;
-    DarkBinMeter dark_bins_;
+    LearningFrames frames_;
     Registrar registrar_;
     std::vector<std::optional<Pose>> poses_;
     std::vector<double> lights_;  // of a part over the reference's
@@ -92,52 +87,12 @@ class Learner {
     SizeSpread sizes_;
 };
 
-// A level so far above the frames' pedestal that most dark bins read nothing, and haze still shows in them
-// (docs/adr/0020-dark-level-of-a-reference.md). A level that LearnOptions does not allow stays below it:
-// lower_to_dark_level() then lowers the frames.
-Result<void> Learner::choose_dark_level() {
-    double pedestal = static_cast<double>(options_.pedestal_dn);
-    if (pedestal == 0) {
-        std::vector<double> pedestals;
-        for (std::size_t k = 0; k < std::min(count_, kDarkFrames); ++k) {
-            const auto frame = frame_of_(k);
-            if (!frame) return tl::unexpected(frame.error());
-            if (auto fine = check_frame(frame->view(), extents_, reference_.bits); !fine) return fine;
-            const DarkBins dark = dark_bins_.measure(frame->view());
-            pedestals.push_back(dark.measured && !dark.at_zero ? dark.pedestal_dn : 0);
-        }
-        pedestal = median_or_0(std::move(pedestals));
-    }
-    const double rounding = 0.5,
-                 level = std::ceil(pedestal + kDarkNoises * static_cast<double>(options_.read_dn) - rounding);
-    reference_.levels.dark = std::min(static_cast<std::uint32_t>(std::max(level, 0.0)), options_.levels.dark);
-    reference_.sensor.clip_dn = static_cast<float>(std::max(level - pedestal, 0.0));
-    return {};
-}
-
-// Subtracts what the frame's dark bins read above the dark level. Saturated samples stay.
-void Learner::lower_to_dark_level(Frame& frame) {
-    const LightLevels& levels = reference_.levels;
-    const std::uint32_t rise =
-        options_.max_dark_rise_dn == 0 ? default_dark_rise(reference_.bits) : options_.max_dark_rise_dn;
-    const std::uint32_t above =
-        levels_above_dark_bins(levels, dark_bins_.measure(frame.view()), rise).levels.dark - levels.dark;
-    if (above == 0) return;
-    for (int y = 0; y < frame.height_px(); ++y) {
-        for (int x = 0; x < frame.width_px(); ++x) {
-            const std::uint32_t sample = frame.view().sample(x, y);
-            if (sample < levels.saturated) frame.set(x, y, sample > above ? sample - above : 0);
-        }
-    }
-}
-
 // Keeps the estimate of learn_spread() if no place of the field shows the photon noise alone.
 Result<void> Learner::estimate_photon_noise() {
     const auto lowered = [&](std::size_t part) -> Result<std::optional<Frame>> {
         if (left_out_[part]) return std::nullopt;
-        auto frame = frame_of_(part);
+        auto frame = frames_.lowered(part, reference_);
         if (!frame) return tl::unexpected(frame.error());
-        lower_to_dark_level(*frame);
         return std::optional(std::move(*frame));
     };
     const double pedestal =
@@ -146,39 +101,6 @@ Result<void> Learner::estimate_photon_noise() {
     if (!found) return tl::unexpected(found.error());
     if (*found) reference_.sensor.electrons_per_dn = **found, calibrated_ = true;
     return {};
-}
-
-// Reads and decodes the frame of part `of`.
-Result<Frame> Learner::decode(std::size_t of, DecodedPart& part, bool with_shares) {
-    auto frame = frame_of_(of);
-    if (!frame) return frame;
-    if (auto fine = check_frame(frame->view(), extents_, reference_.bits); !fine) return tl::unexpected(fine.error());
-    lower_to_dark_level(*frame);
-    tick();
-    const std::size_t count = extents_.lenslets(), stride = reference_.stride();
-    part.sums.resize(count), part.deflections.resize(count), part.mask.resize(count);
-    part.light.resize(count), part.x.resize(count), part.y.resize(count);
-    if (with_shares) part.shares.assign(count * stride, 0);
-    for (int n = 0; n < extents_.n; ++n) {
-        decode_row(frame->view(), extents_, reference_.levels, n, row_);
-        const std::size_t at = extents_.index(0, n);
-        mean_deflections(row_, std::span(part.deflections).subspan(at, static_cast<std::size_t>(extents_.m)));
-        for (int m = 0; m < extents_.m; ++m) {
-            const std::size_t k = at + static_cast<std::size_t>(m);
-            const Hord hord = row_.hord(m);
-            part.sums[k] = hord.sum;
-            part.mask[k] = row_.mask()[static_cast<std::size_t>(m)];
-            part.light[k] = static_cast<float>(hord.sum);
-            part.x[k] = part.deflections[k].x.to_float_rounded();
-            part.y[k] = part.deflections[k].y.to_float_rounded();
-            if (!with_shares || !row_.has_hord(m)) continue;
-            for (int b = 0; b < extents_.bins(); ++b) {
-                part.shares[k * stride + reference_.place(b % extents_.i, b / extents_.i)] =
-                    static_cast<std::uint16_t>(std::lround(hord.mass[b] * kShareOne / hord.sum));
-            }
-        }
-    }
-    return frame;
 }
 
 Registered Learner::find(const ReferenceMaps& reference, const DecodedPart& part, std::uint32_t parts) {
@@ -411,7 +333,7 @@ std::array<bool, 3> Learner::pose_determined() const {
 
 Result<Learned> Learner::run() {
     if (options_.dark_from_noise) {
-        if (auto done = choose_dark_level(); !done) return tl::unexpected(done.error());
+        if (auto done = frames_.choose_dark_level(reference_); !done) return tl::unexpected(done.error());
     }
     bool agreed = false;
     for (std::size_t origin = 0; origin < std::min<std::size_t>(count_, 3) && !agreed; ++origin) {
