@@ -83,6 +83,54 @@ Result<NumberedRecipe> base_of(const TuneArguments& arguments) {
     return base;
 }
 
+TuneOptions options_of(const TuneArguments& arguments, NumberedRecipe base, const FrameReader& reader,
+                       const std::string& first_file, std::pair<int, int> bins) {
+    TuneOptions options = arguments.tuning;
+    options.false_rejects = arguments.false_rejects_percent / 100;
+    options.base = std::move(base);
+    options.bins = bins;
+    options.read = [&reader, first_file, bins](const std::string& file) -> Result<Frame> {
+        auto read = reader.read(file);
+        if (!read) return tl::unexpected(read.error());
+        if (std::pair(read->extents.i, read->extents.j) != bins) {
+            return fail(ErrorCode::invalid_argument,
+                        fmt::format("{} has {}x{} bins a lenslet, and {} {}x{}", file, read->extents.i, read->extents.j,
+                                    first_file, bins.first, bins.second),
+                        "give frames of one camera");
+        }
+        return std::move(read->frame);
+    };
+    return options;
+}
+
+// The recipe and its report: the files written.
+Result<std::vector<fs::path>> write_choice(Tuned& tuned, const TuneArguments& arguments) {
+    if (!tuned.chosen || arguments.out.empty()) return std::vector<fs::path>{};
+    const std::string made =
+        fmt::format("Made by hordctl tune on {:%Y-%m-%d}, good frames from {}, bad ones from {}.",
+                    fmt::gmtime(std::time(nullptr)), fmt::join(arguments.good, " "), fmt::join(arguments.bad, " "));
+    return write_report(tuned, arguments.out, made);
+}
+
+// Why no set is chosen.
+Error why_none(const Tuned& tuned, double budget_ms) {
+    if (tuned.best) {
+        return {ErrorCode::refused,
+                fmt::format("no feature set tells these frames apart: the best has an AUC of {:.2f}, and guessing 0.5",
+                            tuned.feature_sets[*tuned.best].auc.value),
+                "see that --good and --bad are not exchanged, and that the flaws are in the field"};
+    }
+    const auto fastest = std::ranges::min_element(
+        tuned.feature_sets, {}, [](const MeasuredFeatureSet& m) { return m.no_limit.empty() ? m.wall_ms : 1e300; });
+    if (!fastest->no_limit.empty())
+        return {ErrorCode::refused, "no feature has a limit that lets these good parts pass: " + fastest->no_limit,
+                "see that the frames are of good parts"};
+    return {ErrorCode::refused,
+            fmt::format("no feature set fits {:g} ms: the fastest, {}, takes {:.3g} ms", budget_ms, fastest->set.name(),
+                        fastest->wall_ms),
+            "allow more (--budget), use more threads (--threads), or a smaller part of the field"};
+}
+
 Exit run_tune(const TuneArguments& arguments) {
     if (auto fine = check_out(arguments); !fine) return complain(fine.error());
     const auto good = files_of(arguments.good), bad = files_of(arguments.bad);
@@ -93,35 +141,20 @@ Exit run_tune(const TuneArguments& arguments) {
     if (!reader) return complain(reader.error());
     const auto first = reader->read(good->front());
     if (!first) return complain(first.error());
-    const std::pair bins(first->extents.i, first->extents.j);
     auto base = base_of(arguments);
     if (!base) return complain(base.error());
 
     auto progress = std::make_unique<Progress>("tune", arguments.json);
-    TuneOptions options = arguments.tuning;
-    options.false_rejects = arguments.false_rejects_percent / 100;
-    options.base = std::move(*base);
-    options.bins = bins;
-    options.read = [&](const std::string& file) -> Result<Frame> {
-        auto read = reader->read(file);
-        if (!read) return tl::unexpected(read.error());
-        if (std::pair(read->extents.i, read->extents.j) != bins) {
-            return fail(ErrorCode::invalid_argument,
-                        fmt::format("{} has {}x{} bins a lenslet, and {} {}x{}", file, read->extents.i, read->extents.j,
-                                    good->front(), bins.first, bins.second),
-                        "give frames of one camera");
-        }
-        return std::move(read->frame);
-    };
+    TuneOptions options =
+        options_of(arguments, std::move(*base), *reader, good->front(), {first->extents.i, first->extents.j});
     options.progress = [&](double done, const std::string& note) { progress->show(done, note); };
     auto tuned = tune(*good, *bad, options);
     progress.reset();
     if (!tuned) return complain(tuned.error());
 
-    store::Json json = to_json(*tuned);
-    if (first->geometry_from == GeometryFrom::frame && !arguments.json)
-        fmt::print("{}x{} bins a lenslet, as {} says\n", bins.first, bins.second, good->front());
     if (!arguments.json) {
+        if (first->geometry_from == GeometryFrom::frame)
+            fmt::print("{}x{} bins a lenslet, as {} says\n", options.bins.first, options.bins.second, good->front());
         for (const LeftOut& out : tuned->left_out) fmt::print("left out: {}: {}\n", out.file, out.why);
         fmt::print("{}\n{}", to_text(table_of(*tuned)), describe(*tuned));
     }
@@ -131,37 +164,15 @@ Exit run_tune(const TuneArguments& arguments) {
             "hordctl: the tolerances of {} need a reference, which this feature set does without: they are left out\n",
             arguments.recipe);
     }
-    if (tuned->chosen && !arguments.out.empty()) {
-        const std::string made =
-            fmt::format("Made by hordctl tune on {:%Y-%m-%d}, good frames from {}, bad ones from {}.",
-                        fmt::gmtime(std::time(nullptr)), fmt::join(arguments.good, " "), fmt::join(arguments.bad, " "));
-        const auto written = write_report(*tuned, arguments.out, made);
-        if (!written) return complain(written.error());
-        for (const fs::path& file : *written) {
-            if (arguments.json) json["written"].push_back(file.string());
-            else fmt::print("{}\n", file.string());
-        }
+    const auto written = write_choice(*tuned, arguments);
+    if (!written) return complain(written.error());
+    store::Json json = to_json(*tuned);
+    for (const fs::path& file : *written) {
+        if (arguments.json) json["written"].push_back(file.string());
+        else fmt::print("{}\n", file.string());
     }
     if (arguments.json) fmt::print("{}\n", store::to_text(json));
-    if (tuned->chosen) return Exit::good;
-    if (tuned->best) {
-        const double auc = tuned->feature_sets[*tuned->best].auc.value;
-        return complain(
-            {ErrorCode::refused,
-             fmt::format("no feature set tells these frames apart: the best has an AUC of {:.2f}, and guessing 0.5",
-                         auc),
-             "see that --good and --bad are not exchanged, and that the flaws are in the field"});
-    }
-    const auto fastest = std::ranges::min_element(
-        tuned->feature_sets, {}, [](const MeasuredFeatureSet& m) { return m.no_limit.empty() ? m.wall_ms : 1e300; });
-    if (!fastest->no_limit.empty())
-        return complain({ErrorCode::refused,
-                         "no feature has a limit that lets these good parts pass: " + fastest->no_limit,
-                         "see that the frames are of good parts"});
-    return complain({ErrorCode::refused,
-                     fmt::format("no feature set fits {:g} ms: the fastest, {}, takes {:.3g} ms", options.budget_ms,
-                                 fastest->set.name(), fastest->wall_ms),
-                     "allow more (--budget), use more threads (--threads), or a smaller part of the field"});
+    return tuned->chosen ? Exit::good : complain(why_none(*tuned, options.budget_ms));
 }
 
 }  // namespace
