@@ -122,8 +122,12 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
             return fmt::format(
                 "the light falls over {} lenslets at the part's edges (at most {}): look for a part that moves while "
                 "the light is on (a shorter flash) or that is exposed twice, and see that it lies in the measurement "
-                "plane",
-                f.edge_width, algo::kMaxEdgeWidth);
+                "plane{}",
+                f.edge_width, algo::kMaxEdgeWidth,
+                recipe.form == algo::PartForm::plate
+                    ? "; the bevels of a good plate that bend light can look alike: learn a reference (hordctl learn), "
+                      "with which this is not asked"
+                    : "");
         default:
             return fmt::format(
                 "a row or column of lenslets shows free light in {} % of what lies beside the part (at least "

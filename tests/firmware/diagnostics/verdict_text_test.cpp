@@ -493,6 +493,9 @@ TEST(VerdictText, of_a_plate_or_a_tube_that_is_not_found_names_the_cures_of_its_
     EXPECT_NE(explain(unfit(Reason::no_part, {.fault = FrameFault::lopsided}), recipe, extents)
                   .find("as if a corner or a piece of its edge were missing, or an edge were not seen"),
               std::string::npos);
+    EXPECT_NE(explain(unfit(Reason::unexpected_light, {.fault = FrameFault::blurred_edge}), recipe, extents)
+                  .find("the bevels of a good plate that bend light can look alike: learn a reference (hordctl learn)"),
+              std::string::npos);
     EXPECT_NE(explain(unfit(Reason::no_part, {.fault = FrameFault::cut_by_field}), recipe, extents)
                   .find("show the whole plate; of one that is larger than the field in every frame set [part] outline "
                         "= \"any\""),
