@@ -9,6 +9,7 @@
 #include <map>
 #include <set>
 #include <sstream>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -20,6 +21,7 @@
 
 #include "common/cli/help_text.h"
 #include "common/cli/message.h"
+#include "common/cli/output.h"
 #include "common/dangling_link.h"
 #include "common/file_kind.h"
 #include "common/nearest_name.h"
@@ -113,16 +115,6 @@ CLI::Validator positive() {
             return number > 0 ? std::string() : text + " is not above 0";
         },
         "POSITIVE");
-}
-
-int end_output(int status) {
-    static bool told = false;
-    const bool lost = std::ferror(stdout) != 0;
-    if (told || (std::fflush(stdout) == 0 && !lost)) return status;
-    told = true;
-    const std::string why = lost ? "" : std::string(" (") + std::strerror(errno) + ")";
-    return static_cast<int>(
-        complain({ErrorCode::io, "the output could not be written" + why, "see that its disk has space"}));
 }
 
 namespace {
@@ -319,7 +311,7 @@ std::optional<int> parse_command_line(CLI::App& program, int argc, char** argv) 
     } catch (const CLI::Success& asked) {  // --help, --version
         std::ostringstream text;
         const int status = program.exit(asked, text, text);
-        fmt::print("{}", wrapped(text.str(), terminal_columns(STDOUT_FILENO)));
+        print_output(wrapped(text.str(), terminal_columns(STDOUT_FILENO)));
         return end_output(status);
     } catch (const CLI::ParseError& error) {
         const auto [command, command_name] = deepest_command(program);
@@ -327,7 +319,10 @@ std::optional<int> parse_command_line(CLI::App& program, int argc, char** argv) 
         print_message("{}: {}{} {} --help\n", name, what, what.ends_with('?') ? " See" : ": see", command_name);
         return static_cast<int>(Exit::bad_input);
     } catch (const std::exception& error) {
-        if (std::ferror(stdout) != 0) return end_output(0);
+        if (std::ferror(stdout) != 0) {
+            if (const auto* why = dynamic_cast<const std::system_error*>(&error)) note_lost_output(why->code().value());
+            return end_output(0);
+        }
         print_message("{}: stopped by an unexpected error: {}: please report it\n", name, error.what());
         return static_cast<int>(Exit::bad_input);
     }

@@ -74,9 +74,6 @@ CLI::Option* add_number(CLI::App& command, const std::string& name, Number& valu
 // Any number above 0, in place of CLI::PositiveNumber: that one prints its limits with 300 digits.
 CLI::Validator positive();
 
-// Writes what stdout still holds. Returns `status`, or bad_input with one line on stderr if it could not be written.
-int end_output(int status);
-
 // Parses the command line, which runs the command's callback. Returns the exit status if the program ends here: after
 // --help and --version, and with one line on stderr for wrong usage and unexpected exceptions (bad_input).
 std::optional<int> parse_command_line(CLI::App& program, int argc, char** argv);

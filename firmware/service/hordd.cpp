@@ -10,6 +10,7 @@
 #include <systemd/sd-daemon.h>
 
 #include "common/cli/message.h"
+#include "common/cli/output.h"
 #include "common/cli/program.h"
 #include "common/toml_fields.h"
 #include "firmware/config/path_check.h"
@@ -261,7 +262,7 @@ int main(int argc, char** argv) {
         "Example: hordd --config deploy/hordd.toml");
     if (const auto ended = parse_command_line(program, argc, argv)) return *ended;
     if (options.catalog) {
-        std::fputs(format_catalog().c_str(), stdout);
+        print_output(format_catalog());
         return end_output(0);
     }
     if (options.check) {

@@ -1,6 +1,5 @@
 // hordctl registers: the register map, printed from the table that the station serves.
-#include <fmt/format.h>
-
+#include "common/cli/output.h"
 #include "firmware/hordctl/commands.h"
 #include "firmware/registers/register_map.h"
 
@@ -13,7 +12,7 @@ void add_registers(CLI::App& program, Exit& /*status*/) {
         ->check(CLI::IsMember({"md", "csv", "json", "st", "telegraf"}))
         ->capture_default_str();
     command->footer("Example: hordctl registers --format csv > registers.csv");
-    command->callback([format] { fmt::print("{}", format_registers(*format)); });
+    command->callback([format] { print_output(format_registers(*format)); });
 }
 
 }  // namespace hord::firmware

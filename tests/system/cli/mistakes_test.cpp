@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <fstream>
 #include <sstream>
+#include <utility>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -22,11 +23,21 @@ TEST(Mistakes, output_that_does_not_reach_its_disk_is_an_error) {
     const char* const commands[] = {"hordctl registers", "hordctl registers --format json",
                                     "hordctl --help",    "hord-lab --version",
                                     "hordd --catalog",   check.c_str()};
+    // Of a pipe: nobody reads it any more, and its reader's end is no end of this program, as under a service manager.
+    const std::pair<std::string, std::string> places[] = {
+        {" >/dev/full", " (No space left on device): see that its disk has space\n"},
+        {" | sleep 0", " (Broken pipe): let its reader read to the end\n"},
+        {" >&-", " (Bad file descriptor): start it with a stdout that can be written: a file, a pipe or a terminal\n"}};
     for (const char* command : commands) {
-        const Said said = run("/bin/sh", {"-c", "\"$0\"/" + std::string(command) + " >/dev/full", HORD_BIN_DIR});
-        EXPECT_EQ(said.status, 2) << command << said.err;
-        EXPECT_THAT(said.err, HasSubstr("the output could not be written")) << command;
-        EXPECT_EQ(std::ranges::count(said.err, '\n'), 1) << command << ": told once\n" << said.err;
+        for (const auto& [place, why] : places) {
+            const Said said =
+                run("/bin/bash",
+                    {"-c", "set -o pipefail; trap '' PIPE; { sleep 0.2; \"$0\"/" + std::string(command) + "; }" + place,
+                     HORD_BIN_DIR});
+            EXPECT_EQ(said.status, 2) << command << place << said.err;
+            EXPECT_THAT(said.err, HasSubstr("the output could not be written" + why)) << command << place;
+            EXPECT_EQ(std::ranges::count(said.err, '\n'), 1) << command << place << ": told once\n" << said.err;
+        }
     }
 }
 
