@@ -2,14 +2,13 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <climits>
+#include <cstddef>
 #include <cstring>
 #include <utility>
 
 #include <fmt/format.h>
-#include <poll.h>
-#include <unistd.h>
 
+#include "common/cli/output.h"
 #include "firmware/diagnostics/verdict_text.h"
 #include "firmware/store/results/json_text.h"
 
@@ -36,13 +35,12 @@ store::Json part_json(const PartResult& result, const Backends::Fate& fate, cons
     return json;
 }
 
-tl::unexpected<Error> not_written(std::uint32_t part, const std::string& why, const std::string& cure) {
-    return fail(ErrorCode::io,
-                fmt::format("the line of part {} could not be written ({}): inspection goes on, and no further line is "
-                            "printed",
-                            part, why),
+tl::unexpected<Error> not_written(std::uint32_t first, const std::string& why, const char* then, const char* cure) {
+    return fail(ErrorCode::io, fmt::format("the lines from part {} on could not be written ({}){}", first, why, then),
                 cure);
 }
+
+constexpr const char* kGoesOn = ": inspection goes on, and no further line is printed";
 
 }  // namespace
 
@@ -68,38 +66,33 @@ Result<void> PartLines::print(const PartResult& result, const Backends::Fate& fa
     if (lost_) return {};
     if (waiting_.size() > kMaxWaiting) {
         lost_ = true;  // what waits is whole lines: the end may still bring them
-        return not_written(result.part, "its reader does not take it", "let the reader go on, or read the store");
+        return not_written(result.part, "its reader does not take them", kGoesOn,
+                           "let the reader go on, or read the store");
     }
     waiting_ += store::to_text(part_json(result, fate, sentence)) + "\n";
-    return write(result.part, 0);
+    waiting_parts_.push_back(result.part);
+    return write(0, kGoesOn);
 }
 
 Result<void> PartLines::finish(int patience_ms) {
-    if (auto done = write(0, patience_ms); !done) return done;
+    if (auto done = write(patience_ms, ""); !done) return done;
     if (waiting_.empty() || std::exchange(lost_, true)) return {};
-    return fail(ErrorCode::io, "the last lines could not be written: their reader does not take them",
-                "let the reader go on, or read the store");
+    return not_written(waiting_parts_.front(), "their reader does not take them", "",
+                       "let the reader go on, or read the store");
 }
 
-// A pipe that can be written takes so many bytes without waiting (PIPE_BUF); a file or a terminal does anyway.
-Result<void> PartLines::write(std::uint32_t part, int patience_ms) {
-    std::size_t done = 0;
-    int why = 0;
-    while (why == 0 && done < waiting_.size()) {
-        pollfd ready{STDOUT_FILENO, POLLOUT, 0};
-        if (::poll(&ready, 1, patience_ms) == 0) break;
-        const ssize_t count =
-            ::write(STDOUT_FILENO, waiting_.data() + done, std::min<std::size_t>(waiting_.size() - done, PIPE_BUF));
-        if (count >= 0) done += static_cast<std::size_t>(count);
-        else if (errno != EINTR && errno != EAGAIN) why = errno;
-    }
-    waiting_.erase(0, done);
-    if (why == 0) return {};
+Result<void> PartLines::write(int patience_ms, const char* then) {
+    const Written written = write_output(waiting_, patience_ms);
+    for (auto ended = std::count(waiting_.begin(), waiting_.begin() + static_cast<std::ptrdiff_t>(written.bytes), '\n');
+         ended > 0; --ended)
+        waiting_parts_.pop_front();
+    waiting_.erase(0, written.bytes);
+    if (written.reason == 0) return {};
     waiting_.clear();
     if (std::exchange(lost_, true)) return {};
-    return not_written(part, std::strerror(why),
-                       why == EPIPE ? "start its reader and this run again, or read the store"
-                                    : "see that its disk has space, or read the store");
+    return not_written(waiting_parts_.front(), std::strerror(written.reason), then,
+                       written.reason == EPIPE ? "start its reader and this run again, or read the store"
+                                               : "see that its disk has space, or read the store");
 }
 
 }  // namespace hord::firmware

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "common/cli/message.h"
+#include "common/cli/output.h"
 #include "common/cli/progress.h"
 #include "firmware/core/faults.h"
 #include "firmware/hordctl/commands.h"
@@ -250,17 +251,30 @@ class Run {
         });
     }
 
+    // The reader of the report may take nothing: the station has ended before.
     Exit finish() {
+        std::string report;
+        const Exit end = close(report);
+        if (options_.json) {
+            write_message(report);
+            return end;
+        }
+        const Written written = write_output(report, kWaitsForReader);
+        if (written.bytes == report.size()) return end;
+        return complain(written.reason != 0
+                            ? lost_output(written.reason)
+                            : Error{ErrorCode::io, "the report could not be written: its reader does not take it",
+                                    "let the reader go on, or read the store"});
+    }
+
+    Exit close(std::string& report) {
         if (!ending_) last_snapshot_ = service_->snapshot();
         const bool waited = ending_ || service_->loop().now() - begun_ >= milliseconds(1000) * kWaitsForDevice;
         settle_the_rest();
         if (const auto printed = lines_.finish(kWaitsForReader); !printed) say(printed.error().message());
         progress_.reset();
         const Duration elapsed = last_seen_.time_since_epoch() - first_arrival_.value_or(Duration::zero());
-        const auto print = [to_stderr = options_.json](const std::string& text) {
-            if (to_stderr) write_message(text);
-            else std::fputs(text.c_str(), stdout);  // does not throw: what is lost must still be told
-        };
+        const auto print = [&report](const std::string& text) { report += text; };
         print(fmt::format("\n{}", report_.parts() > 0 ? report_.text(elapsed) : std::string("no part came\n")));
         if (options_.reset_after_s > 0) print(fmt::format("the line was stopped and reset {} times\n", resets_));
         if (!options_.vitals.empty()) {
@@ -296,7 +310,7 @@ class Run {
     }
 
     static constexpr int kWaitsForReset = 5, kWaitsForDevice = 10;  // seconds
-    static constexpr int kWaitsForReader = 2000;                    // ms, of --json, at the end
+    static constexpr int kWaitsForReader = 2000;                    // ms, of --json and of the report, at the end
 
     const RunOptions& options_;
     std::unique_ptr<Service> service_;

@@ -78,8 +78,30 @@ TEST_F(RunFrames, goes_on_when_the_reader_of_its_lines_takes_nothing) {
                            std::string(HORD_BIN_DIR) + "/hordctl run --rate 2 --json --config " + (folder / "c.toml") +
                                " >" + unread.path()});
     EXPECT_EQ(said.status, 2) << said.err;
-    EXPECT_THAT(said.err, HasSubstr("the last lines could not be written: their reader does not take them"));
+    EXPECT_THAT(said.err, HasSubstr("the lines from part 1 on could not be written (their reader does not take them)"));
     EXPECT_THAT(said.err, HasSubstr("seen " + std::to_string(kFrames) + " "));
+}
+
+// The pipe is full from the first line on, and its reader ends while the station runs or waits for it.
+TEST_F(RunFrames, names_the_first_part_whose_line_waits_when_the_reader_ends) {
+    const Said said = run("/bin/bash",
+                          {"-c",
+                           "{ head -c 65536 /dev/zero; " + std::string(HORD_BIN_DIR) +
+                               "/hordctl run --rate 2 --json --config " + (folder / "c.toml") + "; } > >(sleep 4)"});
+    EXPECT_EQ(said.status, 2) << said.err;
+    EXPECT_THAT(said.err, HasSubstr("the lines from part 1 on could not be written ("));
+    EXPECT_THAT(said.err, HasSubstr("seen " + std::to_string(kFrames) + " "));
+}
+
+// Results are stored and devices closed before the report is written, and that waits 2 s.
+TEST_F(RunFrames, ends_when_the_reader_of_its_report_takes_nothing) {
+    const FullPipe unread;
+    const Said said = run(
+        "/bin/bash",
+        {"-c",
+         std::string(HORD_BIN_DIR) + "/hordctl run --rate 2 --config " + (folder / "c.toml") + " >" + unread.path()});
+    EXPECT_EQ(said.status, 2) << said.err;
+    EXPECT_THAT(said.err, HasSubstr("the report could not be written: its reader does not take it"));
 }
 
 // The station's own thread writes messages: it must time the line, answer the registers and end all the same.
