@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include <fmt/format.h>
+
 namespace hord::drivers {
 
 namespace fs = std::filesystem;
@@ -38,10 +40,13 @@ Result<Frame> RecordedSeries::read(const fs::path& file) {
 }
 
 Error all_of(const std::vector<Error>& problems) {
-    Error all{problems.front().code, {}, problems.back().cure};
-    for (std::size_t k = 0; k < problems.size(); ++k) {
+    const std::size_t told = std::min(problems.size(), kMaxFramesTold);
+    Error all{problems.front().code, {}, problems[told - 1].cure};
+    if (told < problems.size())
+        all.what = fmt::format("{} frames cannot be played; the first {}:\n", problems.size(), told);
+    for (std::size_t k = 0; k < told; ++k) {
         const Error& problem = problems[k];
-        const bool is_last = k + 1 == problems.size();
+        const bool is_last = k + 1 == told;
         const bool says_cure = !is_last && problems[k + 1].cure != problem.cure;
         all.what += (says_cure ? problem.message() : problem.what) + (is_last ? "" : "\n");
     }

@@ -44,8 +44,9 @@ class RecordedSeries {
     std::optional<Noted> noted_;
 };
 
-// The problems of several files, one a line. Neighbours with one cure share it: it is said after the last of them.
-// Precondition: there is one.
+// The problems of several files, one a line: of more than kMaxFramesTold how many they are, and the first. Neighbours
+// with one cure share it: it is said after the last of them. Precondition: there is one.
+inline constexpr std::size_t kMaxFramesTold = 10;
 Error all_of(const std::vector<Error>& problems);
 
 class RecordedFrames final : public hal::Sensor {

@@ -94,6 +94,14 @@ TEST_F(RefusedStart, on_any_recorded_frame_that_cannot_be_played) {
                   HasSubstr(of("g.png") + " is not a file that can be read")));
 }
 
+TEST_F(RefusedStart, on_many_frames_names_the_first_and_how_many_they_are) {
+    std::filesystem::create_directories(folder / "frames");
+    for (int k = 100; k < 130; ++k) std::ofstream(folder / ("frames/" + std::to_string(k) + ".png")) << "no picture";
+    configure("[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n");
+    refused(AllOf(HasSubstr("sensor.folder: 30 frames cannot be played; the first 10:\n"), HasSubstr("109.png"),
+                  Not(HasSubstr("110.png"))));
+}
+
 TEST_F(RefusedStart, on_frames_of_another_size_or_depth_than_the_configuration_names) {
     std::filesystem::create_directories(folder / "frames");
     EXPECT_TRUE(drivers::write_frame(folder / "frames/a.png", Frame(45, 54, 12).view()));
