@@ -139,7 +139,9 @@ void read_sensor(TomlTable sensor, SensorConfig& value, const std::filesystem::p
     sensor.integer("bits", video.bits, 8, 16);
     sensor.integer("buffers", video.buffers, drivers::CameraSensor::kMinBuffers, drivers::CameraSensor::kMaxBuffers);
     if (video.bits != 8 && video.bits != 10 && video.bits != 12 && video.bits != 16) {
-        sensor.problem("bits", "is no depth that a video device has", "use 8, 10, 12 or 16");
+        sensor.problem("bits", "is no depth that the station reads",
+                       "use 8, 10, 12 or 16, and set the camera to it (one of 14 bits to 12, or to 16; if its largest "
+                       "value is then 16383, set saturated_dn in the recipe's [light] to that)");
     }
     for (TomlTable& control : sensor.tables("control")) {
         auto& [name, setting] = video.controls.emplace_back();

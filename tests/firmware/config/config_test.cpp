@@ -93,6 +93,8 @@ tracking = "time"
                              "part_sensor.chip: is missing", "debounce_us: ends after the exposure has begun"}) {
         EXPECT_THAT(all, HasSubstr(what));
     }
+    EXPECT_THAT(problems_of("[sensor]\nbackend = \"v4l2\"\nbits = 14\n"),
+                HasSubstr("sensor.bits: is no depth that the station reads: use 8, 10, 12 or 16, and set the camera"));
     EXPECT_THAT(problems_of("[strobe]\nbackend = \"gpio\"\n"), HasSubstr("describe every collimator"));
     EXPECT_THAT(problems_of("[strobe]\nmax_duty = 0.005\n"),
                 HasSubstr("is exceeded by parts that follow at line.min_gap_ms"));
