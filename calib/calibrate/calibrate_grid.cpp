@@ -13,12 +13,14 @@
 #include "calib/calibrate/cut_lenslets.h"
 #include "calib/calibrate/diagonal_blur.h"
 #include "calib/calibrate/fall_off.h"
+#include "calib/calibrate/hexagonal_exposures.h"
 #include "calib/calibrate/lenslet_chain.h"
 #include "calib/calibrate/lenslet_shape.h"
 #include "calib/calibrate/missing_neighbours.h"
 #include "calib/calibrate/neighbour_statistics.h"
 #include "calib/calibrate/pattern_shape.h"
 #include "calib/calibrate/white_frame_checks.h"
+#include "calib/lattice/centre_weights.h"
 #include "calib/lattice/lenslet_coverage.h"
 #include "common/statistics.h"
 
@@ -81,23 +83,28 @@ std::vector<PixelPoint> near_seed(const Lattice& lattice, const LensletGrid& ste
     return places;
 }
 
-// How far the lenslets near the seed have corners that lie between the neighbours, as square lenslets of a square
-// lattice and hexagonal ones of a hexagonal lattice have: the part of their light with four or six lobes
-// (CentreFinder::lobes). 0 for round ones, below 0 for crosses and stars towards the neighbours.
+// How far the lenslets near the seed have corners: the part of their light with lobes (CentreFinder::lobes), four of a
+// square lattice and six of a hexagonal one that lie between the neighbours. Square lenslets on a hexagonal lattice
+// have four lobes, whichever way their sides lie; 0 for round ones, below 0 for crosses and stars towards the
+// neighbours.
 double corners_of(const CentreFinder& finder, const Lattice& lattice, std::span<const PixelPoint> places) {
-    const int count = lattice.kind == algo::LatticeKind::square ? 4 : 6;
+    const bool square = lattice.kind == algo::LatticeKind::square;
+    const int count = square ? 4 : 6;
+    const bool filled = finder.weights().plateau;  // spots have no straight edges
     const PixelPoint to_neighbour = lattice.stagger == algo::Stagger::columns ? lattice.step_v : lattice.step_u;
-    std::complex<double> sum;
+    std::complex<double> sum, four;
     int measured = 0;
     for (const PixelPoint& place : places) {
         const auto spot = finder.measure(place, 0.3 * lattice.pitch_px());
         const auto lobes = spot ? finder.lobes(spot->centre_px, count) : std::nullopt;
         if (!lobes) continue;
         sum += *lobes;
+        if (!square && filled) four += finder.lobes(spot->centre_px, 4).value_or(0.0);
         if (++measured == kForShape) break;
     }
     if (measured == 0) return 0;
-    return -(sum * std::polar(1.0, -count * std::atan2(to_neighbour.y_px, to_neighbour.x_px))).real() / measured;
+    const double between = -(sum * std::polar(1.0, -count * std::atan2(to_neighbour.y_px, to_neighbour.x_px))).real();
+    return (square ? between : std::max(between, std::abs(four))) / measured;
 }
 
 // What is left of the shift that straight edges cause: it depends on where between the pixels a centre lies. Learned
@@ -348,17 +355,19 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     auto profile = CentreFinder::learn(*image, places, pitch);
     if (!profile) return tl::unexpected(profile.error());
     const double corners = corners_of(*profile, *lattice, places);
+    std::optional<WhiteImage> smoothed;
     if (corners > kMaxCorners) {
-        *image = image->smoothed(kSmooth);
-        profile = CentreFinder::learn(*image, places, pitch);
+        smoothed = image->smoothed(kSmooth);
+        profile = CentreFinder::learn(*smoothed, places, pitch);
         if (!profile) return tl::unexpected(profile.error());
     }
+    const WhiteImage& light = smoothed ? *smoothed : *image;
     LocalFinders finders(std::move(*profile));
-    auto measured = measure_grid(*image, *lattice, finders, corners > kMaxCorners);
+    auto measured = measure_grid(light, *lattice, finders, corners > kMaxCorners);
     if (!measured) return tl::unexpected(measured.error());
     GridCalibration out = std::move(*measured);
     report(0.7);
-    measure_against_fall_off(*image, places, corners > kMaxCorners, finders, out);
+    measure_against_fall_off(light, places, corners > kMaxCorners, finders, out);
     const CentreFinder& finder = finders.middle();
     const double pitches = std::max(out.fit.cv_x_rms_px, out.fit.cv_y_rms_px) / pitch;
     if (!(pitches < kMaxError)) {
@@ -383,15 +392,19 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     out.light_roughness = light_roughness(out.fit.grid, out.observations);
     out.light_following = light_following(out.fit.grid, out.observations);
     out.smooth_residuals = smooth_residuals(out.fit.grid, out.observations);
-    out.cut = cut_lenslets(*image, out.fit.grid, out.observations, finder,
+    out.cut = cut_lenslets(light, out.fit.grid, out.observations, finder,
                            [&](const Observation& seen) -> const CentreFinder& {
                                return finder_for(finders, out.fit.grid, pitch, seen.m, seen.n);
                            });
     out.one_sided = one_sided(finder, out.observations);
     out.edge_blur = edge_blur(finder, *lattice, out.observations);
     if (const auto lobes = four_lobes(finder, out.observations)) {
-        out.diagonal_blur = diagonal_blur(*image, out.fit.grid, out.observations, *lobes,
-                                          corners > kMaxCorners ? kSmooth * kSmooth : 0.0);
+        out.diagonal_blur =
+            diagonal_blur(light, out.fit.grid, out.observations, *lobes, smoothed ? kSmooth * kSmooth : 0.0);
+        if (lattice->kind == algo::LatticeKind::hexagonal) {
+            if (const auto blur = hexagonal_exposures(*image, out.fit.grid, out.observations, *lobes))
+                out.edge_blur = *blur;
+        }
     }
     out.row_shift = rows;
     if (auto fine = check_white_frame(*image, out); !fine) return tl::unexpected(fine.error());

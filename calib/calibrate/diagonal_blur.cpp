@@ -9,6 +9,7 @@
 
 #include <Eigen/Dense>
 
+#include "calib/calibrate/cell_light.h"
 #include "common/statistics.h"
 
 namespace hord::calib {
@@ -18,7 +19,7 @@ using algo::LensletGrid;
 using algo::PixelPoint;
 
 constexpr std::size_t kLenslets = 300, kMinLenslets = 8;
-constexpr int kSide = 24;             // places along each step of the lattice, over one step
+constexpr int kSide = kCells;
 constexpr double kMinEdgePx2 = 0.36;  // sharper edges count as these, as for round lenslets
 // Of the corner's shape, by power: the part that neither a shear nor a turn of the lenslets has. Derivatives by
 // differences over a twelfth of a step are right to 3 % of edges a tenth of a step wide: ten times the power of that.
@@ -27,28 +28,7 @@ constexpr double kMinApart = 0.01;
 // order only.
 constexpr double kMinAlong = 0.8;
 
-// Row by v, column by u: steps from the lenslet's centre, in the middle of cells.
-using Light = Eigen::Array<double, kSide, kSide>;
-
-double place_of(Eigen::Index k) { return (static_cast<double>(k) + 0.5) / kSide - 0.5; }
-
-// The light about a lenslet, in steps along its lattice; none where that leaves the frame.
-std::optional<Light> light_about(const WhiteImage& image, PixelPoint centre, const LensletGrid::Steps& steps) {
-    Light out;
-    for (Eigen::Index row = 0; row < kSide; ++row) {
-        for (Eigen::Index column = 0; column < kSide; ++column) {
-            const double u = place_of(column), v = place_of(row);
-            const double x = centre.x_px + u * steps.along_u.x_px + v * steps.along_v.x_px;
-            const double y = centre.y_px + u * steps.along_u.y_px + v * steps.along_v.y_px;
-            const int left = static_cast<int>(std::floor(x)), top = static_cast<int>(std::floor(y));
-            if (left < 0 || top < 0 || left + 1 >= image.width_px() || top + 1 >= image.height_px()) return {};
-            const double right = x - left, below = y - top;
-            out(row, column) = (image.at(left, top) * (1 - right) + image.at(left + 1, top) * right) * (1 - below) +
-                (image.at(left, top + 1) * (1 - right) + image.at(left + 1, top + 1) * right) * below;
-        }
-    }
-    return out;
-}
+using Light = CellLight;
 
 // The part that changes its sign in a mirror along a step, and that which does not; both are even under a half turn.
 Light odd_part(const Light& of) {

@@ -396,6 +396,31 @@ TEST(NotSilentlyWrong, square_lenslets_with_sharp_edges_are_where_the_grid_says)
     }
 }
 
+// Straight edges along the pixels move centres by where they lie between the pixels: neighbours together.
+TEST(NotSilentlyWrong, squares_on_a_hexagonal_lattice_with_sharp_edges_are_not_warned_of) {
+    for (const double pitch : {9.08, 10.22, 12.18, 14.07, 20.5}) {
+        SCOPED_TRACE(::testing::Message() << pitch << " px");
+        const White white{.width_px = static_cast<int>(26 * pitch),
+                          .height_px = static_cast<int>(24 * pitch),
+                          .hexagonal = true,
+                          .pitch_px = pitch,
+                          .shear = -0.005,
+                          .disc_radius_px = 0.36 * pitch,
+                          .edge_px = 1,
+                          .square = true,
+                          .subpixels = 5,
+                          .peak_dn = 3200,
+                          .background_dn = 40,
+                          .electrons_per_dn = 4,
+                          .bits = 12};
+        const auto drawn = test::draw(white);
+        const auto calibration = calibrate_grid(drawn.frame.view());
+        ASSERT_TRUE(calibration) << calibration.error().message();
+        EXPECT_THAT(calibration->warnings, IsEmpty());
+        EXPECT_LT(test::compare(drawn, *calibration, pitch).rms_px, 0.02);
+    }
+}
+
 // The gaps between dark dots lie on a lattice, too.
 TEST(NotSilentlyWrong, dark_dots_on_a_bright_ground_are_refused) {
     for (const bool hexagonal : {false, true}) {

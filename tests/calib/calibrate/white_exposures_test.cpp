@@ -150,6 +150,33 @@ TEST(WhiteExposures, squares_on_a_hexagonal_lattice_are_not_exposed_twice) {
     }
 }
 
+// Their neighbours are nearer across the rows than along them, and the light there looks like a blurred edge.
+TEST(WhiteExposures, lenslets_on_a_hexagonal_lattice_that_lie_apart_across_the_rows_are_warned_of) {
+    struct Case {
+        double pitch, rotation, radius, edge, apart;
+        bool square;
+    };
+    for (const Case& of :
+         {Case{18, 0, 0.4, 1.6, 3.4, false}, Case{20.5, 7, 0.38, 1.6, 4.5, false}, Case{12, 0, 0.36, 1.0, 2.0, true},
+          Case{14.3, 2, 0.4, 2.0, 2.2, true}, Case{20.0, 15, 0.35, 1.0, 5.0, true}}) {
+        SCOPED_TRACE(::testing::Message() << of.pitch << " px, apart " << of.apart);
+        const White white{.width_px = static_cast<int>(24 * of.pitch),
+                          .height_px = static_cast<int>(22 * of.pitch),
+                          .hexagonal = true,
+                          .pitch_px = of.pitch,
+                          .rotation_deg = of.rotation,
+                          .disc_radius_px = of.radius * of.pitch,
+                          .edge_px = of.edge,
+                          .square = of.square,
+                          .subpixels = 3};
+        EXPECT_THAT(warnings(test::draw(white).frame), IsEmpty());
+        const double across = (90 + of.rotation) * std::numbers::pi / 180;
+        const Frame twice = mixed(white, of.apart * std::cos(across), of.apart * std::sin(across),
+                                  [](int, std::uint32_t a, std::uint32_t b) { return (a + b) / 2; });
+        EXPECT_THAT(warnings(twice), Contains(HasSubstr("two exposures that lie")));
+    }
+}
+
 // Each edge of a square that moves along the lattice's diagonal is blurred alike. Its corners are not.
 TEST(WhiteExposures, squares_that_are_exposed_twice_along_the_diagonal_are_warned_of) {
     for (const bool hexagonal : {false, true}) {
