@@ -210,36 +210,32 @@ bool has_zone_outside(const Recipe& recipe) {
     });
 }
 
-}  // namespace
-
-std::vector<std::string> notes(const Recipe& recipe) {
-    std::vector<std::string> messages;
-    const bool alone = recipe.reference == nullptr;
-    if (recipe.form == PartForm::tube && alone)
+// What single frames of a form cannot show.
+void note_form_alone(const Recipe& recipe, std::vector<std::string>& messages) {
+    if (recipe.form == PartForm::tube)
         messages.emplace_back(
             "the flanks and ends of a tube are not judged without a reference, holes and cracks in its wall can "
             "pass, and so can slopes that are alike along its whole length and on both sides of its axis; good "
             "tubes whose walls hardly bend light, or with few lenslets across, can be unfit or rejected: learn "
             "one with `hordctl learn`");
-    if (recipe.form == PartForm::plate && recipe.part_required && alone)
+    if (recipe.form == PartForm::plate && recipe.part_required)
         messages.emplace_back(
             "a plate is found by its edges and by the light that its faces reflect: one whose edges neither darken nor "
             "deflect light, or whose faces are coated against reflections, is unfit (no-part); learn a reference of it "
             "(hordctl learn), or write [part] present = \"unchecked\"; without one small holes and thin cracks "
             "(three lenslets across or less in clear glass), and corners and notches of two lenslets at its edge, "
             "can pass; of one that reaches from border to border only what is in the field is judged");
-    if (recipe.form == PartForm::web && alone && recipe.light && recipe.transmission_limit > 0)
+    if (recipe.form == PartForm::web && recipe.light && recipe.transmission_limit > 0)
         messages.emplace_back(
             "a hole in a film that takes less than 3 % of the light, as one that is coated against reflections, shows "
             "the same light as the film and passes, and dense rows of holes in clear film, and a film of which a "
             "corner is left in the field, can pass: learn a reference with `hordctl learn`");
-    if (recipe.form == PartForm::round && recipe.symmetric_outline && alone && recipe.light &&
-        recipe.transmission_limit > 0)
+    if (recipe.form == PartForm::round && recipe.symmetric_outline && recipe.light && recipe.transmission_limit > 0)
         messages.emplace_back(
             "a round part is compared with itself: small holes and cracks in it, and notches at its rim, can pass, and "
             "so can one that is bad all over in the same way (haze, another curvature): learn a reference with "
             "`hordctl learn`");
-    if (!recipe.symmetric_outline && alone && recipe.form != PartForm::web)
+    if (!recipe.symmetric_outline && recipe.form != PartForm::web)
         messages.emplace_back(
             recipe.form == PartForm::tube
                 ? "[part] outline = \"any\" takes a tube of which the field shows one end for a whole one, so that "
@@ -248,48 +244,57 @@ std::vector<std::string> notes(const Recipe& recipe) {
                   "learn`"
                 : "[part] outline = \"any\" takes a broken part for one of another shape, so that missing corners, "
                   "notches and halves can pass: learn a reference with `hordctl learn`");
+}
+
+// Keys of [reference] that change nothing without a reference.
+void note_scores_alone(const Recipe& recipe, std::vector<std::string>& messages) {
     const Recipe usual;
     const bool has_scores = recipe.reject_score != usual.reject_score || recipe.grow_score != usual.grow_score ||
         recipe.cluster_score != usual.cluster_score || recipe.pooled_score != usual.pooled_score;
-    if (!alone && recipe.pooled_score > 0 && recipe.reference->pooled_scales.empty())
-        messages.emplace_back(
-            "the reference was learned by a program that did not measure what several lenslets show "
-            "together, so that pooled_score changes nothing: haze, striae and faint scratches can pass; learn "
-            "it again (hordctl learn)");
-    if (alone && (has_scores || recipe.lacks_reference_file))
+    if (has_scores || recipe.lacks_reference_file)
         messages.push_back(
             std::string(has_scores ? "the scores of [reference] change nothing" : "[reference] changes nothing") +
             ", because it names no file: parts are compared with themselves, by [limits]; learn a "
             "reference with `hordctl learn`");
+}
+
+// Defects that the features and their limits do not see.
+void note_features_alone(const Recipe& recipe, std::vector<std::string>& messages) {
     const bool any_gradient = (recipe.gradient == Feature::emd && recipe.emd_limit_bins < kLargestEmdGradient) ||
         (recipe.gradient && recipe.gradient != Feature::emd) ||
         (recipe.slopes && recipe.frobenius_limit_bins < kLargestJacobian);
-    if (alone && (!recipe.light || recipe.transmission_limit <= 0))
+    if (!recipe.light || recipe.transmission_limit <= 0)
         messages.emplace_back(
             any_gradient ? "missing light is not judged, nor light that is too bright, and dark lenslets have no "
                            "gradient, so that specks, cuts, bubbles, holes and notches can pass: name transmission in "
                            "features, with a limit above 0"
                          : "no defect can reach these limits, so every part passes: lower emd_bins "
                            "below 28 or frobenius_bins below 14, or set transmission above 0");
-    if (alone && (any_gradient || (recipe.light && recipe.transmission_limit > 0))) note_blind_limits(recipe, messages);
-    if (alone && !recipe.gradient && !recipe.slopes && recipe.light && recipe.transmission_limit > 0)
+    if (any_gradient || (recipe.light && recipe.transmission_limit > 0)) note_blind_limits(recipe, messages);
+    if (!recipe.gradient && !recipe.slopes && recipe.light && recipe.transmission_limit > 0)
         messages.emplace_back(
             "nothing but light is judged: scratches, dimples, striae and bubbles that bend light and take none pass; "
             "name emd and jacobian-frobenius in features, with limits in reach");
-    if (!alone && recipe.reject_score > kLargeScore)
+}
+
+void note_reference(const Recipe& recipe, std::vector<std::string>& messages) {
+    if (recipe.pooled_score > 0 && recipe.reference->pooled_scales.empty())
+        messages.emplace_back(
+            "the reference was learned by a program that did not measure what several lenslets show "
+            "together, so that pooled_score changes nothing: haze, striae and faint scratches can pass; learn "
+            "it again (hordctl learn)");
+    if (recipe.reject_score > kLargeScore)
         messages.push_back("reject_score " + std::to_string(std::lround(recipe.reject_score)) +
                            " is reached by hardly any defect: a lenslet without light has 100 at 5000 electrons; lower "
                            "it (the default is 6)");
-    if (!alone && recipe.cluster_score > kLargeClusterScore)
+    if (recipe.cluster_score > kLargeClusterScore)
         messages.push_back("cluster_score " + std::to_string(std::lround(recipe.cluster_score)) +
                            " is reached by hardly any region: a hundred lenslets without light have 1000 at 5000 "
                            "electrons; lower it (the default is 9)");
-    note_light_levels(recipe, messages);
-    constexpr std::uint32_t kSumOf9x9 = 81 * 255;
-    if (recipe.min_sum_dn > kSumOf9x9)
-        messages.push_back("min_sum_dn " + std::to_string(recipe.min_sum_dn) +
-                           " is more than 9x9 bins of 8 bits can hold, " + std::to_string(kSumOf9x9) +
-                           ": such frames are refused");
+}
+
+// What is too small or too near to the rim to be judged.
+void note_area_and_rim(const Recipe& recipe, std::vector<std::string>& messages) {
     if (recipe.min_area > kLargeMinArea)
         messages.push_back("defects of fewer than " + std::to_string(recipe.min_area) +
                            " lenslets pass (min_area), and all of them where the part has fewer: a dark spot " +
@@ -303,6 +308,26 @@ std::vector<std::string> notes(const Recipe& recipe) {
                            " lenslets across or less, or of such a part, " + left_of(61) +
                            " lenslets across of 61 and " + left_of(111) + " of 111: the default is 2 at 111, 4 at 555");
     }
+}
+
+}  // namespace
+
+std::vector<std::string> notes(const Recipe& recipe) {
+    std::vector<std::string> messages;
+    if (recipe.reference) {
+        note_reference(recipe, messages);
+    } else {
+        note_form_alone(recipe, messages);
+        note_scores_alone(recipe, messages);
+        note_features_alone(recipe, messages);
+    }
+    note_light_levels(recipe, messages);
+    constexpr std::uint32_t kSumOf9x9 = 81 * 255;
+    if (recipe.min_sum_dn > kSumOf9x9)
+        messages.push_back("min_sum_dn " + std::to_string(recipe.min_sum_dn) +
+                           " is more than 9x9 bins of 8 bits can hold, " + std::to_string(kSumOf9x9) +
+                           ": such frames are refused");
+    note_area_and_rim(recipe, messages);
     if (const int side = side_without_judged(recipe); side > 0)
         messages.push_back("the zones leave nothing of a field of " + std::to_string(side) + "x" +
                            std::to_string(side) + " lenslets to judge: make the ignore zones smaller");
