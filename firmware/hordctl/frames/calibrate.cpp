@@ -151,6 +151,31 @@ Result<void> may_replace(const std::string& out, const calib::GridFile& fresh) {
     return {};
 }
 
+void print_found(const calib::GridCalibration& found, const std::optional<calib::DirectionFit>& directions) {
+    const calib::GridFit& fit = found.fit;
+    fmt::print("{} lattice, {} x {} lenslets, pitch {:.4f} px, rotation {:.4f} degrees\n", name_of(fit.grid.kind),
+               fit.grid.columns, fit.grid.rows, found.pitch_px, found.rotation_rad * 180 / std::numbers::pi);
+    fmt::print("model: {} ({})\n", name_of(fit.grid.model), fit.reason);
+    fmt::print(
+        "lenslets: {} complete, {} found, {} missing, {} displaced with places of their own, {} rejected ({} for "
+        "the shape of their light: dust), {} saturated\n",
+        found.complete, found.found, found.missing, found.displaced, found.rejected, found.blemished, found.saturated);
+    fmt::print("light reaches {} of them whole: {} of these found, {} used\n", found.whole, found.whole_found,
+               found.whole_placed);
+    fmt::print("residual {:.4f} / {:.4f} px, cross-validated {:.4f} / {:.4f} px (x / y, rms)\n", fit.rms_x_px,
+               fit.rms_y_px, fit.cv_x_rms_px, fit.cv_y_rms_px);
+    if (directions) {
+        fmt::print("directions: {}\n", directions->reason);
+        fmt::print(
+            "scale {:.3f} +- {:.3f} px a radian, stage turned by {:.4f} +- {:.4f} degrees{}, undeflected light at "
+            "{:.3f}, {:.3f} px from the centres\n",
+            directions->scale_px_a_rad, directions->scale_sigma,
+            directions->stage_rotation_rad * 180 / std::numbers::pi,
+            directions->stage_rotation_sigma * 180 / std::numbers::pi, directions->mirrored ? " and mirrored" : "",
+            directions->map.zero_px.x_px, directions->map.zero_px.y_px);
+    }
+}
+
 Exit run_calibrate(const CalibrateArguments& arguments) {
     const std::string tilts =
         arguments.tilts.empty() ? "" : (std::filesystem::path(arguments.tilts) / "tilts.toml").string();
@@ -203,29 +228,7 @@ Exit run_calibrate(const CalibrateArguments& arguments) {
         fmt::print("{}\n", store::to_text(to_json(arguments, *found, directions)));
         return Exit::good;
     }
-    const calib::GridFit& fit = found->fit;
-    fmt::print("{} lattice, {} x {} lenslets, pitch {:.4f} px, rotation {:.4f} degrees\n", name_of(fit.grid.kind),
-               fit.grid.columns, fit.grid.rows, found->pitch_px, found->rotation_rad * 180 / std::numbers::pi);
-    fmt::print("model: {} ({})\n", name_of(fit.grid.model), fit.reason);
-    fmt::print(
-        "lenslets: {} complete, {} found, {} missing, {} displaced with places of their own, {} rejected ({} for "
-        "the shape of their light: dust), {} saturated\n",
-        found->complete, found->found, found->missing, found->displaced, found->rejected, found->blemished,
-        found->saturated);
-    fmt::print("light reaches {} of them whole: {} of these found, {} used\n", found->whole, found->whole_found,
-               found->whole_placed);
-    fmt::print("residual {:.4f} / {:.4f} px, cross-validated {:.4f} / {:.4f} px (x / y, rms)\n", fit.rms_x_px,
-               fit.rms_y_px, fit.cv_x_rms_px, fit.cv_y_rms_px);
-    if (directions) {
-        fmt::print("directions: {}\n", directions->reason);
-        fmt::print(
-            "scale {:.3f} +- {:.3f} px a radian, stage turned by {:.4f} +- {:.4f} degrees{}, undeflected light at "
-            "{:.3f}, {:.3f} px from the centres\n",
-            directions->scale_px_a_rad, directions->scale_sigma,
-            directions->stage_rotation_rad * 180 / std::numbers::pi,
-            directions->stage_rotation_sigma * 180 / std::numbers::pi, directions->mirrored ? " and mirrored" : "",
-            directions->map.zero_px.x_px, directions->map.zero_px.y_px);
-    }
+    print_found(*found, directions);
     fmt::print("{}\n", arguments.out);
     return Exit::good;
 }
