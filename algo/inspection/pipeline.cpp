@@ -414,8 +414,7 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
     if (result.reason == Reason::none && w.comparison) {
         result.registered = registered ? *registered : w.find_pose(w.mask);
         if (!result.registered.found())
-            result.reason =
-                result.registered.outcome == Registered::Outcome::no_part ? Reason::no_part : Reason::not_registered;
+            result.reason = result.registered.shows_no_part() ? Reason::no_part : Reason::not_registered;
         watch.lap(result.times.register_ns);
     }
     if (result.reason == Reason::none) {

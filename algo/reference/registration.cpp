@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "algo/frame/mask.h"
+#include "algo/reference/free_light.h"
 #include "algo/reference/map_reader.h"
 #include "common/statistics.h"
 
@@ -363,8 +364,20 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
     Problem of{reference, {deflections, sums, mask}, electrons_per_dn, parts};
     if (!begin(of)) return {};
     Registered result = find_pose(of);
-    if (!result.found() && is_empty(of)) result.outcome = Registered::Outcome::no_part;
+    if (!result.found()) {
+        if (is_empty(of)) result.outcome = Registered::Outcome::no_part;
+    } else if (shows_free_light(of, result.pose)) {
+        result.outcome = Registered::Outcome::free_light;
+    }
     return result;
+}
+
+// Of a reference without edges: any field fits it.
+bool Registrar::shows_free_light(const Problem& of, const Pose& pose) const {
+    const PoseMap map(pose, extents_);
+    const EdgeAgreement edges = compare_edges(extents_, of.reference, of.part, map, of.typical, of.light);
+    return !edges.tells(0) && !edges.tells(1) &&
+        is_rather_empty(extents_, of.reference, of.part, map, of.electrons_per_dn, of.parts);
 }
 
 // The reference has edges, and the part's maps show none.

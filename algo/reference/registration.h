@@ -43,7 +43,8 @@ struct Registered {
         other_edges,
         unsettled,
         other_size,
-        no_part,  // the reference has edges, the field shows none
+        no_part,     // the reference has edges, the field shows none
+        free_light,  // the reference has no edges, and the light is rather an empty field's (free_light.h)
     };
     Outcome outcome = Outcome::too_little;
     Pose pose;
@@ -57,6 +58,7 @@ struct Registered {
     // How far a part may lie along x and y, lenslets: kFarthestByEdges where the reference's edges of the light tell.
     std::array<double, 2> farthest{kFarthestLenslets, kFarthestLenslets};
     [[nodiscard]] bool found() const { return outcome == Outcome::found; }
+    [[nodiscard]] bool shows_no_part() const { return outcome == Outcome::no_part || outcome == Outcome::free_light; }
 };
 
 // One sentence for display.
@@ -84,6 +86,7 @@ class Registrar {
     Registered settle(const Problem& of, const Pose& start);
     Registered find_pose(const Problem& of);
     [[nodiscard]] bool is_empty(const Problem& of) const;
+    [[nodiscard]] bool shows_free_light(const Problem& of, const Pose& pose) const;
     void check(const Problem& of, bool afar, Registered& result) const;
     Registered settle_from_afar(const Problem& of);
 

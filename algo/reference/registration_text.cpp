@@ -24,6 +24,12 @@ const char* explain(Registered::Outcome outcome) {
         case Registered::Outcome::no_part:
             return "the field shows no edges, and the reference's parts have some: check that the part was there, the "
                    "trigger's delay, and that it is the reference's part";
+        case Registered::Outcome::free_light:
+            return "the light is nearer to an empty field's than to that of the reference's parts, in the whole field "
+                   "or "
+                   "a quarter of it: check that the part was there and whole, the trigger's delay, and that the light "
+                   "is "
+                   "as even as where the reference was learned";
         case Registered::Outcome::other_size:
             return "its opposite edges do not lie as far apart as those of the reference's parts: see whether it is "
                    "another part, or learn from good parts of its size, too";

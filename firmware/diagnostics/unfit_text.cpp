@@ -268,7 +268,7 @@ std::string why_unfit(const algo::Inspection& found, const algo::Recipe& recipe,
                 "current or the gain",
                 found.lenslets.saturated, found.lenslets.judged, 100 * recipe.max_saturated_share);
         case algo::Reason::no_part:
-            if (found.registered.outcome == algo::Registered::Outcome::no_part) return algo::explain(found.registered);
+            if (found.registered.shows_no_part()) return algo::explain(found.registered);
             return missing_part(found.frame, recipe.form,
                                 recipe.rim_margin < 0 ? algo::default_rim_margin(extents) : recipe.rim_margin);
         case algo::Reason::unexpected_light: return light_fault(found.frame, recipe, extents);

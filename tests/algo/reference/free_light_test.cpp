@@ -1,0 +1,85 @@
+// Is a frame's light rather an empty field's than that of a reference's part?
+#include "algo/reference/free_light.h"
+
+#include <cmath>
+#include <functional>
+#include <random>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "algo/frame/mask.h"
+
+namespace hord::algo {
+namespace {
+
+constexpr Extents kField{55, 51, 9, 9};
+constexpr std::uint32_t kParts = 20;
+constexpr double kElectrons = 4000;  // a lenslet of free light, in full light; a DN each
+constexpr int kSeeds = 40;
+
+// The light of a lenslet over the free light.
+using Light = std::function<double(int m, int n)>;
+double empty(int, int) { return 1; }
+double plate(int m, int n) { return m >= 10 && m < 44 && n >= 12 && n < 38 ? 0.92 : 1; }
+double half_plate(int m, int n) { return m < 27 ? plate(m, n) : 1; }
+double web(int, int) { return 0.92; }
+
+// Photon noise, and ripple of 1 % that is another in each part.
+double noisy(double share, double electrons, std::mt19937_64& random) {
+    const double mean = share * electrons;
+    return mean * (1 + 0.01 * std::normal_distribution()(random)) +
+        std::sqrt(mean) * std::normal_distribution()(random);
+}
+
+// How many of kSeeds frames of `frame` in `level` of the light are refused against a reference of kParts of `learned`.
+int refused(const Light& learned, const Light& frame, double level) {
+    int count = 0;
+    for (int seed = 0; seed < kSeeds; ++seed) {
+        std::mt19937_64 random(5400 + static_cast<std::uint64_t>(seed));
+        std::vector<float> light(kField.lenslets());
+        std::vector<std::uint32_t> sums(kField.lenslets());
+        const std::vector<std::uint8_t> mask(kField.lenslets(), kValid);
+        for (int n = 0; n < kField.n; ++n) {
+            for (int m = 0; m < kField.m; ++m) {
+                double sum = 0;
+                for (std::uint32_t part = 0; part < kParts; ++part) sum += noisy(learned(m, n), kElectrons, random);
+                light[kField.index(m, n)] = static_cast<float>(sum / kParts);
+                sums[kField.index(m, n)] =
+                    static_cast<std::uint32_t>(std::lround(noisy(frame(m, n), level * kElectrons, random)));
+            }
+        }
+        const ReferenceMaps reference{light, {}, {}, mask};
+        count += is_rather_empty(kField, reference, {{}, sums, mask}, PoseMap({0.3, -0.2, 0.002}, kField), 1, kParts);
+    }
+    return count;
+}
+
+TEST(FreeLight, of_a_clear_plate_is_told_in_any_light) {
+    for (const double level : {1.0, 0.5, 0.25, 0.1}) {
+        EXPECT_EQ(refused(plate, empty, level), kSeeds) << level;
+        EXPECT_EQ(refused(plate, half_plate, level), kSeeds) << level;
+    }
+}
+
+TEST(FreeLight, is_not_seen_in_good_parts) {
+    for (const double level : {1.0, 0.5, 0.25, 0.1}) EXPECT_EQ(refused(plate, plate, level), 0) << level;
+}
+
+// Its reference varies by noise alone, which no frame repeats.
+TEST(FreeLight, is_not_told_where_the_light_does_not_vary) {
+    for (const double level : {1.0, 0.25}) {
+        EXPECT_EQ(refused(web, web, level), 0) << level;
+        EXPECT_EQ(refused(empty, empty, level), 0) << level;
+    }
+}
+
+TEST(FreeLight, a_part_of_another_tint_is_no_empty_field) {
+    const auto tinted = [](int m, int n) { return plate(m, n) < 1 ? 0.85 : 1; };
+    const auto clearer = [](int m, int n) { return plate(m, n) < 1 ? 0.94 : 1; };
+    EXPECT_EQ(refused(plate, tinted, 1), 0);
+    EXPECT_EQ(refused(plate, clearer, 1), 0);
+}
+
+}  // namespace
+}  // namespace hord::algo
