@@ -1,20 +1,21 @@
 #include "firmware/service/journal.h"
 
 #include <array>
+#include <chrono>
 #include <cstdlib>
 #include <iterator>
+#include <mutex>
 #include <utility>
 #include <vector>
 
 #include <errno.h>
 #include <fmt/format.h>
 #include <sys/stat.h>
-#include <sys/uio.h>
-#include <systemd/sd-journal.h>
 #include <unistd.h>
 
 #include "common/cli/message.h"
 #include "firmware/core/faults.h"
+#include "firmware/service/journal_socket.h"
 
 namespace hord::firmware {
 namespace {
@@ -79,6 +80,26 @@ bool stderr_is_the_journal() {
     return fmt::format("{}:{}", status.st_dev, status.st_ino) == stream;
 }
 
+// The program's end waits this long for a journal that takes nothing.
+constexpr std::chrono::milliseconds kEndWaits{1000};
+
+struct Journal {
+    Journal() = default;
+    Journal(const Journal&) = delete;
+    Journal& operator=(const Journal&) = delete;
+    ~Journal() { socket.finish(kEndWaits); }
+    std::mutex mutex;
+    JournalSocket socket{kJournalSocket};
+};
+
+// Null: stderr is not the journal.
+Journal* journal() {
+    static const bool to_journal = stderr_is_the_journal();
+    if (!to_journal) return nullptr;
+    static Journal the_journal;
+    return &the_journal;
+}
+
 }  // namespace
 
 const Entry& entry_of(JournalEvent what) { return all_entries()[static_cast<std::size_t>(what)]; }
@@ -97,17 +118,20 @@ std::string format_catalog() {
 }
 
 void write_to_journal(const Entry& entry, std::string_view message, std::span<const Field> fields) {
-    static const bool to_journal = stderr_is_the_journal();
-    if (!to_journal) {
+    Journal* const to = journal();
+    if (to == nullptr) {
         print_message("{}\n", named_lines(program_invocation_short_name, message));
         return;
     }
-    std::vector<std::string> lines{fmt::format("MESSAGE={}", message), fmt::format("MESSAGE_ID={}", entry.id),
-                                   fmt::format("PRIORITY={}", entry.priority)};
-    for (const Field& field : fields) lines.push_back(fmt::format("{}={}", field.name, field.value));
-    std::vector<iovec> parts;
-    for (std::string& line : lines) parts.push_back({line.data(), line.size()});
-    ::sd_journal_sendv(parts.data(), static_cast<int>(parts.size()));
+    const std::lock_guard lock(to->mutex);
+    to->socket.write(entry, message, fields);
+}
+
+void flush_journal() {
+    Journal* const to = journal();
+    if (to == nullptr) return;
+    const std::lock_guard lock(to->mutex);
+    to->socket.flush();
 }
 
 void StationJournal::state(State from, State to, std::uint32_t active) {

@@ -45,11 +45,14 @@ struct Field {
     std::string value;
 };
 
-// Writes to the journal if stderr is connected to it, else to stderr as one line.
+// Any thread. Writes to the journal if stderr is connected to it, else to stderr as one line. Does not wait for the
+// journal: what it does not take is kept (journal_socket.h), and the end of the program waits at most 1 s for it.
 void write_to_journal(const Entry& entry, std::string_view message, std::span<const Field> fields = {});
 inline void write_to_journal(JournalEvent what, std::string_view message, std::span<const Field> fields = {}) {
     write_to_journal(entry_of(what), message, fields);
 }
+// Any thread. Hands over what the journal did not take before; to be called from time to time.
+void flush_journal();
 
 // Writes a station's changes of state, and each fault when it comes and when it is over.
 class StationJournal {

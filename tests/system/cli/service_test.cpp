@@ -1,5 +1,6 @@
 // hordd as systemd meets it, without a booted systemd: readiness, watchdog, sockets, reload, journal, sandbox.
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <filesystem>
@@ -57,6 +58,16 @@ class NotifySocket {
     NotifySocket(const NotifySocket&) = delete;
     NotifySocket& operator=(const NotifySocket&) = delete;
 
+    // From now on it takes no message, until hears() reads.
+    void fill() const {
+        sockaddr_un address{};
+        socklen_t size = sizeof address;
+        ASSERT_EQ(getsockname(fd_, reinterpret_cast<sockaddr*>(&address), &size), 0);
+        while (sendto(fd_, "full", 4, MSG_DONTWAIT, reinterpret_cast<const sockaddr*>(&address), size) == 4) {
+        }
+        ASSERT_EQ(errno, EAGAIN);
+    }
+
     // The next message that contains `text`; empty if none comes.
     std::string hears(const std::string& text) {
         const auto until = std::chrono::steady_clock::now() + kPatience;
@@ -87,6 +98,18 @@ TEST_F(Service, tells_its_manager_when_it_is_ready_what_it_does_and_that_it_live
     service.signal(SIGTERM);
     EXPECT_NE(manager.hears("STOPPING=1"), "");
     EXPECT_EQ(service.stop(0).status, 0);
+}
+
+TEST_F(Service, does_not_wait_for_a_manager_that_takes_nothing_and_tells_it_later) {
+    write_config();
+    NotifySocket manager(folder / "notify");
+    manager.fill();
+    Running service("/usr/bin/env", under({"NOTIFY_SOCKET=" + (folder / "notify"), "WATCHDOG_USEC=400000"}));
+    ASSERT_TRUE(service.says("Ready to ContinuousExecution", kPatience)) << service.so_far().err;
+    EXPECT_NE(manager.hears("READY=1"), "") << "it was kept";
+    EXPECT_NE(manager.hears("STATUS=ContinuousExecution"), "");
+    manager.fill();
+    EXPECT_EQ(service.stop(SIGTERM).status, 0);
 }
 
 TEST_F(Service, reads_its_configuration_again_without_stopping) {
