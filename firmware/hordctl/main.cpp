@@ -8,6 +8,7 @@
 #include "firmware/core/commands.h"
 #include "firmware/core/enum_values.h"
 #include "firmware/hordctl/commands.h"
+#include "firmware/service/early_signals.h"
 
 namespace {
 
@@ -28,6 +29,12 @@ std::string station_command_for(std::string_view word) {
     }
     return names;
 }
+
+// The loader calls it before the libraries' constructors, which take most of the time before main().
+void hold_signals_of_run(int argc, char** argv, char**) {
+    if (argc > 1 && std::string_view(argv[1]) == "run") hord::firmware::hold_signals();
+}
+[[gnu::section(".preinit_array"), gnu::used]] void (*const kFirst)(int, char**, char**) = hold_signals_of_run;
 
 }  // namespace
 

@@ -17,6 +17,7 @@
 #include "firmware/core/faults.h"
 #include "firmware/recipes/recipe_folder.h"
 #include "firmware/service/datagram_queue.h"
+#include "firmware/service/early_signals.h"
 #include "firmware/service/journal.h"
 #include "firmware/service/realtime.h"
 #include "firmware/service/service.h"
@@ -253,6 +254,9 @@ class Daemon {
     }};
 };
 
+// Before the libraries' constructors, which take most of the time before main().
+[[gnu::section(".preinit_array"), gnu::used]] void (*const kFirst)() = hold_signals;
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -275,6 +279,7 @@ int main(int argc, char** argv) {
         "configuration cannot be used.\n"
         "Example: hordd --config deploy/hordd.toml");
     if (const auto ended = parse_command_line(program, argc, argv)) return *ended;
+    if (options.catalog || options.check) release_signals();
     if (options.catalog) {
         print_output(format_catalog());
         return end_output(0);
@@ -283,5 +288,6 @@ int main(int argc, char** argv) {
         return check(options);
     }
     never_wait_for_stderr();
+    end_at_signals("hordd: stopped as asked, before the line ran\n", false);
     return Daemon(options).run();
 }

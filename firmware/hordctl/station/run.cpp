@@ -17,12 +17,15 @@
 #include "firmware/hordctl/station/run_options.h"
 #include "firmware/hordctl/station/run_report.h"
 #include "firmware/registers/register_client.h"
+#include "firmware/service/early_signals.h"
 #include "firmware/service/realtime.h"
 #include "firmware/service/service.h"
 #include "firmware/store/results/sqlite_store.h"
 
 namespace hord::firmware {
 namespace {
+
+constexpr const char* kStoppedEarly = "hordctl: stopped as asked, before the line ran: no part came\n";
 
 // Each fault with its meaning and cure.
 std::vector<std::string> fault_lines(std::uint32_t faults, const LineStop& why) {
@@ -40,6 +43,7 @@ class Run {
 
     Exit go() {
         never_wait_for_stderr();
+        end_at_signals(kStoppedEarly, true);
         auto config = config_of_run(options_);
         if (!config) return complain(config.error());
         auto files = read_station_files(*config);
@@ -51,13 +55,11 @@ class Run {
             if (!lock) return complain(lock.error());
             if (auto usable = store::open_sqlite_store(options_.store); !usable) return complain(usable.error());
         }
-        if (!options_.out.empty()) {
-            if (auto made = make_folder(options_.out); !made) return complain(made.error());
+        for (const auto& folder : {options_.out, options_.state}) {
+            if (folder.empty()) continue;
+            if (auto made = make_folder(folder); !made) return complain(made.error());
         }
-        if (!options_.state.empty()) {
-            if (auto made = make_folder(options_.state); !made) return complain(made.error());
-            config->state_folder = options_.state;
-        }
+        if (!options_.state.empty()) config->state_folder = options_.state;
         gallery_.set_bins(config->inspection.bins_i, config->inspection.bins_j);
         auto service = open(*config, std::move(*files));
         if (!service) return complain(service.error());
@@ -108,7 +110,7 @@ class Run {
         };
         watchers.stopped_early = [rendering] {
             rendering->reset();
-            print_message("hordctl: stopped as asked, before the line ran: no part came\n");
+            write_message(kStoppedEarly);
         };
         watchers.trouble = [this](const Error& error) { say(error.message()); };
         watchers.recipe = [this](const NumberedRecipe& recipe) { on_recipe(recipe); };

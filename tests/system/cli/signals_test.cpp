@@ -1,8 +1,11 @@
 // Signals that end hordd and hordctl run: before the line runs, twice, and behind nohup.
+#include <array>
 #include <chrono>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <functional>
+#include <random>
 #include <regex>
 #include <string>
 #include <thread>
@@ -19,18 +22,60 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-// Waits until a signal that would end the program waits for its event loop: it opens its devices then, or runs.
-bool blocks(int pid, int signal) {
-    const auto until = std::chrono::steady_clock::now() + kPatience;
-    while (std::chrono::steady_clock::now() < until) {
-        std::ifstream status("/proc/" + std::to_string(pid) + "/status");
-        for (std::string line; std::getline(status, line);) {
-            if (line.starts_with("SigBlk:") && (std::stoull(line.substr(7), nullptr, 16) >> (signal - 1) & 1U) != 0)
-                return true;
-        }
-        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+// Whether the signal is in a set of the process ("SigBlk": it waits, "SigCgt": there is a handler).
+bool has(int pid, const std::string& set, int signal) {
+    std::ifstream status("/proc/" + std::to_string(pid) + "/status");
+    for (std::string line; std::getline(status, line);) {
+        if (line.starts_with(set + ":")) return (std::stoull(line.substr(7), nullptr, 16) >> (signal - 1) & 1U) != 0;
     }
     return false;
+}
+
+bool waits_until(const std::function<bool()>& holds) {
+    const auto until = std::chrono::steady_clock::now() + kPatience;
+    while (std::chrono::steady_clock::now() < until) {
+        if (holds()) return true;
+        std::this_thread::sleep_for(std::chrono::microseconds(200));
+    }
+    return false;
+}
+
+// Waits until a signal that would end the program waits for its event loop: it opens its devices then, or runs.
+// (Before, a signal is held, or has a handler.)
+bool blocks(int pid, int signal) {
+    return waits_until([&] { return has(pid, "SigBlk", signal) && has(pid, "SigCgt", signal); });
+}
+
+// Waits until the program's own loading is over and it has the signals in hand.
+bool holds(int pid, int signal) {
+    return waits_until([&] { return has(pid, "SigBlk", signal) || has(pid, "SigCgt", signal); });
+}
+
+TEST(Run, ends_in_order_by_a_signal_at_any_moment_of_its_start) {
+    std::minstd_rand draw(7);
+    for (int k = 0; k < 60; ++k) {
+        const int signal = std::array{SIGTERM, SIGINT, SIGQUIT, SIGHUP}.at(static_cast<std::size_t>(k % 4));
+        Running line("hordctl", {"run", "--simulate", "--parts", "5", "--seed", "41", "--modbus", "127.0.0.1:0"});
+        ASSERT_TRUE(holds(line.pid(), signal)) << line.so_far().err;
+        std::this_thread::sleep_for(std::chrono::microseconds(draw() % 60'000));
+        const Said said = line.stop(signal);
+        EXPECT_EQ(said.status, 0) << "signal " << signal << " of start " << k << "\n" << said.err;
+        EXPECT_THAT(said.err, HasSubstr("hordctl: stopped as asked, before the line ran: no part came\n"));
+    }
+}
+
+TEST_F(Service, ends_in_order_by_a_signal_at_any_moment_of_its_start) {
+    write_config("[station]\nautostart = false\n");
+    std::minstd_rand draw(11);
+    for (int k = 0; k < 60; ++k) {
+        const int signal = std::array{SIGTERM, SIGINT, SIGQUIT}.at(static_cast<std::size_t>(k % 3));
+        Running service(kHordd, {"--config", folder / "c.toml"});
+        ASSERT_TRUE(holds(service.pid(), signal)) << service.so_far().err;
+        std::this_thread::sleep_for(std::chrono::microseconds(draw() % 60'000));
+        const Said said = service.stop(signal);
+        EXPECT_EQ(said.status, 0) << "signal " << signal << " of start " << k << "\n" << said.err;
+        EXPECT_THAT(said.err, HasSubstr("hordd: stopped as asked"));
+    }
 }
 
 TEST(Run, is_stopped_by_a_signal_while_it_renders_and_says_so) {
