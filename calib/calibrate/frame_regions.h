@@ -1,10 +1,12 @@
-// A white frame in equal regions, for checks that name a place. Used by calib/calibrate only.
+// A white frame in equal regions, for checks that name a place, and its lenslets region by region. Used by
+// calib/calibrate only.
 #pragma once
 
 #include <algorithm>
 #include <array>
 #include <cstddef>
 #include <string>
+#include <vector>
 
 #include "calib/calibrate/calibrate_grid.h"
 
@@ -12,6 +14,7 @@ namespace hord::calib {
 
 inline constexpr int kMaxRegions = 8;    // of the frame along its width and height
 inline constexpr double kMinRegion = 4;  // pitches: side of a region
+inline constexpr int kMinOfRegion = 8;   // lenslets of a region that is judged
 
 // The frame in equal regions, row by row.
 class Regions {
@@ -47,5 +50,16 @@ class Regions {
     }
     int width_, height_, side_;
 };
+
+// Lenslets of one region. Rejected: off the grid by 0.002 pitch or more, not by the missing light of a neighbour.
+struct RegionCount {
+    int measured = 0, rejected = 0, missing = 0;
+    std::size_t region = 0;
+    [[nodiscard]] int off() const { return rejected + missing; }
+    [[nodiscard]] int all() const { return measured + missing; }
+};
+
+// Of every region, in their order.
+std::vector<RegionCount> count_regions(const GridCalibration& calibration);
 
 }  // namespace hord::calib
