@@ -391,7 +391,7 @@ Result<LensletChain> follow_chains(const WhiteImage& image, LocalFinders& finder
     }
     if (!grid) {
         return fail(ErrorCode::refused, fmt::format("only {} lenslets can be measured", chains.size()),
-                    "show at least three rows and three columns of evenly lit lenslets");
+                    "show at least three rows and three columns of evenly lit lenslets, in one exposure");
     }
     LensletChain out;
     out.observations = chains.observations();

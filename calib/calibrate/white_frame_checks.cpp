@@ -87,11 +87,12 @@ Result<void> check_white_frame(const WhiteImage& image, const GridCalibration& c
     }
     const RegionCount misfit = worst_border(calibration);
     if (misfit.rejected > kMaxRejected * misfit.measured) {
-        return refuse(fmt::format("the grid does not fit the lenslets {}: {} of {} measured there are off it",
-                                  Regions(calibration).place(misfit.region), misfit.rejected, misfit.measured),
-                      "record evenly lit lenslets in focus up to the frame's corners, without dark or dirty lenslets, "
-                      "bubbles or dead pixels there; if they are, the optics cut the lenslets there, or distort more "
-                      "than the grid's models can describe");
+        return refuse(
+            fmt::format("the grid does not fit the lenslets {}: {} of {} measured there are off it",
+                        Regions(calibration).place(misfit.region), misfit.rejected, misfit.measured),
+            "record evenly lit lenslets in focus up to the frame's corners, in one exposure, without dark or dirty "
+            "lenslets, bubbles or dead pixels there; if they are, the optics cut the lenslets there, or distort more "
+            "than the grid's models can describe");
     }
     if (calibration.torn > std::max(3.0, kMaxTorn * calibration.found)) {
         return refuse(fmt::format("the lenslets cannot be numbered: {} pairs of neighbours are not one pitch apart",
@@ -132,10 +133,10 @@ Result<void> check_white_frame(const WhiteImage& image, const GridCalibration& c
         ((shape.between > kMaxBetween && shape.dark_share < kMinDark) ||
          (shape.dark_share < kMaxDarkOfStars && shape.corners < -kMaxStar))) {
         return refuse(
-            "this is no white frame: between its lenslets it is as bright as in them, as between dark dots or lenslets "
-            "out of focus",
-            "record the light behind a lenslet array, bright on dark, not inverted, and focus the sensor on the "
-            "lenslets");
+            "this is no white frame: between its lenslets it is as bright as in them, as between dark dots, lenslets "
+            "out of focus or those exposed twice",
+            "record the light behind a lenslet array, bright on dark, not inverted, in one exposure while array and "
+            "light are still, and focus the sensor on the lenslets");
     }
     return {};
 }

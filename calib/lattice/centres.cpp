@@ -226,7 +226,8 @@ Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<cons
     }
     return fail(ErrorCode::refused,
                 fmt::format("only {} of {} lenslets near the middle look like one another", spots.size(), seeds.size()),
-                "light the lenslets evenly, below saturation, and focus the sensor on them");
+                "light the lenslets evenly, below saturation, focus the sensor on them, and record one exposure while "
+                "array and light are still");
 }
 
 std::optional<Spot> CentreFinder::measure(algo::PixelPoint at, double most_px) const {

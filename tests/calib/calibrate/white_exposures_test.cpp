@@ -12,6 +12,7 @@ namespace hord::calib {
 namespace {
 
 using test::White;
+using ::testing::AllOf;
 using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -174,6 +175,36 @@ TEST(WhiteExposures, lenslets_on_a_hexagonal_lattice_that_lie_apart_across_the_r
         const Frame twice = mixed(white, of.apart * std::cos(across), of.apart * std::sin(across),
                                   [](int, std::uint32_t a, std::uint32_t b) { return (a + b) / 2; });
         EXPECT_THAT(warnings(twice), Contains(HasSubstr("two exposures that lie")));
+    }
+}
+
+// Lenslets that are exposed twice, a third to half a pitch apart, look like other lattices, or like no lenslets.
+TEST(WhiteExposures, refusals_of_frames_that_may_be_exposed_twice_say_so) {
+    struct Case {
+        const char* refused;
+        bool hexagonal, square;
+        double pitch, rotation, width, edge, dx, dy;
+    };
+    for (const Case& of : {Case{"neither square nor hexagonal", false, true, 22.78, 7, 0.796, 0.4, 0.3, 8.47},
+                           Case{"neither square nor hexagonal", true, false, 18.96, 0, 0.797, 0.69, -8.36, 0.74},
+                           Case{"as bright as in them", false, false, 21.8, 2, 0.732, 0.44, -5.45, 6.72},
+                           Case{"a lenslet pitch of about 7", false, true, 14.06, 0, 0.669, 0.75, -0.64, 5.56},
+                           Case{"lenslets can be measured", true, false, 18.27, 0, 0.744, 0.7, 1.43, 8.44},
+                           Case{"look like one another", true, true, 11.61, 0.7, 0.775, 0.62, 4.34, 2.02}}) {
+        SCOPED_TRACE(::testing::Message() << of.refused << ", pitch " << of.pitch);
+        const White white{.width_px = static_cast<int>(26 * of.pitch),
+                          .height_px = static_cast<int>(26 * of.pitch),
+                          .hexagonal = of.hexagonal,
+                          .pitch_px = of.pitch,
+                          .rotation_deg = of.rotation,
+                          .disc_radius_px = of.width / 2 * of.pitch,
+                          .edge_px = of.edge,
+                          .square = of.square,
+                          .subpixels = 3};
+        const auto twice = calibrate_grid(
+            mixed(white, of.dx, of.dy, [](int, std::uint32_t a, std::uint32_t b) { return (a + b) / 2; }).view());
+        const std::string told = twice ? "not refused" : twice.error().message();
+        EXPECT_THAT(told, AllOf(HasSubstr(of.refused), HasSubstr("one exposure")));
     }
 }
 
