@@ -26,7 +26,9 @@ constexpr double kMinBetter = 2;
 constexpr double kMinEdgePx2 = 0.36;  // sharper edges count as these, as for round lenslets
 constexpr double kMinEdgePx = 0.2;
 constexpr double kInterpolationPx2 = 1.0 / 6;  // variance of the triangle that light_about() blurs with
-constexpr int kRounds = 20, kWays = 6;
+constexpr int kMaxRounds = 20, kFirstRounds = 3, kWays = 6;
+constexpr int kEvery = 2;                               // of the places along each step, while starts are compared
+constexpr double kMaxSigmas = 5;                        // of an edge: beyond them it has no light (3e-7 of it)
 constexpr double kFirstApart = 0.2, kFirstEdge = 0.08;  // of a pitch, of the first guess
 
 // A lenslet's light: half of it lies `apart / 2` to either side of the centre.
@@ -51,14 +53,16 @@ struct Shape {
         if (kind == Kind::disc) return 0.5 * std::erfc((std::hypot(x, y) - at(half)) / soft);
         const double cosine = std::cos(at(turn)), sine = std::sin(at(turn));
         const auto strip = [&](double place, double side) {
+            if (std::abs(place) > side + kMaxSigmas * at(edge)) return 0.0;
             return 0.5 * (std::erf((place + side) / soft) - std::erf((place - side) / soft));
         };
-        return strip(cosine * x + sine * y, at(half)) * strip(cosine * y - sine * x, at(other_half));
+        const double along = strip(cosine * x + sine * y, at(half));
+        return along > 0 ? along * strip(cosine * y - sine * x, at(other_half)) : 0;
     }
     // Farther than this from the centre there is none.
     [[nodiscard]] double reach() const {
         const double side = kind == Kind::disc ? at(half) : std::hypot(at(half), at(other_half));
-        return side + 5 * at(edge) + (twice ? std::hypot(at(apart_x), at(apart_y)) / 2 : 0);
+        return side + kMaxSigmas * at(edge) + (twice ? std::hypot(at(apart_x), at(apart_y)) / 2 : 0);
     }
     [[nodiscard]] double exposed(double x, double y) const {
         if (!twice) return light(x, y);
@@ -92,14 +96,15 @@ std::optional<CellLight> mean_light(const WhiteImage& image, const LensletGrid& 
     if (count < kMinLenslets) return std::nullopt;
     return sum / static_cast<double>(count);
 }
-Seen seen_of(const CellLight& mean, const LensletGrid::Steps& steps, algo::Stagger stagger) {
+// Every how many places along each step are taken.
+Seen seen_of(const CellLight& mean, const LensletGrid::Steps& steps, algo::Stagger stagger, int every) {
     Seen out;
     out.neighbours = neighbours_of(steps, stagger);
     out.pitch_px = steps.mean_px();
     const CellLight even = (mean + mean.reverse()) / 2;
-    out.light.resize(mean.size() / 2);
-    for (Eigen::Index row = 0; row < kCells / 2; ++row) {
-        for (Eigen::Index column = 0; column < kCells; ++column) {
+    out.light.resize(mean.size() / 2 / (every * every));
+    for (Eigen::Index row = 0; row < kCells / 2; row += every) {
+        for (Eigen::Index column = 0; column < kCells; column += every) {
             const double u = place_of(column), v = place_of(row);
             out.light(static_cast<Eigen::Index>(out.places.size())) = even(row, column);
             out.places.push_back(
@@ -144,14 +149,14 @@ struct Fitted {
 
 // Levenberg-Marquardt, by differences. Sharp edges far from their places have no slope, so that the first guess is
 // soft.
-Fitted fitted(Shape shape, const Seen& seen) {
+Fitted fitted(Shape shape, const Seen& seen, int rounds) {
     constexpr double kStep = 0.01;  // px, and rad
     constexpr double kFirstDamping = 0.01, kMaxDamping = 100, kFactor = 10;
     const std::vector<Shape::Part> free = shape.free();
     const auto parts = static_cast<Eigen::Index>(free.size());
     Left left = left_by(shape, seen);
     double damping = kFirstDamping;
-    for (int round = 0; round < kRounds && damping <= kMaxDamping; ++round) {
+    for (int round = 0; round < rounds && damping <= kMaxDamping; ++round) {
         Eigen::MatrixXd slopes(left.of.size(), parts);
         for (Eigen::Index k = 0; k < parts; ++k) {
             Shape next = shape;
@@ -176,22 +181,26 @@ Fitted fitted(Shape shape, const Seen& seen) {
     return {shape, left.misfit};
 }
 
-// The best of both kinds of lenslets.
-Fitted best_of(bool twice, double turn, const Seen& seen) {
+// The best of both kinds of lenslets. Of the starts of each kind, the best after some rounds is followed to its end, on
+// few places; only the best of both is fitted to all.
+Fitted best_of(bool twice, double turn, const Seen& few, const Seen& all) {
     Fitted best;
     for (const Kind kind : {Kind::disc, Kind::square}) {
-        const double half = (kind == Kind::disc ? 0.42 : 0.37) * seen.pitch_px;
+        const double half = (kind == Kind::disc ? 0.42 : 0.37) * all.pitch_px;
+        Fitted ahead;
         for (int way = 0; way < (twice ? kWays : 1); ++way) {
-            const double angle = std::numbers::pi * way / kWays, apart = twice ? kFirstApart * seen.pitch_px : 0;
-            const Fitted of = fitted({.kind = kind,
-                                      .twice = twice,
-                                      .of = {half, half, kFirstEdge * seen.pitch_px, turn, apart * std::cos(angle),
-                                             apart * std::sin(angle)}},
-                                     seen);
-            if (of.misfit < best.misfit) best = of;
+            const double angle = std::numbers::pi * way / kWays, apart = twice ? kFirstApart * all.pitch_px : 0;
+            const Fitted of = fitted(
+                {.kind = kind,
+                 .twice = twice,
+                 .of = {half, half, kFirstEdge * all.pitch_px, turn, apart * std::cos(angle), apart * std::sin(angle)}},
+                few, kFirstRounds);
+            if (of.misfit < ahead.misfit) ahead = of;
         }
+        ahead = fitted(ahead.shape, few, kMaxRounds);
+        if (ahead.misfit < best.misfit) best = ahead;
     }
-    return best;
+    return fitted(best.shape, all, kMaxRounds);
 }
 
 }  // namespace
@@ -200,9 +209,10 @@ std::optional<EdgeBlur> hexagonal_exposures(const WhiteImage& image, const Lensl
                                             std::span<const Observation> observations, std::complex<double> lobes) {
     const auto mean = mean_light(image, grid, observations);
     if (!mean) return std::nullopt;
-    const Seen seen = seen_of(*mean, grid.steps_px({0, 0}), grid.stagger);
+    const LensletGrid::Steps steps = grid.steps_px({0, 0});
+    const Seen few = seen_of(*mean, steps, grid.stagger, kEvery), all = seen_of(*mean, steps, grid.stagger, 1);
     const double turn = (std::arg(lobes) + std::numbers::pi) / 4;  // corners lie half a right angle from the sides
-    const Fitted once = best_of(false, turn, seen), twice = best_of(true, turn, seen);
+    const Fitted once = best_of(false, turn, few, all), twice = best_of(true, turn, few, all);
     if (!(std::min(once.misfit, twice.misfit) <= kMaxMisfit)) return std::nullopt;
     const double edge_px2 = std::pow(twice.shape.at(Shape::edge), 2) - kInterpolationPx2;
     EdgeBlur out{.own_px2 = std::max(kMinEdgePx2, edge_px2)};
