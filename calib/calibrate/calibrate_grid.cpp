@@ -90,7 +90,8 @@ std::vector<PixelPoint> near_seed(const Lattice& lattice, const LensletGrid& ste
 double corners_of(const CentreFinder& finder, const Lattice& lattice, std::span<const PixelPoint> places) {
     const bool square = lattice.kind == algo::LatticeKind::square;
     const int count = square ? 4 : 6;
-    const bool filled = finder.weights().plateau;  // spots have no straight edges
+    // Spots have no straight edges, and soft ones need no smoothing (it hides the inside of lenslets from fall_off()).
+    const bool sharp = finder.weights().plateau && finder.edge_variance_px2() < kSmooth * kSmooth;
     const PixelPoint to_neighbour = lattice.stagger == algo::Stagger::columns ? lattice.step_v : lattice.step_u;
     std::complex<double> sum, four;
     int measured = 0;
@@ -99,7 +100,7 @@ double corners_of(const CentreFinder& finder, const Lattice& lattice, std::span<
         const auto lobes = spot ? finder.lobes(spot->centre_px, count) : std::nullopt;
         if (!lobes) continue;
         sum += *lobes;
-        if (!square && filled) four += finder.lobes(spot->centre_px, 4).value_or(0.0);
+        if (!square && sharp) four += finder.lobes(spot->centre_px, 4).value_or(0.0);
         if (++measured == kForShape) break;
     }
     if (measured == 0) return 0;

@@ -50,6 +50,26 @@ TEST(FallOff, does_not_move_lenslets_with_soft_edges) {
     EXPECT_LE(warned, 3);
 }
 
+// Soft squares on a hexagonal lattice are not smoothed: then fall-off would not be separated from a shift any more.
+TEST(FallOff, does_not_move_soft_squares_on_a_hexagonal_lattice) {
+    White white{.width_px = 370,
+                .height_px = 456,
+                .hexagonal = true,
+                .pitch_px = 14.85,
+                .disc_radius_px = 0.37 * 14.85,
+                .edge_px = 1.7,
+                .square = true,
+                .subpixels = 3};
+    white.light = [](double x, double y) {
+        return 1 - 0.24 * (std::pow(x - 185, 2) + std::pow(y - 228, 2)) / (185 * 185 + 228 * 228);
+    };
+    const auto drawn = test::draw(white);
+    const auto calibration = calibrate_grid(drawn.frame.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
+    EXPECT_THAT(calibration->warnings, IsEmpty());
+    EXPECT_LT(test::compare(drawn, *calibration, 14.85).max_px, 0.025);
+}
+
 // Lenslets that nearly touch: the weight that is immune to gradients sees their neighbours' light, which differs. It
 // gave 44 of 1792 lenslets places of their own, up to 0.39 px off.
 TEST(FallOff, gives_lenslets_that_nearly_touch_no_places_of_their_own) {
