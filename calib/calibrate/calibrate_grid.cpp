@@ -372,11 +372,13 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     const CentreFinder& finder = finders.middle();
     const double pitches = std::max(out.fit.cv_x_rms_px, out.fit.cv_y_rms_px) / pitch;
     if (!(pitches < kMaxError)) {
-        return fail(ErrorCode::refused,
-                    fmt::format("this is no white frame: its centres scatter about the best grid by {:.1f} % of a "
-                                "pitch, {:.1f} % is the most",
-                                100 * pitches, 100 * kMaxError),
-                    "record evenly lit lenslets, without a part in the light, in focus");
+        return fail(
+            ErrorCode::refused,
+            fmt::format("this is no white frame: its centres scatter about the best grid by {:.1f} % of a pitch, "
+                        "{:.1f} % is the most",
+                        100 * pitches, 100 * kMaxError),
+            "record evenly lit lenslets in one exposure, without a part in the light, in focus; if they are, raise the "
+            "light or the exposure time, and light the array evenly up to the corners or give a flat frame");
     }
     extend_to_frame(out.fit.grid, out.observations);
     place_and_count(finders, pitch, out);

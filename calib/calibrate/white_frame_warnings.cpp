@@ -168,7 +168,8 @@ Warning cut_by_a_stop(const GridCalibration& of) {
     return fmt::format(
         "the shape of the lenslets changes from border to border of the frame, by {:.1f} %: something on one side of "
         "the optics cuts their light, and the grid may be off by pixels; centre the array on the optics' axis and stop "
-        "the optics down until the lenslets at all borders are whole",
+        "the optics down until the lenslets at all borders are whole; in a frame that was cut out beside the axis, "
+        "the distortion may change them so, too: record the whole frame",
         200 * of.cut.uneven);
 }
 
@@ -215,7 +216,8 @@ Warning uncovered_region(const GridCalibration& of) {
     if (worst.off() < kMinOffOfRegion || !(worst.off() > kMaxOffOfRegion * worst.all())) return std::nullopt;
     return fmt::format(
         "{} of {} lenslets {} have no centre or are off the grid: the grid there is only that of the model; light the "
-        "array evenly and in focus up to there, or use optics that distort less",
+        "array evenly and in focus up to there, without dark lenslets or dead rows of pixels, or use optics that "
+        "distort less",
         worst.off(), worst.all(), Regions(of).place(worst.region));
 }
 

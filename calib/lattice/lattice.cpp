@@ -212,9 +212,10 @@ Result<Lattice> lattice_of(const WhiteImage& image, const Part& part, std::size_
     if (hint.pitch_px == 0) {
         for (const auto& peak : peaks_of(correlation, kShortestLag, shortest)) {
             if (peak.height < kRepeats * highest) continue;
-            return refuse(fmt::format("a lenslet pitch of about {:.1f} px", norm(peak.lag)),
-                          "use a sensor with 8 to 64 px a lenslet; if it has them, record one exposure while array and "
-                          "light are still: two that lie half a pitch apart show half of the pitch");
+            return refuse(
+                fmt::format("a lenslet pitch of about {:.1f} px", norm(peak.lag)),
+                "use a sensor with 8 to 64 px a lenslet; if it has them, record lenslets without dark rows, in one "
+                "exposure while array and light are still: rows without light and two exposures show other pitches");
         }
     }
     // A row of lenslets that is dark as a whole is alike along itself, and raises the peaks along it over all others:
@@ -247,8 +248,8 @@ Result<Lattice> lattice_of(const WhiteImage& image, const Part& part, std::size_
         return refuse(
             fmt::format("the lattice is neither square nor hexagonal: steps of {:.2f} and {:.2f} px at {:.1f} degrees",
                         norm(basis.a), norm(basis.b), angle),
-            "check that the frame shows one lenslet array, undistorted by its optics, in one exposure while array and "
-            "light are still");
+            "check that the frame shows one lenslet array, undistorted by its optics, without rows of dark lenslets, "
+            "in one exposure while array and light are still");
     }
     Lattice lattice;
     lattice.kind = square ? algo::LatticeKind::square : algo::LatticeKind::hexagonal;

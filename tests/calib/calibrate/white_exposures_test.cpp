@@ -1,5 +1,6 @@
 // White frames that show their lenslets twice, light on one side of them, and what a stop cuts under distortion: a grid
 // is where the truth is, or a person is told.
+#include <cmath>
 #include <numbers>
 
 #include <gmock/gmock.h>
@@ -190,7 +191,8 @@ TEST(WhiteExposures, refusals_of_frames_that_may_be_exposed_twice_say_so) {
                            Case{"as bright as in them", false, false, 21.8, 2, 0.732, 0.44, -5.45, 6.72},
                            Case{"a lenslet pitch of about 7", false, true, 14.06, 0, 0.669, 0.75, -0.64, 5.56},
                            Case{"lenslets can be measured", true, false, 18.27, 0, 0.744, 0.7, 1.43, 8.44},
-                           Case{"look like one another", true, true, 11.61, 0.7, 0.775, 0.62, 4.34, 2.02}}) {
+                           Case{"look like one another", true, true, 11.61, 0.7, 0.775, 0.62, 4.34, 2.02},
+                           Case{"scatter about the best grid", false, false, 17.76, 0, 0.914, 0.43, 6.88, 2.63}}) {
         SCOPED_TRACE(::testing::Message() << of.refused << ", pitch " << of.pitch);
         const White white{.width_px = static_cast<int>(26 * of.pitch),
                           .height_px = static_cast<int>(26 * of.pitch),
@@ -205,6 +207,23 @@ TEST(WhiteExposures, refusals_of_frames_that_may_be_exposed_twice_say_so) {
             mixed(white, of.dx, of.dy, [](int, std::uint32_t a, std::uint32_t b) { return (a + b) / 2; }).view());
         const std::string told = twice ? "not refused" : twice.error().message();
         EXPECT_THAT(told, AllOf(HasSubstr(of.refused), HasSubstr("one exposure")));
+    }
+}
+
+// Two dark rows of lenslets repeat themselves at their distance, which looks like a lattice of long steps.
+TEST(WhiteExposures, refusals_of_frames_with_two_dark_rows_say_so) {
+    for (const bool hexagonal : {false, true}) {
+        SCOPED_TRACE(hexagonal);
+        White white{.width_px = 370, .height_px = 340, .hexagonal = hexagonal, .pitch_px = 12.4};
+        const double step = hexagonal ? 12.4 * std::sqrt(0.75) : 12.4;
+        const int apart = hexagonal ? 3 : 2;
+        white.own_light = [&](double, double y) {
+            const double rows = (y - 0.5 * (white.height_px - 1) - white.offset_y_px) / step;
+            return std::abs(std::lround(rows)) == apart ? 0.0 : 1.0;
+        };
+        const auto dark = calibrate_grid(test::draw(white).frame.view());
+        ASSERT_FALSE(dark);
+        EXPECT_THAT(dark.error().message(), HasSubstr("rows of dark lenslets"));
     }
 }
 
