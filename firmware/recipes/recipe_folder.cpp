@@ -78,6 +78,33 @@ struct NumberedFile {
     std::uint16_t number = 0;
 };
 
+// The number alone, whatever else the file has. None: it cannot be read.
+std::optional<std::uint16_t> number_in(const fs::path& file) {
+    common::TomlProblems unreadable;
+    std::uint16_t number = 0;
+    common::TomlTable::parse_file(file, unreadable).integer("number", number, 0, 65534);
+    return unreadable.empty() ? std::optional(number) : std::nullopt;
+}
+
+// Paths in the folder lose it: remarks are short.
+std::string without_folder(std::string text, const fs::path& folder) {
+    for (const std::string& prefix : {fs::absolute(folder).string() + "/", folder.string() + "/"}) {
+        for (auto at = text.find(prefix); at != std::string::npos; at = text.find(prefix, at)) {
+            if (at == 0 || text[at - 1] == ' ' || text[at - 1] == '\n') text.erase(at, prefix.size());
+            else ++at;
+        }
+    }
+    return text;
+}
+
+// The error of the recipe that was asked for: it comes first.
+Error unusable_recipe(std::uint16_t number, const RecipeEntry& entry) {
+    Error error = entry.recipe.error();
+    error.what =
+        fmt::format("recipe {} cannot be used: {}", number, without_folder(error.what, entry.file.parent_path()));
+    return error;
+}
+
 Result<void> refuse_doubled(const std::vector<NumberedFile>& files) {
     std::string doubled;
     for (std::size_t k = 0; k < files.size(); ++k) {
@@ -120,10 +147,7 @@ Result<void> check_recipe_numbers(const fs::path& folder) {
     if (!files) return tl::unexpected(files.error());
     std::vector<NumberedFile> numbered;
     for (const fs::path& file : *files) {
-        common::TomlProblems unreadable;
-        NumberedFile& entry = numbered.emplace_back(NumberedFile{file, 0});
-        common::TomlTable::parse_file(file, unreadable).integer("number", entry.number, 0, 65534);
-        if (!unreadable.empty()) numbered.pop_back();
+        if (const auto number = number_in(file)) numbered.push_back({file, *number});
     }
     return refuse_doubled(numbered);
 }
@@ -147,6 +171,9 @@ Result<NumberedRecipe> find_recipe(const fs::path& folder, std::uint16_t number)
         }
     }
     if (found != nullptr) return *found->recipe;
+    for (const RecipeEntry& one : *all) {
+        if (!one.recipe && number_in(one.file) == number) return tl::unexpected(unusable_recipe(number, one));
+    }
     return fail(ErrorCode::not_found, fmt::format("no recipe in {} has number {}{}", folder.string(), number, unusable),
                 "hordctl recipe list shows which there are");
 }

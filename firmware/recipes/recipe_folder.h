@@ -25,7 +25,7 @@ Result<void> check_numbers(const std::vector<RecipeEntry>& recipes);
 // passed over. Fails as list_recipes(), too; "": no folder, fine.
 Result<void> check_recipe_numbers(const std::filesystem::path& folder);
 
-// Fails with not_found (no file has this number; names the unusable files), refused (several files have it).
+// Fails with not_found (no file has this number; names the unusable files), refused (several have it), or as its file.
 Result<NumberedRecipe> find_recipe(const std::filesystem::path& folder, std::uint16_t number);
 
 // The recipe that was in use last, stored with the CRC-32 of the recipe that was configured then. The file's last line

@@ -378,6 +378,14 @@ TEST(RecipeFolder, finds_by_number_and_says_why_it_cannot) {
     EXPECT_THAT(find_recipe(folder, 3).error().what, HasSubstr("c.toml:1"));
     EXPECT_TRUE(find_recipe(folder, 1));
     EXPECT_EQ(find_recipe(folder / "none", 1).error().code, ErrorCode::not_found);
+    write("d.toml", "schema = 1\nnumber = 4\n[reference]\nfile = \"gone.hordref\"\n");
+    const auto asked = find_recipe(folder, 4);
+    ASSERT_FALSE(asked);
+    EXPECT_THAT(asked.error().what,
+                ::testing::StartsWith("recipe 4 cannot be used: d.toml:4: reference.file: cannot be used: "
+                                      "gone.hordref: cannot be read"));
+    EXPECT_THAT(asked.error().cure, HasSubstr("give a file that hordctl learn has written"));
+    EXPECT_THAT(asked.error().what, ::testing::Not(HasSubstr("c.toml")));
 
     NumberedRecipe in_use;
     in_use.number = 5;
