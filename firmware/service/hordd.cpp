@@ -86,6 +86,15 @@ ListenSockets sockets_from_systemd() {
     return sockets;
 }
 
+// The configured recipe is not among them: without it there is no start.
+void print_unusable_recipes(const std::vector<RecipeEntry>& all, const std::filesystem::path& configured) {
+    for (const RecipeEntry& entry : all) {
+        std::error_code none;
+        if (!entry.recipe && !std::filesystem::equivalent(entry.file, configured, none))
+            fmt::print("note: a recipe that cannot be selected: {}\n", entry.recipe.error().message());
+    }
+}
+
 // --check: everything that a start reads, and the folders.
 int check(const Options& options) {
     const auto config = read_config(options);
@@ -101,6 +110,8 @@ int check(const Options& options) {
     const auto folders = check_folders(*config);
     use(folders);
     if (const auto store = store_folder(*config); folders && !store.empty()) use(store::check_rights(store));
+    // A refusal hides none of them.
+    if (all) print_unusable_recipes(*all, config->inspection.recipe);
     if (!found.empty()) return refuse_configuration(found.as_error().value());
     for (const auto& readable : {check_sources(*config), folders}) {
         for (const std::string& folder : readable.value_or(std::vector<std::string>())) fmt::print("{}\n", folder);
@@ -116,7 +127,6 @@ int check(const Options& options) {
         std::error_code none;
         if (std::filesystem::equivalent(entry.file, config->inspection.recipe, none)) continue;
         if (entry.recipe) print_notes(entry.file.string(), *entry.recipe);
-        else fmt::print("note: a recipe that cannot be selected: {}\n", entry.recipe.error().message());
     }
     fmt::print("{} can be used; devices were not asked\n", options.config);
     return end_output(0);

@@ -344,6 +344,15 @@ TEST(Mistakes, two_recipes_of_a_folder_with_one_number_are_refused) {
         EXPECT_TRUE(said.status == 2 || said.status == 78) << said.status;
         EXPECT_THAT(said.err, HasSubstr("both have number 7: give each recipe a number of its own"));
     }
+    // The refusal hides no recipe that cannot be used.
+    for (const std::string name : {"c", "d"})
+        std::ofstream(folder / ("recipes/" + name + ".toml"))
+            << "schema = 1\nnumber = 9\n[reference]\nfile = \"gone\"\n";
+    const Said refused = run("hordd", {"--check", "--config", folder / "c.toml"});
+    EXPECT_EQ(refused.status, 78);
+    EXPECT_THAT(refused.err, HasSubstr("both have number 7"));
+    for (const std::string name : {"c", "d"})
+        EXPECT_THAT(refused.out, HasSubstr("cannot be selected: " + (folder / ("recipes/" + name + ".toml:4"))));
 }
 
 // On a terminal of 60 columns no line of a help is longer; a pasted example is still one command.
