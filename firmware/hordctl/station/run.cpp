@@ -69,7 +69,9 @@ class Run {
                       names_of_faults(service_->simulated()));
         progress_ = std::make_unique<Progress>("parts", options_.line.parts == 0);
         for (const Error& note : start_notes(*config)) say(note.message());
-        if (options_.line.parts > 0 || options_.reset_after_s > 0) watch_for_line_stop(0);
+        // Without an end of its own the run waits for a person who resets the line, as the service does.
+        const bool ends = options_.line.parts > 0 || std::holds_alternative<FrameFolder>(config->sensor);
+        if (ends || options_.reset_after_s > 0) watch_for_line_stop(0);
         if (!options_.vitals.empty()) service_->loop().post([this] { sample_vitals(); });
         if (options_.line.realtime > 0) {
             for (const Error& refused : take_realtime_policy(options_.line.realtime)) say(refused.message());
@@ -386,7 +388,8 @@ void add_run(CLI::App& program, Exit& status) {
         "Exit status: 0 every part that came got its verdict, 2 bad configuration, a port or a state folder that "
         "another "
         "station uses, or output that could not be written, 3 the station ended in an error, or results or frames "
-        "could not be stored.\n"
+        "could not be stored. With --parts or recorded frames it ends by itself when the line is stopped, or the "
+        "station in an error, for 5 s, or a device is not there for 10 s.\n"
         "Example: hordctl run --simulate --parts 200 --modbus 127.0.0.1:1502");
     command->callback([options, rate, good, variety, &status] {
         options->good_given = good->count() > 0;

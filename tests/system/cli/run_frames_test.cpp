@@ -25,9 +25,10 @@ class RunFrames : public ::testing::Test {
                 drivers::write_frame(folder / ("frames/" + std::to_string(k) + ".png"), Frame(27, 27, 8).view()));
         configure("[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n");
     }
-    void configure(const std::string& sensor) {
+    void configure(const std::string& sensor, int max_failures_in_a_row = 0) {
         std::ofstream(folder / "c.toml") << simulated_beside(
-            sensor + "[modbus]\nport = 0\n[station]\nmax_failures_in_a_row = 0\n" + kRoomyLine);
+            sensor + "[modbus]\nport = 0\n[station]\nmax_failures_in_a_row = " + std::to_string(max_failures_in_a_row) +
+            "\n" + kRoomyLine);
     }
     static constexpr int kFrames = 6;
     TemporaryFolder folder;
@@ -119,6 +120,15 @@ TEST_F(RunFrames, goes_on_and_ends_when_nobody_takes_its_messages) {
                               "STATE_DIRECTORY=" + (folder / "state") + " " + HORD_BIN_DIR + "/hordd --config " +
                                   (folder / "c.toml") + " 2>" + unread.path() + " & sleep 2; kill -TERM $!; wait $!"});
     EXPECT_EQ(service.status, 0);
+}
+
+// Dark frames are no verdict, and two of them in a row stop the station: its line brings no further frame.
+TEST_F(RunFrames, ends_with_the_report_when_the_station_is_in_error) {
+    configure("[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n", 2);
+    const Said said = run("hordctl", {"run", "--rate", "2", "--config", folder / "c.toml"}, std::chrono::seconds(60));
+    EXPECT_EQ(said.status, 3) << said.err;
+    EXPECT_THAT(said.out, HasSubstr("the station ended in Error"));
+    EXPECT_THAT(said.out, HasSubstr("too-dark"));
 }
 
 TEST_F(RunFrames, options_that_would_have_no_effect_are_refused_with_the_reason) {
