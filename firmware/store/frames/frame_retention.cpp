@@ -80,7 +80,8 @@ std::uint64_t FrameRetention::finish() {
         thread_.request_stop();
         thread_.join();
     }
-    return counts().dropped - before;
+    const Counts at_end = counts();
+    return at_end.failing ? at_end.dropped : at_end.dropped - before;
 }
 
 void FrameRetention::set_recipe(const std::string& text) {

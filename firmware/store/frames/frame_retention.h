@@ -49,7 +49,8 @@ class FrameRetention {
                    Listener listener = {});
     ~FrameRetention();  // finishes
 
-    // Ends the thread. Writes the waiting frames if the disk works. Returns how many of them it had to drop.
+    // Ends the thread. Writes the waiting frames if the disk works. Returns how many of them it had to drop; if the
+    // disk still takes none, all that were dropped since the start.
     std::uint64_t finish();
 
     // Any thread. The text of the recipe in use from now on.

@@ -82,7 +82,7 @@ std::vector<Error> StationRecorder::finish() {
     if (const Unstored left = queue_.finish(); left.any()) all.push_back(left.error());
     const std::uint64_t dropped = frames_ ? frames_->finish() : 0;
     if (dropped > 0) {
-        all.push_back({ErrorCode::io, fmt::format("{} frames could not be kept before the end", dropped),
+        all.push_back({ErrorCode::io, fmt::format("{} frames could not be kept", dropped),
                        "free space on the store's disk, or use a faster one"});
     }
     return all;

@@ -143,6 +143,19 @@ TEST(FrameRetention, goes_on_when_a_full_disk_has_room_again) {
     cell.inspect(3, true);
     EXPECT_THAT(cell.kept(), ElementsAre("p3-reject"));
     EXPECT_EQ(cell.said.back(), "works again");
+    EXPECT_EQ(cell.keeper.finish(), 0U);
+}
+
+TEST(FrameRetention, counts_at_its_end_what_a_disk_that_still_fails_did_not_take) {
+    ArchiveDisk disk = real_disk();
+    disk.write = [](const std::filesystem::path& file, std::span<const std::uint8_t>) -> Result<void> {
+        return fail(ErrorCode::io, file.string() + " cannot be written (No space left on device)", "free space");
+    };
+    Cell cell({.before = 0, .after = 0}, disk);
+    cell.inspect(1, true);
+    cell.inspect(2, true);
+    EXPECT_THAT(cell.kept(), IsEmpty());
+    EXPECT_EQ(cell.keeper.finish(), 2U);
 }
 
 TEST(FrameRetention, makes_room_for_results_before_it_writes_another_frame) {
