@@ -8,7 +8,7 @@
 
 namespace hord {
 
-// Writes through stdout's buffer. Does not throw, as fmt::print() does: what is lost is told by end_output().
+// Writes through stdout's buffer. Unlike fmt::print() it does not throw: end_output() tells what is lost.
 void print_output(std::string_view text);
 
 // What stdout took, and errno of what failed (0: nothing).

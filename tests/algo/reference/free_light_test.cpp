@@ -32,6 +32,11 @@ double noisy(double share, double electrons, std::mt19937_64& random) {
         std::sqrt(mean) * std::normal_distribution()(random);
 }
 
+// A smooth pattern of light over the field, of about 1 % standard deviation: a wave with another phase a part.
+Light smooth(double phase) {
+    return [phase](int m, int n) { return 0.9 * (1 + 0.014 * std::sin(0.11 * m + 0.07 * n + phase)); };
+}
+
 // How many of kSeeds frames of `frame` in `level` of the light are refused against a reference of kParts of `learned`.
 int refused(const Light& learned, const Light& frame, double level) {
     int count = 0;
@@ -71,6 +76,18 @@ TEST(FreeLight, is_not_told_where_the_light_does_not_vary) {
     for (const double level : {1.0, 0.25}) {
         EXPECT_EQ(refused(web, web, level), 0) << level;
         EXPECT_EQ(refused(empty, empty, level), 0) << level;
+    }
+}
+
+// What is alike in all parts is as large as what differs from part to part.
+TEST(FreeLight, is_not_told_where_good_parts_differ_smoothly) {
+    const auto learned = [](int m, int n) {
+        return 1 + 0.01 * std::sin(0.05 * (m - n)) + (smooth(1.0)(m, n) - 0.9) / 4;
+    };
+    for (const double phase : {0.0, 1.0, 2.0, 3.0, 4.0, 5.0}) {
+        const Light other = smooth(phase);
+        const auto frame = [&](int m, int n) { return 1 + 0.01 * std::sin(0.05 * (m - n)) + other(m, n) - 0.9; };
+        EXPECT_EQ(refused(learned, frame, 1), 0) << phase;
     }
 }
 
