@@ -318,6 +318,7 @@ void Registrar::check(const Problem& of, bool afar, Registered& result) const {
     const EdgeAgreement edges =
         compare_edges(extents_, of.reference, of.part, PoseMap(result.pose, extents_), of.typical, result.light);
     result.missing_edges = edges.missing_share();
+    result.has_edges = edges.tells(0) || edges.tells(1);
     result.size =
         compare_sizes(extents_, of.reference, of.part, PoseMap(result.pose, extents_), of.typical, result.light);
     for (std::size_t axis : {0U, 1U}) {
@@ -366,18 +367,12 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
     Registered result = find_pose(of);
     if (!result.found()) {
         if (is_empty(of)) result.outcome = Registered::Outcome::no_part;
-    } else if (shows_free_light(of, result.pose)) {
-        result.outcome = Registered::Outcome::free_light;
+    } else if (!result.has_edges &&
+               is_rather_empty(extents_, of.reference, of.part, PoseMap(result.pose, extents_), of.electrons_per_dn,
+                               of.parts)) {
+        result.outcome = Registered::Outcome::free_light;  // any field fits a reference without edges
     }
     return result;
-}
-
-// Of a reference without edges: any field fits it.
-bool Registrar::shows_free_light(const Problem& of, const Pose& pose) const {
-    const PoseMap map(pose, extents_);
-    const EdgeAgreement edges = compare_edges(extents_, of.reference, of.part, map, of.typical, of.light);
-    return !edges.tells(0) && !edges.tells(1) &&
-        is_rather_empty(extents_, of.reference, of.part, map, of.electrons_per_dn, of.parts);
 }
 
 // The reference has edges, and the part's maps show none.

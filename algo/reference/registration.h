@@ -50,6 +50,7 @@ struct Registered {
     Pose pose;
     double light = 1;          // the part's light over the reference's, median over the sample
     double disagreeing = 0;    // share of the samples that disagree grossly
+    bool has_edges = false;    // the reference has edges that say where a part lies
     double missing_edges = 2;  // share of the reference's edges that the part lacks there; 2: no pose was found
     // Whether the maps say where the part lies along x and y, and how it is turned (or it is round, so that no turn
     // matters). What they do not say stays near 0.
@@ -86,7 +87,6 @@ class Registrar {
     Registered settle(const Problem& of, const Pose& start);
     Registered find_pose(const Problem& of);
     [[nodiscard]] bool is_empty(const Problem& of) const;
-    [[nodiscard]] bool shows_free_light(const Problem& of, const Pose& pose) const;
     void check(const Problem& of, bool afar, Registered& result) const;
     Registered settle_from_afar(const Problem& of);
 
