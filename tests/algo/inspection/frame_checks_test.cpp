@@ -16,6 +16,7 @@
 #include "algo/inspection/pipeline.h"
 #include "hal_sim/optics/camera/render.h"
 #include "hal_sim/optics/scene/scene.h"
+#include "tests/support/light_image.h"
 #include "tests/support/odd_frames.h"
 
 namespace hord::algo {

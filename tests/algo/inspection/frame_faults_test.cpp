@@ -9,7 +9,7 @@
 
 #include "algo/frame/mask.h"
 #include "algo/inspection/frame_checks.h"
-#include "tests/support/odd_frames.h"
+#include "tests/support/light_image.h"
 
 namespace hord::algo {
 namespace {

@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include "tests/support/odd_frames.h"
+#include "tests/support/light_image.h"
 
 namespace hord::algo {
 namespace {

@@ -76,3 +76,11 @@ def inspected(*arguments):
     status, out, error = hordctl("inspect", *arguments, "--json")
     assert status != 2, error
     return json.loads(out)
+
+
+def white_frame(pitch=12.4, turn=0.004, side=400):
+    y, x = np.mgrid[0:side, 0:side]
+    u = ((x - side / 2) * np.cos(turn) + (y - side / 2) * np.sin(turn)) / pitch
+    v = ((y - side / 2) * np.cos(turn) - (x - side / 2) * np.sin(turn)) / pitch
+    r2 = (u - np.round(u)) ** 2 + (v - np.round(v)) ** 2
+    return (20 + 200 * np.exp(-r2 / (2 * 0.16**2))).astype(np.uint8)
