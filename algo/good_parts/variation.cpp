@@ -46,6 +46,50 @@ void eigen(std::vector<double>& a, std::vector<double>& vectors, std::size_t n) 
     }
 }
 
+// Each channel in units of its typical spread, so that light and deflections count alike.
+std::array<double, 3> typical_spreads(const Variation& v) {
+    std::array<double, 3> unit{};
+    for (std::size_t c = 0; c < 3; ++c) {
+        std::vector<double> spreads;
+        for (std::size_t k = 0; k < v.mask.size(); ++k) {
+            if (v.mask[k] == kValid) spreads.push_back(static_cast<double>((v.spread.*kChannels[c])[k]));
+        }
+        unit[c] = std::max(common::quantile(std::move(spreads), 0.5), 1e-9);
+    }
+    return unit;
+}
+
+// Principal modes by the products between parts, which are far fewer than places.
+struct Modes {
+    std::vector<double> values, vectors;  // values: on the diagonal of parts x parts; vectors: in its columns
+    std::vector<std::size_t> order;       // of the columns, the greatest value first
+    double total = 0;
+};
+// `difference(part, channel, place)` from the mean.
+template <class Difference>
+Modes modes_of(std::size_t parts, std::size_t places, const Difference& difference) {
+    Modes of{std::vector<double>(parts * parts), {}, std::vector<std::size_t>(parts), 0};
+    std::vector<double>& products = of.values;
+    std::vector<double> row(parts);
+    for (std::size_t c = 0; c < 3; ++c) {
+        for (std::size_t k = 0; k < places; ++k) {
+            for (std::size_t p = 0; p < parts; ++p) row[p] = difference(p, c, k);
+            for (std::size_t p = 0; p < parts; ++p) {
+                for (std::size_t q = p; q < parts; ++q) products[p * parts + q] += row[p] * row[q];
+            }
+        }
+    }
+    for (std::size_t p = 0; p < parts; ++p) {
+        for (std::size_t q = 0; q < p; ++q) products[p * parts + q] = products[q * parts + p];
+    }
+    eigen(products, of.vectors, parts);
+    for (std::size_t p = 0; p < parts; ++p) of.total += products[p * parts + p];
+    std::iota(of.order.begin(), of.order.end(), std::size_t{0});
+    std::ranges::sort(of.order,
+                      [&](std::size_t a, std::size_t b) { return products[a * parts + a] > products[b * parts + b]; });
+    return of;
+}
+
 }  // namespace
 
 VariationMeter::VariationMeter(const Reference& reference)
@@ -102,18 +146,11 @@ void VariationMeter::add(const FrameView& frame, const Pose& pose) {
     parts_.push_back(std::move(part));
 }
 
-Variation VariationMeter::finish(std::size_t modes) const {
-    Variation v;
-    v.grid = grid_;
-    v.step = step_;
-    v.parts = parts_.size();
-    const std::size_t places = grid_.lenslets(), count = parts_.size();
-    v.mask.assign(places, kValid);
-    for (const Channel c : kChannels) (v.mean.*c).assign(places, 0), (v.spread.*c).assign(places, 0);
-    if (count == 0) return v;
-    for (std::size_t k = 0; k < places; ++k) {
+// Where at least half of the parts have light: their mean and spread. Elsewhere the mask is dark.
+void VariationMeter::add_mean_and_spread(Variation& v) const {
+    for (std::size_t k = 0; k < grid_.lenslets(); ++k) {
         const auto with = std::ranges::count_if(parts_, [&](const PartMapSet& p) { return !std::isnan(p.light[k]); });
-        if (2 * static_cast<std::size_t>(with) < count) {
+        if (2 * static_cast<std::size_t>(with) < parts_.size()) {
             v.mask[k] = kDark;
             continue;
         }
@@ -130,46 +167,31 @@ Variation VariationMeter::finish(std::size_t modes) const {
                 static_cast<float>(std::sqrt(std::max(0.0, squares / static_cast<double>(with) - mean * mean)));
         }
     }
-    // Each channel in units of its typical spread, so that light and deflections count alike.
-    std::array<double, 3> unit{};
-    for (std::size_t c = 0; c < 3; ++c) {
-        std::vector<double> spreads;
-        for (std::size_t k = 0; k < places; ++k) {
-            if (v.mask[k] == kValid) spreads.push_back(static_cast<double>((v.spread.*kChannels[c])[k]));
-        }
-        unit[c] = std::max(common::quantile(std::move(spreads), 0.5), 1e-9);
-    }
+}
+
+Variation VariationMeter::finish(std::size_t modes) const {
+    Variation v;
+    v.grid = grid_;
+    v.step = step_;
+    v.parts = parts_.size();
+    const std::size_t places = grid_.lenslets(), count = parts_.size();
+    v.mask.assign(places, kValid);
+    for (const Channel c : kChannels) (v.mean.*c).assign(places, 0), (v.spread.*c).assign(places, 0);
+    if (count == 0) return v;
+    add_mean_and_spread(v);
+    const std::array<double, 3> unit = typical_spreads(v);
     const auto difference = [&](std::size_t part, std::size_t c, std::size_t k) {
         const float value = (parts_[part].*kChannels[c])[k];
         if (v.mask[k] != kValid || std::isnan(value)) return 0.0;
         return static_cast<double>(value - (v.mean.*kChannels[c])[k]) / unit[c];
     };
-    std::vector<double> products(count * count), vectors;
-    std::vector<double> row(count);
-    for (std::size_t c = 0; c < 3; ++c) {
-        for (std::size_t k = 0; k < places; ++k) {
-            for (std::size_t p = 0; p < count; ++p) row[p] = difference(p, c, k);
-            for (std::size_t p = 0; p < count; ++p) {
-                for (std::size_t q = p; q < count; ++q) products[p * count + q] += row[p] * row[q];
-            }
-        }
-    }
-    for (std::size_t p = 0; p < count; ++p) {
-        for (std::size_t q = 0; q < p; ++q) products[p * count + q] = products[q * count + p];
-    }
-    eigen(products, vectors, count);
-    double total = 0;
-    for (std::size_t p = 0; p < count; ++p) total += products[p * count + p];
-    std::vector<std::size_t> order(count);
-    std::iota(order.begin(), order.end(), std::size_t{0});
-    std::ranges::sort(order,
-                      [&](std::size_t a, std::size_t b) { return products[a * count + a] > products[b * count + b]; });
+    const Modes found = modes_of(count, places, difference);
     const double root = std::sqrt(static_cast<double>(count));
-    for (std::size_t rank = 0; rank < std::min(modes, count) && total > 0; ++rank) {
-        const std::size_t which = order[rank];
+    for (std::size_t rank = 0; rank < std::min(modes, count) && found.total > 0; ++rank) {
+        const std::size_t which = found.order[rank];
         VariationMode mode;
-        mode.share = products[which * count + which] / total;
-        for (std::size_t p = 0; p < count; ++p) mode.amounts.push_back(vectors[p * count + which] * root);
+        mode.share = found.values[which * count + which] / found.total;
+        for (std::size_t p = 0; p < count; ++p) mode.amounts.push_back(found.vectors[p * count + which] * root);
         for (std::size_t c = 0; c < 3; ++c) {
             auto& map = mode.maps.*kChannels[c];
             map.assign(places, 0);

@@ -49,6 +49,8 @@ class VariationMeter {
     [[nodiscard]] Variation finish(std::size_t modes) const;
 
   private:
+    void add_mean_and_spread(Variation& variation) const;
+
     const Reference& reference_;
     int step_;
     Extents grid_;

@@ -137,6 +137,42 @@ void refuse_other_lights_keys(TomlTable& strobe, std::vector<TomlTable>& channel
     }
 }
 
+// The keys of a strobe controller, whatever the backend: refuse_other_lights_keys() wants to see them.
+void read_controller(TomlTable& strobe, bool used, drivers::GardasoftStrobeOptions& gardasoft, bool& by_line) {
+    if (strobe.has("host") && used) host(strobe, "host", gardasoft.host);
+    else strobe.text("host", gardasoft.host);
+    strobe.integer("port", gardasoft.port, 1, 65535);
+    strobe.text("device", gardasoft.device);
+    strobe.choice("trigger", {"command", "line"}, by_line);
+    us(strobe, "delay_us", gardasoft.delay, 20, 999'000);
+    ms(strobe, "response_timeout_ms", gardasoft.response_timeout, 10, 1000);
+}
+
+// A light with channels of its own has as many as are described.
+int described_channels(TomlTable& strobe, const std::vector<TomlTable>& channels, int said) {
+    if (channels.empty() || channels.size() > 32)
+        strobe.problem("channel", "must be there 1 to 32 times", "describe every collimator in a [[strobe.channel]]");
+    const int described = static_cast<int>(channels.size());
+    if (strobe.has("channels") && said != described) {
+        strobe.problem("channels", "differs from the number of [[strobe.channel]]", "leave it out: they are counted");
+    }
+    return std::max(1, described);
+}
+
+// Which channels light up, as bits.
+void read_lit(TomlTable& strobe, int channels, CoreConfig& core) {
+    std::vector<double> lit{0};
+    strobe.numbers("lit", lit, 1, 32);
+    core.strobe_channels = 0;
+    for (const double channel : lit) {
+        if (channel < 0 || channel >= channels || channel != std::floor(channel)) {
+            strobe.problem("lit", "names a channel that does not exist", "use 0 to strobe.channels less one");
+            continue;
+        }
+        core.strobe_channels |= 1U << static_cast<unsigned>(channel);
+    }
+}
+
 }  // namespace
 
 void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core, SensorConfig* seen_by) {
@@ -147,16 +183,10 @@ void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core, Sensor
     read_limits(strobe, value.limits);
     std::string camera_line;
     strobe.text("camera_line", camera_line);
+    bool by_line = true;
     StrobeController controller;
     drivers::GardasoftStrobeOptions& gardasoft = controller.gardasoft;
-    if (strobe.has("host") && backend == Backend::gardasoft) host(strobe, "host", gardasoft.host);
-    else strobe.text("host", gardasoft.host);
-    strobe.integer("port", gardasoft.port, 1, 65535);
-    strobe.text("device", gardasoft.device);
-    bool by_line = true;
-    strobe.choice("trigger", {"command", "line"}, by_line);
-    us(strobe, "delay_us", gardasoft.delay, 20, 999'000);
-    ms(strobe, "response_timeout_ms", gardasoft.response_timeout, 10, 1000);
+    read_controller(strobe, backend == Backend::gardasoft, gardasoft, by_line);
     gardasoft.pulse = core.strobe;
     std::vector<TomlTable> channels = strobe.tables("channel");
     std::vector<drivers::GpioStrobeChannel> gpio;
@@ -175,15 +205,7 @@ void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core, Sensor
         value.camera_line = camera_line;
         if (seen_by != nullptr) read_camera_light(strobe, value, core, *seen_by);
     } else if (backend != Backend::simulated) {
-        if (channels.empty() || channels.size() > 32)
-            strobe.problem("channel", "must be there 1 to 32 times",
-                           "describe every collimator in a [[strobe.channel]]");
-        const int described = static_cast<int>(channels.size());
-        if (strobe.has("channels") && value.channels != described) {
-            strobe.problem("channels", "differs from the number of [[strobe.channel]]",
-                           "leave it out: they are counted");
-        }
-        value.channels = std::max(1, described);
+        value.channels = described_channels(strobe, channels, value.channels);
     }
     if (backend == Backend::gpio || (backend == Backend::gardasoft && by_line)) check_lines(channels, lines);
     if (backend == Backend::gpio) value.gpio = std::move(gpio);
@@ -194,16 +216,7 @@ void read_strobe(TomlTable strobe, StrobeConfig& value, CoreConfig& core, Sensor
         if (by_line) controller.triggers = std::move(lines);
         value.controller = std::move(controller);
     }
-    std::vector<double> lit{0};
-    strobe.numbers("lit", lit, 1, 32);
-    core.strobe_channels = 0;
-    for (const double channel : lit) {
-        if (channel < 0 || channel >= value.channels || channel != std::floor(channel)) {
-            strobe.problem("lit", "names a channel that does not exist", "use 0 to strobe.channels less one");
-            continue;
-        }
-        core.strobe_channels |= 1U << static_cast<unsigned>(channel);
-    }
+    read_lit(strobe, value.channels, core);
     if (value.gpio.empty() && !value.controller) return check_light(strobe, core, value.limits);
     for (std::size_t k = 0; k < channels.size(); ++k) {
         if (((core.strobe_channels >> k) & 1U) != 0) check_light(channels[k], core, limits[k]);

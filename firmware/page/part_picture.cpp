@@ -33,6 +33,26 @@ const FeatureView* chosen(const FeatureViews& views, const std::string& feature)
     return name == kSums || name == name_of(algo::Feature::transmission) ? views.find(name) : nullptr;
 }
 
+// The defects that are marked, with their places in the picture and in the field.
+Json defects_of(const algo::Inspection& exact, const std::vector<std::string>& labels, const algo::Recipe& recipe,
+                const algo::Extents& extents) {
+    Json list = Json::array();
+    for (std::size_t k = 0; k < labels.size() && k < kMaxMarked; ++k) {
+        const algo::Defect& d = exact.defects[k];
+        const PicturePoint at = point_in_picture(extents, d.m, d.n);
+        Json defect{{"words", labels[k]}, {"m", d.m}, {"n", d.n}, {"kind", algo::name_of(d.kind)}};
+        const PictureBox mark = mark_in_picture(extents, exact.defects, labels, k);
+        defect["at"] = {at.x, at.y};  // in the picture, px
+        defect["mark"] = {mark.x, mark.y, mark.width, mark.height};
+        if (recipe.lenslet_mm > 0) {  // from the middle of the field, as in the recipe's zones
+            defect["x_mm"] = (d.m - 0.5F * static_cast<float>(extents.m - 1)) * recipe.lenslet_mm;
+            defect["y_mm"] = (d.n - 0.5F * static_cast<float>(extents.n - 1)) * recipe.lenslet_mm;
+        }
+        list.push_back(std::move(defect));
+    }
+    return list;
+}
+
 }  // namespace
 
 Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kept, const std::string& feature) {
@@ -77,25 +97,11 @@ Result<std::shared_ptr<const DrawnPart>> PartPictures::draw(const KeptFrame& kep
                {"width", picture.width},
                {"height", picture.height},
                {"same_as_then", now.maps_sha256 == then.maps_sha256 && now.verdict == then.verdict}};
-    Json list = Json::array();
-    for (std::size_t k = 0; k < labels.size() && k < kMaxMarked; ++k) {
-        const algo::Defect& d = exact->defects[k];
-        const PicturePoint at = point_in_picture(extents, d.m, d.n);
-        Json defect{{"words", labels[k]}, {"m", d.m}, {"n", d.n}, {"kind", algo::name_of(d.kind)}};
-        const PictureBox mark = mark_in_picture(extents, exact->defects, labels, k);
-        defect["at"] = {at.x, at.y};  // in the picture, px
-        defect["mark"] = {mark.x, mark.y, mark.width, mark.height};
-        if (recipe.lenslet_mm > 0) {  // from the middle of the field, as in the recipe's zones
-            defect["x_mm"] = (d.m - 0.5F * static_cast<float>(extents.m - 1)) * recipe.lenslet_mm;
-            defect["y_mm"] = (d.n - 0.5F * static_cast<float>(extents.n - 1)) * recipe.lenslet_mm;
-        }
-        list.push_back(std::move(defect));
-    }
     found["maps"] = Json::array();
     for (const FeatureView& view : views.judged())
         found["maps"].push_back({{"name", name_on_page(view)}, {"title", view.title}});
     found["maps"].push_back({{"name", kSums}, {"title", "light"}});
-    found["defects"] = std::move(list);
+    found["defects"] = defects_of(*exact, labels, recipe, extents);
     found["defect_count"] = labels.size();
     auto drawn = std::make_shared<const DrawnPart>(DrawnPart{std::move(*png), to_text(found)});
     drawn_.emplace_front(id, drawn);
