@@ -63,6 +63,71 @@ int request_buffers(int fd, std::uint32_t& count) {
     return r;
 }
 
+// Agrees with the device on the options' size and depth. `format`: what it took.
+Result<Depth> agree_on_format(int fd, const std::string& device, const V4l2SensorOptions& options,
+                              v4l2_format& format) {
+    if (std::ranges::find(kDepths, options.bits, &Depth::bits) == kDepths.end()) {
+        return fail(ErrorCode::unsupported,
+                    device + ": no format with " + std::to_string(options.bits) + " bits is known",
+                    "use 8, 10, 12 or 16");
+    }
+    format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    if (request(fd, VIDIOC_G_FMT, &format) != 0)
+        return failed(device, "does not say its format (is the camera on?)", errno);
+    v4l2_pix_format& pixel = format.fmt.pix;
+    const std::uint32_t width = options.width_px > 0 ? static_cast<std::uint32_t>(options.width_px) : pixel.width;
+    const std::uint32_t height = options.height_px > 0 ? static_cast<std::uint32_t>(options.height_px) : pixel.height;
+    bool agreed = false;
+    Depth used{};
+    for (const Depth& depth : kDepths) {
+        if (agreed || depth.bits != options.bits) continue;
+        pixel.width = width;
+        pixel.height = height;
+        pixel.pixelformat = depth.fourcc;
+        pixel.field = V4L2_FIELD_NONE;
+        pixel.bytesperline = 0;
+        const bool accepted = request(fd, VIDIOC_S_FMT, &format) == 0;
+        if (!accepted && errno == EBUSY) return failed(device, "its format cannot be set", EBUSY);
+        agreed = accepted && pixel.pixelformat == depth.fourcc && pixel.width == width && pixel.height == height;
+        used = depth;
+    }
+    if (!agreed) {
+        std::string wanted;
+        for (const Depth& depth : kDepths) {
+            if (depth.bits == options.bits) wanted += (wanted.empty() ? "" : " or ") + fourcc_text(depth.fourcc);
+        }
+        return fail(ErrorCode::unsupported,
+                    device + " has no " + wanted + " frames of " + std::to_string(width) + "x" +
+                        std::to_string(height) + "; it has " + formats_of(fd),
+                    "set sensor.bits and the frame's size to what the device has (v4l2-ctl --list-formats-ext)");
+    }
+    if (used.packed && pixel.bytesperline < packed_row_bytes(used.bits, width)) {
+        return fail(ErrorCode::io, device + ": a row is shorter than its samples", "look at the kernel's log");
+    }
+    return used;
+}
+
+Result<void> set_controls(int fd, const std::string& device,
+                          std::span<const std::pair<std::string, std::int64_t>> controls) {
+    for (const auto& [name, value] : controls) {
+        v4l2_queryctrl control{};
+        control.id = V4L2_CTRL_FLAG_NEXT_CTRL;
+        bool found = false;
+        while (!found && request(fd, VIDIOC_QUERYCTRL, &control) == 0) {
+            found = name == reinterpret_cast<const char*>(control.name);
+            if (!found) control.id |= V4L2_CTRL_FLAG_NEXT_CTRL;
+        }
+        v4l2_control setting{control.id, static_cast<std::int32_t>(value)};
+        if (!found || request(fd, VIDIOC_S_CTRL, &setting) != 0) {
+            return fail(ErrorCode::unsupported,
+                        device + ": control \"" + name + "\" " +
+                            (found ? "refuses " + std::to_string(value) : "does not exist"),
+                        "see v4l2-ctl --list-ctrls");
+        }
+    }
+    return {};
+}
+
 }  // namespace
 
 struct V4l2Sensor::Stream final : CameraStream {
@@ -105,65 +170,16 @@ Result<std::shared_ptr<V4l2Sensor::Stream>> V4l2Sensor::open_stream() {
         return fail(ErrorCode::unsupported, device + " is not a video device that streams frames",
                     "name the sensor's /dev/video node");
     }
-    if (std::ranges::find(kDepths, options_.bits, &Depth::bits) == kDepths.end()) {
-        return fail(ErrorCode::unsupported,
-                    device + ": no format with " + std::to_string(options_.bits) + " bits is known",
-                    "use 8, 10, 12 or 16");
-    }
+    const int fd = stream->fd.get();
     v4l2_format format{};
-    format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    if (request(stream->fd.get(), VIDIOC_G_FMT, &format) != 0)
-        return failed(device, "does not say its format (is the camera on?)", errno);
-    v4l2_pix_format& pixel = format.fmt.pix;
-    const std::uint32_t width = options_.width_px > 0 ? static_cast<std::uint32_t>(options_.width_px) : pixel.width;
-    const std::uint32_t height = options_.height_px > 0 ? static_cast<std::uint32_t>(options_.height_px) : pixel.height;
-    bool agreed = false;
-    Depth used{};
-    for (const Depth& depth : kDepths) {
-        if (agreed || depth.bits != options_.bits) continue;
-        pixel.width = width;
-        pixel.height = height;
-        pixel.pixelformat = depth.fourcc;
-        pixel.field = V4L2_FIELD_NONE;
-        pixel.bytesperline = 0;
-        const bool accepted = request(stream->fd.get(), VIDIOC_S_FMT, &format) == 0;
-        if (!accepted && errno == EBUSY) return failed(device, "its format cannot be set", EBUSY);
-        agreed = accepted && pixel.pixelformat == depth.fourcc && pixel.width == width && pixel.height == height;
-        used = depth;
-    }
-    if (!agreed) {
-        std::string wanted;
-        for (const Depth& depth : kDepths) {
-            if (depth.bits == options_.bits) wanted += (wanted.empty() ? "" : " or ") + fourcc_text(depth.fourcc);
-        }
-        return fail(ErrorCode::unsupported,
-                    device + " has no " + wanted + " frames of " + std::to_string(width) + "x" +
-                        std::to_string(height) + "; it has " + formats_of(stream->fd.get()),
-                    "set sensor.bits and the frame's size to what the device has (v4l2-ctl --list-formats-ext)");
-    }
-    if (used.packed && pixel.bytesperline < packed_row_bytes(used.bits, width)) {
-        return fail(ErrorCode::io, device + ": a row is shorter than its samples", "look at the kernel's log");
-    }
-    for (const auto& [name, value] : options_.controls) {
-        v4l2_queryctrl control{};
-        control.id = V4L2_CTRL_FLAG_NEXT_CTRL;
-        bool found = false;
-        while (!found && request(stream->fd.get(), VIDIOC_QUERYCTRL, &control) == 0) {
-            found = name == reinterpret_cast<const char*>(control.name);
-            if (!found) control.id |= V4L2_CTRL_FLAG_NEXT_CTRL;
-        }
-        v4l2_control setting{control.id, static_cast<std::int32_t>(value)};
-        if (!found || request(stream->fd.get(), VIDIOC_S_CTRL, &setting) != 0) {
-            return fail(ErrorCode::unsupported,
-                        device + ": control \"" + name + "\" " +
-                            (found ? "refuses " + std::to_string(value) : "does not exist"),
-                        "see v4l2-ctl --list-ctrls");
-        }
-    }
+    const auto used = agree_on_format(fd, device, options_, format);
+    if (!used) return tl::unexpected(used.error());
+    if (auto set = set_controls(fd, device, options_.controls); !set) return tl::unexpected(set.error());
     // One buffer stays with the device, so that the others can all be lent.
-    format_ = {static_cast<int>(width), static_cast<int>(height), options_.bits, options_.buffers - 1};
+    const v4l2_pix_format& pixel = format.fmt.pix;
+    format_ = {static_cast<int>(pixel.width), static_cast<int>(pixel.height), options_.bits, options_.buffers - 1};
     stride_bytes_ = static_cast<std::ptrdiff_t>(pixel.bytesperline);
-    layout_ = used.packed ? SampleLayout::mipi : SampleLayout::plain;
+    layout_ = used->packed ? SampleLayout::mipi : SampleLayout::plain;
     return stream;
 }
 
