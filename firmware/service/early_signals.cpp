@@ -28,12 +28,12 @@ sigset_t held() {
     return set;
 }
 
+}  // namespace
+
 bool is_ignored(int signal) {
     struct sigaction now {};
     return ::sigaction(signal, nullptr, &now) == 0 && now.sa_handler == SIG_IGN;
 }
-
-}  // namespace
 
 void hold_signals() {
     const sigset_t set = held();

@@ -16,4 +16,7 @@ void release_signals();
 // nohup does not have it ignored; otherwise it waits for the Service.
 void end_at_signals(std::string_view line, bool hangup_ends);
 
+// As nohup leaves SIGHUP.
+[[nodiscard]] bool is_ignored(int signal);
+
 }  // namespace hord::firmware

@@ -16,6 +16,7 @@
 #include "firmware/diagnostics/inspection_self_test.h"
 #include "firmware/diagnostics/learn_report.h"
 #include "firmware/recipes/recipe_folder.h"
+#include "firmware/service/early_signals.h"
 
 namespace hord::firmware {
 namespace {
@@ -30,11 +31,6 @@ bool stop_waits(bool hangup_stops) {
     ::sigpending(&waiting);
     const auto waits = [&](int signal) { return ::sigismember(&waiting, signal) == 1; };
     return std::ranges::any_of(kEndSignals, waits) || (hangup_stops && waits(SIGHUP));
-}
-
-bool is_ignored(int signal) {
-    struct sigaction now {};
-    return ::sigaction(signal, nullptr, &now) == 0 && now.sa_handler == SIG_IGN;
 }
 
 StationIdentity identity_of(const Config& config, const SimulationOptions& simulation) {
