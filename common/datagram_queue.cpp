@@ -1,4 +1,4 @@
-#include "firmware/service/datagram_queue.h"
+#include "common/datagram_queue.h"
 
 #include <cerrno>
 #include <cstddef>
@@ -9,7 +9,7 @@
 #include <sys/socket.h>
 #include <sys/un.h>
 
-namespace hord::firmware {
+namespace hord::common {
 
 // Every datagram names the address: a reader that starts again has a new socket there.
 int DatagramQueue::send_now(std::string_view datagram) {
@@ -18,7 +18,7 @@ int DatagramQueue::send_now(std::string_view datagram) {
     if (address_.empty() || address_.size() >= sizeof to.sun_path) return EINVAL;
     std::memcpy(to.sun_path, address_.data(), address_.size());
     if (to.sun_path[0] == '@') to.sun_path[0] = '\0';
-    if (!socket_) socket_ = common::UniqueFd(::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+    if (!socket_) socket_ = UniqueFd(::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0));
     const auto length = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + address_.size());
     const ssize_t sent = ::sendto(socket_.get(), datagram.data(), datagram.size(), MSG_DONTWAIT | MSG_NOSIGNAL,
                                   reinterpret_cast<const sockaddr*>(&to), length);
@@ -50,4 +50,4 @@ void DatagramQueue::finish(std::chrono::milliseconds patience) {
         std::this_thread::sleep_for(std::chrono::milliseconds(10));
 }
 
-}  // namespace hord::firmware
+}  // namespace hord::common

@@ -10,7 +10,7 @@
 
 #include "common/unique_fd.h"
 
-namespace hord::firmware {
+namespace hord::common {
 
 // Not thread-safe.
 class DatagramQueue {
@@ -35,9 +35,9 @@ class DatagramQueue {
     [[nodiscard]] int send_now(std::string_view datagram);  // 0 or the errno
 
     std::string address_;
-    common::UniqueFd socket_;
+    UniqueFd socket_;
     std::deque<std::string> waiting_;
     std::size_t lost_ = 0;
 };
 
-}  // namespace hord::firmware
+}  // namespace hord::common

@@ -12,11 +12,11 @@
 #include "common/cli/message.h"
 #include "common/cli/output.h"
 #include "common/cli/program.h"
+#include "common/datagram_queue.h"
 #include "common/toml_fields.h"
 #include "firmware/config/path_check.h"
 #include "firmware/core/faults.h"
 #include "firmware/recipes/recipe_folder.h"
-#include "firmware/service/datagram_queue.h"
 #include "firmware/service/early_signals.h"
 #include "firmware/service/journal.h"
 #include "firmware/service/realtime.h"
@@ -51,8 +51,8 @@ Result<Config> read_config(const Options& options) {
     return config;
 }
 
-DatagramQueue& manager() {
-    static DatagramQueue queue(environment("NOTIFY_SOCKET"));
+common::DatagramQueue& manager() {
+    static common::DatagramQueue queue(environment("NOTIFY_SOCKET"));
     return queue;
 }
 

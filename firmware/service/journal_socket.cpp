@@ -41,7 +41,7 @@ std::string journal_datagram(const Entry& entry, std::string_view message, std::
 
 void JournalSocket::write(const Entry& entry, std::string_view message, std::span<const Field> fields) {
     queue_.flush();
-    if (const std::size_t lost = queue_.lost(); lost > 0 && queue_.waiting() + 1 < DatagramQueue::kMaxWaiting) {
+    if (const std::size_t lost = queue_.lost(); lost > 0 && queue_.waiting() + 1 < common::DatagramQueue::kMaxWaiting) {
         queue_.forget_lost();
         const std::string note = fmt::format("{} message{} before this could not be written: the journal took nothing",
                                              lost, lost == 1 ? "" : "s");

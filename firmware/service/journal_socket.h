@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-#include "firmware/service/datagram_queue.h"
+#include "common/datagram_queue.h"
 #include "firmware/service/journal.h"
 
 namespace hord::firmware {
@@ -25,14 +25,14 @@ class JournalSocket {
   public:
     explicit JournalSocket(std::string_view address) : queue_(address) {}
 
-    // Keeps what the journal does not take, up to DatagramQueue::kMaxWaiting messages; further ones are lost. The next
-    // that finds room comes behind a message that says how many were.
+    // Keeps what the journal does not take, up to common::DatagramQueue::kMaxWaiting messages; further ones are lost.
+    // The next that finds room comes behind a message that says how many were.
     void write(const Entry& entry, std::string_view message, std::span<const Field> fields);
     void flush() { queue_.flush(); }
     void finish(std::chrono::milliseconds patience) { queue_.finish(patience); }
 
   private:
-    DatagramQueue queue_;
+    common::DatagramQueue queue_;
 };
 
 }  // namespace hord::firmware

@@ -86,20 +86,20 @@ TEST(JournalDatagram, has_a_length_before_a_value_of_several_lines) {
 TEST_F(JournalSocketTest, does_not_wait_for_a_reader_that_takes_nothing_and_keeps_its_messages) {
     Reader reader(path_);
     const auto begun = std::chrono::steady_clock::now();
-    write_numbers(DatagramQueue::kMaxWaiting);
+    write_numbers(common::DatagramQueue::kMaxWaiting);
     EXPECT_LT(std::chrono::steady_clock::now() - begun, std::chrono::seconds(10)) << "a reader that waits: for ever";
     const std::vector<std::string> got = read_all(reader, journal_);
-    ASSERT_EQ(got.size(), DatagramQueue::kMaxWaiting);
+    ASSERT_EQ(got.size(), common::DatagramQueue::kMaxWaiting);
     for (std::size_t k = 0; k < got.size(); ++k) EXPECT_EQ(got[k], "MESSAGE=" + std::to_string(k));
 }
 
 // The kernel keeps some, too: of twice as many messages some are lost.
 TEST_F(JournalSocketTest, says_how_many_messages_were_lost_where_they_are_missing) {
-    constexpr std::size_t kMany = 3 * DatagramQueue::kMaxWaiting;
+    constexpr std::size_t kMany = 3 * common::DatagramQueue::kMaxWaiting;
     Reader reader(path_);
     write_numbers(kMany);
     std::vector<std::string> got = read_all(reader, journal_);
-    ASSERT_GE(got.size(), DatagramQueue::kMaxWaiting);
+    ASSERT_GE(got.size(), common::DatagramQueue::kMaxWaiting);
     ASSERT_LT(got.size(), kMany);
     EXPECT_EQ(got.back(), "MESSAGE=" + std::to_string(got.size() - 1)) << "the last ones are lost";
     const std::size_t lost = kMany - got.size();
