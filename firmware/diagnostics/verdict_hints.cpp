@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <utility>
-#include <vector>
 
 #include <fmt/format.h>
 
@@ -12,73 +10,51 @@
 #include "algo/inspection/frame_checks.h"
 #include "algo/inspection/rim.h"
 #include "algo/reference/pose_tolerance.h"
+#include "firmware/diagnostics/along_outline.h"
 
 namespace hord::firmware {
 namespace {
 
 constexpr std::size_t kSteepPartOf = 8;  // a place of 1/8 of the judged lenslets is no usual defect
 
-// The worst defect's middle lies within three lenslets of the rim.
-bool is_beside_rim(const algo::Inspection& found, const algo::Extents& e) {
+// Lenslet (m, n) lies within three lenslets of the rim.
+bool is_beside_rim(const algo::Inspection& found, const algo::Extents& e, int m, int n) {
     constexpr int kNear = 3;
-    const algo::Defect& d = found.defects[0];
     if (found.mask.empty()) return false;
     bool any = false;
-    e.for_each_around(static_cast<int>(std::lround(d.m)), static_cast<int>(std::lround(d.n)), kNear,
-                      [&](int m, int n) { any = any || (found.mask[e.index(m, n)] & algo::kRim) != 0; });
+    e.for_each_around(m, n, kNear, [&](int x, int y) { any = any || (found.mask[e.index(x, y)] & algo::kRim) != 0; });
     return any;
 }
 
-// Lenslets without light, or with less than the recipe allows, that lie along the rim from there inwards.
-struct DarkEdge {
-    int width = 0;     // lenslets beyond the rim, at its widest
-    double share = 0;  // of the outline
-};
+// The worst defect's middle does.
+bool is_beside_rim(const algo::Inspection& found, const algo::Extents& e) {
+    const algo::Defect& d = found.defects[0];
+    return is_beside_rim(found, e, static_cast<int>(std::lround(d.m)), static_cast<int>(std::lround(d.n)));
+}
 
-DarkEdge dark_edge(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
-    constexpr int kWidest = 6;
-    // Fewer of the lenslets beside the rim are no bevel, but a place, such as a hole: a short side of a plate that is
-    // three times as long as wide is an eighth. Farther from the rim a sixteenth.
-    constexpr std::size_t kSideOf = 8, kSomeOf = 16;
-    if (found.mask.empty() || found.transmission.empty()) return {};
-    std::vector<std::uint8_t> seen(found.mask.size());
-    std::vector<std::size_t> at, next;
-    for (std::size_t k = 0; k < seen.size(); ++k) {
-        seen[k] = (found.mask[k] & algo::kNotJudged) != 0 ? 1 : 0;
-        if ((found.mask[k] & algo::kRim) != 0) at.push_back(k);
-    }
-    DarkEdge edge;
-    for (int width = 1; width <= kWidest; ++width) {
-        next.clear();
-        std::size_t dark = 0;
-        for (const std::size_t k : at) {
-            e.for_each_around(static_cast<int>(k) % e.m, static_cast<int>(k) / e.m, 1, [&](int m, int n) {
-                const std::size_t beside = e.index(m, n);
-                if (seen[beside] != 0) return;
-                seen[beside] = 1;
-                next.push_back(beside);
-                const bool is_dark =
-                    (found.mask[beside] & algo::kDark) != 0 || found.transmission[beside] < recipe.transmission_limit;
-                dark += is_dark ? 1 : 0;
-            });
-        }
-        if ((width == 1 ? kSideOf : kSomeOf) * dark < next.size() || next.empty()) break;
-        edge.width = width;
-        edge.share = std::max(edge.share, static_cast<double>(dark) / static_cast<double>(next.size()));
-        std::swap(at, next);
-    }
-    return edge;
+int margin_of(const algo::Recipe& recipe, const algo::Extents& e) {
+    return recipe.rim_margin < 0 ? algo::default_rim_margin(e) : recipe.rim_margin;
 }
 
 // A bevel that is wider than the rim's margin is dark along the outline.
 std::string dark_edge_hint(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
-    const DarkEdge edge = dark_edge(found, recipe, e);
+    const AlongOutline edge = dark_along_outline(found, recipe, e);
     if (edge.width == 0) return "";
-    const int margin = recipe.rim_margin < 0 ? algo::default_rim_margin(e) : recipe.rim_margin;
     return fmt::format(
         " It is dark along {:.0f} % of the outline, up to {} lenslets beyond the rim: if good parts have such a bevel, "
         "set rim_margin = {}.",
-        100 * edge.share, edge.width, margin + edge.width);
+        100 * edge.share, edge.width, margin_of(recipe, e) + edge.width);
+}
+
+// The bevel of a plate may bend light beyond the rim's margin.
+std::string bent_edge_hint(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
+    constexpr const char* kCause =
+        " There it may be a bevel that bends light: if good plates have it, learn a reference (hordctl learn), or";
+    if (const auto edge = defect_along_outline(found, recipe, e))
+        return fmt::format("{} set rim_margin = {}, which hides more of what moves.", kCause,
+                           margin_of(recipe, e) + edge->width);
+    if (!is_beside_rim(found, e)) return "";
+    return fmt::format("{} set rim_margin wider.", kCause);
 }
 
 // Of a part that is compared with a reference: the worst defect lies at an edge that its pose moves farther than the
@@ -123,8 +99,12 @@ std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, cons
             "before the part is judged.",
             found.dark_dn, 100 * found.frame.lost_share);
     };
-    if (is_dim) return dim_hint();
     const bool light_is_there = found.reason != algo::Reason::absorption;
+    // A bevel bends bright light as far as faint light.
+    if (recipe.form == algo::PartForm::plate && light_is_there) {
+        if (std::string text = bent_edge_hint(found, recipe, e); !text.empty()) return text;
+    }
+    if (is_dim) return dim_hint();
     if (is_along_tube(found, recipe, e))
         return " What goes on along the tube may be the slope of the tube and what is in it, which single "
                "frames cannot tell from a defect: learn a reference (hordctl learn), use wider bins, or raise "

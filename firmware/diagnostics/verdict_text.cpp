@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include "algo/inspection/reference_defects.h"
+#include "firmware/diagnostics/along_outline.h"
 #include "firmware/diagnostics/unfit_text.h"
 #include "firmware/diagnostics/verdict_hints.h"
 
@@ -14,10 +15,10 @@ std::string length_text(float lenslets, const algo::Recipe& recipe) {
                                  : fmt::format("{:.1f} lenslets", lenslets);
 }
 
-std::string place_text(const algo::Defect& d, const algo::Recipe& recipe, const algo::Extents& e) {
-    const float m = d.m - 0.5F * static_cast<float>(e.m - 1), n = d.n - 0.5F * static_cast<float>(e.n - 1);
+std::string place_text(algo::Point at, const algo::Recipe& recipe, const algo::Extents& e) {
+    const float m = at.m - 0.5F * static_cast<float>(e.m - 1), n = at.n - 0.5F * static_cast<float>(e.n - 1);
     if (recipe.lenslet_mm > 0) return fmt::format("({:.2f}, {:.2f}) mm", m * recipe.lenslet_mm, n * recipe.lenslet_mm);
-    return fmt::format("lenslet ({:.1f}, {:.1f})", d.m, d.n);
+    return fmt::format("lenslet ({:.1f}, {:.1f})", at.m, at.n);
 }
 
 std::string_view what_is(const algo::Defect& defect) {
@@ -32,6 +33,21 @@ std::string_view what_is(const algo::Defect& defect) {
         case algo::DefectKind::unknown: break;
     }
     return "a defect";
+}
+
+// What the worst defect is, how large, and where.
+std::string worst_text(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
+    const algo::Defect& d = found.defects.front();
+    if (const auto edge = defect_along_outline(found, recipe, e)) {
+        const algo::Point worst{static_cast<float>(static_cast<int>(edge->worst) % e.m),
+                                static_cast<float>(static_cast<int>(edge->worst) / e.m)};
+        return fmt::format("{} along {:.0f} % of the outline, worst at {}", what_is(d), 100 * edge->share,
+                           place_text(worst, recipe, e));
+    }
+    const std::string what = is_along_tube(found, recipe, e)
+        ? "a place along the tube, of " + length_text(d.length, recipe)
+        : fmt::format("{} of {}", what_is(d), size_text(d, recipe));
+    return fmt::format("{} at {}", what, place_text({d.m, d.n}, recipe, e));
 }
 
 }  // namespace
@@ -57,13 +73,11 @@ std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, c
         return fmt::format(
             "Rejected: light passes as if material were missing at {}: {:.0f} % more than beside it, over {}, {}{:.1f} "
             "times its limit.{} If good parts are thinner or clearer there, learn a reference (hordctl learn).",
-            place_text(d, recipe, extents), 100 * d.peak, length_text(d.length, recipe), at_most, found.score, bounds);
+            place_text({d.m, d.n}, recipe, extents), 100 * d.peak, length_text(d.length, recipe), at_most, found.score,
+            bounds);
     }
-    const std::string what = is_along_tube(found, recipe, extents)
-        ? "a place along the tube, of " + length_text(d.length, recipe)
-        : fmt::format("{} of {}", what_is(d), size_text(d, recipe));
-    std::string text = fmt::format("Rejected: {} at {}, {}{:.1f} times its limit", what, place_text(d, recipe, extents),
-                                   at_most, found.score);
+    std::string text =
+        fmt::format("Rejected: {}, {}{:.1f} times its limit", worst_text(found, recipe, extents), at_most, found.score);
     const std::size_t more = found.defects.size() - 1;
     if (more > 0) text += fmt::format("; {} weaker {}", more, more == 1 ? "one" : "ones");
     return text + "." + moved_optics(found) + bounds + hint(found, recipe, extents);

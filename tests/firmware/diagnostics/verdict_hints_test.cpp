@@ -135,12 +135,67 @@ TEST(VerdictHints, of_a_steep_part_and_of_a_line_at_a_plates_edge_says_what_else
     defect.kind = algo::DefectKind::scratch;
     std::vector<std::uint8_t> mask(extents.lenslets());
     found.mask = mask;
-    EXPECT_FALSE(says("the plate's bevel"));
-    mask[extents.index(2, 8)] = algo::kRim;
-    EXPECT_TRUE(says("the plate's bevel"));
-    mask[extents.index(2, 8)] = 0;
-    mask[extents.index(1, 5)] = algo::kRim;
-    EXPECT_FALSE(says("the plate's bevel"));
+    for (const auto& [reason, text] : {std::pair(Reason::deflection_gradient, "a bevel that bends light"),
+                                       std::pair(Reason::absorption, "the plate's bevel")}) {
+        found.reason = reason;
+        mask[extents.index(1, 5)] = 0;
+        EXPECT_FALSE(says(text));
+        mask[extents.index(2, 8)] = algo::kRim;
+        EXPECT_TRUE(says(text));
+        mask[extents.index(2, 8)] = 0;
+        mask[extents.index(1, 5)] = algo::kRim;
+        EXPECT_FALSE(says(text));
+    }
+}
+
+// The bevel of a plate bends light beside the rim, all around. The middle of that defect is no place of it, and less
+// light is no cause: the cure is that of the bevel.
+TEST(VerdictHints, of_what_bends_light_along_a_plates_outline_says_so_with_the_worst_place_and_a_cure) {
+    const algo::Extents extents{20, 20, 9, 9};
+    const algo::Defect defect{.m = 9.5F, .n = 9.5F, .area = 44, .kind = algo::DefectKind::surface};
+    algo::Inspection found;
+    found.verdict = algo::Verdict::reject;
+    found.reason = Reason::deflection_gradient;
+    found.score = 2;
+    found.defects = {&defect, 1};
+    std::vector<std::uint8_t> mask(extents.lenslets());
+    std::vector<float> slopes(extents.lenslets());
+    found.mask = mask;
+    found.frobenius = slopes;
+    algo::Recipe recipe;
+    recipe.form = algo::PartForm::plate;
+    const auto draw = [&](auto&& slope) {
+        for (int n = 0; n < extents.n; ++n) {
+            for (int m = 0; m < extents.m; ++m) {
+                const int in = std::min({m, n, extents.m - 1 - m, extents.n - 1 - n});  // lenslets from the border
+                const std::size_t k = extents.index(m, n);
+                mask[k] = in < 2 ? algo::kOutside : in < 4 ? algo::kRim : 0;
+                slopes[k] = slope(m, n, in);
+            }
+        }
+        return explain(found, recipe, extents);
+    };
+    const auto bevel = [](int m, int n, int in) { return in > 4 ? 0.1F : m == 4 && n == 7 ? 0.8F : 0.5F; };
+    for (const float lost : {0.0F, 0.3F}) {
+        found.frame.lost_share = lost;
+        EXPECT_EQ(draw(bevel),
+                  "Rejected: a surface defect along 100 % of the outline, worst at lenslet (4.0, 7.0), 2.0 times its "
+                  "limit. There it may be a bevel that bends light: if good plates have it, learn a reference (hordctl "
+                  "learn), or set rim_margin = 3, which hides more of what moves.");
+    }
+    // Not if the worst place is inside, and not if few lenslets beside the rim exceed the limit (four of 44).
+    EXPECT_THAT(draw([&](int m, int n, int in) { return m == 10 && n == 10 ? 0.9F : bevel(m, n, in); }),
+                testing::AllOf(testing::HasSubstr("of 7.5 lenslets at lenslet (9.5, 9.5), 2.0 times"),
+                               testing::Not(testing::HasSubstr("bevel"))));
+    EXPECT_THAT(draw([&](int m, int n, int in) { return n < 8 && m == 4 ? bevel(m, n, in) : 0.1F; }),
+                testing::HasSubstr("of 7.5 lenslets at lenslet (9.5, 9.5), 2.0 times"));
+    // A lens is told the place only; its own hints are others.
+    recipe.form = algo::PartForm::round;
+    EXPECT_THAT(draw(bevel),
+                testing::AllOf(testing::HasSubstr("along 100 % of the outline, worst at lenslet (4.0, 7.0)"),
+                               testing::Not(testing::HasSubstr("bevel"))));
+    recipe.form = algo::PartForm::tube;
+    EXPECT_THAT(draw(bevel), testing::Not(testing::HasSubstr("outline")));
 }
 
 // A bevel wider than the rim's margin. A dark place away from the rim is none.
