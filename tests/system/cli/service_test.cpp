@@ -1,6 +1,6 @@
-// hordd as systemd meets it, without a booted systemd: readiness, watchdog, sockets, reload, journal, sandbox.
+// hordd as systemd meets it, without a booted systemd: sockets, reload, the PLC, files, journal, sandbox. Readiness and
+// watchdog: manager_test.cpp.
 #include <algorithm>
-#include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <filesystem>
@@ -18,14 +18,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
-#include <poll.h>
 #include <sched.h>
 #include <sys/socket.h>
-#include <sys/un.h>
 #include <unistd.h>
 
 #include "firmware/core/station_types.h"
 #include "firmware/registers/register_client.h"
+#include "tests/system/cli/notify_socket.h"
 #include "tests/system/cli/program.h"
 #include "tests/system/cli/service_fixture.h"
 
@@ -43,73 +42,6 @@ std::string text_of(const std::filesystem::path& file) {
     std::stringstream text;
     text << in.rdbuf();
     return text.str();
-}
-
-// The service manager's side of the notification socket.
-class NotifySocket {
-  public:
-    explicit NotifySocket(const std::string& path) : fd_(socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
-        sockaddr_un address{};
-        address.sun_family = AF_UNIX;
-        path.copy(address.sun_path, sizeof address.sun_path - 1);
-        EXPECT_EQ(bind(fd_, reinterpret_cast<sockaddr*>(&address), sizeof address), 0);
-    }
-    ~NotifySocket() { close(fd_); }
-    NotifySocket(const NotifySocket&) = delete;
-    NotifySocket& operator=(const NotifySocket&) = delete;
-
-    // From now on it takes no message, until hears() reads.
-    void fill() const {
-        sockaddr_un address{};
-        socklen_t size = sizeof address;
-        ASSERT_EQ(getsockname(fd_, reinterpret_cast<sockaddr*>(&address), &size), 0);
-        while (sendto(fd_, "full", 4, MSG_DONTWAIT, reinterpret_cast<const sockaddr*>(&address), size) == 4) {
-        }
-        ASSERT_EQ(errno, EAGAIN);
-    }
-
-    // The next message that contains `text`; empty if none comes.
-    std::string hears(const std::string& text) {
-        const auto until = std::chrono::steady_clock::now() + kPatience;
-        while (std::chrono::steady_clock::now() < until) {
-            pollfd ready{fd_, POLLIN, 0};
-            if (poll(&ready, 1, 1000) <= 0) continue;
-            char bytes[4096];
-            const ssize_t got = recv(fd_, bytes, sizeof bytes, 0);
-            const std::string message(bytes, got > 0 ? static_cast<std::size_t>(got) : 0);
-            if (message.find(text) != std::string::npos) return message;
-        }
-        return {};
-    }
-
-  private:
-    int fd_;
-};
-
-TEST_F(Service, tells_its_manager_when_it_is_ready_what_it_does_and_that_it_lives) {
-    write_config();
-    NotifySocket manager(folder / "notify");
-    Running service("/usr/bin/env", under({"NOTIFY_SOCKET=" + (folder / "notify"), "WATCHDOG_USEC=400000"}));
-    EXPECT_NE(manager.hears("READY=1"), "") << service.so_far().err;
-    EXPECT_THAT(manager.hears("STATUS=ContinuousExecution"),
-                HasSubstr("; SIMULATED: part-sensor, strobe, sensor, rejector"));
-    EXPECT_TRUE(service.says("simulated: part-sensor, strobe, sensor, rejector"));
-    for (int k = 0; k < 3; ++k) EXPECT_NE(manager.hears("WATCHDOG=1"), "");
-    service.signal(SIGTERM);
-    EXPECT_NE(manager.hears("STOPPING=1"), "");
-    EXPECT_EQ(service.stop(0).status, 0);
-}
-
-TEST_F(Service, does_not_wait_for_a_manager_that_takes_nothing_and_tells_it_later) {
-    write_config();
-    NotifySocket manager(folder / "notify");
-    manager.fill();
-    Running service("/usr/bin/env", under({"NOTIFY_SOCKET=" + (folder / "notify"), "WATCHDOG_USEC=400000"}));
-    ASSERT_TRUE(service.says("Ready to ContinuousExecution", kPatience)) << service.so_far().err;
-    EXPECT_NE(manager.hears("READY=1"), "") << "it was kept";
-    EXPECT_NE(manager.hears("STATUS=ContinuousExecution"), "");
-    manager.fill();
-    EXPECT_EQ(service.stop(SIGTERM).status, 0);
 }
 
 TEST_F(Service, reads_its_configuration_again_without_stopping) {
@@ -374,81 +306,6 @@ TEST_F(Service, refuses_files_that_cannot_be_used_before_anything_is_rendered) {
         }
     }
     EXPECT_TRUE(std::filesystem::is_empty(empty)) << "a cell was rendered";
-}
-
-TEST_F(Service, a_second_station_on_the_same_state_folder_is_refused_before_it_writes) {
-    write_config("[station]\nautostart = false\n");
-    const auto state = folder.path() / "state";
-    std::filesystem::create_directories(state);
-    const std::vector<std::string> arguments = under({"STATE_DIRECTORY=" + state.string()});
-    Running service("/usr/bin/env", arguments);
-    ASSERT_TRUE(service.says("Preoperational to Initialized", kPatience)) << service.so_far().err;
-    const std::string why = "state folder " + state.string() + " is in use by process ";
-    const Said second = run("/usr/bin/env", arguments);
-    EXPECT_EQ(second.status, 2);
-    EXPECT_THAT(second.err, HasSubstr(why));
-    const Said simulated =
-        run("hordctl", {"run", "--simulate", "--parts", "1", "--modbus", "127.0.0.1:0", "--state", state});
-    EXPECT_EQ(simulated.status, 2);
-    EXPECT_THAT(simulated.err, HasSubstr(why));
-    EXPECT_THAT(simulated.err, HasSubstr("(hordd): stop it or name another folder"));
-    EXPECT_FALSE(std::filesystem::exists(state / "line-empty")) << "a false proof";
-}
-
-// The first is killed: a crash must not leave the folder locked.
-TEST_F(Service, a_second_station_on_the_same_store_is_refused_until_the_first_has_ended) {
-    const auto store = folder.path() / "store";
-    write_config("[station]\nautostart = false\n[store]\nfolder = \"" + store.string() + "\"\n");
-    Running first("/usr/bin/env", under({}));
-    ASSERT_TRUE(first.says("Preoperational to Initialized", kPatience)) << first.so_far().err;
-    // Its store is opened by a thread of its own.
-    const auto until = std::chrono::steady_clock::now() + kPatience;
-    while (run("hordctl", {"results", "--store", store}).status != 0 && std::chrono::steady_clock::now() < until) {
-    }
-    const std::string why = "the store's folder " + store.string() + " is in use by process ";
-    const Said second = run("/usr/bin/env", under({}));
-    EXPECT_EQ(second.status, 2);
-    EXPECT_THAT(second.err, HasSubstr(why));
-    const Said simulated =
-        run("hordctl", {"run", "--simulate", "--parts", "1", "--modbus", "127.0.0.1:0", "--store", store});
-    const std::string first_one = why + std::to_string(first.pid()) + " (hordd)";
-    EXPECT_EQ(simulated.status, 2);
-    EXPECT_THAT(simulated.err, HasSubstr(first_one));
-    const Said checked = run("/usr/bin/env", under({}, {"--check"}));
-    EXPECT_EQ(checked.status, 0) << checked.err;
-    EXPECT_THAT(checked.out, HasSubstr("note: " + first_one + "\n"));
-    EXPECT_EQ(run("hordctl", {"results", "--store", store}).status, 0) << "readers go on";
-    EXPECT_EQ(run("hordctl", {"results", "verify", "--store", store}).status, 0);
-    first.stop(SIGKILL);
-    EXPECT_THAT(run("/usr/bin/env", under({}, {"--check"})).out, Not(HasSubstr("is in use by")));
-    Running again("/usr/bin/env", under({}));
-    EXPECT_TRUE(again.says("Preoperational to Initialized", kPatience)) << again.so_far().err;
-}
-
-// Before the first has opened its store, or after: the lock is the folder's.
-TEST_F(Service, a_second_station_on_the_same_store_is_refused_without_the_files_of_the_lock) {
-    const auto store = folder.path() / "store";
-    write_config("[station]\nautostart = false\n[store]\nfolder = \"" + store.string() + "\"\n");
-    Running first("/usr/bin/env", under({}));
-    const auto until = std::chrono::steady_clock::now() + kPatience;
-    while (!std::filesystem::remove(store / "station.lock") && std::chrono::steady_clock::now() < until)
-        std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    for (int k = 0; k < 2; ++k) {
-        const Said second = run("/usr/bin/env", under({}));
-        EXPECT_EQ(second.status, 2);
-        EXPECT_THAT(second.err, HasSubstr("the store's folder " + store.string() + " is in use by another process"));
-        ASSERT_TRUE(first.says("Preoperational to Initialized", kPatience)) << first.so_far().err;
-        std::filesystem::remove(store / "lock");
-    }
-    EXPECT_EQ(first.stop(SIGTERM).status, 0);
-}
-
-TEST_F(Service, may_store_its_results_in_the_state_folder_itself) {
-    const auto state = folder.path() / "state";
-    std::filesystem::create_directories(state);
-    write_config("[station]\nautostart = false\n[store]\nfolder = \"" + state.string() + "\"\n");
-    Running service("/usr/bin/env", under({"STATE_DIRECTORY=" + state.string()}));
-    EXPECT_TRUE(service.says("Preoperational to Initialized", kPatience)) << service.so_far().err;
 }
 
 TEST_F(Service, that_is_started_by_hand_says_that_it_stores_nothing) {

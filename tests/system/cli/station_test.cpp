@@ -8,52 +8,21 @@
 #include <sstream>
 #include <thread>
 
-#include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <netinet/in.h>
 #include <nlohmann/json.hpp>
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include "firmware/registers/register_client.h"
 #include "tests/support/modbus_module/modbus_module.h"
 #include "tests/system/cli/program.h"
+#include "tests/system/cli/station_fixture.h"
 
 namespace hord::test {
 namespace {
 
 using ::testing::AllOf;
 using ::testing::HasSubstr;
-using Json = nlohmann::json;
-
-constexpr auto kRendering = std::chrono::seconds(240);  // of the simulated parts, on a busy machine
-
-// A TCP port of this machine, held (and, if asked, listening without ever answering) for the test's life.
-class HeldPort {
-  public:
-    explicit HeldPort(bool listening) : fd_(socket(AF_INET, SOCK_STREAM, 0)) {
-        sockaddr_in address{};
-        address.sin_family = AF_INET;
-        address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-        socklen_t size = sizeof address;
-        EXPECT_EQ(bind(fd_, reinterpret_cast<sockaddr*>(&address), size), 0);
-        EXPECT_EQ(getsockname(fd_, reinterpret_cast<sockaddr*>(&address), &size), 0);
-        port_ = ntohs(address.sin_port);
-        if (listening) {
-            EXPECT_EQ(listen(fd_, 16), 0);
-        }
-    }
-    ~HeldPort() { close(fd_); }
-    HeldPort(const HeldPort&) = delete;
-    HeldPort& operator=(const HeldPort&) = delete;
-    [[nodiscard]] std::string address() const { return "127.0.0.1:" + std::to_string(port_); }
-    [[nodiscard]] int port() const { return port_; }
-
-  private:
-    int fd_;
-    int port_ = 0;
-};
 
 class MonotonicClock : public hal::Clock {
   public:
@@ -61,15 +30,6 @@ class MonotonicClock : public hal::Clock {
         return hal::TimePoint(std::chrono::steady_clock::now().time_since_epoch());
     }
 };
-
-std::vector<Json> json_lines(const std::string& text) {
-    std::vector<Json> all;
-    std::istringstream stream(text);
-    for (std::string line; std::getline(stream, line);) {
-        if (!line.empty() && line.front() == '{') all.push_back(Json::parse(line));
-    }
-    return all;
-}
 
 // -- registers
 
@@ -286,13 +246,6 @@ TEST(Run, is_reset_after_it_was_held_up_and_goes_on) {
     EXPECT_THAT(said.err, HasSubstr("the line was stopped and reset"));
 }
 
-// The port that a running station said it listens at.
-std::string port_of(const Said& said) {
-    const std::string mark = "registers at 127.0.0.1:";
-    const auto at = said.err.find(mark);
-    return at == std::string::npos ? "" : said.err.substr(at + mark.size(), said.err.find('\n', at) - at - mark.size());
-}
-
 // With mbpoll, an independent Modbus client, and with hordctl's own client.
 TEST(Run, ident_to_last_can_be_read_while_it_runs) {
     Running station("hordctl",
@@ -323,128 +276,6 @@ TEST(Run, ident_to_last_can_be_read_while_it_runs) {
     EXPECT_EQ(counted("missed"), 0);
     EXPECT_LE(counted("pass") + counted("reject") + counted("unfit"), counted("seen"));
     EXPECT_EQ(station.stop(SIGINT).status, 0);
-}
-
-// -- a PLC
-
-// Talks to a station as a PLC program does: sends commands by token and polls until a condition holds.
-class Plc {
-  public:
-    explicit Plc(const std::string& port) : client_(connect(port)) { boot_ = read(8, 1)[0]; }
-    std::vector<std::uint16_t> read(std::uint16_t address, std::size_t count) {
-        auto words = client_.read(address, count);
-        EXPECT_TRUE(words) << words.error().message();
-        return words ? *words : std::vector<std::uint16_t>(count);
-    }
-    std::uint32_t read32(std::uint16_t address) {
-        const auto words = read(address, 2);
-        return std::uint32_t{words[0]} << 16U | words[1];
-    }
-    Result<void> write(std::uint16_t address, const std::vector<std::uint16_t>& words) {
-        return client_.write(address, words);
-    }
-    // The error of the reply, when it has come.
-    int command(std::uint16_t code, std::uint16_t argument = 0) {
-        EXPECT_TRUE(write(8002, {0, ++token_, boot_, code, 0, argument}));
-        EXPECT_TRUE(comes([&] { return read(8023, 1)[0] == token_ && read(8025, 1)[0] >= 2; }));
-        return read(8026, 1)[0];
-    }
-    template <class F>
-    bool comes(F what) {
-        const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(60);
-        while (std::chrono::steady_clock::now() < end) {
-            if (what()) return true;
-        }
-        return false;
-    }
-    bool state_is(int state) {
-        return comes([&] { return read(102, 1)[0] == state; });
-    }
-
-  private:
-    static firmware::modbus::Client connect(const std::string& port) {
-        auto client = firmware::modbus::Client::connect({"127.0.0.1", static_cast<std::uint16_t>(std::stoi(port))},
-                                                        std::chrono::seconds(10));
-        if (!client) throw std::runtime_error(client.error().message());
-        return std::move(*client);
-    }
-    firmware::modbus::Client client_;
-    std::uint16_t boot_ = 0, token_ = 0;
-};
-
-TEST(Plc, brings_the_station_up_takes_results_changes_the_recipe_and_tests_it) {
-    const TemporaryFolder folder;
-    std::filesystem::create_directories(folder / "recipes");
-    std::ofstream(folder / "recipes/seven.toml")
-        << "schema = 1\nname = \"seven\"\nnumber = 7\n[limits]\nemd_bins = 0.9\n";
-    std::ofstream(folder / "c.toml") << "[station]\nautostart = false\n[plc]\npolicy = \"stop\"\ntimeout_ms = 60000\n"
-                                     << kRoomyLine;
-    Running station("hordctl",
-                    {"run", "--simulate", "--config", folder / "c.toml", "--rate", "2", "--variety", "1", "--modbus",
-                     "127.0.0.1:0"});
-    ASSERT_TRUE(station.says("registers at", std::chrono::seconds(120))) << station.so_far().err;
-    Plc plc(port_of(station.so_far()));
-    EXPECT_TRUE(plc.write(8102, {1}));  // alive
-    ASSERT_TRUE(plc.state_is(5));
-    ASSERT_TRUE(plc.comes([&] { return plc.command(2) == 0; }));  // arm, as soon as the rejector's module is found
-    EXPECT_EQ(plc.command(22), 0) << "self-test found " << plc.read32(8027) << station.so_far().err;
-    EXPECT_EQ(plc.command(23, 7), 0) << station.so_far().err;
-    EXPECT_EQ(plc.read(110, 1)[0], 7);  // the recipe in use
-    EXPECT_EQ(plc.command(5), 0);
-    ASSERT_TRUE(plc.state_is(8));
-    ASSERT_TRUE(plc.comes([&] { return plc.read32(106) >= 2; }));
-    EXPECT_EQ(plc.read32(1024), 1U);  // the first result and its recipe
-    EXPECT_EQ(plc.read(1024 + 20, 1)[0], 7);
-    EXPECT_TRUE(plc.write(8103, {0, 2}));
-    EXPECT_FALSE(plc.write(8103, {0, 1}));  // the acknowledged sequence must not decrease
-    // Through hordctl, as a person.
-    const std::string address = "127.0.0.1:" + port_of(station.so_far());
-    const Said watched = run("hordctl", {"watch", "--modbus", address, "--count", "2", "--every", "20"});
-    EXPECT_EQ(watched.status, 0) << watched.err;
-    EXPECT_EQ(std::count(watched.out.begin(), watched.out.end(), '\n'), 2);
-    EXPECT_THAT(watched.out, HasSubstr("ContinuousExecution parts/min "));
-    EXPECT_THAT(watched.out, HasSubstr("faults "));  // not which ones: a busy machine misses flashes
-    const Said refused = run("hordctl", {"command", "arm", "--modbus", address});
-    EXPECT_EQ(refused.status, 2);
-    EXPECT_THAT(refused.err, HasSubstr("not_in_this_state"));
-    EXPECT_THAT(refused.err, HasSubstr("the station is ContinuousExecution: possible are stop, abort"));
-    EXPECT_EQ(run("hordctl", {"command", "stop", "--modbus", address}).status, 0);
-    ASSERT_TRUE(plc.state_is(6));
-    Said tested;
-    ASSERT_TRUE(plc.comes([&] {  // once the belt stands and the parts on it have gone
-        tested = run("hordctl", {"selftest", "--modbus", address});
-        return tested.err.find("not_yet") == std::string::npos;
-    })) << tested.err;
-    EXPECT_THAT(tested.out, HasSubstr("self-test passed")) << tested.err;
-    EXPECT_EQ(plc.read32(115) & 0x10U, 0U);  // every rejection was confirmed
-    EXPECT_EQ(station.stop(SIGINT).status, 0);
-}
-
-// A person at a simulated line: the belt waits for the first start, and a reset finds an empty line. Each halt comes
-// while a part covers the part sensor.
-TEST(Plc, halts_resets_and_brings_up_a_simulated_line_again_and_again) {
-    const TemporaryFolder folder;
-    std::ofstream(folder / "c.toml") << "[station]\nautostart = false\n" << kRoomyLine;
-    Running station("hordctl",
-                    {"run", "--simulate", "--config", folder / "c.toml", "--rate", "2", "--variety", "1", "--modbus",
-                     "127.0.0.1:0"});
-    ASSERT_TRUE(station.says("registers at", kRendering)) << station.so_far().err;
-    Plc plc(port_of(station.so_far()));
-    const auto seen = [&] { return plc.read32(142); };
-    // Longer than Service::kLineWaits, and the way of a part to the part sensor.
-    const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(3500);
-    while (std::chrono::steady_clock::now() < until) ASSERT_EQ(seen(), 0U) << "the belt moves without a run permit";
-    for (int round = 0; round < 2; ++round) {
-        ASSERT_TRUE(plc.comes([&] { return plc.command(2) == 0; })) << station.so_far().err;
-        ASSERT_EQ(plc.command(5), 0) << station.so_far().err;
-        const std::uint32_t before = seen();
-        ASSERT_TRUE(plc.comes([&] { return seen() >= before + 2; })) << station.so_far().err;
-        ASSERT_TRUE(plc.state_is(8)) << station.so_far().err;
-        ASSERT_EQ(plc.command(8), 0);
-        ASSERT_TRUE(plc.comes([&] { return plc.command(9) == 0; })) << station.so_far().err;  // the stop was seen
-        ASSERT_EQ(plc.command(1), 0);
-    }
-    EXPECT_THAT(station.so_far().err, testing::Not(HasSubstr("to Error"))) << "no part was left on the belt";
 }
 
 // With no time for an exact distance, the third part's score is a bound.
@@ -482,106 +313,6 @@ TEST(Run, a_score_that_is_a_bound_is_told_as_one_by_line_registers_and_store) {
         EXPECT_EQ(bounded, by_line[part]) << part;
         EXPECT_EQ(bounded, by_store[part]) << part;
     }
-}
-
-TEST(Plc, writes_only_where_the_configuration_lets_it) {
-    const TemporaryFolder folder;
-    std::ofstream(folder / "c.toml") << simulated_beside("[modbus]\nport = 1\nmay_write = [\"192.0.2.0/24\"]\n");
-    Running station("hordctl", {"run", "--variety", "1", "--config", folder / "c.toml", "--modbus", "127.0.0.1:0"});
-    ASSERT_TRUE(station.says("registers at", std::chrono::seconds(120))) << station.so_far().err;
-    Plc plc(port_of(station.so_far()));
-    EXPECT_EQ(plc.read(2, 1)[0], 0x484F);
-    EXPECT_FALSE(plc.write(8102, {1}));
-    EXPECT_EQ(station.stop(SIGINT).status, 0);
-}
-
-TEST(Run, refuses_a_port_that_is_taken_and_names_it) {
-    const HeldPort taken(true);
-    const std::string port = std::to_string(taken.port());
-    const TemporaryFolder folder;
-    std::ofstream(folder / "c.toml") << "[modbus]\nread_only_port = " + port + "\n";
-    for (const std::vector<std::string>& where : {std::vector<std::string>{"--modbus", taken.address()},
-                                                  {"--modbus", "127.0.0.1:0", "--config", folder / "c.toml"}}) {
-        std::vector<std::string> args{"run", "--simulate", "--parts", "1"};
-        args.insert(args.end(), where.begin(), where.end());
-        const Said said = run("hordctl", args);
-        EXPECT_EQ(said.status, 2);
-        EXPECT_THAT(said.err, HasSubstr(port));
-    }
-}
-
-TEST(Run, refuses_to_guess_its_devices) {
-    const Said said = run("hordctl", {"run", "--modbus", "127.0.0.1:0"});
-    EXPECT_EQ(said.status, 2);
-    EXPECT_THAT(said.err, HasSubstr("neither --config nor --simulate is given: give --config FILE"));
-    EXPECT_THAT(said.err, testing::Not(HasSubstr("render parts")));
-}
-
-TEST(Run, refuses_a_configuration_with_every_problem_at_once) {
-    const TemporaryFolder folder;
-    std::ofstream(folder / "c.toml") << "[line]\ntransport_mss = 4\n[modbus]\nport = 99999999\n";
-    const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--parts", "1"});
-    EXPECT_EQ(said.status, 2);
-    EXPECT_THAT(said.err, HasSubstr("c.toml:2"));
-    EXPECT_THAT(said.err, HasSubstr("c.toml:4"));
-}
-
-// Parts also come without the rejector: they are counted, and none is judged good.
-TEST(Run, without_its_rejector_no_part_is_passed_and_the_line_is_stopped) {
-    const TemporaryFolder folder;
-    const HeldPort absent(false), silent(true);
-    for (const int port : {absent.port(), silent.port()}) {
-        std::ofstream(folder / "c.toml") << simulated_beside(
-            "[rejector]\nbackend = \"modbus\"\nport = " + std::to_string(port) + "\n[modbus]\nport = 0\n");
-        const Said said =
-            run("hordctl", {"run", "--config", folder / "c.toml", "--variety", "1", "--parts", "5", "--json"});
-        EXPECT_EQ(said.status, 3) << said.err;
-        const auto parts = json_lines(said.out);
-        EXPECT_EQ(parts.size(), 5U) << said.err;
-        for (const Json& part : parts) {
-            EXPECT_NE(part["verdict"], "pass") << part;
-            EXPECT_TRUE(part["ejected"].is_null()) << part;  // the simulated line does not see a real ejector
-        }
-        EXPECT_THAT(said.err, HasSubstr(std::to_string(port)));
-        EXPECT_THAT(said.err, testing::Not(HasSubstr("by the right way")));
-    }
-}
-
-TEST(Run, recorded_frames_get_the_verdicts_that_inspect_gives) {
-    const auto data = real_data() / "povray";
-    if (!std::filesystem::is_directory(data))
-        GTEST_SKIP() << "no real input: set HORD_DATA, or put it at ../shared/data";
-    const TemporaryFolder folder;
-    std::filesystem::create_directories(folder / "frames");
-    std::vector<std::string> arguments{"inspect", "--json"};
-    for (const std::string name : {"bubble_r500_111", "cutout_111", "empty_111", "lens_111", "wedge_111"}) {
-        const std::string file = folder / ("frames/" + name + ".png");
-        std::filesystem::copy_file(data / (name + "_raw.png"), file);
-        arguments.push_back(file);
-    }
-    const auto inspected = json_lines(run("hordctl", arguments).out);
-    std::ofstream(folder / "c.toml") << simulated_beside(
-        std::string("[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[modbus]\nport = 0\n") + kRoomyLine);
-    const Said said = run("hordctl", {"run", "--config", folder / "c.toml", "--rate", "2", "--json"});
-    const auto played = json_lines(said.out);
-    ASSERT_EQ(inspected.size(), 5U);
-    ASSERT_EQ(played.size(), 5U) << said.err;
-    for (std::size_t k = 0; k < played.size(); ++k) {
-        EXPECT_EQ(played[k]["verdict"], inspected[k]["verdict"]) << played[k] << said.err;
-        EXPECT_EQ(played[k]["reason"], inspected[k]["reason"]);
-        EXPECT_EQ(played[k]["ejected"], inspected[k]["verdict"] != "pass");
-    }
-}
-
-TEST(Run, refuses_a_folder_of_frames_with_a_bad_one_and_names_it) {
-    const TemporaryFolder folder;
-    std::filesystem::create_directories(folder / "frames");
-    std::ofstream(folder / "frames/a.png") << "not an image";
-    std::ofstream(folder / "c.toml") << simulated_beside(
-        "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n[modbus]\nport = 0\n");
-    const Said said = run("hordctl", {"run", "--config", folder / "c.toml"});
-    EXPECT_EQ(said.status, 2);
-    EXPECT_THAT(said.err, HasSubstr("a.png"));
 }
 
 }  // namespace
