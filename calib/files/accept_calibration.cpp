@@ -20,6 +20,8 @@ double expected_error(const GridFile& file) {
                               : std::hypot(s.cv_x_rms_px, s.cv_y_rms_px);
 }
 
+bool is_named(const std::string& camera) { return !camera.empty() && camera != kUnnamedCamera; }
+
 double share_found(const GridStatistics& s) {
     return s.complete > 0 ? static_cast<double>(s.found - s.rejected) / s.complete : 0;
 }
@@ -30,6 +32,16 @@ Result<void> accept_calibration(const GridFile& fresh, const GridFile& held) {
     const auto worse = [](std::string what, const char* cure) {
         return fail(ErrorCode::refused, std::move(what), cure);
     };
+    const std::string& camera = held.stamp.camera;
+    if (is_named(camera) && fresh.stamp.camera != camera) {
+        if (!is_named(fresh.stamp.camera))
+            return worse(fmt::format("the calibration in its place is of camera {}, this one names no camera", camera),
+                         "give its name with --camera, another --out for another camera, or --force");
+        return worse(fmt::format("the calibration in its place is of camera {}, this one of camera {}", camera,
+                                 fresh.stamp.camera),
+                     "give another --out: each camera has a calibration of its own; or, if this camera takes the place "
+                     "of the other, --force");
+    }
     if (fresh.grid.width_px != held.grid.width_px || fresh.grid.height_px != held.grid.height_px) {
         return worse(fmt::format("the calibration in its place is of frames of {}x{} px, this one of {}x{} px",
                                  held.grid.width_px, held.grid.height_px, fresh.grid.width_px, fresh.grid.height_px),

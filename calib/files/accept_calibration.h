@@ -7,6 +7,7 @@
 namespace hord::calib {
 
 // Fails with `refused`, with the reason, if `fresh` is worse than `held`:
+//   - `held` names a camera, and it names another one or none: each sensor has a calibration of its own;
 //   - its frame has another size, or its lattice another kind;
 //   - its cross-validated error is larger by more than chance: two standard errors of the difference, where the RMS
 //     over B blocks and two axes has the relative standard error 1 / sqrt(4 B);

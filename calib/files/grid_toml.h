@@ -22,9 +22,11 @@ namespace hord::calib {
 
 inline constexpr int kGridFileVersion = 3;
 
+inline constexpr std::string_view kUnnamedCamera = "unnamed";
+
 // Origin, given by the caller; written unchanged.
 struct GridStamp {
-    std::string camera;       // identity: model and serial number
+    std::string camera;       // identity: model and serial number; kUnnamedCamera if not known
     std::string date;         // ISO 8601
     std::string white, dark;  // names of the frames
 };

@@ -141,7 +141,7 @@ void add_calibration(py::module_& module) {
             "toml", [](const Calibration& c) { return calib::to_toml(c.file); }, "The text of the calibration file.");
     module.def("calibrate", &calibrate, py::arg("white"), py::arg("dark") = py::none(), py::arg("flat") = py::none(),
                py::arg("empty") = py::none(), py::arg("tilts") = py::list(), py::arg("bits") = 0,
-               py::arg("camera") = "unnamed",
+               py::arg("camera") = std::string(calib::kUnnamedCamera),
                R"(The lenslet grid of a sensor from a white frame, as hordctl calibrate finds it.
 
 white: a raw frame of even light, uint8 or uint16, shape (height, width), at least 24 pixels a side.

@@ -24,7 +24,7 @@ namespace {
 using store::Json;
 
 struct CalibrateArguments {
-    std::string white, dark, flat, tilts, out, centres, pictures, camera = "unnamed";
+    std::string white, dark, flat, tilts, out, centres, pictures, camera = std::string(calib::kUnnamedCamera);
     bool json = false, force = false;
 };
 
@@ -140,7 +140,8 @@ Result<calib::DirectionFit> calibrate_directions(const std::filesystem::path& fo
     return fit;
 }
 
-// A worse calibration is not installed over a better one, nor over a file that is not a calibration.
+// A worse calibration is not installed over a better one, nor one of another camera, nor over a file that is not a
+// calibration.
 Result<void> may_replace(const std::string& out, const calib::GridFile& fresh) {
     if (!std::filesystem::exists(out)) return {};
     const auto held = calib::read_grid(out);
@@ -249,7 +250,8 @@ void add_calibrate(CLI::App& program, Exit& status) {
     command->add_option("--centres", arguments->centres,
                         "Lenslet centres to write (CSV: m,n,x_px,y_px; pixel (0,0) is the centre of the top-left one)");
     command->add_option("--pictures", arguments->pictures, "Folder for residuals.png, centres.png and models.png");
-    command->add_flag("--force", arguments->force, "Overwrite --out even by a worse calibration");
+    command->add_flag("--force", arguments->force,
+                      "Overwrite --out even by a worse calibration, or one of another camera");
     command->add_option("--camera", arguments->camera, "Identity of the camera, kept in the file")
         ->capture_default_str();
     command->add_flag("--json", arguments->json, "Print one JSON object");
@@ -258,7 +260,7 @@ void add_calibrate(CLI::App& program, Exit& status) {
         "  [[tilt]] with frame = \"1.png\" and x_rad, y_rad (or x_deg, y_deg).\n"
         "Exit status: 0 written (warnings go to the standard error output), 2 no white frame, a grid that does not fit "
         "all "
-        "of it,\nunreadable input, or worse than what --out holds.\nExample: hordctl "
+        "of it,\nunreadable input, or worse than what --out holds, or of another camera.\nExample: hordctl "
         "calibrate white.png --dark dark.png --tilts tilts --out grid.toml");
     command->callback([arguments, &status] { status = run_calibrate(*arguments); });
 }

@@ -45,6 +45,26 @@ TEST(Better, a_worse_one_may_not_and_says_why) {
     EXPECT_THAT(accept_calibration(fresh, good()).error().message(), HasSubstr("of a square lattice"));
 }
 
+TEST(Better, that_of_another_camera_is_not_lost_however_good_the_new_one_is) {
+    GridFile held = good(), fresh = good();
+    held.stamp.camera = "A 1";
+    fresh.stamp.camera = "B 2";
+    fresh.statistics.cv_x_rms_px = fresh.statistics.cv_y_rms_px = 0.002;
+    const auto other = accept_calibration(fresh, held);
+    ASSERT_FALSE(other);
+    EXPECT_EQ(other.error().code, ErrorCode::refused);
+    EXPECT_THAT(other.error().message(), AllOf(HasSubstr("A 1"), HasSubstr("B 2"), HasSubstr("another --out")));
+    fresh.stamp.camera = kUnnamedCamera;
+    EXPECT_THAT(accept_calibration(fresh, held).error().message(), AllOf(HasSubstr("A 1"), HasSubstr("--camera")));
+    fresh.stamp.camera = "A 1";
+    EXPECT_TRUE(accept_calibration(fresh, held));
+    // A file without a name may get one.
+    GridFile nameless = good();
+    EXPECT_TRUE(accept_calibration(held, nameless));
+    nameless.stamp.camera = kUnnamedCamera;
+    EXPECT_TRUE(accept_calibration(held, nameless));
+}
+
 TEST(Better, shifts_of_single_lenslets_are_not_lost) {
     GridFile held = good();
     held.grid.columns = held.grid.rows = 1;

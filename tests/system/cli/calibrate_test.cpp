@@ -110,6 +110,35 @@ TEST(Calibrate, a_worse_calibration_is_not_installed_over_a_better_one) {
     EXPECT_EQ(run("hordctl", {"calibrate", folder / "good.pgm", "--out", folder / "notes.toml"}).status, 2);
 }
 
+TEST(Calibrate, that_of_another_camera_is_not_overwritten_unless_it_is_asked_for) {
+    const TemporaryFolder folder;
+    write_pgm(folder / "white.pgm",
+              calib::test::draw({.width_px = 300, .height_px = 300, .pitch_px = 20, .rotation_deg = 1}).frame);
+    const std::string grid = folder / "grid.toml";
+    const auto calibrate = [&](std::vector<std::string> more) {
+        more.insert(more.begin(), {"calibrate", folder / "white.pgm", "--out", grid});
+        return run("hordctl", more);
+    };
+    const auto read = [&] {
+        std::ifstream in(grid);
+        return std::string(std::istreambuf_iterator<char>(in), {});
+    };
+    ASSERT_EQ(calibrate({"--camera", "A"}).status, 0);
+    EXPECT_EQ(calibrate({"--camera", "A"}).status, 0);
+    const std::string before = read();
+    const Said other = calibrate({"--camera", "B"});
+    EXPECT_EQ(other.status, 2);
+    EXPECT_THAT(other.err,
+                AllOf(HasSubstr(grid), HasSubstr("of camera A"), HasSubstr("of camera B"), HasSubstr("another --out"),
+                      HasSubstr("--force")));
+    const Said unnamed = calibrate({});
+    EXPECT_EQ(unnamed.status, 2);
+    EXPECT_THAT(unnamed.err, AllOf(HasSubstr("of camera A"), HasSubstr("--camera")));
+    EXPECT_EQ(read(), before);
+    EXPECT_EQ(calibrate({"--camera", "B", "--force"}).status, 0);
+    EXPECT_THAT(read(), HasSubstr("identity = \"B\""));
+}
+
 TEST(Calibrate, what_is_unusual_is_said_and_what_is_no_white_frame_is_refused) {
     const TemporaryFolder folder;
     calib::test::White white{.width_px = 300, .height_px = 300, .pitch_px = 20, .rotation_deg = 1};
