@@ -108,12 +108,14 @@ double corners_of(const CentreFinder& finder, const Lattice& lattice, std::span<
     return (square ? between : std::max(between, std::abs(four))) / measured;
 }
 
-// What is left of the shift that straight edges cause: it depends on where between the pixels a centre lies. Learned
-// from the residuals and subtracted. Where all centres lie alike between pixels, there is nothing to learn from.
+// What is left of the shift that straight edges cause: it depends on where between the pixels a lenslet lies. Learned
+// from the residuals and subtracted. The place is that of the grid, with the lenslet's own shift if it has one:
+// the noise of a centre moves it between the pixels, so that the measured place would explain the noise as well. Where
+// all lenslets lie alike between pixels, there is nothing to learn from.
 void remove_pixel_phase(const LensletGrid& grid, std::vector<Observation>& observations) {
     for (double PixelPoint::*axis : {&PixelPoint::x_px, &PixelPoint::y_px}) {
         const auto waves = [&](const Observation& seen) {
-            const double turn = 2 * std::numbers::pi * seen.centre_px.*axis;
+            const double turn = 2 * std::numbers::pi * grid.centre_px(seen.m, seen.n).*axis;
             return Eigen::Vector2d(std::sin(turn), std::sin(2 * turn));
         };
         Eigen::Matrix2d normal = 1e-3 * static_cast<double>(observations.size()) * Eigen::Matrix2d::Identity();

@@ -216,8 +216,10 @@ Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<cons
         starts.clear();
         for (const Spot& spot : spots) starts.push_back(spot.centre_px);
         kernels->calibrate_gain(starts);
-        if (round + 1 == kMaxRounds || (round + 1 >= kMinRounds && moved < kSettled))
+        if (round + 1 == kMaxRounds || (round + 1 >= kMinRounds && moved < kSettled)) {
+            kernels->halves = kernels->noise_of_halves();
             return CentreFinder(std::move(kernels));
+        }
         profile = measure_profile(image, spots, widest);
         // The window of a small spot ends shortly after the profile.
         std::size_t last = profile.value.size() - 1;

@@ -59,8 +59,9 @@ class CentreFinder {
     [[nodiscard]] std::optional<Spot> measure(algo::PixelPoint at, double most_px) const;
 
     // Measures the centre by each of two halves of the lenslet's light; half of the difference, first minus second. The
-    // halves are alternate sectors of eight about the centre: both respond to x and y alike, and share no pixel and no
-    // noise. None if it cannot be measured.
+    // halves are alternate sectors of eight about the centre: both respond to x and y alike, and share no pixel. In a
+    // smoothed frame they share noise, and differ by less than the centre is off: there the difference is enlarged, so
+    // that its noise is that of the centre. None if it cannot be measured.
     [[nodiscard]] std::optional<algo::PixelPoint> split(algo::PixelPoint centre) const;
 
     // None if it cannot be measured.

@@ -2,6 +2,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include <opencv2/imgproc.hpp>
+
 #include "calib/lattice/centre_kernels.h"
 
 namespace hord::calib {
@@ -13,6 +15,14 @@ constexpr double kSlopeStep = 2 * kTableStep;
 // How different two changes of shape are: 0 if they are alike, 1 if they have nothing in common. Of spots it is 0.06 at
 // most, of lenslets with an edge up to 0.8.
 constexpr double kMinApart = 0.15;
+
+// Which of the two halves of a lenslet's light a pixel belongs to: alternate sectors of eight about the centre, rotated
+// by 0.2 rad, so that no pixel is on their edges.
+bool in_second_half(double dx, double dy) {
+    constexpr double kTurnX = 0.98006657784124163, kTurnY = 0.19866933079506122;
+    const double u = kTurnX * dx + kTurnY * dy, v = kTurnX * dy - kTurnY * dx;
+    return ((u > 0) != (v > 0)) != (std::abs(u) > std::abs(v));
+}
 
 }  // namespace
 
@@ -57,8 +67,6 @@ std::optional<WindowPixels> CentreFinder::Kernels::pixels_about(algo::PixelPoint
 // With the weight itself instead of sampled kernels. The light of a half is a + b T + s . dT; the moment of the
 // remainder after a and b depends on the shift s only.
 std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint centre) const {
-    constexpr double kTurnX = 0.98006657784124163,
-                     kTurnY = 0.19866933079506122;  // sectors are rotated by 0.2 rad: no pixel on their edges
     const auto of = pixels_about(centre);
     if (!of) return std::nullopt;
     const double a = of->background, b = of->amplitude;
@@ -66,8 +74,7 @@ std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint ce
     for (const bool second : {false, true}) {
         double mx = 0, my = 0, xx = 0, xy = 0, yy = 0;
         for (const WindowPixels::Pixel& p : of->pixels) {
-            const double u = kTurnX * p.dx + kTurnY * p.dy, v = kTurnX * p.dy - kTurnY * p.dx;
-            if ((((u > 0) != (v > 0)) != (std::abs(u) > std::abs(v))) != second) continue;
+            if (in_second_half(p.dx, p.dy) != second) continue;
             const double left = p.weight * (p.light - a - b * p.shape), steep = p.weight * p.steepness * b;
             mx += left * p.dx;
             my += left * p.dy;
@@ -79,7 +86,34 @@ std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint ce
         if (!(std::abs(determinant) > 1e-12 * xx * yy) || !(xx > 0)) return std::nullopt;
         place[second ? 1 : 0] = {(yy * mx - xy * my) / determinant, (xx * my - xy * mx) / determinant};
     }
-    return algo::PixelPoint{0.5 * (place[0].x_px - place[1].x_px), 0.5 * (place[0].y_px - place[1].y_px)};
+    return algo::PixelPoint{0.5 * halves * (place[0].x_px - place[1].x_px),
+                            0.5 * halves * (place[0].y_px - place[1].y_px)};
+}
+
+// How many times the noise of half the sum of both halves' centres is that of half their difference: with rho the
+// correlation of the halves' noise, the root of (1 + rho) / (1 - rho). Pixels have independent noise, whose variance is
+// that of the light (photons); smoothing spreads a pixel's noise over both halves. 1 in a frame that is not smoothed.
+double CentreFinder::Kernels::noise_of_halves() const {
+    const double sigma = image->smoothed_px();
+    if (sigma == 0) return 1;
+    const int reach = half + static_cast<int>(std::ceil(3 * sigma)), width = 2 * reach + 1;
+    cv::Mat1d first(width, width, 0.0),
+        second(width, width, 0.0);  // what each half's moment along x makes of the light
+    for (int y = -half; y <= half; ++y) {
+        for (int x = -half; x <= half; ++x)
+            (in_second_half(x, y) ? second : first)(y + reach, x + reach) = lookup(weights.shift, std::hypot(x, y)) * x;
+    }
+    for (cv::Mat1d* of : {&first, &second}) cv::GaussianBlur(*of, *of, {0, 0}, sigma, sigma, cv::BORDER_CONSTANT);
+    double common = 0, own = 0;
+    for (int y = -reach; y <= reach; ++y) {
+        for (int x = -reach; x <= reach; ++x) {
+            const double a = first(y + reach, x + reach), b = second(y + reach, x + reach);
+            const double variance = lookup(weights.profile, std::hypot(x, y)) + weights.floor;
+            common += variance * a * b;
+            own += variance * (a * a + b * b) / 2;
+        }
+    }
+    return own > std::abs(common) ? std::sqrt((own + common) / (own - common)) : 1;
 }
 
 std::optional<Elongation> CentreFinder::Kernels::elongation(algo::PixelPoint centre) const {

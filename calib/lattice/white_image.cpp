@@ -127,7 +127,7 @@ WhiteImage WhiteImage::smoothed(double sigma_px) const {
     cv::GaussianBlur(light, light, {0, 0}, sigma_px);
     WhiteImage out = *this;
     out.smooth_ = std::move(smooth);
-    out.margin_px_ = 2 * sigma_px;
+    out.smoothed_px_ = sigma_px;
     return out;
 }
 

@@ -22,8 +22,10 @@ class WhiteImage {
     // The same frame, blurred by a Gaussian of this sigma, px; saturation is that of the frame itself.
     [[nodiscard]] WhiteImage smoothed(double sigma_px) const;
 
+    // Sigma of the Gaussian that the frame was smoothed by; 0 if it was not.
+    [[nodiscard]] double smoothed_px() const { return smoothed_px_; }
     // Of a smoothed frame, pixels from its border on that what lies outside would change; 0 else.
-    [[nodiscard]] double margin_px() const { return margin_px_; }
+    [[nodiscard]] double margin_px() const { return 2 * smoothed_px_; }
 
     [[nodiscard]] int width_px() const { return white_.width_px; }
     [[nodiscard]] int height_px() const { return white_.height_px; }
@@ -46,7 +48,7 @@ class WhiteImage {
     std::optional<FrameView> dark_;
     std::vector<float> gain_;    // one a pixel; empty without a flat frame
     std::vector<float> smooth_;  // light of each pixel; empty if not smoothed
-    double margin_px_ = 0;
+    double smoothed_px_ = 0;
     std::uint32_t saturated_dn_ = 0;
     bool any_saturated_ = false;
 };
