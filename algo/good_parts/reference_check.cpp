@@ -128,7 +128,23 @@ Result<void> Checker::try_flaws(Pipeline& pipeline, const Frame& clean, std::spa
     return {};
 }
 
+// Two digits, without an exponent where people read one badly.
+std::string number(double value) {
+    char text[32];
+    const double last_digit = std::abs(value) < 100 ? 0 : std::pow(10, std::floor(std::log10(std::abs(value))) - 1);
+    if (last_digit > 0) std::snprintf(text, sizeof text, "%.0f", std::round(value / last_digit) * last_digit);
+    else std::snprintf(text, sizeof text, "%.2g", value);
+    return text;
+}
+
 }  // namespace
+
+void keep_to_tried(PodCurve& curve, const PaintedFlawKind& kind) {
+    for (auto* size : {&curve.a90, &curve.a90_95}) {
+        if (*size && **size > kind.most) size->reset();
+        if (*size) **size = std::max(**size, kind.least);
+    }
+}
 
 Result<ReferenceCheck> check_reference(const Extents& extents, int bits, std::size_t count, const FrameOfPart& frame_of,
                                        const std::vector<std::size_t>& part_of, const std::vector<bool>& used,
@@ -193,10 +209,7 @@ Result<ReferenceCheck> check_reference(const Extents& extents, int bits, std::si
         found.trials = trials.size();
         found.found = static_cast<std::size_t>(std::ranges::count_if(trials, &DetectionTrial::found));
         found.curve = pod_curve(trials);
-        // No extrapolation beyond the sizes that were tried.
-        for (auto* size : {&found.curve.a90, &found.curve.a90_95}) {
-            if (*size && **size > kPaintedFlaws[kind].most) size->reset();
-        }
+        keep_to_tried(found.curve, kPaintedFlaws[kind]);
     }
     return check;
 }
@@ -207,11 +220,6 @@ CheckSentences describe(const ReferenceCheck& check, const Recipe& recipe, std::
         told.judged.push_back("Not checked: " + check.not_checked + ".");
         return told;
     }
-    const auto number = [](double value) {
-        char text[32];
-        std::snprintf(text, sizeof text, "%.2g", value);
-        return std::string(text);
-    };
     const double worst = *std::ranges::max_element(check.worst_scores),
                  typical = common::quantile(check.worst_scores, 0.5);
     told.judged.push_back(
@@ -247,7 +255,8 @@ CheckSentences describe(const ReferenceCheck& check, const Recipe& recipe, std::
         std::string line = std::string(k.name) + ": ";
         line.front() = static_cast<char>(std::toupper(line.front()));
         if (found.curve.a90)
-            line += std::string(k.size) + " " + size(*found.curve.a90) + " is found in nine of ten cases" +
+            line += (*found.curve.a90 > k.least ? "" : "the smallest that was tried, ") + std::string(k.size) + " " +
+                size(*found.curve.a90) + (*found.curve.a90 > k.least ? "" : ",") + " is found in nine of ten cases" +
                 (found.curve.a90_95 ? ", " + size(*found.curve.a90_95) + " with 95 % confidence"
                                     : "; more trials would be needed for a confidence");
         else line += "none of the sizes tried, up to " + size(k.most) + ", is found in nine of ten cases";

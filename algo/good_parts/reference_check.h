@@ -46,10 +46,13 @@ struct ReferenceCheck {
     double factor = 1, pooled_score = 0;
     struct Found {
         std::size_t trials = 0, found = 0;
-        PodCurve curve;  // a90, a90_95: empty if the sizes that were tried do not reach it
+        PodCurve curve;  // after keep_to_tried()
     };
     std::array<Found, kPaintedFlaws.size()> flaws;
 };
+
+// Nothing is told of sizes that were not tried: a larger a90 or a90_95 is none, a smaller one is the smallest tried.
+void keep_to_tried(PodCurve& curve, const PaintedFlawKind& kind);
 
 // `part_of`: the part that each of `count` frames shows (DistinctParts); all frames of a part are left out together.
 // `used`: whether it was learned from. Fails as learn_reference() and Pipeline::create().

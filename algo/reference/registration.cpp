@@ -19,7 +19,6 @@ constexpr double kSwings = 1.0 / 8;      // factor of a step, after three revers
 constexpr double kNearlySettled = 0.03;  // lenslets: from here on with the whole sample
 constexpr int kCoarseSteps = 12;
 constexpr std::size_t kMinCoarse = 64;
-constexpr int kMinBlocks = 12;                        // a side, of which interpolation leaves 9
 constexpr double kShiftPrior = 1, kTurnPrior = 0.02;  // lenslets, radians
 constexpr double kLightFloor = 0.05,
                  kDeflectionFloor = 0.03;  // spread of good parts: of the typical light; bin pitches
@@ -107,7 +106,7 @@ Registrar::Registrar(const Extents& extents) : extents_(extents) {
         if (coarse) coarse_ = sample_.size();
     }
     if (coarse_ < kMinCoarse) coarse_ = sample_.size();
-    if (std::min(extents.m, extents.n) >= kMinBlocks * CoarseMaps::kBlock) {
+    if (std::min(extents.m, extents.n) >= kMinFieldByEdges) {
         blocks_ = std::make_unique<CoarseMaps>(extents);
         on_blocks_ = std::make_unique<Registrar>(blocks_->extents());
     }

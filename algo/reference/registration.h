@@ -33,6 +33,7 @@ constexpr double kFarthestLenslets = 2.5, kFarthestSine = 0.06;  // 3.4 degrees
 // Along an axis of which edges of the light say where the part lies.
 constexpr double kFarthestByEdges = CoarseMaps::kBlock * kFarthestLenslets;
 constexpr double kForeignShare = 0.4;
+constexpr int kMinFieldByEdges = 12 * CoarseMaps::kBlock;  // lenslets a side: interpolation leaves 9 blocks of 12
 
 struct Registered {
     enum class Outcome : std::uint8_t {

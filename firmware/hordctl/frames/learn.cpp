@@ -155,12 +155,14 @@ void add_learn(CLI::App& program, Exit& status) {
         "the\nbound of false rejects, and the sizes of flaws that will be found. Copies and repeated exposures of a "
         "part count once.\n"
         "A reference finds parts up to {:g} lenslets along each axis and {:.1f} degrees from the pose of those that it "
-        "was\nlearned from.\n"
+        "was\nlearned from; up to {:g} lenslets along an axis across which edges of the light show where they lie "
+        "(fields of {}\nlenslets or more).\n"
         "Exit status: 0 the reference is written, also where the parts were too few to check it (`not_checked` in the "
         ".json),\n2 it is not, or usage.\n"
         "Example: hordctl learn good/*.png --out lens.hordref\n"
         "         hordctl inspect part.png --reference lens.hordref --out maps",
-        algo::kFarthestLenslets, std::asin(algo::kFarthestSine) * 180 / std::numbers::pi));
+        algo::kFarthestLenslets, std::asin(algo::kFarthestSine) * 180 / std::numbers::pi, algo::kFarthestByEdges,
+        algo::kMinFieldByEdges));
     command->callback([arguments, &status] { status = run_learn(*arguments); });
 }
 

@@ -99,5 +99,28 @@ TEST(ReferenceCheck, of_too_few_parts_says_how_many_it_takes) {
     EXPECT_TRUE(check->judged.empty());
 }
 
+TEST(ReferenceCheck, tells_nothing_of_sizes_that_were_not_tried) {
+    const PaintedFlawKind& dimple = kind_of(PaintedFlaw::dimple);
+    PodCurve curve;
+    curve.a90 = 1.3e-17, curve.a90_95 = 2 * dimple.most;
+    keep_to_tried(curve, dimple);
+    EXPECT_EQ(curve.a90, dimple.least);
+    EXPECT_FALSE(curve.a90_95);
+}
+
+TEST(ReferenceCheck, writes_numbers_without_exponents) {
+    ReferenceCheck check;
+    check.worst_scores = {0.5, 0.7};
+    check.pooled_score = 187.3;
+    ReferenceCheck::Found& dimples = check.flaws[static_cast<std::size_t>(PaintedFlaw::dimple)];
+    dimples.trials = dimples.found = 96;
+    dimples.curve.a90 = kind_of(PaintedFlaw::dimple).least;
+    const CheckSentences told = describe(check, options().recipe, {});
+    EXPECT_THAT(told.false_rejects.back(), HasSubstr("pooled_score 190 "));
+    ASSERT_EQ(told.flaws.size(), 1U);
+    EXPECT_THAT(told.flaws[0],
+                HasSubstr("Dimple: the smallest that was tried, deflection 0.02 bins, is found in nine of ten cases"));
+}
+
 }  // namespace
 }  // namespace hord::algo
