@@ -45,9 +45,17 @@ hal::ListedCamera lines_of(hal::ListedCamera camera) {
     return camera;
 }
 
+// An answer has whole numbers only. get() converts others, and of a large number the result is undefined.
+Json parse_answer(std::string_view text) {
+    return Json::parse(text, [](int, Json::parse_event_t, const Json& value) {
+        if (value.is_number_float()) throw Json::type_error::create(302, "no whole number", &value);
+        return true;
+    });
+}
+
 std::optional<Result<CameraAnswer>> understand(std::string_view text, std::vector<int>& fds) {
     try {
-        const Json json = Json::parse(text);
+        const Json json = parse_answer(text);
         if (const auto error = json.find("error"); error != json.end())
             return tl::unexpected(Error{error->at(0).get<ErrorCode>(), error->at(1), error->at(2)});
         auto answer = json.get<CameraAnswer>();

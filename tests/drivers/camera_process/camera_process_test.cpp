@@ -2,6 +2,7 @@
 // replaces hord-camera.
 #include "drivers/camera_process/camera_process.h"
 
+#include <array>
 #include <condition_variable>
 #include <filesystem>
 #include <fstream>
@@ -12,7 +13,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sched.h>
+#include <sys/socket.h>
 
+#include "common/unique_fd.h"
 #include "drivers/camera_process/camera_port_sensor.h"
 #include "drivers/camera_process/camera_wire.h"
 #include "drivers/event_loop/event_loop_sd.h"
@@ -281,6 +284,29 @@ TEST(CameraWire, tells_a_command_from_other_arguments) {
     for (const std::vector<std::string>& wrong :
          {std::vector<std::string>{}, {"look"}, {"pry", "{}"}, {"look", "{}", "Gain"}})
         EXPECT_FALSE(parse_camera_arguments(wrong));
+}
+
+// Converted to an int, the larger ones would be undefined, the smaller one another width.
+TEST(CameraWire, takes_no_answer_with_a_number_that_is_not_whole) {
+    std::array<int, 2> ends{};
+    ASSERT_EQ(::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends.data()), 0);
+    const common::UniqueFd here(ends[0]), there(ends[1]);
+    ASSERT_TRUE(send_answer(there.get(), CameraAnswer{{640, 480, {}, 640}, {}, {}}));
+    std::string text(4096, ' ');
+    const ssize_t count = ::recv(here.get(), text.data(), text.size(), 0);
+    ASSERT_GT(count, 0);
+    text.resize(static_cast<std::size_t>(count));
+    const std::string width = "\"width_px\":640";
+    ASSERT_NE(text.find(width), std::string::npos) << text;
+    const auto answered = [&](const std::string& number) {
+        std::string changed = text;
+        changed.replace(changed.find(width), width.size(), "\"width_px\":" + number);
+        EXPECT_EQ(::send(there.get(), changed.data(), changed.size(), 0), static_cast<ssize_t>(changed.size()));
+        return receive_answer(here.get(), std::chrono::seconds(10)).has_value();
+    };
+    EXPECT_TRUE(answered("641"));
+    for (const char* number : {"6.4e2", "640.5", "6e32", "677777777777777777777777777777774"})
+        EXPECT_FALSE(answered(number)) << number;
 }
 
 }  // namespace
