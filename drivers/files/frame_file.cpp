@@ -105,7 +105,8 @@ Result<void> check_range(const std::string& name, const Frame& frame) {
                 return fail(ErrorCode::invalid_argument,
                             name + " has a sample of " + std::to_string(row[x]) + " at (" + std::to_string(x) + "," +
                                 std::to_string(y) + "), more than " + std::to_string(view.bits) + " bits hold",
-                            "say how many bits the samples really have");
+                            "say how many bits the samples really have (sensor.bits, --bits, or the frame's note), or "
+                            "give frames of that depth");
             }
         }
     }

@@ -1,5 +1,8 @@
 #include "firmware/devices/expected_frames.h"
 
+#include <algorithm>
+#include <bit>
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <variant>
@@ -34,6 +37,40 @@ Result<void> check_size(const FrameFolder& recorded, const drivers::ExpectedFram
     return fits ? compare("sensor.height_px", recorded.height_px, frames.height_px) : fits;
 }
 
+// A note says the depth: another one in sensor.bits is a mistake in one of the two.
+Result<void> check_depth(const FrameFolder& recorded, const std::optional<drivers::RecordedSeries::Noted>& noted) {
+    if (!noted || recorded.bits == 0 || recorded.bits == noted->geometry.bits) return {};
+    return fail(
+        ErrorCode::invalid_argument,
+        fmt::format("{} says {}, and sensor.bits is {}", noted->file, describe(noted->geometry), recorded.bits),
+        fmt::format("leave sensor.bits out (the depth is then {}), or play other frames", noted->geometry.bits));
+}
+
+// Frames of 16 bits whose depth nothing says. Sensors of 10, 12 and 14 bits deliver such files, too, and would be too
+// dark: at full light the samples of a sensor of 14 bits reach a quarter of the range.
+Result<void> check_unsaid_depth(const FrameFolder& recorded, const drivers::RecordedSeries& series,
+                                std::uint32_t largest) {
+    constexpr int kLargestOfFewer = 14;  // bits of a sensor that has fewer than 16
+    const int needed = std::bit_width(largest);
+    if (recorded.bits != 0 || series.noted() || series.format().bits != 16 || needed > kLargestOfFewer) return {};
+    const std::string wide = needed > 12
+        ? "16, with saturated_dn = 16383 in the recipe's [light] for samples of 14 bits"
+        : fmt::format("{}; 16 if all bits count", needed > 10 ? "12" : "10 or 12");
+    return fail(ErrorCode::invalid_argument,
+                fmt::format("the frames of {} have 16-bit samples, nothing says how many of the bits count, and the "
+                            "largest sample is {}, which {} bits hold",
+                            recorded.folder.string(), largest, std::max(needed, 1)),
+                "set sensor.bits to the sensor's depth: " + wide);
+}
+
+// Of a frame with two bytes a sample; 0 of another.
+std::uint32_t largest_sample(const FrameView& frame) {
+    std::uint32_t largest = 0;
+    for (int y = 0; frame.bits > 8 && y < frame.height_px; ++y)
+        largest = std::max<std::uint32_t>(largest, *std::max_element(frame.row16(y), frame.row16(y) + frame.width_px));
+    return largest;
+}
+
 // Reads every frame: what the sensor refuses when it is opened stays so until a person changes a file.
 Result<hal::SensorFormat> format_of_frames(const FrameFolder& recorded, const InspectionConfig& inspection) {
     constexpr const char* kKey = "sensor.folder";
@@ -41,6 +78,7 @@ Result<hal::SensorFormat> format_of_frames(const FrameFolder& recorded, const In
     if (!files) return of_key(kKey, files.error(), "; " + mounted_late(recorded.folder));
     drivers::RecordedSeries series(recorded.bits);
     std::vector<Error> problems;
+    std::uint32_t largest = 0;
     for (const fs::path& file : *files) {
         std::error_code none;
         if (fs::is_directory(file, none)) {
@@ -48,11 +86,15 @@ Result<hal::SensorFormat> format_of_frames(const FrameFolder& recorded, const In
                                 "rename it, or name a folder of frames alone"});
         } else if (auto frame = series.read(file); !frame) {
             problems.push_back(frame.error());
+        } else {
+            largest = std::max(largest, largest_sample(frame->view()));
         }
     }
+    if (auto fits = check_depth(recorded, series.noted()); !fits) return of_key(kKey, fits.error());
     if (!problems.empty()) return of_key(kKey, drivers::all_of(problems));
     if (auto fits = check_size(recorded, series.format()); !fits) return tl::unexpected(fits.error());
     if (auto fits = check_geometry(series.noted(), inspection); !fits) return of_key(kKey, fits.error());
+    if (auto said = check_unsaid_depth(recorded, series, largest); !said) return of_key(kKey, said.error());
     const drivers::ExpectedFrame& format = series.format();
     return hal::SensorFormat{format.width_px, format.height_px, format.bits, drivers::RecordedFrames::kBuffers};
 }

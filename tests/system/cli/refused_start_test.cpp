@@ -118,6 +118,57 @@ TEST_F(RefusedStart, on_frames_of_another_size_or_depth_than_the_configuration_n
     EXPECT_EQ(check.status, 0) << check.err;
 }
 
+// 10-bit samples read as 12 would be four times too dark, and a sensor's dark level in the wrong place.
+TEST_F(RefusedStart, on_frames_whose_note_says_another_depth_than_the_configuration) {
+    std::filesystem::create_directories(folder / "frames");
+    const drivers::FrameGeometry ten{drivers::FrameKind::macro_pixels, {5, 5, 9, 9}, 10};
+    EXPECT_TRUE(drivers::write_frame(folder / "frames/b.png", Frame(45, 45, 10).view(), ten));
+    const std::string frames = "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n";
+    const std::string note = "sensor.folder: " + (folder / "frames/b.png") + " says macro-pixels of 9x9 bins, 5x5 ";
+    for (const int bits : {8, 12, 16}) {
+        configure(frames + "bits = " + std::to_string(bits) + "\n");
+        refused(HasSubstr(note + "lenslets, 10 bits, and sensor.bits is " + std::to_string(bits) +
+                          ": leave sensor.bits out (the depth is then 10)"));
+    }
+    for (const char* fits : {"", "bits = 10\n"}) {
+        configure(frames + fits);
+        const Said check = run("/usr/bin/env", under({}, {"--check"}));
+        EXPECT_EQ(check.status, 0) << check.err;
+    }
+}
+
+TEST_F(RefusedStart, on_frames_of_16_bits_of_which_nobody_says_how_many_count) {
+    std::filesystem::create_directories(folder / "frames");
+    const std::string frames = "[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n";
+    const std::string unsaid = "sensor.folder: the frames of " + (folder / "frames") +
+        " have 16-bit samples, nothing says how many of the bits count, and the largest sample is ";
+    const auto play = [&](std::uint32_t largest, const std::string& bits) {
+        Frame frame(45, 45, 16);
+        EXPECT_TRUE(drivers::write_frame(folder / "frames/a.png", frame.view()));
+        frame.set(40, 31, largest);
+        EXPECT_TRUE(drivers::write_frame(folder / "frames/b.png", frame.view()));
+        configure(frames + bits);
+    };
+    const auto goes = [&] {
+        const Said check = run("/usr/bin/env", under({}, {"--check"}));
+        EXPECT_EQ(check.status, 0) << check.err;
+    };
+    play(900, "");
+    refused(HasSubstr(unsaid + "900, which 10 bits hold: set sensor.bits to the sensor's depth: 10 or 12; 16 if all"));
+    play(4095, "");
+    refused(HasSubstr(unsaid + "4095, which 12 bits hold: set sensor.bits to the sensor's depth: 12; 16 if all"));
+    play(16383, "");
+    refused(HasSubstr(unsaid + "16383, which 14 bits hold: set sensor.bits to the sensor's depth: 16, with saturated"));
+    play(16384, "");
+    goes();
+    play(16383, "bits = 16\n");
+    goes();
+    play(1024, "bits = 10\n");
+    refused(HasSubstr("sensor.folder: " + (folder / "frames/b.png") +
+                      " has a sample of 1024 at (40,31), more than 10 "
+                      "bits hold: say how many bits the samples really have (sensor.bits"));
+}
+
 TEST_F(RefusedStart, on_scenes_that_are_none_or_of_other_macro_pixels) {
     configure("[sensor]\nbackend = \"simulated\"\nscenes = \"empty\"\n");
     refused(HasSubstr("sensor.scenes: " + empty.string() + " has no scene"));
