@@ -44,6 +44,14 @@ void DatagramQueue::send(std::string datagram) {
     if (waiting_.size() == 1) flush();
 }
 
+void DatagramQueue::send_newest(std::string datagram) {
+    flush();
+    const auto name = [](std::string_view text) { return text.substr(0, text.find('=')); };
+    std::erase_if(waiting_, [&](const std::string& kept) { return name(kept) == name(datagram); });
+    waiting_.push_back(std::move(datagram));
+    if (waiting_.size() == 1) flush();
+}
+
 void DatagramQueue::finish(std::chrono::milliseconds patience) {
     const auto until = std::chrono::steady_clock::now() + patience;
     for (flush(); !waiting_.empty() && std::chrono::steady_clock::now() < until; flush())

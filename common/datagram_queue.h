@@ -22,6 +22,9 @@ class DatagramQueue {
 
     // Lost, if kMaxWaiting are kept, or if it is larger than the kernel sends.
     void send(std::string datagram);
+    // For a state, of which only the newest counts ("STATUS=..."): instead of a kept one with the same name before its
+    // first '=', and behind all others. Never lost, because names are few; as send(), if it is too large.
+    void send_newest(std::string datagram);
     // Sends of the kept ones what the reader takes now.
     void flush();
     // For the end of a program: flushes again and again, at most so long.

@@ -10,10 +10,10 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <systemd/sd-daemon.h>
 
 #include "common/cli/message.h"
 #include "common/cli/program.h"
+#include "common/service_manager.h"
 #include "common/toml_fields.h"
 #include "firmware/mqtt/agent.h"
 #include "firmware/mqtt/mqtt_config.h"
@@ -34,7 +34,7 @@ void say(const std::string& line) { print_message("hord-mqtt: {}\n", line); }
 
 int complain(const Error& error, int status) {
     say(error.message());
-    sd_notifyf(0, "STATUS=%s", error.message().c_str());
+    common::tell_manager("STATUS=" + error.message());
     return status;
 }
 
@@ -98,7 +98,7 @@ int serve(const MqttConfig& config) {
     auto agent = Agent::open(
         config, std::make_unique<ResultFeed>(config.store), [&] { return station.look(); }, say);
     if (!agent) return complain(agent.error(), kCannotRun);
-    sd_notify(0, "READY=1");
+    common::tell_manager("READY=1");
     std::string told;
     while (asked_to_stop == 0) {
         (*agent)->step(kPause);
@@ -107,10 +107,11 @@ int serve(const MqttConfig& config) {
             ::nanosleep(&pause, nullptr);  // cut short by a signal
         }
         const std::string status = (*agent)->status();
-        if (status != told) sd_notifyf(0, "STATUS=%s", status.c_str());
+        if (status != told) common::tell_manager("STATUS=" + status);
+        else common::tell_manager_again();
         told = status;
     }
-    sd_notify(0, "STOPPING=1");
+    common::tell_manager("STOPPING=1");
     (*agent)->close();
     say("stopped as asked; " + (*agent)->status());
     return 0;

@@ -12,7 +12,7 @@
 #include "common/cli/message.h"
 #include "common/cli/output.h"
 #include "common/cli/program.h"
-#include "common/datagram_queue.h"
+#include "common/service_manager.h"
 #include "common/toml_fields.h"
 #include "firmware/config/path_check.h"
 #include "firmware/core/faults.h"
@@ -51,20 +51,9 @@ Result<Config> read_config(const Options& options) {
     return config;
 }
 
-common::DatagramQueue& manager() {
-    static common::DatagramQueue queue(environment("NOTIFY_SOCKET"));
-    return queue;
-}
-
-// Like sd_notify(), but without waiting for the manager. Called by the main thread alone.
-void notify_manager(std::string assignments) {
-    static const bool asked = *environment("NOTIFY_SOCKET") != '\0';
-    if (asked) manager().send(std::move(assignments));
-}
-
 int complain(JournalEvent what, const Error& error, int status) {
     write_to_journal(what, error.message());
-    notify_manager("STATUS=" + error.message());
+    common::tell_manager("STATUS=" + error.message());
     return status;
 }
 
@@ -141,7 +130,7 @@ class Daemon {
         if (!config) return refuse_configuration(config.error());
         auto files = read_station_files(*config);
         if (!files) return refuse_configuration(files.error());
-        notify_manager("STATUS=opening devices");
+        common::tell_manager("STATUS=opening devices");
         SimulationOptions simulation;
         simulation.variety = 2;
         simulation.cache = environment("CACHE_DIRECTORY");
@@ -155,13 +144,13 @@ class Daemon {
         }
         service_->loop().post([this] { begin(); });
         const auto ran = service_->run();
-        notify_manager("STOPPING=1\nSTATUS=halting");
+        common::tell_manager("STOPPING=1\nSTATUS=halting");
         service_->halt();                                              // lights off, permit down
         const std::unique_ptr<Service> service = std::move(service_);  // watchers ask it nothing any more
         const std::vector<Error> lost = service->close();
         for (const Error& error : lost) write_to_journal(JournalEvent::trouble, error.message());
         if (!ran) return complain(JournalEvent::trouble, ran.error(), kCannotRun);
-        if (!lost.empty()) notify_manager("STATUS=" + lost.front().message());
+        if (!lost.empty()) common::tell_manager("STATUS=" + lost.front().message());
         write_to_journal(JournalEvent::stopped,
                          lost.empty() ? "stopped as asked" : "stopped as asked; not everything could be stored");
         return lost.empty() ? 0 : kResultsLost;
@@ -186,7 +175,7 @@ class Daemon {
         };
         all.reload = [this] { reload(); };
         all.stopped_early = [] {
-            notify_manager("STOPPING=1");
+            common::tell_manager("STOPPING=1");
             write_to_journal(JournalEvent::stopped, "stopped as asked, before the line ran");
         };
         all.trouble = [](const Error& error) { write_to_journal(JournalEvent::trouble, error.message()); };
@@ -201,7 +190,7 @@ class Daemon {
             write_to_journal(JournalEvent::simulated, "simulated: " + simulated_,
                              std::array{Field{"HORD_SIMULATED", simulated_}});
         }
-        notify_manager("READY=1");
+        common::tell_manager("READY=1");
         notify_status();
         service_->loop().call_after(kStatusEvery, [this] { notify_status_again(); });
         std::uint64_t watchdog_us = 0;
@@ -212,7 +201,7 @@ class Daemon {
 
     // The watchdog is fed only after every inspecting thread and the loop have answered.
     void check_liveness_every(Duration pace) {
-        service_->liveness_check([] { notify_manager("WATCHDOG=1"); });
+        service_->liveness_check([] { common::tell_manager("WATCHDOG=1"); });
         service_->loop().call_after(pace, [this, pace] { check_liveness_every(pace); });
     }
 
@@ -221,7 +210,7 @@ class Daemon {
         station_journal_.faults(now.faults_active, now.line_stop_why);
         notify_status();
         flush_journal();
-        manager().flush();
+        common::tell_manager_again();
         service_->loop().call_after(kStatusEvery, [this] { notify_status_again(); });
     }
     void notify_status() {
@@ -231,13 +220,13 @@ class Daemon {
             fmt::format("{}{}, {} parts: {} pass, {} reject, {} unfit; faults: {}{}", name_of(now.state),
                         now.line_stop ? ", LINE STOP" : "", c.seen, c.pass, c.reject, c.unfit,
                         names_of_faults(now.faults_active), simulated_.empty() ? "" : "; SIMULATED: " + simulated_);
-        if (status != std::exchange(status_, status)) notify_manager("STATUS=" + status);
+        if (status != std::exchange(status_, status)) common::tell_manager("STATUS=" + status);
     }
     void reload() {
         timespec now{};
         ::clock_gettime(CLOCK_MONOTONIC, &now);
-        notify_manager(fmt::format("RELOADING=1\nMONOTONIC_USEC={}",
-                                   static_cast<long long>(now.tv_sec) * 1'000'000 + now.tv_nsec / 1000));
+        common::tell_manager(fmt::format("RELOADING=1\nMONOTONIC_USEC={}",
+                                         static_cast<long long>(now.tv_sec) * 1'000'000 + now.tv_nsec / 1000));
         const auto config = read_config(options_);
         const auto waiting = config ? service_->reload(*config) : tl::unexpected(config.error());
         if (!waiting) {
@@ -253,7 +242,7 @@ class Daemon {
         if (waiting) {
             for (const Error& note : notes(*config)) write_to_journal(JournalEvent::trouble, note.message());
         }
-        notify_manager("READY=1");
+        common::tell_manager("READY=1");
     }
 
     const Options& options_;

@@ -9,39 +9,16 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/socket.h>
-#include <sys/un.h>
 #include <unistd.h>
+
+#include "tests/support/datagram_reader.h"
 
 namespace hord::firmware {
 namespace {
 
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-
-// The journal's side. It reads nothing until it is asked.
-class Reader {
-  public:
-    explicit Reader(const std::string& path) : fd_(::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
-        sockaddr_un address{};
-        address.sun_family = AF_UNIX;
-        path.copy(address.sun_path, sizeof address.sun_path - 1);
-        EXPECT_EQ(::bind(fd_.get(), reinterpret_cast<sockaddr*>(&address), sizeof address), 0);
-    }
-    // All that waits.
-    std::vector<std::string> read() {
-        std::vector<std::string> all;
-        std::vector<char> bytes(300'000);
-        for (;;) {
-            const ssize_t got = ::recv(fd_.get(), bytes.data(), bytes.size(), MSG_DONTWAIT);
-            if (got < 0) return all;
-            all.emplace_back(bytes.data(), static_cast<std::size_t>(got));
-        }
-    }
-
-  private:
-    common::UniqueFd fd_;
-};
+using Reader = testing_support::DatagramReader;
 
 std::string first_line(const std::string& datagram) { return datagram.substr(0, datagram.find('\n')); }
 

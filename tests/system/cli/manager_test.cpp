@@ -1,5 +1,7 @@
 // What the programs tell the service manager, also one that takes nothing for a while.
 #include <csignal>
+#include <fstream>
+#include <string>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -36,6 +38,25 @@ TEST_F(Service, does_not_wait_for_a_manager_that_takes_nothing_and_tells_it_late
     EXPECT_NE(manager.hears("STATUS=ContinuousExecution"), "");
     manager.fill();
     EXPECT_EQ(service.stop(SIGTERM).status, 0);
+}
+
+// It has nobody to tell: neither broker nor station answers.
+TEST_F(Service, that_hands_results_to_a_broker_ends_beside_a_manager_that_takes_nothing) {
+    std::ofstream(folder / "mqtt.toml")
+        << "[broker]\nport = 1\n[station]\nmodbus = \"127.0.0.1:1\"\n[results]\nstore = \"" << folder / "store"
+        << "\"\nstate_file = \"cursor\"\n";
+    NotifySocket manager(folder / "notify");
+    manager.fill();
+    Running mqtt("/usr/bin/env",
+                 {"NOTIFY_SOCKET=" + (folder / "notify"), std::string(HORD_BIN_DIR) + "/hord-mqtt", "--config",
+                  folder / "mqtt.toml"});
+    ASSERT_TRUE(mqtt.says("broker localhost:1", kPatience)) << mqtt.so_far().err;
+    EXPECT_NE(manager.hears("READY=1"), "") << "it was kept";
+    EXPECT_NE(manager.hears("STATUS="), "");
+    manager.fill();
+    const Said said = mqtt.stop(SIGTERM);
+    EXPECT_EQ(said.status, 0);
+    EXPECT_THAT(said.err, HasSubstr("stopped as asked"));
 }
 
 }  // namespace
