@@ -274,8 +274,7 @@ Result<NumberedRecipe> read(TomlTable root, TomlProblems& found, const std::file
     if (recipe.grow_score > recipe.reject_score) reference.problem("grow_score", "is above reject_score", "lower it");
     recipe.lacks_reference_file = file.empty() && root.has("reference");
     if (!file.empty()) {
-        numbered.reference_file =
-            std::filesystem::path(file).is_absolute() || folder.empty() ? std::filesystem::path(file) : folder / file;
+        numbered.reference_file = reference_path(file, folder);
         auto learned = read_reference(numbered.reference_file);
         if (learned) recipe.reference = std::move(*learned);
         else reference.problem("file", "cannot be used: " + learned.error().what, learned.error().cure);
@@ -475,6 +474,10 @@ std::vector<std::string> notes(const NumberedRecipe& numbered) {
                                        name.size(), common::kNameBytes, common::utf8_prefix(name, common::kNameBytes)));
     }
     return messages;
+}
+
+std::filesystem::path reference_path(const std::filesystem::path& named, const std::filesystem::path& folder) {
+    return named.is_absolute() || folder.empty() ? named : folder / named;
 }
 
 Result<NumberedRecipe> recipe_or_default(const std::filesystem::path& file) {

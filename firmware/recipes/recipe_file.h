@@ -44,6 +44,9 @@ Result<NumberedRecipe> parse_numbered_recipe(std::string_view text, std::string_
 // The text of a recipe's file. It must have `schema` and end with a line end: a part of a file can lack either.
 Result<NumberedRecipe> parse_recipe_file(std::string_view text, const std::filesystem::path& file);
 
+// The file that a recipe's [reference] names: a relative path starts in the recipe's folder ("": not known).
+std::filesystem::path reference_path(const std::filesystem::path& named, const std::filesystem::path& folder);
+
 // What the recipe allows and hardly anybody wants: algo::notes(), limits that count though the file does not set them,
 // a name that registers cut.
 std::vector<std::string> notes(const NumberedRecipe& recipe);

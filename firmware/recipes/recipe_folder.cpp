@@ -73,17 +73,26 @@ std::string what_was_cut(const NumberedRecipe& kept, const NumberedRecipe& confi
     return {};
 }
 
-struct NumberedFile {
+// What a file says of itself, whatever else is wrong with it; its reference is not read.
+struct RecipeHead {
     fs::path file;
     std::uint16_t number = 0;
+    fs::path reference = {};  // empty: none
+    bool says_number = true;  // false: the default counts, or its key is misspelt
 };
 
-// The number alone, whatever else the file has. None: it cannot be read.
-std::optional<std::uint16_t> number_in(const fs::path& file) {
+// Fails with the problems of a file whose number or reference cannot be told.
+Result<RecipeHead> head_of(const fs::path& file) {
     common::TomlProblems unreadable;
-    std::uint16_t number = 0;
-    common::TomlTable::parse_file(file, unreadable).integer("number", number, 0, 65534);
-    return unreadable.empty() ? std::optional(number) : std::nullopt;
+    RecipeHead head{.file = file};
+    common::TomlTable root = common::TomlTable::parse_file(file, unreadable);
+    root.integer("number", head.number, 0, 65534);
+    head.says_number = root.has("number");
+    std::string reference;
+    root.table("reference").text("file", reference);
+    if (!unreadable.empty()) return unreadable.as_error();
+    if (!reference.empty()) head.reference = reference_path(reference, fs::absolute(file).parent_path());
+    return head;
 }
 
 // Paths in the folder lose it: remarks are short.
@@ -97,23 +106,26 @@ std::string without_folder(std::string text, const fs::path& folder) {
     return text;
 }
 
-// The error of the recipe that was asked for: it comes first.
-Error unusable_recipe(std::uint16_t number, const RecipeEntry& entry) {
-    Error error = entry.recipe.error();
-    error.what =
-        fmt::format("recipe {} cannot be used: {}", number, without_folder(error.what, entry.file.parent_path()));
-    return error;
+// Without those that cannot be told.
+std::vector<RecipeHead> heads_of(const std::vector<fs::path>& files) {
+    std::vector<RecipeHead> heads;
+    for (const fs::path& file : files) {
+        if (auto head = head_of(file)) heads.push_back(std::move(*head));
+    }
+    return heads;
 }
 
-Result<void> refuse_doubled(const std::vector<NumberedFile>& files) {
+// A link to a file beside it is that file. Files of different folders may have one number: nobody selects among them.
+Result<void> refuse_doubled(const std::vector<RecipeHead>& files) {
     std::string doubled;
     for (std::size_t k = 0; k < files.size(); ++k) {
         for (std::size_t other = 0; other < k; ++other) {
-            const NumberedFile &a = files[other], &b = files[k];
+            const RecipeHead &a = files[other], &b = files[k];
             if (a.number != b.number) continue;
             std::error_code error;
-            const fs::path one = fs::weakly_canonical(a.file, error), two = fs::weakly_canonical(b.file, error);
-            if (one == two || one.parent_path() != two.parent_path()) continue;
+            if (fs::equivalent(a.file, b.file, error) ||
+                fs::weakly_canonical(a.file.parent_path(), error) != fs::weakly_canonical(b.file.parent_path(), error))
+                continue;
             doubled += fmt::format("{}{} and {} both have number {}", doubled.empty() ? "" : ", ", a.file.string(),
                                    b.file.string(), a.number);
             break;
@@ -134,48 +146,57 @@ Result<std::vector<RecipeEntry>> list_recipes(const fs::path& folder) {
 }
 
 Result<void> check_numbers(const std::vector<RecipeEntry>& recipes) {
-    std::vector<NumberedFile> files;
+    std::vector<RecipeHead> files;
     for (const RecipeEntry& entry : recipes) {
-        if (entry.recipe) files.push_back({entry.file, entry.recipe->number});
+        if (entry.recipe) files.push_back({.file = entry.file, .number = entry.recipe->number});
     }
     return refuse_doubled(files);
 }
 
 Result<void> check_recipe_numbers(const fs::path& folder) {
     if (folder.empty()) return {};
-    const auto files = recipe_files(folder);
-    if (!files) return tl::unexpected(files.error());
-    std::vector<NumberedFile> numbered;
-    for (const fs::path& file : *files) {
-        if (const auto number = number_in(file)) numbered.push_back({file, *number});
+    return recipe_files(folder).and_then([](const auto& files) { return refuse_doubled(heads_of(files)); });
+}
+
+std::vector<Error> missing_references(const fs::path& folder) {
+    std::vector<Error> all;
+    if (folder.empty()) return all;
+    for (const RecipeHead& head : heads_of(recipe_files(folder).value_or(std::vector<fs::path>()))) {
+        if (head.reference.empty()) continue;
+        if (const auto facts = read_reference_facts(head.reference); !facts) {
+            const Error& why = facts.error();
+            all.push_back({why.code, fmt::format("{}: its reference {}", head.file.string(), why.what), why.cure});
+        }
     }
-    return refuse_doubled(numbered);
+    return all;
 }
 
 Result<NumberedRecipe> find_recipe(const fs::path& folder, std::uint16_t number) {
-    auto all = list_recipes(folder);
-    if (!all) return tl::unexpected(all.error());
-    const RecipeEntry* found = nullptr;
+    const auto files = recipe_files(folder);
+    if (!files) return tl::unexpected(files.error());
+    std::vector<RecipeHead> asked;
     std::string unusable;
-    for (const RecipeEntry& one : *all) {
-        if (!one.recipe) {
-            unusable += "; " + one.recipe.error().message();
-        } else if (one.recipe->number == number) {
-            if (found != nullptr) {
-                return fail(
-                    ErrorCode::refused,
-                    fmt::format("{} and {} both have number {}", found->file.string(), one.file.string(), number),
-                    "give each recipe a number of its own");
-            }
-            found = &one;
+    for (const fs::path& file : *files) {
+        const auto head = head_of(file);
+        if (head && head->number == number) {
+            asked.push_back(*head);
+        } else if (!head) {
+            unusable += "; " + head.error().message();
+        } else if (!head->says_number) {  // its key may be misspelt
+            if (const auto whole = load_numbered_recipe(file); !whole) unusable += "; " + whole.error().message();
         }
     }
-    if (found != nullptr) return *found->recipe;
-    for (const RecipeEntry& one : *all) {
-        if (!one.recipe && number_in(one.file) == number) return tl::unexpected(unusable_recipe(number, one));
+    if (auto unique = refuse_doubled(asked); !unique) return tl::unexpected(unique.error());
+    if (asked.empty()) {
+        return fail(ErrorCode::not_found,
+                    fmt::format("no recipe in {} has number {}{}", folder.string(), number, unusable),
+                    "hordctl recipe list shows which there are");
     }
-    return fail(ErrorCode::not_found, fmt::format("no recipe in {} has number {}{}", folder.string(), number, unusable),
-                "hordctl recipe list shows which there are");
+    const fs::path& file = asked.front().file;
+    return load_numbered_recipe(file).map_error([&](Error error) {
+        error.what = fmt::format("recipe {} cannot be used: {}", number, without_folder(error.what, folder));
+        return error;
+    });
 }
 
 Result<void> remember_recipe(const fs::path& file, std::uint32_t configured, const NumberedRecipe& in_use) {

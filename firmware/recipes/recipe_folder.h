@@ -24,8 +24,12 @@ Result<void> check_numbers(const std::vector<RecipeEntry>& recipes);
 // The same of a folder, for a start: reads the numbers alone, no reference. A file without a number that can be read is
 // passed over. Fails as list_recipes(), too; "": no folder, fine.
 Result<void> check_recipe_numbers(const std::filesystem::path& folder);
+// For a start, too: the recipes of the folder whose reference is missing or is no reference. Only the head of its file
+// is read: a reference of 555x555 lenslets has 90 MB.
+std::vector<Error> missing_references(const std::filesystem::path& folder);
 
-// Fails with not_found (no file has this number; names the unusable files), refused (several have it), or as its file.
+// Loads the recipe with this number, and no other one's reference. Fails with not_found (no file has this number; names
+// the files whose number cannot be read), refused (several have it), or as its file.
 Result<NumberedRecipe> find_recipe(const std::filesystem::path& folder, std::uint16_t number);
 
 // The recipe that was in use last, stored with the CRC-32 of the recipe that was configured then. The file's last line

@@ -79,6 +79,16 @@ struct KnownSums {
     }
 } known_sums;
 
+constexpr const char* kGiveReference = "give a file that hordctl learn has written";
+
+// errno has the reason.
+Error cannot_read(const std::filesystem::path& file) {
+    const bool may_not = errno == EACCES;
+    Error error = common::cannot_read(file);
+    error.cure = may_not ? "give this user the right to read it" : kGiveReference;
+    return error;
+}
+
 }  // namespace
 
 std::size_t bytes_of_maps(const algo::Extents& extents) {
@@ -114,7 +124,7 @@ Result<ReferenceFacts> read_reference_facts(const std::filesystem::path& file) {
         return fail(code, file.string() + " " + what, "learn it again: hordctl learn");
     };
     const common::UniqueFd fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY));
-    if (!fd) return refuse(errno == ENOENT ? ErrorCode::not_found : ErrorCode::unreadable, "cannot be opened");
+    if (!fd) return tl::unexpected(cannot_read(file));
     algo::Reference r;
     std::size_t head_bytes = 0;
     each_value(r, [&](const auto& value) { head_bytes += sizeof value; });
@@ -148,12 +158,16 @@ Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesys
     const auto refuse = [&](ErrorCode code, const std::string& what) {
         return fail(code, file.string() + " " + what, "learn it again: hordctl learn");
     };
-    const auto read = common::read_file(file);
-    if (!read) {
-        Error error = common::cannot_read(file);
-        error.cure = "give a file that hordctl learn has written";
-        return tl::unexpected(error);
+    // A pipe may keep a running station waiting.
+    std::error_code none;
+    const auto kind = std::filesystem::status(file, none).type();
+    if (kind != std::filesystem::file_type::regular && kind != std::filesystem::file_type::directory &&
+        std::filesystem::exists(file, none)) {
+        return fail(ErrorCode::unreadable, file.string() + " is a pipe, a socket or a device, and no regular file",
+                    kGiveReference);
     }
+    const auto read = common::read_file(file);
+    if (!read) return tl::unexpected(cannot_read(file));
     const std::string& text = *read;
     if (auto right = common::require_kind(text, file.string(), common::FileKind::reference); !right)
         return tl::unexpected(right.error());

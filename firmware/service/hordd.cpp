@@ -95,7 +95,6 @@ int check(const Options& options) {
     const auto files = read_station_files(*config);  // refuses what check_sources() refuses
     use(files);
     const auto all = list_recipes(config->inspection.recipes);  // there need not be a folder of recipes
-    if (all) use(check_numbers(*all));
     const auto folders = check_folders(*config);
     use(folders);
     if (const auto store = store_folder(*config); folders && !store.empty()) use(store::check_rights(store));
@@ -137,7 +136,9 @@ class Daemon {
         auto opened = Service::open(*config, std::move(*files), simulation, watchers(), sockets_from_systemd());
         if (!opened) return complain(JournalEvent::trouble, opened.error(), kCannotRun);
         service_ = std::move(*opened);
-        for (const Error& note : start_notes(*config)) write_to_journal(JournalEvent::trouble, note.message());
+        for (const auto& told : {start_notes(*config), missing_references(config->inspection.recipes)}) {
+            for (const Error& note : told) write_to_journal(JournalEvent::trouble, note.message());
+        }
         if (options_.realtime > 0) {
             for (const Error& refused : take_realtime_policy(options_.realtime))
                 write_to_journal(JournalEvent::trouble, refused.message());

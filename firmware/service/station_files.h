@@ -29,7 +29,7 @@ Result<algo::Extents> light_field_of(const InspectionConfig& inspection,
                                      const hal::SensorFormat& format);
 
 // Told at a start and by --check: what the configuration allows and is hardly meant (notes(config)), that nothing is
-// stored, recipes that cannot be selected by their number.
+// stored, recipes of which two have one number.
 std::vector<Error> start_notes(const Config& config);
 
 }  // namespace hord::firmware

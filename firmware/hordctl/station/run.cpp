@@ -16,6 +16,7 @@
 #include "firmware/hordctl/station/part_lines.h"
 #include "firmware/hordctl/station/run_options.h"
 #include "firmware/hordctl/station/run_report.h"
+#include "firmware/recipes/recipe_folder.h"
 #include "firmware/registers/register_client.h"
 #include "firmware/service/early_signals.h"
 #include "firmware/service/realtime.h"
@@ -68,7 +69,9 @@ class Run {
         print_message("registers at {}\nsimulated: {}\n", service_->registers_address(),
                       names_of_faults(service_->simulated()));
         progress_ = std::make_unique<Progress>("parts", options_.line.parts == 0);
-        for (const Error& note : start_notes(*config)) say(note.message());
+        for (const auto& told : {start_notes(*config), missing_references(config->inspection.recipes)}) {
+            for (const Error& note : told) say(note.message());
+        }
         // Without an end of its own the run waits for a person who resets the line, as the service does.
         const bool ends = options_.line.parts > 0 || std::holds_alternative<FrameFolder>(config->sensor);
         if (ends || options_.reset_after_s > 0) watch_for_line_stop(0);

@@ -363,30 +363,9 @@ TEST(RecipeFile, a_name_that_registers_cut_is_noted) {
     EXPECT_THAT(notes(recipe), ::testing::Each(::testing::Not(HasSubstr("bytes"))));
 }
 
-TEST(RecipeFolder, finds_by_number_and_says_why_it_cannot) {
+TEST(RecipeInUse, is_remembered_until_another_one_is_configured) {
     const auto folder = std::filesystem::temp_directory_path() / ("hord-recipes-" + std::to_string(::getpid()));
     std::filesystem::create_directories(folder);
-    const auto write = [&](const char* name, const char* text) { std::ofstream(folder / name) << text; };
-    write("a.toml", "schema = 1\nnumber = 1\n");
-    write("b.toml", "schema = 1\nnumber = 2\n");
-    write("notes.txt", "number = 3\n");
-    EXPECT_TRUE(find_recipe(folder, 2));
-    EXPECT_EQ(find_recipe(folder, 3).error().code, ErrorCode::not_found);
-    write("c.toml", "schema = 1\nnumber = 1\n");
-    EXPECT_EQ(find_recipe(folder, 1).error().code, ErrorCode::refused);
-    write("c.toml", "nubmer = 3\n");
-    EXPECT_THAT(find_recipe(folder, 3).error().what, HasSubstr("c.toml:1"));
-    EXPECT_TRUE(find_recipe(folder, 1));
-    EXPECT_EQ(find_recipe(folder / "none", 1).error().code, ErrorCode::not_found);
-    write("d.toml", "schema = 1\nnumber = 4\n[reference]\nfile = \"gone.hordref\"\n");
-    const auto asked = find_recipe(folder, 4);
-    ASSERT_FALSE(asked);
-    EXPECT_THAT(asked.error().what,
-                ::testing::StartsWith("recipe 4 cannot be used: d.toml:4: reference.file: cannot be used: "
-                                      "gone.hordref: cannot be read"));
-    EXPECT_THAT(asked.error().cure, HasSubstr("give a file that hordctl learn has written"));
-    EXPECT_THAT(asked.error().what, ::testing::Not(HasSubstr("c.toml")));
-
     NumberedRecipe in_use;
     in_use.number = 5;
     const NumberedRecipe configured{.number = 1}, other{.number = 2};
