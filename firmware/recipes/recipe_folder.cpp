@@ -57,20 +57,27 @@ Result<std::vector<fs::path>> recipe_files(const fs::path& folder) {
     return files;
 }
 
-// What a file without a checksum has lost at its end; empty: nothing. A commit and a teach-in change no zone and no
-// tolerance of the configured recipe, and take no reference away. Another recipe of the folder has another name.
-std::string what_was_cut(const NumberedRecipe& kept, const NumberedRecipe& configured) {
-    const algo::Recipe &now = kept.recipe, &then = configured.recipe;
-    if (now.name != then.name) return {};
+// What a file without a checksum has lost at its end, compared with the recipe of its name; empty: nothing. A commit
+// and a teach-in change no zone and no tolerance, and take no reference away. `which`: "the configured recipe".
+std::string lacks(const NumberedRecipe& kept, const NumberedRecipe& original, std::string_view which) {
+    const algo::Recipe &now = kept.recipe, &then = original.recipe;
     if (now.zones.size() < then.zones.size())
-        return fmt::format("it has {} of the {} zones of the configured recipe", now.zones.size(), then.zones.size());
-    if (now.tolerances.size() < then.tolerances.size()) {
-        return fmt::format("it has {} of the {} tolerances of the configured recipe", now.tolerances.size(),
-                           then.tolerances.size());
-    }
-    if (kept.reference_file.empty() && !configured.reference_file.empty())
-        return "it lacks the reference of the configured recipe";
+        return fmt::format("it has {} of the {} zones of {}", now.zones.size(), then.zones.size(), which);
+    if (now.tolerances.size() < then.tolerances.size())
+        return fmt::format("it has {} of the {} tolerances of {}", now.tolerances.size(), then.tolerances.size(),
+                           which);
+    if (kept.reference_file.empty() && !original.reference_file.empty())
+        return fmt::format("it lacks the reference of {}", which);
     return {};
+}
+
+// The same of a kept recipe that may be the configured one or another of the folder; of one that is neither, nothing.
+std::string what_was_cut(const NumberedRecipe& kept, const NumberedRecipe& configured, const fs::path& recipes) {
+    if (kept.recipe.name == configured.recipe.name) return lacks(kept, configured, "the configured recipe");
+    if (recipes.empty()) return {};
+    const auto selected = find_recipe(recipes, kept.number);
+    if (!selected || selected->recipe.name != kept.recipe.name) return {};
+    return lacks(kept, *selected, fmt::format("recipe {} in {}", kept.number, recipes.string()));
 }
 
 // What a file says of itself, whatever else is wrong with it; its reference is not read.
@@ -207,7 +214,8 @@ Result<void> remember_recipe(const fs::path& file, std::uint32_t configured, con
 
 fs::path damaged_recipe(const fs::path& file) { return file.string() + ".damaged"; }
 
-Result<std::optional<RememberedRecipe>> remembered_recipe(const fs::path& file, const NumberedRecipe& configured) {
+Result<std::optional<RememberedRecipe>> remembered_recipe(const fs::path& file, const NumberedRecipe& configured,
+                                                          const fs::path& recipes) {
     const auto damaged = [&](std::string_view why) {
         std::error_code error;
         fs::rename(file, damaged_recipe(file), error);
@@ -253,7 +261,7 @@ Result<std::optional<RememberedRecipe>> remembered_recipe(const fs::path& file, 
     if (!recipe) return tl::unexpected(recipe.error());
     if (!recipe->unset_limits.empty()) return damaged("limits are missing that it always has");
     if (!content) {
-        const std::string lost = what_was_cut(*recipe, configured);
+        const std::string lost = what_was_cut(*recipe, configured, recipes);
         if (!lost.empty()) return damaged(lost);
     }
     return RememberedRecipe{content.value_or(0), std::move(*recipe)};

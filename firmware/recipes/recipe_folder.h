@@ -43,9 +43,11 @@ struct RememberedRecipe {
 };
 // None: no file, or one of an earlier version that has what was configured then. A damaged file (cut, changed, not a
 // regular file) is renamed FILE.damaged; reading fails then with invalid_argument, and the error says where the file
-// is. Reading fails, too, if the file or the recipe's reference cannot be read; the file stays then.
+// is. Reading fails, too, if the file or the recipe's reference cannot be read; the file stays then. `recipes`: the
+// folder from which a recipe may have been selected: tells what a file of an earlier version has lost.
 Result<std::optional<RememberedRecipe>> remembered_recipe(const std::filesystem::path& file,
-                                                          const NumberedRecipe& configured);
+                                                          const NumberedRecipe& configured,
+                                                          const std::filesystem::path& recipes = {});
 std::filesystem::path damaged_recipe(const std::filesystem::path& file);  // FILE.damaged
 
 // What the store keeps of a recipe: format_recipe(), and the checksum of its reference in a comment.

@@ -111,7 +111,7 @@ NumberedRecipe Service::first_recipe(const algo::Extents& extents, int bits) {
                       "commit or select the recipe again, or remove that file and restart"},
                      recipe);
     }
-    auto kept = remembered_recipe(in_use, recipe);
+    auto kept = remembered_recipe(in_use, recipe, config_.inspection.recipes);
     const auto last_file = config_.state_folder / kLastInUse;
     const bool missing = !std::filesystem::exists(in_use, ignored);
     // A damaged file is told of by its own name, until somebody removes it.

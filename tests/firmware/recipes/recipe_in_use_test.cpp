@@ -107,6 +107,29 @@ TEST_F(RecipeInUseFile, without_checksum_that_was_cut_behind_its_limits_is_damag
     EXPECT_TRUE(remembered_recipe(file, configured)) << "another recipe may have no zone";
 }
 
+TEST_F(RecipeInUseFile, without_checksum_of_another_name_is_compared_with_the_recipe_that_was_selected) {
+    const fs::path recipes = folder.path() / "recipes", selected = recipes / "seven.toml";
+    fs::create_directory(recipes);
+    NumberedRecipe other{.number = 7};
+    other.recipe.name = "another of the folder";
+    algo::Zone zone;
+    zone.centre = {4, 4};
+    zone.radius = 3;
+    other.recipe.zones.assign(2, zone);
+    std::ofstream(selected) << format_recipe(other);
+    write_without_checksums(other);
+    const std::string whole = text_of(file), cut = whole.substr(0, whole.rfind("\n[[zone]]"));
+    EXPECT_TRUE(remembered_recipe(file, configured, recipes));
+    std::ofstream(file) << cut;
+    const auto refused = remembered_recipe(file, configured, recipes);
+    ASSERT_FALSE(refused);
+    EXPECT_THAT(refused.error().what, HasSubstr("it has 1 of the 2 zones of recipe 7 in " + recipes.string()));
+    // Of a recipe that the folder does not have any more nobody knows what it had.
+    fs::remove(selected);
+    std::ofstream(file) << cut;
+    EXPECT_TRUE(remembered_recipe(file, configured, recipes));
+}
+
 TEST_F(RecipeInUseFile, that_is_a_broken_link_is_set_aside) {
     fs::create_symlink("nowhere", file);
     const auto kept = remembered_recipe(file, configured);
