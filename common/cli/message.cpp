@@ -38,14 +38,15 @@ void never_wait_for_stderr() {
     g_waits = false;
 }
 
-void write_message(std::string_view text) {
+bool write_message(std::string_view text) {
     const std::lock_guard lock(g_mutex);
     if (g_lost > 0 &&
         !write_all(fmt::format("{} message{} before this could not be written\n", g_lost, g_lost == 1 ? "" : "s"))) {
         ++g_lost;
-        return;
+        return false;
     }
     g_lost = write_all(text) ? 0 : 1;
+    return g_lost == 0;
 }
 
 }  // namespace hord

@@ -26,8 +26,8 @@ inline std::string named_lines(std::string_view name, std::string_view text) {
 void never_wait_for_stderr();
 
 // Any thread. Prints on stderr. What cannot be written there (a full disk, a closed terminal) is lost: no program ends
-// for it.
-void write_message(std::string_view text);
+// for it. Returns whether all of it was written.
+bool write_message(std::string_view text);
 
 template <class... Parts>
 void print_message(fmt::format_string<Parts...> format, Parts&&... parts) {

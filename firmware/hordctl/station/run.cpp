@@ -262,10 +262,8 @@ class Run {
     Exit finish() {
         std::string report;
         const Exit end = close(report);
-        if (options_.json) {
-            write_message(report);
-            return end;
-        }
+        // Where that cannot be written, no message can; the status is all that is left.
+        if (options_.json) return write_message(report) ? end : Exit::bad_input;
         const Written written = write_output(report, kWaitsForReader);
         if (written.bytes == report.size()) return end;
         return complain(written.reason != 0

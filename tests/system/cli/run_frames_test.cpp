@@ -1,7 +1,9 @@
 // hordctl run on recorded frames: a reader of its lines that goes away, and options that would have no effect.
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <utility>
 
 #include <fcntl.h>
 #include <gmock/gmock.h>
@@ -56,6 +58,16 @@ class FullPipe {
   private:
     int ends_[2] = {-1, -1};
 };
+
+TEST_F(RunFrames, with_a_report_that_stderr_does_not_take_ends_with_a_status_that_says_so) {
+    for (const auto& [to, status] : {std::pair("/dev/full", 2), {"/dev/null", 0}}) {
+        const Said said = run("/bin/sh",
+                              {"-c", "exec \"$0\" run --json --config \"$1\" 2>" + std::string(to),
+                               std::string(HORD_BIN_DIR) + "/hordctl", folder / "c.toml"});
+        EXPECT_EQ(said.status, status) << to;
+        EXPECT_EQ(std::count(said.out.begin(), said.out.end(), '\n'), kFrames) << to;
+    }
+}
 
 TEST_F(RunFrames, inspects_every_part_when_its_lines_cannot_be_written_and_says_so_once) {
     for (const auto& [out, why] : {std::pair<std::string, std::string>{">/dev/full", "No space left on device"},
