@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "algo/frame/extents.h"
+#include "common/dangling_link.h"
 #include "common/file_kind.h"
 #include "common/file_writing.h"
 #include "common/png_codec.h"
@@ -40,7 +41,9 @@ Result<Bytes> read_bytes(const fs::path& file) {
     std::error_code error;
     const fs::file_status status = fs::status(file, error);
     if (status.type() == fs::file_type::not_found) {
-        return fail(ErrorCode::not_found, file.string() + " does not exist", "check the path");
+        const std::string link = common::dangling_link(file);
+        if (link.empty()) return fail(ErrorCode::not_found, file.string() + " does not exist", "check the path");
+        return fail(ErrorCode::not_found, link, "put that file back, or remove the link");
     }
     if (status.type() == fs::file_type::directory) {
         return fail(ErrorCode::unreadable, file.string() + " is a folder",

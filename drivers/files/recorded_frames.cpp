@@ -10,6 +10,11 @@ namespace hord::drivers {
 namespace fs = std::filesystem;
 
 Result<Frame> RecordedSeries::read(const fs::path& file) {
+    std::error_code none;
+    if (fs::is_directory(file, none)) {
+        return fail(ErrorCode::invalid_argument, file.string() + " is a folder, and its name is a frame's",
+                    "rename it, or name a folder of frames alone");
+    }
     // A file of 16 bits without a note has the depth of the frames before it.
     const int found = format_.bits > 8 ? format_.bits : 0;
     auto read = read_noted_frame(file, {0, 0, bits_ != 0 ? bits_ : found});
@@ -50,6 +55,9 @@ Error all_of(const std::vector<Error>& problems) {
         const bool says_cure = !is_last && problems[k + 1].cure != problem.cure;
         all.what += (says_cure ? problem.message() : problem.what) + (is_last ? "" : "\n");
     }
+    if (told == problems.size()) return all;
+    all.what = fmt::format("{}\nand {} more", all.message(), problems.size() - told);
+    all.cure = "mend these and start again: it tells the next ones";
     return all;
 }
 

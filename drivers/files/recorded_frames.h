@@ -45,7 +45,8 @@ class RecordedSeries {
 };
 
 // The problems of several files, one a line: of more than kMaxFramesTold how many they are, and the first. Neighbours
-// with one cure share it: it is said after the last of them. Precondition: there is one.
+// with one cure share it: it is said after the last of them. The last line is always a cure. Precondition: there is
+// one.
 inline constexpr std::size_t kMaxFramesTold = 10;
 Error all_of(const std::vector<Error>& problems);
 

@@ -80,11 +80,7 @@ Result<hal::SensorFormat> format_of_frames(const FrameFolder& recorded, const In
     std::vector<Error> problems;
     std::uint32_t largest = 0;
     for (const fs::path& file : *files) {
-        std::error_code none;
-        if (fs::is_directory(file, none)) {
-            problems.push_back({ErrorCode::invalid_argument, file.string() + " is a folder, and its name is a frame's",
-                                "rename it, or name a folder of frames alone"});
-        } else if (auto frame = series.read(file); !frame) {
+        if (auto frame = series.read(file); !frame) {
             problems.push_back(frame.error());
         } else {
             largest = std::max(largest, largest_sample(frame->view()));

@@ -90,7 +90,8 @@ TEST_F(RefusedStart, on_any_recorded_frame_that_cannot_be_played) {
     const auto of = [&](const char* name) { return "sensor.folder: " + (frames / name).string(); };
     refused(AllOf(HasSubstr(of("c.png") + " is 54x45 pixels, and the frames before it 45x45: play frames of one size"),
                   HasSubstr(of("d.png") + " has 16-bit samples, and the frames before it 8: play frames of one depth"),
-                  HasSubstr(of("e.png") + " is truncated"), HasSubstr(of("f.png") + " does not exist"),
+                  HasSubstr(of("e.png") + " is truncated"),
+                  HasSubstr(of("f.png") + " is a symbolic link to /nonexistent/f.png, which does not exist"),
                   HasSubstr(of("g.png") + " is not a file that can be read")));
 }
 
@@ -99,7 +100,8 @@ TEST_F(RefusedStart, on_many_frames_names_the_first_and_how_many_they_are) {
     for (int k = 100; k < 130; ++k) std::ofstream(folder / ("frames/" + std::to_string(k) + ".png")) << "no picture";
     configure("[sensor]\nbackend = \"frames\"\nfolder = \"frames\"\n");
     refused(AllOf(HasSubstr("sensor.folder: 30 frames cannot be played; the first 10:\n"), HasSubstr("109.png"),
-                  Not(HasSubstr("110.png"))));
+                  Not(HasSubstr("110.png")),
+                  HasSubstr("sensor.folder: and 20 more: mend these and start again: it tells the next ones\n")));
 }
 
 TEST_F(RefusedStart, on_frames_of_another_size_or_depth_than_the_configuration_names) {
