@@ -113,9 +113,19 @@ static std::string_view cure_of(std::string_view description) {
     if (says("redefine")) return "take one of them out";
     if (says("table header") || says("table name"))
         return "write a section's head as [name], that of a list's entry as [[name]]";
+    if (says("string")) return "close a text with its quote";
     if (says("array")) return "write a list as [1.0, 2.0], a comma between its entries";
     if (says("value")) return "write a text in quotes, a number in digits, or true or false";
     return kLine;
+}
+
+// What a file that lost its end breaks off in, by what toml++ says of it.
+static std::string_view broken_part(std::string_view description) {
+    const auto says = [&](std::string_view words) { return description.find(words) != std::string_view::npos; };
+    if (says("table header") || says("table name")) return "a section's head";
+    if (says("array")) return "a list";
+    if (says("string")) return "a text";
+    return says("key") ? "a line" : "a value";
 }
 
 TomlTable TomlTable::parse_text(std::string_view text, std::string_view name, TomlProblems& problems) {
@@ -128,6 +138,10 @@ TomlTable TomlTable::parse_text(std::string_view text, std::string_view name, To
             error.description().find("control characters") != std::string_view::npos) {
             problems.add(fmt::format("{}:{}: a text is not closed", name, at.line),
                          "write its second quote on the same line");
+        } else if (error.description().find("end-of-file") != std::string_view::npos) {
+            problems.add(fmt::format("{}:{}: not valid TOML: the file ends in the middle of {}", name, at.line,
+                                     broken_part(error.description())),
+                         fmt::format("{}; if it was longer, restore it from a copy", cure_of(error.description())));
         } else {
             problems.add(fmt::format("{}:{}: not valid TOML ({})", name, at.line, error.description()),
                          std::string(cure_of(error.description())));

@@ -185,6 +185,25 @@ TEST(TomlFields, a_text_that_is_not_closed_is_told) {
     EXPECT_THAT(problems.lines(), ElementsAre(HasSubstr("a.toml:1: not valid TOML")));
 }
 
+TEST(TomlFields, a_file_that_lost_its_end_is_told_with_what_is_missing_there) {
+    const std::string more = "; if it was longer, restore it from a copy";
+    for (const auto& [cut, broken, cure] :
+         {std::array{"[limits", "a section's head",
+                     "write a section's head as [name], that of a list's entry as [[name]]"},
+          {"[[zone", "a section's head", "write a section's head as [name], that of a list's entry as [[name]]"},
+          {"centre = [1, ", "a list", "write a list as [1.0, 2.0], a comma between its entries"},
+          {"name = \"ab", "a text", "close a text with its quote"},
+          {"emd_bins", "a line", "write a text in quotes, a number in digits, or true or false"},
+          {"emd_bins = 1.", "a value", "write each line as key = value, [section] or # comment"}}) {
+        TomlProblems problems;
+        (void)TomlTable::parse_text(fmt::format("schema = 1\n{}", cut), "a.toml", problems);
+        EXPECT_THAT(problems.lines(),
+                    ElementsAre(fmt::format("a.toml:2: not valid TOML: the file ends in the middle of {}: {}{}", broken,
+                                            cure, more)))
+            << cut;
+    }
+}
+
 TEST(TomlFields, a_text_with_a_nul_is_refused_and_its_key_named) {
     TomlProblems problems;
     TomlTable root = TomlTable::parse_text(
