@@ -60,6 +60,7 @@ Result<void> check_replaceable(const fs::path& file) {
         case fs::file_type::character: what = "a device"; break;
         case fs::file_type::fifo: what = "a pipe"; break;
         case fs::file_type::socket: what = "a socket"; break;
+        case fs::file_type::directory: what = "a folder"; break;
         default: return {};
     }
     return fail(ErrorCode::refused, file.string() + " is " + what + ", not a regular file: it is not replaced",

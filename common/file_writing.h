@@ -24,7 +24,7 @@ std::optional<std::string> read_file(const std::filesystem::path& file);
 [[nodiscard]] Error cannot_read(const std::filesystem::path& file);
 
 // Whether a rename to this place destroys nothing but an old file. Fails with refused if a symbolic link, a device, a
-// pipe or a socket is there. (A folder is never replaced: the rename fails.)
+// pipe, a socket or a folder is there.
 Result<void> check_replaceable(const std::filesystem::path& file);
 
 // Makes the folder (not its parents) unless it exists. Does not throw, whatever the disk answers.

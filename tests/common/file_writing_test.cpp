@@ -71,13 +71,14 @@ TEST(WholeFile, that_is_replaced_keeps_owner_group_and_mode) {
     }
 }
 
-TEST(WholeFile, replaces_no_link_and_no_pipe) {
+TEST(WholeFile, replaces_no_link_no_pipe_and_no_folder) {
     const TempFolder folder;
     const auto kept = folder.write("kept", "kept"), link = folder.path() / "link", pipe = folder.path() / "pipe";
     std::filesystem::create_symlink(kept, link);
     ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
-    for (const auto& [file, what] : {std::pair(link, "symbolic link"), std::pair(pipe, "pipe"),
-                                     std::pair(std::filesystem::path("/dev/null"), "device")}) {
+    for (const auto& [file, what] :
+         {std::pair(link, "symbolic link"), std::pair(pipe, "pipe"), std::pair(folder.path(), "folder"),
+          std::pair(std::filesystem::path("/dev/null"), "device")}) {
         for (const auto& done : {write_atomically(file, Bytes{1}), write_durably(file, "1")}) {
             ASSERT_FALSE(done);
             EXPECT_EQ(done.error().code, ErrorCode::refused);
@@ -105,7 +106,7 @@ TEST(WholeFile, replaces_the_old_one_or_leaves_it_and_nothing_beside_it) {
     std::filesystem::create_directory(folder.path() / "taken");  // a folder is not replaced
     const auto taken = write_atomically(folder.path() / "taken", Bytes{1});
     ASSERT_FALSE(taken);
-    EXPECT_EQ(taken.error().code, ErrorCode::io);
+    EXPECT_EQ(taken.error().code, ErrorCode::refused);
     EXPECT_THAT(taken.error().what, HasSubstr((folder.path() / "taken").string()));
     std::vector<std::string> names;
     for (const auto& entry : std::filesystem::directory_iterator(folder.path()))

@@ -65,6 +65,19 @@ class RecipeInUse : public Service {
     const std::filesystem::path kept = folder / "recipe-in-use.toml", damaged = kept.string() + ".damaged";
 };
 
+TEST_F(RecipeInUse, whose_checksum_is_a_folder_is_told_with_the_cure_that_helps) {
+    const std::filesystem::path sum = folder / "recipe-in-use.crc32";
+    std::filesystem::create_directory(sum);
+    const Life life = live(7);
+    EXPECT_THAT(life.said,
+                HasSubstr(sum.string() +
+                          " is a folder, not a regular file: it is not replaced: remove it, "
+                          "then commit or select again"));
+    EXPECT_EQ(life.error, firmware::CommandError::failed);
+    std::filesystem::remove(sum);
+    EXPECT_EQ(live(7).error, firmware::CommandError::none);
+}
+
 TEST_F(RecipeInUse, remembers_the_recipe_that_was_committed_until_another_is_configured) {
     const std::vector<std::string> arguments = under({"STATE_DIRECTORY=" + folder.path().string()});
     const auto number_in_use = [&](bool switch_to_seven) {
@@ -165,7 +178,7 @@ TEST_F(RecipeInUse, that_cannot_be_kept_is_not_taken) {
     const Life life = live(7, true);
     EXPECT_EQ(life.error, firmware::CommandError::failed);
     EXPECT_EQ(life.number, 0) << "the old recipe stays";
-    EXPECT_THAT(life.said, HasSubstr(kept.string() + " cannot be written: "));
+    EXPECT_THAT(life.said, HasSubstr(kept.string() + " is a folder, not a regular file: it is not replaced: remove it"));
 }
 
 TEST_F(RecipeInUse, that_is_missing_or_no_file_is_a_fault_until_another_is_selected) {
