@@ -4,6 +4,7 @@
 #include <fstream>
 #include <regex>
 #include <string>
+#include <vector>
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -64,6 +65,36 @@ class RecipeInUse : public Service {
 
     const std::filesystem::path kept = folder / "recipe-in-use.toml", damaged = kept.string() + ".damaged";
 };
+
+TEST_F(RecipeInUse, is_the_one_that_recipe_use_names_if_it_has_the_checksum) {
+    std::ofstream(folder / "recipes/eight.toml")
+        << "schema = 1\nname = \"eight\"\nnumber = 8\n[limits]\nemd_bins = 2\n";
+    const Said sums = run("hordctl", {"recipe", "check", folder / "recipes/seven.toml", folder / "recipes/eight.toml"});
+    std::vector<std::string> crcs;
+    const std::regex crc("CRC-32 ([0-9A-F]{8})");
+    for (std::sregex_iterator at(sums.out.begin(), sums.out.end(), crc), end; at != end; ++at)
+        crcs.push_back((*at)[1].str());
+    ASSERT_EQ(crcs.size(), 2U) << sums.out << sums.err;
+    Running service("/usr/bin/env", under({"STATE_DIRECTORY=" + folder.path().string()}));
+    for (const char* ready : {"Preoperational to Initialized", "registers at"})
+        ASSERT_TRUE(service.says(ready, kPatience)) << service.so_far().err;
+    const std::string address = "127.0.0.1:" + port_of(service.so_far());
+    auto plc = client_at(port_of(service.so_far()));
+    ASSERT_TRUE(plc);
+    const auto use = [&](const std::string& number, const std::string& sum) {
+        return run("hordctl", {"recipe", "use", number, "--crc32", sum, "--modbus", address});
+    };
+    const auto in_use = [&] { return plc->read(110, 1).value_or(std::vector<std::uint16_t>(1)).at(0); };
+    EXPECT_EQ(use("8", crcs[1]).status, 0) << service.so_far().err;
+    EXPECT_EQ(in_use(), 8);
+    const Said other = use("7", crcs[1]);
+    EXPECT_EQ(other.status, 2);
+    EXPECT_THAT(other.err, HasSubstr("wrong_checksum"));
+    EXPECT_EQ(in_use(), 8);
+    EXPECT_EQ(use("7", crcs[0]).status, 0);
+    EXPECT_EQ(in_use(), 7);
+    EXPECT_EQ(service.stop(SIGTERM).status, 0);
+}
 
 TEST_F(RecipeInUse, whose_checksum_is_a_folder_is_told_with_the_cure_that_helps) {
     const std::filesystem::path sum = folder / "recipe-in-use.crc32";
