@@ -64,6 +64,18 @@ Result<void> check_calibration(const ActiveCalibration& read, const std::filesys
     return may_replace(read.file, kept).map_error([&](const Error& error) { return named(read.path, error); });
 }
 
+std::optional<Error> other_camera(const ActiveCalibration& read, const std::filesystem::path& kept) {
+    std::error_code none;
+    if (kept.empty() || !std::filesystem::exists(kept, none)) return std::nullopt;
+    const auto held = calib::read_grid(kept);
+    const std::string& camera = read.file.stamp.camera;
+    if (!held || held->stamp.camera == camera) return std::nullopt;
+    return Error{ErrorCode::invalid_argument,
+                 fmt::format("inspection.grid: {} is a calibration of camera \"{}\", the one in use before of \"{}\"",
+                             read.path.string(), camera, held->stamp.camera),
+                 "if the camera was not changed, name the calibration of this one"};
+}
+
 std::filesystem::path kept_calibration(const std::filesystem::path& state_folder) {
     return state_folder.empty() ? std::filesystem::path() : state_folder / "calibration-in-use.toml";
 }

@@ -32,6 +32,9 @@ Result<ActiveCalibration> read_calibration(const std::filesystem::path& file, in
 Result<void> check_calibration(const ActiveCalibration& read, const std::filesystem::path& kept,
                                const hal::SensorFormat& format);
 
+// Told, not refused: the calibration in use before, `kept`, names another camera. None: the same, or none can be read.
+std::optional<Error> other_camera(const ActiveCalibration& read, const std::filesystem::path& kept);
+
 // The file of the calibration in use.
 std::filesystem::path kept_calibration(const std::filesystem::path& state_folder);  // empty: nothing is kept
 

@@ -101,6 +101,7 @@ Result<algo::Extents> Service::open_grid(const hal::SensorFormat& format) {
     if (grid_) {
         const auto kept = kept_calibration(config_.state_folder);
         if (auto fits = check_calibration(*grid_, kept, format); !fits) return tl::unexpected(fits.error());
+        if (const auto told = other_camera(*grid_, kept)) on_trouble(*told);
         if (!kept.empty()) {
             if (auto done = calib::write_grid(kept, grid_->file); !done) return tl::unexpected(done.error());
         }

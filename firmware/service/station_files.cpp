@@ -7,6 +7,7 @@
 
 #include "algo/inspection/pipeline.h"
 #include "common/assign.h"
+#include "common/cli/message.h"
 #include "common/toml_fields.h"
 #include "firmware/config/path_check.h"
 #include "firmware/devices/expected_frames.h"
@@ -37,6 +38,13 @@ Result<void> check_together(const Config& config, const StationFiles& files, con
     });
 }
 
+// The error of reading the file that a key names.
+Error of_key(const char* key, const std::filesystem::path& file, Error error) {
+    error.what = named_lines(key, error.what);
+    if (error.code == ErrorCode::not_found) error.cure += "; " + mounted_late(file);
+    return error;
+}
+
 }  // namespace
 
 Result<algo::Extents> light_field_of(const InspectionConfig& inspection,
@@ -59,9 +67,16 @@ Result<StationFiles> read_station_files(const Config& config) {
     };
     StationFiles files;
     const InspectionConfig& inspection = config.inspection;
-    note(assign(files.recipe, recipe_or_default(inspection.recipe)));
+    note(assign(files.recipe, recipe_or_default(inspection.recipe).map_error([&](const Error& error) {
+        return of_key("inspection.recipe", inspection.recipe, error);
+    })));
     if (!inspection.grid.empty()) {
-        note(assign(files.calibration, read_calibration(inspection.grid, inspection.bins_i, inspection.bins_j)));
+        auto read = read_calibration(inspection.grid, inspection.bins_i, inspection.bins_j);
+        note(assign(files.calibration, std::move(read).map_error([&](Error error) {
+            error.cure += std::string(error.cure.empty() ? "" : "; or ") +
+                "name another calibration (hordctl calibrate makes one)";
+            return of_key("inspection.grid", inspection.grid, error);
+        })));
     }
     std::optional<hal::SensorFormat> format;
     note(check_sources(config).and_then([&](const auto&) { return assign(format, expected_format(config)); }));

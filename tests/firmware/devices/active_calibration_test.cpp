@@ -73,6 +73,24 @@ TEST_F(CalibrationFile, that_does_not_fit_the_sensor_is_refused_with_both_sizes)
     EXPECT_FALSE(use(folder / "none.toml"));
 }
 
+// Frames of two cameras may have one size: each lenslet would be decoded beside its place.
+TEST_F(CalibrationFile, of_another_camera_than_the_one_in_use_is_told) {
+    const auto kept = kept_calibration(folder);
+    const auto one = read_calibration(write("one.toml", 0.01), 8, 8);
+    ASSERT_TRUE(one);
+    EXPECT_FALSE(other_camera(*one, kept)) << "none was in use";
+    ASSERT_TRUE(use(folder / "one.toml"));
+    EXPECT_FALSE(other_camera(*one, kept));
+    const auto two = read_calibration(write("two.toml", 0.01, "two"), 8, 8);
+    ASSERT_TRUE(two);
+    const auto told = other_camera(*two, kept);
+    ASSERT_TRUE(told);
+    EXPECT_THAT(told->message(),
+                HasSubstr("two.toml is a calibration of camera \"two\", the one in use before of \"one\""));
+    std::ofstream(kept) << "damaged";
+    EXPECT_FALSE(other_camera(*two, kept));
+}
+
 TEST_F(CalibrationFile, that_is_worse_does_not_take_the_place_of_the_one_in_use) {
     ASSERT_TRUE(use(write("good.toml", 0.01)));
     const auto worse = write("worse.toml", 0.03);

@@ -207,6 +207,27 @@ TEST_F(RefusedStart, on_a_calibration_of_frames_of_another_size) {
     refused(HasSubstr(sizes + "64x64"));
 }
 
+TEST_F(RefusedStart, on_a_calibration_that_cannot_be_used_and_names_its_key) {
+    const std::string another = "; or name another calibration (hordctl calibrate makes one)";
+    const auto grid = [&](const std::string& name) {
+        configure("[inspection]\nmacro = \"8x8\"\ngrid = \"" + name + "\"\n");
+        return "inspection.grid: " + (folder / name);
+    };
+    refused(HasSubstr(grid("empty") + ": cannot be read (Is a directory): give a file of this folder" + another));
+    refused(HasSubstr(grid("none.toml") + ": cannot be read (No such file or directory): check"));
+    std::ofstream(folder / "text.toml") << "schema = 1\n";
+    refused(AllOf(HasSubstr(grid("text.toml") + ":1: no checksum: "), HasSubstr(another)));
+}
+
+TEST_F(RefusedStart, on_a_recipe_or_a_calibration_that_is_not_there_and_may_be_mounted_later) {
+    for (const std::string key : {"recipe", "grid"}) {
+        configure("[inspection]\nmacro = \"3x3\"\n" + key + " = \"gone.toml\"\n");
+        refused(AllOf(HasSubstr("inspection." + key + ": " + (folder / "gone.toml") + ": cannot be read (No such file"),
+                      HasSubstr("if it is mounted later: systemctl edit hordd, [Unit] RequiresMountsFor=" +
+                                (folder / "gone.toml"))));
+    }
+}
+
 TEST_F(RefusedStart, on_a_recipe_that_does_not_fit_the_light_field) {
     std::ofstream(folder / "wide.toml") << "schema = 1\nname = \"wide\"\nnumber = 7\nrim_margin = 60\n";
     configure("[inspection]\nmacro = \"3x3\"\nrecipe = \"wide.toml\"\n");
