@@ -9,8 +9,6 @@
 #include "drivers/gpio/gpio_lines.h"
 #include "drivers/libcamera/libcamera_sensor.h"
 #include "drivers/modbus/modbus_rejector.h"
-#include "firmware/devices/active_calibration.h"
-#include "firmware/recipes/recipe_file.h"
 
 namespace hord::firmware {
 namespace {
@@ -128,14 +126,13 @@ Result<void> open_simulated(hal::EventLoop& loop, Config config, Devices& device
 
 }  // namespace
 
-Result<EachDevice> open_each_device(hal::EventLoop& loop, const Config& config, bool simulate) {
+Result<EachDevice> open_each_device(hal::EventLoop& loop, const Config& config, const algo::Recipe& recipe,
+                                    const std::optional<ActiveCalibration>& calibration, bool simulate) {
     EachDevice each;
     each.cell.core = config.core;
     each.cell.bins_i = config.inspection.bins_i;
     each.cell.bins_j = config.inspection.bins_j;
-    auto recipe = recipe_or_default(config.inspection.recipe);
-    if (!recipe) return tl::unexpected(recipe.error());
-    each.cell.recipe = std::move(recipe->recipe);
+    each.cell.recipe = recipe;
     auto devices = std::make_shared<Devices>();
     if (simulate) {
         if (auto opened = open_simulated(loop, config, *devices, each.cell); !opened)
@@ -144,13 +141,10 @@ Result<EachDevice> open_each_device(hal::EventLoop& loop, const Config& config, 
         probe_lines(loop, config, *devices, each.cell);
         probe_sensor(loop, config, *devices, each.cell);
         probe_rejector(loop, config, *devices, each.cell);
-        if (!config.inspection.grid.empty() && each.cell.sensor.device && *each.cell.sensor.device != nullptr) {
-            const auto grid =
-                read_calibration(config.inspection.grid, config.inspection.bins_i, config.inspection.bins_j);
-            if (!grid) return tl::unexpected(grid.error());
-            if (auto fits = check_calibration(*grid, {}, (*each.cell.sensor.device)->format()); !fits)
+        if (calibration && each.cell.sensor.device && *each.cell.sensor.device != nullptr) {
+            if (auto fits = check_calibration(*calibration, {}, (*each.cell.sensor.device)->format()); !fits)
                 return tl::unexpected(fits.error());
-            each.cell.decoder = *grid->decoder;
+            each.cell.decoder = *calibration->decoder;
         }
     }
     each.keep = std::move(devices);

@@ -13,6 +13,7 @@
 #include "firmware/hordctl/commands.h"
 #include "firmware/hordctl/station/remote.h"
 #include "firmware/registers/register_map.h"
+#include "firmware/service/station_files.h"
 
 namespace hord::firmware {
 namespace {
@@ -46,9 +47,16 @@ Exit ask_station(const RemoteOptions& options) {
 Exit test_devices(const SelftestOptions& options) {
     const auto config = options.config.empty() ? Config{} : load_config(options.config);
     if (!config) return complain(config.error());
+    Config read = *config;
+    if (options.simulate) {  // its sensor is another one
+        read.sensor = SimulatedSensor{};
+        read.inspection.grid.clear();
+    }
+    const auto files = read_station_files(read);
+    if (!files) return complain(files.error());
     auto loop = SdEventLoop::open();
     if (!loop) return complain(loop.error());
-    auto each = open_each_device(**loop, *config, options.simulate);
+    auto each = open_each_device(**loop, *config, files->recipe.recipe, files->calibration, options.simulate);
     if (!each) return complain(each.error());
 
     std::vector<CheckRow> rows;

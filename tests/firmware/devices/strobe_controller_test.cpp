@@ -57,7 +57,7 @@ TEST_F(StrobeControllerConfig, the_factory_opens_it_and_it_lights_what_the_confi
 }
 
 TEST_F(StrobeControllerConfig, selftest_names_it_by_address_and_by_what_it_says_of_itself) {
-    const auto each = open_each_device(*loop_, config_, false);
+    const auto each = open_each_device(*loop_, config_, {}, {}, false);
     ASSERT_TRUE(each) << each.error().message();
     EXPECT_THAT(each->cell.strobe.name, HasSubstr(":" + std::to_string(controller_->port()) + ", RT220-20 (HW02)"));
     EXPECT_TRUE(each->cell.strobe.device) << each->cell.strobe.device.error().message();

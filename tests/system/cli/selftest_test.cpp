@@ -1,6 +1,8 @@
 // `hordctl selftest` on devices, simulated and absent, and `hordctl latency`.
 #include <cstdio>
 #include <fstream>
+#include <string>
+#include <vector>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -50,6 +52,23 @@ device = "/dev/no-such-line"
     std::size_t cures = 0;
     for (auto at = said.out.find("cure: "); at != std::string::npos; at = said.out.find("cure: ", at + 1)) ++cures;
     EXPECT_EQ(cures, 4U) << said.out;
+}
+
+// As a start refuses them, with their keys, before a device is opened.
+TEST(Selftest, refuses_the_files_that_a_start_refuses) {
+    const TemporaryFolder folder;
+    std::ofstream(folder / "wide.toml") << "schema = 1\nname = \"wide\"\nnumber = 7\nrim_margin = 60\n";
+    std::ofstream(folder / "c.toml") << simulated_beside(
+        "[inspection]\nmacro = \"3x3\"\nrecipe = \"wide.toml\"\n[modbus]\nport = 0\n");
+    for (const std::vector<std::string>& where : {std::vector<std::string>{}, {"--simulate"}}) {
+        std::vector<std::string> arguments{"selftest", "--config", folder / "c.toml"};
+        arguments.insert(arguments.end(), where.begin(), where.end());
+        const Said said = run("hordctl", arguments);
+        EXPECT_EQ(said.status, 2);
+        EXPECT_THAT(said.err,
+                    AllOf(HasSubstr("inspection.recipe: " + (folder / "wide.toml")), HasSubstr("rim_margin 60")));
+        EXPECT_EQ(said.out, "");
+    }
 }
 
 TEST(Selftest, refuses_what_does_not_go_together) {
