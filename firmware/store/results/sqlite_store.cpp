@@ -433,12 +433,21 @@ Result<void> SqliteStore::remove(const ChainTable& table, std::int64_t first, st
 tl::unexpected<Error> folder_unusable(const fs::path& folder, std::error_code why) {
     const std::string link = common::dangling_link(folder);
     const bool file = why == std::errc::file_exists || why == std::errc::not_a_directory;
-    return fail(
-        ErrorCode::io,
-        "the folder " + folder.string() + " cannot be made or used (" + (link.empty() ? why.message() : link) + ")",
-        !link.empty() ? "make the folder that it leads to, or name another one (store.folder)"
-            : file    ? "it, or one above it, is a file: name another folder, or move that file away (store.folder)"
-                      : "create it and give it to the station's user (store.folder)");
+    std::error_code none;
+    const fs::path above = fs::absolute(folder, none).lexically_normal().parent_path();
+    const bool lacks_above = why == std::errc::no_such_file_or_directory && !fs::exists(above, none);
+    return fail(ErrorCode::io,
+                "the folder " + folder.string() + " cannot be made or used (" +
+                    (!link.empty()     ? link
+                         : lacks_above ? above.string() + " does not exist"
+                                       : why.message()) +
+                    ")",
+                !link.empty() ? "make the folder that it leads to, or name another one (store.folder)"
+                    : file
+                    ? "it, or one above it, is a file: name another folder, or move that file away (store.folder)"
+                    : why == std::errc::read_only_file_system
+                    ? "mount its disk for writing, or name another folder (store.folder)"
+                    : "create it and give it to the station's user (store.folder)");
 }
 
 Result<void> check_not_written(const fs::path& folder) {

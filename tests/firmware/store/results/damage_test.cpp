@@ -308,6 +308,17 @@ TEST(BadFolder, is_a_named_error_and_no_exception) {
     }
 }
 
+TEST(BadFolder, is_told_with_what_is_in_the_way) {
+    const TempFolder folder;
+    const fs::path store = folder.path() / "none/store";
+    const Error missing = folder_unusable(store, std::make_error_code(std::errc::no_such_file_or_directory)).value();
+    EXPECT_THAT(missing.what,
+                HasSubstr(store.string() + " cannot be made or used (" + (folder.path() / "none").string() +
+                          " does not exist)"));
+    const Error mounted = folder_unusable(store, std::make_error_code(std::errc::read_only_file_system)).value();
+    EXPECT_EQ(mounted.cure, "mount its disk for writing, or name another folder (store.folder)");
+}
+
 TEST(BadFolder, that_answers_with_an_error_is_a_failure_of_the_store_and_is_tried_again) {
     const TempFolder folder;
     SqliteStoreOptions options;
