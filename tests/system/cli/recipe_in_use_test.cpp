@@ -209,7 +209,8 @@ TEST_F(RecipeInUse, that_cannot_be_kept_is_not_taken) {
     const Life life = live(7, true);
     EXPECT_EQ(life.error, firmware::CommandError::failed);
     EXPECT_EQ(life.number, 0) << "the old recipe stays";
-    EXPECT_THAT(life.said, HasSubstr(kept.string() + " is a folder, not a regular file: it is not replaced: remove it"));
+    EXPECT_THAT(life.said,
+                HasSubstr(kept.string() + " is a folder, not a regular file: it is not replaced: remove it"));
 }
 
 TEST_F(RecipeInUse, that_is_missing_or_no_file_is_a_fault_until_another_is_selected) {
