@@ -122,9 +122,9 @@ void MissingMaterialFinder::look_at(Squares& squares, MissingMaterial& best) {
 }
 
 // A hole that is no small share of the part raises the noise: many pairs lie across its outline. Light that varies from
-// lenslet to lenslet alone gives the least limit. What could be a hole by it is left out of a second estimate. Of
-// plates only: the light of lenses and webs varies over large squares, so that nearly each of them would be searched
-// twice.
+// lenslet to lenslet alone gives the least limit. What could be a hole by it is left out of a second estimate; where
+// too few pairs are left for one, no lamp may explain its light. Of plates only: the light of lenses and webs varies
+// over large squares, so that nearly each of them would be searched twice.
 void MissingMaterialFinder::look_again(Squares& squares, MissingMaterial& best) {
     Squares trial = squares;
     trial.is_trial = true;
@@ -134,9 +134,13 @@ void MissingMaterialFinder::look_again(Squares& squares, MissingMaterial& best) 
     find_regions(trial, best);
     if (!std::ranges::any_of(std::span(of_hole_).first(squares.level->light.size()), [](auto of) { return of != 0; }))
         return;
-    const std::optional<float> sigma = noise(trial);
-    if (!sigma || kMinExcessSigmas * *sigma >= squares.limit) return;
-    squares.limit = std::max(trial.limit, kMinExcessSigmas * *sigma);
+    if (const std::optional<float> sigma = noise(trial)) {
+        if (kMinExcessSigmas * *sigma >= squares.limit) return;
+        squares.limit = std::max(trial.limit, kMinExcessSigmas * *sigma);
+    } else {  // nearly all pairs lie at the outline. Of 3 x 3 lenslets only: beyond, more than a lamp varies
+        if (squares.level->block > 1 || !is_step_of_light(trial)) return;
+        squares.limit = trial.limit;
+    }
     find_regions(squares, best);
 }
 

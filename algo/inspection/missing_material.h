@@ -83,6 +83,7 @@ class MissingMaterialFinder {
     void sum_squares(const Level& level);
     std::optional<float> noise(const Squares& squares);
     [[nodiscard]] bool is_at_outline(const Squares& squares, std::size_t at) const;
+    [[nodiscard]] bool is_step_of_light(const Squares& squares) const;
     [[nodiscard]] bool any_change(const Squares& squares) const;
     bool find_steps(const Squares& squares);
     void follow(const Squares& squares, Direction direction);
