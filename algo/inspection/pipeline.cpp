@@ -413,8 +413,12 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
     watch.lap(result.times.feature_ns);
     if (result.reason == Reason::none && w.comparison) {
         result.registered = registered ? *registered : w.find_pose(w.mask);
-        if (!result.registered.found())
+        if (result.registered.outcome == Registered::Outcome::blurred) {
+            result.reason = Reason::unexpected_light;
+            result.frame.fault = FrameFault::blurred_edge;
+        } else if (!result.registered.found()) {
             result.reason = result.registered.shows_no_part() ? Reason::no_part : Reason::not_registered;
+        }
         watch.lap(result.times.register_ns);
     }
     if (result.reason == Reason::none) {

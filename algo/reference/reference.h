@@ -82,6 +82,8 @@ struct Reference {
     // Lenslets by which a good part's opposite edges lie farther apart than the reference's, or closer, at most: along
     // x and y (algo/reference/size_difference.h). 0: not known, no size is refused.
     std::array<float, 2> size_limits{};
+    // By how much a good part's edges are blurred at most (algo/reference/edge_blur.h). 0: not known, none is refused.
+    std::array<float, 2> blur_limits{};
 
     [[nodiscard]] std::size_t stride() const {
         return (static_cast<std::size_t>((extents.i + 2) * (extents.j + 2)) + 15) / 16 * 16;
@@ -89,7 +91,7 @@ struct Reference {
     [[nodiscard]] std::size_t place(int i, int j) const {
         return static_cast<std::size_t>((j + 1) * (extents.i + 2) + i + 1);
     }
-    [[nodiscard]] ReferenceMaps maps() const { return {light, x, y, mask, size_limits}; }
+    [[nodiscard]] ReferenceMaps maps() const { return {light, x, y, mask, size_limits, blur_limits}; }
 };
 
 // Checks sizes and ranges. Fails with invalid_argument, naming the first problem.

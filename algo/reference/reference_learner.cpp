@@ -85,6 +85,7 @@ class Learner {
     double typical_light_ = 1;  // of the parts of the mean
     std::optional<SpreadEstimate> spread_;
     SizeSpread sizes_;
+    BlurSpread blurs_;
 };
 
 // Keeps the estimate of learn_spread() if no place of the field shows the photon noise alone.
@@ -218,6 +219,7 @@ Result<void> Learner::learn_spread() {
     release(reference_.shares);
     spread_.emplace(extents_);
     sizes_ = {};
+    blurs_ = {};
     std::vector<std::size_t> parts;
     for (std::size_t p = 0; p < count_; ++p) {
         if (!left_out_[p]) parts.push_back(p);
@@ -255,6 +257,7 @@ Result<void> Learner::learn_spread_of(std::span<const std::size_t> fold, const R
         auto frobenius = mappers[1]->over_neighbours(one->view());
         if (!frobenius) return tl::unexpected(frobenius.error());
         sizes_.add(found.size);
+        blurs_.add(found.blur);
         const PoseMap pose(found.pose, extents_);
         for (int n = 0; n < extents_.n; ++n) {
             const std::size_t first = extents_.index(0, n);
@@ -372,6 +375,7 @@ Result<Learned> Learner::run() {
     }
     reference_.parts = static_cast<std::uint32_t>(left());
     reference_.size_limits = sizes_.limits();
+    reference_.blur_limits = blurs_.limits();
     if (auto done = learn_pooled_scales(); !done) return tl::unexpected(done.error());
     options_.progress(1);
     const std::array<bool, 3> determined = pose_determined();

@@ -15,6 +15,7 @@ struct ReferenceMaps {
     std::span<const float> x, y;   // mean deflection, bin pitches
     std::span<const std::uint8_t> mask;
     std::array<float, 2> size_limits{};  // Reference::size_limits
+    std::array<float, 2> blur_limits{};  // Reference::blur_limits
 };
 
 // One frame of a part. Of `mask` kDark and kSaturated are used.

@@ -402,7 +402,10 @@ Registered Registrar::find_pose(const Problem& of) {
     if (!result.found()) return result;
     result.size =
         compare_sizes(extents_, of.reference, of.part, PoseMap(result.pose, extents_), of.typical, result.light);
-    if (result.size.exceeds()) result.outcome = Registered::Outcome::other_size;
+    result.blur = compare_blur(extents_, of.reference, of.part, PoseMap(result.pose, extents_), result.size, of.typical,
+                               result.light);
+    if (result.blur.exceeds()) result.outcome = Registered::Outcome::blurred;
+    else if (result.size.exceeds()) result.outcome = Registered::Outcome::other_size;
     return result;
 }
 

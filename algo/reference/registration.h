@@ -5,8 +5,8 @@
 // field has 48 lenslets or more.
 //
 // It fails if the steps do not converge, if the pose exceeds kFarthestLenslets (kFarthestByEdges) or kFarthestSine, if
-// more than kForeignShare of the samples disagree grossly (another kind of part), if the edges are elsewhere, or if
-// opposite edges do not lie as far apart as those of the reference's parts.
+// more than kForeignShare of the samples disagree grossly (another kind of part), if the edges are elsewhere, if
+// opposite edges do not lie as far apart as those of the reference's parts, or if its edges are wider.
 //
 // Maps are read in floats, all else is doubles, + - * / and square roots in a fixed order: the same bits everywhere.
 // The constructor allocates all memory.
@@ -23,6 +23,7 @@
 #include "algo/frame/extents.h"
 #include "algo/reference/coarse_maps.h"
 #include "algo/reference/edge_agreement.h"
+#include "algo/reference/edge_blur.h"
 #include "algo/reference/pose.h"
 #include "algo/reference/registered_maps.h"
 #include "algo/reference/size_difference.h"
@@ -32,8 +33,8 @@ namespace hord::algo {
 constexpr double kFarthestLenslets = 2.5, kFarthestSine = 0.06;  // 3.4 degrees
 // Along an axis of which edges of the light say where the part lies.
 constexpr double kFarthestByEdges = CoarseMaps::kBlock * kFarthestLenslets;
-constexpr double kForeignShare = 0.4;
 constexpr int kMinFieldByEdges = 12 * CoarseMaps::kBlock;  // lenslets a side: interpolation leaves 9 blocks of 12
+constexpr double kForeignShare = 0.4;
 
 struct Registered {
     enum class Outcome : std::uint8_t {
@@ -44,6 +45,7 @@ struct Registered {
         other_edges,
         unsettled,
         other_size,
+        blurred,     // it moved while the light was on, or was exposed twice
         no_part,     // the reference has edges, the field shows none
         free_light,  // the reference has no edges, and the light is rather an empty field's (free_light.h)
     };
@@ -57,6 +59,7 @@ struct Registered {
     // matters). What they do not say stays near 0.
     std::array<bool, 3> determined{};
     SizeDifference size;  // at the pose that was found
+    EdgeBlur blur;        // the same
     // How far a part may lie along x and y, lenslets: kFarthestByEdges where the reference's edges of the light tell.
     std::array<double, 2> farthest{kFarthestLenslets, kFarthestLenslets};
     [[nodiscard]] bool found() const { return outcome == Outcome::found; }

@@ -33,6 +33,10 @@ const char* explain(Registered::Outcome outcome) {
         case Registered::Outcome::other_size:
             return "its opposite edges do not lie as far apart as those of the reference's parts: see whether it is "
                    "another part, or learn from good parts of its size, too";
+        case Registered::Outcome::blurred:
+            return "its edges are softer than those of the reference's parts: look for a part that moves while the "
+                   "light is on (a shorter flash) or that is exposed twice, and see that it lies in the measurement "
+                   "plane";
         case Registered::Outcome::unsettled:
             return "where it lies cannot be settled: see whether it is the reference's part and whole, or learn again "
                    "from parts that lie within half a lenslet of each other";
@@ -53,9 +57,19 @@ std::string of_other_size(const SizeDifference& size) {
     return text.data();
 }
 
+std::string of_blur(const EdgeBlur& blur) {
+    const std::size_t axis = blur.exceeds(0) ? 0 : 1;
+    std::array<char, 80> text{};
+    std::snprintf(text.data(), text.size(), " (along %s by %.2f, %.2f are allowed)", axis == 0 ? "x" : "y",
+                  blur.blur[axis], blur.allowed[axis]);
+    std::string sentence = explain(Registered::Outcome::blurred);
+    return sentence.insert(sentence.find(':'), text.data());
+}
+
 }  // namespace
 
 std::string explain(const Registered& of) {
+    if (of.outcome == Registered::Outcome::blurred && of.blur.exceeds()) return of_blur(of.blur);
     if (of.outcome == Registered::Outcome::other_size && of.size.exceeds()) return of_other_size(of.size);
     if (of.outcome != Registered::Outcome::too_far || of.missing_edges > kForeignShare) return explain(of.outcome);
     const bool by_edges = of.farthest[0] > kFarthestLenslets || of.farthest[1] > kFarthestLenslets;

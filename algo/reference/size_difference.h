@@ -25,6 +25,10 @@ struct SizeDifference {
     [[nodiscard]] bool exceeds(std::size_t axis) const {
         return known[axis] && allowed[axis] > 0 && std::abs(wider[axis]) > allowed[axis];
     }
+    // Lenslets by which the side before (0) or behind (1) the middle lies beside the reference's; 0 if it is not known.
+    [[nodiscard]] double offset(std::size_t axis, std::size_t side) const {
+        return shift[axis] + (side == 0 ? -0.5 : 0.5) * wider[axis];
+    }
     // Lenslets, along the axis with more.
     [[nodiscard]] double shifted() const { return std::max(std::abs(shift[0]), std::abs(shift[1])); }
     [[nodiscard]] bool exceeds() const { return exceeds(0) || exceeds(1); }

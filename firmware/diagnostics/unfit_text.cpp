@@ -96,7 +96,7 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
                 f.edge_width, algo::kMaxEdgeWidth,
                 recipe.form == algo::PartForm::plate
                     ? "; the bevels of a good plate that bend light can look alike: learn a reference (hordctl learn), "
-                      "with which this is not asked"
+                      "whose edges they are compared with"
                     : "");
         default:
             return fmt::format(
@@ -271,7 +271,9 @@ std::string why_unfit(const algo::Inspection& found, const algo::Recipe& recipe,
             if (found.registered.shows_no_part()) return algo::explain(found.registered);
             return missing_part(found.frame, recipe.form,
                                 recipe.rim_margin < 0 ? algo::default_rim_margin(extents) : recipe.rim_margin);
-        case algo::Reason::unexpected_light: return light_fault(found.frame, recipe, extents);
+        case algo::Reason::unexpected_light:
+            if (found.registered.outcome == algo::Registered::Outcome::blurred) return algo::explain(found.registered);
+            return light_fault(found.frame, recipe, extents);
         case algo::Reason::unexpected_geometry: return period_fault(found.frame, extents);
         case algo::Reason::not_registered: return algo::explain(found.registered);
         default:

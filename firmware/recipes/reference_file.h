@@ -12,8 +12,9 @@
 
 namespace hord::firmware {
 
-// Version 1 has no pooled_scales, versions 1 and 2 have no size_limits; they are read, too.
-constexpr std::uint32_t kReferenceVersion = 3, kOldestReferenceVersion = 1;
+// Version 1 has no pooled_scales, versions 1 and 2 have no size_limits, versions 1 to 3 no blur_limits; they are read,
+// too.
+constexpr std::uint32_t kReferenceVersion = 4, kOldestReferenceVersion = 1;
 
 // Replaces the file durably (common/file_writing.h). Fails with io.
 Result<void> write_reference(const std::filesystem::path& file, const algo::Reference& reference);

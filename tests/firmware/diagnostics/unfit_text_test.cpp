@@ -290,6 +290,14 @@ TEST(UnfitText, of_a_part_that_was_not_registered_says_what_registration_says) {
     EXPECT_EQ(told(found),
               "Not judged: its opposite edges lie 1.25 lenslets closer together along y than those of the reference's "
               "parts (0.40 are allowed): see whether it is another part, or learn from good parts of its size, too.");
+    found.reason = Reason::unexpected_light;
+    found.registered.outcome = Outcome::blurred;
+    found.registered.blur = {.known = {true, true}, .blur = {0.1, 0.34}, .allowed = {0.2, 0.2}};
+    EXPECT_EQ(
+        told(found),
+        "Not judged: its edges are softer than those of the reference's parts (along y by 0.34, 0.20 are allowed): "
+        "look for a part that moves while the light is on (a shorter flash) or that is exposed twice, and see that "
+        "it lies in the measurement plane.");
     found = unfit(Reason::no_part);
     found.registered.outcome = Outcome::no_part;
     EXPECT_EQ(told(found),
