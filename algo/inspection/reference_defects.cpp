@@ -54,16 +54,29 @@ float z_score_of(const Scores& s, const Difference& d, float reject_score) {
     return std::max(-light * poisson_ratio(d.light), others / std::sqrt(std::max(1 + d.light, 0.01F)));
 }
 
+// Standard deviations that one of 10,000 frames exceeds by noise in any of so many tests: of the normal distribution,
+// whose share beyond z is exp(-z^2 / 2) / (z sqrt(2 pi)) (right to 3 % from 5 on).
+float limit_of_tests(double tests) {
+    const double share = 1e-4 / tests;
+    double z = 5;
+    for (int step = 0; step < 8; ++step)
+        z = std::sqrt(-2 * exact_log(share * z * std::numbers::sqrt2 / std::numbers::inv_sqrtpi));
+    return static_cast<float>(z);
+}
+
 double square(float v) { return static_cast<double>(v) * static_cast<double>(v); }
 
 }  // namespace
 
 ReferenceDefects::ReferenceDefects(const Extents& extents, const Recipe& recipe)
-    : extents_(extents), recipe_(recipe), reference_(*recipe.reference), sizer_(reference_),
+    : extents_(extents), recipe_(recipe), reference_(*recipe.reference), sizer_(reference_), patches_(reference_),
+      patch_limit_(
+          std::max({recipe.reject_score, reference_.patch_limit, limit_of_tests(LightPatches::tests(extents))})),
       scores_(extents.lenslets()), z_severity_(extents.lenslets()), severity_(extents.lenslets()),
       without_emd_(extents.lenslets()), by_gradient_(extents.lenslets()), visited_(extents.lenslets()),
       queue_(extents.lenslets()), used_(recipe.tolerances.size()) {
     found_.reserve(1000);
+    allowed_.reserve(1000);
     defects_.reserve(1000);
     if (recipe_.pooled_score > 0 && !reference_.pooled_scales.empty()) pooled_.emplace(extents);
 }
@@ -263,22 +276,37 @@ Defect ReferenceDefects::describe(const PooledPeak& peak, Reason& reason) const 
 }
 
 // Takes what lenslets show together as a defect, or as part of a region that lies there; unless a tolerance allows it.
-void ReferenceDefects::add_pooled(PooledPeak& peak, std::span<const Difference> differences, float severity,
-                                  bool all_exact, const PoseMap& map) {
-    pooled_->find(peak, differences);
+void ReferenceDefects::add_weak(Defect defect, Reason reason, bool all_exact, const PoseMap& map) {
     for (Found& found : found_) {
-        const float reach = 2 + 0.5F * peak.length + std::sqrt(static_cast<float>(found.defect.area));
-        if (std::hypot(found.defect.m - peak.m, found.defect.n - peak.n) > reach) continue;
-        found.defect.score = std::max(found.defect.score, severity);
+        const float reach = 2 + 0.5F * defect.length + std::sqrt(static_cast<float>(found.defect.area));
+        if (std::hypot(found.defect.m - defect.m, found.defect.n - defect.n) > reach) continue;
+        found.defect.score = std::max(found.defect.score, defect.score);
         return;
     }
-    Reason reason = Reason::none;
-    Defect defect = describe(peak, reason);
-    defect.score = severity;
     Region region;  // of it only the depth counts
-    region.max_shift = region.max_scattering = reason == Reason::absorption ? 0 : defect.peak;
+    region.max_shift = region.max_scattering =
+        reason == Reason::absorption || reason == Reason::missing_material ? 0 : defect.peak;
     if (defect.area < recipe_.min_area || (all_exact && tolerated(defect, region, map))) return;
     found_.push_back({defect, reason, 0});
+}
+
+// Returns the score of the squares of lenslets, over its limit.
+float ReferenceDefects::find_patch(const ComparedFrame& compared, bool all_exact, const PoseMap& map) {
+    if (reference_.patch_limit <= 0) return 0;
+    patches_.load(compared.differences, compared.mask, reference_);
+    for (const Defect& d : allowed_) patches_.leave_out(d.m, d.n, 2 + std::sqrt(static_cast<float>(d.area)));
+    const LightPatch patch = patches_.strongest(0.5F * patch_limit_);
+    const float of_limit = std::abs(patch.score) / patch_limit_;
+    if (of_limit < 1) return of_limit;
+    Defect defect{.m = patch.m, .n = patch.n};
+    defect.area = static_cast<std::uint32_t>(patch.side * patch.side);
+    defect.length = defect.width = static_cast<float>(patch.side);
+    defect.peak = std::abs(patch.change);
+    defect.score = of_limit;
+    defect.weak = true;
+    defect.kind = patch.change < 0 ? DefectKind::absorbing : DefectKind::unknown;
+    add_weak(defect, patch.change < 0 ? Reason::absorption : Reason::missing_material, all_exact, map);
+    return of_limit;
 }
 
 bool ReferenceDefects::tolerated(const Defect& d, const Region& r, const PoseMap& pose) {
@@ -310,6 +338,7 @@ FoundDefects ReferenceDefects::find(const ComparedFrame& compared, const Pose& p
     std::ranges::fill(visited_, std::uint8_t{0});
     std::ranges::fill(used_, 0U);
     found_.clear();
+    allowed_.clear();
     defects_.clear();
     const float grow = grow_severity();
     const PoseMap map(pose, extents_);
@@ -319,8 +348,10 @@ FoundDefects ReferenceDefects::find(const ComparedFrame& compared, const Pose& p
         const Region region = grow_region(static_cast<std::uint32_t>(k), compared);
         Reason reason = Reason::none;
         const Defect defect = describe(region, reason);
-        if (defect.score < 1 || defect.area < std::max(recipe_.min_area, 1U) ||
-            (all_exact && tolerated(defect, region, map))) {
+        const bool counts = defect.score >= 1 && defect.area >= std::max(recipe_.min_area, 1U),
+                   allowed = counts && all_exact && tolerated(defect, region, map);
+        if (allowed) allowed_.push_back(defect);
+        if (!counts || allowed) {
             below = std::max(below, std::min(defect.score, 0.999F));
             return;
         }
@@ -338,14 +369,22 @@ FoundDefects ReferenceDefects::find(const ComparedFrame& compared, const Pose& p
     };
     if (compared.bounds.empty()) take_largest([](std::size_t) { return true; });
     else take_largest([bounds = compared.bounds](std::size_t k) { return bounds[k] == 0; });
-    float by_lenslets = below, together = 0;
+    const float of_patch = find_patch(compared, all_exact, map);
+    below = std::max(below, std::min(of_patch, 0.999F));
+    float by_lenslets = std::max(below, of_patch), together = 0;
     for (const Found& f : found_) by_lenslets = std::max(by_lenslets, f.defect.score);
     if (pooled_) {
         PooledPeak peak = pooled_->highest(compared.differences, compared.mask, reference_);
         together = peak.score;
         const float of_limit = together / recipe_.pooled_score;
         below = std::max(below, std::min(of_limit, 0.999F));
-        if (of_limit >= 1) add_pooled(peak, compared.differences, of_limit, all_exact, map);
+        if (of_limit >= 1) {
+            pooled_->find(peak, compared.differences);
+            Reason reason = Reason::none;
+            Defect defect = describe(peak, reason);
+            defect.score = of_limit;
+            add_weak(defect, reason, all_exact, map);
+        }
     }
     if (found_.empty()) return {{}, Reason::none, below, together, by_lenslets};
     std::ranges::sort(found_, [](const auto& a, const auto& b) {

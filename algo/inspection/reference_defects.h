@@ -7,7 +7,9 @@
 // Hysteresis: a region is connected, at sides or corners, at or above `grow_score`. It is a defect if the severity of
 // one lenslet reaches 1, or if the root of the sum of its squared scores reaches `cluster_score`. In that sum a score
 // counts by the share of noise in its variance, because neighbours deviate together by the spread of good parts.
-// What several lenslets show together is a defect where it reaches `pooled_score` and no region lies there.
+// What several lenslets show together is a defect where it reaches `pooled_score` and no region lies there. So is a
+// square of lenslets whose light changed (algo/reference/light_patches.h) by `reject_score` standard deviations, or by
+// what noise alone reaches in one of 10,000 frames, if that is more.
 // Tolerances of the recipe may allow a defect. Lenslets outside the part, outside the recipe's zones, or saturated are
 // not judged.
 //
@@ -22,6 +24,7 @@
 #include "algo/inspection/defects.h"
 #include "algo/inspection/flaw_size.h"
 #include "algo/recipe/recipe.h"
+#include "algo/reference/light_patches.h"
 #include "algo/reference/pooled_scores.h"
 #include "algo/reference/reference.h"
 #include "algo/reference/reference_comparison.h"
@@ -87,8 +90,8 @@ class ReferenceDefects {
     Region grow_region(std::uint32_t seed, const ComparedFrame& compared);
     [[nodiscard]] Defect describe(const Region& region, Reason& reason) const;
     void measure_worst(const ComparedLight& light, const PoseMap& pose);
-    void add_pooled(PooledPeak& peak, std::span<const Difference> differences, float severity, bool all_exact,
-                    const PoseMap& map);
+    void add_weak(Defect defect, Reason reason, bool all_exact, const PoseMap& map);
+    float find_patch(const ComparedFrame& compared, bool all_exact, const PoseMap& map);
     [[nodiscard]] Defect describe(const PooledPeak& peak, Reason& reason) const;
     [[nodiscard]] bool tolerated(const Defect& defect, const Region& region, const PoseMap& pose);
 
@@ -102,6 +105,8 @@ class ReferenceDefects {
     const Recipe recipe_;
     const Reference& reference_;
     FlawSizer sizer_;
+    LightPatches patches_;
+    float patch_limit_;                   // standard deviations
     std::optional<PooledScorer> pooled_;  // if it is judged, and the reference has scales for it
     std::vector<Scores> scores_;
     std::vector<float> z_severity_, severity_;  // by the scores alone; of all
@@ -110,6 +115,7 @@ class ReferenceDefects {
     std::vector<std::uint8_t> visited_;
     std::vector<std::uint32_t> queue_;
     std::vector<Found> found_;
+    std::vector<Defect> allowed_;  // by tolerances
     std::vector<Defect> defects_;
     std::vector<std::uint32_t> used_;  // defects that each tolerance has allowed
 };

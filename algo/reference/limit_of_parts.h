@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <span>
 
 namespace hord::algo {
 
@@ -24,6 +25,11 @@ inline double limit_of_parts(double sum, double squares, std::size_t count) {
     const auto parts = static_cast<double>(count);
     const double mean = sum / parts, variance = std::max(squares / parts - mean * mean, 0.0) * parts / (parts - 1);
     return mean + t_of_limit(parts - 1) * std::sqrt(variance * (1 + 1 / parts));
+}
+inline double limit_of_parts(std::span<const double> values) {
+    double sum = 0, squares = 0;
+    for (const double v : values) sum += v, squares += v * v;
+    return limit_of_parts(sum, squares, values.size());
 }
 
 }  // namespace hord::algo

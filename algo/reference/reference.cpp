@@ -37,6 +37,7 @@ Result<void> check(const Reference& r) {
         return refuse("limits of the size are out of range");
     if (!std::ranges::all_of(r.blur_limits, [](float v) { return v >= 0 && v < 1e4F; }))
         return refuse("limits of the edges' blur are out of range");
+    if (!(r.patch_limit >= 0 && r.patch_limit < 1e6F)) return refuse("limit of squares of lenslets is out of range");
     if (std::ranges::any_of(r.shares, [](std::uint16_t v) { return v > Reference::kMaxShare; }))
         return refuse("shares are not below 1");
     if (!(r.sensor.electrons_per_dn > 0 && r.sensor.electrons_per_dn < 1e6F && r.sensor.read_dn >= 0 &&

@@ -84,6 +84,9 @@ struct Reference {
     std::array<float, 2> size_limits{};
     // By how much a good part's edges are blurred at most (algo/reference/edge_blur.h). 0: not known, none is refused.
     std::array<float, 2> blur_limits{};
+    // What a square of lenslets of a good part may score (algo/reference/light_patches.h). 0: not known, none is
+    // judged.
+    float patch_limit = 0;
 
     [[nodiscard]] std::size_t stride() const {
         return (static_cast<std::size_t>((extents.i + 2) * (extents.j + 2)) + 15) / 16 * 16;

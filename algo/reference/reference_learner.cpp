@@ -7,6 +7,8 @@
 
 #include "algo/maps/feature_map.h"
 #include "algo/reference/learning_frames.h"
+#include "algo/reference/light_patches.h"
+#include "algo/reference/limit_of_parts.h"
 #include "algo/reference/photon_noise.h"
 #include "algo/reference/pooled_scores.h"
 #include "algo/reference/reference_comparison.h"
@@ -18,6 +20,8 @@ namespace {
 
 // The spread is that of parts from the mean of the others: as many times parts are left out of it.
 constexpr std::size_t kMaxFolds = 16;
+// Of the score of a square of lenslets: noise reaches more in every part.
+constexpr float kMinPatch = 3;
 
 // Frees a vector's memory. Sums and shares of a large light field are most of the memory of learning, and no pass needs
 // all of them.
@@ -273,11 +277,13 @@ Result<void> Learner::learn_spread_of(std::span<const std::size_t> fold, const R
     return {};
 }
 
-// Pass 5. Each part is part of the mean here, which makes its deviations from it smaller; they are corrected as
-// independent ones.
+// Pass 5: also the limit of squares of lenslets. Each part is part of the mean here, which makes its deviations from it
+// smaller; they are corrected as independent ones.
 Result<void> Learner::learn_pooled_scales() {
     ReferenceComparer comparer(reference_);
     PooledScorer scorer(extents_);
+    LightPatches patches(reference_);
+    std::vector<double> highest;  // score of a square of each part
     std::vector<Difference> differences(extents_.lenslets());
     std::vector<std::vector<double>> scales(pooled_filters().size());
     const auto columns = static_cast<std::size_t>(extents_.m);
@@ -295,6 +301,9 @@ Result<void> Learner::learn_pooled_scales() {
                                  std::span(part.mask).subspan(first, columns), n, pose, found.light,
                                  reference_.levels.dark, std::span(differences).subspan(first, columns));
         }
+        patches.load(differences, part.mask, reference_);
+        const LightPatch patch = patches.strongest(kMinPatch);
+        highest.push_back(std::max(static_cast<double>(std::abs(patch.score)), static_cast<double>(kMinPatch)));
         const std::span<const float> of_part = scorer.measure(differences, part.mask, reference_);
         for (std::size_t f = 0; f < scales.size(); ++f) {
             if (of_part[f] > 0) scales[f].push_back(static_cast<double>(of_part[f]));
@@ -302,6 +311,7 @@ Result<void> Learner::learn_pooled_scales() {
     }
     const auto parts = static_cast<double>(left());
     const double correction = std::sqrt((parts + 1) / (parts - 1));
+    reference_.patch_limit = static_cast<float>(correction * limit_of_parts(highest));
     reference_.pooled_scales.clear();
     for (std::vector<double>& of_filter : scales)
         reference_.pooled_scales.push_back(static_cast<float>(correction * median_or_0(std::move(of_filter))));

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "algo/frame/mask.h"
+#include "algo/reference/edge_classes.h"
 #include "common/statistics.h"
 
 namespace hord::algo {
@@ -18,10 +19,7 @@ constexpr float kMinSpread[kDeviations] = {1e-6F, 1e-5F, 1e-5F, 0};  // rounding
 // does so elsewhere along the edge. What good parts reach is the second-largest squared deviation, each of another
 // part: beside a jump of the reference, of all lenslets as far from a jump of that size; elsewhere of the lenslets
 // within kTailReach.
-constexpr int kTailReach = 5, kEdgeReach = 2;         // lenslets
-constexpr float kJumpBins = 0.5F, kJumpLight = 0.1F;  // between neighbours of the reference
-constexpr int kMaxLevel = 15;                         // of a jump: it is 2^level times the least
-constexpr std::size_t kClasses = (kMaxLevel + 1) * (kEdgeReach + 1);
+constexpr int kTailReach = 5;  // lenslets
 // The next good part may go so many times as far as the learned ones: kSafety times as all of them but one did beyond
 // the others.
 constexpr double kSafety = 2, kMaxMargin = 4;
@@ -84,40 +82,6 @@ void SpreadEstimate::add(std::uint32_t part, const Difference& d, float emd, flo
     }
 }
 
-// The classes of lenslets near a jump of the reference, by its size and its distance; -1: none is near.
-std::vector<std::int16_t> SpreadEstimate::edge_classes(const Reference& r) const {
-    const Extents& e = extents_;
-    std::vector<std::int16_t> levels(e.lenslets(), -1), classes(e.lenslets(), -1);
-    for (int n = 0; n < e.n; ++n) {
-        for (int m = 0; m < e.m; ++m) {
-            const std::size_t k = e.index(m, n);
-            if (r.mask[k] != kValid) continue;
-            float jump = 0;  // over the least
-            const auto compare = [&](int x, int y) {
-                if (x < 0 || y < 0 || x >= e.m || y >= e.n) return;
-                const std::size_t at = e.index(x, y);
-                if ((r.mask[at] & kOutside) != 0) return;
-                jump = std::max(jump, std::abs(r.light[at] / r.light[k] - 1) / kJumpLight);
-                if (r.mask[at] == kValid)
-                    jump = std::max(jump, std::max(std::abs(r.x[at] - r.x[k]), std::abs(r.y[at] - r.y[k])) / kJumpBins);
-            };
-            compare(m - 1, n), compare(m + 1, n), compare(m, n - 1), compare(m, n + 1);
-            if (jump > 1) levels[k] = static_cast<std::int16_t>(std::min(std::ilogb(jump), kMaxLevel));
-        }
-    }
-    for (int distance = kEdgeReach; distance >= 0; --distance) {
-        for (int n = 0; n < e.n; ++n) {
-            for (int m = 0; m < e.m; ++m) {
-                std::int16_t level = -1;
-                e.for_each_around(m, n, distance,
-                                  [&](int x, int y) { level = std::max(level, levels[e.index(x, y)]); });
-                if (level >= 0) classes[e.index(m, n)] = static_cast<std::int16_t>(level * (kEdgeReach + 1) + distance);
-            }
-        }
-    }
-    return classes;
-}
-
 // The trimmed mean over 3x3 lenslets.
 std::vector<float> SpreadEstimate::local_spread(std::size_t w, double parts) const {
     const std::size_t count = extents_.lenslets();
@@ -171,7 +135,7 @@ std::vector<LargestByPart> SpreadEstimate::reached(std::span<const std::int16_t>
                                                    const LargestOf& largest_of) const {
     const Extents& e = extents_;
     std::vector<LargestByPart> along(sums_.size()), around(sums_.size());
-    std::array<LargestByPart, kClasses> of_class;
+    std::array<LargestByPart, kEdgeClasses> of_class;
     const auto for_near = [](int at, int end, auto&& visit) {
         for (int near = std::max(0, at - kTailReach); near <= std::min(end - 1, at + kTailReach); ++near) visit(near);
     };
@@ -191,7 +155,7 @@ std::vector<LargestByPart> SpreadEstimate::reached(std::span<const std::int16_t>
             if (edge_class[k] >= 0) {
                 const int same = edge_class[k], step = kEdgeReach + 1;
                 for (const int of : {same - step, same, same + step}) {
-                    if (of >= 0 && of < int{kClasses}) around[k].add(of_class[static_cast<std::size_t>(of)]);
+                    if (of >= 0 && of < int{kEdgeClasses}) around[k].add(of_class[static_cast<std::size_t>(of)]);
                 }
             } else for_near(n, e.n, [&](int y) { around[k].add(along[e.index(m, y)]); });
         }

@@ -51,7 +51,6 @@ class SpreadEstimate {
         std::vector<std::int16_t> edge_class;
         std::vector<LargestByPart> reached;
     };
-    [[nodiscard]] std::vector<std::int16_t> edge_classes(const Reference& reference) const;
     [[nodiscard]] double values(std::size_t k, std::size_t deviation) const {
         return deviation == 0 ? sums_[k].count : sums_[k].hords;
     }

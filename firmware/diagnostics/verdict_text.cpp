@@ -70,11 +70,16 @@ std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, c
                            bounds);
     const algo::Defect& d = found.defects.front();
     if (found.reason == algo::Reason::missing_material) {
+        const bool learned = recipe.reference != nullptr;
+        const char* const than = learned ? "in the parts that were learned" : "beside it";
+        const char* const cure = learned ? "If good parts are as clear there, learn from such parts, too."
+                                         : "If good parts are thinner or clearer there, learn a reference (hordctl "
+                                           "learn).";
         return fmt::format(
-            "Rejected: light passes as if material were missing at {}: {:.0f} % more than beside it, over {}, {}{:.1f} "
-            "times its limit.{} If good parts are thinner or clearer there, learn a reference (hordctl learn).",
-            place_text({d.m, d.n}, recipe, extents), 100 * d.peak, length_text(d.length, recipe), at_most, found.score,
-            bounds);
+            "Rejected: light passes as if material were missing at {}: {:.0f} % more than {}, over {}, {}{:.1f} times "
+            "its limit.{} {}",
+            place_text({d.m, d.n}, recipe, extents), 100 * d.peak, than, length_text(d.length, recipe), at_most,
+            found.score, bounds, cure);
     }
     std::string text =
         fmt::format("Rejected: {}, {}{:.1f} times its limit", worst_text(found, recipe, extents), at_most, found.score);

@@ -64,6 +64,7 @@ std::string bytes_of(const algo::Reference& r) {
     each_map(r, [&](const auto& map, std::size_t) { put(text, std::span(map)); });
     put(text, std::span<const float>(r.size_limits));
     put(text, std::span<const float>(r.blur_limits));
+    put(text, std::span(&r.patch_limit, 1));
     put(text, std::span(r.pooled_scales));
     return text;
 }
@@ -191,7 +192,8 @@ Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesys
     each_value(*r, [&](const auto& value) { head_bytes += sizeof value; });
     if (rest.size() < head_bytes) return refuse(ErrorCode::unreadable, "is not a whole reference");
     each_value(*r, [&](auto& value) { take(rest, std::span(&value, 1)); });
-    const std::size_t sizes = version < 3 ? 0 : sizeof r->size_limits, fourth = version < 4 ? 0 : sizeof r->blur_limits,
+    const std::size_t sizes = version < 3 ? 0 : sizeof r->size_limits,
+                      fourth = version < 4 ? 0 : sizeof r->blur_limits + sizeof r->patch_limit,
                       maps = check(r->extents) ? bytes_of_maps(r->extents) + sizes + fourth : rest.size() + 1,
                       scales = rest.size() < maps ? 0 : (rest.size() - maps) / sizeof(float);
     if (rest.size() != maps + scales * sizeof(float) || (version == 1 && scales != 0))
@@ -201,7 +203,10 @@ Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesys
         take(rest, std::span(map));
     });
     if (sizes != 0) take(rest, std::span<float>(r->size_limits));
-    if (fourth != 0) take(rest, std::span<float>(r->blur_limits));
+    if (fourth != 0) {
+        take(rest, std::span<float>(r->blur_limits));
+        take(rest, std::span(&r->patch_limit, 1));
+    }
     r->pooled_scales.resize(scales);
     take(rest, std::span(r->pooled_scales));
     if (auto fine = check(*r); !fine) return refuse(ErrorCode::unreadable, "is not sound: " + fine.error().what);

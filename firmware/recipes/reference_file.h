@@ -12,8 +12,8 @@
 
 namespace hord::firmware {
 
-// Version 1 has no pooled_scales, versions 1 and 2 have no size_limits, versions 1 to 3 no blur_limits; they are read,
-// too.
+// Version 1 has no pooled_scales, versions 1 and 2 have no size_limits, versions 1 to 3 no blur_limits and no
+// patch_limit; they are read, too.
 constexpr std::uint32_t kReferenceVersion = 4, kOldestReferenceVersion = 1;
 
 // Replaces the file durably (common/file_writing.h). Fails with io.

@@ -88,11 +88,14 @@ TEST(VerdictText, of_missing_material_says_where_and_how_much_light_passes) {
     found.reason = Reason::missing_material;
     found.score = 2.3F;
     found.defects = {&hole, 1};
-    EXPECT_EQ(told(found),
+    EXPECT_EQ(explain(found, recipe(false), kField),
               "Rejected: light passes as if material were missing at lenslet (20.0, 35.0): 8 % more than beside it, "
               "over 3.0 lenslets, 2.3 times its limit. If good parts are thinner or clearer there, learn a reference "
               "(hordctl "
               "learn).");
+    EXPECT_THAT(explain(found, recipe(true), kField),
+                ::testing::HasSubstr("8 % more than in the parts that were learned, over 3.0 lenslets, 2.3 times its "
+                                     "limit. If good parts are as clear there, learn from such parts, too."));
 }
 
 }  // namespace

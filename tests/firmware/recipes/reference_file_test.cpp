@@ -40,6 +40,7 @@ algo::Reference small() {
     r.pooled_scales.assign(algo::pooled_filters().size(), 1.25F);
     r.size_limits = {0.25F, 0.5F};
     r.blur_limits = {0.125F, 0.75F};
+    r.patch_limit = 6.5F;
     for (std::size_t k = 0; k < count; ++k)
         r.shares[k * r.stride() + r.place(1, 1)] = static_cast<std::uint16_t>(30000 + k);
     return r;
@@ -79,6 +80,7 @@ TEST_F(ReferenceFile, what_is_written_is_read) {
     EXPECT_EQ(a.pooled_scales, b.pooled_scales);
     EXPECT_EQ(a.size_limits, b.size_limits);
     EXPECT_EQ(a.blur_limits, b.blur_limits);
+    EXPECT_EQ(a.patch_limit, b.patch_limit);
     EXPECT_EQ(a.parts, b.parts);
     EXPECT_EQ(a.sensor.clip_dn, b.sensor.clip_dn);
     EXPECT_EQ(a.levels.saturated, b.levels.saturated);
@@ -127,7 +129,8 @@ TEST_F(ReferenceFile, that_cannot_be_read_says_why) {
 // Bytes of a file before its checksum, as an older version has them.
 std::string as_version(char version, const std::string& whole) {
     const std::size_t scales = 4 * algo::pooled_filters().size(), end = whole.size() - 4 - scales;
-    const std::size_t fourth = sizeof small().blur_limits, sizes = version < 3 ? sizeof small().size_limits : 0;
+    const std::size_t fourth = sizeof small().blur_limits + sizeof small().patch_limit,
+                      sizes = version < 3 ? sizeof small().size_limits : 0;
     std::string older = whole.substr(0, end - fourth - sizes);
     if (version >= 2) older += whole.substr(end, scales);
     older[8] = version;
@@ -135,13 +138,14 @@ std::string as_version(char version, const std::string& whole) {
     return older.append(reinterpret_cast<const char*>(&sum), sizeof sum);
 }
 
-TEST_F(ReferenceFile, the_third_version_is_read_and_judges_no_blur) {
+TEST_F(ReferenceFile, the_third_version_is_read_and_judges_neither_blur_nor_squares) {
     put(as_version(3, text()));
     const auto read = read_reference(file);
     ASSERT_TRUE(read) << read.error().message();
     EXPECT_EQ((*read)->size_limits, small().size_limits);
     EXPECT_EQ((*read)->pooled_scales, small().pooled_scales);
     EXPECT_EQ((*read)->blur_limits, (std::array<float, 2>{}));
+    EXPECT_EQ((*read)->patch_limit, 0);
 }
 
 TEST_F(ReferenceFile, the_second_version_is_read_and_refuses_no_size) {
