@@ -387,6 +387,11 @@ Reason FrameChecks::judge_good(const FoundPart& part) {
     return reason_of(findings_.fault);
 }
 
+Reason FrameChecks::judge_open_outline() {
+    findings_.fault = FrameFault::lopsided;
+    return reason_of(findings_.fault);
+}
+
 // Whether fog in the free light alone adds as much to the lit bins as the least loss that shows a plate, and more than
 // noise explains. (A median of n values of noise varies by 1.25 / sqrt(n) of it.)
 bool FrameChecks::is_fog_beside(const DecodedField& field, const FoundPart& part) {

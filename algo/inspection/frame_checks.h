@@ -85,6 +85,8 @@ class FrameChecks {
     // hides nothing of the rest, or a piece lies outside the field; none if not. (A defect is told with its place
     // instead.)
     Reason judge_good(const FoundPart& part);
+    // Of a part that a reference recognises, and into which the free light goes on.
+    Reason judge_open_outline();
 
     // The light repeats with another period than the macro-pixels. Of frames that are too dark or show nothing to
     // judge: wrong macro-pixels do.

@@ -277,10 +277,10 @@ void Pipeline::Workspace::find_missing(Inspection& result) {
     result.verdict = Verdict::reject;
 }
 
-// Of a part without a defect: unfit if a piece of it is missing.
-void Pipeline::Workspace::check_good(Inspection& result) {
+// Of a part without a defect: unfit if a piece of it is missing, as where the free light enters it.
+void Pipeline::Workspace::check_good(Inspection& result, bool lacks_outline) {
     if (checks.has_known_outline()) rim.look_for_missing_pieces({deflections, sums, mask});
-    const Reason reason = checks.judge_good(rim.found());
+    const Reason reason = lacks_outline ? checks.judge_open_outline() : checks.judge_good(rim.found());
     if (reason == Reason::none) return;
     result.frame = checks.findings();
     result.verdict = Verdict::unfit;
@@ -407,6 +407,10 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
     result.reason = w.unfit_reason(result.lenslets);
     const bool shows_little = result.reason == Reason::too_dark || result.reason == Reason::nothing_to_see;
     if (shows_little && w.checks.has_other_period(frame)) result.reason = Reason::unexpected_geometry;
+    // Light that enters through a bite leaves no outline of the frame's own. The reference's tells what is to be
+    // judged.
+    const bool lacks_outline = w.comparison && result.reason == Reason::nothing_to_see;
+    if (lacks_outline) result.reason = Reason::none;
     if (result.reason == Reason::none)
         result.reason = w.checks.judge(frame, {w.deflections, w.sums, w.mask}, w.rim.found(), alternation);
     result.frame = w.checks.findings();
@@ -421,8 +425,13 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
         }
         watch.lap(result.times.register_ns);
     }
+    if (result.reason == Reason::none && (w.emd_bounds || w.comparison))
+        w.look_again(frame, result.registered, watch, result.times);
+    if (result.reason == Reason::none && lacks_outline) {
+        result.lenslets = w.count_lenslets();
+        result.reason = w.unfit_reason(result.lenslets);
+    }
     if (result.reason == Reason::none) {
-        if (w.emd_bounds || w.comparison) w.look_again(frame, result.registered, watch, result.times);
         if (w.exact) w.exact->start(frame, w.levels, w.mask, w.gradient, limits, now, end_ns);
         const Result<FoundDefects> found = w.comparison ? w.find_differences(frame, result.registered, result.bounded)
                                                         : w.find_defects(result.bounded);
@@ -435,7 +444,7 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
         result.out_of_time = result.bounded && w.exact->out_of_time();
         result.verdict = found->defects.empty() ? Verdict::pass : Verdict::reject;
         if ((result.verdict == Verdict::pass || result.bounded) && w.missing_material) w.find_missing(result);
-        if (result.verdict == Verdict::pass) w.check_good(result);
+        if (result.verdict == Verdict::pass) w.check_good(result, lacks_outline);
         if (w.comparison) {
             result.z_score = w.comparison->z_score;
             auto& compared = w.comparison->compared;

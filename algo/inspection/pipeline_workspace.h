@@ -176,7 +176,7 @@ struct Pipeline::Workspace {
     [[nodiscard]] int most_bins_to_bound() const;
     Result<FoundDefects> find_defects(bool& bounded);
     void find_missing(Inspection& result);
-    void check_good(Inspection& result);
+    void check_good(Inspection& result, bool lacks_outline);
     FoundDefects find_differences(const FrameView& frame, const Registered& registered, bool& bounded);
 };
 

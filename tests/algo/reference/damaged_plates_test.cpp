@@ -8,6 +8,26 @@ namespace {
 
 using namespace testing;
 
+// Free light that enters through a bite leaves no outline of the frame's own: the reference says where the part lies.
+TEST(DamagedPlates, with_a_bite_are_judged_by_the_references_outline) {
+    PlateCamera camera(75);
+    const Recipe recipe = camera.learn(kBentBevels);
+    auto pipeline = Pipeline::create(kPlates, kPlateBits, recipe);
+    ASSERT_TRUE(pipeline) << pipeline.error().message();
+    for (int k = 0; k < 32; ++k) {
+        PlateShot shot = camera.good();
+        const int side = k % 2 == 0 ? 1 : -1;
+        shot.radius = k < 16 ? 2.5 : 3.5;
+        if (k % 4 < 2) shot.hole_x = side * kPlateHalfM, shot.hole_y = 8 * camera.uniform();
+        else shot.hole_x = 11 * camera.uniform(), shot.hole_y = side * kPlateHalfN;
+        const auto seen = pipeline->inspect(camera.expose(kBentBevels, shot).view());
+        ASSERT_TRUE(seen);
+        EXPECT_NE(seen->verdict, Verdict::pass) << k;
+        EXPECT_NE(seen->reason, Reason::nothing_to_see) << k;
+        EXPECT_GT(seen->lenslets.judged, 345U) << k << ": half of the plate";
+    }
+}
+
 // Clear glass gives back 9 % of the light in a hole: four times the noise of a lenslet, twice in a quarter of the
 // light.
 TEST(DamagedPlates, with_a_hole_or_a_chip_in_clear_glass_are_rejected) {
