@@ -55,6 +55,7 @@ struct FrameFindings {
     // Share of the light of these lenslets that the dark level takes: it is subtracted from every lit bin, and fainter
     // bins count as dark.
     float lost_share = 0;
+    int fewer_bits = 0;          // of a dim frame: the bit depth that its samples look like; 0: that of the frame
     bool in_free_light = false;  // spot and offset are those of the free light; else of all lit lenslets
     bool spot_measured = false;
     float x_bins = 0, y_bins = 0;            // mean deflection of the free light from where it is expected, bin pitches

@@ -9,6 +9,7 @@
 #include "algo/features/transmission.h"
 #include "algo/frame/lenslet_scan.h"
 #include "algo/inspection/pipeline_workspace.h"
+#include "algo/light/sample_depth.h"
 
 namespace hord::algo {
 namespace {
@@ -414,6 +415,8 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
     if (result.reason == Reason::none)
         result.reason = w.checks.judge(frame, {w.deflections, w.sums, w.mask}, w.rim.found(), alternation);
     result.frame = w.checks.findings();
+    if (result.reason == Reason::too_dark || static_cast<double>(result.frame.lost_share) > kMaxLostLight)
+        result.frame.fewer_bits = fewer_bits(frame, w.extents.lenslets());
     watch.lap(result.times.feature_ns);
     if (result.reason == Reason::none && w.comparison) {
         result.registered = registered ? *registered : w.find_pose(w.mask);

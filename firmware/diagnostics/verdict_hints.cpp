@@ -96,8 +96,8 @@ std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, cons
     const auto dim_hint = [&] {
         return fmt::format(
             " The dark level, {} DN, takes {:.0f} % of the light: raise the light's current, the exposure or the gain "
-            "before the part is judged.",
-            found.dark_dn, 100 * found.frame.lost_share);
+            "before the part is judged.{}",
+            found.dark_dn, 100 * found.frame.lost_share, fewer_bits_hint(found.frame));
     };
     const bool light_is_there = found.reason != algo::Reason::absorption;
     // A bevel bends bright light as far as faint light.
@@ -134,6 +134,14 @@ std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, cons
     return flanks
         ? " Two lines of one length may be the flanks of a tube: set [part] form = \"tube\" if the part is one."
         : "";
+}
+
+std::string fewer_bits_hint(const algo::FrameFindings& frame) {
+    if (frame.fewer_bits == 0) return "";
+    return fmt::format(
+        " No sample exceeds {}, as if they had {} bits: see what the camera sends, and set sensor.bits (or "
+        "--bits) to it.",
+        (1 << frame.fewer_bits) - 1, frame.fewer_bits);
 }
 
 // With a reference: moved optics move the light of the part and of the free light beside it alike. Free light of good

@@ -60,7 +60,8 @@ float size_of(const algo::Defect& d) {
 std::string size_text(const algo::Defect& d, const algo::Recipe& recipe) { return length_text(size_of(d), recipe); }
 
 std::string explain(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& extents) {
-    if (found.verdict == algo::Verdict::unfit) return fmt::format("Not judged: {}.", why_unfit(found, recipe, extents));
+    if (found.verdict == algo::Verdict::unfit)
+        return fmt::format("Not judged: {}.{}", why_unfit(found, recipe, extents), fewer_bits_hint(found.frame));
     const char* const bounds = !found.bounded ? ""
         : found.out_of_time                   ? " Some values are bounds: the time ran out."
                                               : " Some values are bounds: the limit of work was reached.";

@@ -73,7 +73,7 @@ Json to_json(const std::string& frame, const MacroPixelFrame& read, const Json& 
 
 // " No sample exceeds 4095: ...", of a frame that cannot be judged; "" else.
 std::string bits_hint(const MacroPixelFrame& read, const algo::Inspection& found) {
-    if (found.verdict != algo::Verdict::unfit || read.fewer_bits == 0) return "";
+    if (found.verdict != algo::Verdict::unfit || read.fewer_bits == 0 || found.frame.fewer_bits != 0) return "";
     return fmt::format(" No sample exceeds {}: if the sensor records {} bits, give --bits {}.",
                        (1 << read.fewer_bits) - 1, read.fewer_bits, read.fewer_bits);
 }

@@ -256,5 +256,16 @@ TEST(Pipeline, reports_the_time_of_every_stage_of_the_callers_clock) {
     EXPECT_EQ(untimed->times.total_ns, 0);
 }
 
+// A dim frame is looked at for fewer bits than were said; a bright one of the same samples at their own depth is not.
+TEST(Pipeline, tells_of_a_dim_frame_that_its_samples_look_like_fewer_bits) {
+    const Frame ten = drawn(kField, 10, 600, lens(kField, 12, 1.5));
+    Frame twelve(kField.width_px(), kField.height_px(), 12);
+    for (int y = 0; y < kField.height_px(); ++y) {
+        for (int x = 0; x < kField.width_px(); ++x) twelve.set(x, y, ten.view().sample(x, y));
+    }
+    EXPECT_EQ(pipeline_for(kField, 10).inspect(ten.view())->frame.fewer_bits, 0);
+    EXPECT_EQ(pipeline_for(kField, 12).inspect(twelve.view())->frame.fewer_bits, 10);
+}
+
 }  // namespace
 }  // namespace hord::algo

@@ -118,6 +118,23 @@ TEST(VerdictHints, of_a_reject_in_little_light_names_the_light) {
                                     "exposure or the gain before the part is judged."));
 }
 
+// A camera that sends 10 bits where 12 were said is as dark as a weak lamp.
+TEST(VerdictHints, of_a_dim_frame_whose_samples_look_like_fewer_bits_says_so) {
+    constexpr const char* kHint =
+        " No sample exceeds 1023, as if they had 10 bits: see what the camera sends, and set "
+        "sensor.bits (or --bits) to it.";
+    algo::Inspection found = unfit(Reason::too_dark);
+    EXPECT_THAT(told(found), ::testing::Not(::testing::HasSubstr("bits")));
+    found.frame.fewer_bits = 10;
+    EXPECT_THAT(told(found), ::testing::EndsWith(kHint));
+    const algo::Defect defect{.m = 20, .n = 35, .area = 9};
+    found.verdict = Verdict::reject;
+    found.reason = Reason::absorption;
+    found.defects = {&defect, 1};
+    found.frame.lost_share = 0.21F;
+    EXPECT_THAT(explain(found, recipe(false), kField), ::testing::EndsWith(kHint));
+}
+
 TEST(VerdictHints, of_a_steep_part_and_of_a_line_at_a_plates_edge_says_what_else_it_may_be) {
     algo::Inspection found;
     algo::Defect defect{.m = 5, .n = 5, .area = 100, .length = 12, .width = 11};
