@@ -231,6 +231,17 @@ void measure_more(const WhiteImage& image, const LocalFinders& finders, const Le
                                            .split(out.observations[k].centre_px);
 }
 
+// CentreFinder::light_noise() of the lenslets that were measured by halves.
+std::vector<double> light_noise(const LocalFinders& finders, double pitch, const GridCalibration& of) {
+    std::vector<double> out;
+    for (const Observation& seen : of.observations) {
+        if (!seen.used || !seen.split_px) continue;
+        const auto noise = finder_for(finders, of.fit.grid, pitch, seen.m, seen.n).light_noise(seen.centre_px);
+        if (noise) out.push_back(*noise);
+    }
+    return out;
+}
+
 // Counts the lenslets inside the frame, and those of them that are complete, measured and missing.
 void count_lenslets(const LocalFinders& finders, double pitch, GridCalibration& out) {
     const LensletGrid& grid = out.fit.grid;
@@ -394,7 +405,7 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     count_lenslets(finders, pitch, out);
     out.shape = shape_of(*image, out);
     out.shape.corners = corners;
-    out.light_roughness = light_roughness(out.fit.grid, out.observations);
+    out.light_roughness = light_roughness(out.fit.grid, out.observations, light_noise(finders, pitch, out));
     out.light_following = light_following(out.fit.grid, out.observations);
     out.smooth_residuals = smooth_residuals(out.fit.grid, out.observations);
     out.cut = cut_lenslets(light, out.fit.grid, out.observations, finder,

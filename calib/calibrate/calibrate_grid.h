@@ -52,6 +52,8 @@ struct PatternShape {
 struct LightFollowing {
     double share = 0;  // of the residuals' power, 0..1
     double px = 0;     // RMS of that part
+    // How far a centre moves, px, where the light changes by 1 from lenslet to lenslet, relative to itself.
+    double slope_px = 0;
 };
 
 // How far residuals are alike from neighbour to neighbour: those of misplaced lenslets are not, those of bent light
@@ -70,12 +72,12 @@ struct CutLenslets {
         double narrower = 0;
         double sigma = 0;   // standard error of `narrower`, from how regions of the frame differ from the law
         double spread = 0;  // how far the shape of whole lenslets may be off
+        // How the shape changes evenly over the frame, at half a diagonal from its middle, beyond how that of whole
+        // lenslets does and may be off: a stop far to one side makes it so. And its standard error.
+        double uneven = 0, uneven_sigma = 0;
     };
     Beyond one_size;  // than whole lenslets of one size everywhere, beside their neighbours
     Beyond scaled;    // than those that a relay lens scales as it scales their distances
-    // How the shape changes evenly over the frame, at half a diagonal from its middle: a stop far to one side makes it
-    // so. What the grid's own distortion explains is not in it.
-    double uneven = 0, uneven_sigma = 0;
     // How all lenslets are longer in the same direction, beyond the lattice's own steps: moved, or exposed twice.
     double elongated = 0;
 };
@@ -115,7 +117,8 @@ struct GridCalibration {
 
     std::vector<algo::PixelPoint> missing_px;  // where the grid places the missing ones
     PatternShape shape;
-    double light_roughness = 0;  // RMS difference of a lenslet's light from its neighbours', over its own
+    // RMS difference of a lenslet's light from its neighbours', over its own, without the noise of both.
+    double light_roughness = 0;
     // How much the light of all lenslets is brighter on the same side: its change from the middle to the half height,
     // over the mean. 0 where lenslets are spots, which move instead.
     double one_sided = 0;

@@ -37,7 +37,7 @@ Elongation stretched(const Eigen::Matrix2d& scale) {
 
 // Medians of one region.
 struct Region {
-    std::vector<double> x, y, along_x, aslant, grid_along_x, grid_aslant;
+    std::vector<double> x, y, along_x, aslant;
     std::vector<const Observation*> seen;
 };
 // The lenslet nearest to a region's middle.
@@ -62,8 +62,7 @@ struct Law {
     // The most that e changes from the frame's middle to half a diagonal, beside the squares.
     [[nodiscard]] double linear() const { return std::abs(b) + std::abs(c); }
 };
-Law fit_law(std::span<const Region> regions, std::vector<double> Region::*along_x,
-            std::vector<double> Region::*aslant) {
+Law fit_law(std::span<const Region> regions) {
     const auto rows = static_cast<Eigen::Index>(2 * regions.size());
     Eigen::MatrixXd a = Eigen::MatrixXd::Zero(rows, kParameters);
     Eigen::VectorXd seen(rows);
@@ -72,9 +71,9 @@ Law fit_law(std::span<const Region> regions, std::vector<double> Region::*along_
     for (const Region& region : regions) {
         const double x = median(region.x), y = median(region.y);
         a.row(at) << x * x - y * y, x, -y, x, y, 1, 0;
-        seen(at++) = -median(region.*along_x);
+        seen(at++) = -median(region.along_x);
         a.row(at) << 2 * x * y, y, x, -y, x, 0, 1;
-        seen(at++) = -median(region.*aslant);
+        seen(at++) = -median(region.aslant);
     }
     const auto solver = a.colPivHouseholderQr();
     if (solver.rank() < kParameters || rows <= kParameters) return {};
@@ -86,14 +85,14 @@ Law fit_law(std::span<const Region> regions, std::vector<double> Region::*along_
             {f(5), f(6)}, std::sqrt(variances.segment(1, 4).sum())};
 }
 
-// The law's squares of shapes that are known region by region.
-double squares_of(std::span<const Region> regions, std::span<const Elongation> shapes) {
+// The law of shapes that are known region by region.
+Law law_of(std::span<const Region> regions, std::span<const Elongation> shapes) {
     std::vector<Region> known(regions.size());
     for (std::size_t k = 0; k < regions.size(); ++k) {
         known[k].x = regions[k].x, known[k].y = regions[k].y;
         known[k].along_x = {shapes[k].along_x}, known[k].aslant = {shapes[k].aslant};
     }
-    return fit_law(known, &Region::along_x, &Region::aslant).k;
+    return fit_law(known);
 }
 
 // How much narrower the lenslets are than whole ones would be, whose shape in a region is `whole`.
@@ -103,8 +102,12 @@ CutLenslets::Beyond beyond(std::span<const Region> regions, std::span<const Elon
         for (double& value : left[k].along_x) value -= whole[k].along_x;
         for (double& value : left[k].aslant) value -= whole[k].aslant;
     }
-    const Law law = fit_law(left, &Region::along_x, &Region::aslant);
-    return {.narrower = law.k, .sigma = law.k_sigma, .spread = spread * std::abs(squares_of(regions, whole))};
+    const Law law = fit_law(left), of_whole = law_of(regions, whole);
+    return {.narrower = law.k,
+            .sigma = law.k_sigma,
+            .spread = spread * std::abs(of_whole.k),
+            .uneven = std::max(0.0, law.linear() - spread * of_whole.linear()),
+            .uneven_sigma = law.linear_sigma};
 }
 
 // Lenslets of the size of those in the frame's middle: their lattice's steps are as long.
@@ -156,7 +159,6 @@ CutLenslets cut_lenslets(const WhiteImage& image, const algo::LensletGrid& grid,
                          const std::function<const CentreFinder&(const Observation&)>& finder_at) {
     std::vector<Region> regions(static_cast<std::size_t>(kSide) * kSide);
     const double half = 0.5 * std::hypot(grid.width_px, grid.height_px);
-    const Eigen::Matrix2d steps = matrix_of(grid.steps_px({0, 0}));
     const std::size_t every = std::max<std::size_t>(1, observations.size() / kLenslets);
     for (std::size_t k = 0; k < observations.size(); k += every) {
         const Observation& seen = observations[k];
@@ -168,32 +170,26 @@ CutLenslets cut_lenslets(const WhiteImage& image, const algo::LensletGrid& grid,
         };
         const algo::PixelPoint at = seen.centre_px;
         Region& region = regions[part(at.y_px, grid.height_px) * kSide + part(at.x_px, grid.width_px)];
-        // As the grid's distortion makes it, if it scales lenslets as it scales their distances.
-        const Elongation expected = stretched(matrix_of(grid.steps_px(grid.uv(seen.m, seen.n))) * steps.inverse());
         region.x.push_back((at.x_px - grid.middle_x_px) / half);
         region.y.push_back((at.y_px - grid.middle_y_px) / half);
         region.along_x.push_back(shape->along_x);
         region.aslant.push_back(shape->aslant);
-        region.grid_along_x.push_back(expected.along_x);
-        region.grid_aslant.push_back(expected.aslant);
         region.seen.push_back(&seen);
     }
     std::erase_if(regions, [](const Region& region) { return region.x.size() < kFewest; });
     if (regions.size() < 4) return {};
-    const Law law = fit_law(regions, &Region::along_x, &Region::aslant);
-    const Law of_grid = fit_law(regions, &Region::grid_along_x, &Region::grid_aslant);
-    const Law left{.b = law.b - of_grid.b, .c = law.c - of_grid.c, .constant = {}};
+    const Law law = fit_law(regions);
     // Pixels and lattices that are not as high as wide may have lenslets of that shape.
-    const Elongation own = stretched(steps);
+    const Elongation own = stretched(matrix_of(grid.steps_px({0, 0})));
     const double elongated =
         std::min(std::abs(law.constant), std::abs(law.constant + std::complex(own.along_x, own.aslant)));
-    const auto lenslet = round_lenslet(image, spots_of_middle(grid, observations), middle,
-                                       neighbours_of(grid.steps_px({0, 0}), grid.stagger));
+    // Small squares look round in a smoothed frame, but a relay lens does not scale what smoothing blurs.
+    const auto lenslet = image.smoothed_px() > 0 ? std::nullopt
+                                                 : round_lenslet(image, spots_of_middle(grid, observations), middle,
+                                                                 neighbours_of(grid.steps_px({0, 0}), grid.stagger));
     const Whole whole = whole_lenslets(grid, regions, lenslet, middle, finder_at);
     return {.one_size = beyond(regions, whole.one_size, whole.spread_one_size),
             .scaled = beyond(regions, whole.scaled, whole.spread_scaled),
-            .uneven = std::min(law.linear(), left.linear()),
-            .uneven_sigma = law.linear_sigma,
             .elongated = elongated};
 }
 

@@ -26,9 +26,17 @@ std::vector<double> light_of(const LensletGrid& grid, std::span<const Observatio
     return light;
 }
 
+// By the median, over that of a normal distribution: dust and dead lenslets are few.
+double robust_rms(std::vector<double>& of) {
+    if (of.empty()) return 0;
+    for (double& value : of) value = std::abs(value);
+    return common::upper_median(std::span(of)) / 0.6745;
+}
+
 }  // namespace
 
-double light_roughness(const LensletGrid& grid, std::span<const Observation> observations) {
+double light_roughness(const LensletGrid& grid, std::span<const Observation> observations,
+                       std::vector<double> light_noise) {
     const std::vector<double> light = light_of(grid, observations);
     std::vector<double> differences;
     for (const Observation& seen : observations) {
@@ -39,10 +47,14 @@ double light_roughness(const LensletGrid& grid, std::span<const Observation> obs
             sum += light[grid.index(seen.m + dm, seen.n + dn)];
             ++count;
         }
-        if (count == 4) differences.push_back(std::abs(light[grid.index(seen.m, seen.n)] / (sum / 4) - 1));
+        if (count == 4) differences.push_back(light[grid.index(seen.m, seen.n)] / (sum / 4) - 1);
     }
-    // The median, over that of a normal distribution: dust and dead lenslets are few.
-    return differences.empty() ? 0 : common::upper_median(std::span(differences)) / 0.6745;
+    // The halves of squares differ alike: one of them has the corners.
+    const double alike = light_noise.empty() ? 0 : common::upper_median(std::span(light_noise));
+    for (double& value : light_noise) value -= alike;
+    const double all = robust_rms(differences), noise = robust_rms(light_noise);
+    // The noise of a lenslet and that of the mean of four.
+    return std::sqrt(std::max(0.0, all * all - 1.25 * noise * noise));
 }
 
 LightFollowing light_following(const LensletGrid& grid, std::span<const Observation> observations) {
@@ -73,7 +85,7 @@ LightFollowing light_following(const LensletGrid& grid, std::span<const Observat
         }
     }
     if (count < kFewestFollowing || !(gg > 0) || !(rr > 0)) return {};
-    return {gr * gr / (gg * rr), std::abs(gr) / std::sqrt(gg * count)};
+    return {gr * gr / (gg * rr), std::abs(gr) / std::sqrt(gg * count), gr / gg};
 }
 
 SmoothResiduals smooth_residuals(const LensletGrid& grid, std::span<const Observation> observations) {

@@ -31,15 +31,20 @@ constexpr double kMaxUnequal = 0.02;
 constexpr double kMaxRoughness = 0.08;
 constexpr double kMaxFollowed = 0.3;     // of the residuals' power: what gradients of the light explain
 constexpr double kMinFollowed = 0.0002;  // of a pitch: explained residuals that matter
-constexpr double kMaxOff = 0.08;         // of the found lenslets
-constexpr double kMaxBend = 0.005;       // of a pitch: by polynomials beyond every lens model
+// LightFollowing::slope_px, of a pitch. A gradient of light moves even a centre of gravity by that gradient times the
+// lenslet's second moment: at most p^2 / 12, that of a square that fills its cell. Centres that move by more, or away
+// from the light, do not follow it: misplaced lenslets that nearly touch lie in the light of their neighbours, and
+// change it.
+constexpr double kMaxFollowingSlope = 1.0 / 12;
+constexpr double kMaxOff = 0.08;    // of the found lenslets
+constexpr double kMaxBend = 0.005;  // of a pitch: by polynomials beyond every lens model
 // Of neighbours' residuals, and in standard deviations of that of independent pairs: frames of few lenslets.
 constexpr double kMaxAlike = 0.2, kMaxAlikeDeviations = 4;
 constexpr double kMaxCommon = 0.0002;  // of a pitch: the common part of residuals
 // CutLenslets::Beyond::narrower, and in its standard errors. These are too small by half where neighbouring regions
 // differ from the law alike: 8 are 4 then.
 constexpr double kMaxCut = 0.002, kMaxCutDeviations = 8;
-constexpr double kMaxUneven = 0.012;     // CutLenslets::uneven; a real white frame has 0.9 %
+constexpr double kMaxUneven = 0.012;     // CutLenslets::Beyond::uneven; a real white frame has 0.9 %
 constexpr double kMaxMissing = 0.1;      // of the complete lenslets
 constexpr double kMaxSaturated = 0.1;    // of the found lenslets
 constexpr double kMaxOffOfRegion = 0.2;  // of a region's lenslets: missing or rejected
@@ -83,6 +88,7 @@ Warning rough_light(const GridCalibration& of) {
 Warning centres_follow_the_light(const GridCalibration& of) {
     const LightFollowing& following = of.light_following;
     if (!(following.share > kMaxFollowed && following.px > kMinFollowed * of.pitch_px)) return std::nullopt;
+    if (!(following.slope_px > 0 && following.slope_px < kMaxFollowingSlope * of.pitch_px)) return std::nullopt;
     return fmt::format(
         "the centres follow the light, by {:.3f} px rms: something in the light is brighter on one side of a lenslet; "
         "take objects out of the light",
@@ -155,6 +161,12 @@ double narrower_than_whole(const CutLenslets& cut) {
     }
     return std::isfinite(least) ? least : 0;
 }
+// How much more evenly the lenslets' shape changes over the frame than that of whole lenslets of either kind; 0 if that
+// is within the errors.
+double more_uneven_than_whole(const CutLenslets& cut) {
+    const CutLenslets::Beyond& least = cut.one_size.uneven < cut.scaled.uneven ? cut.one_size : cut.scaled;
+    return least.uneven > std::max(kMaxUneven, kMaxCutDeviations * least.uneven_sigma) ? least.uneven : 0;
+}
 Warning cut_by_a_stop(const GridCalibration& of) {
     const double narrower = narrower_than_whole(of.cut);
     if (narrower > 0) {
@@ -164,13 +176,14 @@ Warning cut_by_a_stop(const GridCalibration& of) {
             "are whole, and compare the pitch",
             100 * narrower);
     }
-    if (!(of.cut.uneven > std::max(kMaxUneven, kMaxCutDeviations * of.cut.uneven_sigma))) return std::nullopt;
+    const double uneven = more_uneven_than_whole(of.cut);
+    if (uneven == 0) return std::nullopt;
     return fmt::format(
         "the shape of the lenslets changes from border to border of the frame, by {:.1f} %: something on one side of "
         "the optics cuts their light, and the grid may be off by pixels; centre the array on the optics' axis and stop "
         "the optics down until the lenslets at all borders are whole; in a frame that was cut out beside the axis, "
         "the distortion may change them so, too: record the whole frame",
-        200 * of.cut.uneven);
+        200 * uneven);
 }
 
 Warning light_on_one_side(const GridCalibration& of) {

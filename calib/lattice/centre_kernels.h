@@ -1,6 +1,7 @@
 // What centres.cpp and lenslet_light.cpp share: the weights of a finder, and the pixels of one lenslet.
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <span>
 #include <vector>
@@ -38,7 +39,7 @@ struct CentreFinder::Kernels {
     double gain = 0;       // first moment a pixel of shift and DN of amplitude
     double own_match = 1;  // keeps `match` in -1..1
     double typical_amplitude = 0;
-    double halves = 1;  // noise_of_halves() of these weights
+    double halves = 1, halves_light = 1;  // noise_of_halves() of the centre and of the light
     // Four kernels a phase: moment x, moment y, amplitude, window share.
     Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic> bank;
     mutable Eigen::VectorXf light;  // of the window that is measured, side x side and room for whole vectors
@@ -53,7 +54,9 @@ struct CentreFinder::Kernels {
     [[nodiscard]] std::optional<Spot> measure(algo::PixelPoint at, double most_px) const;
     [[nodiscard]] std::optional<WindowPixels> pixels_about(algo::PixelPoint centre) const;
     [[nodiscard]] std::optional<algo::PixelPoint> split(algo::PixelPoint centre) const;
-    [[nodiscard]] double noise_of_halves() const;
+    [[nodiscard]] double noise_of_halves(const std::function<double(double dx, double dy)>& weight) const;
+    void learn_noise_of_halves();
+    [[nodiscard]] std::optional<double> light_noise(algo::PixelPoint centre) const;
     [[nodiscard]] std::optional<Elongation> elongation(algo::PixelPoint centre) const;
     [[nodiscard]] double turned(algo::PixelPoint centre) const;
     void calibrate_gain(std::span<const algo::PixelPoint> centres);

@@ -227,12 +227,18 @@ double unlike_by_shift(const Weights& of) {
     return power > 0 ? change / power : 0;
 }
 
-// A stretch by e along x and 1 / e across adds e r T' cos(2 angle) to the light.
-double stretch_shown(const Weights& of) {
+// A stretch by 1 + e along x and 1 - e across adds -e r T' cos(2 angle) to the light. Smoothing by a Gaussian of
+// variance s after the stretch blurs all ways alike: with T the smoothed profile it adds -e (r T' + s (T'' - T' / r))
+// cos(2 angle).
+double stretch_shown(const Weights& of, double smoothed_px) {
+    const double variance = smoothed_px * smoothed_px;
+    const auto steepness = [&](std::size_t k) { return k < of.steepness.size() ? of.steepness[k] : 0; };
     double added = 0, all = 0;
     for (std::size_t k = 0; k < of.window.size(); ++k) {
         const double r = static_cast<double>(k) * kTableStep, here = of.window[k] * r * r * r;
-        added += here * r * r * of.steepness[k] / 4;
+        const double slope =
+            (steepness(k + 1) - steepness(k == 0 ? 1 : k - 1)) / (2 * kTableStep);  // T'' - T' / r, over -r
+        added += here * (r * r * of.steepness[k] + variance * r * slope) / 4;
         all += here * of.profile[k];
     }
     return all > 0 ? added / all : 1;

@@ -54,10 +54,11 @@ Profile measure_profile(const WhiteImage& image, std::span<const Spot> spots, do
 // background and of the light: `where_cheap` as far as kMaxVariance allows, `always` wherever there is a plateau.
 Weights design_weights(const Profile& profile, double radius, std::optional<AgainstGradients> against);
 
-// As CentreFinder::shift_by_gradient_px2(), unlike_by_shift_px2(), edge_variance_px2() and stretch_shown().
+// As CentreFinder::shift_by_gradient_px2(), unlike_by_shift_px2(), edge_variance_px2() and stretch_shown();
+// `smoothed_px`: WhiteImage::smoothed_px().
 double shift_by_gradient(const Weights& of);
 double unlike_by_shift(const Weights& of);
 double edge_variance(const Weights& of);
-double stretch_shown(const Weights& of);
+double stretch_shown(const Weights& of, double smoothed_px);
 
 }  // namespace hord::calib

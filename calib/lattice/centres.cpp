@@ -217,7 +217,7 @@ Result<CentreFinder> CentreFinder::learn(const WhiteImage& image, std::span<cons
         for (const Spot& spot : spots) starts.push_back(spot.centre_px);
         kernels->calibrate_gain(starts);
         if (round + 1 == kMaxRounds || (round + 1 >= kMinRounds && moved < kSettled)) {
-            kernels->halves = kernels->noise_of_halves();
+            kernels->learn_noise_of_halves();
             return CentreFinder(std::move(kernels));
         }
         profile = measure_profile(image, spots, widest);
@@ -242,7 +242,9 @@ double CentreFinder::window_radius_px() const { return kernels_->weights.radius;
 double CentreFinder::half_height_radius_px() const {
     return static_cast<double>(half_height(kernels_->weights.profile)) * kTableStep;
 }
-double CentreFinder::stretch_shown() const { return calib::stretch_shown(kernels_->weights); }
+double CentreFinder::stretch_shown() const {
+    return calib::stretch_shown(kernels_->weights, kernels_->image->smoothed_px());
+}
 double CentreFinder::edge_variance_px2() const { return edge_variance(kernels_->weights); }
 Immunity CentreFinder::immunity() const { return kernels_->weights.immunity; }
 AgainstGradients CentreFinder::against() const { return kernels_->against; }

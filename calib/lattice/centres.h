@@ -64,6 +64,10 @@ class CentreFinder {
     // that its noise is that of the centre. None if it cannot be measured.
     [[nodiscard]] std::optional<algo::PixelPoint> split(algo::PixelPoint centre) const;
 
+    // The noise of a lenslet's light, over that: half the difference of what both halves measure, first minus second,
+    // enlarged in a smoothed frame as that of split(). None if it cannot be measured.
+    [[nodiscard]] std::optional<double> light_noise(algo::PixelPoint centre) const;
+
     // None if it cannot be measured.
     [[nodiscard]] std::optional<Elongation> elongation(algo::PixelPoint centre) const;
 
@@ -93,7 +97,8 @@ class CentreFinder {
     [[nodiscard]] const Weights& weights() const;
     [[nodiscard]] double window_radius_px() const;
     [[nodiscard]] double half_height_radius_px() const;  // of the profile
-    [[nodiscard]] double stretch_shown() const;          // of a lenslet's elongation: the window cuts its rim
+    [[nodiscard]] double stretch_shown()
+        const;  // of a lenslet's stretch: the window cuts its rim, and smoothing does not stretch
     [[nodiscard]] double edge_variance_px2() const;  // of its edge's place, by blur; at least what the profile can show
     [[nodiscard]] Immunity immunity() const;
     [[nodiscard]] AgainstGradients against() const;  // as learned

@@ -90,18 +90,18 @@ std::optional<algo::PixelPoint> CentreFinder::Kernels::split(algo::PixelPoint ce
                             0.5 * halves * (place[0].y_px - place[1].y_px)};
 }
 
-// How many times the noise of half the sum of both halves' centres is that of half their difference: with rho the
-// correlation of the halves' noise, the root of (1 + rho) / (1 - rho). Pixels have independent noise, whose variance is
-// that of the light (photons); smoothing spreads a pixel's noise over both halves. 1 in a frame that is not smoothed.
-double CentreFinder::Kernels::noise_of_halves() const {
+// How many times the noise of half the sum of what both halves measure is that of half their difference, `weight` what
+// a pixel's light makes of it: with rho the correlation of the halves' noise, the root of (1 + rho) / (1 - rho). Pixels
+// have independent noise, whose variance is that of the light (photons); smoothing spreads a pixel's noise over both
+// halves. 1 in a frame that is not smoothed.
+double CentreFinder::Kernels::noise_of_halves(const std::function<double(double, double)>& weight) const {
     const double sigma = image->smoothed_px();
     if (sigma == 0) return 1;
     const int reach = half + static_cast<int>(std::ceil(3 * sigma)), width = 2 * reach + 1;
-    cv::Mat1d first(width, width, 0.0),
-        second(width, width, 0.0);  // what each half's moment along x makes of the light
+    cv::Mat1d first(width, width, 0.0), second(width, width, 0.0);  // what each half makes of the light
     for (int y = -half; y <= half; ++y) {
         for (int x = -half; x <= half; ++x)
-            (in_second_half(x, y) ? second : first)(y + reach, x + reach) = lookup(weights.shift, std::hypot(x, y)) * x;
+            (in_second_half(x, y) ? second : first)(y + reach, x + reach) = weight(x, y);
     }
     for (cv::Mat1d* of : {&first, &second}) cv::GaussianBlur(*of, *of, {0, 0}, sigma, sigma, cv::BORDER_CONSTANT);
     double common = 0, own = 0;
@@ -114,6 +114,42 @@ double CentreFinder::Kernels::noise_of_halves() const {
         }
     }
     return own > std::abs(common) ? std::sqrt((own + common) / (own - common)) : 1;
+}
+void CentreFinder::Kernels::learn_noise_of_halves() {
+    double sum = 0, mean = 0;  // of the window, and of the profile in it
+    for (int y = -half; y <= half; ++y) {
+        for (int x = -half; x <= half; ++x) {
+            const double r = std::hypot(x, y), window = lookup(weights.window, r);
+            sum += window;
+            mean += window * lookup(weights.profile, r);
+        }
+    }
+    halves = noise_of_halves([&](double dx, double dy) { return lookup(weights.shift, std::hypot(dx, dy)) * dx; });
+    halves_light = noise_of_halves([&](double dx, double dy) {
+        const double r = std::hypot(dx, dy);
+        return lookup(weights.window, r) * (lookup(weights.profile, r) - mean / sum);
+    });
+}
+
+std::optional<double> CentreFinder::Kernels::light_noise(algo::PixelPoint centre) const {
+    const auto of = pixels_about(centre);
+    if (!of) return std::nullopt;
+    double of_half[2] = {};
+    for (const bool second : {false, true}) {
+        double sum = 0, sum_t = 0, sum_tt = 0, sum_l = 0, sum_lt = 0;
+        for (const WindowPixels::Pixel& p : of->pixels) {
+            if (in_second_half(p.dx, p.dy) != second) continue;
+            sum += p.window;
+            sum_t += p.window * p.shape;
+            sum_tt += p.window * p.shape * p.shape;
+            sum_l += p.window * p.light;
+            sum_lt += p.window * p.light * p.shape;
+        }
+        const double spread = sum * sum_tt - sum_t * sum_t;
+        if (!(spread > 0)) return std::nullopt;
+        of_half[second ? 1 : 0] = (sum * sum_lt - sum_t * sum_l) / spread;
+    }
+    return 0.5 * halves_light * (of_half[0] - of_half[1]) / of->amplitude;
 }
 
 std::optional<Elongation> CentreFinder::Kernels::elongation(algo::PixelPoint centre) const {
@@ -153,6 +189,7 @@ double CentreFinder::Kernels::turned(algo::PixelPoint centre) const {
 }
 
 std::optional<algo::PixelPoint> CentreFinder::split(algo::PixelPoint centre) const { return kernels_->split(centre); }
+std::optional<double> CentreFinder::light_noise(algo::PixelPoint centre) const { return kernels_->light_noise(centre); }
 std::optional<Elongation> CentreFinder::elongation(algo::PixelPoint centre) const {
     return kernels_->elongation(centre);
 }

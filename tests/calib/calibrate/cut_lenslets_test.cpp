@@ -92,5 +92,38 @@ TEST(CutLenslets, that_a_relay_lens_scales_are_warned_of_if_a_stop_cuts_them) {
     }
 }
 
+// A lens scales what it distorts. Of a frame that was cut out beside the axis, the shape changes from border to border.
+TEST(CutLenslets, that_a_lens_scales_off_its_axis_are_whole) {
+    for (const bool hexagonal : {false, true}) {
+        for (const double k1 : {-0.03, 0.03}) {
+            for (const double pitch : {12.0, 17.3}) {
+                SCOPED_TRACE(::testing::Message() << hexagonal << ", k1 " << k1 << ", " << pitch << " px");
+                const White white{.width_px = 700,
+                                  .height_px = 700,
+                                  .hexagonal = hexagonal,
+                                  .pitch_px = pitch,
+                                  .rotation_deg = 2,
+                                  .k1 = k1,
+                                  .to_scale = true,
+                                  .disc_radius_px = 0.39 * pitch,
+                                  .edge_px = 0.75,
+                                  .subpixels = 2};
+                const auto beside_axis = [&] {
+                    const auto drawn = test::draw(white);
+                    const FrameView whole = drawn.frame.view();
+                    Frame part(440, 440, 16);
+                    for (int y = 0; y < 440; ++y) {
+                        for (int x = 0; x < 440; ++x) part.set(x, y, whole.sample(x, y));
+                    }
+                    const auto calibration = calibrate_grid(part.view());
+                    EXPECT_TRUE(calibration) << calibration.error().message();
+                    return calibration ? calibration->warnings : std::vector<std::string>{};
+                };
+                EXPECT_THAT(beside_axis(), Not(Contains(HasSubstr("shape of the lenslets changes"))));
+            }
+        }
+    }
+}
+
 }  // namespace
 }  // namespace hord::calib

@@ -130,6 +130,55 @@ TEST(DimLenslets, noise_that_halves_share_is_no_place_of_their_own) {
     EXPECT_LT(common, 0.05 * noise);
 }
 
+// The light of a lenslet is known to its noise. That is no dirt; where there is some, it is told as before.
+TEST(DimLenslets, noise_is_no_uneven_light) {
+    for (const bool square : {false, true}) {
+        for (const double uneven : {0.0, 0.15}) {
+            SCOPED_TRACE(::testing::Message() << square << ", " << uneven);
+            const double pitch = square ? 13.0 : 8.7;
+            White white{.width_px = static_cast<int>(36 * pitch),
+                        .height_px = static_cast<int>(34 * pitch),
+                        .pitch_px = pitch,
+                        .rotation_deg = 1,
+                        .disc_radius_px = 0.4 * pitch,
+                        .edge_px = square ? 1.5 : 0.7,
+                        .square = square,
+                        .subpixels = 2,
+                        .peak_dn = square ? 450.0 : 700.0,
+                        .background_dn = 20,
+                        .electrons_per_dn = 0.1,
+                        .read_e = 5,
+                        .bits = 12};
+            test::Random random(1);
+            white.own_light = [&](double, double) { return 1 + uneven * random.normal(); };
+            const auto calibration = calibrate_grid(test::draw(white).frame.view());
+            ASSERT_TRUE(calibration) << calibration.error().message();
+            if (uneven == 0) EXPECT_THAT(calibration->warnings, ::testing::IsEmpty());
+            else EXPECT_THAT(calibration->warnings, ::testing::Contains(::testing::HasSubstr("the light differs by")));
+        }
+    }
+}
+
+// Misplaced squares that nearly touch lie in the light of their neighbours, and change it: they do not follow it.
+TEST(DimLenslets, misplaced_squares_do_not_follow_the_light) {
+    for (const double pitch : {9.3, 10.7}) {
+        const auto drawn = test::draw({.width_px = 318,
+                                       .height_px = 260,
+                                       .pitch_px = pitch,
+                                       .rotation_deg = 0.7,
+                                       .disc_radius_px = 0.43 * pitch,
+                                       .edge_px = 2,
+                                       .square = true,
+                                       .subpixels = 3,
+                                       .misplaced_px = 0.053});
+        const auto calibration = calibrate_grid(drawn.frame.view());
+        ASSERT_TRUE(calibration) << calibration.error().message();
+        EXPECT_GT(calibration->light_following.share, 0.3);
+        EXPECT_THAT(calibration->warnings,
+                    ::testing::Not(::testing::Contains(::testing::HasSubstr("follow the light"))));
+    }
+}
+
 // Where lenslets nearly touch, a dark one moves its neighbours: these are off the grid, and the grid is right.
 TEST(DimLenslets, that_move_their_neighbours_are_no_reason_for_a_warning) {
     int moved = 0;
