@@ -10,7 +10,8 @@ namespace {
 
 constexpr double kOneSigma = 0.158655;  // share of a normal distribution below -1 sigma
 constexpr double kRoundingVariance = 1.0 / 12;
-constexpr double kShapeFactor = 1.5;  // between the zeros that clipped noise has and those that are counted
+constexpr double kShapeFactor = 1.5;   // between the zeros that clipped noise has and those that are counted
+constexpr std::size_t kHalfSteps = 4;  // of the histogram, until the counts have fallen to half
 
 double below_normal(double sigmas) { return 0.5 * std::erfc(-sigmas / std::sqrt(2.0)); }
 
@@ -68,10 +69,11 @@ double DarkBinMeter::quantile(double share) const {
 }
 
 // The standard deviation of noise about 0 of which the sensor shows the upper half, DN; 0 if the samples are not that.
-// Counts of steps of the full scale's 256th part fall with exp(-v^2 / 2 sigma^2), whatever number of bins is dark: from
-// the first step to the first with at most half as many. The zeros must then be as many as that noise clips.
+// Their counts fall with exp(-v^2 / 2 sigma^2), whatever number of bins is dark: from the first step to the first with
+// at most half as many. Steps are as wide as kHalfSteps of them allow, so that noise of the counts does little, and at
+// most the full scale's 256th part. The zeros must then be as many as that noise clips.
 double DarkBinMeter::noise_clipped_at_zero() const {
-    const std::size_t step = counts_.size() / 256;
+    std::size_t step = counts_.size() / 256, half = 1;
     const auto middle = [&](std::size_t k) {
         return static_cast<double>(k * step) + 0.5 * (1 + static_cast<double>(step));
     };
@@ -80,10 +82,13 @@ double DarkBinMeter::noise_clipped_at_zero() const {
         for (std::size_t v = k * step + 1; v <= (k + 1) * step; ++v) sum += counts_[v];  // k is at most 128
         return sum;
     };
-    const double first = samples_of(0);
+    double first = 0;
+    for (;; step /= 2) {
+        first = samples_of(0), half = 1;
+        while (half < 128 && 2 * samples_of(half) > first) ++half;
+        if (half >= kHalfSteps || step == 1) break;
+    }
     if (first == 0) return 0;
-    std::size_t half = 1;
-    while (half < 128 && 2 * samples_of(half) > first) ++half;
     const double fallen = first / std::max(samples_of(half), 0.5);
     if (fallen < 2) return 0;
     const double sigma = std::sqrt((middle(half) * middle(half) - middle(0) * middle(0)) / (2 * std::log(fallen)));

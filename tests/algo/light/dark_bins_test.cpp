@@ -99,6 +99,19 @@ TEST(DarkBins, whose_noise_is_clipped_at_zero_show_it_above_zero) {
     EXPECT_FALSE(levels_above_dark_bins(kLevels, measured(spots_on(0, 8, 4)), 8).noise_allowed);
 }
 
+// Noise of 1.1 to 8 DN at 12 bits is far less than a step of the full scale's 256th part, in which faint light lies,
+// too.
+TEST(DarkBins, of_a_quiet_sensor_without_pedestal_show_its_noise) {
+    for (const int bits : {12, 16}) {
+        const double scale = ((1 << bits) - 1) / 255.0;
+        for (const double noise : {0.07, 0.1, 0.2, 0.5}) {
+            const DarkBins dark = measured(spots_on(0, noise, 4, bits));
+            EXPECT_FALSE(dark.at_zero);
+            EXPECT_NEAR(dark.noise_dn / scale, noise, 0.15 * noise) << bits << " bits";
+        }
+    }
+}
+
 // Light that is spread thinly is no noise: its samples above 0 have another shape, or too few zeros beside them.
 TEST(DarkBins, at_zero_beside_thin_light_leave_the_level_as_it_was) {
     Frame frame = spots_on(0, 0, 4);
