@@ -139,7 +139,7 @@ TEST_F(LearnReportTest, a_disk_that_takes_none_is_told_and_no_json_is_left) {
     fs::create_directory(folder / "lens.learn.md");  // what cannot be replaced
     const auto written = write_learn_report(*report);
     ASSERT_FALSE(written);
-    EXPECT_EQ(written.error().code, ErrorCode::io);
+    EXPECT_EQ(written.error().code, ErrorCode::refused);
     EXPECT_THAT(written.error().what, HasSubstr("lens.learn.md"));
     EXPECT_FALSE(fs::exists(folder / "lens.learn.json"));
 }
