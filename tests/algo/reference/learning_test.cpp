@@ -12,6 +12,7 @@
 #include "algo/reference/largest_by_part.h"
 #include "algo/reference/read_noise.h"
 #include "tests/algo/reference/good_parts.h"
+#include "tests/support/light_image.h"
 
 namespace hord::algo {
 namespace {
@@ -379,6 +380,24 @@ TEST(Learning, the_same_frames_give_the_same_reference) {
     EXPECT_EQ(a->reference.shares, b->reference.shares);
     EXPECT_EQ(a->reference.spread, b->reference.spread);
     EXPECT_TRUE(check(a->reference));
+}
+
+// A camera without pedestal: learning and inspection must subtract the same level.
+TEST(Learning, from_a_quiet_sensor_without_pedestal_gives_a_reference_that_good_parts_pass) {
+    LearnOptions options;
+    options.levels = light_levels(Recipe{}, kBits);
+    options.dark_from_noise = true;
+    options.electrons_per_dn = 10 * 255.0F / 4095;
+    options.read_dn = 1.5F;
+    // Round spots: there is faint light beside them.
+    const LightImage light = spots(kField, 200, 0.7, lens(kField, 14, 1.5));
+    const auto frame = [&](std::uint64_t k) { return exposed(light, {0, 1.5 * 255 / 4095}, k, kBits); };
+    const auto learned = learn_reference(
+        kField, kBits, 12, [&](std::size_t k) -> Result<Frame> { return frame(k); }, options);
+    ASSERT_TRUE(learned) << learned.error().message();
+    Recipe r;
+    r.reference = std::make_shared<Reference>(learned->reference);
+    for (std::uint64_t k = 20; k < 26; ++k) EXPECT_EQ(judge(frame(k), r).verdict, Verdict::pass) << k;
 }
 
 }  // namespace
