@@ -15,6 +15,7 @@
 #include <unistd.h>
 
 #include "common/dangling_link.h"
+#include "common/regular_file.h"
 #include "common/unique_fd.h"
 
 namespace hord::common {
@@ -53,16 +54,9 @@ int replace_file(const fs::path& file, const char* suffix, mode_t mode, bool syn
 
 Result<void> check_replaceable(const fs::path& file) {
     std::error_code error;
-    const char* what = nullptr;
-    switch (fs::symlink_status(file, error).type()) {
-        case fs::file_type::symlink: what = "a symbolic link"; break;
-        case fs::file_type::block:
-        case fs::file_type::character: what = "a device"; break;
-        case fs::file_type::fifo: what = "a pipe"; break;
-        case fs::file_type::socket: what = "a socket"; break;
-        case fs::file_type::directory: what = "a folder"; break;
-        default: return {};
-    }
+    const fs::file_type type = fs::symlink_status(file, error).type();
+    const char* const what = type == fs::file_type::symlink ? "a symbolic link" : name_of_irregular(type);
+    if (what == nullptr) return {};
     return fail(ErrorCode::refused, file.string() + " is " + what + ", not a regular file: it is not replaced",
                 "give the name of a regular file");
 }

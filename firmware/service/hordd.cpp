@@ -98,6 +98,7 @@ int check(const Options& options) {
     const auto folders = check_folders(*config);
     use(folders);
     if (const auto store = store_folder(*config); folders && !store.empty()) use(store::check_rights(store));
+    use(check_lock_files(*config));
     // A refusal hides none of them.
     if (all) print_unusable_recipes(*all, config->inspection.recipe);
     if (!found.empty()) return refuse_configuration(found.as_error().value());

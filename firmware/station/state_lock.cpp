@@ -10,9 +10,12 @@
 #include <unistd.h>
 
 #include "common/file_writing.h"
+#include "common/regular_file.h"
 
 namespace hord::firmware {
 namespace {
+
+constexpr const char* kFile = "station.lock";
 
 struct flock whole_file(short type) {
     struct flock range {};
@@ -39,8 +42,9 @@ std::string signed_by(int file) {
     return fmt::format("process {}{}", mark.l_pid, name.empty() ? "" : " (" + name + ")");
 }
 
-common::UniqueFd open_lock(const std::filesystem::path& file, int flags) {
-    return common::UniqueFd(::open(file.c_str(), flags | O_CLOEXEC, 0644));
+// Never waits: opening a pipe without a writer would.
+common::UniqueFd open_lock(const std::filesystem::path& path, int flags) {
+    return common::UniqueFd(::open(path.c_str(), flags | O_CLOEXEC | O_NONBLOCK | O_NOCTTY, 0644));
 }
 
 std::string is_in_use(const std::string& what, const std::filesystem::path& folder, const std::string& holder) {
@@ -53,7 +57,8 @@ Result<StateLock> StateLock::take(const std::filesystem::path& folder, const std
     StateLock lock;
     lock.path_ = folder;
     lock.what_ = what;
-    const std::filesystem::path file = folder / "station.lock";
+    if (auto fine = check_file(folder); !fine) return tl::unexpected(fine.error());
+    const std::filesystem::path file = folder / kFile;
     const auto is_free = [](common::UniqueFd& held) {
         if (!held || ::flock(held.get(), LOCK_EX | LOCK_NB) == 0) return true;
         if (errno == EWOULDBLOCK) return false;
@@ -74,6 +79,13 @@ Result<StateLock> StateLock::take(const std::filesystem::path& folder, const std
     return lock;
 }
 
+Result<void> StateLock::check_file(const std::filesystem::path& folder) {
+    const std::filesystem::path file = folder / kFile;
+    std::error_code none;
+    if (std::filesystem::is_directory(file, none)) return {};  // cannot be opened as a lock: the folder's is held
+    return common::check_regular(file, "remove it: the station makes its lock there");
+}
+
 Result<void> StateLock::check_place() const {
     struct stat held {
     }, now{};
@@ -85,7 +97,7 @@ Result<void> StateLock::check_place() const {
 }
 
 std::optional<std::string> StateLock::in_use(const std::filesystem::path& folder, const std::string& what) {
-    const common::UniqueFd file = open_lock(folder / "station.lock", O_RDONLY);
+    const common::UniqueFd file = open_lock(folder / kFile, O_RDONLY);
     const std::string holder = file ? signed_by(file.get()) : std::string();
     return holder.empty() ? std::nullopt : std::optional(is_in_use(what, folder, holder));
 }

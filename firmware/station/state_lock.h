@@ -16,8 +16,9 @@ namespace hord::firmware {
 
 class StateLock {
   public:
-    // Fails with busy if another station holds either lock. Nothing is held, without an error, of a folder that cannot
-    // be opened (missing): its files tell that, and the station goes on. `what` is the error's name of the folder.
+    // Fails with busy if another station holds either lock, and as check_file(). Nothing is held, without an error, of
+    // a folder that cannot be opened (missing): its files tell that, and the station goes on. `what` is the error's
+    // name of the folder.
     [[nodiscard]] static Result<StateLock> take(const std::filesystem::path& folder,
                                                 const std::string& what = "state folder");
 
@@ -25,6 +26,9 @@ class StateLock {
     // was removed. Locks nothing: a station that starts meanwhile is not refused.
     [[nodiscard]] static std::optional<std::string> in_use(const std::filesystem::path& folder,
                                                            const std::string& what = "state folder");
+
+    // Fails with refused if `station.lock` there is a pipe, a socket or a device: its lock would not be told.
+    [[nodiscard]] static Result<void> check_file(const std::filesystem::path& folder);
 
     [[nodiscard]] bool held() const { return folder_ || file_; }
 

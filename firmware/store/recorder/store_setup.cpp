@@ -81,6 +81,14 @@ std::vector<std::string> folders_in_use(const Config& config) {
     return all;
 }
 
+Result<void> check_lock_files(const Config& config) {
+    if (!config.state_folder.empty()) {
+        if (auto fine = StateLock::check_file(config.state_folder); !fine) return fine;
+    }
+    const std::filesystem::path folder = store_folder(config);
+    return folder.empty() || is_state_folder(folder, config) ? Result<void>() : StateLock::check_file(folder);
+}
+
 std::optional<Error> nothing_is_stored(const Config& config) {
     if (!config.store.enabled || !store_folder(config).empty()) return std::nullopt;
     return Error{ErrorCode::not_found,

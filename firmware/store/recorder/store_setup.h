@@ -38,6 +38,9 @@ Result<StateLock> lock_store(const Config& config);
 // "the store's folder /data is in use by process 4711 (hordd)", of the state folder, too. Locks nothing.
 std::vector<std::string> folders_in_use(const Config& config);
 
+// Whether `station.lock` in both folders can be a lock. Fails as StateLock::check_file().
+Result<void> check_lock_files(const Config& config);
+
 // Told at the start: a store is wanted and has no folder. Empty: it has one, or none is wanted.
 std::optional<Error> nothing_is_stored(const Config& config);
 

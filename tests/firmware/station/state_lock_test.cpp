@@ -126,6 +126,19 @@ TEST(StateLock, a_folder_that_cannot_be_written_is_no_reason_to_refuse_the_start
     ASSERT_TRUE(lock) << lock.error().message();
 }
 
+// Who asks who holds the folder would wait for a writer of the pipe, for ever.
+TEST(StateLock, a_pipe_in_the_place_of_its_file_is_named_and_never_waited_for) {
+    const TempFolder folder;
+    const auto file = folder.path() / "station.lock";
+    ASSERT_EQ(::mkfifo(file.c_str(), 0600), 0);
+    EXPECT_EQ(StateLock::in_use(folder.path()), std::nullopt);
+    const auto lock = StateLock::take(folder.path());
+    ASSERT_FALSE(lock);
+    EXPECT_EQ(lock.error().code, ErrorCode::refused);
+    EXPECT_EQ(lock.error().message(),
+              file.string() + " is a pipe, not a regular file: remove it: the station makes its lock there");
+}
+
 TEST(StateLock, tells_that_its_folder_is_at_its_place_no_more) {
     const TempFolder folder;
     const auto path = folder.path() / "state", moved = folder.path() / "moved";

@@ -7,6 +7,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include "tests/system/cli/program.h"
 #include "tests/system/cli/service_fixture.h"
@@ -82,6 +83,27 @@ TEST_F(Service, a_second_station_on_the_same_store_is_refused_without_the_files_
         std::filesystem::remove(store / "lock");
     }
     EXPECT_EQ(first.stop(SIGTERM).status, 0);
+}
+
+// Whoever asked who holds the folder waited for a writer of the pipe.
+TEST_F(Service, is_refused_and_not_waited_for_where_a_pipe_is_in_the_place_of_its_lock) {
+    const auto state = folder.path() / "state", store = folder.path() / "store";
+    write_config("[store]\nfolder = \"" + store.string() + "\"\n");
+    for (const auto& holder : {state, store}) {
+        std::filesystem::create_directories(state);
+        std::filesystem::create_directories(store);
+        const auto lock = holder / "station.lock";
+        std::filesystem::remove(lock);
+        ASSERT_EQ(::mkfifo(lock.c_str(), 0600), 0);
+        const auto says = HasSubstr(lock.string() + " is a pipe, not a regular file: remove it");
+        const Said check = run("/usr/bin/env", under({"STATE_DIRECTORY=" + state.string()}, {"--check"}));
+        EXPECT_EQ(check.status, 78) << check.err;
+        EXPECT_THAT(check.err, says);
+        const Said start = run("/usr/bin/env", under({"STATE_DIRECTORY=" + state.string()}));
+        EXPECT_EQ(start.status, 2) << start.err;
+        EXPECT_THAT(start.err, says);
+        std::filesystem::remove(lock);
+    }
 }
 
 TEST_F(Service, may_store_its_results_in_the_state_folder_itself) {
