@@ -97,7 +97,8 @@ int check(const Options& options) {
     const auto all = list_recipes(config->inspection.recipes);  // there need not be a folder of recipes
     const auto folders = check_folders(*config);
     use(folders);
-    if (const auto store = store_folder(*config); folders && !store.empty()) use(store::check_rights(store));
+    if (const auto store = store_folder(*config); folders && !store.empty())
+        use(store::check_files(store).and_then([&] { return store::check_rights(store); }));
     use(check_lock_files(*config));
     // A refusal hides none of them.
     if (all) print_unusable_recipes(*all, config->inspection.recipe);

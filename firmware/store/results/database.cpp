@@ -6,6 +6,7 @@
 
 #include <sqlite3.h>
 
+#include "common/dangling_link.h"
 #include "firmware/store/results/store_rights.h"
 
 namespace hord::firmware::store {
@@ -233,10 +234,12 @@ Result<std::unique_ptr<Database>> Database::open(const std::filesystem::path& fi
     if (access != Access::create) {
         std::error_code error;
         if (!std::filesystem::exists(file, error) && vfs.empty()) {
-            return fail(ErrorCode::not_found, file.string() + " does not exist",
+            const std::string link = common::dangling_link(file);
+            return fail(ErrorCode::not_found, link.empty() ? file.string() + " does not exist" : link,
                         "name the folder of a station's store");
         }
     }
+    if (auto fine = check_database_files(file); !fine) return tl::unexpected(fine.error());
     std::unique_ptr<Database> database(new Database(file));
     int flags = SQLITE_OPEN_NOMUTEX;
     flags |= access == Access::create ? SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE : SQLITE_OPEN_READONLY;

@@ -451,7 +451,7 @@ tl::unexpected<Error> folder_unusable(const fs::path& folder, std::error_code wh
 }
 
 Result<void> check_not_written(const fs::path& folder) {
-    const common::UniqueFd fd(open((folder / "lock").c_str(), O_RDONLY | O_CLOEXEC));
+    const common::UniqueFd fd(open((folder / kLockFile).c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
     if (fd && flock(fd.get(), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) return written_by_another(folder);
     return {};
 }
@@ -470,6 +470,7 @@ Result<std::unique_ptr<ResultStore>> open_sqlite_store(const fs::path& folder, c
     if (const std::error_code error = options.make_folder(folder)) {
         return folder_unusable(folder, error);
     }
+    if (auto fine = check_files(folder); !fine) return tl::unexpected(fine.error());
     auto lock = lock_folder(folder, options);
     if (!lock) return tl::unexpected(lock.error());
     auto database = Database::open(file, Database::Access::create, options.vfs);

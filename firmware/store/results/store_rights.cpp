@@ -7,9 +7,16 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include "common/dangling_link.h"
+#include "common/regular_file.h"
 #include "firmware/store/results/sqlite_store.h"
 
 namespace hord::firmware::store {
+namespace {
+
+constexpr const char* kMoveAway = "move it out of the folder: the station makes a new one";
+
+}  // namespace
 
 std::string rights_cure(const std::filesystem::path& folder) {
     return fmt::format(
@@ -17,6 +24,26 @@ std::string rights_cure(const std::filesystem::path& folder) {
         "not "
         "mounted read-only",
         folder.string(), kLockFile, kStoreFile);
+}
+
+Result<void> check_database_files(const std::filesystem::path& database) {
+    for (const char* const suffix : {"", "-wal", "-shm", "-journal"}) {
+        if (auto fine = common::check_regular(database.string() + suffix, kMoveAway); !fine) return fine;
+    }
+    return {};
+}
+
+Result<void> check_files(const std::filesystem::path& folder) {
+    const std::filesystem::path database = folder / kStoreFile;
+    if (auto fine = common::check_regular(folder / kLockFile, kMoveAway); !fine) return fine;
+    if (auto fine = check_database_files(database); !fine) return fine;
+    // SQLite makes the file that a link leads to, but not its folder.
+    std::error_code none;
+    const std::filesystem::path target = folder / std::filesystem::read_symlink(database, none);
+    if (none || std::filesystem::is_directory(target.parent_path(), none)) return {};
+    return fail(
+        ErrorCode::not_found, common::dangling_link(database),
+        "make the folder that it leads to or mount its disk, or remove the link: the station begins a new store");
 }
 
 Result<void> check_rights(const std::filesystem::path& folder) {

@@ -261,5 +261,31 @@ TEST_F(RefusedStart, is_none_for_recipes_that_cannot_be_selected_and_they_are_to
         << missing.so_far().err;
 }
 
+// The station starts with it, as with any store: fault `store`.
+TEST_F(RefusedStart, is_none_for_a_store_that_is_no_file_and_check_refuses_it) {
+    const auto store = folder.path() / "store", file = store / "results.db";
+    write_config("[store]\nfolder = \"" + store.string() + "\"\n");
+    const auto checked = [&](const std::string& says) {
+        const Said check = run("/usr/bin/env", under({}, {"--check"}));
+        EXPECT_EQ(check.status, 78) << check.err;
+        EXPECT_THAT(check.err, HasSubstr(file.string() + says));
+        std::filesystem::remove(file);
+    };
+    std::filesystem::create_directories(file);
+    checked(" is a folder, not a regular file: move it out of the folder");
+    std::filesystem::create_symlink("/nonexistent/r.db", file);
+    checked(" is a symbolic link to /nonexistent/r.db, which does not exist: make the folder that it leads to");
+    ASSERT_EQ(::mkfifo(file.c_str(), 0600), 0);
+    for (const std::vector<std::string>& command :
+         {std::vector<std::string>{"results"}, std::vector<std::string>{"results", "verify"}}) {
+        std::vector<std::string> arguments = command;
+        arguments.insert(arguments.end(), {"--store", store.string()});
+        const Said read = run("hordctl", arguments);
+        EXPECT_EQ(read.status, 2) << read.err;
+        EXPECT_THAT(read.err, HasSubstr(file.string() + " is a pipe, not a regular file: move it out of the folder"));
+    }
+    checked(" is a pipe, not a regular file: move it out of the folder");
+}
+
 }  // namespace
 }  // namespace hord::test

@@ -2,12 +2,16 @@
 #include "firmware/store/results/store_rights.h"
 
 #include <filesystem>
+#include <fstream>
+#include <string>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "firmware/store/results/sqlite_store.h"
+#include "firmware/store/results/store_reader.h"
 #include "tests/support/temp_folder.h"
 
 namespace hord::firmware::store {
@@ -46,6 +50,50 @@ TEST(StoreRights, of_another_user_are_told_with_every_file_that_must_change) {
     EXPECT_THAT(locked.error().message(), AllOf(HasSubstr(file + " cannot be written ("), HasSubstr("chown -R")));
     ASSERT_FALSE(rest);
     EXPECT_EQ(rest.error().what, file + " cannot be written (Permission denied)");
+}
+
+// SQLite opens it without O_NONBLOCK: the page waited for ever, and could not be ended.
+TEST(StoreFiles, that_are_pipes_or_folders_are_named_and_never_waited_for) {
+    for (const char* const name : {"results.db", "results.db-wal", "results.db-shm", "results.db-journal", "lock"}) {
+        for (const bool is_pipe : {true, false}) {
+            const testing_support::TempFolder folder;
+            const fs::path file = folder.path() / name;
+            if (std::string(name) != "results.db") std::ofstream(folder.path() / "results.db").put('x');
+            if (is_pipe) ASSERT_EQ(::mkfifo(file.c_str(), 0600), 0);
+            else fs::create_directory(file);
+            const std::string says = file.string() + (is_pipe ? " is a pipe" : " is a folder") +
+                ", not a regular file: move it out of the folder: the station makes a new one";
+            const auto checked = check_files(folder.path());
+            ASSERT_FALSE(checked);
+            EXPECT_EQ(checked.error().message(), says);
+            const auto opened = open_sqlite_store(folder.path());
+            ASSERT_FALSE(opened);
+            EXPECT_EQ(opened.error().message(), says);
+            EXPECT_TRUE(check_not_written(folder.path()));
+            if (std::string(name) == "lock") continue;  // readers do not open it
+            const auto read = StoreReader::open(folder.path());
+            ASSERT_FALSE(read);
+            EXPECT_EQ(read.error().message(), says);
+        }
+    }
+}
+
+TEST(StoreFiles, behind_a_link_are_made_where_its_folder_is_there) {
+    const testing_support::TempFolder folder, other;
+    const fs::path link = folder.path() / "results.db", target = other.path() / "disk" / "r.db";
+    fs::create_symlink(target, link);
+    const auto checked = check_files(folder.path());
+    ASSERT_FALSE(checked);
+    EXPECT_EQ(checked.error().what,
+              link.string() + " is a symbolic link to " + target.string() + ", which does not exist");
+    const auto opened = open_sqlite_store(folder.path());
+    ASSERT_FALSE(opened);
+    EXPECT_EQ(opened.error().message(), checked.error().message());
+    EXPECT_EQ(StoreReader::open(folder.path()).error().what, checked.error().what);
+    fs::create_directory(target.parent_path());
+    EXPECT_TRUE(check_files(folder.path()));
+    EXPECT_TRUE(open_sqlite_store(folder.path()));
+    EXPECT_TRUE(fs::exists(target));
 }
 
 }  // namespace
