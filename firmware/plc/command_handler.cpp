@@ -70,6 +70,14 @@ RemarkText remark_of(const Error& error) {
     return RemarkText(text);
 }
 
+// The file comes last: REPLY holds the reason rather than a path.
+Error of_recipe(const NumberedRecipe& recipe, Error error) {
+    const std::string reference = recipe.reference_file.string();
+    error.what = fmt::format("recipe {}: {}{}", recipe.number, error.what,
+                             reference.empty() ? "" : " (its reference: " + reference + ")");
+    return error;
+}
+
 }  // namespace
 
 void CommandHandler::begin(Dependencies dependencies, NumberedRecipe recipe) {
@@ -151,7 +159,8 @@ Result<void> CommandHandler::use(const RequestOrigin& who, NumberedRecipe recipe
                     "put the old one back, or select the recipe again");
     }
     const std::string why = fmt::format("recipe {} was taken", recipe.number);
-    if (auto taken = dependencies_->inspector.use(recipe.recipe, recipe.number); !taken) return taken;
+    if (auto taken = dependencies_->inspector.use(recipe.recipe, recipe.number); !taken)
+        return tl::unexpected(of_recipe(recipe, taken.error()));
     if (auto kept = keep(recipe); !kept) {
         if (const auto back = dependencies_->inspector.use(recipe_.recipe, recipe_.number); !back) report(back.error());
         return kept;

@@ -76,11 +76,13 @@ ListenSockets sockets_from_systemd() {
 }
 
 // The configured recipe is not among them: without it there is no start.
-void print_unusable_recipes(const std::vector<RecipeEntry>& all, const std::filesystem::path& configured) {
+void print_unusable_recipes(const std::vector<RecipeEntry>& all, const std::filesystem::path& configured,
+                            const std::optional<LightField>& light_field) {
     for (const RecipeEntry& entry : all) {
         std::error_code none;
-        if (!entry.recipe && !std::filesystem::equivalent(entry.file, configured, none))
-            fmt::print("note: a recipe that cannot be selected: {}\n", entry.recipe.error().message());
+        if (std::filesystem::equivalent(entry.file, configured, none)) continue;
+        if (const auto fine = check_selectable(entry, light_field); !fine)
+            fmt::print("note: a recipe that cannot be selected: {}\n", fine.error().message());
     }
 }
 
@@ -101,7 +103,7 @@ int check(const Options& options) {
         use(store::check_files(store).and_then([&] { return store::check_rights(store); }));
     use(check_lock_files(*config));
     // A refusal hides none of them.
-    if (all) print_unusable_recipes(*all, config->inspection.recipe);
+    if (all) print_unusable_recipes(*all, config->inspection.recipe, files ? files->light_field : std::nullopt);
     if (!found.empty()) return refuse_configuration(found.as_error().value());
     for (const auto& readable : {check_sources(*config), folders}) {
         for (const std::string& folder : readable.value_or(std::vector<std::string>())) fmt::print("{}\n", folder);

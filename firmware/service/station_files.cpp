@@ -18,7 +18,7 @@ namespace hord::firmware {
 namespace {
 
 // Whether the frames fit the calibration, and the light field the recipe.
-Result<void> check_together(const Config& config, const StationFiles& files, const hal::SensorFormat& format) {
+Result<void> check_together(const Config& config, StationFiles& files, const hal::SensorFormat& format) {
     const InspectionConfig& inspection = config.inspection;
     if (files.calibration) {
         const auto kept = kept_calibration(config.state_folder);
@@ -31,6 +31,7 @@ Result<void> check_together(const Config& config, const StationFiles& files, con
             error.what = fmt::format("sensor.folder: the frames of {}: {}", recorded->folder.string(), error.what);
         return tl::unexpected(error);
     }
+    files.light_field = {*extents, format.bits};
     return algo::check_recipe(files.recipe.recipe, *extents, format.bits).map_error([&](Error error) {
         if (!inspection.recipe.empty())
             error.what = fmt::format("inspection.recipe: {}: {}", inspection.recipe.string(), error.what);
@@ -46,6 +47,18 @@ Error of_key(const char* key, const std::filesystem::path& file, Error error) {
 }
 
 }  // namespace
+
+Result<void> check_selectable(const RecipeEntry& entry, const std::optional<LightField>& light_field) {
+    if (!entry.recipe) return tl::unexpected(entry.recipe.error());
+    if (!light_field) return {};
+    const std::string reference = entry.recipe->reference_file.string();
+    return algo::check_recipe(entry.recipe->recipe, light_field->extents, light_field->bits)
+        .map_error([&](Error error) {
+            error.what = fmt::format("{}: {}{}", entry.file.string(), error.what,
+                                     reference.empty() ? "" : " (its reference: " + reference + ")");
+            return error;
+        });
+}
 
 Result<algo::Extents> light_field_of(const InspectionConfig& inspection,
                                      const std::optional<ActiveCalibration>& calibration,

@@ -69,5 +69,22 @@ TEST_F(PlcCommands, a_recipe_whose_reference_was_replaced_is_not_committed_and_t
     EXPECT_FLOAT_EQ(operations.recipe().recipe.emd_limit_bins, 0.8F);
 }
 
+// The reason of a reference that is of another camera names neither the recipe nor the file.
+TEST_F(PlcCommands, a_recipe_that_does_not_fit_the_frames_is_named_with_its_reference) {
+    const testing_support::TempFolder folder;
+    NumberedRecipe wide{.number = 5};
+    wide.recipe.rim_margin = 4;
+    wide.reference_file = folder.path() / "part.hordref";
+    ASSERT_TRUE(write_reference(wide.reference_file, reference_of(9)));
+    wide.recipe.reference = *read_reference(wide.reference_file);
+    open();
+    ready();
+    const auto used = operations.use({}, wide);
+    ASSERT_FALSE(used);
+    EXPECT_EQ(used.error().code, ErrorCode::invalid_argument);
+    EXPECT_EQ(used.error().message(),
+              "recipe 5: recipe (its reference: " + wide.reference_file.string() + "): rim_margin or min_area");
+}
+
 }  // namespace
 }  // namespace hord::firmware

@@ -287,5 +287,19 @@ TEST_F(RefusedStart, is_none_for_a_store_that_is_no_file_and_check_refuses_it) {
     checked(" is a pipe, not a regular file: move it out of the folder");
 }
 
+// `recipe use` refused it, and --check had said nothing.
+TEST_F(RefusedStart, is_none_for_a_recipe_that_does_not_fit_the_frames_and_check_names_it) {
+    std::filesystem::create_directories(folder / "recipes");
+    const std::string fits = folder / "recipes/fits.toml", wide = folder / "recipes/wide.toml";
+    std::ofstream(fits) << "schema = 1\nnumber = 7\nrim_margin = 1\n[limits]\nemd_bins = 1\n";
+    std::ofstream(wide) << "schema = 1\nname = \"wide\"\nnumber = 8\nrim_margin = 60\n[limits]\nemd_bins = 1\n";
+    write_config("[station]\nautostart = false\n");
+    const Said check = run("/usr/bin/env", under({}, {"--check"}));
+    EXPECT_EQ(check.status, 0) << check.err;
+    EXPECT_THAT(check.out,
+                HasSubstr("note: a recipe that cannot be selected: " + wide + ": recipe \"wide\": rim_margin 60"));
+    EXPECT_THAT(check.out, Not(HasSubstr("cannot be selected: " + fits)));
+}
+
 }  // namespace
 }  // namespace hord::test
