@@ -131,6 +131,11 @@ std::optional<std::string> read_file(const fs::path& file) {
 
 Error cannot_read(const fs::path& file) {
     const int reason = errno;
+    // A pipe that nobody writes into; a socket.
+    if (reason == ENODATA || reason == ENXIO) {
+        if (auto regular = check_regular(file, "give a regular file"); !regular)
+            return {ErrorCode::unreadable, regular.error().what, regular.error().cure};
+    }
     const std::string link = reason == ENOENT ? dangling_link(file) : "";
     return {reason == ENOENT ? ErrorCode::not_found : ErrorCode::unreadable,
             fmt::format("{}: cannot be read ({})", file.string(), link.empty() ? std::strerror(reason) : link),

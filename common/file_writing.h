@@ -20,7 +20,7 @@ namespace hord::common {
 // reads at most 2 GiB of a file, 64 MiB of a pipe or device.
 std::optional<std::string> read_file(const std::filesystem::path& file);
 
-// The error of a read_file() that has just failed: unreadable, with the system's reason from errno.
+// The error of a read_file() that has just failed: unreadable, with errno's reason; of a silent pipe, what it is.
 [[nodiscard]] Error cannot_read(const std::filesystem::path& file);
 
 // Whether a rename to this place destroys nothing but an old file. Fails with refused if a symbolic link, a device, a

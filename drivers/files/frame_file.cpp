@@ -17,6 +17,7 @@
 #include "common/file_kind.h"
 #include "common/file_writing.h"
 #include "common/png_codec.h"
+#include "common/regular_file.h"
 #include "common/tiff_codec.h"
 
 namespace hord::drivers {
@@ -50,6 +51,10 @@ Result<Bytes> read_bytes(const fs::path& file) {
                     "name the frames in it, such as " + (file / "*.png").string());
     }
     if (status.type() != fs::file_type::regular) {
+        const char* const what = common::name_of_irregular(status.type());
+        if (what != nullptr)
+            return fail(ErrorCode::unreadable, file.string() + " is " + what + ", not a regular file",
+                        "name frames alone, or move it away");
         return fail(ErrorCode::unreadable, file.string() + " is not a file that can be read",
                     "check the path and its permissions");
     }

@@ -19,6 +19,7 @@
 #include "common/crc32.h"
 #include "common/file_kind.h"
 #include "common/file_writing.h"
+#include "common/regular_file.h"
 #include "common/unique_fd.h"
 
 namespace hord::firmware {
@@ -160,14 +161,11 @@ Result<std::shared_ptr<const algo::Reference>> read_reference(const std::filesys
     const auto refuse = [&](ErrorCode code, const std::string& what) {
         return fail(code, file.string() + " " + what, "learn it again: hordctl learn");
     };
-    // A pipe may keep a running station waiting.
+    // A pipe may keep a running station waiting. Of a folder cannot_read() tells.
     std::error_code none;
-    const auto kind = std::filesystem::status(file, none).type();
-    if (kind != std::filesystem::file_type::regular && kind != std::filesystem::file_type::directory &&
-        std::filesystem::exists(file, none)) {
-        return fail(ErrorCode::unreadable, file.string() + " is a pipe, a socket or a device, and no regular file",
-                    kGiveReference);
-    }
+    if (const auto fine = common::check_regular(file, kGiveReference);
+        !fine && !std::filesystem::is_directory(file, none))
+        return fail(ErrorCode::unreadable, fine.error().what, fine.error().cure);
     const auto read = common::read_file(file);
     if (!read) return tl::unexpected(cannot_read(file));
     const std::string& text = *read;

@@ -34,6 +34,7 @@ TEST(WholeFile, of_a_pipe_is_waited_for_and_what_never_ends_is_not_read) {
     ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
     EXPECT_FALSE(read_file(pipe));  // nobody writes
     EXPECT_EQ(errno, ENODATA);
+    EXPECT_EQ(cannot_read(pipe).message(), pipe.string() + " is a pipe, not a regular file: give a regular file");
     int ends[2];
     ASSERT_EQ(::pipe(ends), 0);
     std::thread writer([&] {

@@ -183,7 +183,8 @@ TEST_F(FrameFile, what_is_no_image_is_refused) {
     expect_refused(read_frame(file("none.png")), file("none.png"), ErrorCode::not_found, "does not exist");
     const auto pipe = file("pipe");
     ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
-    expect_refused(read_frame(pipe), pipe, ErrorCode::unreadable, "not a file");  // without waiting for a writer
+    expect_refused(read_frame(pipe), pipe, ErrorCode::unreadable,
+                   "is a pipe, not a regular file");  // without waiting for a writer
 }
 
 TEST_F(FrameFile, an_absurd_size_is_refused_before_memory_is_taken) {

@@ -92,7 +92,7 @@ TEST_F(RefusedStart, on_any_recorded_frame_that_cannot_be_played) {
                   HasSubstr(of("d.png") + " has 16-bit samples, and the frames before it 8: play frames of one depth"),
                   HasSubstr(of("e.png") + " is truncated"),
                   HasSubstr(of("f.png") + " is a symbolic link to /nonexistent/f.png, which does not exist"),
-                  HasSubstr(of("g.png") + " is not a file that can be read")));
+                  HasSubstr(of("g.png") + " is a pipe, not a regular file")));
 }
 
 TEST_F(RefusedStart, on_many_frames_names_the_first_and_how_many_they_are) {
