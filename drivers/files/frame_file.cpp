@@ -28,7 +28,9 @@ using Bytes = std::vector<std::byte>;
 
 constexpr char kKeyword[] = "hord";  // of the iTXt chunk, as in the frames that a station keeps
 
+// Hidden files are none: other systems put one beside each file (._a.png).
 bool looks_like_a_frame(const fs::path& file) {
+    if (file.filename().string().starts_with('.')) return false;
     std::string extension = file.extension().string();
     std::ranges::transform(extension, extension.begin(),
                            [](unsigned char c) { return static_cast<char>(std::tolower(c)); });

@@ -46,8 +46,8 @@ std::filesystem::path sidecar_of(const std::filesystem::path& file);
 Result<Frame> decode_frame(std::span<const std::byte> bytes, const std::string& name,
                            const ExpectedFrame& expected = {});
 
-// Replaces each folder by its PNG, TIFF and PGM files (.png .tif .tiff .pgm), sorted by name. Fails with not_found (a
-// folder without a frame, no name given), unreadable (a folder).
+// Replaces each folder by its PNG, TIFF and PGM files (.png .tif .tiff .pgm) that are not hidden, sorted by name. Fails
+// with not_found (a folder without a frame, no name given), unreadable (a folder).
 Result<std::vector<std::filesystem::path>> list_frames(const std::vector<std::filesystem::path>& files_or_folders);
 
 // Writes a PNG, 8- or 16-bit grey (9- to 15-bit samples right-aligned), with the note if there is one. The file is

@@ -187,6 +187,16 @@ TEST_F(FrameFile, what_is_no_image_is_refused) {
                    "is a pipe, not a regular file");  // without waiting for a writer
 }
 
+// A file manager of another system leaves ._a.png beside a.png: no image, which kept the station from starting.
+TEST_F(FrameFile, that_is_hidden_in_a_folder_is_no_frame) {
+    ASSERT_TRUE(write_frame(file("a.png"), Frame(4, 4, 8).view()));
+    folder_.write("._a.png", "x");
+    folder_.write(".png", "x");
+    EXPECT_EQ(list_frames({folder_.path()}).value(), std::vector<std::filesystem::path>{file("a.png")});
+    EXPECT_EQ(list_frames({file("._a.png")}).value(), std::vector<std::filesystem::path>{file("._a.png")})
+        << "as it is named";
+}
+
 TEST_F(FrameFile, an_absurd_size_is_refused_before_memory_is_taken) {
     const auto pgm = folder_.write("huge.pgm", "P5 1000000 1000000 255\nx");
     expect_refused(read_frame(pgm), pgm, ErrorCode::unsupported, "1000000x1000000");
