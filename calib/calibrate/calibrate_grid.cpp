@@ -2,27 +2,23 @@
 
 #include <algorithm>
 #include <cmath>
-#include <complex>
 #include <numbers>
 
-#include <Eigen/Dense>
 #include <fmt/format.h>
 
 #include "algo/frame/extents.h"
-#include "calib/calibrate/blemished_lenslets.h"
 #include "calib/calibrate/cut_lenslets.h"
 #include "calib/calibrate/diagonal_blur.h"
 #include "calib/calibrate/fall_off.h"
 #include "calib/calibrate/hexagonal_exposures.h"
 #include "calib/calibrate/lenslet_chain.h"
+#include "calib/calibrate/lenslet_counts.h"
 #include "calib/calibrate/lenslet_shape.h"
-#include "calib/calibrate/missing_neighbours.h"
+#include "calib/calibrate/local_finders.h"
 #include "calib/calibrate/neighbour_statistics.h"
 #include "calib/calibrate/pattern_shape.h"
+#include "calib/calibrate/straight_edges.h"
 #include "calib/calibrate/white_frame_checks.h"
-#include "calib/lattice/centre_weights.h"
-#include "calib/lattice/lenslet_coverage.h"
-#include "common/statistics.h"
 
 namespace hord::calib {
 namespace {
@@ -35,18 +31,9 @@ constexpr double kMinNeighbours = 0.5;  // share of the neighbours of measured l
 // bin of the finest decode, so that its centre bin is correct. Larger errors mean that the frame is no white frame:
 // light with structure, such as through a part, moves centres by tenths of a pixel.
 constexpr double kMaxError = 0.5 / algo::kMaxBins / 3;
-// Straight edges lie alike on the pixels along their whole length, and pixels sample the narrow weight coarsely:
-// centres of lenslets with corners are off by up to 0.13 px. So such frames are smoothed.
-constexpr double kMaxCorners = 0.01;
-constexpr int kForShape = 100;  // lenslets
-constexpr double kSmooth = 1;   // px, sigma
 // Fall-off that moves centres by less is left. RMS, px: what rounding adds to the positions that lenslets are decoded
 // at (1/32 px, algo/frame/resample.h).
 constexpr double kMinByFallOff = 1.0 / 32 / (2 * std::numbers::sqrt3);
-// Of a pitch: a blemish that can move a centre by less does not matter, as displacements do not (place_displaced).
-constexpr double kMinByBlemish = 0.002;
-constexpr std::size_t kSplitCentres = 1500, kFewestSplit = 250;
-constexpr double kSplitPixels = 400'000;  // of all their windows together, to limit the time
 
 // A grid with the lattice's steps, lenslet (0, 0) at the seed; u and v are about 1 at the frame's corners.
 LensletGrid grid_of(const Lattice& lattice, const WhiteImage& image) {
@@ -81,54 +68,6 @@ std::vector<PixelPoint> near_seed(const Lattice& lattice, const LensletGrid& ste
         places.push_back(at);
     }
     return places;
-}
-
-// How far the lenslets near the seed have corners: the part of their light with lobes (CentreFinder::lobes), four of a
-// square lattice and six of a hexagonal one that lie between the neighbours. Square lenslets on a hexagonal lattice
-// have four lobes, whichever way their sides lie; 0 for round ones, below 0 for crosses and stars towards the
-// neighbours.
-double corners_of(const CentreFinder& finder, const Lattice& lattice, std::span<const PixelPoint> places) {
-    const bool square = lattice.kind == algo::LatticeKind::square;
-    const int count = square ? 4 : 6;
-    // Spots have no straight edges, and soft ones need no smoothing (it hides the inside of lenslets from fall_off()).
-    const bool sharp = finder.weights().plateau && finder.edge_variance_px2() < kSmooth * kSmooth;
-    const PixelPoint to_neighbour = lattice.stagger == algo::Stagger::columns ? lattice.step_v : lattice.step_u;
-    std::complex<double> sum, four;
-    int measured = 0;
-    for (const PixelPoint& place : places) {
-        const auto spot = finder.measure(place, 0.3 * lattice.pitch_px());
-        const auto lobes = spot ? finder.lobes(spot->centre_px, count) : std::nullopt;
-        if (!lobes) continue;
-        sum += *lobes;
-        if (!square && sharp) four += finder.lobes(spot->centre_px, 4).value_or(0.0);
-        if (++measured == kForShape) break;
-    }
-    if (measured == 0) return 0;
-    const double between = -(sum * std::polar(1.0, -count * std::atan2(to_neighbour.y_px, to_neighbour.x_px))).real();
-    return (square ? between : std::max(between, std::abs(four))) / measured;
-}
-
-// What is left of the shift that straight edges cause: it depends on where between the pixels a lenslet lies. Learned
-// from the residuals and subtracted. The place is that of the grid, with the lenslet's own shift if it has one:
-// the noise of a centre moves it between the pixels, so that the measured place would explain the noise as well. Where
-// all lenslets lie alike between pixels, there is nothing to learn from.
-void remove_pixel_phase(const LensletGrid& grid, std::vector<Observation>& observations) {
-    for (double PixelPoint::*axis : {&PixelPoint::x_px, &PixelPoint::y_px}) {
-        const auto waves = [&](const Observation& seen) {
-            const double turn = 2 * std::numbers::pi * grid.centre_px(seen.m, seen.n).*axis;
-            return Eigen::Vector2d(std::sin(turn), std::sin(2 * turn));
-        };
-        Eigen::Matrix2d normal = 1e-3 * static_cast<double>(observations.size()) * Eigen::Matrix2d::Identity();
-        Eigen::Vector2d right = Eigen::Vector2d::Zero();
-        for (const Observation& seen : observations) {
-            if (!seen.used) continue;
-            const Eigen::Vector2d here = waves(seen);
-            normal += here * here.transpose();
-            right += (seen.centre_px.*axis - grid.at(grid.uv(seen.m, seen.n)).*axis) * here;
-        }
-        const Eigen::Vector2d height = normal.ldlt().solve(right);
-        for (Observation& seen : observations) seen.centre_px.*axis -= height.dot(waves(seen));
-    }
 }
 
 // Renumbers lenslets: (0, 0) is the first column and row with one inside the frame.
@@ -205,95 +144,6 @@ double neighbours_found(const LensletGrid& grid, const CentreFinder& finder,
         }
     }
     return neighbours > 0 ? static_cast<double>(measured) / static_cast<double>(neighbours) : 0;
-}
-
-// The finder for lenslets of the size of (m, n).
-const CentreFinder& finder_for(const LocalFinders& finders, const LensletGrid& grid, double pitch, int m, int n) {
-    if (finders.count() == 1) return finders.middle();
-    return finders.at(grid.steps_px(grid.uv(m, n)).mean_px() / pitch);
-}
-
-// Counts saturated lenslets, and measures a sample of the lenslets by halves, for the shifts of single ones.
-void measure_more(const WhiteImage& image, const LocalFinders& finders, const LensletGrid& grid, double pitch,
-                  GridCalibration& out) {
-    const CentreFinder& finder = finders.middle();
-    if (image.any_saturated()) {
-        out.saturated = static_cast<int>(
-            std::count_if(out.observations.begin(), out.observations.end(),
-                          [&](const Observation& seen) { return finder.saturated_share(seen.centre_px) > 0; }));
-    }
-    const double window_px = std::numbers::pi * finder.window_radius_px() * finder.window_radius_px();
-    const std::size_t split =
-        std::clamp(static_cast<std::size_t>(kSplitPixels / window_px), kFewestSplit, kSplitCentres);
-    const std::size_t every = std::max<std::size_t>(1, out.observations.size() / split);
-    for (std::size_t k = 0; k < out.observations.size(); k += every)
-        out.observations[k].split_px = finder_for(finders, grid, pitch, out.observations[k].m, out.observations[k].n)
-                                           .split(out.observations[k].centre_px);
-}
-
-// CentreFinder::light_noise() of the lenslets that were measured by halves.
-std::vector<double> light_noise(const LocalFinders& finders, double pitch, const GridCalibration& of) {
-    std::vector<double> out;
-    for (const Observation& seen : of.observations) {
-        if (!seen.used || !seen.split_px) continue;
-        const auto noise = finder_for(finders, of.fit.grid, pitch, seen.m, seen.n).light_noise(seen.centre_px);
-        if (noise) out.push_back(*noise);
-    }
-    return out;
-}
-
-// Counts the lenslets inside the frame, and those of them that are complete, measured and missing.
-void count_lenslets(const LocalFinders& finders, double pitch, GridCalibration& out) {
-    const LensletGrid& grid = out.fit.grid;
-    std::vector<std::uint8_t> measured(grid.index(0, grid.rows)), missing(measured);
-    for (const Observation& seen : out.observations) {
-        if (grid.contains(seen.m, seen.n)) measured[grid.index(seen.m, seen.n)] = 1;
-    }
-    for (const GridCalibration::Node& node : out.nodes()) {
-        ++out.inside;
-        if (!finder_for(finders, grid, pitch, node.m, node.n).complete(node.centre_px)) continue;
-        ++out.complete;
-        if (measured[grid.index(node.m, node.n)] != 0) continue;
-        out.missing_px.push_back(node.centre_px);
-        missing[grid.index(node.m, node.n)] = 1;
-    }
-    out.beside_missing =
-        mark_beside_missing(grid, out.observations, [&](int m, int n) { return missing[grid.index(m, n)] != 0; });
-    out.found = static_cast<int>(out.observations.size());
-    out.missing = static_cast<int>(out.missing_px.size());
-    out.displaced = out.fit.displaced;
-    out.rejected = out.fit.rejected;
-}
-
-// Finds the blemished and the displaced lenslets among the outliers of the fit, and counts the fully lit lenslets.
-void place_and_count(const LocalFinders& finders, double pitch, GridCalibration& out) {
-    const CentreFinder& finder = finders.middle();
-    const LensletGrid& grid = out.fit.grid;
-    for (Observation& seen : out.observations) {
-        if (!seen.used && !seen.split_px)
-            seen.split_px = finder_for(finders, grid, pitch, seen.m, seen.n).split(seen.centre_px);
-    }
-    const std::vector<std::uint8_t> whole = lenslet_coverage(
-        grid, out.observations,
-        [&](int m, int n) { return finder_for(finders, grid, pitch, m, n).complete(grid.centre_px(m, n)); },
-        [&](PixelPoint at) { return finder.amplitude_dn(at); }, finder.typical_amplitude_dn());
-    const double shift_px = kMinByBlemish * pitch, least_unlike = shift_px * shift_px * finder.unlike_by_shift_px2();
-    // At the edge of the light, lenslets differ in shape without dust on them.
-    mark_blemished(
-        out.observations,
-        [&](const Observation& seen) -> std::optional<Unlike> {
-            if (whole[grid.index(seen.m, seen.n)] == 0) return std::nullopt;
-            return finder_for(finders, grid, pitch, seen.m, seen.n).unlike(seen.centre_px);
-        },
-        least_unlike, out.fit);
-    out.blemished = static_cast<int>(std::ranges::count_if(out.observations, &Observation::blemished));
-    place_displaced(out.observations, whole, out.fit);
-    out.whole = static_cast<int>(std::count(whole.begin(), whole.end(), 1));
-    for (const Observation& seen : out.observations) {
-        if (!grid.contains(seen.m, seen.n) || whole[grid.index(seen.m, seen.n)] == 0) continue;
-        ++out.whole_found;
-        if (seen.used || seen.displaced) ++out.whole_placed;
-    }
 }
 
 // Measures all lenslets, numbers them and fits the grid: the first fields of the result.

@@ -292,12 +292,6 @@ class Chains {
 
 }  // namespace
 
-const LocalFinders::Local& LocalFinders::nearest(double scale) const {
-    return *std::min_element(finders_.begin(), finders_.end(), [&](const Local& a, const Local& b) {
-        return std::abs(a.scale - scale) < std::abs(b.scale - scale);
-    });
-}
-
 void IndexRange::include(int m, int n) {
     low_m = std::min(low_m, m);
     high_m = std::max(high_m, m);

@@ -2,10 +2,10 @@
 // local pitch, so that no model of the whole frame has to hold. Used by calib/calibrate/calibrate_grid.cpp only.
 #pragma once
 
-#include <deque>
 #include <vector>
 
 #include "algo/frame/lenslet_grid.h"
+#include "calib/calibrate/local_finders.h"
 #include "calib/fit/grid_fit.h"
 #include "calib/lattice/centres.h"
 #include "common/result.h"
@@ -17,27 +17,6 @@ struct IndexRange {
     int low_m = 0, high_m = 0, low_n = 0, high_n = 0;
     void include(int m, int n);
     friend bool operator==(const IndexRange&, const IndexRange&) = default;
-};
-
-// What finds centres where lenslets have a given size: distortion scales them, and a profile learned in the middle of
-// the frame does not fit lenslets that are smaller or larger.
-class LocalFinders {
-  public:
-    explicit LocalFinders(CentreFinder middle) { add(1, std::move(middle)); }
-    void add(double scale, CentreFinder finder) { finders_.push_back({scale, std::move(finder)}); }
-    // `scale`: of the local pitch, over that in the middle.
-    [[nodiscard]] const CentreFinder& at(double scale) const { return nearest(scale).finder; }
-    [[nodiscard]] double nearest_scale(double scale) const { return nearest(scale).scale; }
-    [[nodiscard]] const CentreFinder& middle() const { return finders_.front().finder; }
-    [[nodiscard]] std::size_t count() const { return finders_.size(); }
-
-  private:
-    struct Local {
-        double scale;
-        CentreFinder finder;
-    };
-    [[nodiscard]] const Local& nearest(double scale) const;
-    std::deque<Local> finders_;
 };
 
 struct LensletChain {
