@@ -10,6 +10,7 @@
 // change and of its difference from the lenslets around it.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <iterator>
 #include <span>
@@ -46,16 +47,24 @@ class LightPatches {
     // Lenslets within `reach` of (m, n) do not count until the next load().
     void leave_out(float m, float n, float reach);
     // Of the squares whose score exceeds `least`, the one with the largest.
-    [[nodiscard]] LightPatch strongest(float least) const;
+    [[nodiscard]] LightPatch strongest(float least);
 
   private:
     struct Sums;
+    [[nodiscard]] std::size_t index(int m, int n) const {
+        return static_cast<std::size_t>(n) * pitch_ + static_cast<std::size_t>(m);
+    }
     void add(Sums& sums, int m, int n) const;
     [[nodiscard]] LightPatch measure(int m, int n, int side) const;
+    template <int kSide>
+    void find_stronger(float least, LightPatch& found);
 
     Extents extents_;
-    std::vector<float> change_, weight_;     // of each lenslet: weight times change; one over the variance, 0: none
-    std::vector<std::uint8_t> beside_jump_;  // of the reference's lenslets
+    std::size_t pitch_;  // floats a row, those beyond the field are 0
+    // Of each lenslet: weight times change; one over the variance, 0: does not count.
+    std::vector<float> change_, weight_;
+    std::vector<float> change_of_columns_, weight_of_columns_;  // sums over the rows of a row of squares
+    std::vector<std::uint8_t> beside_jump_;                     // of the reference's lenslets
 };
 
 }  // namespace hord::algo
