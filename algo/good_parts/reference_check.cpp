@@ -202,7 +202,7 @@ Result<ReferenceCheck> check_reference(const Extents& extents, int bits, std::si
     check.false_rejects = false_rejects_at(check.worst_scores, 1);
     check.factor = limit_for(by_lenslets, kAimedFalseRejects / 2);
     if (std::ranges::any_of(together, [](double score) { return score > 0; }))
-        check.pooled_score = limit_for(together, kAimedFalseRejects / 2);
+        check.pooled_score = std::max(1.0, predicted_light_tailed_limit(together, kAimedFalseRejects / 2));
     for (std::size_t kind = 0; kind < kPaintedFlaws.size(); ++kind) {
         const auto& trials = checker.trials(kind);
         auto& found = check.flaws[kind];
@@ -230,16 +230,22 @@ CheckSentences describe(const ReferenceCheck& check, const Recipe& recipe, std::
         if (!j.reason.empty()) told.judged.push_back("Would be rejected: " + frames[j.frame] + ": " + j.reason + ".");
     }
     told.false_rejects.push_back(describe(check.false_rejects));
+    const std::string half = number(100 * kAimedFalseRejects / 2) + " %";
     Recipe scaled = recipe;
     scale_score_limits(scaled, check.factor);
-    told.false_rejects.push_back("The recipe's limits are reject_score " +
-                                 number(static_cast<double>(recipe.reject_score)) + ", cluster_score " +
-                                 number(static_cast<double>(recipe.cluster_score)) + ". With reject_score " +
-                                 number(static_cast<double>(scaled.reject_score)) + ", grow_score " +
-                                 number(static_cast<double>(scaled.grow_score)) + ", cluster_score " +
-                                 number(static_cast<double>(scaled.cluster_score)) +
-                                 (check.pooled_score > 0 ? ", pooled_score " + number(check.pooled_score) : "") +
-                                 " the bound by that distribution would be 0.1 %.");
+    told.false_rejects.push_back(
+        "The recipe's limits are reject_score " + number(static_cast<double>(recipe.reject_score)) +
+        ", cluster_score " + number(static_cast<double>(recipe.cluster_score)) + ". With reject_score " +
+        number(static_cast<double>(scaled.reject_score)) + ", grow_score " +
+        number(static_cast<double>(scaled.grow_score)) + ", cluster_score " +
+        number(static_cast<double>(scaled.cluster_score)) + " the bound by that distribution would be " + half +
+        " for what lenslets show by themselves.");
+    if (check.pooled_score > 0) {
+        told.false_rejects.push_back("With pooled_score " + number(check.pooled_score) +
+                                     ", as hordctl tune would set it, " + half + " of further good parts would be " +
+                                     "rejected in the mean, by that distribution, for what several lenslets show " +
+                                     "together.");
+    }
     for (std::size_t kind = 0; kind < kPaintedFlaws.size(); ++kind) {
         const PaintedFlawKind& k = kPaintedFlaws[kind];
         const ReferenceCheck::Found& found = check.flaws[kind];

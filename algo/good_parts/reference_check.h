@@ -41,8 +41,8 @@ struct ReferenceCheck {
     std::vector<Judged> judged;        // every frame that was learned from
     std::vector<double> worst_scores;  // of each distinct part, over its exposures
     FalseRejects false_rejects;        // of worst_scores at the recipe's limits
-    // At which at most kAimedFalseRejects are rejected: the factor on the limits of lenslets (scale_score_limits()),
-    // and pooled_score, 0 if it is not known.
+    // The factor on the limits of lenslets (scale_score_limits()) at which at most half of kAimedFalseRejects are
+    // rejected; and the pooled_score that half of it exceeds in the mean, as `hordctl tune` sets it. 0: not known.
     double factor = 1, pooled_score = 0;
     struct Found {
         std::size_t trials = 0, found = 0;

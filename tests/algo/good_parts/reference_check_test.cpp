@@ -38,6 +38,10 @@ TEST(ReferenceCheck, good_parts_pass_and_the_sizes_it_tells_are_found) {
     EXPECT_EQ(check->judged.size(), kParts);
     EXPECT_EQ(check->false_rejects.rejected, 0U);
     EXPECT_LT(check->false_rejects.bound(), most_rejected(0, kParts) + 1e-9);
+    std::vector<double> together;
+    for (const ReferenceCheck::Judged& part : check->judged) together.push_back(part.together);
+    EXPECT_NEAR(check->pooled_score, predicted_light_tailed_limit(together, kAimedFalseRejects / 2), 1e-9);
+    EXPECT_LT(check->pooled_score, limit_for(together, kAimedFalseRejects / 2));
     for (std::size_t kind = 0; kind < kPaintedFlaws.size(); ++kind) {
         const auto& flaw = check->flaws[kind];
         EXPECT_GE(flaw.trials, 48U);
@@ -116,7 +120,7 @@ TEST(ReferenceCheck, writes_numbers_without_exponents) {
     dimples.trials = dimples.found = 96;
     dimples.curve.a90 = kind_of(PaintedFlaw::dimple).least;
     const CheckSentences told = describe(check, options().recipe, {});
-    EXPECT_THAT(told.false_rejects.back(), HasSubstr("pooled_score 190 "));
+    EXPECT_THAT(told.false_rejects.back(), HasSubstr("pooled_score 190, as hordctl tune would set it, 0.05 %"));
     ASSERT_EQ(told.flaws.size(), 1U);
     EXPECT_THAT(told.flaws[0],
                 HasSubstr("Dimple: the smallest that was tried, deflection 0.02 bins, is found in nine of ten cases"));
