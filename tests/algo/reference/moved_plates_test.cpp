@@ -1,6 +1,7 @@
 // Plates that moved while the light was on, or were exposed twice, judged against a reference.
 #include <gtest/gtest.h>
 
+#include "algo/reference/edge_blur.h"
 #include "tests/algo/reference/drawn_plates.h"
 
 namespace hord::algo {
@@ -52,6 +53,18 @@ TEST_P(MovedPlates, do_not_pass_and_good_ones_are_not_blurred) {
         }
     }
     EXPECT_GE(blurred, 8) << "of 12";
+}
+
+// Parts that lie alike show nothing of what the mean over a lenslet adds; the next part may show all of it.
+TEST(BlurSpread, of_parts_that_lie_alike_allows_the_variance_of_a_lenslet) {
+    BlurSpread spread;
+    for (int k = 0; k < 20; ++k) {
+        EdgeBlur blur;
+        blur.known = {true, false};
+        spread.add(blur);
+    }
+    EXPECT_FLOAT_EQ(spread.limits()[0], 1.0F / 12);
+    EXPECT_EQ(spread.limits()[1], 0);
 }
 
 INSTANTIATE_TEST_SUITE_P(Bevels, MovedPlates, ::testing::Values(kDarkBevels, PlateKind{0.6, 1.5}));
