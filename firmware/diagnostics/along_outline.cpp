@@ -49,12 +49,15 @@ AlongOutline along_outline(const algo::Inspection& found, const algo::Extents& e
     return edge;
 }
 
+enum class Of : std::uint8_t { all, exact };  // features; the gradient of neighbours may be a bound
+
 // As algo/inspection/defects.h says, of parts without a slope of their own.
-float severity_of(const algo::Inspection& found, const algo::Recipe& recipe, std::size_t k) {
+float severity_of(const algo::Inspection& found, const algo::Recipe& recipe, std::size_t k, Of of) {
     if ((found.mask[k] & algo::kNotJudged) != 0) return 0;
     float worst = 0;
     if ((found.mask[k] & algo::kNoGradient) == 0) {
-        if (!found.gradient.empty()) worst = std::max(worst, found.gradient[k] / algo::limit_of_gradient(recipe));
+        if (of == Of::all && !found.gradient.empty())
+            worst = std::max(worst, found.gradient[k] / algo::limit_of_gradient(recipe));
         if (recipe.slopes && !found.frobenius.empty())
             worst = std::max(worst, found.frobenius[k] / recipe.frobenius_limit_bins);
     }
@@ -65,8 +68,19 @@ float severity_of(const algo::Inspection& found, const algo::Recipe& recipe, std
 
 }  // namespace
 
+bool is_mostly_dark(const algo::Inspection& found, const algo::Recipe& recipe) {
+    if (!recipe.light || found.mask.empty() || found.transmission.empty()) return false;
+    std::size_t judged = 0, dark = 0;
+    for (std::size_t k = 0; k < found.mask.size(); ++k) {
+        if ((found.mask[k] & (algo::kNotJudged | algo::kNoHord)) != 0) continue;
+        ++judged;
+        dark += found.transmission[k] < recipe.transmission_limit ? 1 : 0;
+    }
+    return 2 * dark > judged;
+}
+
 AlongOutline dark_along_outline(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
-    if (found.mask.empty() || found.transmission.empty()) return {};
+    if (found.mask.empty() || found.transmission.empty() || is_mostly_dark(found, recipe)) return {};
     return along_outline(found, e, [&](std::size_t k) {
         const bool is_dark = (found.mask[k] & algo::kDark) != 0 || found.transmission[k] < recipe.transmission_limit;
         return is_dark ? 1.0F : 0.0F;
@@ -76,13 +90,18 @@ AlongOutline dark_along_outline(const algo::Inspection& found, const algo::Recip
 std::optional<AlongOutline> defect_along_outline(const algo::Inspection& found, const algo::Recipe& recipe,
                                                  const algo::Extents& e) {
     const bool has_outline = recipe.form == algo::PartForm::plate || recipe.form == algo::PartForm::round;
-    if (!has_outline || recipe.reference || found.mask.empty()) return std::nullopt;
-    const auto severity = [&](std::size_t k) { return severity_of(found, recipe, k); };
-    const AlongOutline edge = along_outline(found, e, severity);
+    if (!has_outline || recipe.reference || found.mask.empty() || is_mostly_dark(found, recipe)) return std::nullopt;
+    const auto severity = [&](std::size_t k) { return severity_of(found, recipe, k, Of::all); };
+    AlongOutline edge = along_outline(found, e, severity);
     if (edge.width == 0) return std::nullopt;
     const float worst = severity(edge.worst);
     for (std::size_t k = 0; k < found.mask.size(); ++k) {
         if (severity(k) > worst) return std::nullopt;
+    }
+    if (found.bounded) {
+        edge.at_least = true;
+        edge.width =
+            along_outline(found, e, [&](std::size_t k) { return severity_of(found, recipe, k, Of::exact); }).width;
     }
     return edge;
 }

@@ -50,10 +50,11 @@ std::string dark_edge_hint(const algo::Inspection& found, const algo::Recipe& re
 std::string bent_edge_hint(const algo::Inspection& found, const algo::Recipe& recipe, const algo::Extents& e) {
     constexpr const char* kCause =
         " There it may be a bevel that bends light: if good plates have it, learn a reference (hordctl learn), or";
-    if (const auto edge = defect_along_outline(found, recipe, e))
-        return fmt::format("{} set rim_margin = {}, which hides more of what moves.", kCause,
-                           margin_of(recipe, e) + edge->width);
-    if (!is_beside_rim(found, e)) return "";
+    const auto edge = defect_along_outline(found, recipe, e);
+    if (edge && edge->width > 0)
+        return fmt::format("{} set rim_margin = {}{}, which hides more of what moves.", kCause,
+                           margin_of(recipe, e) + edge->width, edge->at_least ? " or wider" : "");
+    if (!edge && !is_beside_rim(found, e)) return "";
     return fmt::format("{} set rim_margin wider.", kCause);
 }
 
@@ -117,6 +118,8 @@ std::string hint(const algo::Inspection& found, const algo::Recipe& recipe, cons
     if ((recipe.form == algo::PartForm::plate || recipe.form == algo::PartForm::round) && !light_is_there) {
         // Where the dark level takes a tenth of the light, it makes edges wider: a wider margin would be no cure.
         constexpr float kWidensEdges = 0.1F;
+        if (is_mostly_dark(found, recipe))
+            return " Most of the part is that dark beside its brightest tenth, which may be a hole in tinted glass.";
         if (std::string text = dark_edge_hint(found, recipe, e); !text.empty())
             return found.frame.lost_share < kWidensEdges ? text : dim_hint();
     }

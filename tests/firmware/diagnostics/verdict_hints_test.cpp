@@ -168,8 +168,8 @@ TEST(VerdictHints, of_a_steep_part_and_of_a_line_at_a_plates_edge_says_what_else
 // The bevel of a plate bends light beside the rim, all around. The middle of that defect is no place of it, and less
 // light is no cause: the cure is that of the bevel.
 TEST(VerdictHints, of_what_bends_light_along_a_plates_outline_says_so_with_the_worst_place_and_a_cure) {
-    const algo::Extents extents{20, 20, 9, 9};
-    const algo::Defect defect{.m = 9.5F, .n = 9.5F, .area = 44, .kind = algo::DefectKind::surface};
+    const algo::Extents extents{38, 38, 9, 9};
+    const algo::Defect defect{.m = 18.5F, .n = 18.5F, .area = 44, .kind = algo::DefectKind::surface};
     algo::Inspection found;
     found.verdict = algo::Verdict::reject;
     found.reason = Reason::deflection_gradient;
@@ -184,7 +184,8 @@ TEST(VerdictHints, of_what_bends_light_along_a_plates_outline_says_so_with_the_w
     const auto draw = [&](auto&& slope) {
         for (int n = 0; n < extents.n; ++n) {
             for (int m = 0; m < extents.m; ++m) {
-                const int in = std::min({m, n, extents.m - 1 - m, extents.n - 1 - n});  // lenslets from the border
+                // Lenslets from six inside the border.
+                const int in = std::min({m, n, extents.m - 1 - m, extents.n - 1 - n}) - 6;
                 const std::size_t k = extents.index(m, n);
                 mask[k] = in < 2 ? algo::kOutside : in < 4 ? algo::kRim : 0;
                 slopes[k] = slope(m, n, in);
@@ -192,24 +193,33 @@ TEST(VerdictHints, of_what_bends_light_along_a_plates_outline_says_so_with_the_w
         }
         return explain(found, recipe, extents);
     };
-    const auto bevel = [](int m, int n, int in) { return in > 4 ? 0.1F : m == 4 && n == 7 ? 0.8F : 0.5F; };
+    const auto bevel = [](int m, int n, int in) { return in > 4 ? 0.1F : m == 10 && n == 13 ? 0.8F : 0.5F; };
     for (const float lost : {0.0F, 0.3F}) {
         found.frame.lost_share = lost;
         EXPECT_EQ(draw(bevel),
-                  "Rejected: a surface defect along 100 % of the outline, worst at lenslet (4.0, 7.0), 2.0 times its "
+                  "Rejected: a surface defect along 100 % of the outline, worst at lenslet (10.0, 13.0), 2.0 times its "
                   "limit. There it may be a bevel that bends light: if good plates have it, learn a reference (hordctl "
                   "learn), or set rim_margin = 3, which hides more of what moves.");
     }
-    // Not if the worst place is inside, and not if few lenslets beside the rim exceed the limit (four of 44).
-    EXPECT_THAT(draw([&](int m, int n, int in) { return m == 10 && n == 10 ? 0.9F : bevel(m, n, in); }),
-                testing::AllOf(testing::HasSubstr("of 7.5 lenslets at lenslet (9.5, 9.5), 2.0 times"),
+    // Bounds exceed the limit farther inside than what they bound: the slopes, which are exact, tell the width.
+    found.frame.lost_share = 0;
+    std::vector<float> bounds(extents.lenslets(), 5.0F);
+    found.gradient = bounds;
+    found.bounded = true;
+    EXPECT_THAT(draw(bevel), testing::HasSubstr("or set rim_margin = 3 or wider, which hides more"));
+    EXPECT_THAT(draw([](int, int, int) { return 0.1F; }), testing::HasSubstr("or set rim_margin wider."));
+    found.gradient = {};
+    found.bounded = false;
+    // Not if the worst place is inside, and not if few lenslets beside the rim exceed the limit (four of 68).
+    EXPECT_THAT(draw([&](int m, int n, int in) { return m == 18 && n == 18 ? 0.9F : bevel(m, n, in); }),
+                testing::AllOf(testing::HasSubstr("of 7.5 lenslets at lenslet (18.5, 18.5), 2.0 times"),
                                testing::Not(testing::HasSubstr("bevel"))));
-    EXPECT_THAT(draw([&](int m, int n, int in) { return n < 8 && m == 4 ? bevel(m, n, in) : 0.1F; }),
-                testing::HasSubstr("of 7.5 lenslets at lenslet (9.5, 9.5), 2.0 times"));
+    EXPECT_THAT(draw([&](int m, int n, int in) { return n < 14 && m == 10 ? bevel(m, n, in) : 0.1F; }),
+                testing::HasSubstr("of 7.5 lenslets at lenslet (18.5, 18.5), 2.0 times"));
     // A lens is told the place only; its own hints are others.
     recipe.form = algo::PartForm::round;
     EXPECT_THAT(draw(bevel),
-                testing::AllOf(testing::HasSubstr("along 100 % of the outline, worst at lenslet (4.0, 7.0)"),
+                testing::AllOf(testing::HasSubstr("along 100 % of the outline, worst at lenslet (10.0, 13.0)"),
                                testing::Not(testing::HasSubstr("bevel"))));
     recipe.form = algo::PartForm::tube;
     EXPECT_THAT(draw(bevel), testing::Not(testing::HasSubstr("outline")));
@@ -217,8 +227,8 @@ TEST(VerdictHints, of_what_bends_light_along_a_plates_outline_says_so_with_the_w
 
 // A bevel wider than the rim's margin. A dark place away from the rim is none.
 TEST(VerdictHints, of_what_is_dark_along_the_outline_names_the_margin) {
-    const algo::Extents extents{20, 20, 9, 9};
-    algo::Defect defect{.m = 10, .n = 10, .area = 40};
+    const algo::Extents extents{38, 38, 9, 9};
+    algo::Defect defect{.m = 19, .n = 19, .area = 40};
     algo::Inspection found;
     found.verdict = algo::Verdict::reject;
     found.reason = Reason::absorption;
@@ -228,7 +238,8 @@ TEST(VerdictHints, of_what_is_dark_along_the_outline_names_the_margin) {
     const auto draw = [&](auto&& is_dark) {
         for (int n = 0; n < extents.n; ++n) {
             for (int m = 0; m < extents.m; ++m) {
-                const int in = std::min({m, n, extents.m - 1 - m, extents.n - 1 - n});  // lenslets from the border
+                // Lenslets from six inside the border.
+                const int in = std::min({m, n, extents.m - 1 - m, extents.n - 1 - n}) - 6;
                 const std::size_t k = extents.index(m, n);
                 mask[k] = in < 2 ? algo::kOutside : in < 4 ? algo::kRim : 0;
                 transmission[k] = is_dark(m, in) ? 0.4F : 1.0F;
@@ -243,12 +254,16 @@ TEST(VerdictHints, of_what_is_dark_along_the_outline_names_the_margin) {
     EXPECT_THAT(draw([](int, int in) { return in < 6; }),
                 testing::HasSubstr("dark along 100 % of the outline, up to 2 lenslets beyond the rim: if good parts "
                                    "have such a bevel, set rim_margin = 4."));
-    EXPECT_THAT(draw([](int m, int in) { return in < 5 && m < 10; }),
+    EXPECT_THAT(draw([](int m, int in) { return in < 5 && m < 19; }),
                 testing::HasSubstr("dark along 50 % of the outline, up to 1 lenslets"));
-    EXPECT_THAT(draw([](int m, int in) { return in > 6 && m < 10; }), testing::Not(testing::HasSubstr("rim_margin")));
-    // Two places beside the rim, as of holes: 4 of 44 lenslets.
-    EXPECT_THAT(draw([](int m, int in) { return in < 6 && (m == 9 || m == 10); }),
+    EXPECT_THAT(draw([](int m, int in) { return in > 6 && m < 19; }), testing::Not(testing::HasSubstr("rim_margin")));
+    // Two places beside the rim, as of holes: 4 of 68 lenslets.
+    EXPECT_THAT(draw([](int m, int in) { return in < 6 && (m == 18 || m == 19); }),
                 testing::Not(testing::HasSubstr("rim_margin")));
+    // Light through a hole is a tenth of the part or more: all glass is dark beside it, and no bevel.
+    EXPECT_THAT(draw([](int, int in) { return in < 9; }),
+                testing::EndsWith(" of 7.1 lenslets at lenslet (19.0, 19.0), 0.0 times its limit. Most of the part is "
+                                  "that dark beside its brightest tenth, which may be a hole in tinted glass."));
     // In little light the dark level makes edges wider.
     found.frame.lost_share = 0.12F;
     EXPECT_THAT(draw([](int, int in) { return in < 6; }),
