@@ -18,7 +18,7 @@ constexpr int kWidest = 15;          // lenslets; wider edges count so
 constexpr int kFreeBeside = 12;      // lenslets outside the part, the brightest of which is the free light
 constexpr double kMinDeflected = 2;  // times the tolerance of free light, by which a part deflects light at its edge
 constexpr double kDarkEdgeSigmas = 3.5;  // one of the 27 lenslets about an edge is so dark by noise in 0.6 % of lines
-// These two were chosen on drawn frames, not derived. Frames that were not looked at: docs/notes/inspection.md.
+// These two were chosen on drawn frames, not derived. Frames that were not looked at: docs/results/inspection.md.
 constexpr double kRampSigmas = 1.5;     // the light of the glass or the free light is beyond by noise in 7 % of lines
 constexpr double kMinSeenOfStep = 0.3;  // half of the way from four fifths to a fifth
 constexpr double kBinRipple = 1.27;     // a spot's mean moves up to so many times as fast as the spot

@@ -151,7 +151,7 @@ TEST_P(BadPart, is_judged_only_inside_its_zones) {
     expect_true_verdict({GetParam().name, true, {}}, frame_, {}, recipe);
 }
 
-// povray/poses: 61 x 61 lenslets, 16 bits, without noise. docs/notes/inspection.md has the table.
+// povray/poses: 61 x 61 lenslets, 16 bits, without noise. docs/results/inspection.md has the table.
 class PosedPart : public ::testing::Test {
   protected:
     void SetUp() override {

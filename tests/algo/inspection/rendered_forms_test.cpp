@@ -1,5 +1,5 @@
 // Vials, plates and webs as the simulated camera sees them (hal_sim/scenes), in noise: good ones pass in several poses,
-// defects are found where they change the frame. The table of docs/notes/inspection.md:
+// defects are found where they change the frame. The table of docs/results/inspection.md:
 // HORD_LONG_TESTS=1 test_algo_inspection --gtest_filter='*RenderedForm*' prints it.
 #include <algorithm>
 #include <cmath>

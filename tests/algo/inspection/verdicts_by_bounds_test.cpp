@@ -1,7 +1,7 @@
 // Verdicts by bounds of the EMD gradient over many random and rendered frames: the verdict, the reason, the score and
 // the defects are those of the exact map, and where a limit of work is reached no part passes that the exact map
 // rejects. HORD_BOUNDS_FRAMES=1000000 sets the number of frames, HORD_BOUNDS_SEED the seed, for several runs at once.
-// docs/notes/inspection.md has the result.
+// docs/results/inspection.md has the result.
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Parts drawn at random, rendered and judged by the default recipe: docs/notes/inspection.md, "Held-out light fields".
+"""Parts drawn at random, rendered, judged by the default recipe: docs/results/inspection.md, "Held-out light fields".
 
     tests/system/held_out/held_out.py build/release/bin [--seed 1126] [--keep FOLDER] [--recipe FILE]
 

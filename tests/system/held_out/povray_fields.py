@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Parts drawn at random, traced by POV-Ray and judged: docs/notes/inspection.md, "Held-out light fields".
+"""Parts drawn at random, traced by POV-Ray and judged: docs/results/inspection.md, "Held-out light fields".
 
     povray_fields.py FOLDER build/release/bin [--seed 2611] [--parallel 10]
 
