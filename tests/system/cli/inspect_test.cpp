@@ -296,8 +296,8 @@ TEST(Inspect, names_the_bits_of_a_frame_that_is_dark_for_its_depth) {
     const Said said = run("hordctl", {"inspect", file});
     EXPECT_EQ(said.status, 3);
     EXPECT_THAT(said.out, HasSubstr("lenslets of the part have light enough (at least 5 %)"));
-    EXPECT_THAT(said.out, HasSubstr("No sample exceeds 4095: if the sensor records 12 bits, give --bits 12."));
-    EXPECT_THAT(run("hordctl", {"inspect", file, "--json"}).out, HasSubstr("give --bits 12"));
+    EXPECT_THAT(said.out, HasSubstr("No sample exceeds 4095, as if they had 12 bits"));
+    EXPECT_THAT(run("hordctl", {"inspect", file, "--json"}).out, HasSubstr("sensor.bits (or --bits) to it"));
     EXPECT_EQ(run("hordctl", {"inspect", file, "--bits", "12"}).status, 0);
 }
 
