@@ -133,6 +133,28 @@ TEST(WhiteExposures, lenslets_that_fill_the_gap_by_two_exposures_are_warned_of) 
     }
 }
 
+// Those of a hexagonal lattice are longer in one direction, or the fit of hexagonal_exposures() tells of them.
+TEST(WhiteExposures, hexagonal_discs_a_third_of_a_pitch_apart_are_warned_of) {
+    for (const auto& [pitch, radius, apart, way_deg] : {std::tuple(17.3, 0.35, 0.32, 0.0),
+                                                        {17.3, 0.42, 0.335, 30.0},
+                                                        {17.3, 0.46, 0.35, 90.0},
+                                                        {10.0, 0.35, 0.32, 90.0},
+                                                        {10.0, 0.42, 0.32, 0.0}}) {
+        SCOPED_TRACE(::testing::Message() << pitch << " px, radius " << radius << ", " << apart << " apart");
+        const White white{.width_px = 400,
+                          .height_px = 380,
+                          .hexagonal = true,
+                          .pitch_px = pitch,
+                          .rotation_deg = 2,
+                          .disc_radius_px = radius * pitch};
+        const double way = (way_deg + white.rotation_deg) * std::numbers::pi / 180;
+        const Frame twice = mixed(white, apart * pitch * std::cos(way), apart * pitch * std::sin(way),
+                                  [](int, std::uint32_t a, std::uint32_t b) { return (a + b) / 2; });
+        EXPECT_THAT(warnings(twice), Contains(HasSubstr("exposure")));
+        EXPECT_THAT(warnings(test::draw(white).frame), IsEmpty());
+    }
+}
+
 // A turn by 60 degrees changes squares, whatever their light.
 TEST(WhiteExposures, squares_on_a_hexagonal_lattice_are_not_exposed_twice) {
     for (const auto& [radius, edge] : {std::pair(0.3, 0.8), {0.36, 0.8}, {0.4, 1.0}, {0.4, 2.5}}) {
