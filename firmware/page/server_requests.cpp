@@ -22,9 +22,9 @@ namespace {
 constexpr auto kReplyTimeout = std::chrono::seconds(30);  // until the reply is taken, from the request
 constexpr unsigned kEventTimeout_s = 10;                  // of a viewer that takes nothing
 constexpr std::size_t kLargestHead = 8 * 1024, kLargestBody = 4 * 1024;
-constexpr std::size_t kChunk = 32 * 1024;                  // of a reply
-constexpr std::size_t kMostReplyBytes = 64 * 1024 * 1024;  // of all replies in memory; frames stay in their files
-constexpr std::size_t kMaxWaiting = 64;                    // requests, for a worker
+constexpr std::size_t kChunk = 32 * 1024;                 // of a reply
+constexpr std::size_t kMaxReplyBytes = 64 * 1024 * 1024;  // of all replies in memory; frames stay in their files
+constexpr std::size_t kMaxWaiting = 64;                   // requests, for a worker
 
 std::optional<std::string> percent_decoded(std::string_view text) {
     std::string out;
@@ -249,7 +249,7 @@ MHD_Result PageServer::Impl::send(MHD_Connection* connection, Reply reply, bool 
                                 "ask for /api/page every two seconds, or raise page.viewers");
         }
     }
-    if (reply_bytes + reply.body.size() + reply.tail.size() > kMostReplyBytes)
+    if (reply_bytes + reply.body.size() + reply.tail.size() > kMaxReplyBytes)
         reply = error_reply(503, "too many replies wait for slow clients", "try again in a moment");
     const auto status = static_cast<unsigned>(reply.status);
     auto headers = std::move(reply.headers);
