@@ -132,7 +132,7 @@ struct Batch {
         for (int l = 0; l < kBatchLanes; ++l) answer.proven[l] = most_served[l] - least_left[l] <= costs.tolerance;
     }
 
-    // Keys: c_ij - R_i - K_j, with the mass-weighted mean costs R_i of rows and K_j of columns (transport_start.h).
+    // Keys: c_ij - R_i - K_j, with the mass-weighted mean costs R_i of rows and K_j of columns.
     HORD_ALWAYS_INLINE void order_cells() {
         float share[kBatchNodes][kBatchLanes];
         float mean[kBatchNodes][kBatchLanes];

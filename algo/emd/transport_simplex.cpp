@@ -17,7 +17,7 @@ using Outcome = TransportSimplex::Outcome;
 
 constexpr int kLanes = TransportCosts::kLanes;
 constexpr int kPivotsPerNode = 200;
-constexpr int kRowsToPrice = 48;  // problems with more rows price
+constexpr int kRowsToPrice = 24;  // problems with more rows price
 constexpr int kRowsAtOnce = 20;   // this many at a time
 constexpr std::int32_t kPadding = TransportCosts::kPadding;
 constexpr std::int32_t kMaxDual = TransportCosts::kMaxDual;

@@ -22,8 +22,8 @@ std::vector<std::size_t> members(const std::vector<bool>& of) {
     return in;
 }
 
-// The definition of transport_start.h: serves the open cells in order of c_ij - R_i - K_j, with the mean costs R_i and
-// K_j of row and column.
+// The definition of transport_start.h: serves the open cells in order of c_ij - R_i - K_j, with 1.2 times the mean
+// costs of row and column.
 std::vector<TransportStep> least_reduced_costs(Problem p) {
     double total = 0;
     for (const double mass : p.supply) total += mass;
@@ -40,7 +40,8 @@ std::vector<TransportStep> least_reduced_costs(Problem p) {
         std::size_t row = 0, col = 0;
         for (double least = 1e9; const std::size_t i : members(row_open)) {
             for (const std::size_t j : members(col_open)) {
-                const double reduced = p.cost_of(static_cast<int>(i), static_cast<int>(j)) - mean_row[i] - mean_col[j];
+                const double reduced =
+                    p.cost_of(static_cast<int>(i), static_cast<int>(j)) - 1.2 * (mean_row[i] + mean_col[j]);
                 if (reduced < least) std::tie(least, row, col) = std::tuple(reduced, i, j);
             }
         }
