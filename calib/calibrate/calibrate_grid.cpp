@@ -16,6 +16,7 @@
 #include "calib/calibrate/lenslet_shape.h"
 #include "calib/calibrate/local_finders.h"
 #include "calib/calibrate/neighbour_statistics.h"
+#include "calib/calibrate/odd_light.h"
 #include "calib/calibrate/pattern_shape.h"
 #include "calib/calibrate/straight_edges.h"
 #include "calib/calibrate/white_frame_checks.h"
@@ -199,6 +200,34 @@ void measure_against_fall_off(const WhiteImage& image, std::span<const PixelPoin
     out.by_fall_off_px = finders.middle().shift_by_gradient_px2() * light.max_per_px;
 }
 
+// Counts the lenslets and measures what their light looks like: what the frame is judged by. `light`: the image, or
+// that smoothed.
+void look_at_lenslets(const WhiteImage& image, const WhiteImage& light, const LocalFinders& finders, double corners,
+                      GridCalibration& out) {
+    const CentreFinder& finder = finders.middle();
+    const double pitch = out.lattice.pitch_px();
+    count_lenslets(finders, pitch, out);
+    out.shape = shape_of(image, out);
+    out.shape.corners = corners;
+    out.light_roughness = light_roughness(out.fit.grid, out.observations, light_noise(finders, pitch, out));
+    out.light_following = light_following(out.fit.grid, out.observations);
+    out.smooth_residuals = smooth_residuals(out.fit.grid, out.observations);
+    out.cut = cut_lenslets(light, out.fit.grid, out.observations, finder,
+                           [&](const Observation& seen) -> const CentreFinder& {
+                               return finder_for(finders, out.fit.grid, pitch, seen.m, seen.n);
+                           });
+    out.one_sided = one_sided(finder, out);
+    out.edge_blur = edge_blur(finder, out.lattice, out.observations);
+    if (const auto lobes = four_lobes(finder, out.observations)) {
+        out.diagonal_blur =
+            diagonal_blur(light, out.fit.grid, out.observations, *lobes, light.smoothed_px() * light.smoothed_px());
+        if (out.lattice.kind == algo::LatticeKind::hexagonal) {
+            if (const auto blur = hexagonal_exposures(image, out.fit.grid, out.observations, *lobes))
+                out.edge_blur = *blur;
+        }
+    }
+}
+
 }  // namespace
 
 Result<GridCalibration> calibrate_grid(const FrameView& white, const std::optional<FrameView>& dark,
@@ -252,26 +281,9 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
     out.rotation_rad = lattice->stagger == algo::Stagger::columns
         ? std::atan2(-middle.along_v.x_px, middle.along_v.y_px)
         : std::atan2(middle.along_u.y_px, middle.along_u.x_px);
-    count_lenslets(finders, pitch, out);
-    out.shape = shape_of(*image, out);
-    out.shape.corners = corners;
-    out.light_roughness = light_roughness(out.fit.grid, out.observations, light_noise(finders, pitch, out));
-    out.light_following = light_following(out.fit.grid, out.observations);
-    out.smooth_residuals = smooth_residuals(out.fit.grid, out.observations);
-    out.cut = cut_lenslets(light, out.fit.grid, out.observations, finder,
-                           [&](const Observation& seen) -> const CentreFinder& {
-                               return finder_for(finders, out.fit.grid, pitch, seen.m, seen.n);
-                           });
-    out.one_sided = one_sided(finder, out.observations);
-    out.edge_blur = edge_blur(finder, *lattice, out.observations);
-    if (const auto lobes = four_lobes(finder, out.observations)) {
-        out.diagonal_blur =
-            diagonal_blur(light, out.fit.grid, out.observations, *lobes, smoothed ? kSmooth * kSmooth : 0.0);
-        if (lattice->kind == algo::LatticeKind::hexagonal) {
-            if (const auto blur = hexagonal_exposures(*image, out.fit.grid, out.observations, *lobes))
-                out.edge_blur = *blur;
-        }
-    }
+    out.odd_light = odd_light(light, finder, out.observations);
+    if (out.odd_light.known()) move_to_lenslets(out);
+    look_at_lenslets(*image, light, finders, corners, out);
     out.row_shift = rows;
     if (auto fine = check_white_frame(*image, out); !fine) return tl::unexpected(fine.error());
     out.warnings = warnings_about(out);

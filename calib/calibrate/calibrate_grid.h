@@ -92,6 +92,21 @@ struct EdgeBlur {
     [[nodiscard]] double apart_px() const { return 2 * std::sqrt(more_px2); }
 };
 
+// Light that is brighter on the same side of all lenslets: what of their light a half turn about the centres changes is
+// fitted by a shift and a gradient of that light. All 0 of spots, which show no difference between the two.
+struct OddLight {
+    algo::PixelPoint shift_px;     // from the measured centres to the lenslets
+    double sigma_px = 0;           // standard error
+    double unsure_px = 0;          // a shift that has as much light as the fit leaves
+    algo::PixelPoint gradient;     // relative change of the light a pixel
+    algo::PixelPoint by_light_px;  // what that gradient makes of a lenslet's measured centre, with the sign of shift_px
+    [[nodiscard]] double shift() const { return std::hypot(shift_px.x_px, shift_px.y_px); }
+    // The shift is there, and half of it or less is unsure.
+    [[nodiscard]] bool known() const;
+    // The shift is there, and most of it is what the gradient makes.
+    [[nodiscard]] bool by_light() const;
+};
+
 struct GridCalibration {
     Lattice lattice;                        // before the fit
     GridFit fit;                            // grid, candidate models, covariance, residuals
@@ -130,6 +145,7 @@ struct GridCalibration {
     EdgeBlur edge_blur;
     EdgeBlur diagonal_blur;  // the same along the lattice's diagonals, of square lenslets; 0 of others
     RowShift row_shift;
+    OddLight odd_light;
     std::vector<std::string> warnings;  // sentences for a person: the grid is usable, but something is unusual
 
     struct Node {

@@ -22,14 +22,17 @@ double standard_error(std::vector<double> values, double median) {
 
 }  // namespace
 
-double one_sided(const CentreFinder& finder, std::span<const Observation> observations) {
+double one_sided(const CentreFinder& finder, const GridCalibration& of) {
+    if (of.odd_light.known())
+        return finder.half_height_radius_px() * std::hypot(of.odd_light.gradient.x_px, of.odd_light.gradient.y_px);
+    const std::vector<Observation>& observations = of.observations;
     std::vector<double> x, y;
     const std::size_t every = std::max<std::size_t>(1, observations.size() / kOneSided);
     for (std::size_t k = 0; k < observations.size(); k += every) {
-        const auto of = finder.gradient(observations[k].centre_px);
-        if (!of) continue;
-        x.push_back(of->x_px);
-        y.push_back(of->y_px);
+        const auto gradient = finder.gradient(observations[k].centre_px);
+        if (!gradient) continue;
+        x.push_back(gradient->x_px);
+        y.push_back(gradient->y_px);
     }
     return x.empty() ? 0 : std::hypot(common::upper_median(std::span(x)), common::upper_median(std::span(y)));
 }

@@ -11,7 +11,7 @@
 namespace hord::calib {
 
 // The median gradient of the lenslets' light along x and y, its length (CentreFinder::gradient).
-double one_sided(const CentreFinder& finder, std::span<const Observation> observations);
+double one_sided(const CentreFinder& finder, const GridCalibration& of);
 
 // The mean of the lenslets' corners, if they are squares (CentreFinder::lobes, four of them).
 std::optional<std::complex<double>> four_lobes(const CentreFinder& finder, std::span<const Observation> observations);

@@ -187,11 +187,23 @@ Warning cut_by_a_stop(const GridCalibration& of) {
 }
 
 Warning light_on_one_side(const GridCalibration& of) {
-    if (!(of.one_sided > kMaxOneSided)) return std::nullopt;
-    return fmt::format(
-        "all lenslets are brighter on the same side, by {:.0f} % at their rim: their centres may be off by tenths of a "
-        "pixel; light the array evenly from all directions",
-        100 * of.one_sided);
+    if (of.one_sided > kMaxOneSided) {
+        return fmt::format(
+            "all lenslets are brighter on the same side, by {:.0f} % at their rim: their centres may be off by tenths "
+            "of a pixel; light the array evenly from all directions",
+            100 * of.one_sided);
+    }
+    const OddLight& odd = of.odd_light;
+    if (odd.known() ? odd.unsure_px > kMaxByFallOff : odd.by_light() && odd.shift() > kMaxByFallOff) {
+        return fmt::format(
+            "all lenslets are brighter on the same side, and their edges are too soft to measure well how far that "
+            "moves "
+            "their centres: about {:.2f} px, which {}; light the array evenly from all directions, or focus the sensor "
+            "on the lenslets",
+            odd.shift(),
+            odd.known() ? fmt::format("was taken off, and may be wrong by {:.2f} px", odd.unsure_px) : "is left");
+    }
+    return std::nullopt;
 }
 
 Warning light_falls_off(const GridCalibration& of) {

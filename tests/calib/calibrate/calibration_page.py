@@ -33,7 +33,7 @@ PROMISES = [  # what is promised, by which tests
     ("a worse calibration does not replace a better one, in the file or in the station", "Better.*"),
     ("", "CalibrationFile.*"),
     ("strong distortion is followed to the corners, or refused", "NotSilentlyWrong.radial*:NotSilentlyWrong.so_is*:NotSilentlyWrong.corners*:NotSilentlyWrong.no_lenslet*"),
-    ("what is no white frame is refused or warned of", "NotSilentlyWrong.a_*:NotSilentlyWrong.light_*:NotSilentlyWrong.two*:NotSilentlyWrong.an_*:NotSilentlyWrong.aberrated*:NotSilentlyWrong.missing*:NotSilentlyWrong.lenslets*:NotSilentlyWrong.square*:NotSilentlyWrong.dark*:FallOff.*:WhiteExposures.*:RowShift.*"),
+    ("what is no white frame is refused or warned of", "NotSilentlyWrong.a_*:NotSilentlyWrong.light_*:NotSilentlyWrong.two*:NotSilentlyWrong.an_*:NotSilentlyWrong.aberrated*:NotSilentlyWrong.missing*:NotSilentlyWrong.lenslets*:NotSilentlyWrong.square*:NotSilentlyWrong.dark*:OneSidedLight.*:FallOff.*:WhiteExposures.*:RowShift.*"),
     ("no white frame: refused", "CalibrateGrid.a_frame_with_a_part*:CalibrateGrid.frames_without*"),
 ]
 EXTREMES = [
