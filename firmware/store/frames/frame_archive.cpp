@@ -4,6 +4,7 @@
 #include <cerrno>
 #include <charconv>
 #include <cstring>
+#include <random>
 
 #include <fmt/format.h>
 #include <sys/statvfs.h>
@@ -17,6 +18,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kUnfinished = ".part";
+constexpr const char* kProbe = "probe.png.part";  // an unfinished file: open() removes what a killed process left
 
 double in_mb(std::uint64_t bytes) { return static_cast<double>(bytes) / 1e6; }
 
@@ -62,6 +64,11 @@ std::error_code remove_file(const fs::path& file) {
     std::error_code error;
     fs::remove(file, error);
     return error;
+}
+
+tl::unexpected<Error> cannot_remove(const fs::path& file, const std::error_code& error) {
+    return fail(ErrorCode::io, file.string() + " cannot be removed (" + error.message() + ")",
+                "check the folder's permissions and the disk");
 }
 
 // Calls `take` for every entry. Does not throw, unlike a range-based for.
@@ -131,6 +138,18 @@ Result<void> FrameArchive::add(const std::string& label, std::span<const std::ui
     return {};
 }
 
+Result<void> FrameArchive::probe(std::uint64_t bytes) {
+    if (auto room = make_room(bytes); !room) return room;
+    const fs::path file = folder_ / kProbe;
+    // Noise: zeros take no room on a disk that compresses.
+    std::vector<std::uint8_t> noise(bytes);
+    std::ranges::generate(noise,
+                          [random = std::minstd_rand()]() mutable { return std::uint8_t(random() >> 8 & 0xFFU); });
+    if (auto written = disk_.write(file, noise); !written) return written;
+    if (const std::error_code error = disk_.remove(file)) return cannot_remove(file, error);
+    return {};
+}
+
 Result<void> FrameArchive::make_room(std::uint64_t bytes) {
     if (bytes > limits_.max_bytes) {
         return fail(ErrorCode::io, fmt::format("a frame of {} bytes is larger than all frames together may be", bytes),
@@ -166,9 +185,7 @@ Result<void> FrameArchive::leave_more_free(std::uint64_t bytes) {
 
 Result<void> FrameArchive::remove_oldest() {
     const ArchivedFile& oldest = files_.front();
-    if (const std::error_code error = disk_.remove(oldest.file))
-        return fail(ErrorCode::io, oldest.file.string() + " cannot be removed (" + error.message() + ")",
-                    "check the folder's permissions and the disk");
+    if (const std::error_code error = disk_.remove(oldest.file)) return cannot_remove(oldest.file, error);
     bytes_ -= oldest.bytes;
     files_.pop_front();
     return {};

@@ -66,6 +66,10 @@ class FrameArchive {
     // there is room. Fails as trim().
     Result<void> leave_more_free(std::uint64_t bytes);
 
+    // Whether a frame of so many bytes could be added: makes room, writes a file of that size and removes it. Fails as
+    // add().
+    Result<void> probe(std::uint64_t bytes);
+
     [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
     [[nodiscard]] std::size_t count() const { return files_.size(); }
 

@@ -193,14 +193,27 @@ void FrameRetention::work(const std::stop_token& stop) {
     std::unique_lock lock(mutex_);
     while (true) {
         const bool waits =
-            wake_.wait_for(lock, stop, options_.trim_every, [this] { return !waiting_.empty() || results_need_room_; });
-        if (!waits && stop.stop_requested()) return;
+            wake_.wait_for(lock, stop, options_.look_every, [this] { return !waiting_.empty() || results_need_room_; });
+        const bool ends = !waits && stop.stop_requested();
         lock.unlock();
         if (waits) (void)step();
-        // A remaining error is reported with the next frame.
-        else if (archive_ != nullptr) (void)without_exceptions([&] { return archive_->trim(); });
+        else look_at_disk();
+        if (ends) return;
         lock.lock();
     }
+}
+
+// While no frame comes. A disk that took none is asked whether it takes one as large as the last: others may have freed
+// it. An error of one that worked is reported with the next frame.
+void FrameRetention::look_at_disk() {
+    if (!counts().failing) {
+        if (archive_ != nullptr) (void)without_exceptions([&] { return archive_->trim(); });
+        return;
+    }
+    const auto done =
+        without_exceptions([&] { return use_archive().and_then([&] { return archive_->probe(refused_bytes_); }); });
+    std::unique_lock lock(mutex_);
+    if (done) works_again(lock);
 }
 
 bool FrameRetention::step() {
@@ -237,15 +250,22 @@ void FrameRetention::make_room_for_results() {
 }
 
 void FrameRetention::write(Buffer& buffer) {
+    refused_bytes_ = buffer.samples.bytes().size();
     const auto done = without_exceptions([&]() -> Result<void> {
         if (auto usable = use_archive(); !usable) return usable;
         const auto png = encode_png(buffer.samples.view(), metadata_of(buffer));
         if (!png) return tl::unexpected(png.error());
+        refused_bytes_ = png->size();
         return archive_->add(fmt::format("{}-p{}-{}", file_time(buffer.time_us), buffer.part, buffer.role), *png);
     });
     std::unique_lock lock(mutex_);
     if (!done) return drop(lock, done.error());
     ++counts_.kept;
+    works_again(lock);
+}
+
+// With the lock, which is released while the listener is called.
+void FrameRetention::works_again(std::unique_lock<std::mutex>& lock) {
     if (!waiting_.empty() || !std::exchange(counts_.failing, false)) return;
     lock.unlock();
     if (listener_.works_again) listener_.works_again();

@@ -29,11 +29,12 @@ struct FrameRetentionOptions {
     algo::Extents extents = {};
     std::string station = {}, software = {};
     std::uint32_t boot = 0;
-    int before = 2, after = 2;                     // parts around one that did not pass
-    std::uint32_t sample_every = 0;                // parts; 0: no samples
-    std::size_t buffers = 24;                      // each of one frame and its maps
-    bool thread = true;                            // false: only step() writes
-    std::chrono::milliseconds trim_every{10'000};  // without new frames, too: other programs fill the disk
+    int before = 2, after = 2;       // parts around one that did not pass
+    std::uint32_t sample_every = 0;  // parts; 0: no samples
+    std::size_t buffers = 24;        // each of one frame and its maps
+    bool thread = true;              // false: only step() writes
+    // Without new frames, too: other programs fill the disk, and free it.
+    std::chrono::milliseconds look_every{10'000};
 };
 
 class FrameRetention {
@@ -49,8 +50,8 @@ class FrameRetention {
                    Listener listener = {});
     ~FrameRetention();  // finishes
 
-    // Ends the thread. Writes the waiting frames if the disk works. Returns how many of them it had to drop; if the
-    // disk still takes none, all that were dropped since the start.
+    // Ends the thread. Writes the waiting frames if the disk works; if it did not, looks whether it does now. Returns
+    // how many of them it had to drop; if the disk still takes none, all that were dropped since the start.
     std::uint64_t finish();
 
     // Any thread. The text of the recipe in use from now on.
@@ -81,6 +82,8 @@ class FrameRetention {
     using Handle = std::unique_ptr<Buffer>;
     void work(const std::stop_token& stop);
     void write(Buffer& buffer);
+    void look_at_disk();
+    void works_again(std::unique_lock<std::mutex>& lock);
     Result<void> use_archive();
     void trigger(std::uint32_t part, Handle buffer);
     void enqueue(Handle buffer, const char* role, std::uint32_t trigger);
@@ -91,7 +94,9 @@ class FrameRetention {
     const FrameRetentionOptions options_;
     const std::function<UtcMicros()> utc_now_;
     const Listener listener_;
-    std::unique_ptr<FrameArchive> archive_;  // used by the writing thread only
+    // Used by the writing thread only.
+    std::unique_ptr<FrameArchive> archive_;
+    std::uint64_t refused_bytes_ = 0;  // of the last frame that the disk did not take
 
     mutable std::mutex mutex_;  // guards the rest
     std::condition_variable_any wake_;

@@ -107,11 +107,13 @@ TEST(FrameArchive, removes_what_a_crash_left_unfinished_and_nothing_else) {
     const TempFolder folder;
     write_text(folder.path() / "000000000007-x.png", "whole");
     write_text(folder.path() / "000000000008-y.png.part", "half");
+    write_text(folder.path() / "probe.png.part", "a probe");
     write_text(folder.path() / "notes.txt", "mine");
     auto archive = FrameArchive::open(folder.path(), {});
     ASSERT_TRUE(archive);
     EXPECT_EQ((*archive)->next_number(), 8U);
     EXPECT_FALSE(std::filesystem::exists(folder.path() / "000000000008-y.png.part"));
+    EXPECT_FALSE(std::filesystem::exists(folder.path() / "probe.png.part"));
     EXPECT_TRUE(std::filesystem::exists(folder.path() / "notes.txt"));
 }
 

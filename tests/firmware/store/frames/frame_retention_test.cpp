@@ -2,7 +2,9 @@
 
 #include "firmware/store/frames/frame_retention.h"
 
+#include <atomic>
 #include <future>
+#include <limits>
 #include <stdexcept>
 
 #include <nlohmann/json.hpp>
@@ -158,6 +160,75 @@ TEST(FrameRetention, counts_at_its_end_what_a_disk_that_still_fails_did_not_take
     EXPECT_EQ(cell.keeper.finish(), 2U);
 }
 
+// A keeper with its thread over a disk that takes files of at most `largest` bytes, and one reject that it had to drop.
+struct DroppedReject {
+    explicit DroppedReject(std::chrono::milliseconds look_every)
+        : keeper(
+              [this] {
+                  return FrameArchive::open(folder.path(), {.max_bytes = 100'000'000, .min_free_bytes = 0},
+                                            limited_disk());
+              },
+              {.extents = kExtents, .before = 0, .after = 0, .look_every = look_every}, [] { return kNoon; },
+              {[this](const Error&) { ++failures; }, [this] { ++recoveries; }}) {
+        keeper.set_recipe(format_recipe({.number = 3, .version = 1, .recipe = unchecked_part()}));
+        auto pipeline = algo::Pipeline::create(kExtents, 8, unchecked_part(), 1).value();
+        const Frame frame = part_frame(1, true);
+        keeper.on_inspection(1, frame.view(), pipeline.inspect(frame.view()).value());
+        EXPECT_TRUE(wait_for([this] { return keeper.counts().failing; }));
+    }
+    ArchiveDisk limited_disk() {
+        ArchiveDisk disk = real_disk();
+        disk.write = [this, real = disk.write](const std::filesystem::path& file,
+                                               std::span<const std::uint8_t> bytes) -> Result<void> {
+            ++tries;
+            if (bytes.size() > largest) return fail(ErrorCode::io, file.string() + " cannot be written", "free space");
+            return real(file, bytes);
+        };
+        return disk;
+    }
+    static bool wait_for(const std::function<bool()>& what) {
+        const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+        while (!what() && std::chrono::steady_clock::now() < until)
+            std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        return what();
+    }
+    static constexpr std::size_t kAnySize = std::numeric_limits<std::size_t>::max();
+
+    const TempFolder folder;
+    std::atomic<std::size_t> largest = 0;
+    std::atomic<int> tries = 0, failures = 0, recoveries = 0;
+    FrameRetention keeper;
+};
+
+TEST(FrameRetention, notices_a_disk_that_was_freed_while_no_frame_came) {
+    DroppedReject dropped(std::chrono::milliseconds(1));
+    dropped.largest = DroppedReject::kAnySize;
+    EXPECT_TRUE(DroppedReject::wait_for([&] { return dropped.recoveries == 1; }));
+    EXPECT_EQ(dropped.keeper.finish(), 0U);
+    EXPECT_EQ(dropped.keeper.counts().dropped, 1U);
+    EXPECT_EQ(dropped.failures, 1);
+    EXPECT_EQ(dropped.recoveries, 1);
+    EXPECT_TRUE(std::filesystem::is_empty(dropped.folder.path()));
+}
+
+TEST(FrameRetention, looks_at_the_disk_once_more_at_its_end) {
+    DroppedReject dropped(std::chrono::hours(1));
+    dropped.largest = DroppedReject::kAnySize;
+    EXPECT_EQ(dropped.keeper.finish(), 0U);
+    EXPECT_EQ(dropped.recoveries, 1);
+    EXPECT_TRUE(std::filesystem::is_empty(dropped.folder.path()));
+}
+
+TEST(FrameRetention, asks_the_disk_for_room_as_large_as_the_frame_that_was_dropped) {
+    DroppedReject dropped(std::chrono::milliseconds(1));
+    dropped.largest = 1000;  // less than a frame
+    const int before = dropped.tries;
+    EXPECT_TRUE(DroppedReject::wait_for([&] { return dropped.tries >= before + 2; }));
+    EXPECT_EQ(dropped.keeper.finish(), 1U);
+    EXPECT_EQ(dropped.recoveries, 0);
+    EXPECT_EQ(dropped.failures, 1) << "told once";
+}
+
 TEST(FrameRetention, makes_room_for_results_before_it_writes_another_frame) {
     static constexpr std::uint64_t kDisk = 2'000'000;
     std::uint64_t others = 0;
@@ -206,7 +277,7 @@ TEST(FrameRetention, makes_room_for_other_programs_without_a_frame) {
     disk.free_bytes = [&](const std::filesystem::path&) -> Result<std::uint64_t> { return free_bytes.load(); };
     FrameRetention keeper(
         [&] { return FrameArchive::open(folder.path(), {.max_bytes = 100'000'000, .min_free_bytes = 1000}, disk); },
-        {.extents = kExtents, .before = 0, .after = 0, .trim_every = std::chrono::milliseconds(1)},
+        {.extents = kExtents, .before = 0, .after = 0, .look_every = std::chrono::milliseconds(1)},
         [] { return kNoon; });
     keeper.set_recipe(format_recipe({.number = 3, .version = 1, .recipe = unchecked_part()}));
     auto pipeline = algo::Pipeline::create(kExtents, 8, unchecked_part(), 1).value();

@@ -477,5 +477,28 @@ TEST(StoreSetup, a_folder_of_frames_that_cannot_be_used_is_a_fault_of_the_frames
     EXPECT_THAT(troubles, ElementsAre(HasSubstr((folder.path() / kFramesFolder).string())));
 }
 
+TEST(StoreSetup, a_folder_of_frames_that_can_be_used_again_ends_the_fault_without_a_further_frame) {
+    const TempFolder folder;
+    lab::VirtualTime loop;
+    Config config;
+    config.store.folder = folder.path();
+    config.store.free_mb = 0;
+    write_text(folder.path() / kFramesFolder, "a file is in the way");
+    std::uint32_t faults = 0;
+    const auto recorder =
+        make_recorder(loop, config, recorded_frames("x"), {{}, [&](std::uint32_t now) { faults = now; }});
+    inspected(*recorder, 1, algo::Verdict::reject);
+    while (faults == 0 && !::testing::Test::HasFailure()) {
+        if (!loop.run_one()) std::this_thread::yield();
+    }
+    EXPECT_EQ(faults, std::uint32_t{kFaultPictures});
+    std::filesystem::remove(folder.path() / kFramesFolder);
+    EXPECT_THAT(recorder->finish(), IsEmpty());
+    while (loop.run_one()) {
+    }
+    EXPECT_EQ(faults, 0U);
+    EXPECT_TRUE(std::filesystem::is_empty(folder.path() / kFramesFolder));
+}
+
 }  // namespace
 }  // namespace hord::firmware::store::test
