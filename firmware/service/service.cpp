@@ -215,13 +215,13 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
     } else if (watchers_.reload) {
         if (auto done = loop_->on_signal(SIGHUP, [this] { watchers_.reload(); }); !done) return done;
     }
-    // The ports come before the devices: a quick check. While a simulated cell renders nobody answers: its own ports
-    // are closed until it is ready.
+    // The ports come before the devices: a quick check. Own ones stay closed until somebody answers. Those of systemd
+    // are open all the time: their clients wait.
     prepare_registers();
-    if (auto done = open_servers(); !done) return done;
-    const bool renders =
-        std::holds_alternative<SimulatedSensor>(config_.sensor) && sockets_.modbus < 0 && sockets_.modbus_read_only < 0;
-    if (renders) close_servers();
+    if (sockets_.modbus < 0 && sockets_.modbus_read_only < 0) {
+        if (auto done = open_servers(); !done) return done;
+        close_servers();
+    }
 
     SimulationOptions watched = simulation;
     watched.progress = [this, hangup_stops, show = simulation.progress](double done) {
@@ -232,9 +232,6 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
         if (show) show(done);
     };
     if (auto done = assign(backends_, Backends::open(*loop_, config_, watched)); !done) return done;
-    if (renders) {
-        if (auto done = open_servers(); !done) return done;
-    }
     backends_->watch_line(watchers_.fate, [this, all = simulation.parts == 0] {
         if (all && std::holds_alternative<FrameFolder>(config_.sensor)) {
             on_trouble({ErrorCode::disconnected, "the last recorded frame was played: no part comes any more",
@@ -256,6 +253,7 @@ Result<void> Service::open_all(const SimulationOptions& simulation) {
                                               backends_->sensor(), backends_->rejector(), *inspector_},
                                          this);
     connect(std::move(recipe), *extents);
+    if (auto done = open_servers(); !done) return done;
     publish_again();
     publish_health_again();
     return {};
