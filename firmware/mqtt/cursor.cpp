@@ -12,6 +12,7 @@
 #include "common/crc32.h"
 #include "common/file_writing.h"
 #include "common/json_integer.h"
+#include "common/regular_file.h"
 
 namespace hord::firmware::mqtt {
 namespace {
@@ -46,6 +47,7 @@ Result<std::optional<Cursor>> read_cursor(const std::filesystem::path& file) {
                         "check the folder's owner and the disk");
         return std::optional<Cursor>();
     }
+    if (auto regular = common::check_regular(file, "move it away"); !regular) return tl::unexpected(regular.error());
     std::ifstream in(file, std::ios::binary);
     std::string text(kLargest, '\0');
     in.read(text.data(), static_cast<std::streamsize>(text.size()));

@@ -14,6 +14,7 @@
 
 #include "common/file_kind.h"
 #include "common/file_writing.h"
+#include "common/regular_file.h"
 #include "common/toml_fields.h"
 
 namespace hord::firmware::mqtt {
@@ -72,6 +73,21 @@ void read_tls(TomlTable table, MqttConfig& config) {
     if (broker.ca.empty() && !broker.certificate.empty())
         table.problem("certificate", "is given without an authority",
                       "give tls.ca: the file that the broker's certificate is checked with");
+}
+
+// A pipe in the place of one would stop the start for ever, also in the library that reads certificates.
+Result<void> check_regular_files(const MqttConfig& config) {
+    TomlProblems found;
+    for (const auto& [key, file] :
+         {std::pair("broker.password_file", config.password_file), std::pair("tls.ca", config.broker.ca),
+          std::pair("tls.certificate", config.broker.certificate), std::pair("tls.key", config.broker.key),
+          std::pair("results.state_file", config.state_file)}) {
+        auto fine = common::check_regular(file, "name a regular file");
+        if (fine) continue;
+        fine.error().what.insert(0, std::string(key) + ": ");
+        found.add(fine.error());
+    }
+    return found.empty() ? Result<void>() : found.as_error();
 }
 
 }  // namespace
@@ -140,7 +156,9 @@ Result<MqttConfig> load_mqtt_config(const std::filesystem::path& file) {
     if (auto fine = common::refuse_blank(*text, file); !fine) return tl::unexpected(fine.error());
     if (auto right = common::require_kind(*text, file.string(), common::FileKind::mqtt); !right)
         return tl::unexpected(right.error());
-    return parse_mqtt_config(*text, file.string(), file.parent_path());
+    return parse_mqtt_config(*text, file.string(), file.parent_path()).and_then([](MqttConfig config) {
+        return check_regular_files(config).map([&] { return std::move(config); });
+    });
 }
 
 std::filesystem::path credential_or(const std::filesystem::path& file) {
@@ -155,6 +173,8 @@ std::filesystem::path credential_or(const std::filesystem::path& file) {
 
 Result<std::string> read_secret(const std::filesystem::path& named) {
     const auto file = credential_or(named);
+    if (auto regular = common::check_regular(file, "write the password into a regular file"); !regular)
+        return tl::unexpected(regular.error());
     struct stat about {};
     std::ifstream in(file);
     if (!in || ::stat(file.c_str(), &about) != 0) {

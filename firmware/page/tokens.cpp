@@ -10,6 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "common/regular_file.h"
 #include "common/unique_fd.h"
 #include "firmware/store/results/hash_chain.h"
 
@@ -29,7 +30,9 @@ bool printable(std::string_view text) {
 }  // namespace
 
 Result<Tokens> Tokens::load(const std::filesystem::path& file) {
-    const common::UniqueFd fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NOCTTY));
+    constexpr const char* kLines = "write one line \"NAME TOKEN\" for each person";
+    if (auto regular = common::check_regular(file, kLines); !regular) return tl::unexpected(regular.error());
+    const common::UniqueFd fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY));
     if (!fd) {
         return fail(ErrorCode::not_found, fmt::format("{} cannot be read ({})", file.string(), std::strerror(errno)),
                     "make it and let the page's user read it, or leave actions.tokens empty: the page then only shows");
@@ -43,8 +46,7 @@ Result<Tokens> Tokens::load(const std::filesystem::path& file) {
         text.resize(got > 0 ? static_cast<std::size_t>(got) : 0);
     }
     if (!known || text.size() > kLargestFile)
-        return fail(ErrorCode::invalid_argument, file.string() + " is no file of tokens",
-                    "write one line \"NAME TOKEN\" for each person");
+        return fail(ErrorCode::invalid_argument, file.string() + " is no file of tokens", kLines);
     if ((what.st_mode & (S_IWGRP | S_IRWXO)) != 0) {
         return fail(ErrorCode::refused,
                     fmt::format("{} has mode {:04o}: others than its owner may change it, or everybody may read it",

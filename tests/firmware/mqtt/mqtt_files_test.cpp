@@ -82,6 +82,27 @@ TEST(Cursor, is_of_one_process) {
     EXPECT_TRUE(lock_cursor(folder.path() / "none" / "cursor")) << "writing tells what is wrong";
 }
 
+// Opening a pipe would wait for ever.
+TEST(MqttConfig, refuses_pipes_in_the_place_of_the_files_that_it_names) {
+    const TempFolder folder;
+    const fs::path pipe = folder.path() / "pipe", file = folder.path() / "mqtt.toml";
+    ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+    for (const auto& [key, text] :
+         {std::pair("broker.password_file", "[broker]\nuser = \"u\"\npassword_file = \"pipe\"\n"),
+          std::pair("tls.ca", "[tls]\nca = \"pipe\"\n"),
+          std::pair("tls.key", "[tls]\nca = \"ca\"\ncertificate = \"certificate\"\nkey = \"pipe\"\n"),
+          std::pair("tls.certificate", "[tls]\nca = \"ca\"\ncertificate = \"pipe\"\nkey = \"key\"\n"),
+          std::pair("results.state_file", "[results]\nstate_file = \"pipe\"\n")}) {
+        write_text(file, text);
+        const auto config = load_mqtt_config(file);
+        ASSERT_FALSE(config) << key;
+        EXPECT_EQ(config.error().message(),
+                  std::string(key) + ": " + pipe.string() + " is a pipe, not a regular file: name a regular file");
+    }
+    EXPECT_THAT(read_secret(pipe).error().message(), HasSubstr(pipe.string() + " is a pipe, not a regular file"));
+    EXPECT_THAT(read_cursor(pipe).error().message(), HasSubstr(pipe.string() + " is a pipe, not a regular file"));
+}
+
 TEST(MqttConfig, takes_a_password_that_only_its_owner_may_read) {
     const TempFolder folder;
     const fs::path file = folder.path() / "mqtt.password";

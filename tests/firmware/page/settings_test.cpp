@@ -62,6 +62,16 @@ TEST(PageTokens, are_not_read_from_a_file_that_others_may_read_or_change) {
     EXPECT_FALSE(Tokens::load(folder.path() / "none"));
 }
 
+TEST(PageTokens, are_not_awaited_from_a_pipe) {
+    const TempFolder folder;
+    const auto pipe = folder.path() / "tokens";
+    ASSERT_EQ(::mkfifo(pipe.c_str(), 0640), 0);
+    const auto tokens = Tokens::load(pipe);
+    ASSERT_FALSE(tokens);
+    EXPECT_EQ(tokens.error().message(),
+              pipe.string() + " is a pipe, not a regular file: write one line \"NAME TOKEN\" for each person");
+}
+
 // -- configuration
 
 TEST(PageConfiguration, the_one_that_is_installed_holds_every_key_at_its_default) {
