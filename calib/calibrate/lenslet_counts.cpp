@@ -8,6 +8,7 @@
 
 #include "calib/calibrate/blemished_lenslets.h"
 #include "calib/calibrate/missing_neighbours.h"
+#include "calib/lattice/centre_weights.h"
 #include "calib/lattice/lenslet_coverage.h"
 
 namespace hord::calib {
@@ -18,6 +19,7 @@ using algo::PixelPoint;
 
 // Of a pitch: a blemish that can move a centre by less does not matter, as displacements do not (place_displaced).
 constexpr double kMinByBlemish = 0.002;
+constexpr double kHotPixel = 1.5;  // px: between one and two pixels
 constexpr std::size_t kSplitCentres = 1500, kFewestSplit = 250;
 constexpr double kSplitPixels = 400'000;  // of all their windows together, to limit the time
 
@@ -26,12 +28,14 @@ constexpr double kSplitPixels = 400'000;  // of all their windows together, to l
 void measure_more(const WhiteImage& image, const LocalFinders& finders, const LensletGrid& grid, double pitch,
                   GridCalibration& out) {
     const CentreFinder& finder = finders.middle();
+    const double window_px = std::numbers::pi * finder.window_radius_px() * finder.window_radius_px();
     if (image.any_saturated()) {
+        // A lenslet that light fills is saturated in more than one pixel: one alone is hot.
+        const double least = finder.weights().plateau ? kHotPixel / window_px : 0;
         out.saturated = static_cast<int>(
             std::count_if(out.observations.begin(), out.observations.end(),
-                          [&](const Observation& seen) { return finder.saturated_share(seen.centre_px) > 0; }));
+                          [&](const Observation& seen) { return finder.saturated_share(seen.centre_px) > least; }));
     }
-    const double window_px = std::numbers::pi * finder.window_radius_px() * finder.window_radius_px();
     const std::size_t split =
         std::clamp(static_cast<std::size_t>(kSplitPixels / window_px), kFewestSplit, kSplitCentres);
     const std::size_t every = std::max<std::size_t>(1, out.observations.size() / split);

@@ -345,6 +345,21 @@ TEST(CalibrateGrid, single_saturated_lenslets_are_counted_without_a_warning) {
     EXPECT_THAT(calibration->warnings, Not(Contains(HasSubstr("are saturated"))));
 }
 
+// They were counted as saturated lenslets, and a person was told to lower the light, which is no cure.
+TEST(CalibrateGrid, hot_pixels_are_no_saturated_lenslets) {
+    const White white{.width_px = 420, .height_px = 380, .pitch_px = 20.3, .rotation_deg = 2};
+    Frame frame = test::draw(white).frame;
+    test::Random random(1);
+    for (int k = 0; k < 60; ++k) {
+        const auto x = static_cast<int>(420 * random.uniform()), y = static_cast<int>(380 * random.uniform());
+        frame.set(x, y, 65535);
+    }
+    const auto calibration = calibrate_grid(frame.view());
+    ASSERT_TRUE(calibration) << calibration.error().message();
+    EXPECT_LT(calibration->saturated, calibration->found / 50);
+    EXPECT_THAT(calibration->warnings, Not(Contains(HasSubstr("are saturated"))));
+}
+
 TEST(CalibrateGrid, a_bubble_in_the_white_frame_costs_its_own_lenslets_only) {
     White white{.width_px = 700, .height_px = 700, .pitch_px = 18.7, .rotation_deg = 2};
     white.light = [](double x, double y) {
