@@ -36,8 +36,9 @@ constexpr double kMinFollowed = 0.0002;  // of a pitch: explained residuals that
 // from the light, do not follow it: misplaced lenslets that nearly touch lie in the light of their neighbours, and
 // change it.
 constexpr double kMaxFollowingSlope = 1.0 / 12;
-constexpr double kMaxOff = 0.08;    // of the found lenslets
-constexpr double kMaxBend = 0.005;  // of a pitch: by polynomials beyond every lens model
+constexpr double kMaxOff = 0.08;      // of the found lenslets
+constexpr double kMaxUnplaced = 0.1;  // px: of a lenslet without a place of its own; below, neighbours of dark ones are
+constexpr double kMaxBend = 0.005;    // of a pitch: by polynomials beyond every lens model
 // Of neighbours' residuals, and in standard deviations of that of independent pairs: frames of few lenslets.
 constexpr double kMaxAlike = 0.2, kMaxAlikeDeviations = 4;
 constexpr double kMaxCommon = 0.0002;  // of a pitch: the common part of residuals
@@ -226,6 +227,26 @@ Warning lenslets_off_the_grid(const GridCalibration& of) {
         off_the_grid(of), of.found);
 }
 
+// Lenslets whose light says that they are not where the grid is, and that have no place of their own.
+Warning lenslets_without_their_place(const GridCalibration& of) {
+    int count = 0;
+    double most = 0;
+    for (const Observation& seen : of.observations) {
+        if (!seen.unplaced || seen.beside_missing) continue;
+        const algo::PixelPoint at = of.fit.grid.at(of.fit.grid.uv(seen.m, seen.n));
+        const double off = std::hypot(seen.centre_px.x_px - at.x_px, seen.centre_px.y_px - at.y_px);
+        if (!(off > kMaxUnplaced)) continue;
+        ++count;
+        most = std::max(most, off);
+    }
+    if (count == 0 || many_off(of)) return std::nullopt;
+    return fmt::format(
+        "{} lenslets are off the grid by up to {:.2f} px, side by side or too far to be placed there: something in the "
+        "light moves them, or they are misplaced; the grid has them in its own places; take drops and bubbles off the "
+        "array, and if they stay there, leave these lenslets out (centres.png shows where)",
+        count, most);
+}
+
 // The region with the largest share of lenslets that are missing or rejected: there the grid is that of the model.
 RegionCount least_covered(const GridCalibration& calibration) {
     RegionCount worst;
@@ -272,7 +293,7 @@ std::vector<std::string> warnings_about(const GridCalibration& calibration) {
     for (const auto warning :
          {lenslets_apart, missing_lenslets, saturated_lenslets, rough_light, centres_follow_the_light,
           centres_off_together, interlaced_rows, two_exposures, cut_by_a_stop, light_on_one_side, light_falls_off,
-          lenslets_off_the_grid, uncovered_region, bent_grid}) {
+          lenslets_off_the_grid, lenslets_without_their_place, uncovered_region, bent_grid}) {
         if (auto text = warning(calibration)) out.push_back(std::move(*text));
     }
     return out;

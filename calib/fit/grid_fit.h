@@ -25,7 +25,8 @@ struct Observation {
     bool used = true;
     bool blemished = false;       // not used: its light has another shape than that of its neighbours (mark_blemished)
     bool beside_missing = false;  // not used: the missing light of a neighbour moves it (mark_beside_missing)
-    bool displaced = false;       // not used: it lies off the model and has a shift of its own (place_displaced)
+    bool unplaced = false;   // not used: as if displaced, but too far or side by side with others (place_displaced)
+    bool displaced = false;  // not used: it lies off the model and has a shift of its own (place_displaced)
     std::optional<algo::PixelPoint> split_px = {};  // half the difference of its halves' centres (CentreFinder::split)
     double light_dn = 0;                            // amplitude over the background
 };

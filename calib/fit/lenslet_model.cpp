@@ -139,57 +139,79 @@ void select_lenslet_shifts(std::span<const Observation> observations, GridFit& f
                               100 * shifts.share);
 }
 
-void place_displaced(std::span<Observation> observations, std::span<const std::uint8_t> whole, GridFit& fit) {
-    algo::LensletGrid& grid = fit.grid;
-    const double pitch = grid.steps_px({0, 0}).mean_px();
-    std::vector<std::uint8_t> off_model(whole.size());
-    std::vector<double> distance(whole.size(), -1);  // of used lenslets from the model; below 0: of the others
-    std::vector<double> light(whole.size());
-    for (const Observation& seen : observations) {
-        if (!grid.contains(seen.m, seen.n)) continue;
-        const std::size_t k = grid.index(seen.m, seen.n);
-        const algo::PixelPoint at = grid.at(grid.uv(seen.m, seen.n));
-        if (seen.used) distance[k] = std::hypot(seen.centre_px.x_px - at.x_px, seen.centre_px.y_px - at.y_px);
-        else off_model[k] = 1;
-        light[k] = seen.light_dn;
-    }
-    // Where light falls off, centres are noisier than elsewhere: an outlier of the frame may be none of its neighbours.
-    const auto stands_out = [&](const Observation& seen, double off) {
-        std::vector<double> near, near_light;
-        for (int n = std::max(0, seen.n - kNear); n <= std::min(grid.rows - 1, seen.n + kNear); ++n) {
-            for (int m = std::max(0, seen.m - kNear); m <= std::min(grid.columns - 1, seen.m + kNear); ++m) {
-                const std::size_t k = grid.index(m, n);
-                if (distance[k] < 0) continue;
-                near.push_back(distance[k]);
-                near_light.push_back(light[k]);
-            }
+namespace {
+
+// What of the measured lenslets lies around each one.
+class Surroundings {
+  public:
+    Surroundings(std::span<const Observation> observations, const algo::LensletGrid& grid)
+        : grid_(grid), off_model_(grid.index(0, grid.rows)), distance_(off_model_.size(), -1),
+          light_(distance_.size()) {
+        for (const Observation& seen : observations) {
+            if (!grid.contains(seen.m, seen.n)) continue;
+            const std::size_t k = grid.index(seen.m, seen.n);
+            const algo::PixelPoint at = grid.at(grid.uv(seen.m, seen.n));
+            if (seen.used) distance_[k] = std::hypot(seen.centre_px.x_px - at.x_px, seen.centre_px.y_px - at.y_px);
+            else off_model_[k] = 1;
+            light_[k] = seen.light_dn;
         }
+    }
+
+    // Where light falls off, centres are noisier than elsewhere: an outlier of the frame may be none of its neighbours.
+    [[nodiscard]] bool stands_out(const Observation& seen, double off) const {
+        std::vector<double> near, near_light;
+        for_each(seen, kNear, [&](std::size_t k) {
+            if (distance_[k] < 0) return;
+            near.push_back(distance_[k]);
+            near_light.push_back(light_[k]);
+        });
         if (near.size() < kFewest) return false;
         // Noise and the light of neighbours move a centre by the more the less light it has of its own.
         const double dim = std::min(1.0, seen.light_dn / common::upper_median(std::span(near_light)));
         return dim * off > kDeviations / kRayleigh * common::upper_median(std::span(near));
-    };
-    const auto alone = [&](const Observation& seen) {
+    }
+    // None of its eight neighbours is off the model.
+    [[nodiscard]] bool alone(const Observation& seen) const {
         int off = 0;
-        for (int n = std::max(0, seen.n - 1); n <= std::min(grid.rows - 1, seen.n + 1); ++n) {
-            for (int m = std::max(0, seen.m - 1); m <= std::min(grid.columns - 1, seen.m + 1); ++m) {
-                off += off_model[grid.index(m, n)];
-            }
-        }
+        for_each(seen, 1, [&](std::size_t k) { off += off_model_[k]; });
         return off == 1;
-    };
+    }
+
+  private:
+    template <class Visit>
+    void for_each(const Observation& seen, int reach, Visit visit) const {
+        for (int n = std::max(0, seen.n - reach); n <= std::min(grid_.rows - 1, seen.n + reach); ++n) {
+            for (int m = std::max(0, seen.m - reach); m <= std::min(grid_.columns - 1, seen.m + reach); ++m)
+                visit(grid_.index(m, n));
+        }
+    }
+    const algo::LensletGrid& grid_;
+    std::vector<std::uint8_t> off_model_;
+    std::vector<double> distance_;  // of used lenslets from the model; below 0: of the others
+    std::vector<double> light_;
+};
+
+}  // namespace
+
+void place_displaced(std::span<Observation> observations, std::span<const std::uint8_t> whole, GridFit& fit) {
+    algo::LensletGrid& grid = fit.grid;
+    const double pitch = grid.steps_px({0, 0}).mean_px();
+    const Surroundings around(observations, grid);
     for (Observation& seen : observations) {
         if (seen.used || seen.blemished || !seen.split_px || !grid.contains(seen.m, seen.n) ||
-            whole[grid.index(seen.m, seen.n)] == 0 || !alone(seen))
+            whole[grid.index(seen.m, seen.n)] == 0)
             continue;
         const algo::PixelPoint model_px = grid.at(grid.uv(seen.m, seen.n));
         const double off_x = seen.centre_px.x_px - model_px.x_px;
         const double off_y = seen.centre_px.y_px - model_px.y_px;
         const double off = std::hypot(off_x, off_y);
         const double along = std::abs(seen.split_px->x_px * off_x + seen.split_px->y_px * off_y) / off;
-        if (!(off >= kMinDisplaced * pitch && off <= kMaxDisplaced * pitch) || !(along <= kMaxDisagreement * off) ||
-            !stands_out(seen, off))
+        if (!(off >= kMinDisplaced * pitch) || !(along <= kMaxDisagreement * off) || !around.stands_out(seen, off))
             continue;
+        if (off > kMaxDisplaced * pitch || !around.alone(seen)) {
+            seen.unplaced = true;
+            continue;
+        }
         make_room_for_shifts(grid);
         grid.shifts_px[grid.index(seen.m, seen.n)] = {whole_units(off_x), whole_units(off_y)};
         seen.displaced = true;

@@ -219,6 +219,8 @@ TEST(CalibrateGrid, centres_that_are_not_to_be_believed_get_no_place) {
     EXPECT_FALSE(seen[2].displaced) << "7 % of a pitch";
     EXPECT_FALSE(seen[3].displaced) << "not whole";
     EXPECT_FALSE(seen[4].displaced || seen[5].displaced) << "side by side";
+    EXPECT_TRUE(seen[4].unplaced && seen[5].unplaced && seen[2].unplaced) << "to be told of";
+    EXPECT_FALSE(seen[0].unplaced || seen[1].unplaced || seen[3].unplaced || seen[6].unplaced);
     EXPECT_FALSE(seen[6].displaced) << "its neighbours are off by nearly as much";
     EXPECT_EQ(fit.displaced, 1);
     EXPECT_EQ(fit.rejected, 6);

@@ -24,7 +24,7 @@ PROGRAMS = ["test_calib_fit", "test_calib_tilts", "test_calib_calibrate", "test_
 PROMISES = [  # what is promised, by which tests
     ("95 % intervals cover the truth (93 to 97 %)", "GridFit.ninety_five*:DirectionFit.ninety_five*"),
     ("a capture left out of the direction map is predicted to 0.02 px", "TiltFrames.captured*:DirectionFit.scale*"),
-    ("lenslets that are misplaced get places of their own, others (dust) none", "BlemishedLenslets.*:CalibrateGrid.misplaced*:CalibrateGrid.a_few_displaced*:CalibrateGrid.centres_that_are_not*:CalibrateGrid.lenslets_in_their_places*"),
+    ("lenslets that are misplaced get places of their own, others (dust) none", "DisplacedLenslets.*:BlemishedLenslets.*:CalibrateGrid.misplaced*:CalibrateGrid.a_few_displaced*:CalibrateGrid.centres_that_are_not*:CalibrateGrid.lenslets_in_their_places*"),
     ("lenslets that light reaches whole are distinguished from those in the dark", "CalibrateGrid.a_dark_quarter*:CalibrateGrid.dead_lenslets*"),
     ("EMD gradient of a decoded, rotated, distorted array against the ideal aligned one: hexagonal 0.05, square 0.02 bin RMS", "DecodeFeatures.*"),
     ("decoded frames have the same bits everywhere", "Resample.*bits*:RegridBits.*:GridDecoder.*"),

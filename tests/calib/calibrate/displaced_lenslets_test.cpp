@@ -1,0 +1,44 @@
+// Lenslets that are displaced side by side: they may be misplaced, or something moves their light, and a person is
+// told.
+#include <cmath>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/calib/support/synthetic.h"
+
+namespace hord::calib {
+namespace {
+
+using test::White;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+// Two lenslets of the middle, one moved along x and the other along y: neither got its place, without a word.
+TEST(DisplacedLenslets, side_by_side_are_told_of) {
+    for (const double by : {0.0, 0.16, 0.3, 0.5}) {
+        for (const bool hexagonal : {false, true}) {
+            SCOPED_TRACE(::testing::Message() << by << " px, hexagonal " << hexagonal);
+            White white{.width_px = 300,
+                        .height_px = 280,
+                        .hexagonal = hexagonal,
+                        .pitch_px = 14.3,
+                        .offset_x_px = 0,
+                        .offset_y_px = 0};
+            const double x0 = 149.5, y0 = 139.5;
+            white.deflect = [=](double x, double y) {
+                if (std::hypot(x - x0, y - y0) < 5) return std::pair(by, 0.0);
+                return std::hypot(x - x0 - 14.3, y - y0) < 5 ? std::pair(0.0, by) : std::pair(0.0, 0.0);
+            };
+            const auto calibration = calibrate_grid(test::draw(white).frame.view());
+            ASSERT_TRUE(calibration) << calibration.error().message();
+            EXPECT_EQ(calibration->displaced, 0);
+            if (by == 0) EXPECT_THAT(calibration->warnings, IsEmpty());
+            else EXPECT_THAT(calibration->warnings, ElementsAre(HasSubstr("2 lenslets are off the grid by up to")));
+        }
+    }
+}
+
+}  // namespace
+}  // namespace hord::calib
