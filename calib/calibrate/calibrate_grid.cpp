@@ -270,7 +270,8 @@ Result<GridCalibration> calibrate_grid(const FrameView& white, const std::option
                         "{:.1f} % is the most",
                         100 * pitches, 100 * kMaxError),
             "record evenly lit lenslets in one exposure, without a part in the light, in focus; if they are, raise the "
-            "light or the exposure time, and light the array evenly up to the corners or give a flat frame");
+            "light or the exposure time, and light the array evenly up to the corners or give a flat frame; if sharp, "
+            "bright frames scatter alike, the array's own lenslets are misplaced by too much: use another array");
     }
     extend_to_frame(out.fit.grid, out.observations);
     place_and_count(finders, pitch, out);

@@ -40,5 +40,13 @@ TEST(DisplacedLenslets, side_by_side_are_told_of) {
     }
 }
 
+// No new frame helps there, and the cure says so.
+TEST(DisplacedLenslets, of_an_array_that_is_misplaced_too_much_are_named) {
+    const White white{.width_px = 400, .height_px = 380, .pitch_px = 14.3, .rotation_deg = 2, .misplaced_px = 0.25};
+    const auto calibration = calibrate_grid(test::draw(white).frame.view());
+    ASSERT_FALSE(calibration);
+    EXPECT_THAT(calibration.error().message(), HasSubstr("the array's own lenslets are misplaced by too much"));
+}
+
 }  // namespace
 }  // namespace hord::calib
