@@ -93,11 +93,13 @@ struct EdgeBlur {
 };
 
 // Light that is brighter on the same side of all lenslets: what of their light a half turn about the centres changes is
-// fitted by a shift and a gradient of that light. All 0 of spots, which show no difference between the two.
+// fitted by a shift and a gradient of that light. Of spots, which show no difference between the two, `left_share`
+// only. A second, weaker exposure leaves more.
 struct OddLight {
     algo::PixelPoint shift_px;     // from the measured centres to the lenslets
     double sigma_px = 0;           // standard error
     double unsure_px = 0;          // a shift that has as much light as the fit leaves
+    double left_share = 0;         // light that the fit leaves, of the power of all
     algo::PixelPoint gradient;     // relative change of the light a pixel
     algo::PixelPoint by_light_px;  // what that gradient makes of a lenslet's measured centre, with the sign of shift_px
     [[nodiscard]] double shift() const { return std::hypot(shift_px.x_px, shift_px.y_px); }

@@ -176,11 +176,12 @@ OddLight found_in(const Sampled& light, const Window& window) {
     }
     const Median x = median_of(parts[0]), y = median_of(parts[1]);
     // Two halves of the lenslets have independent noise, of which their product has none.
-    const double left = std::max(0.0, fit.product(fit.left(light.mean_odd(0)), fit.left(light.mean_odd(1)))) /
-        fit.alone.head<2>().minCoeff();
+    const double left = std::max(0.0, fit.product(fit.left(light.mean_odd(0)), fit.left(light.mean_odd(1))));
+    const Eigen::VectorXd even = flat(light.even - (window.weight * light.even).sum() / window.weight.sum());
     return {.shift_px = {x.of, y.of},
             .sigma_px = std::hypot(x.sigma, y.sigma),
-            .unsure_px = std::sqrt(left),
+            .unsure_px = std::sqrt(left / fit.alone.head<2>().minCoeff()),
+            .left_share = left / fit.product(even, even),
             .gradient = {median_of(parts[2]).of, median_of(parts[3]).of},
             .by_light_px = {}};
 }
@@ -196,8 +197,8 @@ bool OddLight::by_light() const {
 }
 
 OddLight odd_light(const WhiteImage& image, const CentreFinder& finder, std::span<const Observation> observations) {
-    if (!finder.weights().plateau) return {};
     const Window window = window_of(finder);
+    const bool separable = finder.weights().plateau;
     OddLight out;
     double step = kMinShift;
     for (int round = 0; round < kMaxRounds && step > kSmallStep * kMinShift; ++round) {
@@ -205,6 +206,11 @@ OddLight odd_light(const WhiteImage& image, const CentreFinder& finder, std::spa
         if (!light) return {};
         const PixelPoint before = out.shift_px;
         out = found_in(*light, window);
+        if (!separable) {
+            OddLight of_spots;
+            of_spots.left_share = out.left_share;
+            return of_spots;
+        }
         step = out.shift();
         out.shift_px = {before.x_px + out.shift_px.x_px, before.y_px + out.shift_px.y_px};
     }

@@ -9,7 +9,7 @@
 
 namespace hord::calib {
 
-// From the lenslets that fit. All 0 where these are spots, whose shift looks like a gradient of their light.
+// From the lenslets that fit. Of spots `left_share` only: their shift looks like a gradient of their light.
 OddLight odd_light(const WhiteImage& image, const CentreFinder& finder, std::span<const Observation> observations);
 
 // Moves the grid and the measured centres by OddLight::shift_px.

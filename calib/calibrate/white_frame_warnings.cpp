@@ -28,6 +28,8 @@ constexpr double kMaxEdgeBlur = 2.0 / 3, kMaxEdgeDeviations = 8;
 // PatternShape::unequal. Real white frames have at most 0.005. Two exposures that lie d pitches apart multiply the
 // first harmonics along their way by cos(pi d), which alone makes it (1 - cos)^2 / 2 / (1 + cos^2): 0.02 at 0.23 pitch.
 constexpr double kMaxUnequal = 0.02;
+// OddLight::left_share. Real white frames have at most 0.0022 (spots), drawn ones of one exposure 0.0006.
+constexpr double kMaxLeft = 0.004;
 constexpr double kMaxRoughness = 0.08;
 constexpr double kMaxFollowed = 0.3;     // of the residuals' power: what gradients of the light explain
 constexpr double kMinFollowed = 0.0002;  // of a pitch: explained residuals that matter
@@ -142,6 +144,13 @@ Warning two_exposures(const GridCalibration& of) {
             "the lenslets' edges are blurred in one direction and not across it, as by two exposures that lie about "
             "{:.1f} px apart: the grid lies in the middle of that; keep array and light still, and record one exposure",
             edges.apart_px());
+    }
+    if (of.odd_light.left_share > kMaxLeft && !(of.one_sided > kMaxOneSided)) {
+        return "the lenslets' light differs from itself turned by half a turn, and light that is brighter on one side "
+               "does "
+               "not explain it: a second, weaker exposure lies beside the first, or the light is aberrated, and the "
+               "grid "
+               "lies between both; keep array and light still, and record one exposure";
     }
     if (!(of.shape.unequal > kMaxUnequal)) return std::nullopt;
     return "the light between the lenslets differs from one direction to the other, as by two exposures that lie a "

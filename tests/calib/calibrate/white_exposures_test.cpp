@@ -2,6 +2,7 @@
 // is where the truth is, or a person is told.
 #include <cmath>
 #include <numbers>
+#include <tuple>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -128,6 +129,28 @@ TEST(WhiteExposures, lenslets_that_fill_the_gap_by_two_exposures_are_warned_of) 
             .width_px = 400, .height_px = 380, .pitch_px = pitch, .rotation_deg = 2, .disc_radius_px = radius * pitch};
         const Frame twice =
             mixed(white, dx * pitch, dy * pitch, [](int, std::uint32_t a, std::uint32_t b) { return (a + b) / 2; });
+        EXPECT_THAT(warnings(twice), Contains(HasSubstr("exposure")));
+        EXPECT_THAT(warnings(test::draw(white).frame), IsEmpty());
+    }
+}
+
+// The weaker one blurs edges little, and turns the light of a square lattice by 90 degrees little.
+TEST(WhiteExposures, a_weaker_second_exposure_is_warned_of) {
+    for (const auto& [pitch, edge, dx, dy, share] : {std::tuple(23.3, 0.7, 4.93, 0.2, 0.2),
+                                                     {13.9, 0.5, 3.2, 1.8, 0.2},
+                                                     {21.7, 0.5, 2.0, 3.5, 0.2},
+                                                     {15.7, 1.1, 5.49, 0.1, 0.1}}) {
+        SCOPED_TRACE(::testing::Message() << pitch << " " << dx << " " << dy << " " << share);
+        const White white{.width_px = 360,
+                          .height_px = 330,
+                          .pitch_px = pitch,
+                          .rotation_deg = 2,
+                          .disc_radius_px = 0.4 * pitch,
+                          .edge_px = edge};
+        const double weak = share;
+        const Frame twice = mixed(white, dx, dy, [=](int, std::uint32_t a, std::uint32_t b) {
+            return static_cast<std::uint32_t>(std::lround((1 - weak) * a + weak * b));
+        });
         EXPECT_THAT(warnings(twice), Contains(HasSubstr("exposure")));
         EXPECT_THAT(warnings(test::draw(white).frame), IsEmpty());
     }
