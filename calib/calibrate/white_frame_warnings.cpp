@@ -28,8 +28,8 @@ constexpr double kMaxEdgeBlur = 2.0 / 3, kMaxEdgeDeviations = 8;
 // PatternShape::unequal. Real white frames have at most 0.005. Two exposures that lie d pitches apart multiply the
 // first harmonics along their way by cos(pi d), which alone makes it (1 - cos)^2 / 2 / (1 + cos^2): 0.02 at 0.23 pitch.
 constexpr double kMaxUnequal = 0.02;
-// OddLight::left_share. Real white frames have at most 0.0022 (spots), but for one of dim, dusty lenslets (0.011); drawn
-// ones of one exposure 0.0006.
+// OddLight::left_share. Real white frames have at most 0.0022 (spots), but for one of dim, dusty lenslets (0.011);
+// drawn ones of one exposure 0.0006.
 constexpr double kMaxLeft = 0.004;
 constexpr double kMaxRoughness = 0.08;
 constexpr double kMaxFollowed = 0.3;     // of the residuals' power: what gradients of the light explain
