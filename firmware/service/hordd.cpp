@@ -99,8 +99,10 @@ int check(const Options& options) {
     const auto all = list_recipes(config->inspection.recipes);  // there need not be a folder of recipes
     const auto folders = check_folders(*config);
     use(folders);
-    if (const auto store = store_folder(*config); folders && !store.empty())
+    if (const auto store = store_folder(*config); folders && !store.empty()) {
         use(store::check_files(store).and_then([&] { return store::check_rights(store); }));
+        if (config->store.frames_mb > 0) use(store::check_frames_folder(store / store::kFramesFolder));
+    }
     use(check_lock_files(*config));
     // A refusal hides none of them.
     if (all) print_unusable_recipes(*all, config->inspection.recipe, files ? files->light_field : std::nullopt);

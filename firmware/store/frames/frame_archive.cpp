@@ -6,11 +6,16 @@
 #include <cstring>
 #include <random>
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/statvfs.h>
+#include <unistd.h>
 
+#include "common/dangling_link.h"
 #include "common/file_writing.h"
+#include "common/regular_file.h"
 #include "firmware/store/results/sqlite_store.h"
+#include "firmware/store/results/store_rights.h"
 
 namespace hord::firmware::store {
 namespace {
@@ -111,6 +116,22 @@ Result<std::vector<ArchivedFile>> list_frames(const fs::path& folder) {
     std::sort(files.begin(), files.end(),
               [](const ArchivedFile& a, const ArchivedFile& b) { return a.file.filename() < b.file.filename(); });
     return files;
+}
+
+Result<void> check_frames_folder(const fs::path& folder) {
+    std::error_code error;
+    if (const std::string link = common::dangling_link(folder); !link.empty())
+        return fail(ErrorCode::io, link, "make the folder that it leads to or mount its disk, or remove the link");
+    const fs::file_type type = fs::status(folder, error).type();
+    if (type == fs::file_type::not_found || error) return {};
+    if (type != fs::file_type::directory) {
+        const char* const what = common::name_of_irregular(type);
+        return fail(ErrorCode::io, fmt::format("{} is {}, not a folder", folder.string(), what ? what : "a file"),
+                    "move it away: the station makes the folder");
+    }
+    if (::faccessat(AT_FDCWD, folder.c_str(), W_OK | X_OK, AT_EACCESS) == 0) return {};
+    return fail(ErrorCode::io, fmt::format("{} cannot be written ({})", folder.string(), std::strerror(errno)),
+                rights_cure(folder.parent_path()));
 }
 
 Result<std::unique_ptr<FrameArchive>> FrameArchive::open(const fs::path& folder, const ArchiveLimits& limits,

@@ -30,6 +30,10 @@ struct ArchivedFile {
 // The frames of an archive, oldest first; other files are skipped. Fails with not_found.
 Result<std::vector<ArchivedFile>> list_frames(const std::filesystem::path& folder);
 
+// Whether a station of this user can keep frames there; one that does not exist is made by the first frame. Fails with
+// io: a file or a link to nothing is in its place, or it cannot be written.
+Result<void> check_frames_folder(const std::filesystem::path& folder);
+
 // The disk, replaceable in tests. Each blocks.
 struct ArchiveDisk {
     std::function<std::error_code(const std::filesystem::path& folder)> make_folder;  // unless it exists

@@ -287,6 +287,30 @@ TEST_F(RefusedStart, is_none_for_a_store_that_is_no_file_and_check_refuses_it) {
     checked(" is a pipe, not a regular file: move it out of the folder");
 }
 
+// The first reject found it: fault `pictures`.
+TEST_F(RefusedStart, is_none_for_a_folder_of_frames_that_is_none_and_check_refuses_it) {
+    const auto store = folder.path() / "store", frames = store / "frames";
+    std::filesystem::create_directories(store);
+    const auto checked = [&](int frames_mb) {
+        write_config("[store]\nfolder = \"" + store.string() + "\"\nframes_mb = " + std::to_string(frames_mb) + "\n");
+        return run("/usr/bin/env", under({}, {"--check"}));
+    };
+    EXPECT_EQ(checked(10).status, 0) << "the station makes it";
+    const auto refused = [&](const std::string& says) {
+        const Said check = checked(10);
+        EXPECT_EQ(check.status, 78) << check.out;
+        EXPECT_THAT(check.err, HasSubstr(frames.string() + says));
+        EXPECT_EQ(checked(0).status, 0) << "no frame is kept";
+        std::filesystem::remove(frames);
+    };
+    ASSERT_EQ(::mkfifo(frames.c_str(), 0600), 0);
+    refused(" is a pipe, not a folder: move it away");
+    std::ofstream(frames) << "x";
+    refused(" is a file, not a folder: move it away");
+    std::filesystem::create_symlink("/nonexistent/frames", frames);
+    refused(" is a symbolic link to /nonexistent/frames, which does not exist");
+}
+
 // `recipe use` refused it, and --check had said nothing.
 TEST_F(RefusedStart, is_none_for_a_recipe_that_does_not_fit_the_frames_and_check_names_it) {
     std::filesystem::create_directories(folder / "recipes");
