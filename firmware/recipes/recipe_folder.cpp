@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
+#include <functional>
 #include <iterator>
 #include <system_error>
 
@@ -214,18 +215,13 @@ Result<void> remember_recipe(const fs::path& file, std::uint32_t configured, con
 
 fs::path damaged_recipe(const fs::path& file) { return file.string() + ".damaged"; }
 
-Result<std::optional<RememberedRecipe>> remembered_recipe(const fs::path& file, const NumberedRecipe& configured,
-                                                          const fs::path& recipes) {
-    const auto damaged = [&](std::string_view why) {
-        std::error_code error;
-        fs::rename(file, damaged_recipe(file), error);
-        return fail(ErrorCode::invalid_argument,
-                    fmt::format("{} is damaged ({}) and {}", file.string(), why,
-                                error ? "cannot be renamed: " + error.message()
-                                      : "was renamed " + damaged_recipe(file).filename().string()),
-                    error ? "remove it by hand, then commit or select the recipe again"
-                          : "commit or select the recipe again, or remove that file and restart");
-    };
+namespace {
+
+// `on_damage` says what becomes of a damaged file.
+Result<std::optional<RememberedRecipe>> read_remembered(const fs::path& file, const NumberedRecipe& configured,
+                                                        const fs::path& recipes,
+                                                        const std::function<Error(std::string_view why)>& on_damage) {
+    const auto damaged = [&](std::string_view why) { return tl::unexpected(on_damage(why)); };
     std::error_code none;
     const fs::file_type kind = fs::status(file, none).type();
     if (kind != fs::file_type::regular && fs::exists(fs::symlink_status(file, none)))
@@ -265,6 +261,30 @@ Result<std::optional<RememberedRecipe>> remembered_recipe(const fs::path& file, 
         if (!lost.empty()) return damaged(lost);
     }
     return RememberedRecipe{content.value_or(0), std::move(*recipe)};
+}
+
+}  // namespace
+
+Result<std::optional<RememberedRecipe>> remembered_recipe(const fs::path& file, const NumberedRecipe& configured,
+                                                          const fs::path& recipes) {
+    return read_remembered(file, configured, recipes, [&](std::string_view why) {
+        std::error_code error;
+        fs::rename(file, damaged_recipe(file), error);
+        return Error{ErrorCode::invalid_argument,
+                     fmt::format("{} is damaged ({}) and {}", file.string(), why,
+                                 error ? "cannot be renamed: " + error.message()
+                                       : "was renamed " + damaged_recipe(file).filename().string()),
+                     error ? "remove it by hand, then commit or select the recipe again"
+                           : "commit or select the recipe again, or remove that file and restart"};
+    });
+}
+
+Result<std::optional<RememberedRecipe>> look_at_remembered(const fs::path& file, const NumberedRecipe& configured,
+                                                           const fs::path& recipes) {
+    return read_remembered(file, configured, recipes, [&](std::string_view why) {
+        return Error{ErrorCode::invalid_argument, fmt::format("{} is damaged ({})", file.string(), why),
+                     "the next start uses the configured recipe: commit or select the recipe again then"};
+    });
 }
 
 std::string recorded_recipe(const NumberedRecipe& recipe) {

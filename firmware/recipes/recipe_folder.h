@@ -48,6 +48,10 @@ struct RememberedRecipe {
 Result<std::optional<RememberedRecipe>> remembered_recipe(const std::filesystem::path& file,
                                                           const NumberedRecipe& configured,
                                                           const std::filesystem::path& recipes = {});
+// The same, before a start: the file stays as it is.
+Result<std::optional<RememberedRecipe>> look_at_remembered(const std::filesystem::path& file,
+                                                           const NumberedRecipe& configured,
+                                                           const std::filesystem::path& recipes = {});
 std::filesystem::path damaged_recipe(const std::filesystem::path& file);  // FILE.damaged
 
 // What the store keeps of a recipe: format_recipe(), and the checksum of its reference in a comment.

@@ -111,6 +111,8 @@ int check(const Options& options) {
         for (const std::string& folder : readable.value_or(std::vector<std::string>())) fmt::print("{}\n", folder);
     }
     for (const std::string& held : folders_in_use(*config)) fmt::print("note: {}\n", held);
+    for (const Error& lost : problems_of_kept_recipe(*config, *files))
+        fmt::print("note: what was in use or learned cannot be used at the next start: {}\n", lost.message());
     for (const Error& note : start_notes(*config)) fmt::print("note: {}\n", note.message());
     const auto print_notes = [](const std::string& name, const NumberedRecipe& of) {
         for (const std::string& note : notes(of)) fmt::print("{}: note: {}\n", name, note);

@@ -31,6 +31,18 @@ Result<std::optional<RememberedRecipe>> fitting(RememberedRecipe kept, const std
                 "commit, select or teach the recipe again");
 }
 
+// Damaged at an earlier start, and no recipe was selected since.
+std::optional<Error> damaged_before(const std::filesystem::path& in_use) {
+    std::error_code ignored;
+    const auto damaged = damaged_recipe(in_use);
+    if (std::filesystem::exists(in_use, ignored) ||
+        !std::filesystem::exists(std::filesystem::symlink_status(damaged, ignored)))
+        return std::nullopt;
+    return Error{ErrorCode::invalid_argument,
+                 damaged.string() + " was damaged at an earlier start, and no recipe was selected since",
+                 "commit or select the recipe again, or remove that file and restart"};
+}
+
 std::string line_of(std::uint32_t crc) { return fmt::format("{:08X}\n", crc); }
 
 // Empty: not known.
@@ -42,6 +54,24 @@ std::string read_last(const std::filesystem::path& file) {
 }
 
 }  // namespace
+
+std::vector<Error> problems_of_kept_recipe(const Config& config, const StationFiles& files) {
+    std::vector<Error> all;
+    if (config.state_folder.empty()) return all;
+    NumberedRecipe recipe = files.recipe;
+    const auto look = [&](const std::filesystem::path& file, const std::filesystem::path& recipes) {
+        auto kept = look_at_remembered(file, recipe, recipes);
+        if (kept && *kept && (*kept)->recipe && files.light_field)
+            kept = fitting(std::move(**kept), file, files.light_field->extents, files.light_field->bits);
+        if (!kept) all.push_back(kept.error());
+        else if (*kept && (*kept)->recipe) recipe = std::move(*(*kept)->recipe);
+    };
+    const auto in_use = config.state_folder / kRecipeInUse;
+    if (const auto before = damaged_before(in_use)) all.push_back(*before);
+    look(in_use, config.inspection.recipes);
+    look(LineTeachIn::pending_file(config.state_folder), {});
+    return all;
+}
 
 // The recipe that was in use before the restart, or `configured`.
 NumberedRecipe Service::take_kept(RememberedRecipe kept, NumberedRecipe configured, const std::filesystem::path& file) {
@@ -104,13 +134,7 @@ NumberedRecipe Service::first_recipe(const algo::Extents& extents, int bits) {
         const std::string name = at->path().filename().string();
         if (name.starts_with(kRecipeInUse) && name.ends_with(".new")) std::filesystem::remove(at->path(), ignored);
     }
-    if (!std::filesystem::exists(in_use, ignored) &&
-        std::filesystem::exists(std::filesystem::symlink_status(damaged, ignored))) {
-        kept_is_lost({ErrorCode::invalid_argument,
-                      damaged.string() + " was damaged at an earlier start, and no recipe was selected since",
-                      "commit or select the recipe again, or remove that file and restart"},
-                     recipe);
-    }
+    if (const auto before = damaged_before(in_use)) kept_is_lost(*before, recipe);
     auto kept = remembered_recipe(in_use, recipe, config_.inspection.recipes);
     const auto last_file = config_.state_folder / kLastInUse;
     const bool missing = !std::filesystem::exists(in_use, ignored);

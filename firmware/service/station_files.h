@@ -39,6 +39,9 @@ Result<algo::Extents> light_field_of(const InspectionConfig& inspection,
                                      const std::optional<ActiveCalibration>& calibration,
                                      const hal::SensorFormat& format);
 
+// Of the recipe that was in use or learned before the restart: why the next start will not use it. Writes nothing.
+std::vector<Error> problems_of_kept_recipe(const Config& config, const StationFiles& files);
+
 // Told at a start and by --check: what the configuration allows and is hardly meant (notes(config)), that nothing is
 // stored, recipes of which two have one number.
 std::vector<Error> start_notes(const Config& config);

@@ -49,6 +49,25 @@ class RecipeInUseFile : public ::testing::Test {
     NumberedRecipe configured{.number = 3};
 };
 
+TEST_F(RecipeInUseFile, stays_as_it_is_when_it_is_only_looked_at) {
+    EXPECT_FALSE(look_at_remembered(file, configured).value()) << "there is none";
+    NumberedRecipe committed = configured;
+    committed.recipe.name = "committed";
+    ASSERT_TRUE(remember_recipe(file, crc32_of(configured), committed));
+    const auto whole = look_at_remembered(file, configured);
+    ASSERT_TRUE(whole && *whole && (*whole)->recipe);
+    EXPECT_EQ((*whole)->recipe->recipe.name, "committed");
+    const std::string cut = text_of(file).substr(0, 200);
+    std::ofstream(file) << cut;
+    for (int k = 0; k < 2; ++k) {
+        const auto damaged = look_at_remembered(file, configured);
+        ASSERT_FALSE(damaged);
+        EXPECT_THAT(damaged.error().what, HasSubstr(file.string() + " is damaged ("));
+        EXPECT_EQ(text_of(file), cut);
+    }
+    EXPECT_FALSE(fs::exists(damaged_recipe(file)));
+}
+
 TEST_F(RecipeInUseFile, finds_its_reference_in_the_folder_that_was_copied) {
     const fs::path old = folder.path() / "old", copy = folder.path() / "copy";
     fs::create_directories(old / "references");

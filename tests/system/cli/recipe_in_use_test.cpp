@@ -66,6 +66,25 @@ class RecipeInUse : public Service {
     const std::filesystem::path kept = folder / "recipe-in-use.toml", damaged = kept.string() + ".damaged";
 };
 
+// The start uses the configured one then; who asks before should know.
+TEST_F(RecipeInUse, is_told_of_by_check_where_its_file_or_that_of_a_learned_one_is_damaged) {
+    const auto check = [&] {
+        Said said = run("/usr/bin/env", under({"STATE_DIRECTORY=" + folder.path().string()}, {"--check"}));
+        EXPECT_EQ(said.status, 0) << said.err;
+        return said.out;
+    };
+    const std::string note = "note: what was in use or learned cannot be used at the next start: ";
+    EXPECT_THAT(check(), Not(HasSubstr(note)));
+    for (const std::filesystem::path& file : {kept, folder.path() / "recipe-taught.toml"}) {
+        std::ofstream(file) << "half of a recipe";
+        EXPECT_THAT(check(), HasSubstr(note + file.string() + " is damaged ("));
+        EXPECT_TRUE(std::filesystem::exists(file)) << "it is only looked at";
+        std::filesystem::remove(file);
+    }
+    std::ofstream(damaged) << "renamed by a start";
+    EXPECT_THAT(check(), HasSubstr(note + damaged.string() + " was damaged at an earlier start"));
+}
+
 TEST_F(RecipeInUse, is_the_one_that_recipe_use_names_if_it_has_the_checksum) {
     std::ofstream(folder / "recipes/eight.toml")
         << "schema = 1\nname = \"eight\"\nnumber = 8\n[limits]\nemd_bins = 2\n";
