@@ -28,6 +28,10 @@ TEST(FewerBits, are_those_of_a_sensor_whose_range_the_light_of_most_lenslets_fil
 
 TEST(FewerBits, are_none_of_a_frame_that_fills_its_range_or_of_darkness) {
     EXPECT_EQ(fewer_bits(frame_of(12, 1, 1024).view(), kLenslets), 0);
+    EXPECT_EQ(fewer_bits(frame_of(12, 20, 4095).view(), kLenslets), 0);
+    EXPECT_EQ(fewer_bits(frame_of(8, 20, 255).view(), kLenslets), 0);
+    EXPECT_EQ(fewer_bits(frame_of(12, 20, 511).view(), kLenslets), 0);  // not in the upper half of 10 bits
+    EXPECT_EQ(fewer_bits(frame_of(16, 20, 300).view(), kLenslets), 0);  // sensors have no 9 bits
     EXPECT_EQ(fewer_bits(frame_of(8, 20, 100).view(), kLenslets), 0);
     EXPECT_EQ(fewer_bits(frame_of(12, 19, 1023).view(), kLenslets), 0);  // a few warm pixels
     EXPECT_EQ(fewer_bits(frame_of(12, 0, 0).view(), kLenslets), 0);
