@@ -95,6 +95,7 @@ void RimFinder::compare_across_edges(const FieldLight& light) {
     found_.shaded_steps = steps;
     if (steps == 0) return;
     found_.shaded = static_cast<double>(shaded) / steps;
+    found_.light_beside = all.beside / all.lines;
     const bool few = inner.lines < kMinShadedSteps;
     LightAcrossEdges& sums = few ? all : inner;
     // The median: a spot in the middle of a plate makes light fall in the lines through it alone, a lamp in all.

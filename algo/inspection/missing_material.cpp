@@ -58,7 +58,8 @@ MissingMaterialFinder::MissingMaterialFinder(const Extents& extents, PartForm fo
 }
 
 std::optional<MissingMaterial> MissingMaterialFinder::find(std::span<const std::uint32_t> sums,
-                                                           std::span<const std::uint8_t> mask, std::uint32_t min_area) {
+                                                           std::span<const std::uint8_t> mask,
+                                                           const SoughtMaterial& sought) {
     Level& lenslets = levels_.front();
     std::size_t k = 0;
     for (int n = 0; n < lenslets.n; ++n) {
@@ -85,7 +86,7 @@ std::optional<MissingMaterial> MissingMaterialFinder::find(std::span<const std::
     }
     MissingMaterial best;
     constexpr float kAny = std::numeric_limits<float>::max();
-    Squares squares{.level = &lenslets, .half = 0, .min_area = min_area, .seen_excess = kAny};
+    Squares squares{.level = &lenslets, .half = 0, .sought = sought, .seen_excess = kAny};
     look_at(squares, best);
     squares.half = 1;
     for (const Level& level : levels_) {

@@ -34,6 +34,11 @@ struct MissingMaterial {
     float score = 0;              // excess over its limit
 };
 
+struct SoughtMaterial {
+    std::uint32_t min_area = 1;  // lenslets
+    float light_beside = 0;      // DN, of the free light beside the part; 0: not known
+};
+
 class MissingMaterialFinder {
   public:
     explicit MissingMaterialFinder(const Extents& extents, PartForm form = PartForm::round);  // allocates all memory
@@ -42,7 +47,7 @@ class MissingMaterialFinder {
     // if no score reaches 1. `sums`, `mask` (MaskBit): one value a lenslet, row by row. Saturated lenslets count with
     // the light that was read.
     std::optional<MissingMaterial> find(std::span<const std::uint32_t> sums, std::span<const std::uint8_t> mask,
-                                        std::uint32_t min_area = 1);
+                                        const SoughtMaterial& sought = {});
 
   private:
     static constexpr int kPad = 10;                   // twice the distance of squares of 3 x 3
@@ -60,7 +65,7 @@ class MissingMaterialFinder {
     struct Squares {
         const Level* level;
         int half;
-        std::uint32_t min_area;
+        SoughtMaterial sought;
         float seen_excess;      // a hole with more light is seen between the next smaller squares
         float limit = 0;        // of the excess
         bool is_trial = false;  // regions are only marked

@@ -4,6 +4,7 @@
 #include <cstdlib>
 
 #include "algo/inspection/missing_material.h"
+#include "algo/inspection/rim.h"
 
 namespace hord::algo {
 namespace {
@@ -51,7 +52,7 @@ void MissingMaterialFinder::take_region(const Squares& squares, std::size_t seed
                high = static_cast<float>(lenslets(region.bottom - region.top + 1));
     const std::size_t area = std::max(region.squares * static_cast<std::size_t>(level.block * level.block),
                                       static_cast<std::size_t>(squares.side() * squares.side()));
-    if (area < squares.min_area) return;
+    if (area < squares.sought.min_area) return;
     best = {.m = middle(region.sum_m),
             .n = middle(region.sum_n),
             .area = static_cast<std::uint32_t>(area),
@@ -96,11 +97,13 @@ bool MissingMaterialFinder::is_sharp(const Squares& squares, const Region& regio
 }
 
 // What a dark rim or ring surrounds: most of the squares in and about the region are as bright. A web has no rim, and
-// most of it may be torn off.
+// most of it may be torn off. What is as light as the field beside the part is no part: it takes no light.
 bool MissingMaterialFinder::is_part(const Squares& squares, const Region& region) const {
     if (form_ == PartForm::web) return false;
     const int wide = region.right - region.left + 1, high = region.bottom - region.top + 1;
-    const float least = region.light / static_cast<float>(region.squares) / (1 + region.most / 2);
+    const float light = region.light / static_cast<float>(region.squares), least = light / (1 + region.most / 2);
+    const float beside = squares.sought.light_beside;
+    if (beside > 0 && light >= static_cast<float>(kShadedLight) * beside) return false;
     std::size_t all = 0, bright = 0;
     for (int n = std::max(region.top - high, kPad); n <= std::min(region.bottom + high, squares.level->n - 1 + kPad);
          ++n) {

@@ -264,7 +264,8 @@ Result<FoundDefects> Pipeline::Workspace::find_defects(bool& bounded) {
 // Of a part that passes, or that bounds alone may reject: a place where material is missing is its only defect, unless
 // the bounds' score is larger.
 void Pipeline::Workspace::find_missing(Inspection& result) {
-    const std::optional<MissingMaterial> found = missing_material->find(sums, mask, recipe.min_area);
+    const std::optional<MissingMaterial> found = missing_material->find(
+        sums, mask, {.min_area = recipe.min_area, .light_beside = static_cast<float>(rim.found().light_beside)});
     if (!found || (result.verdict == Verdict::reject && found->score <= result.score)) return;
     missing = {.m = found->m,
                .n = found->n,

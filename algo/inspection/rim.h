@@ -68,6 +68,7 @@ struct FoundPart {
     bool lacks_place = false, notched = false;
     // Lenslets of the part, with what it encloses, over those of its convex hull: 1 for a disc or a rectangle.
     double convexity = 0;
+    double light_beside = 0;  // DN: mean free light outside the edges of a plate; 0 where too little is seen
     // Of a plate: share of the steps across its edges, along rows and columns, at which the undeflected light inside is
     // less than kShadedLight of the free light outside; how many steps can be compared; whether the light outside grows
     // away from the edges as that of a soft shadow does; and whether only the middle tells so, because it is as light

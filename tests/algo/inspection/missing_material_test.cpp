@@ -47,9 +47,10 @@ std::function<double(int, int)> hole(double m, double n, double radius, double l
     return [=](int x, int y) { return std::hypot(x - m, y - n) <= radius ? light : 1; };
 }
 
-std::optional<MissingMaterial> found_in(const Field& f, std::uint32_t min_area = 1, PartForm form = PartForm::round) {
+std::optional<MissingMaterial> found_in(const Field& f, std::uint32_t min_area = 1, PartForm form = PartForm::round,
+                                        float light_beside = 0) {
     MissingMaterialFinder finder(kField, form);
-    return finder.find(f.sums, f.mask, min_area);
+    return finder.find(f.sums, f.mask, {.min_area = min_area, .light_beside = light_beside});
 }
 
 std::optional<MissingMaterial> found_in_web(const std::function<double(int m, int n)>& light) {
@@ -263,6 +264,20 @@ TEST(MissingMaterial, counts_saturated_lenslets_and_not_dark_ones) {
         for (int m = 26; m < 35; ++m) f.mask[kField.index(m, n)] = kDark;
     }
     EXPECT_FALSE(found_in(f));
+}
+
+// Most of what is judged, in a ring. It takes no light, or some: then it is the part, and the ring is its dark rim.
+TEST(MissingMaterial, is_most_of_a_plate_if_it_is_as_light_as_the_field_beside) {
+    constexpr double kMiddle = 1.087;
+    const Field f =
+        field([](int m, int n) { return std::max(std::abs(m - 30), std::abs(n - 30)) <= 7 ? kMiddle : 1; }, 20, 40);
+    constexpr auto kBeside = static_cast<float>(kMiddle * kLight);
+    EXPECT_FALSE(found_in(f, 1, PartForm::plate));
+    EXPECT_FALSE(found_in(f, 1, PartForm::plate, 1.04F * kBeside));
+    const auto found = found_in(f, 1, PartForm::plate, kBeside);
+    ASSERT_TRUE(found);
+    EXPECT_LE(std::hypot(found->m - 30, found->n - 30), 2);
+    EXPECT_NEAR(found->length, 15, 4);
 }
 
 TEST(MissingMaterial, of_fewer_lenslets_than_a_defect_has_is_none) {
