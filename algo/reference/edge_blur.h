@@ -21,6 +21,11 @@ struct EdgeBlur {
     std::array<double, 2> noise{};    // standard deviation of `blur` by what the part's edges differ beside it
     std::array<double, 2> allowed{};  // what it may be, by ReferenceMaps::blur_limits and `noise`; 0: not known
 
+    // What another one says along an axis.
+    void take(std::size_t axis, const EdgeBlur& from) {
+        known[axis] = from.known[axis], blur[axis] = from.blur[axis];
+        noise[axis] = from.noise[axis], allowed[axis] = from.allowed[axis];
+    }
     [[nodiscard]] bool exceeds(std::size_t axis) const {
         return known[axis] && allowed[axis] > 0 && blur[axis] > allowed[axis];
     }

@@ -6,6 +6,7 @@
 
 #include "algo/frame/mask.h"
 #include "algo/reference/free_light.h"
+#include "algo/reference/light_steps.h"
 #include "algo/reference/map_reader.h"
 #include "common/statistics.h"
 
@@ -370,8 +371,24 @@ Registered Registrar::find(const ReferenceMaps& reference, std::span<const Defle
                is_rather_empty(extents_, of.reference, of.part, PoseMap(result.pose, extents_), of.electrons_per_dn,
                                of.parts)) {
         result.outcome = Registered::Outcome::free_light;  // any field fits a reference without edges
+    } else {
+        check_steps(of, result);
     }
     return result;
+}
+
+// Where the light has no edges, it may have steps.
+void Registrar::check_steps(const Problem& of, Registered& result) const {
+    const auto all_known = [](const std::array<bool, 2>& known) { return known[0] && known[1]; };
+    if (!result.found() || (all_known(result.size.known) && all_known(result.blur.known))) return;
+    const LightSteps steps =
+        compare_light_steps(extents_, of.reference, of.part, PoseMap(result.pose, extents_), of.typical, result.light);
+    for (const std::size_t axis : {0U, 1U}) {
+        if (!result.size.known[axis]) result.size.take(axis, steps.size);
+        if (!result.blur.known[axis]) result.blur.take(axis, steps.blur);
+    }
+    if (result.blur.exceeds()) result.outcome = Registered::Outcome::blurred;
+    else if (result.size.exceeds()) result.outcome = Registered::Outcome::other_size;
 }
 
 // The reference has edges, and the part's maps show none.

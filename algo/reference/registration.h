@@ -92,6 +92,7 @@ class Registrar {
     Registered find_pose(const Problem& of);
     [[nodiscard]] bool is_empty(const Problem& of) const;
     void check(const Problem& of, bool afar, Registered& result) const;
+    void check_steps(const Problem& of, Registered& result) const;
     Registered settle_from_afar(const Problem& of);
 
     struct SamplePoint {

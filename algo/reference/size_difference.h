@@ -29,6 +29,11 @@ struct SizeDifference {
     [[nodiscard]] double offset(std::size_t axis, std::size_t side) const {
         return shift[axis] + (side == 0 ? -0.5 : 0.5) * wider[axis];
     }
+    // What another one says along an axis.
+    void take(std::size_t axis, const SizeDifference& from) {
+        known[axis] = from.known[axis], wider[axis] = from.wider[axis], apart[axis] = from.apart[axis];
+        shift[axis] = from.shift[axis], allowed[axis] = from.allowed[axis];
+    }
     // Lenslets, along the axis with more.
     [[nodiscard]] double shifted() const { return std::max(std::abs(shift[0]), std::abs(shift[1])); }
     [[nodiscard]] bool exceeds() const { return exceeds(0) || exceeds(1); }

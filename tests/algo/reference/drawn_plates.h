@@ -1,4 +1,4 @@
-// Plates in free light: clear or tinted glass, with bevels that are dark or bend light, or without. One electron a DN.
+// Plates in free light: clear or tinted glass, with bevels that are dark or bend light, or without.
 #pragma once
 
 #include <algorithm>
@@ -41,7 +41,8 @@ struct PlateShot {
 
 class PlateCamera {
   public:
-    explicit PlateCamera(std::uint64_t seed) : random_(seed) {}
+    explicit PlateCamera(std::uint64_t seed, double electrons_per_dn = 1)
+        : electrons_per_dn_(electrons_per_dn), random_(seed) {}
 
     // Within half a lenslet, a degree and a tenth of a bin.
     PlateShot good() {
@@ -70,7 +71,8 @@ class PlateCamera {
                 const double electrons = kPlateElectrons * shot.light * (1 + 0.005 * normal_(random_));
                 for (int b = 0; b < kPlates.bins(); ++b) {
                     const double mean = electrons * bins[static_cast<std::size_t>(b)],
-                                 dn = std::max(0.0, mean + std::sqrt(mean) * normal_(random_)) + 2 * normal_(random_);
+                                 seen = std::max(0.0, mean + std::sqrt(mean) * normal_(random_)),
+                                 dn = seen / electrons_per_dn_ + 2 * normal_(random_);
                     frame.set(m * kPlates.i + b % kPlates.i, n * kPlates.j + b / kPlates.i,
                               static_cast<std::uint32_t>(std::clamp(std::lround(dn), 0L, 4095L)));
                 }
@@ -79,13 +81,17 @@ class PlateCamera {
         return frame;
     }
 
-    // Against `count` good plates.
-    Recipe learn(const PlateKind& kind, std::size_t count = 20) {
+    // Against `count` good plates in so much light.
+    Recipe learn(const PlateKind& kind, std::size_t count = 20, double light = 1) {
         std::vector<Frame> frames;
-        for (std::size_t k = 0; k < count; ++k) frames.push_back(expose(kind, good()));
+        for (std::size_t k = 0; k < count; ++k) {
+            PlateShot shot = good();
+            shot.light = light;
+            frames.push_back(expose(kind, shot));
+        }
         LearnOptions options;
         options.levels = {6, 60, 4095};
-        options.electrons_per_dn = 1;
+        options.electrons_per_dn = electrons_per_dn_;
         options.read_dn = 2;
         auto learned = learn_reference(
             kPlates, kPlateBits, count, [&](std::size_t k) -> Result<Frame> { return frames[k]; }, options);
@@ -133,6 +139,7 @@ class PlateCamera {
             bins[static_cast<std::size_t>(b)] += light * covered(b % 9, x) * covered(b / 9, y);
     }
 
+    double electrons_per_dn_;
     std::mt19937_64 random_;
     std::normal_distribution<double> normal_;
 };

@@ -55,6 +55,30 @@ TEST_P(MovedPlates, do_not_pass_and_good_ones_are_not_blurred) {
     EXPECT_GE(blurred, 8) << "of 12";
 }
 
+// Only a step of the light by 8 % is at its outline.
+TEST(MovedClearPlates, do_not_pass_and_good_ones_are_not_refused) {
+    PlateCamera camera(86, 4);
+    constexpr double kLight = 10;  // 20,000 electrons a lenslet
+    const Recipe recipe = camera.learn(kClearPlate, 20, kLight);
+    for (const float limit : recipe.reference->blur_limits) EXPECT_GT(limit, 0);
+    for (const float limit : recipe.reference->size_limits) EXPECT_GT(limit, 0);
+    auto pipeline = Pipeline::create(kPlates, kPlateBits, recipe);
+    ASSERT_TRUE(pipeline) << pipeline.error().message();
+    const auto judge = [&](const Places& places, double light) {
+        PlateShot shot = camera.good();
+        shot.light = light;
+        shot.places = places;
+        return pipeline->inspect(camera.expose(kClearPlate, shot).view()).value().registered;
+    };
+    for (const double light : {kLight, 0.25 * kLight}) {
+        for (int k = 0; k < 6; ++k) EXPECT_TRUE(judge({{0, 0}}, light).found()) << light;
+    }
+    for (const bool along_x : {true, false}) {
+        for (const Places& places : {moved(3, along_x), moved(4, along_x), twice(2, along_x), twice(3, along_x)})
+            EXPECT_EQ(judge(places, kLight).outcome, Registered::Outcome::blurred) << along_x << " " << places.size();
+    }
+}
+
 // Parts that lie alike show nothing of what the mean over a lenslet adds; the next part may show all of it.
 TEST(BlurSpread, of_parts_that_lie_alike_allows_the_variance_of_a_lenslet) {
     BlurSpread spread;
