@@ -220,12 +220,30 @@ Alternation Pipeline::Workspace::measure_light() {
             const int first = task * rows, last = std::min(first + rows, extents.n);
             of_worker = of_worker.or_stronger(alternation(extents, deflections, sums, mask, first, last));
         } else if (!transmission.empty()) {
-            transmissions(sums, mask, typical_light(sums, mask, recipe.transmission_limit, scratch), transmission);
+            typical = typical_light(sums, mask, recipe.transmission_limit, scratch);
+            transmissions(sums, mask, typical, transmission);
         }
     });
     Alternation strongest;
     for (const PipelineWorker& worker : workers) strongest = strongest.or_stronger(worker.alternation);
     return strongest;
+}
+
+// Of a plate that lets through less than the limit of the transmission, with a hole over a tenth of it or more: the
+// typical light is the hole's, so that the plate around it would be a stain. It is the median, where the search for
+// missing material sees a hole: that is rejected for itself. Without one, the plate may be covered: nothing changes.
+void Pipeline::Workspace::disregard_light_of_hole() {
+    const double beside = rim.found().light_beside;
+    if (!missing_material || transmission.empty() || beside <= 0 || typical < kShadedLight * beside) return;
+    const std::uint32_t median = typical_light(sums, mask, 0, scratch);
+    if (median == typical || !seek_missing()) return;
+    typical = median;
+    transmissions(sums, mask, typical, transmission);
+}
+
+std::optional<MissingMaterial> Pipeline::Workspace::seek_missing() {
+    return missing_material->find(
+        sums, mask, {.min_area = recipe.min_area, .light_beside = static_cast<float>(rim.found().light_beside)});
 }
 
 // Finds the pose of the part. `lit`: kDark and kSaturated of every lenslet.
@@ -264,8 +282,7 @@ Result<FoundDefects> Pipeline::Workspace::find_defects(bool& bounded) {
 // Of a part that passes, or that bounds alone may reject: a place where material is missing is its only defect, unless
 // the bounds' score is larger.
 void Pipeline::Workspace::find_missing(Inspection& result) {
-    const std::optional<MissingMaterial> found = missing_material->find(
-        sums, mask, {.min_area = recipe.min_area, .light_beside = static_cast<float>(rim.found().light_beside)});
+    const std::optional<MissingMaterial> found = seek_missing();
     if (!found || (result.verdict == Verdict::reject && found->score <= result.score)) return;
     missing = {.m = found->m,
                .n = found->n,
@@ -436,6 +453,7 @@ Result<Inspection> Pipeline::inspect(const FrameView& given, NowNs now, const In
         result.reason = w.unfit_reason(result.lenslets);
     }
     if (result.reason == Reason::none) {
+        w.disregard_light_of_hole();
         if (w.exact) w.exact->start(frame, w.levels, w.mask, w.gradient, limits, now, end_ns);
         const Result<FoundDefects> found = w.comparison ? w.find_differences(frame, result.registered, result.bounded)
                                                         : w.find_defects(result.bounded);

@@ -110,6 +110,7 @@ struct Pipeline::Workspace {
     std::vector<std::uint8_t> zones;
     std::vector<Deflection> deflections;
     std::vector<std::uint32_t> sums, scratch;
+    std::uint32_t typical = 0;  // typical_light(), what a transmission is relative to
     std::vector<std::uint8_t> mask;
     std::vector<float> gradient, frobenius, transmission;
     std::vector<float> spectral, nuclear, anisotropy;
@@ -169,6 +170,8 @@ struct Pipeline::Workspace {
     [[nodiscard]] LoneSample lone_sample(const FrameView& frame, const Defect& defect, float noise_dn) const;
     std::optional<Registered> mark_part();
     Alternation measure_light();
+    void disregard_light_of_hole();
+    std::optional<MissingMaterial> seek_missing();
     Registered find_pose(std::span<const std::uint8_t> lit);
     void look_again(const FrameView& frame, const Registered& registered, Stopwatch& watch, StageTimes& times);
     void find_bounded_columns(int first_row, int last_row);

@@ -329,5 +329,39 @@ TEST(MissingMaterial, rejects_a_part_that_all_else_passes) {
     EXPECT_EQ(std::get<0>(judged(recipe, film(1))), Verdict::pass);
 }
 
+// A plate of half of the light with a hole over a tenth of it or more. The light that a tenth exceeds is that of the
+// hole: relative to it the whole plate is a stain. Where no hole is seen, as of a plate that is covered but for glass
+// here and there, it is.
+TEST(MissingMaterial, of_a_dark_plate_with_a_large_hole_is_the_hole_and_not_the_plate) {
+    constexpr double kGlass = 0.5;
+    const auto judged = [](const std::function<double(int m, int n)>& light) {
+        Recipe recipe;
+        recipe.form = PartForm::plate;
+        auto pipeline = Pipeline::create(kField, 8, recipe);
+        EXPECT_TRUE(pipeline);
+        const Frame plate = drawn(kField, 8, 220, [&](int m, int n) {
+            const int into = 15 - std::max(std::abs(m - 30), std::abs(n - 30));
+            return Spot{.light = into < 0 ? 1 : into == 0 ? 0 : light(m, n)};
+        });
+        const auto found = pipeline->inspect(noisy(plate, {10, 2, 1}, 7).view());
+        EXPECT_TRUE(found);
+        EXPECT_EQ(found->verdict, Verdict::reject);
+        return std::tuple(found->reason, found->defects.empty() ? Defect{} : found->defects.front());
+    };
+    const auto from_hole = [](double m, double n) { return std::hypot(m - 36, n - 25); };
+    for (const double radius : {5.0, 5.5, 6.0}) {
+        const auto [reason, hole_found] = judged([=](int m, int n) { return from_hole(m, n) < radius ? 1 : kGlass; });
+        EXPECT_EQ(reason, Reason::missing_material) << radius;
+        EXPECT_LE(from_hole(static_cast<double>(hole_found.m), static_cast<double>(hole_found.n)), 2) << radius;
+        EXPECT_NEAR(static_cast<double>(hole_found.length), 2 * radius, 4) << radius;
+    }
+    const auto clear_glass = [=](int m, int n) { return from_hole(m, n) < 6 ? 0.92 : 0.4; };
+    EXPECT_EQ(std::get<0>(judged(clear_glass)), Reason::absorption);
+    const auto smooth = [=](int m, int n) {
+        return std::min(1.0, 0.3 + 1.4 * std::exp(-std::pow(from_hole(m, n) / 8, 2)));
+    };
+    EXPECT_EQ(std::get<0>(judged(smooth)), Reason::absorption);
+}
+
 }  // namespace
 }  // namespace hord::algo
