@@ -68,8 +68,11 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
         case algo::FrameFault::second_spot:
             return fmt::format(
                 "{:.0f} % of the light is in a second spot: look for a reflection, a second lamp, two exposures "
-                "in one frame, or light of the next lenslet (calibrate again)",
-                100 * f.second_share);
+                "in one frame, or light of the next lenslet (calibrate again){}",
+                100 * f.second_share,
+                recipe.form == algo::PartForm::plate && f.undeflected_share == f.second_share
+                    ? "; the bevels of a good plate that bend light far can look alike: set a wider rim_margin"
+                    : "");
         case algo::FrameFault::alternating: {
             const bool halves = 4 * f.alternation_bins > static_cast<float>(std::min(e.i, e.j));
             return fmt::format(

@@ -223,6 +223,17 @@ TEST(UnfitText, of_a_plate_or_a_tube_that_is_not_found_names_the_cures_of_its_fo
     EXPECT_NE(explain(unfit(Reason::unexpected_light, {.fault = FrameFault::blurred_edge}), recipe, extents)
                   .find("the bevels of a good plate that bend light can look alike: learn a reference (hordctl learn)"),
               std::string::npos);
+    const auto told_of_bevels = [&](float undeflected_share) {
+        const auto spot =
+            unfit(Reason::unexpected_light,
+                  {.fault = FrameFault::second_spot, .second_share = 0.84F, .undeflected_share = undeflected_share});
+        return explain(spot, recipe, extents)
+            .ends_with(
+                "(calibrate again); the bevels of a good plate that bend light far can look alike: set a wider "
+                "rim_margin.");
+    };
+    EXPECT_TRUE(told_of_bevels(0.84F));
+    EXPECT_FALSE(told_of_bevels(0));  // a ghost in the free light
     EXPECT_NE(explain(unfit(Reason::no_part, {.fault = FrameFault::cut_by_field}), recipe, extents)
                   .find("show the whole plate; of one that is larger than the field in every frame set [part] outline "
                         "= \"any\""),
