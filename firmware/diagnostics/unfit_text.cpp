@@ -110,87 +110,109 @@ std::string light_fault(const algo::FrameFindings& f, const algo::Recipe& recipe
     }
 }
 
+// What is wrong with the part, and the cure. First the faults whose sentence depends on the form.
+std::string no_part_seen(algo::PartForm form) {
+    if (form == algo::PartForm::plate)
+        return "no edges enclose a sixteenth of the field: check that the plate was there, and the trigger's "
+               "delay; edges and bevels narrower than a lenslet may not be seen (use smaller lenslets, or "
+               "learn "
+               "a reference with hordctl learn)";
+    if (form == algo::PartForm::tube)
+        return "no two straight edges in the field enclose a sixteenth of it: check that the tube was "
+               "there, and the trigger's delay; walls narrower than a lenslet may not be seen (use smaller "
+               "lenslets, or learn a reference with hordctl learn)";
+    return "nothing in the field is large enough to be a part (a sixteenth of it): check that the part was "
+           "there, "
+           "and the trigger's delay";
+}
+
+std::string weak_outline(const algo::FrameFindings& f, algo::PartForm form) {
+    if (form == algo::PartForm::tube)
+        return fmt::format(
+            "the light jumps across {} % of the tube's edges only (at least {:.0f} %): its walls may "
+            "be too thin for these lenslets and bins, or the light uneven: learn a reference (hordctl "
+            "learn), use smaller lenslets, or check the lamp",
+            beyond_percent(f.sharp_share, algo::kMinSharpOutline), 100 * algo::kMinSharpOutline);
+    return fmt::format(
+        "the light jumps across {} % of the outline only (at least {:.0f} %), as beside an uneven lamp or "
+        "edges narrower than a lenslet: check the lamp and the optics; of a part with such edges learn a "
+        "reference (hordctl learn), or use smaller lenslets",
+        beyond_percent(f.sharp_share, algo::kMinSharpOutline), 100 * algo::kMinSharpOutline);
+}
+
+std::string several_parts(const algo::FrameFindings& f, algo::PartForm form) {
+    if (form != algo::PartForm::round)
+        return fmt::format(
+            "there are {} parts in the field, or pieces beside the {} that let light through: space them; of a "
+            "part that has such pieces learn a reference (hordctl learn)",
+            f.parts, form == algo::PartForm::tube ? "tube" : "plate");
+    return fmt::format(
+        "there are {} parts in the field: space them, or set [part] form = \"plate\" if it is "
+        "one whose middle does not deflect light",
+        f.parts);
+}
+
+std::string cut_part(algo::PartForm form) {
+    if (form == algo::PartForm::plate)
+        return "the field's border cuts the plate, and what lies beyond is not seen: set the trigger's delay, "
+               "or "
+               "show the whole plate; of one that is larger than the field in every frame set [part] outline = "
+               "\"any\" (only what is in the field is then judged)";
+    if (form == algo::PartForm::tube)
+        return "the field's border cuts off one end of the tube, and what lies beyond is not seen: set the "
+               "trigger's delay, or show both ends or none; if every frame shows one end set [part] outline = "
+               "\"any\" (only what is in the field is then judged)";
+    return "the field's border cuts the part, or the frame's last rows are lost: set the trigger's delay, or "
+           "show "
+           "the whole part";
+}
+
+std::string lopsided_part(algo::PartForm form) {
+    if (form == algo::PartForm::plate)
+        return "the plate's outline is neither a rectangle nor symmetric, or is a rectangle or a disc in most "
+               "places only, as if a corner or a piece of its edge were missing, or an edge were not seen (one "
+               "narrower than a lenslet): check the part, or set [part] outline = \"any\" if it has this shape";
+    return "the part's outline is not symmetric, as if a piece were missing: check the part, or set [part] "
+           "outline = \"any\" if it has this shape";
+}
+
+std::string notched_part(const algo::FrameFindings& f, algo::PartForm form) {
+    if (form == algo::PartForm::plate)
+        return "the light beside the plate goes on inside its outline, as if a piece of its edge were missing: "
+               "check the part, or set [part] outline = \"any\" if it has this shape";
+    return fmt::format(
+        "the part's outline is not convex, as if pieces were missing ({:.0f} % of its hull): check the part, "
+        "or set [part] outline = \"any\" if it has this shape",
+        100 * (1 - f.convexity));
+}
+
+std::string hollow_part(const algo::FrameFindings& f, algo::PartForm form) {
+    if (form == algo::PartForm::tube) {
+        return fmt::format(
+            "{:.0f} % of the tube between its flanks does not deflect light, as if only two rails were there: "
+            "check that the tube is there; the bins may be too wide to see its walls bend light (use narrower "
+            "ones), or learn a reference (hordctl learn)",
+            100 * (1 - f.deflecting));
+    }
+    return fmt::format(
+        "{:.0f} % of what the outline encloses does not deflect light, as if nothing were in it: check that "
+        "the part is there; of a flat one learn a reference (hordctl learn), or set [part] form = \"plate\"",
+        100 * (1 - f.deflecting));
+}
+
 // `margin`: lenslets along the outline that are not judged.
 std::string missing_part(const algo::FrameFindings& f, algo::PartForm form, int margin) {
     switch (f.fault) {
-        case algo::FrameFault::nothing:
-            if (form == algo::PartForm::plate)
-                return "no edges enclose a sixteenth of the field: check that the plate was there, and the trigger's "
-                       "delay; edges and bevels narrower than a lenslet may not be seen (use smaller lenslets, or "
-                       "learn "
-                       "a reference with hordctl learn)";
-            if (form == algo::PartForm::tube)
-                return "no two straight edges in the field enclose a sixteenth of it: check that the tube was "
-                       "there, and the trigger's delay; walls narrower than a lenslet may not be seen (use smaller "
-                       "lenslets, or learn a reference with hordctl learn)";
-            return "nothing in the field is large enough to be a part (a sixteenth of it): check that the part was "
-                   "there, "
-                   "and the trigger's delay";
-        case algo::FrameFault::no_outline:
-            if (form == algo::PartForm::tube)
-                return fmt::format(
-                    "the light jumps across {} % of the tube's edges only (at least {:.0f} %): its walls may "
-                    "be too thin for these lenslets and bins, or the light uneven: learn a reference (hordctl "
-                    "learn), use smaller lenslets, or check the lamp",
-                    beyond_percent(f.sharp_share, algo::kMinSharpOutline), 100 * algo::kMinSharpOutline);
-            return fmt::format(
-                "the light jumps across {} % of the outline only (at least {:.0f} %), as beside an uneven lamp or "
-                "edges narrower than a lenslet: check the lamp and the optics; of a part with such edges learn a "
-                "reference (hordctl learn), or use smaller lenslets",
-                beyond_percent(f.sharp_share, algo::kMinSharpOutline), 100 * algo::kMinSharpOutline);
-        case algo::FrameFault::several:
-            if (form != algo::PartForm::round)
-                return fmt::format(
-                    "there are {} parts in the field, or pieces beside the {} that let light through: space them; of a "
-                    "part that has such pieces learn a reference (hordctl learn)",
-                    f.parts, form == algo::PartForm::tube ? "tube" : "plate");
-            return fmt::format(
-                "there are {} parts in the field: space them, or set [part] form = \"plate\" if it is "
-                "one whose middle does not deflect light",
-                f.parts);
-        case algo::FrameFault::cut_by_field:
-            if (form == algo::PartForm::plate)
-                return "the field's border cuts the plate, and what lies beyond is not seen: set the trigger's delay, "
-                       "or "
-                       "show the whole plate; of one that is larger than the field in every frame set [part] outline = "
-                       "\"any\" (only what is in the field is then judged)";
-            if (form == algo::PartForm::tube)
-                return "the field's border cuts off one end of the tube, and what lies beyond is not seen: set the "
-                       "trigger's delay, or show both ends or none; if every frame shows one end set [part] outline = "
-                       "\"any\" (only what is in the field is then judged)";
-            return "the field's border cuts the part, or the frame's last rows are lost: set the trigger's delay, or "
-                   "show "
-                   "the whole part";
-        case algo::FrameFault::lopsided:
-            if (form == algo::PartForm::plate)
-                return "the plate's outline is neither a rectangle nor symmetric, or is a rectangle or a disc in most "
-                       "places only, as if a corner or a piece of its edge were missing, or an edge were not seen (one "
-                       "narrower than a lenslet): check the part, or set [part] outline = \"any\" if it has this shape";
-            return "the part's outline is not symmetric, as if a piece were missing: check the part, or set [part] "
-                   "outline = \"any\" if it has this shape";
-        case algo::FrameFault::notched:
-            if (form == algo::PartForm::plate)
-                return "the light beside the plate goes on inside its outline, as if a piece of its edge were missing: "
-                       "check the part, or set [part] outline = \"any\" if it has this shape";
-            return fmt::format(
-                "the part's outline is not convex, as if pieces were missing ({:.0f} % of its hull): check the part, "
-                "or set [part] outline = \"any\" if it has this shape",
-                100 * (1 - f.convexity));
+        case algo::FrameFault::nothing: return no_part_seen(form);
+        case algo::FrameFault::no_outline: return weak_outline(f, form);
+        case algo::FrameFault::several: return several_parts(f, form);
+        case algo::FrameFault::cut_by_field: return cut_part(form);
+        case algo::FrameFault::lopsided: return lopsided_part(form);
+        case algo::FrameFault::notched: return notched_part(f, form);
         case algo::FrameFault::no_flanks:
             return "the edges of the tube show no flank on both sides: show it whole, or set [part] form if it "
                    "is none; of one whose walls hardly darken or bend light learn a reference (hordctl learn)";
-        case algo::FrameFault::hollow:
-            if (form == algo::PartForm::tube) {
-                return fmt::format(
-                    "{:.0f} % of the tube between its flanks does not deflect light, as if only two rails were there: "
-                    "check that the tube is there; the bins may be too wide to see its walls bend light (use narrower "
-                    "ones), or learn a reference (hordctl learn)",
-                    100 * (1 - f.deflecting));
-            }
-            return fmt::format(
-                "{:.0f} % of what the outline encloses does not deflect light, as if nothing were in it: check that "
-                "the part is there; of a flat one learn a reference (hordctl learn), or set [part] form = \"plate\"",
-                100 * (1 - f.deflecting));
+        case algo::FrameFault::hollow: return hollow_part(f, form);
         case algo::FrameFault::not_flat:
             return fmt::format(
                 "{:.0f} % of what the edges enclose deflects light, and the field cuts it: show the whole part, check "
