@@ -41,20 +41,22 @@ double corners_of(const CentreFinder& finder, const Lattice& lattice, std::span<
 
 void remove_pixel_phase(const LensletGrid& grid, std::vector<Observation>& observations) {
     for (double PixelPoint::*axis : {&PixelPoint::x_px, &PixelPoint::y_px}) {
-        const auto waves = [&](const Observation& seen) {
-            const double turn = 2 * std::numbers::pi * grid.centre_px(seen.m, seen.n).*axis;
+        const auto waves = [&](const PixelPoint& at) {
+            const double turn = 2 * std::numbers::pi * at.*axis;
             return Eigen::Vector2d(std::sin(turn), std::sin(2 * turn));
         };
         Eigen::Matrix2d normal = 1e-3 * static_cast<double>(observations.size()) * Eigen::Matrix2d::Identity();
         Eigen::Vector2d right = Eigen::Vector2d::Zero();
         for (const Observation& seen : observations) {
             if (!seen.used) continue;
-            const Eigen::Vector2d here = waves(seen);
+            const PixelPoint of_model = grid.at(grid.uv(seen.m, seen.n));
+            const Eigen::Vector2d here = waves(of_model);
             normal += here * here.transpose();
-            right += (seen.centre_px.*axis - grid.at(grid.uv(seen.m, seen.n)).*axis) * here;
+            right += (seen.centre_px.*axis - of_model.*axis) * here;
         }
         const Eigen::Vector2d height = normal.ldlt().solve(right);
-        for (Observation& seen : observations) seen.centre_px.*axis -= height.dot(waves(seen));
+        for (Observation& seen : observations)
+            seen.centre_px.*axis -= height.dot(waves(grid.centre_px(seen.m, seen.n)));
     }
 }
 

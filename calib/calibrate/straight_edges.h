@@ -23,10 +23,10 @@ constexpr double kSmooth = 1;  // px, sigma
 // neighbours.
 double corners_of(const CentreFinder& finder, const Lattice& lattice, std::span<const algo::PixelPoint> places);
 
-// What is left of the shift that straight edges cause: it depends on where between the pixels a lenslet lies. Learned
-// from the residuals and subtracted. The place is that of the grid, with the lenslet's own shift if it has one:
-// the noise of a centre moves it between the pixels, so that the measured place would explain the noise as well. Where
-// all lenslets lie alike between pixels, there is nothing to learn from.
+// What is left of the shift that straight edges cause: it depends on where between the pixels a lenslet lies.
+// Subtracted there; learned from the residuals, over the place of the grid's model without the lenslet's own shift:
+// where all lenslets lie alike between the pixels, or in few ways, waves over a place with that shift would explain the
+// shift itself. There is nothing to learn from then.
 void remove_pixel_phase(const algo::LensletGrid& grid, std::vector<Observation>& observations);
 
 }  // namespace hord::calib
