@@ -208,9 +208,9 @@ Warning light_on_one_side(const GridCalibration& of) {
     if (odd.known() ? odd.unsure_px > kMaxByFallOff : odd.by_light() && odd.shift() > kMaxByFallOff) {
         return fmt::format(
             "all lenslets are brighter on the same side, and their edges are too soft to measure well how far that "
-            "moves "
-            "their centres: about {:.2f} px, which {}; light the array evenly from all directions, or focus the sensor "
-            "on the lenslets",
+            "moves their centres: about {:.2f} px, which {}; a second, weaker exposure beside the first looks alike; "
+            "light the array evenly from all directions, focus the sensor on the lenslets, keep array and light "
+            "still, and record one exposure",
             odd.shift(),
             odd.known() ? fmt::format("was taken off, and may be wrong by {:.2f} px", odd.unsure_px) : "is left");
     }
@@ -252,8 +252,8 @@ Warning lenslets_without_their_place(const GridCalibration& of) {
     if (count == 0 || many_off(of)) return std::nullopt;
     return fmt::format(
         "{} lenslets are off the grid by up to {:.2f} px, side by side or too far to be placed there: something in the "
-        "light moves them, or they are misplaced; the grid has them in its own places; take drops and bubbles off the "
-        "array, and if they stay there, leave these lenslets out (centres.png shows where)",
+        "light moves them, or they are misplaced; the grid has them in its own places; take drops, bubbles and dust "
+        "off the array, and if they stay there, leave these lenslets out (centres.png shows where)",
         count, most);
 }
 

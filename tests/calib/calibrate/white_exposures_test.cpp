@@ -156,6 +156,26 @@ TEST(WhiteExposures, a_weaker_second_exposure_is_warned_of) {
     }
 }
 
+// With a tenth of the light it looks like light on one side, whose shift is not measured: both causes are named.
+TEST(WhiteExposures, one_that_looks_like_light_on_one_side_is_named_beside_it) {
+    for (const auto& [pitch, edge, dx, dy] : {std::tuple(12.57, 1.06, 3.1, 2.0), {12.95, 0.8, 3.16, 0.22}}) {
+        SCOPED_TRACE(pitch);
+        const White white{.width_px = 360,
+                          .height_px = 330,
+                          .hexagonal = pitch > 12.9,
+                          .pitch_px = pitch,
+                          .disc_radius_px = 0.36 * pitch,
+                          .edge_px = edge,
+                          .subpixels = 3};
+        const Frame twice = mixed(white, dx, dy, [](int, std::uint32_t a, std::uint32_t b) {
+            return static_cast<std::uint32_t>(std::lround(0.9 * a + 0.1 * b));
+        });
+        EXPECT_THAT(warnings(twice),
+                    Contains(AllOf(HasSubstr("brighter on the same side"), HasSubstr("which is left"),
+                                   HasSubstr("a second, weaker exposure"))));
+    }
+}
+
 // Those of a hexagonal lattice are longer in one direction, or the fit of hexagonal_exposures() tells of them.
 TEST(WhiteExposures, hexagonal_discs_a_third_of_a_pitch_apart_are_warned_of) {
     for (const auto& [pitch, radius, apart, way_deg] : {std::tuple(17.3, 0.35, 0.32, 0.0),
