@@ -1,7 +1,9 @@
 #include "common/file_writing.h"
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
+#include <cstdint>
 #include <cstdio>
 #include <cstring>
 #include <random>
@@ -99,15 +101,24 @@ Result<void> write_durably(const fs::path& file, std::string_view text) {
                 "check the folder's owner and the space on its disk");
 }
 
-std::optional<std::string> read_file(const fs::path& file) {
-    constexpr std::size_t kPiece = 1 << 16, kMaxFile = std::size_t{2} << 30, kMaxOther = std::size_t{64} << 20;
+std::optional<std::string> read_file(const fs::path& file, std::size_t most) {
+    constexpr std::size_t kPiece = 1 << 16, kMaxPipe = std::size_t{64} << 20;
     constexpr int kPipeTimeout_ms = 5000;
     const UniqueFd fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY));
     struct stat what {};
     if (!fd || ::fstat(fd.get(), &what) != 0) return std::nullopt;
-    const std::size_t most = S_ISREG(what.st_mode) ? kMaxFile : kMaxOther;
+    if (S_ISCHR(what.st_mode) || S_ISBLK(what.st_mode)) {  // a terminal never ends
+        errno = ENXIO;
+        return std::nullopt;
+    }
+    const bool regular = S_ISREG(what.st_mode);
+    if (!regular) most = std::min(most, kMaxPipe);
     std::string text;
-    if (S_ISREG(what.st_mode)) text.reserve(static_cast<std::size_t>(what.st_size));
+    if (regular && static_cast<std::uint64_t>(what.st_size) > most) {
+        errno = EFBIG;
+        return std::nullopt;
+    }
+    if (regular) text.reserve(static_cast<std::size_t>(what.st_size));
     for (std::array<char, kPiece> piece;;) {
         const ssize_t count = ::read(fd.get(), piece.data(), piece.size());
         if (count == 0) {
@@ -120,7 +131,7 @@ std::optional<std::string> read_file(const fs::path& file) {
             errno = EFBIG;
         } else if (errno == EINTR) {
             continue;
-        } else if (errno == EAGAIN) {
+        } else if (errno == EAGAIN && !regular) {  // /proc/kmsg is regular, and waits for the next message
             pollfd readable{fd.get(), POLLIN, 0};
             if (::poll(&readable, 1, kPipeTimeout_ms) != 0) continue;
             errno = ETIMEDOUT;
@@ -131,7 +142,7 @@ std::optional<std::string> read_file(const fs::path& file) {
 
 Error cannot_read(const fs::path& file) {
     const int reason = errno;
-    // A pipe that nobody writes into; a socket.
+    // A pipe that nobody writes into; a socket, a device.
     if (reason == ENODATA || reason == ENXIO) {
         if (auto regular = check_regular(file, "give a regular file"); !regular)
             return {ErrorCode::unreadable, regular.error().what, regular.error().cure};
@@ -140,7 +151,7 @@ Error cannot_read(const fs::path& file) {
     return {reason == ENOENT ? ErrorCode::not_found : ErrorCode::unreadable,
             fmt::format("{}: cannot be read ({})", file.string(), link.empty() ? std::strerror(reason) : link),
             reason == EISDIR      ? "give a file of this folder"
-                : reason == EFBIG ? "it is larger than 2 GiB, or never ends: give another file"
+                : reason == EFBIG ? "it is larger than such a file can be, or never ends: give another file"
                                   : "check that the file exists and may be read"};
 }
 

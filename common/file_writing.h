@@ -16,9 +16,13 @@
 
 namespace hord::common {
 
-// None: it cannot be read, is a folder, or never ends; errno says why. Waits at most 5 s for each piece of a pipe;
-// reads at most 2 GiB of a file, 64 MiB of a pipe or device.
-std::optional<std::string> read_file(const std::filesystem::path& file);
+// Of texts, 16 times what the largest calibration of 25 megapixels has. A larger file would keep a station waiting that
+// reads it again while it runs.
+constexpr std::size_t kMaxText = std::size_t{64} << 20;
+
+// None: it cannot be read, is a folder or a device, or has more than `most` bytes; errno says why. Waits at most 5 s
+// for each piece of a pipe; reads at most 64 MiB of it.
+std::optional<std::string> read_file(const std::filesystem::path& file, std::size_t most = std::size_t{2} << 30);
 
 // The error of a read_file() that has just failed: unreadable, with errno's reason; of a silent pipe, what it is.
 [[nodiscard]] Error cannot_read(const std::filesystem::path& file);

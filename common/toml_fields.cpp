@@ -157,7 +157,7 @@ Result<void> refuse_blank(std::string_view text, const std::filesystem::path& fi
 }
 
 std::optional<Error> may_have_lost_its_end(const std::filesystem::path& file) {
-    const std::string text = read_file(file).value_or("\n");
+    const std::string text = read_file(file, kMaxText).value_or("\n");
     if (text.ends_with('\n')) return std::nullopt;
     return Error{
         ErrorCode::invalid_argument,
@@ -168,7 +168,7 @@ std::optional<Error> may_have_lost_its_end(const std::filesystem::path& file) {
 }
 
 TomlTable TomlTable::parse_file(const std::filesystem::path& file, TomlProblems& problems) {
-    const auto text = read_file(file);
+    const auto text = read_file(file, kMaxText);
     if (!text) problems.add(cannot_read(file));
     else if (auto fine = refuse_blank(*text, file); !fine) problems.add(fine.error());
     return parse_text(text.value_or(""), file.string(), problems);

@@ -293,7 +293,7 @@ Result<void> write_grid(const std::filesystem::path& path, const GridFile& file)
 }
 
 Result<GridFile> read_grid(const std::filesystem::path& path) {
-    const auto text = common::read_file(path);
+    const auto text = common::read_file(path, common::kMaxText);
     if (!text) return tl::unexpected(common::cannot_read(path));
     return parse_grid(*text, path.string());
 }

@@ -56,7 +56,7 @@ Result<TiltList> parse_tilts(std::string_view text, std::string_view name) {
 }
 
 Result<TiltList> read_tilts(const std::filesystem::path& file) {
-    const auto text = common::read_file(file);
+    const auto text = common::read_file(file, common::kMaxText);
     if (!text) {
         return fail(ErrorCode::unreadable, fmt::format("{}: cannot be read", file.string()),
                     "list the captures in tilts.toml, beside the frames");

@@ -215,7 +215,7 @@ Result<std::optional<FrameGeometry>> geometry_of(const fs::path& file, const std
     const fs::path sidecar = sidecar_of(file);
     std::error_code error;
     if (!fs::exists(sidecar, error)) return geometry;
-    const auto text = common::read_file(sidecar);
+    const auto text = common::read_file(sidecar, common::kMaxText);
     if (!text)
         return fail(ErrorCode::unreadable, sidecar.string() + ", the geometry note of a frame, cannot be read",
                     "check its permissions");

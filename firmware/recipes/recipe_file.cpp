@@ -274,7 +274,7 @@ Result<algo::Recipe> parse_recipe(std::string_view text, std::string_view name) 
 
 Result<NumberedRecipe> load_numbered_recipe(const std::filesystem::path& file) {
     if (auto right = common::require_kind(file, common::FileKind::recipe); !right) return tl::unexpected(right.error());
-    const auto text = common::read_file(file);
+    const auto text = common::read_file(file, common::kMaxText);
     if (!text) return tl::unexpected(common::cannot_read(file));
     return parse_recipe_file(*text, file);
 }

@@ -61,18 +61,25 @@ int refuse_configuration(const Error& error) {
     return complain(JournalEvent::configuration_refused, error, kBadConfiguration);
 }
 
-// The sockets of hordd.socket by their FileDescriptorName.
-ListenSockets sockets_from_systemd() {
+// The sockets of hordd.socket by their FileDescriptorName. Fails with refused if there are two of one kind: systemd
+// would take connections at the first one, and nobody would answer them.
+Result<ListenSockets> sockets_from_systemd() {
     ListenSockets sockets;
     char** names = nullptr;
     const int count = sd_listen_fds_with_names(1, &names);
+    bool twice = false;
     for (int k = 0; k < count; ++k) {
         const std::string_view name = names[k];
-        (name == "modbus-read-only" ? sockets.modbus_read_only : sockets.modbus) = SD_LISTEN_FDS_START + k;
+        int& socket = name == "modbus-read-only" ? sockets.modbus_read_only : sockets.modbus;
+        twice = twice || socket != -1;
+        socket = SD_LISTEN_FDS_START + k;
         std::free(names[k]);
     }
     if (count > 0) std::free(names);
-    return sockets;
+    if (!twice) return sockets;
+    return fail(ErrorCode::refused, "systemd gave two sockets for the same register port, and one is served",
+                "give one ListenStream= (systemctl edit hordd.socket: an empty ListenStream= first takes the others "
+                "away; 0.0.0.0:502 is every network)");
 }
 
 // The configured recipe is not among them: without it there is no start.
@@ -137,11 +144,13 @@ class Daemon {
         if (!config) return refuse_configuration(config.error());
         auto files = read_station_files(*config);
         if (!files) return refuse_configuration(files.error());
+        const auto sockets = sockets_from_systemd();
+        if (!sockets) return complain(JournalEvent::trouble, sockets.error(), kCannotRun);
         common::tell_manager("STATUS=opening devices");
         SimulationOptions simulation;
         simulation.variety = 2;
         simulation.cache = environment("CACHE_DIRECTORY");
-        auto opened = Service::open(*config, std::move(*files), simulation, watchers(), sockets_from_systemd());
+        auto opened = Service::open(*config, std::move(*files), simulation, watchers(), *sockets);
         if (!opened) return complain(JournalEvent::trouble, opened.error(), kCannotRun);
         service_ = std::move(*opened);
         for (const auto& told : {start_notes(*config), missing_references(config->inspection.recipes)}) {

@@ -28,7 +28,7 @@ TEST(WholeFile, is_read_to_its_end_or_not_at_all) {
     EXPECT_FALSE(read_file(folder.path()));
 }
 
-TEST(WholeFile, of_a_pipe_is_waited_for_and_what_never_ends_is_not_read) {
+TEST(WholeFile, of_a_pipe_is_waited_for) {
     const TempFolder folder;
     const auto pipe = folder.path() / "pipe";
     ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
@@ -47,10 +47,22 @@ TEST(WholeFile, of_a_pipe_is_waited_for_and_what_never_ends_is_not_read) {
     EXPECT_EQ(read_file("/proc/self/fd/" + std::to_string(ends[0])), "ab");
     writer.join();
     ::close(ends[0]);
-    EXPECT_FALSE(read_file("/dev/zero"));
+}
+
+TEST(WholeFile, is_no_device_and_no_larger_than_it_can_be) {
+    const TempFolder folder;
+    for (const char* device : {"/dev/zero", "/dev/null", "/dev/ptmx"}) {
+        EXPECT_FALSE(read_file(device));
+        EXPECT_EQ(cannot_read(device).message(),
+                  device + std::string(" is a device, not a regular file: give a regular file"));
+    }
+    const auto large = folder.write("large", "");
+    std::filesystem::resize_file(large, kMaxText + 1);  // not a byte of it is on the disk
+    EXPECT_FALSE(read_file(large, kMaxText));
     EXPECT_EQ(errno, EFBIG);
-    EXPECT_EQ(cannot_read("x").cure, "it is larger than 2 GiB, or never ends: give another file");
-    EXPECT_EQ(read_file("/dev/null"), "");
+    EXPECT_EQ(cannot_read(large).cure, "it is larger than such a file can be, or never ends: give another file");
+    std::filesystem::resize_file(large, kMaxText);
+    EXPECT_EQ(read_file(large, kMaxText).value_or("").size(), kMaxText);
 }
 
 TEST(WholeFile, that_is_replaced_keeps_owner_group_and_mode) {

@@ -68,6 +68,11 @@ TEST_F(Service, reads_its_configuration_again_without_stopping) {
     ASSERT_TRUE(service.says("the old configuration stays", kPatience));
     EXPECT_THAT(service.so_far().err, HasSubstr("c.toml:6"));
     EXPECT_TRUE(plc->read(8106, 1));
+
+    std::filesystem::resize_file(folder / "c.toml", std::uintmax_t{1} << 31);  // sparse; to read it takes seconds
+    service.signal(SIGHUP);
+    ASSERT_TRUE(service.says("larger than such a file can be", kPatience));
+    EXPECT_TRUE(plc->read(8106, 1));
     EXPECT_EQ(service.stop(SIGTERM).status, 0);
 }
 
@@ -221,6 +226,16 @@ TEST_F(Service, takes_the_socket_that_systemd_opened) {
     ASSERT_TRUE(magic) << magic.error().message();
     EXPECT_EQ(magic->at(0), 0x484F);
     EXPECT_EQ(service.stop(SIGTERM).status, 0);
+}
+
+TEST_F(Service, refuses_two_sockets_for_one_port) {
+    write_config();
+    const Said said = run("/bin/sh",
+                          {"-c",
+                           "LISTEN_PID=$$ LISTEN_FDS=2 exec " + kHordd + " --config " + (folder / "c.toml") +
+                               " 3</dev/null 4</dev/null"});
+    EXPECT_EQ(said.status, 2);
+    EXPECT_THAT(said.err, HasSubstr("two sockets for the same register port"));
 }
 
 TEST_F(Service, times_in_real_time_and_inspects_in_what_is_left) {
