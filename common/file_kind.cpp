@@ -1,8 +1,12 @@
 #include "common/file_kind.h"
 
 #include <array>
-#include <fstream>
 #include <string>
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include "common/unique_fd.h"
 
 namespace hord::common {
 namespace {
@@ -42,10 +46,10 @@ bool has_line(std::string_view text, std::string_view start) {
 std::string head_of(const std::filesystem::path& file) {
     std::error_code error;
     if (!std::filesystem::is_regular_file(file, error)) return {};
-    std::ifstream in(file, std::ios::binary);
+    const UniqueFd fd(::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));  // /proc/kmsg is regular, and waits
     std::string head(kHeadBytes, '\0');
-    in.read(head.data(), static_cast<std::streamsize>(head.size()));
-    head.resize(static_cast<std::size_t>(in.gcount()));
+    const ssize_t count = fd ? ::read(fd.get(), head.data(), head.size()) : 0;
+    head.resize(count > 0 ? static_cast<std::size_t>(count) : 0);
     return head;
 }
 
