@@ -126,10 +126,11 @@ bool keep_alike(Side& side) {
     std::size_t count = 0;
     for (const StepLine& line : side.lines) costs[count++] = cost(side, line, side.offset);
     const double most = kForeign * common::lower_median(std::span(costs).first(count));
-    const auto others =
-        std::ranges::remove_if(side.lines, [&](const StepLine& line) { return cost(side, line, side.offset) > most; });
-    const bool whole = 4 * others.size() <= side.lines.size();
-    side.lines = side.lines.first(side.lines.size() - others.size());
+    const auto others = std::remove_if(side.lines.begin(), side.lines.end(),
+                                       [&](const StepLine& line) { return cost(side, line, side.offset) > most; });
+    const auto alike = static_cast<std::size_t>(others - side.lines.begin());
+    const bool whole = 4 * (side.lines.size() - alike) <= side.lines.size();
+    side.lines = side.lines.first(alike);
     return whole;
 }
 
