@@ -16,8 +16,8 @@
 
 namespace hord::common {
 
-// Of texts, 16 times what the largest calibration of 25 megapixels has. A larger file would keep a station waiting that
-// reads it again while it runs.
+// Of texts. A calibration with a shift of up to 12 bytes for each of 700,000 lenslets (25 megapixels, 6 px) has 8 MB. A
+// larger file would keep a station waiting that reads it again while it runs.
 constexpr std::size_t kMaxText = std::size_t{64} << 20;
 
 // None: it cannot be read, is a folder or a device, or has more than `most` bytes; errno says why. Waits at most 5 s
