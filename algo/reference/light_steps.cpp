@@ -169,6 +169,7 @@ struct Ratios {
                     here;
                 product += by_motion * (line.at(k) - here), weight += by_motion * by_motion;
             }
+            if (!(weight > 0)) continue;  // its step has no height
             of[count++] = {product / weight, weight};
             weights += weight;
         }

@@ -148,10 +148,8 @@ Warning two_exposures(const GridCalibration& of) {
     }
     if (of.odd_light.left_share > kMaxLeft && !(of.one_sided > kMaxOneSided)) {
         return "the lenslets' light differs from itself turned by half a turn, and light that is brighter on one side "
-               "does "
-               "not explain it: a second, weaker exposure lies beside the first, or the light is aberrated, and the "
-               "grid "
-               "lies between both; keep array and light still, and record one exposure";
+               "does not explain it: a second, weaker exposure lies beside the first, or the light is aberrated, and "
+               "the grid lies between both; keep array and light still, and record one exposure";
     }
     if (!(of.shape.unequal > kMaxUnequal)) return std::nullopt;
     return "the light between the lenslets differs from one direction to the other, as by two exposures that lie a "
